@@ -1,0 +1,1 @@
+"""Learned topological motion primitives for planning knots."""

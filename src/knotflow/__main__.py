@@ -1,0 +1,64 @@
+"""`python -m knotflow +experiment=NAME [budget=smoke] [key=value ...]`."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import hydra
+from omegaconf import DictConfig
+
+from knotflow.config import register
+
+PACKAGE = Path(__file__).parent
+HOME = PACKAGE if (PACKAGE / "conf").is_dir() else PACKAGE.parents[1]
+"""Holds conf/ and workflows/: inside an installed package, or at the top of a checkout."""
+
+
+@hydra.main(config_path=str(HOME / "conf"), config_name="config", version_base="1.3")
+def main(config: DictConfig) -> None:
+    """Run the workflow of an experiment."""
+    import knotflow.workflow.stages  # noqa: F401  registers them
+    from knotflow.workflow import Workflow, git_state, run
+
+    state = git_state(PACKAGE)
+    config.provenance.experiment = config.experiment
+    config.provenance.budget = config.budget
+    config.provenance.commit = f"{state['commit'] or 'unknown'}"[:12] + "+" * bool(state["dirty"])
+    try:
+        run(
+            Workflow.from_config(config.workflow),
+            experiment=config.experiment,
+            results_dir=Path(config.results_dir),
+            provenance={**state, "budget": config.budget},
+            overwrite=config.overwrite,
+            metrics=config.metrics,
+        )
+    except (ValueError, RuntimeError, OSError) as error:
+        sys.exit(f"error: {error}" + "".join(f"\n{note}" for note in error.__notes__))
+
+
+def _check_experiment() -> None:
+    """Name the experiments, where none or an unknown one is asked for.
+
+    Hydra's own message speaks of config groups; people ask for experiments.
+    """
+    names = sorted(path.stem for path in (HOME / "conf" / "experiment").glob("*.yaml"))
+    asked = [word.partition("=")[2] for word in sys.argv[1:] if word.startswith("+experiment=")]
+    options = {"--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--info", "-i"}
+    if options & set(sys.argv[1:]):
+        return
+    known = f"experiments are: {', '.join(names)}"
+    if not asked:
+        sys.exit(f"error: choose one with +experiment=NAME; {known}")
+    for name in asked[0].split(","):
+        if name not in names:
+            sys.exit(f"error: there is no experiment {name!r}; {known}")
+
+
+if __name__ == "__main__":
+    os.environ["KNOTFLOW_HOME"] = str(HOME)
+    register()
+    _check_experiment()
+    main()

@@ -1,0 +1,33 @@
+"""Demonstrations: the eight tasks, the scripted demonstrator, the dataset and its noisy copies."""
+
+from knotflow.demonstrations.aim import aim
+from knotflow.demonstrations.dataset import (
+    SHIPPED,
+    Demonstration,
+    DemonstrationError,
+    load_demonstrations,
+    save_demonstrations,
+)
+from knotflow.demonstrations.noise import NoiseConfig, noisy_copies
+from knotflow.demonstrations.scripted import DemonstratorConfig, demonstrate, succeed
+from knotflow.demonstrations.tasks import TASKS, Task, task
+from knotflow.demonstrations.trials import Trials, load_trials
+
+__all__ = [
+    "SHIPPED",
+    "TASKS",
+    "Demonstration",
+    "DemonstrationError",
+    "DemonstratorConfig",
+    "NoiseConfig",
+    "Task",
+    "Trials",
+    "aim",
+    "demonstrate",
+    "load_demonstrations",
+    "load_trials",
+    "noisy_copies",
+    "save_demonstrations",
+    "succeed",
+    "task",
+]

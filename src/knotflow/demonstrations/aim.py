@@ -1,0 +1,105 @@
+"""A first guess at a spline: the strategy of human demonstrators (Sec. V-A).
+
+"When making a new intersection, humans will grasp the segment that will be over the newly formed
+intersection, and move towards the segment that will be underneath." A guess does just that, at
+places drawn at random; many fail, which is what search and learning are for.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.simulation import clip_splines
+from knotflow.topology import R1, R2, Action, Cross, segment_intervals
+
+TIP = 0.15
+"""Share of an end segment, counted from the rope's end, in which an end is grasped or covered."""
+
+
+def aim(points: NDArray, action: Action, count: int, rng: np.random.Generator) -> NDArray:
+    """Guesses at splines that instantiate an action, as a sampler.
+
+    Args:
+        points: (V, 3) rope vertices, metres.
+        action: legal in the rope's state.
+        count: number of guesses.
+        rng: everything random comes from it.
+
+    Returns:
+        (count, 6) splines in range.
+    """
+    segments = segment_intervals(points)
+    grasp, target = _places(action, segments, count, rng)
+    passed = _at(points, target)
+    along = _at(points, target + 0.01) - _at(points, target - 0.01)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    left = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    if side := _side(action, len(segments)):
+        toward = side * left
+    else:  # the action leaves the direction open: straight from grasp to target
+        toward = passed - _at(points, grasp) + rng.normal(0, 0.05, (count, 2))
+        toward /= np.linalg.norm(toward, axis=1, keepdims=True)
+    if _covers_end(action, len(segments)):
+        # Half of the bights go over the tip and on in its direction, so that they lie around it.
+        outward = along if action.under_segment else -along
+        toward = np.where(rng.random((count, 1)) < 0.5, outward, toward)
+    turn = rng.normal(0, 0.4, count)
+    cos, sin = np.cos(turn), np.sin(turn)
+    toward = np.stack(
+        [cos * toward[:, 0] - sin * toward[:, 1], sin * toward[:, 0] + cos * toward[:, 1]], axis=1
+    )
+    end = passed + rng.uniform(0.02, 0.12, (count, 1)) * toward
+    # The last leg of a clamped quadratic spline points from the middle control point to the end.
+    mid = end - rng.uniform(0.05, 0.4, (count, 1)) * toward + rng.normal(0, 0.03, (count, 2))
+    height = rng.uniform(0.06, 0.25, count)
+    return clip_splines(np.column_stack([grasp, mid, height, end]))
+
+
+def _places(
+    action: Action, segments: NDArray, count: int, rng: np.random.Generator
+) -> tuple[NDArray, NDArray]:
+    """Where to grasp and what to pass over, fractions (count,) of the rope's length."""
+    over, under = segments[action.over_segment], segments[action.under_segment]
+    one, other = rng.uniform(0, 1, (2, count))
+    if isinstance(action, Cross):
+        if _covers_end(action, len(segments)):
+            one = 0.1 + 0.8 * one
+            other = 2 * TIP * other if action.under == 0 else 1 - 2 * TIP * other
+        else:
+            one = TIP * one if action.over == 0 else 1 - TIP * one
+    elif action.over_segment == action.under_segment:
+        # A segment over itself: the two places lie at least a third of it apart.
+        near, far = one / 3, 2 / 3 + other / 3
+        one, other = (near, far) if _first_is_over(action) else (far, near)
+    return over[0] + one * np.diff(over), under[0] + other * np.diff(under)
+
+
+def _covers_end(action: Action, num_segments: int) -> bool:
+    """Whether an end of the rope slips under a segment that is no end itself."""
+    return isinstance(action, Cross) and action.over not in (0, num_segments - 1)
+
+
+def _first_is_over(action: Action) -> bool:
+    """Whether a segment that crosses itself has the strand nearer to the head on top."""
+    if isinstance(action, R2):
+        return action.over_first == 1
+    # A loop on the left turns the rope's second passage to the right of the first: sign +1 (Eq. 1)
+    # when the second is over.
+    return isinstance(action, R1) and action.left * action.sign == -1
+
+
+def _side(action: Action, num_segments: int) -> int:
+    """Whether the under segment is passed towards its left (+1), its right (-1), or either (0)."""
+    if isinstance(action, Cross):
+        # Eq. 1 with the over strand moving to the left: -1 where the rope runs with the motion
+        # (the tail end), +1 where it runs against it (the head end).
+        return {0: action.sign, num_segments - 1: -action.sign}.get(action.over, 0)
+    return -action.left if action.over_segment == action.under_segment else 0
+
+
+def _at(points: NDArray, fraction: NDArray) -> NDArray:
+    """Positions (N, 2) on the table at fractions (N,) of the rope's length."""
+    along = np.linspace(0, 1, len(points))
+    fraction = np.clip(fraction, 0, 1)
+    return np.stack([np.interp(fraction, along, points[:, k]) for k in (0, 1)], axis=1)

@@ -1,0 +1,352 @@
+"""Tree search over rope shapes and their topological states (paper Sec. V-B d).
+
+At each expansion a node of the tree is chosen at random, leaf or not, biased towards states that
+are nearer to the goal in the solution DAG; then an outgoing edge of its state at random. The
+sampler proposes a spline for the edge's action, the simulator executes it, and the end shape
+becomes a node only if it has exactly the state that the action leads to. The search ends when a
+goal state is reached.
+
+With `batch` above 1 as many expansions are chosen by the same rule from the tree as it stands, and
+simulated at once. Every plan found is as valid as one found one by one; the tree is somewhat
+larger, because the choices of a batch do not know of each other's outcomes.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.planning.dag import Edge
+from knotflow.planning.goals import Goal
+from knotflow.planning.plan import KnotPlan, PlanStep, Tried
+from knotflow.samplers import Sampler
+from knotflow.simulation import Rollouts, SimulationConfig, check_points, state_or_none
+from knotflow.topology import Action, TopologicalState
+
+DIVERGED = "diverged"
+UNREADABLE = "unreadable"
+"""Outcomes of a branch that have no state: the simulation blew up, or the projection of its end
+shape does not tell its state."""
+
+
+@dataclass
+class PlannerConfig:
+    """How the tree grows, and when to give up."""
+
+    bias: float = 10.0
+    """How many times likelier a node is chosen than one that is one edge farther from the goal;
+    1 is no bias."""
+    batch: int = 1
+    """Splines simulated at once; 1 is the paper's search."""
+    max_branches: int = 2000
+    """Give up after this many simulated splines."""
+    max_seconds: float = 600.0
+    """Give up after this time, seconds of wall clock; a batch that has begun is finished."""
+    failure_discount: float = 1.0
+    """Factor on a node's weight for every branch that failed from it; 1 is the paper's rule. Below
+    1 the search leaves nodes from which nothing succeeds, such as loops that are too tight."""
+
+    def __post_init__(self) -> None:
+        """Refuse values that make no search."""
+        if not self.bias >= 1.0:
+            raise ValueError(f"planner.bias must be 1 or more, got {self.bias}")
+        for name in ("batch", "max_branches"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"planner.{name} must be 1 or more, got {getattr(self, name)}")
+        if not self.max_seconds > 0.0:
+            raise ValueError(f"planner.max_seconds must be above 0, got {self.max_seconds}")
+        if not 0.0 < self.failure_discount <= 1.0:
+            raise ValueError(
+                f"planner.failure_discount must lie in (0, 1], got {self.failure_discount}"
+            )
+
+
+class Simulator(Protocol):
+    """What the search needs of a simulator; `simulation.RopeSimulator` is one."""
+
+    config: SimulationConfig
+
+    def execute(self, points: NDArray, splines: NDArray) -> Rollouts:
+        """Simulate splines (B, 6) on ropes (B, V, 3), each from rest to rest."""
+        ...
+
+
+@dataclass(eq=False)
+class Node:
+    """A rope at rest in the tree.
+
+    Attributes:
+        points: (V, 3) metres.
+        state: its topological state, one of the solution DAG.
+        distance: edges from its state to the goal.
+        parent: the node it was reached from; None for the root.
+        step: what was executed there; None for the root.
+        failures: branches from this node that did not become nodes.
+    """
+
+    points: NDArray[np.float64]
+    state: TopologicalState
+    distance: int
+    parent: Node | None = None
+    step: PlanStep | None = None
+    failures: int = 0
+
+    def steps(self) -> tuple[PlanStep, ...]:
+        """What was executed from the root to here."""
+        steps: list[PlanStep] = []
+        node: Node | None = self
+        while node is not None and node.step is not None:
+            steps.append(node.step)
+            node = node.parent
+        return tuple(reversed(steps))
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """One branch: a spline that was simulated.
+
+    Attributes:
+        start: (V, 3) the rope it began from, metres.
+        state: the state it began in.
+        action: what it was for.
+        goal_state: the state that the action leads to.
+        spline: (6,) as proposed.
+        outcome: `str` of the state it ended in, DIVERGED or UNREADABLE.
+        success: whether it ended in exactly the action's state.
+    """
+
+    start: NDArray[np.float64]
+    state: TopologicalState
+    action: Action
+    goal_state: TopologicalState
+    spline: NDArray[np.float64]
+    outcome: str
+    success: bool
+
+
+@dataclass(frozen=True, eq=False)
+class SearchUpdate:
+    """What a search reports after each batch.
+
+    Attributes:
+        branches: splines simulated so far.
+        nodes: nodes of the tree, its root included.
+        distance: edges from the nearest node to the goal; 0 when solved.
+        seconds: wall time so far.
+        attempts: the branches of this batch, in the order of `rollouts`.
+        rollouts: what happened in this batch.
+    """
+
+    branches: int
+    nodes: int
+    distance: int
+    seconds: float
+    attempts: tuple[Attempt, ...]
+    rollouts: Rollouts
+
+
+Progress = Callable[[SearchUpdate], None]
+
+
+@dataclass(eq=False)
+class _Clock:
+    """Where the seconds of a search go."""
+
+    began: float = field(default_factory=time.perf_counter)
+    sampling: float = 0.0
+    simulation: float = 0.0
+
+    @property
+    def seconds(self) -> float:
+        return time.perf_counter() - self.began
+
+
+class TreeSearch:
+    """A tree in the making; `run` grows it until the goal is reached or a budget is spent."""
+
+    def __init__(
+        self,
+        points: NDArray,
+        goal: Goal,
+        sampler: Sampler,
+        simulator: Simulator,
+        rng: np.random.Generator,
+        config: PlannerConfig | None = None,
+    ) -> None:
+        """Plant the root: see `plan_knot` for the arguments and errors."""
+        self.goal, self.sampler, self.simulator, self.rng = goal, sampler, simulator, rng
+        self.config = config or PlannerConfig()
+        points = check_points(points, simulator.config.rope)
+        state = TopologicalState.from_curve(points)
+        self.nodes = [Node(points, state, goal.dag.distance(state))]
+        self.branches = 0
+        self.tried: Counter[tuple[TopologicalState, Action, str, bool]] = Counter()
+        self._clock = _Clock()
+
+    def node_probabilities(self) -> NDArray[np.float64]:
+        """(N,) chance of each node to be expanded next.
+
+        Proportional to bias ** -distance, and 0 where the goal is reached.
+        """
+        distance = np.array([node.distance for node in self.nodes])
+        failures = np.array([node.failures for node in self.nodes])
+        exponent = -distance * np.log(self.config.bias)
+        exponent += failures * np.log(self.config.failure_discount)
+        exponent[distance == 0] = -np.inf
+        weight = np.exp(exponent - exponent.max())  # the largest is 1, however many failures
+        return weight / weight.sum()
+
+    def expand(self, count: int) -> SearchUpdate:
+        """Choose, sample and simulate `count` branches, and add those that succeed."""
+        chosen = self._choose(count)
+        clock = time.perf_counter()
+        splines = self._sample(chosen)
+        self._clock.sampling += time.perf_counter() - clock
+        clock = time.perf_counter()
+        rollouts = self.simulator.execute(np.stack([node.points for node, _ in chosen]), splines)
+        self._clock.simulation += time.perf_counter() - clock
+        attempts = tuple(
+            self._add(node, edge, splines[row], rollouts, row)
+            for row, (node, edge) in enumerate(chosen)
+        )
+        self.branches += count
+        nearest = min(node.distance for node in self.nodes)
+        return SearchUpdate(
+            self.branches, len(self.nodes), nearest, self._clock.seconds, attempts, rollouts
+        )
+
+    def run(self, progress: Progress | None = None) -> KnotPlan:
+        """Grow the tree; see `plan_knot`."""
+        config = self.config
+        self._clock = _Clock()
+        reason = ""
+        while not reason:
+            if any(node.distance == 0 for node in self.nodes):
+                tied = "the rope was tied already" if not self.branches else "the goal was reached"
+                return self._plan(solved=True, reason=tied)
+            if self.branches >= config.max_branches:
+                reason = f"{config.max_branches} branches were simulated without reaching the goal"
+            elif self._clock.seconds >= config.max_seconds:
+                reason = f"{config.max_seconds:g} s passed without reaching the goal"
+            else:
+                update = self.expand(min(config.batch, config.max_branches - self.branches))
+                if progress is not None:
+                    progress(update)
+        return self._plan(solved=False, reason=reason)
+
+    def _choose(self, count: int) -> list[tuple[Node, Edge]]:
+        """Independent draws of a node, then of one of its outgoing edges."""
+        rows = self.rng.choice(len(self.nodes), size=count, p=self.node_probabilities())
+        chosen = []
+        for row in rows:
+            node = self.nodes[row]
+            edges = self.goal.dag.edges_from(node.state)
+            chosen.append((node, edges[self.rng.integers(len(edges))]))
+        return chosen
+
+    def _sample(self, chosen: list[tuple[Node, Edge]]) -> NDArray[np.float64]:
+        """Splines (B, 6), asking the sampler once for all branches of one node and action."""
+        rows: dict[tuple[int, Action], list[int]] = {}
+        for row, (node, (action, _)) in enumerate(chosen):
+            rows.setdefault((id(node), action), []).append(row)
+        splines = np.empty((len(chosen), 6))
+        for (_, action), same in rows.items():
+            points = chosen[same[0]][0].points
+            splines[same] = self.sampler.sample(points, action, len(same), self.rng)
+        return splines
+
+    def _add(
+        self, node: Node, edge: Edge, spline: NDArray, rollouts: Rollouts, row: int
+    ) -> Attempt:
+        """Judge one branch, and add its end to the tree if it has exactly the action's state."""
+        action, goal_state = edge
+        end = rollouts.end_points[row]
+        if rollouts.diverged[row]:
+            state, outcome = None, DIVERGED
+        else:
+            state = state_or_none(end)
+            outcome = UNREADABLE if state is None else str(state)
+        success = state == goal_state
+        if success:
+            step = PlanStep(
+                action=action,
+                spline=spline.copy(),
+                start=node.points,
+                start_state=node.state,
+                end=end.copy(),
+                end_state=goal_state,
+                times=rollouts.times,
+                trajectory=rollouts.trajectory[row].copy(),
+                gripper=rollouts.gripper[row].copy(),
+            )
+            distance = self.goal.dag.distance(goal_state)
+            self.nodes.append(Node(step.end, goal_state, distance, node, step))
+        else:
+            node.failures += 1
+        self.tried[node.state, action, outcome, success] += 1
+        return Attempt(node.points, node.state, action, goal_state, spline, outcome, success)
+
+    def _plan(self, solved: bool, reason: str) -> KnotPlan:
+        # The first of the nearest nodes: the goal's, or the farthest that a failed search came.
+        best = min(self.nodes, key=lambda node: node.distance)
+        root, simulation = self.nodes[0], self.simulator.config
+        return KnotPlan(
+            goal=self.goal.name,
+            goal_states=tuple(sorted(self.goal.states)),
+            solved=solved,
+            reason=reason,
+            start=root.points,
+            start_state=root.state,
+            steps=best.steps(),
+            tried=tuple(
+                Tried(state, action, outcome, success, count)
+                for (state, action, outcome, success), count in self.tried.items()
+            ),
+            branches=self.branches,
+            nodes=len(self.nodes),
+            seconds=self._clock.seconds,
+            sampling_seconds=self._clock.sampling,
+            simulation_seconds=self._clock.simulation,
+            radius=simulation.rope.radius,
+            move_time=simulation.move_time,
+        )
+
+
+def plan_knot(
+    points: NDArray,
+    goal: Goal,
+    sampler: Sampler,
+    simulator: Simulator,
+    rng: np.random.Generator,
+    config: PlannerConfig | None = None,
+    progress: Progress | None = None,
+) -> KnotPlan:
+    """Plan how to tie a knot into a rope as it lies (Sec. V-B d).
+
+    The same rng gives the same plan for the same batch size, unless `max_seconds` ends it.
+
+    Args:
+        points: (V, 3) the rope at rest, metres; its state may be any of the goal's solution DAG.
+        goal: what to tie.
+        sampler: proposes splines.
+        simulator: executes them.
+        rng: everything random comes from it.
+        config: bias, batch size and budgets.
+        progress: called after every batch, with its attempts and rollouts.
+
+    Returns:
+        The plan; one that is not solved holds the steps to the node nearest to the goal, what was
+        tried, and why the search stopped.
+
+    Raises:
+        UnreachableGoalError: no actions lead from the rope's state to the goal.
+        ShapeError: points that are not a shape of the simulator's rope.
+        DegenerateCurveError: the projection of the rope does not tell its state.
+    """
+    return TreeSearch(points, goal, sampler, simulator, rng, config).run(progress)

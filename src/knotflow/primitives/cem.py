@@ -1,0 +1,61 @@
+"""The cross-entropy method: splines that the critic thinks best (Fig. 5, Sec. VII-B1).
+
+TorchRL's CEMPlanner would do this through a one-step environment whose reward is the critic, with
+whitened actions. It returns one elite mean a state and plans state by state through `env.rollout`;
+here many distinct proposals a rope are wanted, so each is a search of its own with its own
+population, and all searches of all ropes run as one batch on features computed once a rope.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+
+@dataclass
+class CemConfig:
+    """How a spline is searched for."""
+
+    iterations: int = 1
+    """Iterations from the actor's Gaussian (Sec. VII-B1)."""
+    critic_only_iterations: int = 10
+    """Iterations from a wide Gaussian, without an actor (Sec. VII-B1)."""
+    population: int = 64
+    """Splines scored in each iteration of a search."""
+    elites: int = 6
+    """Best splines of a population, which the next one is fitted to."""
+    wide_spread: float = 1.3
+    """Standard deviation of the wide Gaussian about 0, whitened units."""
+
+
+def cross_entropy(
+    score: Callable[[Tensor], Tensor],
+    mean: Tensor,
+    factor: Tensor,
+    noise: Tensor,
+    elites: int,
+) -> tuple[Tensor, Tensor]:
+    """Run R searches at once.
+
+    Args:
+        score: values (R, P) of splines (R, P, 6); higher is better.
+        mean: (R, 6) of the first Gaussian of each search.
+        factor: (R, 6, 6) lower Cholesky factor of its covariance.
+        noise: (iterations, R, P, 6) standard normal numbers, all the randomness there is.
+        elites: number of best splines kept, at most P.
+
+    Returns:
+        The mean of the last elites (R, 6), and the best value found among them (R,).
+    """
+    best = mean.new_zeros(len(mean))
+    for numbers in noise:
+        splines = mean[:, None] + numbers @ factor.transpose(1, 2)  # (R, P, 6)
+        values, order = score(splines).topk(elites, dim=1)
+        kept = splines.gather(1, order[..., None].expand(-1, -1, splines.shape[-1]))
+        best = values[:, 0]
+        mean = kept.mean(dim=1)
+        factor = torch.diag_embed(kept.std(dim=1, correction=0) + 1e-3)
+    return mean, best

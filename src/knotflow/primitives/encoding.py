@@ -1,0 +1,240 @@
+"""What the networks see of a rope and an action, and where their splines lie (Sec. V-A, Fig. 4).
+
+The rope is first brought to the learned counterpart (`canonical`), then looked at in a frame that
+moves along with it: planar translations and rotations change neither physics nor topology, so the
+networks need not learn them. The frame's origin is on the segment that will be under, where the
+robot moves to: its midpoint, or the tip of the head where that is what gets covered (primitive 4).
+Its x axis points along the rope there, from head to tail; z is up. R1 and R2(i,i) have one segment
+for both, and its midpoint is the origin.
+
+Three streams of points, evenly spaced along the rope, describe it: the segment that will be over,
+the one that will be under, and the whole rope. R1 uses one segment for both; the two halves of the
+segment of an R2(i,i) are over and under according to `over_first`.
+
+Splines are whitened: `SplineSpace` says how. The grasp counts along the over segment, so 0 to 1 of
+it means the same on every rope.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tensordict import TensorDict
+from torch import Tensor
+
+from knotflow.primitives.canonical import Canonical, canonicalise
+from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW
+from knotflow.topology import R2, Action
+
+STREAM_POINTS = (12, 12, 32)
+"""Points of the over, the under and the whole stream."""
+CHANNELS = 8
+"""Of each stream point: x, y, z, position along the rope, direction x and y, and whether it is on
+the over and on the under segment."""
+
+PLANE_SCALE = 0.2
+"""Metres a unit of x and y in network space."""
+HEIGHT_CENTRE, HEIGHT_SCALE = 0.14, 0.07
+"""Height of the middle control point that is 0 in network space, and metres a unit."""
+GRASP_SCALE = 0.3
+"""Share of the over segment a unit of the grasp; its middle is 0."""
+POINT_HEIGHT_SCALE = 0.02
+"""Metres a unit of a rope point's z; about the thickness of the rope."""
+
+_TANGENT = 0.03  # of the rope's length to each side, over which its direction is taken
+
+
+@dataclass(frozen=True)
+class Frames:
+    """The frames of S ropes; turns splines between the world and network space, both float64."""
+
+    origin: NDArray[np.float64]
+    """(S, 2) metres, on the canonical rope."""
+    axis: NDArray[np.float64]
+    """(S, 2) unit x axis."""
+    over: NDArray[np.float64]
+    """(S, 2) where the over segment begins and ends, fractions of the canonical rope's length."""
+    mirror: NDArray[np.bool_]
+    """(S,) whether the canonical rope is mirrored."""
+    reverse: NDArray[np.bool_]
+    """(S,) whether the canonical rope is reversed."""
+
+    def __len__(self) -> int:
+        return len(self.origin)
+
+    def __getitem__(self, rows: slice | NDArray) -> Frames:
+        return Frames(
+            self.origin[rows], self.axis[rows], self.over[rows], self.mirror[rows],
+            self.reverse[rows],
+        )  # fmt: skip
+
+    def to_network(self, splines: NDArray) -> NDArray[np.float64]:
+        """Splines (S, K, 6) of the world, see `simulation.spline`, in network space."""
+        canonical = self._transformed(np.asarray(splines, dtype=np.float64))
+        begin, end = self.over[:, 0, None], self.over[:, 1, None]
+        out = np.empty_like(canonical)
+        out[..., 0] = ((canonical[..., 0] - begin) / (end - begin) - 0.5) / GRASP_SCALE
+        out[..., 1:3] = self._into(canonical[..., 1:3])
+        out[..., 3] = (canonical[..., 3] - HEIGHT_CENTRE) / HEIGHT_SCALE
+        out[..., 4:6] = self._into(canonical[..., 4:6])
+        return out
+
+    def to_world(self, splines: NDArray) -> NDArray[np.float64]:
+        """Splines (S, K, 6) of network space in the world, clipped into range."""
+        splines = np.asarray(splines, dtype=np.float64)
+        begin, end = self.over[:, 0, None], self.over[:, 1, None]
+        out = np.empty_like(splines)
+        out[..., 0] = begin + (splines[..., 0] * GRASP_SCALE + 0.5) * (end - begin)
+        out[..., 1:3] = self._out_of(splines[..., 1:3])
+        out[..., 3] = splines[..., 3] * HEIGHT_SCALE + HEIGHT_CENTRE
+        out[..., 4:6] = self._out_of(splines[..., 4:6])
+        # The range is symmetric under Mirror and Reverse, so clipping keeps the law.
+        return self._transformed(np.clip(out, SPLINE_LOW, SPLINE_HIGH))
+
+    def _into(self, xy: NDArray) -> NDArray:
+        shifted = (xy - self.origin[:, None]) / PLANE_SCALE
+        cos, sin = self.axis[:, 0, None], self.axis[:, 1, None]
+        x, y = shifted[..., 0], shifted[..., 1]
+        return np.stack([cos * x + sin * y, cos * y - sin * x], axis=-1)
+
+    def _out_of(self, xy: NDArray) -> NDArray:
+        cos, sin = self.axis[:, 0, None], self.axis[:, 1, None]
+        x, y = xy[..., 0], xy[..., 1]
+        turned = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+        return turned * PLANE_SCALE + self.origin[:, None]
+
+    def _transformed(self, splines: NDArray) -> NDArray:
+        """World splines as canonical ones and back: Mirror and Reverse are involutions."""
+        out = splines.copy()
+        out[..., 2] = np.where(self.mirror[:, None], -out[..., 2], out[..., 2])
+        out[..., 5] = np.where(self.mirror[:, None], -out[..., 5], out[..., 5])
+        out[..., 0] = np.where(self.reverse[:, None], 1 - out[..., 0], out[..., 0])
+        return out
+
+
+@dataclass(frozen=True)
+class Encoded:
+    """S ropes with an action each, as the networks of one primitive see them."""
+
+    states: TensorDict
+    """[S] with "streams" (S, sum of STREAM_POINTS, CHANNELS) and "over" (S, 2), float32."""
+    frames: Frames
+    """Where their splines lie."""
+
+
+def encode(points: Sequence[NDArray] | NDArray, actions: Sequence[Action]) -> Encoded:
+    """Encode S ropes (V, 3) with an action each.
+
+    Raises:
+        IllegalActionError: an action names a segment that its rope does not have.
+        DegenerateCurveError: the segments of a rope cannot be read.
+    """
+    return encode_canonical([canonicalise(p, a) for p, a in zip(points, actions, strict=True)])
+
+
+def encode_canonical(ropes: Sequence[Canonical]) -> Encoded:
+    """Encode ropes that were brought to the learned counterpart."""
+    seen = [_look(rope) for rope in ropes]
+    frames = Frames(
+        origin=np.stack([one[1] for one in seen]),
+        axis=np.stack([one[2] for one in seen]),
+        over=np.stack([one[3] for one in seen]),
+        mirror=np.array([rope.symmetry.mirror for rope in ropes]),
+        reverse=np.array([rope.symmetry.reverse for rope in ropes]),
+    )
+    states = TensorDict(
+        {
+            "streams": torch.from_numpy(np.stack([one[0] for one in seen]).astype(np.float32)),
+            "over": torch.from_numpy(frames.over.astype(np.float32)),
+        },
+        batch_size=[len(seen)],
+    )
+    return Encoded(states, frames)
+
+
+def _look(rope: Canonical) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Streams (P, CHANNELS), origin (2,), axis (2,) and over interval (2,) of one rope."""
+    over, under = streams_of(rope)
+    anchor = under[0] if rope.primitive == 4 else rope.segments[rope.action.under_segment].mean()
+    vertices = rope.points
+    along = np.concatenate(
+        ([0.0], np.cumsum(np.linalg.norm(np.diff(vertices, axis=0), axis=1)))
+    )
+    along /= along[-1]
+    ends = [over, under, np.array([0.0, 1.0])]
+    at = np.concatenate(
+        [np.linspace(*span, count) for span, count in zip(ends, STREAM_POINTS, strict=True)]
+    )
+    low, high = np.clip(at - _TANGENT, 0, 1), np.clip(at + _TANGENT, 0, 1)
+    origin_at = np.array([anchor, max(anchor - _TANGENT, 0.0), min(anchor + _TANGENT, 1.0)])
+    sites = np.concatenate([at, low, high, origin_at])
+    x, y, z = (np.interp(sites, along, vertices[:, k]) for k in range(3))
+    origin = np.array([x[-3], y[-3]])
+    cos, sin = _unit(x[-1] - x[-2], y[-1] - y[-2])
+    n = len(at)
+    dx, dy = (x[:n] - origin[0]) / PLANE_SCALE, (y[:n] - origin[1]) / PLANE_SCALE
+    tx, ty = _unit(x[2 * n : 3 * n] - x[n : 2 * n], y[2 * n : 3 * n] - y[n : 2 * n])
+    streams = np.stack(
+        [
+            cos * dx + sin * dy,
+            cos * dy - sin * dx,
+            z[:n] / POINT_HEIGHT_SCALE,
+            2 * at - 1,
+            cos * tx + sin * ty,
+            cos * ty - sin * tx,
+            (at >= over[0]) & (at <= over[1]),
+            (at >= under[0]) & (at <= under[1]),
+        ],
+        axis=1,
+    )
+    return streams, origin, np.array([cos, sin]), over
+
+
+def streams_of(rope: Canonical) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where the over and the under stream begin and end, (2,) fractions of the rope's length."""
+    action, segments = rope.action, rope.segments
+    over, under = segments[action.over_segment], segments[action.under_segment]
+    if isinstance(action, R2) and action.over == action.under:
+        middle = over.mean()
+        # Canonical: the half nearer to the head is over.
+        over, under = np.array([over[0], middle]), np.array([middle, over[1]])
+    return over, under
+
+
+def _unit(x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
+    length = np.maximum(np.hypot(x, y), 1e-9)
+    return x / length, y / length
+
+
+def control_features(states: TensorDict, splines: Tensor, owner: Tensor) -> Tensor:
+    """Splines as the critic sees them: the six numbers and the grasped point on the rope.
+
+    A spline's first control point lies on the rope (Sec. V): it is looked up there, because a
+    network would have to learn what an interpolation knows.
+
+    Args:
+        states: [S] encoded ropes.
+        splines: (N, 6) in network space.
+        owner: (N,) the rope of each.
+
+    Returns:
+        (N, 12): the spline; position along the rope; grasped point x, y, z and direction x, y.
+    """
+    over = states["over"][owner]  # (N, 2)
+    share = (splines[:, 0] * GRASP_SCALE + 0.5).unsqueeze(-1)
+    grasp = (over[:, :1] + share * (over[:, 1:] - over[:, :1])).clamp(0, 1)  # (N, 1)
+    count = STREAM_POINTS[-1]
+    place = grasp * (count - 1)
+    low = place.floor().clamp(max=count - 2)
+    row = (owner * sum(STREAM_POINTS) + sum(STREAM_POINTS[:-1])) + low[:, 0].long()
+    flat = states["streams"].flatten(0, 1)  # (S * P, CHANNELS)
+    before, after = flat[row], flat[row + 1]
+    held = torch.lerp(before, after, place - low)
+    return torch.cat([splines, 2 * grasp - 1, held[:, [0, 1, 2, 4, 5]]], dim=-1)
+
+
+CONTROL_FEATURES = 12

@@ -1,0 +1,32 @@
+"""Every simulated rollout on disk: MCAP files, an index to find them, and eyes to see them.
+
+A recording is one MCAP file with Foxglove protobuf messages, so Rerun and Foxglove show it as it
+is, and one ``knotflow.Rollout`` message a rollout with its action, spline and outcome.
+"""
+
+from __future__ import annotations
+
+from .errors import NotARecordingError, TruncatedRecordingWarning
+from .index import write_index
+from .reader import read_metadata, read_recording
+from .schema import OUTCOMES, Outcome, RecordedRollout
+from .table import load
+from .viewer import ViewerError, find_recording, open_recording, save_rerun
+from .writer import write_recording
+
+__all__ = [
+    "OUTCOMES",
+    "NotARecordingError",
+    "Outcome",
+    "RecordedRollout",
+    "TruncatedRecordingWarning",
+    "ViewerError",
+    "find_recording",
+    "load",
+    "open_recording",
+    "read_metadata",
+    "read_recording",
+    "save_rerun",
+    "write_index",
+    "write_recording",
+]

@@ -1,0 +1,149 @@
+"""Opening recordings in Rerun with our blueprint."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sysconfig
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from .blueprint import APPLICATION, blueprint
+from .index import recordings_in
+from .reader import existing_recording, read_metadata, read_recording
+from .schema import RecordedRollout
+from .table import load
+from .writer import write_recording
+
+
+class ViewerError(RuntimeError):
+    """Rerun refused a recording or could not open its window."""
+
+
+def open_recording(path: str | os.PathLike[str], *, number: int | None = None) -> None:
+    """Show a recording in a Rerun window and return when that is closed.
+
+    Args:
+        path: a recording or a folder of recordings; see ``find_recording``.
+        number: show only the rollout of this number.
+
+    Raises:
+        FileNotFoundError, NotARecordingError, ValueError: as for ``save_rerun``.
+        ViewerError: the window could not be opened.
+    """
+    with tempfile.TemporaryDirectory(prefix="knotflow-view-") as folder:
+        rrd = save_rerun(path, Path(folder) / "recording.rrd", number=number)
+        # An open viewer would take the file over and let us return, and so delete it, before it
+        # is read: a new one stays with us until its window is closed.
+        try:
+            _rerun(str(rrd), "--new")
+        except ViewerError as error:
+            raise ViewerError(
+                f"{error}; without a screen, use --save or --headless-check"
+            ) from error
+
+
+def save_rerun(
+    path: str | os.PathLike[str], target: str | os.PathLike[str], *, number: int | None = None
+) -> Path:
+    """Write a recording and our blueprint as one ``.rrd`` that ``rerun`` shows as it is.
+
+    The rollouts are read and written again on the way: so a damaged recording can be looked at as
+    far as it goes, one rollout can be picked, and bulk data get their rope line.
+
+    Returns:
+        The file written.
+
+    Raises:
+        FileNotFoundError: the recording, or a recording in the folder, is not there.
+        NotARecordingError: the file is no recording.
+        ValueError: no rollout has this number, or none could be read whole.
+        ViewerError: Rerun could not convert it.
+    """
+    source = find_recording(path, number)
+    with tempfile.TemporaryDirectory(prefix="knotflow-view-") as temporary:
+        folder = Path(temporary)
+        mcap, plain, layout = folder / "view.mcap", folder / "view.rrd", folder / "view.rbl"
+        write_recording(mcap, _chosen(source, number), read_metadata(source), rope_line=True)
+        _rerun(
+            *("mcap", "convert", str(mcap), "-o", str(plain)),
+            *("--application-id", APPLICATION),
+            *("--recording-id", source.stem if number is None else f"{source.stem}#{number}"),
+            *("--timeline-type", "duration"),  # rollouts start at 0 s, not in 1970
+        )
+        blueprint().save(APPLICATION, layout)
+        _rerun("rrd", "merge", str(plain), str(layout), "-o", str(target))
+    return Path(target)
+
+
+def find_recording(path: str | os.PathLike[str], number: int | None = None) -> Path:
+    """The one recording that a path and a rollout number mean.
+
+    A file means itself. In a folder it is the file that holds the number, or without a number
+    the first file by name.
+
+    Raises:
+        FileNotFoundError: nothing is there, or the folder has no recording.
+        NotARecordingError: the file is no MCAP.
+        ValueError: no rollout, or more than one, has this number.
+    """
+    place = Path(path)
+    if not place.is_dir():
+        return existing_recording(place)
+    if number is None:
+        return existing_recording(recordings_in(place)[0])
+    table = load(place)
+    files = table.loc[table["number"] == number, "file"].tolist()
+    if not files:
+        raise ValueError(_no_such_number(place, number, table["number"].tolist()))
+    if len(files) > 1:
+        raise ValueError(f"rollout {number} is in several recordings, name one: {files}")
+    return Path(files[0])
+
+
+def rerun_program() -> str:
+    """Path of Rerun's command, which need not be on PATH: it lies beside our Python.
+
+    Raises:
+        ViewerError: Rerun is not installed.
+    """
+    program = shutil.which("rerun", path=sysconfig.get_path("scripts")) or shutil.which("rerun")
+    if program is None:
+        raise ViewerError("the Rerun viewer is not installed; pip install rerun-sdk brings it")
+    return program
+
+
+def _chosen(source: Path, number: int | None) -> Iterator[RecordedRollout]:
+    seen = []
+    found = False
+    for rollout in read_recording(source):
+        seen.append(rollout.number)
+        if number is None or rollout.number == number:
+            found = True
+            yield rollout
+    if not found and number is not None:
+        raise ValueError(_no_such_number(source, number, seen))
+
+
+def _no_such_number(place: Path, number: int, numbers: list[int]) -> str:
+    there = f"{len(numbers)} rollouts from {min(numbers)} to {max(numbers)}" if numbers else "none"
+    return f"{place} has no rollout number {number}; there are {there}"
+
+
+def _rerun(*arguments: str) -> None:
+    """Run Rerun's command line and wait for it."""
+    command = [rerun_program(), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise ViewerError(
+            f"rerun {' '.join(arguments)} failed with code {done.returncode}: "
+            + _last_error(done.stderr)
+        )
+
+
+def _last_error(log: str) -> str:
+    """The line that says what went wrong, without what Rerun tells of its own working."""
+    lines = [line for line in log.splitlines() if line.strip()]
+    return next((line for line in reversed(lines) if "rror" in line), "\n".join(lines[-3:]))

@@ -1,0 +1,172 @@
+"""Writing a recording: one MCAP that appears under its name only when it is complete.
+
+Rollouts lie one after the other on one timeline. The facts of a batch of rollouts stand in a
+chunk of their own *before* their trajectories: the index then reads facts without unpacking
+trajectories, and a file cut in the middle still knows what every trajectory before the cut is.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from itertools import islice
+from pathlib import Path
+from typing import IO, Any
+
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from mcap.writer import Writer
+from mcap_protobuf.schema import register_schema
+
+from . import scene, topics
+from .facts import RolloutMessage, facts_message
+from .schema import NANOSECONDS, RecordedRollout
+
+GAP_NS = NANOSECONDS // 2  # between two rollouts on the timeline
+BATCH = 32  # rollouts whose facts share a chunk; also what the writer holds in memory
+_TYPES = {
+    topics.ROLLOUT: RolloutMessage,
+    topics.FRAMES: FrameTransforms,
+    topics.ROPE: PointCloud,
+    topics.ROPE_LINE: SceneUpdate,
+    topics.GRIPPER: PoseInFrame,
+    topics.SPLINE: SceneUpdate,
+    topics.TOPOLOGY: Log,
+}
+
+
+def write_recording(
+    path: str | os.PathLike[str],
+    rollouts: Iterable[RecordedRollout],
+    metadata: Mapping[str, str],
+    *,
+    rope_line: bool | None = None,
+) -> None:
+    """Write rollouts to one MCAP file, all or nothing.
+
+    The file is written beside its final name, brought to disk and renamed: a name that ends
+    as asked always stands for a complete file. Rollouts are taken as they come, ``BATCH`` at a
+    time, so a generator of thousands needs little memory.
+
+    Args:
+        path: the file to make, by custom ``*.mcap``, and its folder; an older one is replaced.
+        rollouts: at least one, with different numbers.
+        metadata: text facts about the whole file, such as its config.
+        rope_line: also draw the rope as a thick line. That costs a quarter of the file, so by
+            default only files of up to ``BATCH`` rollouts have it: those are for looking at,
+            longer ones are bulk data (the viewer command draws the line for these, too).
+
+    Raises:
+        ValueError: no rollout, two of the same number, or metadata that is not text.
+        OSError: the file could not be written, e.g. the disk is full; nothing is left behind.
+    """
+    target = Path(path)
+    for key, value in metadata.items():
+        if not isinstance(key, str) or not isinstance(value, str):
+            raise ValueError(f"metadata must map text to text, got {key!r}: {value!r}")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    partial = target.with_name(f".{target.name}.partial")
+    try:
+        with partial.open("wb") as stream:
+            _write(stream, rollouts, metadata, rope_line)
+            stream.flush()
+            os.fsync(stream.fileno())
+        partial.replace(target)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
+    sync_folder(target.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Bring a rename to disk: without it a power cut may undo the renaming."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _write(
+    stream: IO[bytes],
+    rollouts: Iterable[RecordedRollout],
+    metadata: Mapping[str, str],
+    rope_line: bool | None,
+) -> None:
+    source = iter(rollouts)
+    batch, following = list(islice(source, BATCH)), list(islice(source, BATCH))
+    if not batch:
+        raise ValueError("a recording needs at least one rollout, got none")
+    mcap = _Timeline(stream, metadata, not following if rope_line is None else rope_line)
+    seen: set[int] = set()
+    while batch:
+        for rollout in batch:
+            if rollout.number in seen:
+                raise ValueError(f"two rollouts have the number {rollout.number}")
+            seen.add(rollout.number)
+        mcap.add(batch)
+        batch, following = following, list(islice(source, BATCH))
+    mcap.writer.finish()
+
+
+class _Timeline:
+    """An MCAP in the making, and the log time at which the next rollout starts."""
+
+    def __init__(self, stream: IO[bytes], metadata: Mapping[str, str], rope_line: bool) -> None:
+        self.writer = Writer(stream)  # chunks of 1 MiB, zstd
+        self.writer.start(profile="knotflow")
+        self.writer.add_metadata(topics.METADATA, dict(metadata))
+        schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        for topic, kind in _TYPES.items():
+            name = kind.DESCRIPTOR.full_name
+            if name not in schemas:
+                schemas[name] = register_schema(self.writer, kind)
+            self._channels[topic] = self.writer.register_channel(topic, "protobuf", schemas[name])
+        self._clouds: dict[int, scene.RopeCloud] = {}  # by vertex count
+        self._lines: dict[int, scene.RopeLine] = {}
+        self._gripper = scene.GripperPose()
+        self._rope_line = rope_line
+        self._now = 0
+        self._log(topics.FRAMES, 0, scene.root_frame(0))
+
+    def add(self, batch: list[RecordedRollout]) -> None:
+        starts = []
+        for rollout in batch:
+            starts.append(self._now)
+            facts = facts_message(rollout, self._now)
+            self._log(topics.ROLLOUT, self._now, facts.SerializeToString())
+            self._now += facts.duration_ns + GAP_NS
+        self.writer.flush()  # the facts' chunk ends here
+        for start, rollout in zip(starts, batch, strict=True):
+            self._trajectory(start, rollout)
+        self.writer.flush()
+
+    def _trajectory(self, start: int, rollout: RecordedRollout) -> None:
+        vertices = rollout.points.shape[1]
+        cloud = self._painter(self._clouds, scene.RopeCloud, vertices)
+        line = self._painter(self._lines, scene.RopeLine, vertices)
+        self._log(topics.SPLINE, start, scene.spline_message(start, rollout.control_points))
+        self._log(topics.TOPOLOGY, start, scene.start_message(start, rollout))
+        log_times = (rollout.times_ns - rollout.times_ns[0] + start).tolist()
+        for log_time, points, gripper in zip(
+            log_times, rollout.points, rollout.gripper, strict=True
+        ):
+            self._log(topics.ROPE, log_time, cloud.frame(log_time, points))
+            if self._rope_line:
+                self._log(topics.ROPE_LINE, log_time, line.frame(log_time, points))
+            self._log(topics.GRIPPER, log_time, self._gripper.frame(log_time, gripper))
+        end = log_times[-1]
+        self._log(topics.TOPOLOGY, end, scene.end_message(end, rollout))
+
+    @staticmethod
+    def _painter(known: dict[int, Any], kind: Any, vertices: int) -> Any:
+        if vertices not in known:
+            known[vertices] = kind(vertices)
+        return known[vertices]
+
+    def _log(self, topic: str, log_time: int, data: bytes) -> None:
+        self.writer.add_message(self._channels[topic], log_time, data, publish_time=log_time)

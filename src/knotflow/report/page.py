@@ -1,0 +1,153 @@
+"""The report as a whole: words and tables to Markdown, Markdown to one HTML page."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from knotflow.report import overview, tables
+from knotflow.report.claims import CLAIMS
+from knotflow.report.html import slug, to_html
+from knotflow.report.results import Experiment, Results
+from knotflow.report.sections import SECTIONS, Pictures, Section, plain
+from knotflow.report.statistics import RESAMPLES
+from knotflow.report.style import Picture
+
+TITLE = "Planning knots: paper and measurement"
+RECORDINGS_SHOWN = 12
+
+
+@dataclass(frozen=True)
+class Report:
+    """The finished report, not written yet."""
+
+    markdown: str
+    html: str
+    pictures: list[Picture]
+
+
+def make(results_folder: Path, out: Path) -> list[Path]:
+    """Write report.md, index.html and figures/ into `out`, from `results_folder` alone.
+
+    The same results give the same bytes. Nothing is written before everything could be made.
+
+    Returns:
+        The written files.
+
+    Raises:
+        ResultsError: a table is not what its contract says; an earlier report stays as it was.
+    """
+    link = Path(os.path.relpath(results_folder, out)).as_posix()
+    report = compose(Results(results_folder), link)
+    figures = out / "figures"
+    figures.mkdir(parents=True, exist_ok=True)
+    written = {
+        out / "report.md": report.markdown.encode(),
+        out / "index.html": report.html.encode(),
+    }
+    for picture in report.pictures:
+        written[figures / f"{picture.name}.png"] = picture.png
+        written[figures / f"{picture.name}.svg"] = picture.svg
+    for stale in {*figures.glob("*.png"), *figures.glob("*.svg")} - written.keys():
+        stale.unlink()
+    for path, content in written.items():
+        path.write_bytes(content)
+    return list(written)
+
+
+def compose(results: Results, link: str) -> Report:
+    """The whole report; `link` leads from it to the results folder."""
+    templates = Environment(
+        loader=PackageLoader("knotflow.report"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        autoescape=False,  # Markdown comes out; what goes in are our own tables
+    )
+    pictures = Pictures()
+    sections = [*SECTIONS, *_others(results)]
+    parts = [_section(templates, section, results, pictures, link) for section in sections]
+    smaller = [
+        section.title
+        for section in sections
+        if (found := results.experiments.get(section.experiment))
+        and found.measured
+        and found.budget != "paper"
+    ]
+    titles = [section.title for section in sections]
+    body = templates.get_template("body.md.j2").render(
+        lead=templates.get_template("lead.md.j2").render(link=link),
+        any=any(found.measured for found in results.experiments.values()),
+        not_paper=tables.listed(smaller),
+        **overview.claims(results),
+        criteria=[claim for claim in CLAIMS if claim.judge],
+        experiments=overview.experiments(
+            results, sections, {title: slug(title) for title in titles}
+        ),
+        sections=parts,
+        timing=templates.get_template("timing.md.j2").render(**overview.timing(results, pictures)),
+        commands=overview.commands(results, sections),
+        differences=templates.get_template("differences.md.j2").render(ropes=_ropes(results)),
+        methods=templates.get_template("methods.md.j2").render(resamples=RESAMPLES),
+    )
+    body = re.sub(r"\n{3,}", "\n\n", body).strip()
+    body = re.sub(r"(?<=\d) (?=[%×])", "\u00a0", body)  # no line ends between number and unit
+    headings = re.findall(r"^## (.+)$", body, flags=re.MULTILINE)
+    contents = "\n".join(f"- [{title}](#{slug(title)})" for title in headings)
+    markdown = templates.get_template("report.md.j2").render(
+        title=TITLE, body=body.replace("## ", f"{contents}\n\n## ", 1)
+    )
+    run = {name for name, found in results.experiments.items() if found.measured}
+    pending = {section.title for section in sections if section.experiment not in run}
+    html = templates.get_template("page.html.j2").render(
+        title=TITLE,
+        style=templates.get_template("style.css").render(),
+        contents=[
+            {"title": title, "slug": slug(title), "pending": title in pending} for title in headings
+        ],
+        body=to_html(body, pictures.made),
+    )
+    return Report(markdown.rstrip() + "\n", html.rstrip() + "\n", pictures.made)
+
+
+def _section(
+    templates: Environment, section: Section, results: Results, pictures: Pictures, link: str
+) -> str:
+    values = section.values(results, pictures)
+    found = results.experiments.get(section.experiment)
+    return templates.get_template("section.md.j2").render(
+        section=section,
+        body=None if values is None else templates.get_template(section.words).render(**values),
+        experiment=found,
+        commit=overview.commit(found) if found else "",
+        recordings=_recordings(found, results, link) if found else [],
+        link=link,
+    )
+
+
+def _recordings(found: Experiment, results: Results, link: str) -> list[tuple[str, str]]:
+    inside = [path.relative_to(results.root).as_posix() for path in found.recordings]
+    return [(f"{link}/{path}", f"results/{path}") for path in inside[:RECORDINGS_SHOWN]]
+
+
+def _others(results: Results) -> list[Section]:
+    """Experiments of one's own: measured, and no section of the paper's."""
+    known = {section.experiment for section in SECTIONS}
+    return [
+        plain(name, name.replace("_", " ").capitalize(), "Not in the paper", "")
+        for name, found in results.experiments.items()
+        if name not in known and found.measured
+    ]
+
+
+def _ropes(results: Results) -> str:
+    ropes = [rope for found in results.experiments.values() for rope in found.ropes]
+    told = [
+        f"{rope['length']:g} m long, {1000 * rope['radius']:g} mm radius, {rope['links']} links"
+        for rope in ropes
+    ]
+    return "; ".join(dict.fromkeys(told)) or "1 m long, 8 mm radius, 40 links by default"

@@ -1,0 +1,51 @@
+"""The report's sections, one module for each, in the order of the paper.
+
+To add one: write `sections/<experiment>.py` with a `SECTION` and `templates/<experiment>.md.j2`
+with its words, and put it into SECTIONS in place of its `plain` entry.
+"""
+
+from __future__ import annotations
+
+from knotflow.report.sections import (
+    ablation_actor_critic,
+    benchmark,
+    joint_finetuning,
+    single_stage,
+    tree_size,
+)
+from knotflow.report.sections.plain import plain
+from knotflow.report.sections.section import Pictures, Section
+
+SECTIONS: tuple[Section, ...] = (
+    plain(
+        "overhand",
+        "A plan for the overhand",
+        "Fig. 1",
+        "From a randomly lying rope to an overhand knot with the shipped primitives.",
+    ),
+    single_stage.SECTION,
+    tree_size.SECTION,
+    ablation_actor_critic.SECTION,
+    joint_finetuning.SECTION,
+    plain(
+        "causal_infogan",
+        "Causal InfoGAN",
+        "Sec. VII-C, Fig. 8",
+        "A plan of rope shapes through a latent space, from a given start to a given end shape.",
+    ),
+    plain(
+        "closed_loop",
+        "Execution in closed loop",
+        "Sec. VI and VII-D",
+        "Plans executed with tracking and model predictive control, here in simulation.",
+    ),
+    plain(
+        "pentagram",
+        "The pentagram",
+        "Sec. VII-E, Fig. 9",
+        "A knot more complex than any in training, from an overhand whose head was pulled out.",
+    ),
+    benchmark.SECTION,
+)
+
+__all__ = ["SECTIONS", "Pictures", "Section", "plain"]

@@ -1,0 +1,50 @@
+"""What a section is: its place in the paper, and a function from results to the words' values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from knotflow.report.results import Results
+from knotflow.report.style import Picture
+
+
+@dataclass
+class Pictures:
+    """The figures of the report as the sections make them."""
+
+    made: list[Picture] = field(default_factory=list)
+
+    def add(self, picture: Picture) -> str:
+        """Keep a figure and give the Markdown that shows it."""
+        if any(other.name == picture.name for other in self.made):
+            raise ValueError(f"two figures are called {picture.name!r}; names have to differ")
+        self.made.append(picture)
+        return f"![{picture.alt}](figures/{picture.name}.png)"
+
+
+@dataclass(frozen=True)
+class Section:
+    """One experiment's part of the report.
+
+    `values` returns what the template needs, or None where the experiment was not run yet. The
+    heading, the command, the budget and what it took are the same for all and not its concern.
+    """
+
+    experiment: str
+    title: str
+    paper: str
+    about: str
+    values: Callable[[Results, Pictures], dict[str, Any] | None]
+    template: str = ""
+
+    @property
+    def words(self) -> str:
+        """The template's file name."""
+        return f"{self.template or self.experiment}.md.j2"
+
+    @property
+    def command(self) -> str:
+        """What makes it again."""
+        return f"python -m knotflow +experiment={self.experiment}"

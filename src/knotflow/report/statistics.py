@@ -1,0 +1,125 @@
+"""The report's intervals: Wilson for rates, MOVER-R for ratios of rates, bootstrap for counts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+LEVEL = 0.95
+RESAMPLES = 9_999
+# One fixed seed: the report has to be the same bytes each time it is made from the same results.
+BOOTSTRAP_SEED = 0
+
+
+@dataclass(frozen=True)
+class Interval:
+    """An estimate and its confidence limits, which are None where the data allow none."""
+
+    estimate: float
+    low: float | None
+    high: float | None
+
+    def lies_above(self, value: float) -> bool:
+        """Whether the whole interval lies above `value`."""
+        return self.low is not None and self.low > value
+
+    def reaches(self, value: float) -> bool:
+        """Whether `value` or more is compatible with the data."""
+        return (self.estimate if self.high is None else self.high) >= value
+
+
+def wilson(successes: int, trials: int, level: float = LEVEL) -> Interval:
+    """Wilson score interval of a success rate.
+
+    Raises:
+        ValueError: no trials, or successes outside 0..trials.
+    """
+    if trials < 1 or not 0 <= successes <= trials:
+        raise ValueError(
+            f"{successes} successes in {trials} trials is no rate; "
+            "needs trials >= 1 and 0 <= successes <= trials"
+        )
+    limits = stats.binomtest(successes, trials).proportion_ci(level, method="wilson")
+    return Interval(successes / trials, float(limits.low), float(limits.high))
+
+
+def rate_ratio(
+    successes: int, trials: int, base_successes: int, base_trials: int, level: float = LEVEL
+) -> Interval:
+    """Ratio of two independent success rates, with the MOVER-R interval (Donner & Zou, 2012).
+
+    It is built from the two Wilson intervals, so a base rate of 0 still has a finite lower limit:
+    "at least so many times better". The estimate is `inf` there, and `nan` where both rates are 0.
+    """
+    top, base = wilson(successes, trials, level), wilson(base_successes, base_trials, level)
+    p, q = top.estimate, base.estimate
+    assert top.low is not None and top.high is not None
+    assert base.low is not None and base.high is not None
+    # The limits are the roots of r^2 a - 2 r p q + c = 0, for the lower one in the form that
+    # also survives a = 0.
+    a, c = base.high * (2 * q - base.high), top.low * (2 * p - top.low)
+    below = p * q + math.sqrt(max(p * p * q * q - a * c, 0.0))
+    low = c / below if below > 0 else 0.0
+    b, d = base.low * (2 * q - base.low), top.high * (2 * p - top.high)
+    high = (p * q + math.sqrt(max(p * p * q * q - b * d, 0.0))) / b if b > 0 else math.inf
+    if q > 0:
+        estimate = p / q
+    else:
+        estimate = math.inf if p > 0 else math.nan
+    return Interval(estimate, low, high)
+
+
+def bootstrap(
+    values: Sequence[float],
+    statistic: Callable[..., np.ndarray] = np.mean,
+    level: float = LEVEL,
+) -> Interval:
+    """Percentile bootstrap interval of `statistic` (np.mean or np.median) of a sample (n,).
+
+    A sample of one value, or of equal ones, has an estimate and no limits: resampling it says
+    nothing of what was not seen. Raises ValueError on an empty sample.
+    """
+    sample = np.asarray(values, dtype=float)  # (n,)
+    if sample.size == 0:
+        raise ValueError("an empty sample has no mean and no interval; needs at least one value")
+    estimate = float(statistic(sample))
+    if np.all(sample == sample[0]):
+        return Interval(estimate, None, None)
+    limits = stats.bootstrap(
+        (sample,),
+        statistic,
+        confidence_level=level,
+        n_resamples=RESAMPLES,
+        method="percentile",
+        rng=np.random.default_rng(BOOTSTRAP_SEED),
+    ).confidence_interval
+    return Interval(estimate, float(limits.low), float(limits.high))
+
+
+def mean_difference(
+    values: Sequence[float],
+    base: Sequence[float],
+    *,
+    paired: bool,
+    level: float = LEVEL,
+) -> Interval:
+    """Mean of `values` less mean of `base`, percentile bootstrap; `paired` resamples pairs."""
+    first, second = np.asarray(values, dtype=float), np.asarray(base, dtype=float)
+    if paired:
+        return bootstrap(first - second, level=level)
+    estimate = float(first.mean() - second.mean())
+    if min(first.size, second.size) < 2:
+        return Interval(estimate, None, None)
+    limits = stats.bootstrap(
+        (first, second),
+        lambda a, b, axis=-1: np.mean(a, axis=axis) - np.mean(b, axis=axis),
+        confidence_level=level,
+        n_resamples=RESAMPLES,
+        method="percentile",
+        rng=np.random.default_rng(BOOTSTRAP_SEED),
+    ).confidence_interval
+    return Interval(estimate, float(limits.low), float(limits.high))

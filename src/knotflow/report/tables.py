@@ -1,0 +1,146 @@
+"""Numbers as the report writes them, and Markdown tables of them."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Callable, Sequence
+
+from knotflow.report.paper import Arm, in_order
+from knotflow.report.records import Rates, Search, StartRate
+from knotflow.report.statistics import Interval, bootstrap, rate_ratio
+
+#: Where nothing was measured.
+NOTHING = "–"
+
+
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]], align: str = "") -> str:
+    """A Markdown table; `align` has one of `l`, `r`, `c` a column, the rest are `l`."""
+    marks = {"l": "---", "r": "---:", "c": ":---:"}
+    rule = [marks[side] for side in align.ljust(len(header), "l")]
+    lines = [header, rule, *([cell.replace("|", r"\|") for cell in row] for row in rows)]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def number(value: float) -> str:
+    """Three digits, at most two of them decimals: 0.32, 3.00, 30.0, 300, 3,000."""
+    digits = 2 if abs(value) < 9.995 else 1 if abs(value) < 99.95 else 0
+    return f"{value:,.{digits}f}".replace("-", "−")
+
+
+def percent(rate: Interval) -> str:
+    """A rate with its limits in per cent: `3.5 % (2.1 to 5.8)`."""
+    return f"{100 * rate.estimate:.1f} %{_limits(rate, lambda v: f'{100 * v:.1f}')}"
+
+
+def times(ratio: Interval) -> str:
+    """A ratio with its limits: `12× (8.1 to 19)`; where the base is 0, `at least 8.1×`."""
+    if math.isnan(ratio.estimate):
+        return "both 0"
+    if math.isinf(ratio.estimate):
+        return f"at least {number(ratio.low or 0.0)}×"
+    if ratio.high is not None and math.isinf(ratio.high):
+        return f"{number(ratio.estimate)}× (at least {number(ratio.low or 0.0)})"
+    return f"{number(ratio.estimate)}×{_limits(ratio, number)}"
+
+
+def estimate(interval: Interval) -> str:
+    """A mean, median or difference of counts with its limits: `4.3 (3.7 to 5.1)`."""
+    return f"{tenths(interval.estimate)}{_limits(interval, tenths)}"
+
+
+def tenths(value: float) -> str:
+    """One decimal, as the paper has them: `4.3`, and none above a hundred: `1,428`."""
+    return f"{value:,.{1 if abs(value) < 99.95 else 0}f}".replace("-", "−")
+
+
+def duration(seconds: float | None) -> str:
+    """Seconds as a person says them: `0.8 s`, `42 s`, `3 min 20 s`, `2 h 5 min`."""
+    if seconds is None:
+        return NOTHING
+    if seconds < 59.5:
+        return f"{seconds:.1f} s" if seconds < 9.95 else f"{seconds:.0f} s"
+    if seconds < 3570:
+        return f"{int(seconds + 0.5) // 60} min {int(seconds + 0.5) % 60} s"
+    minutes = int(seconds / 60 + 0.5)
+    return f"{minutes // 60} h {minutes % 60} min"
+
+
+def listed(names: Sequence[str]) -> str:
+    """`a`, `a and b`, `a, b and c`."""
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+def rate_table(rates: Rates, arms: Sequence[Arm]) -> str:
+    """Success rates, a line an action, a column a method; every bar of Fig. 6 as a number."""
+    header = ["action", *(arm.label for arm in arms)]
+    lines = []
+    for action in in_order(rates.actions):
+        found = [rates.get(arm.name, action) for arm in arms]
+        cells = [
+            f"{percent(r.interval)}<br>{r.successes:,} of {r.trials:,}" if r else NOTHING
+            for r in found
+        ]
+        lines.append([f"`{action}`", *cells])
+    return markdown_table(header, lines, "l" + "r" * len(arms))
+
+
+def ratio_table(rates: Rates, pairs: Sequence[tuple[Arm, Arm]]) -> str:
+    """How many times the first of each pair succeeds as often as the second, action by action."""
+    header = ["action", *(f"{first.label} / {base.label}" for first, base in pairs)]
+    lines = []
+    for action in in_order(rates.actions):
+        cells = []
+        for first, base in pairs:
+            top, bottom = rates.get(first.name, action), rates.get(base.name, action)
+            if top is None or bottom is None:
+                cells.append(NOTHING)
+                continue
+            ratio = rate_ratio(top.successes, top.trials, bottom.successes, bottom.trials)
+            cells.append(times(ratio))
+        lines.append([f"`{action}`", *cells])
+    return markdown_table(header, lines, "l" + "r" * len(pairs))
+
+
+def start_table(starts: Sequence[StartRate], arms: Sequence[Arm]) -> str:
+    """How evenly the successes lie over the starts, with the interval of resampled starts."""
+    lines = []
+    for action in in_order([start.action for start in starts]):
+        cells = []
+        for arm in arms:
+            own = [s for s in starts if (s.method, s.action) == (arm.name, action)]
+            mean = bootstrap([s.successes / s.trials for s in own]) if own else None
+            reached = sum(s.successes > 0 for s in own)
+            cells.append(f"{percent(mean)}<br>{reached} of {len(own)}" if mean else NOTHING)
+        lines.append([f"`{action}`", *cells])
+    header = ["action", *(arm.label for arm in arms)]
+    return markdown_table(header, lines, "l" + "r" * len(arms))
+
+
+def search_line(searches: Sequence[Search]) -> list[str]:
+    """Searches, fewest, median, mean with interval, spread, most branches, gave up, seconds."""
+    counts = [search.branches for search in searches]
+    mean = bootstrap(counts)
+    deviation = tenths(statistics.stdev(counts)) if len(counts) > 1 else NOTHING
+    middle = statistics.median(search.seconds for search in searches)
+    unsolved = sum(not search.solved for search in searches)
+    return [
+        str(len(counts)),
+        f"{min(counts):,}",
+        f"{statistics.median(counts):,g}",
+        estimate(mean),
+        deviation,
+        f"{max(counts):,}",
+        str(unsolved),
+        duration(middle),
+    ]
+
+
+#: What `search_line` has, in its order.
+SEARCH_COLUMNS = ("n", "fewest", "median", "mean (95 %)", "SD", "most", "gave up", "time, median")
+
+
+def _limits(interval: Interval, written: Callable[[float], str]) -> str:
+    if interval.low is None or interval.high is None:
+        return ""
+    return f" ({written(interval.low)} to {written(interval.high)})"

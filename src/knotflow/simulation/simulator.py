@@ -1,0 +1,155 @@
+"""Batched, threaded execution of splines on ropes."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from knotflow.simulation.rope import RopeConfig, build_model, check_points, pose
+from knotflow.simulation.spline import check_splines, control_points, grasped_link, spline_path
+
+
+@dataclass
+class SimulationConfig:
+    """How a spline is executed."""
+
+    rope: RopeConfig = field(default_factory=RopeConfig)
+    """The rope and its table."""
+    timestep: float = 0.01
+    """Simulation time step, seconds."""
+    contact_time: float = 0.02
+    """Time constant of contacts and grasp, seconds; at least two time steps."""
+    move_time: float = 1.8
+    """Time from grasp to release, seconds."""
+    ramp_time: float = 0.2
+    """Time over which the gripper gains and loses its speed, seconds."""
+    settle_time: float = 0.7
+    """Time after release in which the rope comes to rest, seconds."""
+    record_rate: float = 10.0
+    """Frames of a trajectory a second."""
+    threads: int = field(default=0, metadata={"affects_result": False})
+    """Threads to simulate on; 0 takes every CPU. Results do not depend on it."""
+
+
+@dataclass(frozen=True)
+class Rollouts:
+    """What happened to a batch of ropes; metres and seconds, world frame."""
+
+    times: NDArray[np.float64]
+    """(T,) time of each frame; the first is 0, before the grasp."""
+    trajectory: NDArray[np.float32]
+    """(B, T, V, 3) rope vertices."""
+    gripper: NDArray[np.float32]
+    """(B, T, 3) gripper positions."""
+    end_points: NDArray[np.float64]
+    """(B, V, 3) rope vertices at rest after the spline; the start's where it diverged."""
+    diverged: NDArray[np.bool_]
+    """(B,) whether the simulation blew up."""
+
+    def __len__(self) -> int:
+        return len(self.end_points)
+
+
+class RopeSimulator:
+    """Executes splines on ropes that lie at rest.
+
+    One simulator may be used for any number of batches; it is not to be shared between Python
+    threads, it threads by itself.
+    """
+
+    def __init__(self, config: SimulationConfig) -> None:
+        self.config = config
+        self.model = build_model(config.rope, config.timestep, config.contact_time)
+        self._vertex_sites = np.array(
+            [self.model.site(f"vertex_{i}").id for i in range(config.rope.num_vertices)]
+        )
+        self._moving = round(config.move_time / config.timestep)
+        self._steps = self._moving + round(config.settle_time / config.timestep)
+        stride = max(1, round(1 / config.record_rate / config.timestep))
+        # Frames count steps back from the end, so that the last one is the rope at rest.
+        self._frames = np.unique(np.r_[0, np.arange(self._steps, 0, -stride)])
+        self._batches: dict[int, Batch] = {}
+
+    def execute(self, points: NDArray, splines: NDArray) -> Rollouts:
+        """Simulate each spline on its rope, from rest to rest.
+
+        Args:
+            points: (B, V, 3) rope vertices, metres, head first, world frame.
+            splines: (B, 6), see `spline` for units and ranges.
+
+        Raises:
+            ShapeError: for points that are not shapes of this rope.
+            SplineError: for splines out of range.
+        """
+        rope = self.config.rope
+        points, splines = check_points(points, rope), check_splines(splines)
+        if points.ndim != 3 or splines.shape != (len(points), 6):
+            raise ValueError(
+                f"execute() takes points (B, V, 3) and splines (B, 6), got {points.shape} and "
+                f"{splines.shape}"
+            )
+        link = grasped_link(splines, rope.links)
+        gripper = self._gripper_path(control_points(points, splines, rope.radius))
+        parts = [
+            self._execute(points[rows], gripper[rows], link[rows])
+            for rows in np.array_split(np.arange(len(points)), -(-len(points) // CHUNK) or 1)
+        ]
+        vertices = np.concatenate([part[0] for part in parts])
+        diverged = np.concatenate([part[1] for part in parts])
+        end_points = vertices[:, -1].astype(np.float64)
+        end_points[diverged] = points[diverged]
+        frames = self._frames
+        return Rollouts(
+            times=frames * self.config.timestep,
+            trajectory=np.concatenate([points[:, None], vertices], 1).astype(np.float32),
+            gripper=gripper[:, np.maximum(frames - 1, 0)].astype(np.float32),
+            end_points=end_points,
+            diverged=diverged,
+        )
+
+    def _execute(self, points: NDArray, gripper: NDArray, link: NDArray) -> tuple[NDArray, NDArray]:
+        """Vertices (B, T - 1, V, 3) at the frames after the first, and divergence (B,)."""
+        count, links = len(points), self.config.rope.links
+        if count == 0:
+            return np.zeros((0, len(self._frames) - 1, links + 1, 3)), np.zeros(0, bool)
+        control = np.zeros((count, self._steps, links + 3))
+        control[np.arange(count), : self._moving, link] = 1.0
+        control[:, :, links:] = gripper
+        if count not in self._batches:
+            threads = self.config.threads or os.cpu_count() or 1
+            self._batches[count] = Batch(self.model, count, threads)
+        batch = self._batches[count]
+        batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE)
+        batch.qpos[:] = pose(points, self.config.rope)
+        recorded = batch.rollout(
+            self._steps,
+            control,
+            int(mujoco.mjtState.mjSTATE_EQ_ACTIVE | mujoco.mjtState.mjSTATE_MOCAP_POS),
+            record=["site_xpos"],
+        )["site_xpos"].reshape(count, self._steps, -1, 3)
+        vertices = recorded[:, self._frames[1:, None] - 1, self._vertex_sites]
+        diverged = (np.asarray(batch.status) != 0) | ~np.isfinite(vertices).all(axis=(1, 2, 3))
+        return vertices, diverged
+
+    def _gripper_path(self, controls: NDArray) -> NDArray[np.float64]:
+        """Gripper positions (B, steps, 3) along splines with control points (B, 3, 3)."""
+        ramp = self.config.ramp_time / self.config.move_time
+        time = np.minimum(np.arange(1, self._steps + 1) / self._moving, 1.0)
+        return spline_path(controls, _progress(time, ramp))
+
+
+CHUNK = 64
+"""Ropes simulated at once: enough for every thread, small enough to bound memory."""
+
+
+def _progress(time: NDArray, ramp: float) -> NDArray[np.float64]:
+    """Share of the path covered at each share of the time, with constant speed between ramps."""
+    speed = 1 / (1 - ramp)
+    up = speed * time**2 / (2 * ramp)
+    down = 1 - speed * (1 - time) ** 2 / (2 * ramp)
+    return np.where(time < ramp, up, np.where(time > 1 - ramp, down, speed * (time - ramp / 2)))

@@ -1,0 +1,208 @@
+"""Start shapes: where a spline begins.
+
+Untangled starts are drawn: straight, an arc, or a random smooth curve without crossings. Starts
+of any other topological state are made the way a plan makes them, by executing earlier actions on
+random curves, so they look like what a plan meets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.simulation.attempt import Observer, attempt
+from knotflow.simulation.rope import RopeConfig
+from knotflow.simulation.simulator import RopeSimulator
+from knotflow.topology import Action, TopologicalState, segment_intervals
+
+Propose = Callable[[NDArray, Action, int, np.random.Generator], NDArray]
+"""Splines (count, 6) for a rope (V, 3) and an action: the `sample` of every sampler."""
+
+
+@dataclass
+class StartsConfig:
+    """What a start looks like."""
+
+    bend: float = 2.0
+    """Typical turning of a random curve, radians a metre for each of its harmonics."""
+    harmonics: int = 3
+    """Number of harmonics of a random curve's curvature."""
+    clearance: float = 0.06
+    """Least distance between strands of a random curve, metres."""
+    reach: float = 0.5
+    """Every vertex of a random curve lies within this distance of the origin in x and y, metres."""
+    shortest_segment: float = 0.01
+    """Least length between neighbouring crossings, and from an end to the next crossing, of a
+    start that earlier actions made, metres. Tighter loops leave no room for one spline."""
+    rounds: int = 6
+    """How many splines are tried on a start before it is given up for another."""
+
+
+def straight(rope: RopeConfig) -> NDArray[np.float64]:
+    """A straight rope (V, 3) along x, its middle at the origin, metres."""
+    return _lay(np.zeros(rope.links), rope)
+
+
+def arc(rope: RopeConfig, angle: float = np.pi) -> NDArray[np.float64]:
+    """A rope (V, 3) along a circular arc that turns left by `angle` radians, metres."""
+    return _lay(np.linspace(-angle / 2, angle / 2, rope.links), rope)
+
+
+def random_curve(
+    rope: RopeConfig, rng: np.random.Generator, config: StartsConfig | None = None
+) -> NDArray[np.float64]:
+    """A smooth random rope (V, 3) without crossings, metres.
+
+    The heading along the rope is a random Fourier series; curves that come closer to themselves
+    than `config.clearance`, or leave the table's reach, are drawn again.
+    """
+    config = config or StartsConfig()
+    along = (np.arange(rope.links) + 0.5) / rope.links
+    order = np.arange(1, config.harmonics + 1)
+    for _ in range(10_000):
+        amplitude = rng.normal(0, config.bend, (2, config.harmonics)) * rope.length / order
+        phase = np.pi * order[:, None] * along
+        heading = amplitude[0] @ np.sin(phase) + amplitude[1] @ np.cos(phase)
+        points = _lay(heading + rng.uniform(-np.pi, np.pi), rope)
+        if np.abs(points[:, :2]).max() > config.reach:
+            continue
+        if _nearest_strands(points, rope) >= config.clearance:
+            return points
+    raise RuntimeError(
+        f"no random curve within {config.reach} m with {config.clearance} m between strands was "
+        "found in 10000 draws; lower starts.clearance or raise starts.reach"
+    )
+
+
+def reached(
+    actions: Sequence[Action],
+    count: int,
+    simulator: RopeSimulator,
+    propose: Propose,
+    rng: np.random.Generator,
+    config: StartsConfig | None = None,
+    observe: Observer | None = None,
+) -> Starts:
+    """Starts in the state that `actions` lead to from the trivial one, made by executing them.
+
+    Every start descends from a random curve of its own.
+
+    Args:
+        actions: from the trivial state on; none gives random curves.
+        count: number of starts.
+        simulator: executes the proposed splines.
+        propose: splines for a rope and an action.
+        rng: everything random comes from it.
+        config: what a start looks like.
+        observe: is shown every attempt.
+
+    Raises:
+        RuntimeError: if hardly any proposed spline reaches the state.
+    """
+    config = config or StartsConfig()
+    if not actions:
+        curves = [random_curve(simulator.config.rope, rng, config) for _ in range(count)]
+        return Starts(np.stack(curves), reached=count, too_tight=0)
+    state = TopologicalState.trivial()
+    for action in actions[:-1]:
+        state = state.apply(action)
+    found: list[NDArray] = []
+    hits = tight = drawn = 0
+    while len(found) < count:
+        missing = max(8, int(1.5 * (count - len(found))))
+        if drawn > 40 * count + 400:
+            raise RuntimeError(
+                f"only {len(found)} of {count} starts for {actions[-1]} were reached from {drawn} "
+                "ropes; the proposals hardly ever succeed"
+            )
+        parents = reached(
+                actions[:-1], missing, simulator, propose, rng, config, observe
+            ).points
+        drawn += missing
+        open_ = np.arange(missing)
+        for _ in range(config.rounds):
+            splines = np.concatenate([propose(parents[i], actions[-1], 1, rng) for i in open_])
+            tried = attempt(simulator, parents[open_], splines, actions[-1], state, observe)
+            ends, hit = tried.rollouts.end_points, tried.success
+            roomy = np.array(
+                [
+                    ok and _roomy(end, simulator.config.rope, config)
+                    for ok, end in zip(hit, ends, strict=True)
+                ]
+            )
+            hits, tight = hits + hit.sum(), tight + (hit & ~roomy).sum()
+            found.extend(ends[roomy])
+            open_ = open_[~roomy]
+            if len(open_) == 0:
+                break
+    return Starts(np.stack(found[:count]), reached=int(hits), too_tight=int(tight))
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Start shapes, and how many of those reached were left out as too tight."""
+
+    points: NDArray[np.float64]
+    """(N, V, 3) rope vertices, metres."""
+    reached: int
+    """Ropes that had the state, the tight ones included."""
+    too_tight: int
+    """Of these, ropes with a segment shorter than `StartsConfig.shortest_segment`."""
+
+
+def resample(points: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
+    """The same curve with the rope's vertices, evenly spaced and scaled to the rope's length.
+
+    Args:
+        points: (N, 3) any number of vertices along a curve, metres, head first.
+
+    Returns:
+        (V, 3); its first vertex is that of the given curve.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
+        raise ValueError(f"a curve has points of shape (N, 3) with N >= 2, got {points.shape}")
+    if not np.isfinite(points).all():
+        raise ValueError(f"curve points must be finite, point {_first_bad(points)} is not")
+    # Walking in equal chords, not equal arcs, keeps every link at its length.
+    for _ in range(50):
+        along = np.r_[0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+        if along[-1] == 0:
+            raise ValueError("a curve needs a length, but all its points are the same")
+        at = np.linspace(0, along[-1], rope.num_vertices)
+        points = np.stack([np.interp(at, along, points[:, k]) for k in range(3)], axis=1)
+        chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        if np.ptp(chords) < 1e-6 * chords.mean():
+            break
+    direction = np.diff(points, axis=0)
+    direction *= rope.link_length / np.linalg.norm(direction, axis=1, keepdims=True)
+    return points[0] + np.concatenate([np.zeros((1, 3)), np.cumsum(direction, axis=0)])
+
+
+def _first_bad(points: NDArray) -> int:
+    return int(np.argwhere(~np.isfinite(points))[0][0])
+
+
+def _lay(heading: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
+    """A resting rope whose links have the given headings (links,), its middle at the origin."""
+    steps = rope.link_length * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    points = np.full((rope.num_vertices, 3), rope.radius)
+    points[:, :2] = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    points[:, :2] -= points[:, :2].mean(axis=0)
+    return points
+
+
+def _nearest_strands(points: NDArray, rope: RopeConfig) -> float:
+    """Least distance between vertices that are apart along the rope by more than a turn."""
+    apart = int(np.ceil(4 * np.pi * rope.radius / rope.link_length))
+    distance = np.linalg.norm(points[:, None] - points[None], axis=-1)
+    return float(distance[np.triu_indices(len(points), apart)].min())
+
+
+def _roomy(points: NDArray, rope: RopeConfig, config: StartsConfig) -> bool:
+    """Whether every segment between crossings is long enough to work with."""
+    segments = segment_intervals(points)
+    return bool((np.diff(segments, axis=1) * rope.length >= config.shortest_segment).all())

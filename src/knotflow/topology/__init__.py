@@ -1,0 +1,27 @@
+"""Topology of an open rope: states, actions, their graph, and reading states off rope shapes.
+
+Paper Sec. IV and the symmetries of Sec. V-A. A state is the signed Gauss code of the rope's
+projection onto the table; R1, R2 and Cross add crossings to it. Pure Python, immutable and
+hashable; numpy comes in with rope shapes only, which are read by `knotflow.topology.curve`
+(`project`, `segment_intervals`, `DegenerateCurveError`) and made by `knotflow.topology.draw`.
+"""
+
+from knotflow.topology.actions import R1, R2, Action, Cross, IllegalActionError, parse_action
+from knotflow.topology.graph import solution_graph, solution_paths
+from knotflow.topology.knots import KNOT_NAMES, knot
+from knotflow.topology.state import InvalidStateError, TopologicalState
+
+__all__ = [
+    "KNOT_NAMES",
+    "R1",
+    "R2",
+    "Action",
+    "Cross",
+    "IllegalActionError",
+    "InvalidStateError",
+    "TopologicalState",
+    "knot",
+    "parse_action",
+    "solution_graph",
+    "solution_paths",
+]

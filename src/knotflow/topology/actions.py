@@ -1,0 +1,375 @@
+"""Topological actions: Reidemeister I, Reidemeister II and Cross (paper Sec. IV, Table I).
+
+Segment indices speak of the state before the action. An action says where it adds points to the
+rope (`touched`), which crossings it makes there (`new_crossings`, which is also where its legality
+is decided, from the faces of the planar map), and which actions of its kind could have been the
+last one before a state (`last_candidates`). Putting points in and taking them out is the
+business of `state`. The file is over 300 lines because the conventions of the three kinds lean on
+each other and want to be read side by side.
+
+Conventions where the geometry of an open curve leaves a choice:
+
+* Cross: the end comes from the common face, so the side of the other segment that borders this
+  face gives the sign. Where both its sides do (end segments, bridges), both signs are legal.
+  An end that crosses its own segment is an R1, so over == under is illegal for Cross.
+* R2: the finger leaves the over segment on its `left` side. Where both sides of the under segment
+  border the face that the finger enters, the finger arrives at the side of the same name, as when
+  a rope is folded over itself: R2(0,0,1,1) on the trivial state gives [(1,4,+1), (2,3,-1)].
+* R2: `over_first` says whether the over strand is the one closer to the head. Table I gives it a
+  meaning only where over == under; elsewhere the indices decide and its value is ignored, and
+  every list of actions carries the value that agrees with them (+1 exactly if over < under).
+"""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import astuple, dataclass, fields, replace
+from typing import ClassVar
+
+from knotflow.topology.faces import LEFT, Crossing, PlanarMap
+
+SIGNS = (1, -1)
+
+NewPoint = tuple[int, int]
+"""(segment, rank): the rank-th point, counted from the head, that an action adds to a segment."""
+
+
+class IllegalActionError(ValueError):
+    """An action that does not exist, or that the state it was applied to does not allow."""
+
+
+@dataclass(frozen=True, order=True)
+class Action(ABC):
+    """What R1, R2 and Cross have in common; `str` gives the compact form `parse_action` reads."""
+
+    symbol: ClassVar[str]
+    segment_fields: ClassVar[tuple[str, ...]]
+
+    def __post_init__(self) -> None:
+        """Refuse parameters that no state could give a meaning to."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not isinstance(value, int) or isinstance(value, bool):
+                raise IllegalActionError(f"{self}: {field.name} must be an int, got {value!r}")
+            if field.name in self.segment_fields:
+                if value < 0:
+                    raise IllegalActionError(f"{self}: {field.name} must be 0 or more, got {value}")
+            elif value not in SIGNS:
+                raise IllegalActionError(f"{self}: {field.name} must be +1 or -1, got {value}")
+
+    def __str__(self) -> str:
+        return f"{self.symbol}({','.join(map(str, astuple(self)))})"
+
+    @property
+    def segments(self) -> tuple[int, ...]:
+        """The segments the action names, over before under."""
+        return tuple(getattr(self, name) for name in self.segment_fields)
+
+    @property
+    def over_segment(self) -> int:
+        """The segment that will be over; the one to grasp (Sec. V-A)."""
+        return self.segments[0]
+
+    @property
+    def under_segment(self) -> int:
+        """The segment that will be under; the one to move toward (Sec. V-A)."""
+        return self.segments[-1]
+
+    def check_segments(self, planar_map: PlanarMap) -> None:
+        """Raise IllegalActionError when a named segment is not there."""
+        for segment in self.segments:
+            if segment > planar_map.tail:
+                raise IllegalActionError(
+                    f"{self}: there is no segment {segment}; this state has segments "
+                    f"0 to {planar_map.tail}"
+                )
+
+    @property
+    @abstractmethod
+    def touched(self) -> tuple[int, ...]:
+        """The segment of every new point on the rope, in rising order."""
+
+    @abstractmethod
+    def new_crossings(self, planar_map: PlanarMap) -> tuple[tuple[NewPoint, NewPoint, int], ...]:
+        """The (over point, under point, sign) made in a state with this planar map.
+
+        Raises:
+            IllegalActionError: the state does not allow the action; says which rule it breaks.
+        """
+
+    @abstractmethod
+    def mirrored(self) -> Action:
+        """The action seen in a mirror that stands on the table (Sec. V-A)."""
+
+    @abstractmethod
+    def reversed(self, num_segments: int) -> Action:
+        """The action told from the other end of a rope with `num_segments` segments (Sec. V-A)."""
+
+    @classmethod
+    @abstractmethod
+    def legal(cls, planar_map: PlanarMap) -> Iterator[Action]:
+        """Every action of this kind that a state with this planar map allows."""
+
+    @classmethod
+    @abstractmethod
+    def last_candidates(cls, crossings: Sequence[Crossing]) -> Iterator[Action]:
+        """Every action of this kind that may have been the last; only R2 may offer false ones."""
+
+
+@dataclass(frozen=True, order=True)
+class R1(Action):
+    """Reidemeister I: twist a loop into one segment.
+
+    Attributes:
+        index: the segment.
+        left: +1 when the new face (the loop) is on the left of the rope, -1 on the right.
+        sign: sign of the new crossing.
+    """
+
+    symbol = "R1"
+    segment_fields = ("index",)
+
+    index: int
+    left: int
+    sign: int
+
+    @property
+    def touched(self) -> tuple[int, ...]:
+        return (self.index, self.index)
+
+    def new_crossings(self, planar_map: PlanarMap) -> tuple[tuple[NewPoint, NewPoint, int], ...]:
+        self.check_segments(planar_map)
+        first, second = (self.index, 0), (self.index, 1)
+        # A counter-clockwise loop whose second passage is over has sign +1.
+        over, under = (second, first) if self.left == self.sign else (first, second)
+        return ((over, under, self.sign),)
+
+    def mirrored(self) -> R1:
+        return replace(self, left=-self.left, sign=-self.sign)
+
+    def reversed(self, num_segments: int) -> R1:
+        return replace(self, index=num_segments - 1 - self.index, left=-self.left)
+
+    @classmethod
+    def legal(cls, planar_map: PlanarMap) -> Iterator[R1]:
+        for index in range(planar_map.num_segments):
+            for left in SIGNS:
+                for sign in SIGNS:
+                    yield cls(index, left, sign)
+
+    @classmethod
+    def last_candidates(cls, crossings: Sequence[Crossing]) -> Iterator[R1]:
+        for over, under, sign in crossings:
+            if abs(over - under) == 1:
+                yield cls(min(over, under) - 1, sign if over > under else -sign, sign)
+
+
+@dataclass(frozen=True, order=True)
+class R2(Action):
+    """Reidemeister II: lay a finger of one segment over another segment.
+
+    Attributes:
+        over: the segment that is pulled over.
+        under: the segment that lies under.
+        left: +1 when the finger leaves the over segment on its left, -1 on its right.
+        over_first: where over == under, +1 when the half closer to the head is over, else -1.
+            Ignored where over != under; canonical is then +1 exactly if over < under.
+    """
+
+    symbol = "R2"
+    segment_fields = ("over", "under")
+
+    over: int
+    under: int
+    left: int
+    over_first: int
+
+    @property
+    def touched(self) -> tuple[int, ...]:
+        return tuple(sorted((self.over, self.over, self.under, self.under)))
+
+    def new_crossings(self, planar_map: PlanarMap) -> tuple[tuple[NewPoint, NewPoint, int], ...]:
+        self.check_segments(planar_map)
+        face = planar_map.face(self.over, self.left)
+        sides = planar_map.sides_towards(self.under, face)
+        if not sides:
+            raise IllegalActionError(self._out_of_reach(planar_map))
+        side = self.left if self.left in sides else sides[0]
+        over_rank = under_rank = 0
+        if self.over == self.under:
+            over_rank, under_rank = (0, 2) if self.over_first == 1 else (2, 0)
+        out, back = (self.over, over_rank), (self.over, over_rank + 1)
+        near, far = (self.under, under_rank), (self.under, under_rank + 1)
+        if side == self.left:
+            # The under strand runs against the over strand along the fold: it meets the finger's
+            # way back first.
+            near, far = far, near
+        # From the left of the under strand the finger goes out with sign +1 and back with -1.
+        return ((out, near, side), (back, far, -side))
+
+    def _out_of_reach(self, planar_map: PlanarMap) -> str:
+        name, other = ("left", "right") if self.left == LEFT else ("right", "left")
+        face = planar_map.face(self.over, self.left)
+        message = (
+            f"{self}: the two segments must border a common face, but the face on the {name} of "
+            f"segment {self.over}, where its finger leaves, borders segments "
+            f"{list(planar_map.segments_around(face))}"
+        )
+        if planar_map.sides_towards(self.under, planar_map.face(self.over, -self.left)):
+            return f"{message}; segment {self.under} is on its {other}: left={-self.left}"
+        return message
+
+    def mirrored(self) -> R2:
+        return replace(self, left=-self.left)
+
+    def reversed(self, num_segments: int) -> R2:
+        tail = num_segments - 1
+        return R2(tail - self.over, tail - self.under, -self.left, -self.over_first)
+
+    @classmethod
+    def legal(cls, planar_map: PlanarMap) -> Iterator[R2]:
+        for over in range(planar_map.num_segments):
+            for left in SIGNS:
+                for under in planar_map.segments_around(planar_map.face(over, left)):
+                    if over == under:
+                        yield cls(over, under, left, 1)
+                        yield cls(over, under, left, -1)
+                    else:
+                        yield cls(over, under, left, 1 if over < under else -1)
+
+    @classmethod
+    def last_candidates(cls, crossings: Sequence[Crossing]) -> Iterator[R2]:
+        by_over = {over: (under, sign) for over, under, sign in crossings}
+        for out, (near, sign) in by_over.items():
+            far, back_sign = by_over.get(out + 1, (0, 0))
+            if back_sign != -sign or abs(near - far) != 1:
+                continue
+            first_under = min(near, far)
+            over = out - 1 - 2 * (first_under < out)
+            under = first_under - 1 - 2 * (out < first_under)
+            # Two strands side by side, so the bigon that opens on the finger's other side tells
+            # where the finger came from.
+            left = sign if near > far else -sign
+            yield cls(over, under, left, 1 if out < first_under else -1)
+
+
+@dataclass(frozen=True, order=True)
+class Cross(Action):
+    """Cross: lead the rope's head or tail over or under another segment.
+
+    Attributes:
+        over: the segment that will be over the new crossing.
+        under: the segment that will be under it. One of the two is the head or tail segment.
+        sign: sign of the new crossing.
+    """
+
+    symbol = "C"
+    segment_fields = ("over", "under")
+
+    over: int
+    under: int
+    sign: int
+
+    @property
+    def touched(self) -> tuple[int, ...]:
+        return tuple(sorted((self.over, self.under)))
+
+    def new_crossings(self, planar_map: PlanarMap) -> tuple[tuple[NewPoint, NewPoint, int], ...]:
+        self.check_segments(planar_map)
+        if self.over == self.under:
+            raise IllegalActionError(
+                f"{self}: a segment that crosses itself makes a loop: R1({self.over},left,sign)"
+            )
+        ends = (0, planar_map.tail)
+        if self.over not in ends and self.under not in ends:
+            raise IllegalActionError(
+                f"{self}: one of the segments must be the head segment 0 or the tail segment "
+                f"{planar_map.tail}"
+            )
+        signs = _cross_signs(planar_map, self.over, self.under)
+        if not signs:
+            raise IllegalActionError(
+                f"{self}: the two segments must border a common face, but segment {self.over} "
+                f"shares faces only with {_neighbours(planar_map, self.over)}"
+            )
+        if self.sign not in signs:
+            raise IllegalActionError(
+                f"{self}: the end can reach the other segment from one side only, "
+                f"which makes the sign {signs[0]:+d}"
+            )
+        return (((self.over, 0), (self.under, 0), self.sign),)
+
+    def mirrored(self) -> Cross:
+        return replace(self, sign=-self.sign)
+
+    def reversed(self, num_segments: int) -> Cross:
+        tail = num_segments - 1
+        return Cross(tail - self.over, tail - self.under, self.sign)
+
+    @classmethod
+    def legal(cls, planar_map: PlanarMap) -> Iterator[Cross]:
+        tail = planar_map.tail
+        pairs = {(end, other) for end in (0, tail) for other in range(tail + 1) if other != end}
+        for over, under in sorted(pairs | {(under, over) for over, under in pairs}):
+            for sign in _cross_signs(planar_map, over, under):
+                yield cls(over, under, sign)
+
+    @classmethod
+    def last_candidates(cls, crossings: Sequence[Crossing]) -> Iterator[Cross]:
+        last = 2 * len(crossings)
+        for over, under, sign in crossings:
+            first, second = min(over, under), max(over, under)
+            if (first == 1 or second == last) and second - first > 1:
+                low, high = first - 1, second - 2
+                yield cls(low, high, sign) if over == first else cls(high, low, sign)
+
+
+def _cross_signs(planar_map: PlanarMap, over: int, under: int) -> tuple[int, ...]:
+    """The signs with which the end among two different segments can cross the other one."""
+    end, other = (over, under) if over in (0, planar_map.tail) else (under, over)
+    # Both sides of an end segment border the one face that the end lies in. The tail moves the
+    # way the rope points, the head against it; coming from the other segment's left, an over
+    # strand makes sign +1 and an under strand -1 (Eq. 1).
+    along = 1 if end == planar_map.tail else -1
+    height = 1 if end == over else -1
+    sides = planar_map.sides_towards(other, planar_map.left[end])
+    return tuple(sorted((side * along * height for side in sides), reverse=True))
+
+
+def _neighbours(planar_map: PlanarMap, segment: int) -> list[int]:
+    return [
+        other
+        for other in range(planar_map.num_segments)
+        if other != segment and planar_map.common_faces(segment, other)
+    ]
+
+
+ACTION_KINDS: tuple[type[Action], ...] = (R1, R2, Cross)
+
+_FORM = re.compile(r"\s*(\w+)\s*\(([^()]*)\)\s*")
+
+
+def parse_action(text: str) -> Action:
+    """Read an action from its `str`, e.g. "R1(0,1,1)", "R2(0,0,1,1)" or "C(2,0,1)".
+
+    Raises:
+        IllegalActionError: not an action; the message lists the forms there are.
+    """
+    forms = {kind.symbol: [field.name for field in fields(kind)] for kind in ACTION_KINDS}
+    valid = ", ".join(f"{symbol}({','.join(names)})" for symbol, names in forms.items())
+    match = _FORM.fullmatch(text)
+    kinds = {kind.symbol: kind for kind in ACTION_KINDS}
+    if match is None or match[1] not in kinds:
+        raise IllegalActionError(f"{text!r} is not an action; valid forms: {valid}")
+    try:
+        values = [int(word) for word in match[2].split(",")]
+    except ValueError:
+        raise IllegalActionError(f"{text!r}: parameters must be whole numbers: {valid}") from None
+    if len(values) != len(forms[match[1]]):
+        raise IllegalActionError(
+            f"{text!r}: {match[1]} takes {len(forms[match[1]])} parameters, got {len(values)}; "
+            f"valid forms: {valid}"
+        )
+    return kinds[match[1]](*values)

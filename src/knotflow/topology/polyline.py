@@ -1,0 +1,126 @@
+"""Where a polyline in the plane crosses itself, and where it only nearly tells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+COINCIDENCE = 1e-9
+"""Of the polyline's length: what is closer than this counts as being in one place."""
+
+
+class DegenerateCurveError(ValueError):
+    """A rope shape whose projection does not tell its topological state."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarCrossings:
+    """Where a polyline in the plane crosses itself: n proper crossings of link `first` < `second`.
+
+    Attributes:
+        first: (n,) link index; link i runs from vertex i to vertex i + 1.
+        second: (n,) link index.
+        first_along: (n,) where on its link, 0..1.
+        second_along: (n,) where on its link, 0..1.
+        turn: (n,) sign of (direction of first x direction of second) . z.
+        passed: (2n,) length of the polyline up to each passage, first[0..n) then second[0..n).
+        order: (2n,) the passages, first[0..n) then second[0..n), in the order met from vertex 0.
+        degenerate: what makes these crossings unreliable; empty when nothing does.
+    """
+
+    first: Ints
+    second: Ints
+    first_along: Floats
+    second_along: Floats
+    turn: Floats
+    passed: Floats
+    order: Ints
+    degenerate: str
+
+
+def planar_crossings(xy: Floats) -> PlanarCrossings:
+    """All self-crossings of a polyline xy (V, 2).
+
+    Raises:
+        DegenerateCurveError: the head or the tail lies on another link.
+    """
+    links = xy[1:] - xy[:-1]  # (E, 2)
+    length = np.hypot(links[:, 0], links[:, 1])  # (E,)
+    tolerance = COINCIDENCE * float(length.sum())
+    # Twice the signed area of (link i, vertex k): which side of link i's line k is on.
+    dx = xy[None, :, 0] - xy[:-1, None, 0]  # (E, V)
+    dy = xy[None, :, 1] - xy[:-1, None, 1]
+    side = links[:, :1] * dy - links[:, 1:] * dx  # (E, V)
+    straddles = side[:, :-1] * side[:, 1:] < 0.0  # (E, E): link k has an end on each side of line i
+    first, second = np.nonzero(straddles & straddles.T & _later_links(len(links)))
+    degenerate = ""
+
+    near_line = (np.abs(side) <= tolerance * length[:, None]) & _other_vertices(len(links))
+    if near_line.any() or length.min() <= tolerance:
+        degenerate = _touching(links, length, dx, dy, near_line)
+
+    before, after = side[first, second], side[first, second + 1]  # ends of second, line of first
+    begin, end = side[second, first], side[second, first + 1]  # ends of first, line of second
+    first_along, second_along = begin / (begin - end), before / (before - after)
+    reached = np.cumsum(length) - length  # (E,) length up to each link
+    passed = np.concatenate(
+        (
+            reached[first] + first_along * length[first],
+            reached[second] + second_along * length[second],
+        )
+    )
+    order = np.argsort(passed)
+    if not degenerate and len(order) and np.diff(passed[order]).min() <= tolerance:
+        place = int(order[np.diff(passed[order]).argmin()])
+        link = np.concatenate((first, second))[place]
+        degenerate = f"three strands cross in one point of link {link}"
+    # The second strand passes the first from right (negative side) to left for turn +1.
+    return PlanarCrossings(
+        first, second, first_along, second_along, np.sign(after - before), passed, order, degenerate
+    )
+
+
+def _touching(
+    links: Floats, length: Floats, dx: Floats, dy: Floats, near_line: NDArray[np.bool_]
+) -> str:
+    """Name an upright link or a vertex that lies on another link; "" when there is none.
+
+    Raises DegenerateCurveError for the head or tail on another link: an end that only touches a
+    strand may or may not cross it, whichever way one looks at it.
+    """
+    tolerance = COINCIDENCE * float(length.sum())
+    if length.min() <= tolerance:
+        return f"link {int(length.argmin())} stands upright"
+    along = (links[:, :1] * dx + links[:, 1:] * dy) / length[
+        :, None
+    ]  # (E, V) from the link's start
+    on_link = near_line & (along >= -tolerance) & (along <= length[:, None] + tolerance)
+    if not on_link.any():
+        return ""
+    for end, vertex in (("head", 0), ("tail", -1)):
+        if on_link[:, vertex].any():
+            link = int(on_link[:, vertex].argmax())
+            raise DegenerateCurveError(
+                f"the {end} lies on link {link} in the projection, so whether it crosses that "
+                "link is not defined; move it clear of the strand or beyond it"
+            )
+    link, vertex = (int(index) for index in np.argwhere(on_link)[0])
+    return f"vertex {vertex} lies on link {link}"
+
+
+@lru_cache(maxsize=16)
+def _later_links(count: int) -> NDArray[np.bool_]:
+    """(E, E) pairs of links to test: the second after the first and not sharing a vertex."""
+    return np.triu(np.ones((count, count), dtype=bool), k=2)
+
+
+@lru_cache(maxsize=16)
+def _other_vertices(count: int) -> NDArray[np.bool_]:
+    """(E, E + 1) pairs of a link and a vertex that is not its own."""
+    return ~(np.eye(count, count + 1, dtype=bool) | np.eye(count, count + 1, k=1, dtype=bool))

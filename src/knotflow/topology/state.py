@@ -1,0 +1,231 @@
+"""The topological state of a rope: the signed Gauss code of its projection (paper Sec. IV)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from operator import index
+from typing import TYPE_CHECKING
+
+from knotflow.topology.actions import ACTION_KINDS, Action, IllegalActionError, NewPoint
+from knotflow.topology.faces import Crossing, PlanarMap, trace_faces
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+_TOKEN = re.compile(r"(\d+)o(\d+)([+-])")
+_TRIVIAL_TEXT = "trivial"
+
+
+class InvalidStateError(ValueError):
+    """Crossings that no projected open curve has."""
+
+
+@dataclass(frozen=True, order=True)
+class TopologicalState:
+    """A rope's crossings, as (over, under, sign) with positions 1..2c from head to tail.
+
+    The sign is that of (over direction x under direction) . z (Eq. 1). Two states are equal when
+    their signed Gauss codes are; which face of the projection is the outer one does not matter.
+
+    Attributes:
+        crossings: the triples, ordered by the first position at which each crossing is met.
+            Given in another order they are sorted.
+
+    Raises:
+        InvalidStateError: the triples contradict each other or cannot be drawn in the plane.
+    """
+
+    crossings: tuple[Crossing, ...]
+
+    def __post_init__(self) -> None:
+        """Check everything; `_trusted` is for results of legal actions."""
+        object.__setattr__(self, "crossings", _in_order(_checked(self.crossings)))
+        num_faces = len(self.planar_map.faces)
+        if num_faces != self.num_crossings + 1:
+            raise InvalidStateError(
+                f"no plane curve has the crossings {list(self.crossings)}: "
+                f"{self.num_crossings} crossings need {self.num_crossings + 1} faces "
+                f"(Euler), these signs and positions give {num_faces}"
+            )
+
+    @classmethod
+    def trivial(cls) -> TopologicalState:
+        """The rope without crossings, the root of all actions."""
+        return cls._trusted(())
+
+    @classmethod
+    def from_crossings(cls, crossings: Iterable[Iterable[int]]) -> TopologicalState:
+        """A state from (over, under, sign) triples in any order, fully checked.
+
+        Raises:
+            InvalidStateError: says which triple or position is wrong, or that no plane curve has
+                these crossings.
+        """
+        return cls(tuple(crossings))  # type: ignore[arg-type]  # checked and converted there
+
+    @classmethod
+    def from_curve(cls, points: ArrayLike) -> TopologicalState:
+        """The state of a rope shape: points (V, 3) in metres, head first, z up (Sec. IV).
+
+        Raises:
+            DegenerateCurveError: the projection onto the table does not tell the state.
+            ValueError: not finite (V, 3) numbers.
+        """
+        # numpy is needed here only: states and their graph stay free of it.
+        from knotflow.topology.curve import project
+
+        return project(points).state
+
+    @classmethod
+    def parse(cls, text: str) -> TopologicalState:
+        """Read a state from its `str`, e.g. "trivial" or "4o1+2o5+6o3+".
+
+        Raises:
+            InvalidStateError: the text has another form, or its crossings no plane curve has.
+        """
+        text = text.strip()
+        if text == _TRIVIAL_TEXT:
+            return cls.trivial()
+        if not text or _TOKEN.sub("", text):
+            raise InvalidStateError(
+                f"{text!r} is not a state; write {_TRIVIAL_TEXT!r}, or OVERoUNDERSIGN for every "
+                "crossing, as in '4o1+2o5+6o3+'"
+            )
+        return cls(tuple((int(o), int(u), int(s + "1")) for o, u, s in _TOKEN.findall(text)))
+
+    @classmethod
+    def _trusted(cls, crossings: Iterable[Crossing]) -> TopologicalState:
+        """A state from crossings known to be valid: the check would cost more than the search."""
+        state = object.__new__(cls)
+        object.__setattr__(state, "crossings", _in_order(crossings))
+        return state
+
+    def __str__(self) -> str:
+        tokens = (f"{o}o{u}{'+' if sign > 0 else '-'}" for o, u, sign in self.crossings)
+        return "".join(tokens) or _TRIVIAL_TEXT
+
+    @property
+    def num_crossings(self) -> int:
+        """The number of crossings, c."""
+        return len(self.crossings)
+
+    @property
+    def num_segments(self) -> int:
+        """The number of segments, 2c + 1, numbered 0 (head) to 2c (tail)."""
+        return 2 * len(self.crossings) + 1
+
+    @cached_property
+    def planar_map(self) -> PlanarMap:
+        """The faces of the projection and the segments round them."""
+        return trace_faces(self.crossings)
+
+    def apply(self, action: Action) -> TopologicalState:
+        """The one state that a legal action leads to.
+
+        Raises:
+            IllegalActionError: the state does not allow the action; says which rule it breaks.
+        """
+        made = action.new_crossings(self.planar_map)
+        touched = action.touched
+        shift = [0] * (self.num_segments + 1)
+        for segment in touched:
+            for position in range(segment + 1, self.num_segments):
+                shift[position] += 1
+
+        def position_of(point: NewPoint) -> int:
+            # `segment` old points lie before it, and the new ones of lower segment and rank.
+            segment, rank = point
+            return segment + touched.index(segment) + rank + 1
+
+        kept = ((o + shift[o], u + shift[u], sign) for o, u, sign in self.crossings)
+        new = ((position_of(o), position_of(u), sign) for o, u, sign in made)
+        return TopologicalState._trusted((*kept, *new))
+
+    def undo(self, action: Action) -> TopologicalState:
+        """The state from which an action led to this one.
+
+        Raises:
+            IllegalActionError: the action does not lead to this state from anywhere.
+        """
+        previous = self._before(action)
+        if previous is None:
+            raise IllegalActionError(f"{action} does not lead to the state {self} from any state")
+        return previous
+
+    def _before(self, action: Action) -> TopologicalState | None:
+        removed = {segment + rank + 1 for rank, segment in enumerate(action.touched)}
+        rank_of: dict[int, int] = {}
+        for position in range(1, self.num_segments):
+            if position not in removed:
+                rank_of[position] = len(rank_of) + 1
+        kept = [(o, u, s) for o, u, s in self.crossings if o in rank_of and u in rank_of]
+        if 2 * len(kept) + len(removed) != 2 * self.num_crossings:
+            return None
+        # Actions add points within a face, so they never make a drawable state out of an
+        # undrawable one: when the action leads from here to `self`, this state is valid.
+        previous = TopologicalState._trusted((rank_of[o], rank_of[u], s) for o, u, s in kept)
+        try:
+            return previous if previous.apply(action) == self else None
+        except IllegalActionError:
+            return None
+
+    def actions(self) -> Iterator[tuple[Action, TopologicalState]]:
+        """Every legal action with the state it leads to, each action once."""
+        for kind in ACTION_KINDS:
+            for action in kind.legal(self.planar_map):
+                yield action, self.apply(action)
+
+    def predecessors(self) -> Iterator[tuple[Action, TopologicalState]]:
+        """Every action that leads here, with the state it leads from."""
+        for kind in ACTION_KINDS:
+            for action in kind.last_candidates(self.crossings):
+                previous = self._before(action)
+                if previous is not None:
+                    yield action, previous
+
+    def mirrored(self) -> TopologicalState:
+        """The rope seen in a mirror that stands on the table: all signs change (Sec. V-A)."""
+        return TopologicalState._trusted((o, u, -sign) for o, u, sign in self.crossings)
+
+    def reversed(self) -> TopologicalState:
+        """The same rope told from tail to head: positions count from the other end (Sec. V-A)."""
+        count = self.num_segments
+        return TopologicalState._trusted((count - o, count - u, s) for o, u, s in self.crossings)
+
+
+def _in_order(crossings: Iterable[Crossing]) -> tuple[Crossing, ...]:
+    return tuple(sorted(crossings, key=lambda crossing: min(crossing[0], crossing[1])))
+
+
+def _checked(crossings: Iterable[Iterable[int]]) -> list[Crossing]:
+    """The crossings as triples of ints that use each position 1..2c once, or InvalidStateError."""
+    triples = []
+    for crossing in crossings:
+        try:
+            over, under, sign = (index(number) for number in crossing)
+        except (TypeError, ValueError):
+            raise InvalidStateError(
+                f"a crossing is three whole numbers (over, under, sign), got {crossing!r}"
+            ) from None
+        if sign not in (1, -1):
+            raise InvalidStateError(f"crossing {(over, under, sign)}: the sign must be +1 or -1")
+        triples.append((over, under, sign))
+    wanted = range(1, 2 * len(triples) + 1)
+    met: dict[int, Crossing] = {}
+    for triple in triples:
+        for position in triple[:2]:
+            if position not in wanted:
+                raise InvalidStateError(
+                    f"crossing {triple}: position {position} is out of range; {len(triples)} "
+                    f"crossings have positions 1 to {2 * len(triples)}"
+                )
+            if position in met:
+                raise InvalidStateError(
+                    f"position {position} is met twice, by {met[position]} and {triple}; every "
+                    f"position from 1 to {2 * len(triples)} belongs to one crossing"
+                )
+            met[position] = triple
+    return triples

@@ -1,0 +1,36 @@
+"""Workflows: typed stages that run once, go on after an interruption, and share their outputs."""
+
+from .context import StageContext
+from .definition import Node, Workflow
+from .errors import (
+    DamagedStageError,
+    DiskFullError,
+    ForeignResultsError,
+    UnknownStageError,
+    WorkflowError,
+)
+from .metrics import Metrics, open_metrics
+from .provenance import git_state
+from .runner import run
+from .signature import runtime, signature
+from .stage import Stage, get_stage, stage
+
+__all__ = [
+    "DamagedStageError",
+    "DiskFullError",
+    "ForeignResultsError",
+    "Metrics",
+    "Node",
+    "Stage",
+    "StageContext",
+    "UnknownStageError",
+    "Workflow",
+    "WorkflowError",
+    "get_stage",
+    "git_state",
+    "open_metrics",
+    "run",
+    "runtime",
+    "signature",
+    "stage",
+]

@@ -1,0 +1,24 @@
+"""The stages of knotflow: thin adapters from typed configuration and files to the rooms.
+
+Importing this package registers them all.
+"""
+
+from knotflow.workflow.stages import (
+    benchmark,
+    demonstrations,
+    demonstrator,
+    evaluation,
+    exemplars,
+    starts,
+    success_rates,
+)
+
+__all__ = [
+    "benchmark",
+    "demonstrations",
+    "demonstrator",
+    "evaluation",
+    "exemplars",
+    "starts",
+    "success_rates",
+]

@@ -1,0 +1,80 @@
+"""Stage `benchmark`: splines a second, and memory; figures for the README, not a test."""
+
+from __future__ import annotations
+
+import os
+import resource
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from knotflow.simulation import (
+    SPLINE_HIGH,
+    SPLINE_LOW,
+    RopeSimulator,
+    SimulationConfig,
+    StartsConfig,
+    random_curve,
+)
+from knotflow.workflow.context import StageContext
+from knotflow.workflow.stage import stage
+from knotflow.workflow.stages.provenance import Provenance
+
+
+@dataclass
+class BenchmarkConfig:
+    """What is timed."""
+
+    simulation: SimulationConfig = field(default_factory=SimulationConfig)
+    """The simulator."""
+    starts: StartsConfig = field(default_factory=StartsConfig)
+    """The random curves that splines start from."""
+    rollouts: int = 512
+    """Random splines in each case."""
+    seed: int = 4
+    """Of starts and splines."""
+    links: list[int] = field(default_factory=lambda: [32, 40])
+    """Ropes to compare, by their number of links."""
+    run: int = 0
+    """Raise it to time again: a finished stage is never run twice."""
+    provenance: Provenance = field(default_factory=Provenance)
+    """The experiment-wide columns."""
+
+
+@stage("benchmark", version=1, inputs=())
+def time_simulation(
+    config: BenchmarkConfig, inputs: Mapping[str, Path], context: StageContext
+) -> None:
+    """Makes throughput.csv."""
+    cpus = os.cpu_count() or 1
+    cases = [(links, threads) for links in config.links for threads in sorted({1, cpus})]
+    rows = []
+    for links, threads in context.progress(cases, desc="benchmark"):
+        rope = replace(config.simulation.rope, links=links)
+        simulator = RopeSimulator(replace(config.simulation, rope=rope, threads=threads))
+        rng = np.random.default_rng(config.seed)
+        points = np.stack([random_curve(rope, rng, config.starts) for _ in range(config.rollouts)])
+        splines = rng.uniform(SPLINE_LOW, SPLINE_HIGH, (config.rollouts, 6))
+        simulator.execute(points[:64], splines[:64])  # threads and caches are warm
+        begin = time.perf_counter()
+        simulator.execute(points, splines)
+        seconds = time.perf_counter() - begin
+        rows.append(
+            {
+                "case": "random splines on random curves",
+                "links": links,
+                "threads": threads,
+                "rollouts": config.rollouts,
+                "seconds": round(seconds, 3),
+                "splines_per_second": round(config.rollouts / seconds, 2),
+                "peak_memory_mb": round(
+                    resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1
+                ),
+            }
+        )
+    with context.atomic("throughput.csv") as path:
+        config.provenance.first(pd.DataFrame(rows)).to_csv(path, index=False)

@@ -1,0 +1,95 @@
+"""Stage `demonstrations`: noisy copies of every demonstration, simulated (Sec. V-B a, VII-A1)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from knotflow.demonstrations import (
+    SHIPPED,
+    Demonstration,
+    NoiseConfig,
+    Trials,
+    load_demonstrations,
+    noisy_copies,
+)
+from knotflow.recording import write_index
+from knotflow.simulation import RopeSimulator, SimulationConfig, attempt, resample
+from knotflow.workflow.context import StageContext
+from knotflow.workflow.signature import runtime
+from knotflow.workflow.stage import stage
+from knotflow.workflow.stages.recorder import Recorder
+
+
+@dataclass
+class DemonstrationsConfig:
+    """How many noisy copies of which demonstrations."""
+
+    simulation: SimulationConfig = field(default_factory=SimulationConfig)
+    """The simulator that tells which copies succeed."""
+    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    """The noise that is added."""
+    copies: int = 320
+    """Copies of a demonstration from a tangled start."""
+    copies_untangled: int = 480
+    """Copies of a demonstration from an untangled start."""
+    seed: int = 2
+    """Of the noise."""
+    file: str = runtime(str(SHIPPED))
+    """Demonstrations to copy (JSON lines); what counts is what is in it, see `digest`."""
+    digest: str = ""
+    """Hash of the file's contents, so that other demonstrations are another stage."""
+
+
+@stage("demonstrations", version=1, inputs=())
+def simulate_demonstrations(
+    config: DemonstrationsConfig, inputs: Mapping[str, Path], context: StageContext
+) -> None:
+    """Makes recordings/*.mcap with index.parquet, trials/*.npz and success.csv.
+
+    One shard a demonstration; a shard is complete when its recording is there.
+    """
+    simulator = RopeSimulator(config.simulation)
+    demonstrations = {
+        f"{number:03d}-{one.task.name}": (number, one)
+        for number, one in enumerate(load_demonstrations(Path(config.file)))
+    }
+    copies = {name: _copies(one, config) for name, (_, one) in demonstrations.items()}
+    pending = context.pending([f"recordings/{name}" for name in demonstrations], ".mcap")
+    done = sum(copies.values()) - sum(copies[Path(name).name] for name in pending)
+    with context.progress(
+        total=sum(copies.values()), initial=done, desc="demonstrations"
+    ) as progress:
+        for shard in pending:
+            name = Path(shard).name
+            number, one = demonstrations[name]
+            rng = np.random.default_rng([config.seed, number])
+            splines = noisy_copies(one.spline, copies[name], rng, config.noise)
+            points = resample(one.points, config.simulation.rope)
+            first = sum(list(copies.values())[:number])
+            recorder = Recorder(context, one.source, config.simulation.rope, first)
+            recorder.extra = {"start": str(number)}
+            tried = attempt(
+                simulator, points, splines, one.task.action, one.task.start_state, recorder
+            )
+            with context.atomic(f"trials/{name}.npz") as path:
+                zeros = np.zeros(len(splines), dtype=np.intp)
+                Trials(one.task.action, points[None], zeros, splines, tried.success).save(path)
+            recorder.save(f"{shard}.mcap")
+            progress.update(len(splines))
+    rows = []
+    for name, (_, one) in demonstrations.items():
+        success = Trials.load(context.out / "trials" / f"{name}.npz").success
+        rows.append((str(one.task.action), one.source, len(success), int(success.sum())))
+    with context.atomic("success.csv") as path:
+        columns = ["action", "source", "trials", "successes"]
+        pd.DataFrame(rows, columns=columns).to_csv(path, index=False)
+    write_index(context.out / "recordings")
+
+
+def _copies(one: Demonstration, config: DemonstrationsConfig) -> int:
+    return config.copies if one.task.start_actions else config.copies_untangled

@@ -1,0 +1,54 @@
+"""Stage `success_rates`: evaluations side by side, the table behind Fig. 6 and Fig. 7."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pandas as pd
+from scipy.stats import binomtest
+
+from knotflow.workflow.context import StageContext
+from knotflow.workflow.stage import stage
+from knotflow.workflow.stages.provenance import Provenance
+
+
+@dataclass
+class SuccessRatesConfig:
+    """Nothing that changes the result."""
+
+    provenance: Provenance = field(default_factory=Provenance)
+    """The experiment-wide columns."""
+
+
+@stage("success_rates", version=1)
+def tabulate(config: SuccessRatesConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
+    """Makes success_rates.csv, with 95 % Wilson intervals, and per_start.csv.
+
+    Inputs: evaluations; their names are the methods, in the order of the table.
+    """
+    tables = [
+        pd.read_csv(folder / "outcomes.csv").assign(method=method)
+        for method, folder in inputs.items()
+    ]
+    outcomes = pd.concat(tables)
+    rates = _count(outcomes, ["method", "action"])
+    rates["success_rate"] = rates["successes"] / rates["trials"]
+    limits = [
+        binomtest(int(hits), int(trials)).proportion_ci(0.95, method="wilson")
+        for hits, trials in zip(rates["successes"], rates["trials"], strict=True)
+    ]
+    rates["ci_low"] = [limit.low for limit in limits]
+    rates["ci_high"] = [limit.high for limit in limits]
+    with context.atomic("success_rates.csv") as path:
+        config.provenance.first(rates).to_csv(path, index=False, float_format="%.6g")
+    with context.atomic("per_start.csv") as path:
+        per_start = _count(outcomes, ["method", "action", "start"])
+        config.provenance.first(per_start).to_csv(path, index=False)
+
+
+def _count(outcomes: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+    """Trials and successes by the given columns, in the order in which they appear."""
+    counted = outcomes.groupby(by, sort=False)["success"].agg(["size", "sum"]).reset_index()
+    return counted.rename(columns={"size": "trials", "sum": "successes"})

@@ -1,0 +1,38 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+
+def test_arrays_take_the_precision_they_have_on_disk(make_rollout):
+    rollout = make_rollout(1)
+    assert rollout.points.dtype == rollout.gripper.dtype == np.float32
+    assert rollout.spline.dtype == rollout.control_points.dtype == rollout.times.dtype == np.float64
+    np.testing.assert_array_equal(np.rint(rollout.times * 1e9) / 1e9, rollout.times)
+
+
+@pytest.mark.parametrize(
+    "changes, words",
+    [
+        ({"points": np.zeros((26, 41, 2))}, "points has shape"),
+        ({"points": np.zeros((25, 41, 3))}, "points has shape"),
+        ({"gripper": np.zeros((25, 3))}, "gripper has shape"),
+        ({"times": np.zeros((26, 1))}, "times has shape"),
+        ({"times": np.zeros(26)}, "times must increase"),
+        ({"spline": np.zeros(5)}, r"spline has shape \(5,\), needs \(6,\)"),
+        ({"control_points": np.zeros(9)}, "control_points has shape"),
+        ({"spline": np.full(6, np.nan)}, r"spline\[0\] is not finite"),
+        ({"points": np.full((26, 41, 3), np.inf)}, r"points\[0, 0, 0\] is not finite"),
+        ({"outcome": "won"}, "unknown outcome 'won', choose one of success, failure, diverged"),
+    ],
+)
+def test_bad_rollouts_are_refused_with_their_number(make_rollout, changes, words):
+    with pytest.raises(ValueError, match=f"rollout 7: {words}"):
+        make_rollout(7, **changes)
+
+
+def test_a_diverged_rollout_may_hold_what_the_simulation_left(make_rollout):
+    points = np.full((26, 41, 3), 1e300)
+    points[3] = np.nan
+    rollout = make_rollout(1, outcome="diverged", points=points)
+    assert np.isinf(rollout.points[0]).all() and np.isnan(rollout.points[3]).all()

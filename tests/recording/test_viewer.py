@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+import re
+import subprocess
+
+import pytest
+
+from knotflow.recording import (
+    TruncatedRecordingWarning,
+    ViewerError,
+    find_recording,
+    read_recording,
+    save_rerun,
+    viewer,
+    write_recording,
+)
+
+
+@pytest.fixture
+def folder(tmp_path, make_rollout):
+    place = tmp_path / "data"
+    place.mkdir()
+    write_recording(place / "a.mcap", map(make_rollout, [4, 5]), {})
+    write_recording(place / "b.mcap", map(make_rollout, [5, 6]), {"stage": "test"})
+    return place
+
+
+@pytest.fixture
+def rerun_calls(monkeypatch):
+    """Instead of running Rerun, keep what it would have been asked, and what it would show."""
+    calls = []
+
+    def note(*arguments: str) -> None:
+        shown = list(read_recording(arguments[2])) if arguments[0] == "mcap" else []
+        calls.append((arguments, [rollout.number for rollout in shown]))
+
+    monkeypatch.setattr(viewer, "_rerun", note)
+    return calls
+
+
+def test_a_number_finds_its_file(folder):
+    assert find_recording(folder / "b.mcap", 99) == folder / "b.mcap"
+    assert find_recording(folder) == folder / "a.mcap"
+    assert find_recording(folder, 6) == folder / "b.mcap"
+    with pytest.raises(ValueError, match="no rollout number 7; there are 4 rollouts from 4 to 6"):
+        find_recording(folder, 7)
+    with pytest.raises(ValueError, match=r"rollout 5 is in several .*a\.mcap.*b\.mcap"):
+        find_recording(folder, 5)
+
+
+def test_the_rollouts_asked_for_are_shown(folder, rerun_calls):
+    save_rerun(folder / "b.mcap", "out.rrd")
+    save_rerun(folder, "out.rrd", number=6)
+    assert [shown for _, shown in rerun_calls if shown] == [[5, 6], [6]]
+    assert rerun_calls[1][0][:2] == ("rrd", "merge") and rerun_calls[1][0][-1] == "out.rrd"
+    with pytest.raises(ValueError, match="no rollout number 9; there are 2 rollouts from 5 to 6"):
+        save_rerun(folder / "b.mcap", "out.rrd", number=9)
+
+
+def test_a_damaged_recording_is_shown_as_far_as_it_goes(tmp_path, make_rollout, rerun_calls):
+    path = tmp_path / "cut.mcap"
+    write_recording(path, map(make_rollout, range(30)), {})
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.warns(TruncatedRecordingWarning):
+        save_rerun(path, "out.rrd")
+    shown = rerun_calls[0][1]
+    assert shown == list(range(len(shown))) and len(shown) > 3
+
+
+def test_what_rerun_refuses_is_told(tmp_path):
+    pytest.importorskip("rerun")
+    with pytest.raises(ViewerError, match=r"rerun rrd merge .*nothing\.rrd"):
+        viewer._rerun("rrd", "merge", str(tmp_path / "nothing.rrd"))
+
+
+def test_the_saved_file_holds_recording_and_blueprint(tmp_path, make_rollout):
+    pytest.importorskip("rerun")
+    write_recording(tmp_path / "a.mcap", [make_rollout(1), make_rollout(2)], {})
+    rrd = save_rerun(tmp_path / "a.mcap", tmp_path / "a.rrd", number=2)
+    command = [viewer.rerun_program(), "rrd", "print", str(rrd)]
+    text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    stores = re.findall(r'StoreId\(\s*(\w+),\s*"(\w+)",\s*"([^"]+)"', text)
+    assert ("Recording", viewer.APPLICATION, "a#2") in stores
+    assert any(store[:2] == ("Blueprint", viewer.APPLICATION) for store in stores)
+    for topic in ("/rope/points", "/rope/line", "/gripper", "/spline", "/topology"):
+        assert f" - {topic} - " in text

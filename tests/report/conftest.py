@@ -1,0 +1,177 @@
+"""Made-up results folders, written the way a run writes them."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scipy import stats
+
+ACTIONS = (
+    *("R1(0,1,1)", "R2(0,0,1,1)", "C(0,1,1)", "C(0,2,1)"),
+    *("C(4,2,1)", "C(1,2,1)", "C(2,0,1)", "C(2,4,1)"),
+)
+COMMIT = "0123456789abcdef0123456789abcdef01234567"
+# Shares of success by method, in the order of ACTIONS: roughly the paper's picture.
+SHARES = {
+    "random": (0.035, 0.012, 0.0, 0.004, 0.002, 0.006, 0.003, 0.0),
+    "icp": (0.31, 0.2, 0.36, 0.17, 0.28, 0.41, 0.2, 0.09),
+    "imitation": (0.64, 0.55, 0.52, 0.27, 0.38, 0.55, 0.29, 0.15),
+    "reinforcement": (0.93, 0.82, 0.71, 0.45, 0.6, 0.74, 0.56, 0.34),
+    "actor_only": (0.85, 0.8, 0.66, 0.38, 0.51, 0.68, 0.45, 0.25),
+    "critic_only": (0.78, 0.83, 0.6, 0.4, 0.47, 0.65, 0.21, 0.08),
+    "actor_critic": (0.93, 0.82, 0.71, 0.45, 0.6, 0.74, 0.56, 0.34),
+}
+RATE_COLUMNS = ("method", "action", "trials", "successes", "success_rate", "ci_low", "ci_high")
+BRANCH_COLUMNS = ("start", "seed", "branches", "solved", "seconds")
+
+Cells = Iterable[Sequence[object]]
+
+
+class Writer:
+    """Writes tables, run.json and config.yaml below one results folder."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    def table(
+        self,
+        experiment: str,
+        name: str,
+        columns: Sequence[str],
+        rows: Cells,
+        budget: str = "paper",
+    ) -> Path:
+        """A CSV with the experiment-wide columns before its own."""
+        path = self.root / experiment / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("w", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(["experiment", "budget", "commit", *columns])
+            writer.writerows([experiment, budget, COMMIT, *row] for row in rows)
+        return path
+
+    def rates(
+        self,
+        experiment: str,
+        counts: dict[tuple[str, str], tuple[int, int]],
+        budget: str = "paper",
+    ) -> Path:
+        """success_rates.csv from successes and trials by method and action."""
+        rows = []
+        for (method, action), (successes, trials) in counts.items():
+            limits = stats.binomtest(successes, trials).proportion_ci(0.95, method="wilson")
+            rate = round(successes / trials, 4)
+            shown = (rate, round(limits.low, 4), round(limits.high, 4))
+            rows.append((method, action, trials, successes, *shown))
+        return self.table(experiment, "success_rates.csv", RATE_COLUMNS, rows, budget)
+
+    def run(self, experiment: str, stages: dict[str, dict], budget: str = "paper") -> None:
+        """run.json and config.yaml."""
+        folder = self.root / experiment
+        folder.mkdir(parents=True, exist_ok=True)
+        told = {"experiment": experiment, "commit": COMMIT, "dirty": False, "budget": budget}
+        (folder / "run.json").write_text(json.dumps(told | {"stages": stages}))
+        rope = {"length": 1.0, "radius": 0.008, "links": 40}
+        config = {"workflow": experiment, "stages": {"rollouts": {"config": {"rope": rope}}}}
+        (folder / "config.yaml").write_text(yaml.safe_dump(config))
+
+
+def shares(methods: Sequence[str], trials: int = 400) -> dict[tuple[str, str], tuple[int, int]]:
+    """Successes and trials of SHARES."""
+    return {
+        (method, action): (round(share * trials), trials)
+        for method in methods
+        for action, share in zip(ACTIONS, SHARES[method], strict=True)
+    }
+
+
+def write_everything(root: Path, budget: str = "paper") -> Writer:
+    """All experiments that have a section with figures, all methods."""
+    write, rng = Writer(root), np.random.default_rng(1)
+    single = shares(("random", "icp", "imitation", "reinforcement"))
+    write.rates("single_stage", single, budget)
+    starts = []
+    for (method, action), (successes, trials) in single.items():
+        skill = rng.gamma(0.7, size=50)
+        left, chosen = successes, np.zeros(50, int)
+        for start in rng.permutation(np.repeat(np.arange(50), 8)):
+            if left and rng.random() < skill[start] / 3 and chosen[start] < 8:
+                chosen[start] += 1
+                left -= 1
+        for start in range(50):
+            extra = min(left, 8 - chosen[start])
+            chosen[start] += extra
+            left -= extra
+        starts += [(method, action, f"start-{i:02}", 8, int(n)) for i, n in enumerate(chosen)]
+        assert sum(chosen) == successes and trials == 400
+    columns = ("method", "action", "start", "trials", "successes")
+    write.table("single_stage", "per_start.csv", columns, starts, budget)
+    write.rates(
+        "ablation_actor_critic", shares(("actor_only", "critic_only", "actor_critic")), budget
+    )
+    trees = []
+    for method, spread in (("icp", 40.0), ("imitation", 7.0), ("reinforcement", 0.4)):
+        for start, factor in (("straight", 1.0), ("arc", 3.0 if method == "icp" else 0.6)):
+            for seed in range(10):
+                branches = 3 + int(rng.exponential(spread * factor))
+                solved = not (method == "icp" and branches > 250)
+                took = round(branches * 0.11, 2)
+                trees.append((method, start, seed, branches, solved, took))
+    write.table("tree_size", "branches.csv", ("method", *BRANCH_COLUMNS), trees, budget)
+    joint = [
+        (primitives, seed, 3 + int(rng.exponential(mean)), True, 0.5)
+        for primitives, mean in (("independent", 1.9), ("joint", 0.7))
+        for seed in range(50)
+    ]
+    write.table("joint_finetuning", "branches.csv", ("primitives", *BRANCH_COLUMNS[1:]), joint)
+    speeds = [
+        ("random splines, straight rope", 40, 1, 200, 9.6, 20.8, 410),
+        ("random splines, straight rope", 40, 2, 200, 5.2, 38.4, 480),
+        ("random splines, tangled rope", 40, 2, 200, 6.1, 32.7, 480),
+    ]
+    columns = ("case", "links", "threads", "rollouts", "seconds")
+    columns += ("splines_per_second", "peak_memory_mb")
+    write.table("benchmark", "throughput.csv", columns, speeds)
+    write.run("single_stage", STAGES, budget)
+    again = STAGES["demonstrations"] | {"shared": True, "seconds": 0.1}
+    write.run("ablation_actor_critic", {"demonstrations": again}, budget)
+    return write
+
+
+def _stage(name: str, signature: str, seconds: float, caption: str) -> dict:
+    told = {"stage": name, "signature": signature, "seconds": seconds, "shared": False}
+    return told | {"caption": caption}
+
+
+STAGES = {
+    "demonstrations": _stage("demonstrations", "a1", 512.3, "16,320 noisy copies, simulated"),
+    "starts": _stage("starts", "b2", 41.0, "unseen starts of each state"),
+    "random": _stage("evaluate", "c3", 88.9, "random sampling"),
+    "icp": _stage("evaluate", "d4", 95.2, "ICP interpolation"),
+}
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Writer:
+    """A writer of an empty results folder."""
+    return Writer(tmp_path / "results")
+
+
+@pytest.fixture
+def rate_counts() -> Callable[..., dict[tuple[str, str], tuple[int, int]]]:
+    """Successes and trials on the eight actions, by method."""
+    return shares
+
+
+@pytest.fixture(scope="session")
+def everything(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A results folder in which every experiment with figures was run. Read only."""
+    root = tmp_path_factory.mktemp("everything") / "results"
+    write_everything(root)
+    return root

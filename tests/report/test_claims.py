@@ -1,0 +1,151 @@
+"""Each claim's verdict follows from the numbers, and the paper's own numbers hold."""
+
+from __future__ import annotations
+
+import pytest
+
+from knotflow.report.claims import CLAIMS
+from knotflow.report.results import Results
+from knotflow.report.verdict import Verdict
+
+BRANCHES = ("method", "start", "seed", "branches", "solved", "seconds")
+
+
+def outcome(write, number):
+    return CLAIMS[number].outcome(Results(write.root))
+
+
+def trees(write, method, straight, arc, unsolved=()):
+    rows = [
+        (method, start, seed, branches, (start, seed) not in unsolved, 1.0)
+        for start, counts in (("straight", straight), ("arc", arc))
+        for seed, branches in enumerate(counts)
+    ]
+    write.table("tree_size", "branches.csv", BRANCHES, rows)
+
+
+def test_the_papers_numbers_are_all_there():
+    told = " ".join(claim.paper for claim in CLAIMS)
+    for number in (
+        *("100×", "1.14× to 2.33×", "3 to 190", "1,428", "up to 43", "9 (arc)", "below 5"),
+        *("7 of 8", "4.3 ± 2.6 / 3.4 ± 0.6", "12 branches", "far apart"),
+    ):
+        assert number in told
+
+
+def test_nothing_run_judges_nothing(write):
+    found = [claim.outcome(Results(write.root)) for claim in CLAIMS]
+    assert {outcome.verdict for outcome in found} == {Verdict.NOT_RUN}
+    assert "needs imitation and random in single_stage" in found[0].ours
+
+
+@pytest.mark.parametrize(
+    ("imitation", "verdict"),
+    [(0.5, Verdict.HOLDS), (0.1, Verdict.PARTLY), (0.01, Verdict.FAILS)],
+)
+def test_imitation_against_random(write, rate_counts, imitation, verdict):
+    counts = rate_counts(("random", "imitation"))
+    for method, action in counts:
+        if method == "random":
+            counts[method, action] = (4, 400)
+        else:
+            counts[method, action] = (round(400 * imitation), 400)
+    counts["imitation", "C(2,0,1)"] = (round(800 * imitation), 400)
+    write.rates("single_stage", counts)
+    assert outcome(write, 0).verdict is verdict
+
+
+def test_an_action_that_is_missing_leaves_the_claim_open(write, rate_counts):
+    counts = rate_counts(("random", "imitation"))
+    del counts["imitation", "C(2,4,1)"]
+    write.rates("single_stage", counts)
+    found = outcome(write, 0)
+    assert found.verdict is Verdict.NOT_RUN and "C(2,4,1)" in found.ours
+
+
+def test_rates_that_are_all_zero_decide_nothing(write, rate_counts):
+    counts = dict.fromkeys(rate_counts(("random", "imitation")), (0, 400))
+    write.rates("single_stage", counts)
+    assert outcome(write, 0).verdict is Verdict.NOT_RUN
+
+
+def test_imitation_against_icp_needs_the_two_named_actions(write, rate_counts):
+    counts = rate_counts(("icp", "imitation"))
+    write.rates("single_stage", counts)
+    assert outcome(write, 1).verdict is Verdict.HOLDS
+    counts["imitation", "R1(0,1,1)"] = (4, 400)
+    write.rates("single_stage", counts)
+    assert outcome(write, 1).verdict is Verdict.PARTLY
+
+
+def test_reinforcement_against_imitation(write, rate_counts):
+    counts = rate_counts(("imitation", "reinforcement"))
+    write.rates("single_stage", counts)
+    assert outcome(write, 2).verdict is Verdict.HOLDS
+    counts["reinforcement", "C(0,1,1)"] = (100, 400)
+    write.rates("single_stage", counts)
+    found = outcome(write, 2)
+    assert found.verdict is Verdict.PARTLY and "better on 7 of 8" in found.ours
+
+
+def test_the_papers_trees_hold(write):
+    for number, method, straight, arc in (
+        (3, "icp", [3, 190], [3, 1428]),
+        (4, "imitation", [3, 43], [3, 9]),
+        (5, "reinforcement", [3, 3, 4], [3, 3, 4]),
+    ):
+        trees(write, method, straight, arc)
+        assert outcome(write, number).verdict is Verdict.HOLDS
+
+
+@pytest.mark.parametrize(
+    ("number", "method", "straight", "arc", "verdict"),
+    [
+        (3, "icp", [3, 190], [3, 10], Verdict.PARTLY),
+        (3, "icp", [3, 5], [3, 10], Verdict.FAILS),
+        (4, "imitation", [3, 44], [3, 9], Verdict.PARTLY),
+        (4, "imitation", [3, 44], [3, 10], Verdict.FAILS),
+        (5, "reinforcement", [3, 3, 5], [3, 3, 3], Verdict.PARTLY),
+        (5, "reinforcement", [3, 4, 4], [3, 3, 5], Verdict.FAILS),
+    ],
+)
+def test_other_trees_do_not(write, number, method, straight, arc, verdict):
+    trees(write, method, straight, arc)
+    assert outcome(write, number).verdict is verdict
+
+
+def test_a_search_that_gave_up_keeps_within_no_bound(write):
+    trees(write, "imitation", [3, 40], [3, 9], unsolved={("straight", 1)})
+    found = outcome(write, 4)
+    assert found.verdict is Verdict.PARTLY and "1 gave up" in found.ours
+
+
+def test_actor_and_critic(write, rate_counts):
+    counts = rate_counts(("actor_only", "critic_only", "actor_critic"))
+    write.rates("ablation_actor_critic", counts)
+    found = outcome(write, 6)
+    assert found.verdict is Verdict.HOLDS and found.ours.startswith("best on 7 of 8")
+    counts["critic_only", "C(2,4,1)"] = (130, 400)
+    write.rates("ablation_actor_critic", counts)
+    assert outcome(write, 6).verdict is Verdict.PARTLY
+
+
+@pytest.mark.parametrize(
+    ("joint", "verdict"),
+    [
+        ([3] * 40 + [4] * 10, Verdict.HOLDS),
+        ([4] * 50, Verdict.PARTLY),
+        ([9] * 50, Verdict.FAILS),
+    ],
+)
+def test_joint_finetuning(write, joint, verdict):
+    independent = [3] * 30 + [4] * 10 + [8] * 10
+    rows = [
+        (primitives, seed, branches, True, 1.0)
+        for primitives, counts in (("independent", independent), ("joint", joint))
+        for seed, branches in enumerate(counts)
+    ]
+    write.table("joint_finetuning", "branches.csv", ("primitives", *BRANCHES[2:]), rows)
+    found = outcome(write, 7)
+    assert found.verdict is verdict
+    assert found.ours.startswith("4.2 ± 2.0 / ")

@@ -1,0 +1,97 @@
+"""Laws of the intervals: symmetry, scale, reciprocity, and that they cover what they promise."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from knotflow.report.statistics import bootstrap, mean_difference, rate_ratio, wilson
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(0, 400), (14, 400), (200, 400), (3, 7), (1, 1)])
+def test_wilson_is_mirror_symmetric(successes, trials):
+    one, other = wilson(successes, trials), wilson(trials - successes, trials)
+    assert one.estimate == pytest.approx(1 - other.estimate)
+    assert one.low == pytest.approx(1 - other.high)
+    assert 0 <= one.low <= one.estimate <= one.high <= 1
+
+
+def test_wilson_limits_solve_the_score_equation():
+    interval, z = wilson(14, 400), stats.norm.ppf(0.975)
+    for limit in (interval.low, interval.high):
+        score = (14 / 400 - limit) / math.sqrt(limit * (1 - limit) / 400)
+        assert abs(score) == pytest.approx(z)
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(1, 0), (5, 4), (-1, 4)])
+def test_wilson_refuses_what_is_no_rate(successes, trials):
+    with pytest.raises(ValueError, match="is no rate"):
+        wilson(successes, trials)
+
+
+@pytest.mark.parametrize("counts", [(30, 100, 10, 100), (399, 400, 3, 400), (5, 20, 7, 300)])
+def test_swapping_the_rates_takes_the_reciprocal(counts):
+    there, back = rate_ratio(*counts), rate_ratio(*counts[2:], *counts[:2])
+    assert there.estimate == pytest.approx(1 / back.estimate)
+    assert there.low == pytest.approx(1 / back.high)
+    assert there.high == pytest.approx(1 / back.low)
+    assert there.low < there.estimate < there.high
+
+
+def test_a_base_that_never_succeeded_still_gives_a_lower_limit():
+    ratio = rate_ratio(208, 400, 0, 400)
+    assert math.isinf(ratio.estimate) and math.isinf(ratio.high)
+    assert 40 < ratio.low < 100
+    nothing = rate_ratio(0, 400, 0, 400)
+    assert math.isnan(nothing.estimate)
+    assert (nothing.low, nothing.high) == (0, math.inf)
+
+
+@pytest.mark.parametrize(("p", "q"), [(0.6, 0.3), (0.3, 0.05), (0.9, 0.8)])
+def test_ratio_interval_covers_what_it_promises(p, q, n=40):
+    """Exact coverage: every outcome of two binomials, weighted with its probability."""
+    covered = 0.0
+    top, base = (stats.binom.pmf(np.arange(n + 1), n, rate) for rate in (p, q))
+    for i in np.flatnonzero(top > 1e-4):
+        for j in np.flatnonzero(base > 1e-4):
+            interval = rate_ratio(int(i), n, int(j), n)
+            covered += top[i] * base[j] * (interval.low <= p / q <= interval.high)
+    assert 0.93 < covered < 0.99
+
+
+def test_bootstrap_is_the_same_each_time_and_follows_the_scale():
+    sample = np.random.default_rng(3).exponential(5, 40)
+    one, again, scaled = bootstrap(sample), bootstrap(sample), bootstrap(10 * sample)
+    assert one == again
+    assert (scaled.low, scaled.high) == pytest.approx((10 * one.low, 10 * one.high))
+    assert one.low < one.estimate < one.high
+
+
+def test_bootstrap_of_the_mean_is_as_wide_as_theory_says():
+    sample = np.random.default_rng(4).normal(size=400)
+    interval = bootstrap(sample)
+    assert interval.high - interval.low == pytest.approx(2 * 1.96 * sample.std() / 20, rel=0.05)
+
+
+@pytest.mark.parametrize("sample", [[3], [3, 3, 3]])
+def test_equal_values_have_no_limits(sample):
+    interval = bootstrap(sample)
+    assert (interval.estimate, interval.low, interval.high) == (3, None, None)
+
+
+def test_bootstrap_refuses_an_empty_sample():
+    with pytest.raises(ValueError, match="empty sample"):
+        bootstrap([])
+
+
+def test_pairs_that_move_together_give_a_narrower_difference():
+    rng = np.random.default_rng(5)
+    base = rng.normal(0, 3, 50)
+    values = base - 1 + rng.normal(0, 0.2, 50)
+    paired = mean_difference(values, base, paired=True)
+    apart = mean_difference(values, base, paired=False)
+    assert paired.estimate == pytest.approx(apart.estimate)
+    assert paired.high - paired.low < 0.3 * (apart.high - apart.low)
