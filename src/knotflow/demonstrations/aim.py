@@ -95,7 +95,9 @@ def _side(action: Action, num_segments: int) -> int:
         # Eq. 1 with the over strand moving to the left: -1 where the rope runs with the motion
         # (the tail end), +1 where it runs against it (the head end).
         return {0: action.sign, num_segments - 1: -action.sign}.get(action.over, 0)
-    return -action.left if action.over_segment == action.under_segment else 0
+    if isinstance(action, R1 | R2) and action.over_segment == action.under_segment:
+        return -action.left
+    return 0
 
 
 def _at(points: NDArray, fraction: NDArray) -> NDArray:

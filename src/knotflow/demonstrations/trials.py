@@ -1,4 +1,4 @@
-"""Trials: splines that were simulated, and whether they succeeded. What every method learns from."""
+"""Trials: splines that were simulated, and which succeeded. What every method learns from."""
 
 from __future__ import annotations
 

@@ -25,6 +25,7 @@ class SolutionDag:
     """
 
     def __init__(self, graph: nx.MultiDiGraph, goals: Iterable[TopologicalState]) -> None:
+        """Use `to` or `along`; every node of the graph must lead to a goal in it."""
         self.graph = graph
         self.goals = frozenset(goals)
         backward = graph.reverse(copy=False)
@@ -52,9 +53,7 @@ class SolutionDag:
         return cls(solution_graph(*sorted(goals)), goals)
 
     @classmethod
-    def along(
-        cls, actions: Sequence[Action], start: TopologicalState | None = None
-    ) -> SolutionDag:
+    def along(cls, actions: Sequence[Action], start: TopologicalState | None = None) -> SolutionDag:
         """One topological path only, as in Sec. VII-A4: its last state is the goal.
 
         Args:

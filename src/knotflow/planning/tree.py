@@ -15,24 +15,26 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from knotflow.planning.branches import (
+    DIVERGED,
+    UNREADABLE,
+    Attempt,
+    Node,
+    Progress,
+    SearchUpdate,
+    Simulator,
+)
 from knotflow.planning.dag import Edge
 from knotflow.planning.goals import Goal
 from knotflow.planning.plan import KnotPlan, PlanStep, Tried
 from knotflow.samplers import Sampler
-from knotflow.simulation import Rollouts, SimulationConfig, check_points, state_or_none
+from knotflow.simulation import Rollouts, check_points, state_or_none
 from knotflow.topology import Action, TopologicalState
-
-DIVERGED = "diverged"
-UNREADABLE = "unreadable"
-"""Outcomes of a branch that have no state: the simulation blew up, or the projection of its end
-shape does not tell its state."""
 
 
 @dataclass
@@ -65,93 +67,6 @@ class PlannerConfig:
             raise ValueError(
                 f"planner.failure_discount must lie in (0, 1], got {self.failure_discount}"
             )
-
-
-class Simulator(Protocol):
-    """What the search needs of a simulator; `simulation.RopeSimulator` is one."""
-
-    config: SimulationConfig
-
-    def execute(self, points: NDArray, splines: NDArray) -> Rollouts:
-        """Simulate splines (B, 6) on ropes (B, V, 3), each from rest to rest."""
-        ...
-
-
-@dataclass(eq=False)
-class Node:
-    """A rope at rest in the tree.
-
-    Attributes:
-        points: (V, 3) metres.
-        state: its topological state, one of the solution DAG.
-        distance: edges from its state to the goal.
-        parent: the node it was reached from; None for the root.
-        step: what was executed there; None for the root.
-        failures: branches from this node that did not become nodes.
-    """
-
-    points: NDArray[np.float64]
-    state: TopologicalState
-    distance: int
-    parent: Node | None = None
-    step: PlanStep | None = None
-    failures: int = 0
-
-    def steps(self) -> tuple[PlanStep, ...]:
-        """What was executed from the root to here."""
-        steps: list[PlanStep] = []
-        node: Node | None = self
-        while node is not None and node.step is not None:
-            steps.append(node.step)
-            node = node.parent
-        return tuple(reversed(steps))
-
-
-@dataclass(frozen=True, eq=False)
-class Attempt:
-    """One branch: a spline that was simulated.
-
-    Attributes:
-        start: (V, 3) the rope it began from, metres.
-        state: the state it began in.
-        action: what it was for.
-        goal_state: the state that the action leads to.
-        spline: (6,) as proposed.
-        outcome: `str` of the state it ended in, DIVERGED or UNREADABLE.
-        success: whether it ended in exactly the action's state.
-    """
-
-    start: NDArray[np.float64]
-    state: TopologicalState
-    action: Action
-    goal_state: TopologicalState
-    spline: NDArray[np.float64]
-    outcome: str
-    success: bool
-
-
-@dataclass(frozen=True, eq=False)
-class SearchUpdate:
-    """What a search reports after each batch.
-
-    Attributes:
-        branches: splines simulated so far.
-        nodes: nodes of the tree, its root included.
-        distance: edges from the nearest node to the goal; 0 when solved.
-        seconds: wall time so far.
-        attempts: the branches of this batch, in the order of `rollouts`.
-        rollouts: what happened in this batch.
-    """
-
-    branches: int
-    nodes: int
-    distance: int
-    seconds: float
-    attempts: tuple[Attempt, ...]
-    rollouts: Rollouts
-
-
-Progress = Callable[[SearchUpdate], None]
 
 
 @dataclass(eq=False)

@@ -118,9 +118,7 @@ def reached(
                 f"only {len(found)} of {count} starts for {actions[-1]} were reached from {drawn} "
                 "ropes; the proposals hardly ever succeed"
             )
-        parents = reached(
-                actions[:-1], missing, simulator, propose, rng, config, observe
-            ).points
+        parents = reached(actions[:-1], missing, simulator, propose, rng, config, observe).points
         drawn += missing
         open_ = np.arange(missing)
         for _ in range(config.rounds):

@@ -7,6 +7,7 @@ hashable; numpy comes in with rope shapes only, which are read by `knotflow.topo
 """
 
 from knotflow.topology.actions import R1, R2, Action, Cross, IllegalActionError, parse_action
+from knotflow.topology.curve import CurveCrossings, DegenerateCurveError, project, segment_intervals
 from knotflow.topology.graph import solution_graph, solution_paths
 from knotflow.topology.knots import KNOT_NAMES, knot
 from knotflow.topology.state import InvalidStateError, TopologicalState
@@ -17,11 +18,15 @@ __all__ = [
     "R2",
     "Action",
     "Cross",
+    "CurveCrossings",
+    "DegenerateCurveError",
     "IllegalActionError",
     "InvalidStateError",
     "TopologicalState",
     "knot",
     "parse_action",
+    "project",
+    "segment_intervals",
     "solution_graph",
     "solution_paths",
 ]

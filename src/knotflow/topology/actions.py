@@ -26,6 +26,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass, fields, replace
+from operator import index
 from typing import ClassVar
 
 from knotflow.topology.faces import LEFT, Crossing, PlanarMap
@@ -50,9 +51,14 @@ class Action(ABC):
     def __post_init__(self) -> None:
         """Refuse parameters that no state could give a meaning to."""
         for field in fields(self):
-            value = getattr(self, field.name)
-            if not isinstance(value, int) or isinstance(value, bool):
-                raise IllegalActionError(f"{self}: {field.name} must be an int, got {value!r}")
+            try:
+                value = index(getattr(self, field.name))
+            except TypeError:
+                raise IllegalActionError(
+                    f"{self}: {field.name} must be a whole number, "
+                    f"got {getattr(self, field.name)!r}"
+                ) from None
+            object.__setattr__(self, field.name, value)  # numpy's integers become int
             if field.name in self.segment_fields:
                 if value < 0:
                     raise IllegalActionError(f"{self}: {field.name} must be 0 or more, got {value}")
@@ -105,7 +111,20 @@ class Action(ABC):
 
     @abstractmethod
     def reversed(self, num_segments: int) -> Action:
-        """The action told from the other end of a rope with `num_segments` segments (Sec. V-A)."""
+        """The action told from the other end of a rope with `num_segments` segments (Sec. V-A).
+
+        Raises:
+            IllegalActionError: the action names a segment that such a rope does not have.
+        """
+
+    def _from_tail(self, segment: int, num_segments: int) -> int:
+        """The number of a segment when they are counted from the other end."""
+        if segment >= num_segments:
+            raise IllegalActionError(
+                f"{self}: there is no segment {segment} among {num_segments}, 0 to "
+                f"{num_segments - 1}"
+            )
+        return num_segments - 1 - segment
 
     @classmethod
     @abstractmethod
@@ -150,14 +169,14 @@ class R1(Action):
         return replace(self, left=-self.left, sign=-self.sign)
 
     def reversed(self, num_segments: int) -> R1:
-        return replace(self, index=num_segments - 1 - self.index, left=-self.left)
+        return replace(self, index=self._from_tail(self.index, num_segments), left=-self.left)
 
     @classmethod
     def legal(cls, planar_map: PlanarMap) -> Iterator[R1]:
-        for index in range(planar_map.num_segments):
+        for segment in range(planar_map.num_segments):
             for left in SIGNS:
                 for sign in SIGNS:
-                    yield cls(index, left, sign)
+                    yield cls(segment, left, sign)
 
     @classmethod
     def last_candidates(cls, crossings: Sequence[Crossing]) -> Iterator[R1]:
@@ -225,8 +244,9 @@ class R2(Action):
         return replace(self, left=-self.left)
 
     def reversed(self, num_segments: int) -> R2:
-        tail = num_segments - 1
-        return R2(tail - self.over, tail - self.under, -self.left, -self.over_first)
+        over = self._from_tail(self.over, num_segments)
+        under = self._from_tail(self.under, num_segments)
+        return R2(over, under, -self.left, -self.over_first)
 
     @classmethod
     def legal(cls, planar_map: PlanarMap) -> Iterator[R2]:
@@ -305,8 +325,9 @@ class Cross(Action):
         return replace(self, sign=-self.sign)
 
     def reversed(self, num_segments: int) -> Cross:
-        tail = num_segments - 1
-        return Cross(tail - self.over, tail - self.under, self.sign)
+        over = self._from_tail(self.over, num_segments)
+        under = self._from_tail(self.under, num_segments)
+        return Cross(over, under, self.sign)
 
     @classmethod
     def legal(cls, planar_map: PlanarMap) -> Iterator[Cross]:

@@ -48,10 +48,10 @@ class Symmetry:
     reverse: bool = False
 
     @classmethod
-    def all(cls) -> Iterator[Symmetry]:
+    def all(cls) -> tuple[Symmetry, ...]:
         """The identity, Reverse, Mirror, and both."""
-        return (
-            cls(mirrored, reversed_) for mirrored in (False, True) for reversed_ in (False, True)
+        return tuple(
+            cls(mirrored, turned) for mirrored in (False, True) for turned in (False, True)
         )
 
     def of_state(self, state: TopologicalState) -> TopologicalState:

@@ -65,7 +65,9 @@ def make_demonstrations(
     for name in context.progress(context.pending([*wanted], ".jsonl"), desc="demonstrations"):
         task, seed = wanted[name]
         recorder = Recorder(context, "scripted", config.simulation.rope)
-        found, share, left_out = _one(task, np.random.default_rng(seed), simulator, config, recorder)
+        found, share, left_out = _one(
+            task, np.random.default_rng(seed), simulator, config, recorder
+        )
         recorder.save(f"recordings/{name}.mcap")
         with context.atomic(f"{name}.csv") as path:
             row = {"action": str(task.action), "success_share": share, "starts_left_out": left_out}

@@ -62,9 +62,7 @@ def evaluate(config: EvaluationConfig, inputs: Mapping[str, Path], context: Stag
             for start, points in enumerate(starts[name]):
                 splines = sampler.sample(points, task.action, config.trials_per_start, rng)
                 recorder.extra = {"start": str(start)}
-                tried = attempt(
-                    simulator, points, splines, task.action, task.start_state, recorder
-                )
+                tried = attempt(simulator, points, splines, task.action, task.start_state, recorder)
                 rows += [(str(task.action), start, int(hit)) for hit in tried.success]
                 progress.update(len(splines))
             recorder.save(f"recordings/{name}.mcap")

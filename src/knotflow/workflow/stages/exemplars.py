@@ -1,4 +1,4 @@
-"""Stage `exemplars`: a few rollouts of an evaluation again, each a recording of its own to look at."""
+"""Stage `exemplars`: a few rollouts of an evaluation again, each a recording to look at."""
 
 from __future__ import annotations
 

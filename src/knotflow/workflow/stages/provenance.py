@@ -23,6 +23,4 @@ class Provenance:
     def first(self, table: pd.DataFrame) -> pd.DataFrame:
         """The table with the experiment-wide columns in front."""
         columns = {name: getattr(self, name) for name in ("experiment", "budget", "commit")}
-        return pd.concat(
-            [pd.DataFrame(columns, index=table.index), table], axis=1
-        )
+        return pd.concat([pd.DataFrame(columns, index=table.index), table], axis=1)

@@ -37,7 +37,7 @@ def make_starts(
     """Makes <task>.npz with `points` (N, V, 3), recordings/<task>.mcap and starts.csv."""
     simulator = RopeSimulator(config.simulation)
     names = [task.name for task in TASKS]
-    for name in context.progress(context.pending(names, ".npz"), desc="starts", unit="task"):
+    for name in context.progress(context.pending(names, ".npz"), desc="starts"):
         task = TASKS[names.index(name)]
         rng = np.random.default_rng([config.seed, names.index(name)])
         recorder = Recorder(context, "aim", config.simulation.rope)

@@ -1,0 +1,184 @@
+"""A plan to tie a knot: what a search found, or how far it came and why it stopped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.planning import plan_file
+from knotflow.planning.waypoints import GripperConfig, Waypoints, trace_waypoints
+from knotflow.simulation import control_points
+from knotflow.topology import Action, TopologicalState
+
+
+@dataclass(frozen=True, eq=False)
+class PlanStep:
+    """One executed spline; metres and seconds, world frame.
+
+    Attributes:
+        action: the topological action it instantiates.
+        spline: (6,) see `simulation.spline`.
+        start: (V, 3) the rope at rest before.
+        start_state: its topological state.
+        end: (V, 3) the rope at rest after.
+        end_state: its topological state, the one the action leads to.
+        times: (T,) of the frames; the first is 0, at the grasp.
+        trajectory: (T, V, 3) the rope in simulation.
+        gripper: (T, 3) the gripper; it holds the rope for the plan's `move_time`.
+    """
+
+    action: Action
+    spline: NDArray[np.float64]
+    start: NDArray[np.float64]
+    start_state: TopologicalState
+    end: NDArray[np.float64]
+    end_state: TopologicalState
+    times: NDArray[np.float64]
+    trajectory: NDArray[np.float32]
+    gripper: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Tried:
+    """How often one action was tried from one state with one outcome.
+
+    Attributes:
+        state: where the branches began.
+        action: what they were for.
+        outcome: `str` of the state they ended in, "diverged" or "unreadable".
+        success: whether that is the action's state.
+        branches: how many there were.
+    """
+
+    state: TopologicalState
+    action: Action
+    outcome: str
+    success: bool
+    branches: int
+
+
+@dataclass(frozen=True, eq=False)
+class KnotPlan:
+    """What `plan_knot` returns.
+
+    Attributes:
+        goal: what was asked for: a knot's name, a state or a path.
+        goal_states: the states in which that knot is tied.
+        solved: whether the last step ends in one of them.
+        reason: why the search stopped.
+        start: (V, 3) the rope at rest before the first step, metres.
+        start_state: its topological state.
+        steps: to the goal or, not solved, to the node of the tree nearest to it; maybe none.
+        tried: a summary of all branches.
+        branches: simulated splines, the paper's measure of a search.
+        nodes: nodes of the search tree, its root included.
+        seconds: wall time of the search, of which
+        sampling_seconds: in the sampler, and
+        simulation_seconds: in the simulator.
+        radius: of the rope, metres.
+        move_time: from grasp to release of each spline, seconds.
+    """
+
+    goal: str
+    goal_states: tuple[TopologicalState, ...]
+    solved: bool
+    reason: str
+    start: NDArray[np.float64]
+    start_state: TopologicalState
+    steps: tuple[PlanStep, ...]
+    tried: tuple[Tried, ...]
+    branches: int
+    nodes: int
+    seconds: float
+    sampling_seconds: float
+    simulation_seconds: float
+    radius: float
+    move_time: float
+
+    @property
+    def actions(self) -> tuple[Action, ...]:
+        """The topological path."""
+        return tuple(step.action for step in self.steps)
+
+    @property
+    def splines(self) -> NDArray[np.float64]:
+        """(n, 6) the spline of each step."""
+        return np.array([step.spline for step in self.steps]).reshape(-1, 6)
+
+    @property
+    def controls(self) -> NDArray[np.float64]:
+        """(n, 3, 3) the control points of each step's spline, metres."""
+        return np.array(
+            [control_points(step.start, step.spline, self.radius) for step in self.steps]
+        ).reshape(-1, 3, 3)
+
+    @property
+    def shapes(self) -> NDArray[np.float64]:
+        """(n + 1, V, 3) the rope at rest: start, between steps, and final, metres."""
+        return np.stack([self.start, *(step.end for step in self.steps)])
+
+    @property
+    def states(self) -> tuple[TopologicalState, ...]:
+        """The n + 1 topological states of `shapes`."""
+        return (self.start_state, *(step.end_state for step in self.steps))
+
+    def summary(self) -> str:
+        """A line a state: the topological path with the tree's size, for printing."""
+        lines = [f"start      {self.start_state}"]
+        lines += [f"{step.action!s:<10} {step.end_state}" for step in self.steps]
+        outcome = f"{self.goal}: tied" if self.solved else f"{self.goal}: NOT tied"
+        lines.append(
+            f"{outcome} ({self.reason}); {self.branches} branches, {self.nodes} nodes, "
+            f"{self.seconds:.2f} s"
+        )
+        if not self.solved:
+            lines += [f"  {line}" for line in self._tried_lines()]
+        return "\n".join(lines)
+
+    def waypoints(self, rate_hz: float = 20.0, config: GripperConfig | None = None) -> Waypoints:
+        """Timed gripper waypoints with open and close, for a robot to execute.
+
+        Args:
+            rate_hz: waypoints a second.
+            config: heights and speeds between the splines.
+
+        Raises:
+            ValueError: a rate that is not above 0, or heights at which the gripper would touch the
+                rope on its way.
+        """
+        grippers = [(step.times, step.gripper, str(step.action)) for step in self.steps]
+        return trace_waypoints(
+            grippers, self.shapes, self.radius, self.move_time, rate_hz, config or GripperConfig()
+        )
+
+    def to_json(self, trajectories: bool = True) -> str:
+        """The plan as JSON text; `from_json` reads it back.
+
+        Shapes and splines keep all their digits, trajectories are rounded to micrometres. Without
+        `trajectories` a step keeps its frames' times and gripper only.
+        """
+        return plan_file.dump(self, trajectories)
+
+    @classmethod
+    def from_json(cls, text: str) -> KnotPlan:
+        """Read what `to_json` wrote.
+
+        Raises:
+            PlanFormatError: not a plan, one of another version, or one with parts missing.
+        """
+        return plan_file.load(text)
+
+    def _tried_lines(self) -> list[str]:
+        total: dict[tuple[TopologicalState, Action], list[int]] = {}
+        for tried in self.tried:
+            counts = total.setdefault((tried.state, tried.action), [0, 0])
+            counts[0] += tried.branches
+            counts[1] += tried.branches * tried.success
+        return [
+            f"{action} from {state}: {successes} of {branches} branches reached its state"
+            for (state, action), (branches, successes) in sorted(
+                total.items(), key=lambda item: (item[0][0], str(item[0][1]))
+            )
+        ] or ["nothing was tried"]

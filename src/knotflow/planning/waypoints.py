@@ -1,0 +1,223 @@
+"""From a plan to timed gripper waypoints that a robot executes (Sec. VI).
+
+Between splines the gripper is open and moves above the rope. For each spline it
+
+    travel   goes above the grasp point,
+    descend  comes straight down on it,
+    close    closes,
+    drag     moves along the spline with the rope, timed as it was simulated,
+    open     lets go on the table,
+    rise     goes straight up.
+
+All positions are of the grasped point of the rope's centre line, in metres, world frame. Every
+phase takes a whole number of sampling intervals, rounded up, so waypoints are evenly spaced in
+time and no event falls between two of them.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+COLUMNS = ("time_s", "x_m", "y_m", "z_m", "closed", "step", "action", "phase")
+
+
+@dataclass
+class GripperConfig:
+    """How the gripper moves when it does not hold the rope."""
+
+    approach_height: float = 0.15
+    """Height above the table from which the gripper comes down on the rope, metres."""
+    retreat_height: float = 0.15
+    """Height above the table to which it rises after letting go, metres."""
+    clearance: float = 0.03
+    """Least distance from the top of the resting rope while it travels, metres."""
+    travel_speed: float = 0.25
+    """Highest speed between splines, metres a second."""
+    vertical_speed: float = 0.10
+    """Highest speed down to the rope and up from it, metres a second."""
+    close_time: float = 0.5
+    """Time to close on the rope, seconds."""
+    open_time: float = 0.5
+    """Time to let go of it, seconds."""
+
+    def __post_init__(self) -> None:
+        """Refuse speeds at which nothing moves and times that run backward."""
+        for name in ("travel_speed", "vertical_speed"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"gripper.{name} must be above 0 m/s, got {getattr(self, name)}")
+        for name in ("close_time", "open_time"):
+            if not getattr(self, name) >= 0.0:
+                raise ValueError(f"gripper.{name} must be 0 s or more, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True, eq=False)
+class Waypoints:
+    """N timed waypoints, evenly spaced.
+
+    Attributes:
+        times: (N,) seconds from the beginning.
+        positions: (N, 3) of the gripper, metres, world frame.
+        closed: (N,) whether the gripper is commanded to be closed.
+        step: (N,) index of the plan's step that the waypoint belongs to.
+        actions: (N,) that step's action as text.
+        phases: (N,) travel, descend, close, drag, open or rise.
+    """
+
+    times: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    closed: NDArray[np.bool_]
+    step: NDArray[np.int64]
+    actions: tuple[str, ...]
+    phases: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def to_csv(self, path: Path) -> None:
+        """Write a row a waypoint: time_s, x_m, y_m, z_m, closed (0 or 1), step, action, phase."""
+        with Path(path).open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(COLUMNS)
+            for time, position, closed, step, action, phase in zip(
+                self.times,
+                self.positions,
+                self.closed,
+                self.step,
+                self.actions,
+                self.phases,
+                strict=True,
+            ):
+                place = (f"{number:.6f}" for number in position)
+                writer.writerow((f"{time:.6f}", *place, int(closed), step, action, phase))
+
+
+@dataclass(frozen=True, eq=False)
+class _Phase:
+    """Positions (n, 3) at the end of each of n sampling intervals."""
+
+    name: str
+    positions: NDArray[np.float64]
+    closed: bool
+
+
+def trace_waypoints(
+    grippers: Sequence[tuple[NDArray, NDArray, str]],
+    shapes: NDArray,
+    radius: float,
+    move_time: float,
+    rate_hz: float,
+    config: GripperConfig,
+) -> Waypoints:
+    """The waypoints of a plan.
+
+    Args:
+        grippers: for each of n steps the frames' times (T,) in seconds, the gripper (T, 3) in
+            metres, and the action.
+        shapes: (n + 1, V, 3) the rope at rest before, between and after, metres.
+        radius: of the rope, metres.
+        move_time: from grasp to release, seconds.
+        rate_hz: waypoints a second.
+        config: heights and speeds.
+
+    Raises:
+        ValueError: a rate that is not above 0, or heights too low to pass above the rope.
+    """
+    if not rate_hz > 0.0:
+        raise ValueError(f"the rate must be above 0 Hz, got {rate_hz}")
+    _check_heights(shapes, radius, config)
+    rows: list[tuple[NDArray, bool, int, str, str]] = []
+    here: NDArray | None = None
+    for step, (times, gripper, action) in enumerate(grippers):
+        drag = _drag(np.asarray(times), np.asarray(gripper, np.float64), move_time, rate_hz)
+        for phase in _phases(here, drag, rate_hz, config):
+            rows.extend(
+                (place, phase.closed, step, action, phase.name) for place in phase.positions
+            )
+        here = rows[-1][0]
+    return Waypoints(
+        times=np.arange(len(rows)) / rate_hz,
+        positions=np.array([row[0] for row in rows]).reshape(-1, 3),
+        closed=np.array([row[1] for row in rows], bool),
+        step=np.array([row[2] for row in rows], np.int64),
+        actions=tuple(row[3] for row in rows),
+        phases=tuple(row[4] for row in rows),
+    )
+
+
+def _phases(
+    here: NDArray | None, drag: NDArray, rate_hz: float, config: GripperConfig
+) -> list[_Phase]:
+    """What the gripper does for one step, coming from `here` (3,), or beginning above the grasp.
+
+    `drag` (n + 1, 3) begins at the grasp point.
+    """
+    grasp, release = drag[0], drag[-1]
+    above = np.array([*grasp[:2], config.approach_height])
+    up = np.array([*release[:2], config.retreat_height])
+    travel = above[None] if here is None else _move(here, above, config.travel_speed, rate_hz)
+    return [
+        _Phase("travel", travel, closed=False),
+        _Phase("descend", _move(above, grasp, config.vertical_speed, rate_hz), closed=False),
+        _Phase("close", _stay(grasp, config.close_time, rate_hz), closed=True),
+        _Phase("drag", drag[1:], closed=True),
+        _Phase("open", _stay(release, config.open_time, rate_hz), closed=False),
+        _Phase("rise", _move(release, up, config.vertical_speed, rate_hz), closed=False),
+    ]
+
+
+def _drag(times: NDArray, gripper: NDArray, move_time: float, rate_hz: float) -> NDArray:
+    """The recorded gripper path (T, 3) from grasp to release at (n + 1, 3) even times.
+
+    A cubic with the neighbouring frames' slopes runs through the frames: at ten frames a second it
+    stays within about a millimetre of the spline, where straight lines would cut its corners.
+    """
+    count = _intervals(move_time, rate_hz)
+    at = np.linspace(0.0, move_time, count + 1)
+    slope = np.gradient(gripper, times, axis=0)
+    slope[[0, -1]] = 0.0  # it starts and ends at rest
+    frame = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
+    span = (times[frame + 1] - times[frame])[:, None]
+    u = (at[:, None] - times[frame, None]) / span
+    path = (
+        (1 + 2 * u) * (1 - u) ** 2 * gripper[frame]
+        + u * (1 - u) ** 2 * span * slope[frame]
+        + u**2 * (3 - 2 * u) * gripper[frame + 1]
+        + u**2 * (u - 1) * span * slope[frame + 1]
+    )
+    path[-1] = gripper[-1]  # where it lets go, whether or not a frame falls on that moment
+    return path
+
+
+def _move(begin: NDArray, end: NDArray, speed: float, rate_hz: float) -> NDArray:
+    """Positions (n, 3) along a straight line from rest to rest, `begin` left out."""
+    # The smooth step 3u^2 - 2u^3 is at most 1.5 times as fast as its mean.
+    count = _intervals(1.5 * float(np.linalg.norm(end - begin)) / speed, rate_hz)
+    u = np.linspace(0.0, 1.0, count + 1)[1:, None]
+    return begin + u**2 * (3.0 - 2.0 * u) * (end - begin)
+
+
+def _stay(place: NDArray, seconds: float, rate_hz: float) -> NDArray:
+    return np.repeat(place[None], _intervals(seconds, rate_hz), axis=0)
+
+
+def _intervals(seconds: float, rate_hz: float) -> int:
+    """At least one; a billionth is forgiven so that 1.8 s at 10 Hz are 18 intervals."""
+    return max(1, int(np.ceil(seconds * rate_hz - 1e-9)))
+
+
+def _check_heights(shapes: NDArray, radius: float, config: GripperConfig) -> None:
+    top = float(shapes[..., 2].max()) + radius
+    for name in ("approach_height", "retreat_height"):
+        height = getattr(config, name)
+        if not height >= top + config.clearance:
+            raise ValueError(
+                f"gripper.{name} is {height:g} m, but the rope lies up to {top:.3f} m high and "
+                f"gripper.clearance is {config.clearance:g} m: take at least "
+                f"{top + config.clearance:.3f} m"
+            )

@@ -1,0 +1,90 @@
+"""Adapted QT-Opt's two losses (Sec. V-B b, Fig. 5) as TorchRL loss modules.
+
+TorchRL has no QT-Opt, and its ReinforceLoss wants one action a state and brings a value loss of its
+own; here many splines share a rope, whose trunk must run once. Both modules read a batch as
+`buffer.TrialBuffer.sample` makes it, with S ropes and N trials:
+
+| key                   | shape      | what                                                    |
+|-----------------------|------------|---------------------------------------------------------|
+| states                | TensorDict [S] | encoded ropes, see `primitives.encoding`            |
+| owner                 | (N,) int64 | the rope of each trial                                  |
+| spline                | (N, 6)     | in network space                                        |
+| reward                | (N,)       | 1 where the trial succeeded, else 0                     |
+| baseline              | (N,)       | mean reward of the trials known from the same rope      |
+| weight                | (N,)       | of the trial in the batch, of mean 1                    |
+| next_value (optional) | (N,)       | max Q of the next action at the trial's end shape       |
+"""
+
+from __future__ import annotations
+
+from tensordict import TensorDict
+from torch.nn.functional import binary_cross_entropy_with_logits
+from torchrl.objectives import LossModule
+
+from knotflow.primitives.networks import Actor, Critic
+
+
+class CriticLoss(LossModule):
+    """Cross-entropy between the critic and QT-Opt's target r + gamma max Q of what comes next.
+
+    A single-step task ends with its action, so its target is the binary reward. In a task of
+    several steps (Sec. V-B c) the reward comes at the end, and `next_value` stands for it before.
+    """
+
+    def __init__(self, critic: Critic, gamma: float = 1.0) -> None:
+        super().__init__()
+        self.convert_to_functional(critic, "critic")
+        self.gamma = gamma
+
+    def forward(self, tensordict: TensorDict) -> TensorDict:
+        """Gives `loss_critic`, and as `accuracy` the share of trials judged rightly."""
+        target = tensordict["reward"]
+        next_value = tensordict.get("next_value", None)
+        if next_value is not None:
+            target = (target + self.gamma * next_value).clamp(0, 1)
+        with self.critic_params.to_module(self.critic):
+            logit = self.critic(tensordict["states"], tensordict["spline"], tensordict["owner"])
+        loss = binary_cross_entropy_with_logits(logit, target, weight=tensordict["weight"])
+        accuracy = ((logit.detach() > 0) == (target > 0.5)).float().mean()
+        return TensorDict({"loss_critic": loss, "accuracy": accuracy})
+
+
+class ActorLoss(LossModule):
+    """REINFORCE from the replay buffer: -(r - b) log pi(a | s), kept from running away.
+
+    The data are not the actor's own. A success pulls the Gaussian towards it and can do so for
+    ever: with b = 0 this is reward-weighted maximum likelihood, whose optimum is the Gaussian
+    closest to the behaviour's successes. A failure pushes, and as -log pi has no lower bound, a
+    failure that the actor would not propose any more would go on pushing. So a failure counts only
+    as far as its density is within `reach` of the actor's own typical density. (Importance
+    weights, the textbook's cure, could not be stabilised by the paper either, Sec. VII-B1.)
+    """
+
+    def __init__(self, actor: Actor, failure_weight: float = 0.0, reach: float = 3.0) -> None:
+        super().__init__()
+        self.convert_to_functional(actor, "actor")
+        self.failure_weight, self.reach = failure_weight, reach
+
+    def forward(self, tensordict: TensorDict) -> TensorDict:
+        """Gives `loss_actor`, and as `spread` the mean standard deviation, whitened units."""
+        with self.actor_params.to_module(self.actor):
+            gaussian = self.actor.distribution(tensordict["states"])
+        owner, reward = tensordict["owner"], tensordict["reward"]
+        each = gaussian.expand(gaussian.batch_shape)
+        each = type(each)(
+            gaussian.loc[owner], scale_tril=gaussian._unbroadcasted_scale_tril[owner],
+            validate_args=False,
+        )  # fmt: skip
+        log_prob = each.log_prob(tensordict["spline"])
+        typical = -each.entropy().detach()  # the mean of log pi under pi
+        advantage = reward - self.failure_weight * tensordict["baseline"]
+        near = log_prob.detach() > typical - self.reach
+        counted = (advantage > 0) | near
+        scale = (tensordict["weight"] * advantage.abs() * counted).sum().clamp(min=1.0)
+        pull = tensordict["weight"] * advantage * counted * log_prob
+        return TensorDict(
+            {
+                "loss_actor": -pull.sum() / scale,
+                "spread": gaussian.stddev.detach().mean(),
+            }
+        )

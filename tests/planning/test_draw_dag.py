@@ -1,0 +1,44 @@
+import pytest
+
+from knotflow.planning import Goal
+from knotflow.planning.draw_dag import dag_figure, draw_dag
+from knotflow.planning.pictures import SPLINE, styled
+from knotflow.topology import TopologicalState, parse_action
+
+OVERHAND = TopologicalState.parse("4o1+2o5+6o3+")
+PATH = [parse_action(text) for text in ("R1(0,1,1)", "C(0,1,1)", "C(2,0,1)")]
+
+
+def test_every_state_and_action_is_named_and_the_path_is_lit():
+    dag = Goal.state(OVERHAND).dag
+    with styled():
+        figure = dag_figure(dag, PATH)
+    texts = {text.get_text(): text.get_color() for text in figure.axes[0].texts}
+    assert {str(state) for state in dag.graph} <= set(texts)
+    for state in dag.graph:
+        for action, _ in dag.edges_from(state):
+            assert (texts[str(action)] == SPLINE) == (action in PATH)
+    assert len(figure.axes) == 1 + len(dag)  # a diagram for each state
+
+
+def test_it_is_written_in_several_formats(tmp_path):
+    dag = Goal.path(PATH).dag
+    paths = [tmp_path / "dag.svg", tmp_path / "dag.png"]
+    draw_dag(dag, paths, PATH)
+    assert all(2_000 < path.stat().st_size < 500_000 for path in paths)
+    before = paths[0].read_bytes()
+    draw_dag(dag, paths[:1], PATH)
+    assert paths[0].read_bytes() == before
+
+
+def test_a_path_that_leaves_the_dag_is_refused():
+    dag = Goal.state(OVERHAND).dag
+    with pytest.raises(ValueError, match="no edge C"):
+        with styled():
+            dag_figure(dag, PATH[1:])
+    with styled():
+        dag_figure(
+            dag.after(TopologicalState.trivial().apply(PATH[0])),
+            PATH[1:],
+            TopologicalState.trivial().apply(PATH[0]),
+        )

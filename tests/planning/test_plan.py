@@ -1,0 +1,63 @@
+import json
+
+import numpy as np
+import pytest
+
+from knotflow.planning import KnotPlan, PlanFormatError
+
+
+def test_shapes_and_states_go_from_start_to_goal(plan):
+    assert len(plan.shapes) == len(plan.states) == len(plan.steps) + 1
+    assert plan.splines.shape == (3, 6)
+    assert plan.states[-1] in plan.goal_states
+    np.testing.assert_array_equal(plan.shapes[0], plan.start)
+    np.testing.assert_array_equal(plan.shapes[-1], plan.steps[-1].end)
+
+
+def test_control_points_lie_where_the_gripper_goes(plan):
+    for controls, step in zip(plan.controls, plan.steps, strict=True):
+        np.testing.assert_allclose(controls[0], step.gripper[0], atol=1e-6)
+        np.testing.assert_allclose(controls[2], step.gripper[-1], atol=1e-6)
+
+
+def test_json_gives_the_plan_back(plan):
+    again = KnotPlan.from_json(plan.to_json())
+    for name in ("goal", "goal_states", "solved", "reason", "start_state", "tried", "branches"):
+        assert getattr(again, name) == getattr(plan, name)
+    for name in ("nodes", "seconds", "sampling_seconds", "simulation_seconds"):
+        assert getattr(again, name) == getattr(plan, name)
+    np.testing.assert_array_equal(again.shapes, plan.shapes)
+    np.testing.assert_array_equal(again.splines, plan.splines)
+    assert (again.actions, again.states) == (plan.actions, plan.states)
+    for one, other in zip(again.steps, plan.steps, strict=True):
+        np.testing.assert_array_equal(one.start, other.start)
+        np.testing.assert_allclose(one.trajectory, other.trajectory, atol=1e-6)
+        np.testing.assert_allclose(one.gripper, other.gripper, atol=1e-6)
+    assert again.to_json() == plan.to_json()
+
+
+def test_json_without_trajectories_still_gives_waypoints(plan):
+    text = plan.to_json(trajectories=False)
+    assert len(text) < len(plan.to_json()) / 3
+    again = KnotPlan.from_json(text)
+    np.testing.assert_allclose(again.waypoints().positions, plan.waypoints().positions, atol=2e-6)
+
+
+def test_what_is_no_plan_is_refused(plan):
+    data = json.loads(plan.to_json())
+    for text, message in [
+        ("{", "not JSON"),
+        ("[]", "no plan"),
+        (json.dumps(data | {"version": 99}), "version 99"),
+        (json.dumps({key: data[key] for key in data if key != "start_m"}), "no 'start_m'"),
+        (json.dumps(data | {"start_state": "knotty"}), "knotty"),
+    ]:
+        with pytest.raises(PlanFormatError, match=message):
+            KnotPlan.from_json(text)
+
+
+def test_the_summary_names_the_path_and_the_size_of_the_tree(plan):
+    text = plan.summary()
+    assert all(str(action) in text for action in plan.actions)
+    assert f"{plan.branches} branches" in text
+    assert "NOT" not in text

@@ -1,0 +1,142 @@
+import numpy as np
+import pytest
+
+from knotflow.planning import ROPE_NAMES, RopeInputError, lay_down, parse_rope, read_rope
+from knotflow.simulation import RopeConfig, check_points, straight
+from knotflow.topology import TopologicalState
+from knotflow.topology.draw import draw
+
+ROPE = RopeConfig()
+OVERHAND = TopologicalState.parse("4o1+2o5+6o3+")
+
+
+def bow(count):
+    """A gently bent rope of 1 m, (count, 3)."""
+    angle = np.linspace(-0.5, 0.5, count)
+    return np.stack([np.sin(angle), np.cos(angle) - 0.9, np.zeros(count)], axis=1)
+
+
+def write(folder, points, name="rope.csv", header="x,y,z"):
+    np.savetxt(folder / name, points, delimiter=",", header=header, comments="")
+    return folder / name
+
+
+@pytest.mark.parametrize("name", ROPE_NAMES)
+def test_generated_ropes_are_untangled(name):
+    points = parse_rope(name, ROPE, np.random.default_rng(0))
+    check_points(points, ROPE)
+    assert TopologicalState.from_curve(points) == TopologicalState.trivial()
+
+
+def test_the_seed_draws_the_random_rope():
+    draws = [parse_rope("random", ROPE, np.random.default_rng(seed)) for seed in (1, 1, 2)]
+    np.testing.assert_array_equal(draws[0], draws[1])
+    assert not np.array_equal(draws[0], draws[2])
+
+
+@pytest.mark.parametrize("count", [5, 41, 400])
+@pytest.mark.parametrize("header", ["x,y,z", ""])
+def test_a_csv_of_any_number_of_points_is_resampled(tmp_path, count, header):
+    curve = bow(count)
+    curve[:, 2] = 0.3  # a table of any height
+    path = tmp_path / "rope.csv"
+    np.savetxt(path, curve, delimiter=",", header=header, comments="")
+    points = parse_rope(str(path), ROPE, np.random.default_rng(0))
+    check_points(points, ROPE)
+    np.testing.assert_allclose(points[:, 2], ROPE.radius)
+    # Corners of a coarse file are cut by up to a hundredth of its rope.
+    np.testing.assert_allclose(points[[0, -1], :2], curve[[0, -1], :2], atol=0.015)
+
+
+def test_npy_and_csv_agree(tmp_path):
+    np.save(tmp_path / "rope.npy", bow(30))
+    from_npy = read_rope(tmp_path / "rope.npy", ROPE)
+    np.testing.assert_allclose(from_npy, read_rope(write(tmp_path, bow(30)), ROPE), atol=1e-12)
+
+
+def test_a_rope_of_the_model_stays_as_it_is(tmp_path):
+    np.save(tmp_path / "rope.npy", straight(ROPE))
+    np.testing.assert_allclose(read_rope(tmp_path / "rope.npy", ROPE), straight(ROPE), atol=1e-9)
+
+
+@pytest.mark.parametrize("gap", [0.002, 0.016, 0.3])
+def test_a_tangled_rope_keeps_its_state_and_gets_room_at_its_crossings(gap):
+    fine = RopeConfig(links=80, radius=0.004)
+    curve = draw(OVERHAND, gap=gap)
+    points = lay_down(curve, fine)
+    check_points(points, fine)
+    assert TopologicalState.from_curve(points) == OVERHAND
+    assert points[:, 2].max() < 8 * fine.radius
+    assert points[:, 2].min() >= 0.9 * fine.radius
+
+
+def test_a_rope_at_rest_keeps_its_heights():
+    fine = RopeConfig(links=80, radius=0.004)
+    resting = lay_down(draw(OVERHAND, gap=0.002), fine)
+    np.testing.assert_allclose(lay_down(resting, fine), resting, atol=1e-6)
+
+
+def replaced(points, index, value):
+    points = points.copy()
+    points[index] = value
+    return points
+
+
+def crossing_flat():
+    """A loop whose strands cross at one height."""
+    angle = np.linspace(-4.2, 4.2, 100)
+    curve = np.stack([0.12 * np.sin(angle) + 0.01 * angle, 0.12 * np.cos(angle), 0 * angle], axis=1)
+    return curve / np.linalg.norm(np.diff(curve, axis=0), axis=1).sum()
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        (replaced(bow(20), (3, 1), np.nan), r"point 3 \(counted from 0\).*nan"),
+        (replaced(bow(20), (4, 0), np.inf), "point 4"),
+        (bow(4), "4 points are too few"),
+        (bow(20)[:, :2], r"shape \(20, 2\)"),
+        (np.ones((9, 3)), "all points are the same"),
+        (2.0 * bow(20), "2 m long"),
+        (bow(20) + [0.4, 0, 0], "out of the splines' reach"),
+        (np.concatenate([bow(20)[:11], bow(20)[9::-1]]), "neither an end nor two strands"),
+        (crossing_flat(), "z must say which one is on top"),
+    ],
+)
+def test_a_file_that_is_no_rope_is_refused_with_the_reason(tmp_path, points, message):
+    with pytest.raises(RopeInputError, match=message) as caught:
+        read_rope(write(tmp_path, points, header=""), ROPE)
+    assert "rope.csv" in str(caught.value)
+
+
+def test_a_fold_is_too_sharp_for_the_links(tmp_path):
+    fold = [[0, 0, 0], [0.4, 0, 0], [0.4, 0.01, 0], [-0.18, 0.02, 0], [-0.19, 0.02, 0]]
+    with pytest.raises(RopeInputError, match=r"at \[0.4.* bends by"):
+        read_rope(write(tmp_path, np.array(fold)), ROPE)
+
+
+def test_crossings_finer_than_the_links_are_refused(tmp_path):
+    coarse = RopeConfig(links=8)
+    write(tmp_path, draw(OVERHAND))
+    with pytest.raises(RopeInputError, match="resolve|bends by"):
+        read_rope(tmp_path / "rope.csv", coarse)
+
+
+def test_what_is_no_rope_at_all_names_what_would_be(tmp_path):
+    rng = np.random.default_rng(0)
+    with pytest.raises(RopeInputError, match="straight, arc, random"):
+        parse_rope("strait", ROPE, rng)
+    with pytest.raises(RopeInputError, match="no such rope file"):
+        parse_rope(str(tmp_path / "missing.csv"), ROPE, rng)
+    (tmp_path / "text.csv").write_text("x,y,z\n0,0,0\n1,one,0\n")
+    with pytest.raises(RopeInputError, match="not a table of numbers"):
+        parse_rope(str(tmp_path / "text.csv"), ROPE, rng)
+    (tmp_path / "ragged.csv").write_text("0,0,0\n1,0\n")
+    with pytest.raises(RopeInputError, match="not a table of numbers"):
+        parse_rope(str(tmp_path / "ragged.csv"), ROPE, rng)
+    (tmp_path / "broken.npy").write_bytes(b"nothing")
+    with pytest.raises(RopeInputError, match="not a table of numbers"):
+        parse_rope(str(tmp_path / "broken.npy"), ROPE, rng)
+    (tmp_path / "empty.csv").write_text("")
+    with pytest.raises(RopeInputError, match="shape"):
+        parse_rope(str(tmp_path / "empty.csv"), ROPE, rng)

@@ -1,0 +1,227 @@
+import numpy as np
+import pytest
+
+from knotflow.demonstrations.aim import aim
+from knotflow.planning import (
+    Goal,
+    PlannerConfig,
+    TreeSearch,
+    UnreachableGoalError,
+    parse_goal,
+    plan_knot,
+)
+from knotflow.planning.branches import DIVERGED, Node
+from knotflow.simulation import RopeSimulator, SimulationConfig, spline_path, straight
+from knotflow.topology import TopologicalState, parse_action
+
+TRIVIAL = TopologicalState.trivial()
+OVERHAND = TopologicalState.parse("4o1+2o5+6o3+")
+
+
+def search(goal, world, seed=0, start=None, progress=None, **config):
+    points = straight(world.config.rope) if start is None else start
+    rng = np.random.default_rng(seed)
+    return plan_knot(points, goal, world, world, rng, PlannerConfig(**config), progress)
+
+
+def assert_valid(plan, goal):
+    """Every step is an edge of the DAG, begins where the last ended, and the last is a goal."""
+    shape, state = plan.start, plan.start_state
+    for step in plan.steps:
+        np.testing.assert_array_equal(step.start, shape)
+        assert step.start_state == state
+        assert (step.action, step.end_state) in goal.dag.edges_from(state)
+        assert TopologicalState.from_curve(step.end) == step.end_state
+        shape, state = step.end, step.end_state
+    assert plan.solved
+    assert state in goal.states
+
+
+def grown(goal, world, distances_of, **config):
+    """A search whose tree has the given nodes besides the root."""
+    tree = TreeSearch(
+        straight(world.config.rope),
+        goal,
+        world,
+        world,
+        np.random.default_rng(0),
+        PlannerConfig(**config),
+    )
+    for state, failures in distances_of:
+        tree.nodes.append(Node(tree.nodes[0].points, state, goal.dag.distance(state)))
+        tree.nodes[-1].failures = failures
+    return tree
+
+
+def path_states(goal):
+    states, state = [TRIVIAL], TRIVIAL
+    while edges := goal.dag.edges_from(state):
+        state = edges[0][1]
+        states.append(state)
+    return states
+
+
+def test_a_perfect_sampler_and_a_strong_bias_need_as_many_branches_as_actions(world, path_goal):
+    plan = search(path_goal, world(), bias=1e6)
+    assert_valid(plan, path_goal)
+    assert plan.branches == 3
+    assert plan.nodes == 4
+    assert [str(action) for action in plan.actions] == ["R1(0,1,1)", "C(0,1,1)", "C(2,0,1)"]
+
+
+def test_nearer_nodes_are_likelier_by_the_bias_for_each_edge(world, path_goal):
+    _, one, two, _ = path_states(path_goal)
+    tree = grown(path_goal, world(), [(one, 0), (two, 0), (one, 0)], bias=4.0)
+    np.testing.assert_allclose(tree.node_probabilities(), np.array([1, 4, 16, 4]) / 25)
+
+
+def test_failures_do_not_count_by_default_and_count_when_asked(world, path_goal):
+    _, one, two, _ = path_states(path_goal)
+    nodes = [(one, 3), (two, 2)]
+    paper = grown(path_goal, world(), nodes, bias=4.0)
+    np.testing.assert_allclose(paper.node_probabilities(), np.array([1, 4, 16]) / 21)
+    option = grown(path_goal, world(), nodes, bias=4.0, failure_discount=0.5)
+    np.testing.assert_allclose(option.node_probabilities(), np.array([1, 0.5, 4]) / 5.5)
+
+
+def test_many_failures_do_not_underflow(world, path_goal):
+    _, one, _, _ = path_states(path_goal)
+    tree = grown(path_goal, world(), [(one, 100_000)], failure_discount=0.5)
+    tree.nodes[0].failures = 100_000
+    assert tree.node_probabilities().sum() == pytest.approx(1.0)
+
+
+def test_outgoing_edges_are_chosen_evenly(world):
+    goal = Goal.named("overhand")
+    sampler = world(chance=0.0)
+    search(goal, sampler, batch=50, max_branches=2000)
+    counts: dict[str, int] = {}
+    for _, action, count in sampler.requests:
+        counts[action] = counts.get(action, 0) + count
+    assert len(counts) == len(goal.dag.edges_from(TRIVIAL)) == 4
+    assert min(counts.values()) > 400  # 500 each; a fair draw is below 400 once in a million
+
+
+@pytest.mark.parametrize("batch", [1, 7])
+def test_every_simulated_spline_is_a_branch(world, path_goal, batch):
+    sampler, updates = world(chance=0.3), []
+    plan = search(path_goal, sampler, batch=batch, progress=updates.append)
+    assert plan.branches == sum(sampler.batches) == sum(tried.branches for tried in plan.tried)
+    assert set(sampler.batches) == {batch}
+    assert [update.branches for update in updates] == list(np.cumsum(sampler.batches))
+    assert sum(attempt.success for u in updates for attempt in u.attempts) == plan.nodes - 1
+    assert all(len(update.attempts) == len(update.rollouts) for update in updates)
+    assert updates[-1].distance == 0
+
+
+def test_a_batch_asks_the_sampler_once_for_each_node_and_action(world, path_goal):
+    sampler = world()
+    search(path_goal, sampler, batch=16)
+    assert sampler.requests[0] == ("trivial", "R1(0,1,1)", 16)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("batch", [1, 16])
+def test_plans_are_valid_whatever_the_batch(world, batch, seed):
+    goal = Goal.named("overhand")
+    assert_valid(search(goal, world(chance=0.3), seed, batch=batch), goal)
+
+
+@pytest.mark.parametrize("batch", [1, 8])
+def test_the_seed_decides_everything(world, path_goal, batch):
+    one, same, other = (
+        search(path_goal, world(chance=0.2), seed, batch=batch) for seed in (3, 3, 4)
+    )
+    np.testing.assert_array_equal(one.splines, same.splines)
+    assert one.branches == same.branches
+    assert not np.array_equal(one.splines, other.splines)
+
+
+def test_only_the_given_path_is_followed(world, path_goal):
+    sampler = world(chance=0.3)
+    search(path_goal, sampler, batch=4)
+    assert {action for _, action, _ in sampler.requests} <= {"R1(0,1,1)", "C(0,1,1)", "C(2,0,1)"}
+
+
+def test_a_failed_search_tells_what_it_tried_and_why_it_stopped(world, path_goal):
+    plan = search(path_goal, world(chance=0.0), batch=8, max_branches=30)
+    assert not plan.solved
+    assert plan.branches == 30  # the last batch is cut short
+    assert "30 branches" in plan.reason
+    assert plan.steps == ()
+    (tried,) = plan.tried
+    assert (str(tried.action), tried.success, tried.branches) == ("R1(0,1,1)", False, 30)
+    assert "0 of 30" in plan.summary()
+
+
+def test_a_failed_search_returns_how_far_it_came(world):
+    goal = parse_goal("R1(0,1,1) C(0,1,1)")
+
+    class Half(world):
+        def sample(self, points, action, count, rng):
+            self.chance = float(str(action) == "R1(0,1,1)")
+            return super().sample(points, action, count, rng)
+
+    plan = search(goal, Half(), max_branches=20)
+    assert not plan.solved
+    assert [str(action) for action in plan.actions] == ["R1(0,1,1)"]
+
+
+def test_seconds_end_a_search(world, path_goal):
+    plan = search(path_goal, world(chance=0.0), max_seconds=1e-9)
+    assert (plan.solved, plan.branches) == (False, 0)
+    assert "1e-09 s" in plan.reason
+
+
+def test_a_diverged_branch_fails(world, path_goal):
+    plan = search(path_goal, world(chance=1.0, diverges=True), max_branches=5)
+    assert not plan.solved
+    assert {tried.outcome for tried in plan.tried} == {DIVERGED}
+
+
+def test_a_tangled_rope_goes_on_from_its_state(world, shape_of):
+    goal = Goal.named("pentagram")
+    plan = search(goal, world(), start=shape_of(OVERHAND), bias=1e6)
+    assert_valid(plan, goal)
+    assert plan.start_state == OVERHAND
+    assert len(plan.steps) == 2
+
+
+def test_a_tied_rope_needs_no_branch(world, shape_of):
+    plan = search(Goal.named("overhand"), world(), start=shape_of(OVERHAND))
+    assert (plan.solved, plan.branches, plan.steps) == (True, 0, ())
+    assert "already" in plan.reason
+
+
+def test_a_rope_tangled_otherwise_is_refused(world, shape_of):
+    with pytest.raises(UnreachableGoalError, match="only add crossings"):
+        search(Goal.named("unknot"), world(), start=shape_of(OVERHAND))
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("bias", 0.5), ("batch", 0), ("max_branches", 0), ("max_seconds", 0), ("failure_discount", 0)],
+)
+def test_senseless_settings_are_refused(field, value):
+    with pytest.raises(ValueError, match=f"planner.{field}"):
+        PlannerConfig(**{field: value})
+
+
+def test_a_real_search_ties_a_loop():
+    class Aim:
+        def sample(self, points, action, count, rng):
+            return aim(points, action, count, rng)
+
+    simulator = RopeSimulator(SimulationConfig(threads=1))
+    goal = parse_goal("R1(0,1,1)", simulator.config.rope)
+    start = straight(simulator.config.rope)
+    rng = np.random.default_rng(0)
+    plan = plan_knot(start, goal, Aim(), simulator, rng, PlannerConfig(batch=8, max_branches=80))
+    assert_valid(plan, goal)
+    assert plan.actions == (parse_action("R1(0,1,1)"),)
+    # The rope held still by the last frame is the end shape, and the waypoints follow the spline.
+    np.testing.assert_allclose(plan.steps[0].trajectory[-1], plan.shapes[-1], atol=1e-6)
+    waypoints = plan.waypoints(50.0)
+    drag = waypoints.positions[np.array(waypoints.phases) == "drag"]
+    path = spline_path(plan.controls[0], np.linspace(0, 1, 2001))
+    assert np.linalg.norm(drag[:, None] - path[None], axis=-1).min(axis=1).max() < 2e-3

@@ -1,0 +1,106 @@
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from knotflow.planning import GripperConfig
+from knotflow.planning.waypoints import COLUMNS
+from knotflow.simulation import spline_path
+
+ORDER = ["travel", "descend", "close", "drag", "open", "rise"]
+
+
+def runs(values):
+    """The values without repetitions."""
+    return [value for k, value in enumerate(values) if k == 0 or values[k - 1] != value]
+
+
+@pytest.mark.parametrize("rate", [7.0, 20.0, 100.0])
+def test_waypoints_are_evenly_spaced_and_go_through_all_phases(plan, rate):
+    waypoints = plan.waypoints(rate)
+    np.testing.assert_allclose(np.diff(waypoints.times), 1 / rate)
+    assert waypoints.times[0] == 0.0
+    assert runs(waypoints.phases) == ORDER * len(plan.steps)
+    assert runs(waypoints.step.tolist()) == [0, 1, 2]
+    assert runs(waypoints.actions) == [str(action) for action in plan.actions]
+
+
+def test_the_gripper_is_closed_while_it_drags_and_moves_only_then(plan):
+    waypoints = plan.waypoints(50.0)
+    phases = np.array(waypoints.phases)
+    np.testing.assert_array_equal(waypoints.closed, np.isin(phases, ["close", "drag"]))
+    speed = np.linalg.norm(np.diff(waypoints.positions, axis=0), axis=1)
+    # It stands still while it closes and while it lets go.
+    assert speed[np.isin(phases[1:], ["close", "open"])].max() == 0.0
+
+
+def test_the_gripper_drags_along_the_spline(plan):
+    waypoints = plan.waypoints(100.0)
+    phases = np.array(waypoints.phases)
+    for index, controls in enumerate(plan.controls):
+        drag = waypoints.positions[(phases == "drag") & (waypoints.step == index)]
+        path = spline_path(controls, np.linspace(0, 1, 2001))
+        off = np.linalg.norm(drag[:, None] - path[None], axis=-1).min(axis=1)
+        assert off.max() < 1e-3
+        np.testing.assert_allclose(drag[-1], controls[2], atol=1e-6)
+        close = waypoints.positions[(phases == "close") & (waypoints.step == index)]
+        np.testing.assert_allclose(close[0], controls[0], atol=1e-6)
+        assert len(drag) == round(plan.move_time * 100.0)
+
+
+def test_open_it_stays_above_the_rope_but_straight_over_grasp_and_release(plan):
+    config = GripperConfig(approach_height=0.12, retreat_height=0.2)
+    waypoints = plan.waypoints(50.0, config)
+    phases = np.array(waypoints.phases)
+    travel = waypoints.positions[phases == "travel"]
+    assert travel[:, 2].min() >= 0.12 - 1e-12
+    for phase, point in (("descend", 0), ("rise", 2)):
+        for index, controls in enumerate(plan.controls):
+            places = waypoints.positions[(phases == phase) & (waypoints.step == index)]
+            np.testing.assert_allclose(
+                places[:, :2], controls[point, None, :2].repeat(len(places), 0), atol=1e-6
+            )
+    rises = waypoints.positions[phases == "rise"]
+    assert rises[-1, 2] == pytest.approx(0.2)
+
+
+def test_speeds_stay_within_their_limits(plan):
+    config = GripperConfig(travel_speed=0.2, vertical_speed=0.05)
+    waypoints = plan.waypoints(100.0, config)
+    phases = np.array(waypoints.phases[1:])
+    speed = np.linalg.norm(np.diff(waypoints.positions, axis=0), axis=1) * 100.0
+    assert speed[phases == "travel"].max() <= 0.2 + 1e-9
+    assert speed[np.isin(phases, ["descend", "rise"])].max() <= 0.05 + 1e-9
+
+
+def test_a_gripper_that_would_touch_the_rope_is_refused(plan):
+    for name in ("approach_height", "retreat_height"):
+        with pytest.raises(ValueError, match=f"{name}.*take at least"):
+            plan.waypoints(20.0, GripperConfig(**{name: 0.02}))
+
+
+def test_a_plan_without_steps_has_no_waypoints(plan):
+    assert len(replace(plan, steps=()).waypoints()) == 0
+
+
+def test_senseless_numbers_are_refused(plan):
+    with pytest.raises(ValueError, match="rate"):
+        plan.waypoints(0.0)
+    with pytest.raises(ValueError, match="travel_speed"):
+        GripperConfig(travel_speed=0.0)
+    with pytest.raises(ValueError, match="open_time"):
+        GripperConfig(open_time=-1.0)
+
+
+def test_the_csv_holds_every_waypoint(plan, tmp_path):
+    waypoints = plan.waypoints(20.0)
+    waypoints.to_csv(tmp_path / "waypoints.csv")
+    with (tmp_path / "waypoints.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert tuple(rows[0]) == COLUMNS
+    assert len(rows) == len(waypoints)
+    read = np.array([[float(row[name]) for name in ("x_m", "y_m", "z_m")] for row in rows])
+    np.testing.assert_allclose(read, waypoints.positions, atol=1e-6)
+    assert [row["closed"] == "1" for row in rows] == waypoints.closed.tolist()
+    assert [row["action"] for row in rows] == list(waypoints.actions)

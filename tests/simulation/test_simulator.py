@@ -1,0 +1,178 @@
+"""The simulator's contract: any spline, any thread count, and rope that stays on its side."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from knotflow.simulation import (
+    SPLINE_HIGH,
+    SPLINE_LOW,
+    RopeSimulator,
+    ShapeError,
+    SplineError,
+    random_curve,
+    resample,
+    straight,
+)
+from knotflow.topology import TopologicalState
+
+
+def random_batch(simulator, rng, count):
+    rope = simulator.config.rope
+    points = np.stack([random_curve(rope, rng) for _ in range(count)])
+    return points, rng.uniform(SPLINE_LOW, SPLINE_HIGH, (count, 6))
+
+
+def test_shapes_and_times(simulator, rng):
+    points, splines = random_batch(simulator, rng, 3)
+    rollouts = simulator.execute(points, splines)
+    frames = len(rollouts.times)
+    config = simulator.config
+    assert rollouts.times[0] == 0
+    assert rollouts.times[-1] == pytest.approx(config.move_time + config.settle_time)
+    assert frames == 26
+    assert rollouts.trajectory.shape == (3, frames, 41, 3)
+    assert rollouts.gripper.shape == (3, frames, 3)
+    assert rollouts.end_points.shape == points.shape
+    np.testing.assert_allclose(rollouts.trajectory[:, 0], points, atol=1e-6)
+    np.testing.assert_allclose(rollouts.trajectory[:, -1], rollouts.end_points, atol=1e-6)
+
+
+def test_random_splines_neither_explode_nor_stretch_nor_sink(simulator, rng):
+    points, splines = random_batch(simulator, rng, 96)
+    rollouts = simulator.execute(points, splines)
+    assert not rollouts.diverged.any()
+    lengths = np.linalg.norm(np.diff(rollouts.trajectory, axis=2), axis=-1)
+    np.testing.assert_allclose(lengths, simulator.config.rope.link_length, atol=1e-5)
+    assert rollouts.trajectory[..., 2].min() > 0  # no vertex below the table
+    speed = np.linalg.norm(np.diff(rollouts.trajectory, axis=1), axis=-1) / 0.1
+    assert speed.max() < 4.0  # the gripper itself moves at up to 1 m/s
+
+
+def test_the_rope_is_at_rest_before_and_after(simulator, rng):
+    points, splines = random_batch(simulator, rng, 32)
+    rollouts = simulator.execute(points, splines)
+    last = np.linalg.norm(rollouts.trajectory[:, -1] - rollouts.trajectory[:, -2], axis=-1)
+    assert np.median(last.max(axis=1)) < 0.005  # metres in the last tenth of a second
+    # Nothing moves before the gripper does: a spline that stays where it grasped changes little.
+    rope = simulator.config.rope
+    lying = straight(rope)
+    stay = np.array([0.5, lying[20, 0] + 0.0125, 0.0, 0.02, lying[20, 0] + 0.0125, 0.0])
+    kept = simulator.execute(lying[None], stay[None]).end_points[0]
+    assert np.linalg.norm(kept - lying, axis=1).max() < 0.02
+
+
+def test_the_gripper_takes_the_grasped_link_to_the_end_point(simulator, rng):
+    points, splines = random_batch(simulator, rng, 32)
+    rollouts = simulator.execute(points, splines)
+    released = np.searchsorted(rollouts.times, simulator.config.move_time)
+    link = np.minimum((splines[:, 0] * 40).astype(int), 39)
+    rows = np.arange(32)
+    centre = (
+        rollouts.trajectory[rows, released, link] + rollouts.trajectory[rows, released, link + 1]
+    ) / 2
+    distance = np.linalg.norm(centre - rollouts.gripper[rows, released], axis=1)
+    assert np.median(distance) < 0.01
+    np.testing.assert_allclose(rollouts.gripper[:, -1, :2], splines[:, 4:], atol=1e-5)
+
+
+def test_results_do_not_depend_on_threads_or_batches(simulator, rng):
+    points, splines = random_batch(simulator, rng, 5)
+    together = simulator.execute(points, splines)
+    single = RopeSimulator(replace(simulator.config, threads=1))
+    for i in range(5):
+        alone = single.execute(points[i : i + 1], splines[i : i + 1])
+        assert np.array_equal(alone.trajectory[0], together.trajectory[i])
+        assert np.array_equal(alone.end_points[0], together.end_points[i])
+
+
+def test_more_ropes_than_a_chunk(simulator, rng):
+    points, splines = random_batch(simulator, rng, 70)
+    together = simulator.execute(points, splines)
+    last = simulator.execute(points[-3:], splines[-3:])
+    assert np.array_equal(together.end_points[-3:], last.end_points)
+
+
+def test_rope_dragged_across_rope_stays_on_its_side(simulator):
+    """The tail is dragged over, then back against, the head: crossings never flip over to under."""
+    rope = simulator.config.rope
+    # A hook: the tail runs beside the head and is drawn over it, far and fast.
+    heading = np.linspace(0, 1.15 * np.pi, 60)
+    hook = np.stack([np.cumsum(np.cos(heading)), np.cumsum(np.sin(heading)), 0 * heading], axis=1)
+    points = resample(hook / np.linalg.norm(np.diff(hook, axis=0), axis=1).sum(), rope)
+    points[:, :2] -= points[:, :2].mean(axis=0)
+    points[:, 2] = rope.radius
+    across = points[8, :2] - (points[-1, :2] - points[8, :2]) * 0.5
+    over = np.array([0.99, *points[20, :2], 0.15, *np.clip(across, -0.6, 0.6)])
+    crossed = simulator.execute(points[None], over[None]).end_points[0]
+    state = TopologicalState.from_curve(crossed)
+    assert state.num_crossings > 0
+    # Dragging flat along the table cannot lift rope over rope: over stays over at every frame.
+    tops = set()
+    for shift in ((0.25, 0.0), (-0.25, 0.0), (0.0, 0.25), (0.0, -0.25)):
+        end = np.clip(crossed[20, :2] + shift, -0.6, 0.6)
+        drag = np.array([0.5, *((crossed[20, :2] + end) / 2), 0.02, *end])
+        trajectory = simulator.execute(crossed[None], drag[None]).trajectory[0]
+        tops |= flipped(trajectory)
+    assert not tops
+
+
+def flipped(trajectory):
+    """Pairs of links whose strands change over for under between frames while they cross."""
+    pairs = set()
+    signs = None
+    for frame in trajectory.astype(float):
+        start, step = frame[:-1], np.diff(frame, axis=0)
+        u, v = step[:, None, :], step[None, :, :]
+        gap = start[None] - start[:, None]
+        turn = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            s = (gap[..., 0] * v[..., 1] - gap[..., 1] * v[..., 0]) / turn
+            t = (gap[..., 0] * u[..., 1] - gap[..., 1] * u[..., 0]) / turn
+        crossing = (s > 0) & (s < 1) & (t > 0) & (t < 1)
+        height = (
+            gap[..., 2]
+            + np.where(crossing, t, 0) * v[..., 2]
+            - np.where(crossing, s, 0) * u[..., 2]
+        )
+        now = np.where(crossing, np.sign(height), 0)
+        if signs is not None:
+            pairs |= {tuple(pair) for pair in np.argwhere(signs * now < 0).tolist()}
+        signs = now
+    return pairs
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_empty_and_single_batches(simulator, rng, count):
+    points, splines = random_batch(simulator, rng, 2)
+    assert len(simulator.execute(points[:count], splines[:count])) == count
+
+
+def test_bad_input_is_refused(simulator, rng):
+    points, splines = random_batch(simulator, rng, 2)
+    with pytest.raises(ShapeError):
+        simulator.execute(points[:, :-1], splines)
+    with pytest.raises(SplineError):
+        simulator.execute(points, splines + 2)
+    with pytest.raises(ValueError, match=r"\(B, V, 3\) and splines \(B, 6\)"):
+        simulator.execute(points, splines[:1])
+
+
+def test_a_rope_thrown_apart_is_marked_and_others_are_kept(rng):
+    """Physics that blows up is a marked failure, not an exception and not a neighbour's."""
+    from knotflow.simulation import RopeConfig, SimulationConfig
+
+    fragile = SimulationConfig(
+        rope=RopeConfig(joint_armature=0.0, joint_damping=0.0, density=1.0),
+        timestep=0.05,
+        contact_time=0.1,
+        threads=2,
+    )
+    simulator = RopeSimulator(fragile)
+    points, splines = random_batch(simulator, rng, 16)
+    rollouts = simulator.execute(points, splines)
+    assert rollouts.diverged.any()
+    lost = rollouts.diverged
+    np.testing.assert_array_equal(rollouts.end_points[lost], points[lost])
+    assert np.isfinite(rollouts.end_points).all()

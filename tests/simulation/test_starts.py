@@ -1,0 +1,133 @@
+"""One contract over every start generator, and starts made by executing actions."""
+
+import numpy as np
+import pytest
+
+from knotflow.demonstrations import aim
+from knotflow.simulation import (
+    RopeConfig,
+    StartsConfig,
+    arc,
+    attempt,
+    check_points,
+    random_curve,
+    reached,
+    resample,
+    straight,
+)
+from knotflow.topology import IllegalActionError, TopologicalState, parse_action
+
+ROPES = [RopeConfig(), RopeConfig(links=25, length=0.7, radius=0.005)]
+
+
+@pytest.mark.parametrize("rope", ROPES)
+@pytest.mark.parametrize(
+    "make", [straight, arc, lambda rope: random_curve(rope, np.random.default_rng(3))]
+)
+def test_untangled_starts_lie_on_the_table(rope, make):
+    points = make(rope)
+    check_points(points, rope)
+    np.testing.assert_allclose(points[:, 2], rope.radius)
+    np.testing.assert_allclose(points[:, :2].mean(axis=0), 0, atol=1e-9)
+    assert TopologicalState.from_curve(points) == TopologicalState.trivial()
+
+
+def test_an_arc_turns_left_by_its_angle():
+    rope = RopeConfig()
+    heading = np.diff(arc(rope, np.pi), axis=0)
+    angle = np.unwrap(np.arctan2(heading[:, 1], heading[:, 0]))
+    assert angle[-1] - angle[0] == pytest.approx(np.pi)
+
+
+def test_random_curves_keep_their_distance_and_differ(rng):
+    rope, config = RopeConfig(), StartsConfig()
+    curves = [random_curve(rope, rng, config) for _ in range(40)]
+    for points in curves:
+        assert np.abs(points[:, :2]).max() <= config.reach
+        gap = np.linalg.norm(points[:, None] - points[None], axis=-1)
+        assert gap[np.triu_indices(41, 8)].min() >= config.clearance
+    ends = np.array([points[0, :2] for points in curves])
+    assert ends.std(axis=0).min() > 0.1
+
+
+def test_equal_seeds_give_equal_starts():
+    rope = RopeConfig()
+    one, other = (random_curve(rope, np.random.default_rng(5)) for _ in range(2))
+    assert np.array_equal(one, other)
+
+
+def test_reached_starts_have_the_state_and_every_attempt_is_seen(simulator, rng):
+    actions = [parse_action("R1(0,1,1)"), parse_action("C(0,1,1)")]
+    goal = TopologicalState.trivial().apply(actions[0]).apply(actions[1])
+    seen = []
+    starts = reached(actions, 3, simulator, aim, rng, observe=seen.append)
+    assert starts.points.shape == (3, 41, 3)
+    for points in starts.points:
+        check_points(points, simulator.config.rope)
+        assert TopologicalState.from_curve(points) == goal
+    hits = sum(batch.success.sum() for batch in seen if batch.action == actions[1])
+    assert hits == starts.reached >= 3
+    assert len({points.tobytes() for points in starts.points}) == 3
+
+
+def test_hopeless_proposals_are_reported(simulator, rng):
+    def stay(points, action, count, rng):
+        middle = points[20]
+        return np.tile([0.5, *middle[:2], 0.02, *middle[:2]], (count, 1))
+
+    with pytest.raises(RuntimeError, match="hardly ever succeed"):
+        reached([parse_action("R1(0,1,1)")], 1, simulator, stay, rng, StartsConfig(rounds=1))
+
+
+def test_attempts_read_the_state_at_rest(simulator, rng):
+    action = parse_action("R1(0,1,1)")
+    points = straight(simulator.config.rope)
+    tried = attempt(
+        simulator, points, aim(points, action, 64, rng), action, TopologicalState.trivial()
+    )
+    assert 0 < tried.success.sum() < 64
+    for hit, end, state in zip(tried.success, tried.rollouts.end_points, tried.ends, strict=True):
+        if state is not None:
+            assert TopologicalState.from_curve(end) == state
+        assert hit == (state == tried.goal)
+
+
+def test_an_illegal_action_is_refused_before_anything_is_simulated(simulator):
+    points = straight(simulator.config.rope)
+    with pytest.raises(IllegalActionError):
+        attempt(
+            simulator,
+            points,
+            np.zeros((1, 6)),
+            parse_action("C(0,2,1)"),
+            TopologicalState.trivial(),
+        )
+
+
+@pytest.mark.parametrize("vertices", [2, 7, 300])
+def test_resampling_gives_the_rope_its_links(vertices):
+    rope = RopeConfig()
+    along = np.linspace(0, 1.2, vertices)
+    curve = np.stack([along, 0.1 * np.sin(3 * along), np.full(vertices, 0.008)], axis=1)
+    points = resample(curve, rope)
+    check_points(points, rope)
+    np.testing.assert_allclose(points[0], curve[0])
+
+
+def test_resampling_a_rope_changes_nothing():
+    points = arc(RopeConfig())
+    np.testing.assert_allclose(resample(points, RopeConfig()), points, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("curve", "message"),
+    [
+        (np.zeros((5, 2)), r"\(N, 3\)"),
+        (np.zeros((1, 3)), r"N >= 2"),
+        (np.zeros((5, 3)), "all its points are the same"),
+        (np.array([[0, 0, 0], [np.nan, 0, 0], [1, 0, 0]]), "point 1 is not"),
+    ],
+)
+def test_curves_that_are_none_are_refused(curve, message):
+    with pytest.raises(ValueError, match=message):
+        resample(curve, RopeConfig())

@@ -1,0 +1,88 @@
+"""One contract for every registered sampler, and what a wrong configuration is told."""
+
+import numpy as np
+import pytest
+
+from knotflow import samplers
+from knotflow.demonstrations import (
+    TASKS,
+    NoiseConfig,
+    Trials,
+    aim,
+    load_demonstrations,
+    noisy_copies,
+)
+from knotflow.samplers import SamplerConfig, build_sampler
+from knotflow.simulation import check_splines
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    """The output of a small `demonstrations` stage, its outcomes made up."""
+    folder = tmp_path_factory.mktemp("demonstrations")
+    (folder / "trials").mkdir()
+    rng = np.random.default_rng(0)
+    for number, one in enumerate(load_demonstrations()):
+        splines = noisy_copies(one.spline, 12, rng, NoiseConfig())
+        trials = Trials(
+            one.task.action, one.points[None], np.zeros(12, int), splines, rng.random(12) < 0.6
+        )
+        trials.save(folder / "trials" / f"{number}.npz")
+    return {"demonstrations": folder}
+
+
+@pytest.fixture(scope="module")
+def starts():
+    return {one.task: one.points for one in load_demonstrations()}
+
+
+@pytest.mark.parametrize("name", ["random", "icp"])
+@pytest.mark.parametrize("task", TASKS, ids=lambda task: task.name)
+def test_contract(name, task, inputs, starts):
+    sampler = build_sampler(SamplerConfig(name), inputs)
+    points = starts[task]
+    before = points.copy()
+    for count in (0, 1, 7):
+        splines = sampler.sample(points, task.action, count, np.random.default_rng(1))
+        assert splines.shape == (count, 6)
+        check_splines(splines)
+        again = sampler.sample(points, task.action, count, np.random.default_rng(1))
+        assert np.array_equal(splines, again)  # everything random comes from the generator
+    assert len(np.unique(splines, axis=0)) == 7
+    assert np.array_equal(points, before)
+
+
+def test_the_aimed_guess_keeps_the_contract_too(starts):
+    for task in TASKS:
+        splines = aim(starts[task], task.action, 5, np.random.default_rng(1))
+        assert splines.shape == (5, 6)
+        check_splines(splines)
+
+
+def test_random_covers_the_whole_space(starts):
+    sampler = build_sampler(SamplerConfig("random"), {})
+    splines = sampler.sample(starts[TASKS[0]], TASKS[0].action, 4000, np.random.default_rng(0))
+    from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW
+
+    for q in (0.0, 0.25, 0.5, 0.75, 1.0):
+        expected = SPLINE_LOW + q * (SPLINE_HIGH - SPLINE_LOW)
+        np.testing.assert_allclose(np.quantile(splines, q, axis=0), expected, atol=0.04)
+
+
+def test_unknown_names_and_settings_are_answered_with_the_valid_ones():
+    with pytest.raises(ValueError, match="unknown sampler 'best'; registered are .*icp.*random"):
+        build_sampler(SamplerConfig("best"), {})
+    with pytest.raises(ValueError, match="'icp'.*length_scale, align"):
+        build_sampler(SamplerConfig("icp", {"scale": 1}), {})
+    with pytest.raises(ValueError, match="needs the input 'demonstrations'"):
+        build_sampler(SamplerConfig("icp"), {})
+
+
+def test_a_sampler_of_ones_own_is_one_function(monkeypatch):
+    monkeypatch.setattr(samplers, "_FACTORIES", dict(samplers._FACTORIES))
+
+    @samplers.sampler("constant")
+    def build(config: SamplerConfig, inputs):
+        return config.name
+
+    assert build_sampler(SamplerConfig("constant", {"name": "mine"}), {}) == "mine"

@@ -1,0 +1,107 @@
+"""End to end: the real command, from demonstrations to the report."""
+
+import json
+import subprocess
+import sys
+
+import pandas as pd
+import pytest
+
+from knotflow.demonstrations import TASKS
+from knotflow.recording import load
+from knotflow.topology import TopologicalState
+
+ACTIONS = [str(task.action) for task in TASKS]
+
+
+def knotflow(*arguments, module="knotflow"):
+    return subprocess.run(
+        [sys.executable, "-m", module, *arguments], capture_output=True, text=True, timeout=900
+    )
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("results")
+    done = knotflow("+experiment=single_stage", "budget=smoke", f"results_dir={folder}")
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+def test_the_table_has_every_bar(results):
+    table = pd.read_csv(results / "single_stage" / "success_rates.csv")
+    assert list(table.columns[:5]) == ["experiment", "budget", "commit", "method", "action"]
+    assert list(table["budget"].unique()) == ["smoke"]
+    methods = ["random", "icp"]
+    assert list(zip(table["method"], table["action"], strict=True)) == [
+        (method, action) for method in methods for action in ACTIONS
+    ]
+    assert (table["trials"] == 12).all()
+    assert (table["successes"] / table["trials"]).round(4).equals(table["success_rate"].round(4))
+    assert (table["ci_low"] <= table["success_rate"] + 1e-9).all()
+    assert (table["success_rate"] <= table["ci_high"] + 1e-9).all()
+    by_method = table.groupby("method")["successes"].sum()
+    assert by_method["icp"] > by_method["random"]
+
+
+def test_every_rollout_is_recorded_with_its_outcome(results):
+    table = pd.read_csv(results / "single_stage" / "success_rates.csv")
+    record = json.loads((results / "single_stage" / "run.json").read_text())
+    for method in ("random", "icp"):
+        node = record["stages"][method]
+        folder = results / "stages" / node["stage"] / node["signature"] / "recordings"
+        rollouts = load(folder)
+        of_method = table[table["method"] == method].set_index("action")
+        assert len(rollouts) == of_method["trials"].sum()
+        assert rollouts["number"].is_unique
+        hits = rollouts[rollouts["outcome"] == "success"].groupby("action").size()
+        for action, count in hits.items():
+            assert of_method.loc[action, "successes"] == count
+    node = record["stages"]["demonstrations"]
+    copies = load(results / "stages" / node["stage"] / node["signature"] / "recordings")
+    assert len(copies) == 48 * 8 + 2 * 16
+    assert set(copies["signature"]) == {node["signature"]}
+
+
+def test_exemplars_end_where_their_outcome_says(results):
+    rollouts = load(results / "single_stage" / "recordings", trajectories=True)
+    assert sorted(rollouts["action"]) == sorted(ACTIONS)
+    for row in rollouts.itertuples():
+        if row.end_state:
+            assert str(TopologicalState.from_curve(row.points[-1])) == row.end_state
+        assert (row.outcome == "success") == (row.end_state == row.goal_state)
+    for path in (results / "single_stage" / "recordings").glob("*.mcap"):
+        assert path.stat().st_size < 1_000_000
+
+
+def test_a_second_run_makes_nothing_again(results):
+    before = {path: path.stat().st_mtime_ns for path in (results / "stages").rglob("*.mcap")}
+    again = knotflow("+experiment=single_stage", "budget=smoke", f"results_dir={results}")
+    assert again.returncode == 0, again.stderr
+    assert {
+        path: path.stat().st_mtime_ns for path in (results / "stages").rglob("*.mcap")
+    } == before
+
+
+def test_results_of_another_configuration_are_kept(results):
+    other = knotflow(
+        "+experiment=single_stage", "budget=smoke", f"results_dir={results}", "noise.end=0.01"
+    )
+    assert other.returncode != 0
+    assert "overwrite=true" in other.stderr and "noise" in other.stderr
+
+
+def test_the_report_shows_what_was_measured(results, tmp_path):
+    for folder in ("one", "two"):
+        done = knotflow(
+            "--results", str(results), "--out", str(tmp_path / folder), module="knotflow.report"
+        )
+        assert done.returncode == 0, done.stderr
+    text = (tmp_path / "one" / "report.md").read_text()
+    assert "smoke" in text and "C(2,0,1)" in text
+    for path in sorted((tmp_path / "one").rglob("*")):
+        if path.is_file():
+            assert (
+                path.read_bytes()
+                == (tmp_path / "two" / path.relative_to(tmp_path / "one")).read_bytes()
+            )
