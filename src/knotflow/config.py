@@ -16,6 +16,7 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, OmegaConf
 
 from knotflow.baselines import IcpConfig
+from knotflow.baselines.causal_infogan import CausalInfoGanBudget
 from knotflow.demonstrations import SHIPPED, NoiseConfig
 from knotflow.simulation import SimulationConfig, StartsConfig
 from knotflow.workflow.stages.provenance import Provenance
@@ -93,6 +94,7 @@ class Config:
     evaluation: EvaluationBudget = field(default_factory=EvaluationBudget)
     icp: IcpConfig = field(default_factory=IcpConfig)
     benchmark: BenchmarkBudget = field(default_factory=BenchmarkBudget)
+    causal_infogan: CausalInfoGanBudget = field(default_factory=CausalInfoGanBudget)
     provenance: Provenance = field(default_factory=Provenance)
     """Filled in by the command."""
     workflow: dict[str, Any] = field(default_factory=dict)

@@ -55,7 +55,13 @@ def knot_type(points: ArrayLike) -> str:
         raise ModuleNotFoundError(
             "confirming a knot's type needs topoly: pip install 'knotflow[knots]'"
         ) from error
-    return str(homfly(closed_curve(points).tolist(), closure=Closure.CLOSED, chiral=True))
+    # Its default forks a pool even for a single curve, which can hang for good beside the threads
+    # of a simulator.
+    return str(
+        homfly(
+            closed_curve(points).tolist(), closure=Closure.CLOSED, chiral=True, run_parallel=False
+        )
+    )
 
 
 def expected_type(state: TopologicalState) -> str:

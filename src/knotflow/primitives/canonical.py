@@ -47,9 +47,9 @@ def is_canonical(action: Action, num_segments: int) -> bool:
         return action.left == 1 and action.sign == 1
     if isinstance(action, R2):
         return action.left == 1 and over_first(action)
-    if primitive_of(action, num_segments) == 3:
-        return action.sign == 1 and action.over_segment == 0
-    return isinstance(action, Cross) and action.sign == 1 and action.under_segment == 0
+    primitive = primitive_of(action, num_segments)
+    assert isinstance(action, Cross)
+    return action.sign == 1 and (action.over if primitive == 3 else action.under) == 0
 
 
 def over_first(action: R2) -> bool:

@@ -161,13 +161,14 @@ def _look(rope: Canonical) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     over, under = streams_of(rope)
     anchor = under[0] if rope.primitive == 4 else rope.segments[rope.action.under_segment].mean()
     vertices = rope.points
-    along = np.concatenate(
-        ([0.0], np.cumsum(np.linalg.norm(np.diff(vertices, axis=0), axis=1)))
-    )
+    along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(vertices, axis=0), axis=1))))
     along /= along[-1]
     ends = [over, under, np.array([0.0, 1.0])]
     at = np.concatenate(
-        [np.linspace(*span, count) for span, count in zip(ends, STREAM_POINTS, strict=True)]
+        [
+            np.linspace(span[0], span[1], count)
+            for span, count in zip(ends, STREAM_POINTS, strict=True)
+        ]
     )
     low, high = np.clip(at - _TANGENT, 0, 1), np.clip(at + _TANGENT, 0, 1)
     origin_at = np.array([anchor, max(anchor - _TANGENT, 0.0), min(anchor + _TANGENT, 1.0)])

@@ -112,6 +112,9 @@ class Trunk(nn.Module):
 class Actor(nn.Module):
     """The Gaussian N(mu, Sigma) over splines in network space that Fig. 4 calls the actor."""
 
+    _rows: Tensor
+    _columns: Tensor
+
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         self.trunk = Trunk(config)
@@ -125,6 +128,7 @@ class Actor(nn.Module):
         self.register_buffer("_rows", rows, persistent=False)
         self.register_buffer("_columns", columns, persistent=False)
         last = self.head[-1]
+        assert isinstance(last, nn.Linear)
         with torch.no_grad():
             last.weight.mul_(0.1)
             last.bias.zero_()
@@ -167,9 +171,7 @@ class Critic(nn.Module):
         """(S, head): all that scoring needs of each rope."""
         return self.of_rope(self.trunk(states["streams"]))
 
-    def score(
-        self, features: Tensor, states: TensorDict, splines: Tensor, owner: Tensor
-    ) -> Tensor:
+    def score(self, features: Tensor, states: TensorDict, splines: Tensor, owner: Tensor) -> Tensor:
         """Logits (N,) of splines (N, 6), each on the rope `owner` (N,) among S."""
         spline = self.of_spline(control_features(states, splines, owner))
         return self.head(features[owner] + spline).squeeze(-1)

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from tensordict import TensorDict
 from torch import Tensor, nn
 
 from knotflow.primitives.cem import CemConfig, cross_entropy
-from knotflow.primitives.encoding import CONTROL_FEATURES, Encoded, encode
+from knotflow.primitives.encoding import Encoded, encode
 from knotflow.primitives.networks import SPLINE, Actor, Critic, NetworkConfig
 from knotflow.topology import Action
 
@@ -48,7 +48,7 @@ class Primitive(nn.Module):
         self.critic = None if config.variant == "actor_only" else Critic(config.network)
 
     def propose(
-        self, points: NDArray, actions: list[Action], count: int, rng: np.random.Generator
+        self, points: NDArray, actions: Sequence[Action], count: int, rng: np.random.Generator
     ) -> NDArray[np.float64]:
         """Splines (S, count, 6) for ropes (S, V, 3) with an action each, world frame."""
         seen = encode(points, actions)
@@ -62,34 +62,47 @@ class Primitive(nn.Module):
 
         With a critic every spline is the outcome of a search of its own.
         """
-        states, cem = seen.states, self.config.cem
-        ropes = len(seen.frames)
-        if self.actor is None:
-            mean = torch.zeros(ropes, SPLINE)
-            factor = cem.wide_spread * torch.eye(SPLINE).expand(ropes, SPLINE, SPLINE)
-        else:
-            mean, factor = self.actor(states)
+        cem, ropes = self.config.cem, len(seen.frames)
+        mean, factor = self.gaussian(seen)
         if self.critic is None:
             noise = _normal(rng, (ropes, count, SPLINE))
-            return mean[:, None] + noise @ factor.transpose(1, 2), None
+            return mean[:, None] + noise @ factor.mT, None
         iterations = cem.critic_only_iterations if self.actor is None else cem.iterations
-        noise = _normal(rng, (iterations, ropes * count, cem.population, SPLINE))
-        features = self.critic.features(states)
-        owner = torch.arange(ropes).repeat_interleave(count * cem.population)
-
-        def score(splines: Tensor) -> Tensor:
-            assert self.critic is not None
-            values = self.critic.score(features, states, splines.reshape(-1, SPLINE), owner)
-            return values.reshape(splines.shape[:2])
-
         found, best = cross_entropy(
-            score,
+            self.scorer(seen, count),
             mean.repeat_interleave(count, 0),
             factor.repeat_interleave(count, 0),
-            noise,
+            _normal(rng, (iterations, ropes * count, cem.population, SPLINE)),
             cem.elites,
         )
         return found.reshape(ropes, count, SPLINE), best.reshape(ropes, count)
+
+    def gaussian(self, seen: Encoded) -> tuple[Tensor, Tensor]:
+        """Mean (S, 6) and Cholesky factor (S, 6, 6) of the actor, or of the wide Gaussian."""
+        if self.actor is not None:
+            return self.actor(seen.states)
+        ropes = len(seen.frames)
+        factor = self.config.cem.wide_spread * torch.eye(SPLINE).expand(ropes, SPLINE, SPLINE)
+        return torch.zeros(ropes, SPLINE), factor
+
+    def scorer(self, seen: Encoded, count: int) -> Callable[[Tensor], Tensor]:
+        """The critic of `count` searches on each rope: splines (S * count, P, 6) -> logits.
+
+        Raises:
+            ValueError: there is no critic.
+        """
+        critic, states = self.critic, seen.states
+        if critic is None:
+            raise ValueError(f"a primitive of variant {self.config.variant} has no critic")
+        features = critic.features(states)
+        searches = torch.arange(len(seen.frames)).repeat_interleave(count)
+
+        def score(splines: Tensor) -> Tensor:
+            owner = searches.repeat_interleave(splines.shape[1])
+            values = critic.score(features, states, splines.reshape(-1, SPLINE), owner)
+            return values.reshape(splines.shape[:2])
+
+        return score
 
 
 def _normal(rng: np.random.Generator, shape: tuple[int, ...]) -> Tensor:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from knotflow.report import judges
+from knotflow.report.causal_infogan.judge import far_projections
 from knotflow.report.results import Results
 from knotflow.report.verdict import NotMeasured, Outcome, Verdict
 
@@ -115,8 +116,9 @@ CLAIMS = (
         statement="Causal InfoGAN",
         where="Sec. VII-C, Fig. 8",
         paper="given and projected end shapes are far apart, sometimes of another topology",
-        criterion="not settled yet",
+        criterion="models of C(0,1,1) that did not collapse project unseen ends surely more than "
+        "a rope's diameter away, and at least one to another state; partly if one of the two",
         experiment="causal_infogan",
-        judge=None,
+        judge=far_projections,
     ),
 )

@@ -12,6 +12,8 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import SuperLU, splu
 
 from knotflow.topology.embedding import Mesh, graph_laplacian
 from knotflow.topology.polyline import Floats
@@ -21,7 +23,7 @@ _STIFFNESS = 3.0  # of the rope against bending
 _STEPS = 300
 _MEMORY = 10
 _SETTLED = 1e-4  # relative fall of the energy in so many steps
-_REFRESH = 5  # steps between new guesses at the inverse Hessian
+_REFRESH = 5  # steps between new guesses at the Hessian
 
 
 class _Distortion:
@@ -44,15 +46,15 @@ class _Distortion:
         """(T, 2, 2) from each triangle's wanted shape to its drawing."""
         return _spans(places[self.triangles]) @ self.to_shape
 
-    def inverse_hessian_guess(self, places: Floats) -> Floats:
-        """(N, N) to begin L-BFGS from: it moves neighbours together, cramped ones by little."""
+    def hessian_guess(self, places: Floats) -> SuperLU:
+        """To begin L-BFGS from: solving it moves neighbours together, cramped ones by little."""
         first, second = self.edges.T
         square = ((places[first] - places[second]) ** 2).sum(axis=1)
         hessian = 2.0 * graph_laplacian(len(places), self.edges, 1.0 / square)
         hessian += self.stiffness
         hessian[self.rim] = hessian[:, self.rim] = 0.0
         hessian[self.rim, self.rim] = 1.0
-        return np.linalg.inv(hessian).astype(np.float64, copy=False)
+        return splu(csc_array(hessian))
 
     def __call__(self, places: Floats) -> tuple[float, Floats]:
         jacobian = self.jacobians(places)
@@ -90,8 +92,8 @@ def relax(mesh: Mesh, places: Floats) -> Floats:
     energy, gradient = energy_of(places)
     for count in range(_STEPS):
         if count % _REFRESH == 0:
-            guess = energy_of.inverse_hessian_guess(places)
-        direction = -_inverse_hessian_times(gradient, pairs, guess)
+            guess = energy_of.hessian_guess(places)
+        direction = -_quasi_newton(gradient, pairs, guess)
         slope = float((direction * gradient).sum())
         step = 1.0 if pairs else min(1.0, 0.1 / float(np.abs(direction).max()))
         new_energy, new_gradient = energy_of(places + step * direction)
@@ -102,7 +104,7 @@ def relax(mesh: Mesh, places: Floats) -> Floats:
             if not pairs:
                 break
             pairs.clear()
-            guess = energy_of.inverse_hessian_guess(places)
+            guess = energy_of.hessian_guess(places)
             continue
         pair = (step * direction, new_gradient - gradient)
         if (pair[0] * pair[1]).sum() > 1e-12:
@@ -114,19 +116,17 @@ def relax(mesh: Mesh, places: Floats) -> Floats:
     return places
 
 
-def _inverse_hessian_times(
-    gradient: Floats, pairs: deque[tuple[Floats, Floats]], guess: Floats
-) -> Floats:
-    """The two-loop recursion of L-BFGS, with `guess` (N, N) as the first guess."""
+def _quasi_newton(gradient: Floats, pairs: deque[tuple[Floats, Floats]], guess: SuperLU) -> Floats:
+    """The two-loop recursion of L-BFGS, with `guess` as the first guess at the Hessian."""
     vector = gradient.copy()
     shares = []
     for move, change in reversed(pairs):
         shares.append((move * vector).sum() / (move * change).sum())
         vector -= shares[-1] * change
-    vector = guess @ vector
+    vector = guess.solve(vector)
     if pairs:
         move, change = pairs[-1]
-        vector *= (move * change).sum() / (change * (guess @ change)).sum()
+        vector *= (move * change).sum() / (change * guess.solve(change)).sum()
     for (move, change), share in zip(pairs, reversed(shares), strict=True):
         vector += move * (share - (change * vector).sum() / (move * change).sum())
     return vector

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from tensordict import TensorDict
 from torch import Tensor
+from torch.nn.functional import pad
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
 
@@ -34,8 +36,14 @@ class TrialBuffer:
         """Number of trials."""
         return int(self._replay[:]["count"].sum()) if len(self) else 0
 
-    def extend(self, states: TensorDict, splines: Sequence[Tensor], rewards: Sequence[Tensor]):
-        """Add S ropes with (K_s, 6) splines and (K_s,) rewards each, K_s at most `slots`."""
+    def extend(
+        self, states: TensorDict, splines: Sequence[Tensor], rewards: Sequence[Tensor]
+    ) -> None:
+        """Add S ropes with splines (K_s, 6) in network space and rewards (K_s,) each.
+
+        Raises:
+            ValueError: a rope has no trials, or more than there are slots.
+        """
         items = []
         for spline, reward in zip(splines, rewards, strict=True):
             count = len(spline)
@@ -45,20 +53,29 @@ class TrialBuffer:
             items.append(
                 TensorDict(
                     {
-                        "spline": torch.nn.functional.pad(spline.float(), (0, 0, 0, padding)),
-                        "reward": torch.nn.functional.pad(reward.float(), (0, padding)),
+                        "spline": pad(spline.float(), (0, 0, 0, padding)),
+                        "reward": pad(reward.float(), (0, padding)),
                         "count": torch.tensor(count),
                     }
                 )
             )
-        self._replay.extend(TensorDict({"states": states, **torch.stack(items)}, [len(items)]))
+        stacked = TensorDict.stack(items)
+        stacked["states"] = states
+        self._replay.extend(stacked)
+
+    def state_dict(self) -> dict[str, Any]:
+        """The contents, and where the next ones go; the generator is its owner's to save."""
+        return {"count": len(self), "items": self._replay[:].to_dict() if len(self) else {}}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take over the contents of another buffer."""
+        self._replay.empty()
+        if state["count"]:
+            self._replay.extend(TensorDict(state["items"], [state["count"]]))
 
     def sample(self, ropes: int, trials: int) -> TensorDict:
         """Up to `trials` trials of each of up to `ropes` ropes, as `losses` describes them."""
-        if len(self) <= ropes:
-            items = self._replay[:]
-        else:
-            items = self._replay.sample(ropes)
+        items = self._replay[:] if len(self) <= ropes else self._replay.sample(ropes)
         count = items["count"]
         keys = torch.rand(len(items), self.slots, generator=self._generator)
         keys[torch.arange(self.slots) >= count[:, None]] = 2.0

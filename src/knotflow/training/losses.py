@@ -4,20 +4,21 @@ TorchRL has no QT-Opt, and its ReinforceLoss wants one action a state and brings
 own; here many splines share a rope, whose trunk must run once. Both modules read a batch as
 `buffer.TrialBuffer.sample` makes it, with S ropes and N trials:
 
-| key                   | shape      | what                                                    |
-|-----------------------|------------|---------------------------------------------------------|
+| key                   | shape          | what                                                |
+|-----------------------|----------------|-----------------------------------------------------|
 | states                | TensorDict [S] | encoded ropes, see `primitives.encoding`            |
-| owner                 | (N,) int64 | the rope of each trial                                  |
-| spline                | (N, 6)     | in network space                                        |
-| reward                | (N,)       | 1 where the trial succeeded, else 0                     |
-| baseline              | (N,)       | mean reward of the trials known from the same rope      |
-| weight                | (N,)       | of the trial in the batch, of mean 1                    |
-| next_value (optional) | (N,)       | max Q of the next action at the trial's end shape       |
+| owner                 | (N,) int64     | the rope of each trial                              |
+| spline                | (N, 6)         | in network space                                    |
+| reward                | (N,)           | 1 where the trial succeeded, else 0                 |
+| baseline              | (N,)           | mean reward of the trials known from the same rope  |
+| weight                | (N,)           | of the trial in the batch, of mean 1                |
+| next_value (optional) | (N,)           | max Q of the next action at the trial's end shape   |
 """
 
 from __future__ import annotations
 
-from tensordict import TensorDict
+from tensordict import TensorDict, TensorDictParams
+from torch.distributions import MultivariateNormal
 from torch.nn.functional import binary_cross_entropy_with_logits
 from torchrl.objectives import LossModule
 
@@ -31,13 +32,17 @@ class CriticLoss(LossModule):
     several steps (Sec. V-B c) the reward comes at the end, and `next_value` stands for it before.
     """
 
+    critic: Critic
+    critic_params: TensorDictParams
+    target_critic_params: TensorDictParams
+
     def __init__(self, critic: Critic, gamma: float = 1.0) -> None:
         super().__init__()
         self.convert_to_functional(critic, "critic")
         self.gamma = gamma
 
     def forward(self, tensordict: TensorDict) -> TensorDict:
-        """Gives `loss_critic`, and as `accuracy` the share of trials judged rightly."""
+        """Gives `loss_critic`, and as `critic_accuracy` the share of trials judged rightly."""
         target = tensordict["reward"]
         next_value = tensordict.get("next_value", None)
         if next_value is not None:
@@ -46,45 +51,42 @@ class CriticLoss(LossModule):
             logit = self.critic(tensordict["states"], tensordict["spline"], tensordict["owner"])
         loss = binary_cross_entropy_with_logits(logit, target, weight=tensordict["weight"])
         accuracy = ((logit.detach() > 0) == (target > 0.5)).float().mean()
-        return TensorDict({"loss_critic": loss, "accuracy": accuracy})
+        return TensorDict({"loss_critic": loss, "critic_accuracy": accuracy})
 
 
 class ActorLoss(LossModule):
     """REINFORCE from the replay buffer: -(r - b) log pi(a | s), kept from running away.
 
-    The data are not the actor's own. A success pulls the Gaussian towards it and can do so for
+    The data are not the actor's own. A success pulls the Gaussian towards it and may do so for
     ever: with b = 0 this is reward-weighted maximum likelihood, whose optimum is the Gaussian
-    closest to the behaviour's successes. A failure pushes, and as -log pi has no lower bound, a
+    closest to the behaviour's successes. A failure pushes, and as -log pi has no upper bound, a
     failure that the actor would not propose any more would go on pushing. So a failure counts only
-    as far as its density is within `reach` of the actor's own typical density. (Importance
-    weights, the textbook's cure, could not be stabilised by the paper either, Sec. VII-B1.)
+    where its density is within `reach` of the actor's typical density. (Importance weights, the
+    textbook's cure, could not be stabilised by the paper's authors either, Sec. VII-B1.)
     """
 
+    actor: Actor
+    actor_params: TensorDictParams
+    target_actor_params: TensorDictParams
+
     def __init__(self, actor: Actor, failure_weight: float = 0.0, reach: float = 3.0) -> None:
+        """`failure_weight` times the rope's mean reward is the baseline b; `reach` is in nats."""
         super().__init__()
         self.convert_to_functional(actor, "actor")
         self.failure_weight, self.reach = failure_weight, reach
 
     def forward(self, tensordict: TensorDict) -> TensorDict:
-        """Gives `loss_actor`, and as `spread` the mean standard deviation, whitened units."""
+        """Gives `loss_actor`, and as `actor_spread` the mean standard deviation, whitened."""
         with self.actor_params.to_module(self.actor):
-            gaussian = self.actor.distribution(tensordict["states"])
-        owner, reward = tensordict["owner"], tensordict["reward"]
-        each = gaussian.expand(gaussian.batch_shape)
-        each = type(each)(
-            gaussian.loc[owner], scale_tril=gaussian._unbroadcasted_scale_tril[owner],
-            validate_args=False,
-        )  # fmt: skip
-        log_prob = each.log_prob(tensordict["spline"])
-        typical = -each.entropy().detach()  # the mean of log pi under pi
-        advantage = reward - self.failure_weight * tensordict["baseline"]
-        near = log_prob.detach() > typical - self.reach
-        counted = (advantage > 0) | near
-        scale = (tensordict["weight"] * advantage.abs() * counted).sum().clamp(min=1.0)
-        pull = tensordict["weight"] * advantage * counted * log_prob
-        return TensorDict(
-            {
-                "loss_actor": -pull.sum() / scale,
-                "spread": gaussian.stddev.detach().mean(),
-            }
-        )
+            mean, factor = self.actor(tensordict["states"])
+        owner, weight = tensordict["owner"], tensordict["weight"]
+        gaussian = MultivariateNormal(mean[owner], scale_tril=factor[owner], validate_args=False)
+        log_prob = gaussian.log_prob(tensordict["spline"])
+        advantage = tensordict["reward"] - self.failure_weight * tensordict["baseline"]
+        typical = -gaussian.entropy().detach()  # the mean of log pi under pi
+        counts = (advantage > 0) | (log_prob.detach() > typical - self.reach)
+        pull = weight * advantage * counts
+        # Per unit of pull, so that the step does not depend on how often the batch succeeds.
+        loss = -(pull * log_prob).sum() / pull.abs().sum().clamp(min=1.0)
+        spread = factor.detach().square().sum(-1).sqrt().mean()
+        return TensorDict({"loss_actor": loss, "actor_spread": spread})

@@ -9,6 +9,7 @@ from __future__ import annotations
 from knotflow.report.sections import (
     ablation_actor_critic,
     benchmark,
+    causal_infogan,
     joint_finetuning,
     single_stage,
     tree_size,
@@ -27,12 +28,7 @@ SECTIONS: tuple[Section, ...] = (
     tree_size.SECTION,
     ablation_actor_critic.SECTION,
     joint_finetuning.SECTION,
-    plain(
-        "causal_infogan",
-        "Causal InfoGAN",
-        "Sec. VII-C, Fig. 8",
-        "A plan of rope shapes through a latent space, from a given start to a given end shape.",
-    ),
+    causal_infogan.SECTION,
     plain(
         "closed_loop",
         "Execution in closed loop",

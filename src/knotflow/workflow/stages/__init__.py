@@ -5,6 +5,9 @@ Importing this package registers them all.
 
 from knotflow.workflow.stages import (
     benchmark,
+    causal_infogan,
+    causal_infogan_ends,
+    causal_infogan_plans,
     demonstrations,
     demonstrator,
     evaluation,
@@ -15,6 +18,9 @@ from knotflow.workflow.stages import (
 
 __all__ = [
     "benchmark",
+    "causal_infogan",
+    "causal_infogan_ends",
+    "causal_infogan_plans",
     "demonstrations",
     "demonstrator",
     "evaluation",

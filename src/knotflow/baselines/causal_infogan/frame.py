@@ -1,0 +1,66 @@
+"""What the networks see: rope shapes in the frame of the shape that their rollout starts from.
+
+The origin of the frame is on the table below the start's centroid; its x axis is the direction in
+which a straight rope would lie to come closest to the start (vertex by vertex, head at the
+negative end). Ropes that lie elsewhere on the table, turned any way, so become alike. The paper
+does not say what its network saw; this makes the baseline stronger, as it does for ICP.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame on the table for each of B ropes."""
+
+    origin: NDArray[np.float64]
+    """(B, 3) metres, world frame; z is 0."""
+    rotation: NDArray[np.float64]
+    """(B, 3, 3) its rows are the frame's axes in the world frame."""
+
+    @classmethod
+    def of(cls, starts: NDArray) -> Frame:
+        """The frames of start shapes (B, V, 3), metres."""
+        starts = np.asarray(starts, dtype=np.float64)
+        origin = starts.mean(axis=1) * [1, 1, 0]
+        along = np.linspace(-0.5, 0.5, starts.shape[1])
+        direction = np.einsum("v,bvk->bk", along, starts - origin[:, None])
+        angle = np.arctan2(direction[:, 1], direction[:, 0])
+        rotation = np.zeros((len(starts), 3, 3))
+        rotation[:, 0, 0] = rotation[:, 1, 1] = np.cos(angle)
+        rotation[:, 0, 1], rotation[:, 1, 0] = np.sin(angle), -np.sin(angle)
+        rotation[:, 2, 2] = 1
+        return cls(origin, rotation)
+
+    def enter(self, shapes: NDArray) -> NDArray[np.float64]:
+        """World shapes (B, ..., V, 3) in these frames, metres."""
+        return np.einsum("bij,b...j->b...i", self.rotation, shapes - self._origin(shapes))
+
+    def leave(self, shapes: NDArray) -> NDArray[np.float64]:
+        """Shapes (B, ..., V, 3) of these frames in the world frame, metres."""
+        return np.einsum("bji,b...j->b...i", self.rotation, shapes) + self._origin(shapes)
+
+    def _origin(self, shapes: NDArray) -> NDArray[np.float64]:
+        return self.origin.reshape(len(self.origin), *([1] * (np.ndim(shapes) - 2)), 3)
+
+
+def frames_at(times: NDArray, rate: float) -> NDArray[np.intp]:
+    """Indices of the frames at `rate` a second among those at `times` (T,) s, from the first on.
+
+    Raises:
+        ValueError: there are fewer frames a second than that.
+    """
+    step = 1 / rate
+    spacing = float(np.diff(times).max())
+    if spacing > step + 1e-6:
+        raise ValueError(
+            f"frame_rate {rate:g} asks for a frame every {step:g} s, but the recordings have one "
+            f"every {spacing:g} s; choose {1 / spacing:g} or less"
+        )
+    wanted = np.arange(times[0], times[-1] + 1e-6, step)
+    return np.abs(np.asarray(times)[None] - wanted[:, None]).argmin(axis=1)

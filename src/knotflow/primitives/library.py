@@ -1,0 +1,270 @@
+"""The library of topological motion primitives: one sampler for every action (Sec. V).
+
+A library is one safetensors file: the networks' weights, and as metadata the format's version, the
+configuration, the actions that each primitive was trained on, the rope they were trained with, and
+a digest of the weights, so that a file that was damaged, or does not fit, is refused by name.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from knotflow.primitives.canonical import PRIMITIVES, canonicalise
+from knotflow.primitives.encoding import encode_canonical
+from knotflow.primitives.primitive import Primitive, PrimitiveConfig
+from knotflow.samplers import sampler
+from knotflow.simulation import RopeConfig
+from knotflow.topology import Action, parse_action
+
+FORMAT = "knotflow primitives"
+VERSION = "1"
+"""Raised when the encoding or the networks change, so that older weights mean something else."""
+FILE = "primitives.safetensors"
+"""A library's name in the output of a stage."""
+
+
+class LibraryError(ValueError):
+    """A file that is no library of primitives, or not one that can be used here."""
+
+
+class PrimitiveLibrary:
+    """Up to four primitives and the actions they were trained on; a sampler."""
+
+    def __init__(
+        self,
+        primitives: Mapping[int, Primitive],
+        trained_on: Mapping[int, Sequence[Action]],
+        rope: RopeConfig,
+    ) -> None:
+        """Primitives by number, 1 to 4, the actions each was trained on, and the rope."""
+        if not primitives or set(primitives) != set(trained_on) or set(primitives) - {*PRIMITIVES}:
+            raise ValueError(
+                f"a library has primitives out of {PRIMITIVES} and trained actions for each, got "
+                f"{sorted(primitives)} and {sorted(trained_on)}"
+            )
+        self.primitives = {number: primitives[number].eval() for number in sorted(primitives)}
+        self.trained_on = {number: tuple(trained_on[number]) for number in sorted(trained_on)}
+        self.rope = rope
+
+    @classmethod
+    def merged(cls, libraries: Iterable[PrimitiveLibrary]) -> PrimitiveLibrary:
+        """The primitives of several libraries for one rope as one.
+
+        Raises:
+            ValueError: two have the same primitive, or another rope.
+        """
+        libraries = list(libraries)
+        primitives: dict[int, Primitive] = {}
+        trained_on: dict[int, Sequence[Action]] = {}
+        for one in libraries:
+            doubled = set(primitives) & set(one.primitives)
+            if doubled or one.rope != libraries[0].rope:
+                raise ValueError(
+                    f"libraries cannot be merged: primitives {sorted(doubled)} are in two of them"
+                    if doubled
+                    else f"libraries cannot be merged: ropes {libraries[0].rope} and {one.rope}"
+                )
+            primitives |= one.primitives
+            trained_on |= one.trained_on
+        return cls(primitives, trained_on, libraries[0].rope)
+
+    def sample(
+        self, points: NDArray, action: Action, count: int, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Splines (count, 6) in range for a rope (V, 3), each from a search of its own.
+
+        Mirroring (or reversing) rope and action mirrors (or keeps) the proposals: exactly, up to
+        the rounding of 1 - grasp.
+
+        Raises:
+            ValueError: there is no primitive for the action in this library.
+            IllegalActionError: the action names a segment that the rope does not have.
+        """
+        return self.propose(np.asarray(points)[None], [action], count, rng)[0]
+
+    def propose(
+        self, points: NDArray, actions: Sequence[Action], count: int, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Splines (S, count, 6) for ropes (S, V, 3) with an action each; one batch a primitive."""
+        ropes = [canonicalise(p, a) for p, a in zip(points, actions, strict=True)]
+        out = np.empty((len(ropes), count, 6))
+        for number, rows in self._by_primitive([rope.primitive for rope in ropes], actions):
+            seen = encode_canonical([ropes[row] for row in rows])
+            found, _ = self.primitives[number].search(seen, count, rng)
+            out[rows] = seen.frames.to_world(found.numpy())
+        return out
+
+    def value(self, points: NDArray, action: Action, rng: np.random.Generator) -> float:
+        """max Q: the critic's probability that the best spline found succeeds (Sec. V-B c).
+
+        Raises:
+            ValueError: the primitive has no critic, or there is none for the action.
+        """
+        return float(self.values(np.asarray(points)[None], [action], rng)[0])
+
+    def values(
+        self, points: NDArray, actions: Sequence[Action], rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """`value` (S,) of ropes (S, V, 3) with an action each."""
+        ropes = [canonicalise(p, a) for p, a in zip(points, actions, strict=True)]
+        out = np.empty(len(ropes))
+        for number, rows in self._by_primitive([rope.primitive for rope in ropes], actions):
+            seen = encode_canonical([ropes[row] for row in rows])
+            _, best = self.primitives[number].search(seen, 1, rng)
+            if best is None:
+                raise ValueError(f"primitive {number} has no critic to tell the value of a rope")
+            out[rows] = torch.sigmoid(best[:, 0]).numpy()
+        return out
+
+    def _by_primitive(
+        self, numbers: Sequence[int], actions: Sequence[Action]
+    ) -> Iterable[tuple[int, NDArray[np.intp]]]:
+        for number in sorted(set(numbers)):
+            rows = np.flatnonzero(np.array(numbers) == number)
+            if number not in self.primitives:
+                raise ValueError(
+                    f"{actions[rows[0]]} is an action of primitive {number}; this library has "
+                    f"primitives {', '.join(map(str, self.primitives))}"
+                )
+            yield number, rows
+
+    def save(self, path: Path) -> None:
+        """Write to a safetensors file."""
+        weights = {
+            f"{number}.{name}": value.contiguous()
+            for number, primitive in self.primitives.items()
+            for name, value in primitive.state_dict().items()
+        }
+        metadata = {
+            "format": FORMAT,
+            "version": VERSION,
+            "primitives": json.dumps(
+                {
+                    number: {
+                        "config": asdict(primitive.config),
+                        "actions": [str(action) for action in self.trained_on[number]],
+                    }
+                    for number, primitive in self.primitives.items()
+                }
+            ),
+            "rope": json.dumps(asdict(self.rope)),
+            "digest": _digest(weights),
+        }
+        save_file(weights, path, metadata)
+
+    @classmethod
+    def load(cls, path: Path, rope: RopeConfig | None = None) -> PrimitiveLibrary:
+        """Read what `save` wrote.
+
+        Args:
+            path: the file.
+            rope: if given, the rope that the library must have been trained with.
+
+        Raises:
+            FileNotFoundError: there is no such file.
+            LibraryError: it is damaged, of another format, or for another rope; says which.
+        """
+        path = Path(path)
+        if not path.is_file():
+            raise FileNotFoundError(f"no library of primitives at {path}")
+        try:
+            with safe_open(path, framework="pt") as file:
+                metadata: dict[str, str] = file.metadata() or {}
+                weights = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        except SafetensorError as error:
+            raise LibraryError(f"{path} is damaged or no safetensors file: {error}") from None
+        if metadata.get("format") != FORMAT or metadata.get("version") != VERSION:
+            raise LibraryError(
+                f"{path} is {metadata.get('format', 'of an unknown format')!r} version "
+                f"{metadata.get('version')}; this code reads {FORMAT!r} version {VERSION}"
+            )
+        try:
+            entries = json.loads(metadata["primitives"])
+            trained_rope = RopeConfig(**json.loads(metadata["rope"]))
+            digest = metadata["digest"]
+        except (KeyError, TypeError, ValueError) as error:
+            raise LibraryError(f"{path}: its metadata are damaged: {error!r}") from None
+        if digest != _digest(weights):
+            raise LibraryError(f"{path} is damaged: its weights do not have the digest it names")
+        if rope is not None and rope != trained_rope:
+            different = {
+                name: (value, getattr(rope, name))
+                for name, value in asdict(trained_rope).items()
+                if value != getattr(rope, name)
+            }
+            named = ", ".join(f"{key} {was}, not {now}" for key, (was, now) in different.items())
+            raise LibraryError(f"{path} was trained with another rope: {named}")
+        primitives = {
+            int(number): _primitive(path, number, entry["config"], weights)
+            for number, entry in entries.items()
+        }
+        actions = {
+            int(number): [parse_action(text) for text in entry["actions"]]
+            for number, entry in entries.items()
+        }
+        return cls(primitives, actions, trained_rope)
+
+
+def _primitive(
+    path: Path, number: str, config: dict[str, Any], weights: Mapping[str, Tensor]
+) -> Primitive:
+    try:
+        merged = OmegaConf.merge(OmegaConf.structured(PrimitiveConfig), config)
+        primitive = Primitive(OmegaConf.to_object(merged))  # type: ignore[arg-type]
+        prefix = f"{number}."
+        primitive.load_state_dict(
+            {
+                name.removeprefix(prefix): value
+                for name, value in weights.items()
+                if name.startswith(prefix)
+            }
+        )
+    except (OmegaConfBaseException, ValueError, RuntimeError) as error:
+        raise LibraryError(
+            f"{path}: primitive {number} does not fit these networks: {error}"
+        ) from None
+    return primitive
+
+
+def _digest(weights: Mapping[str, Tensor]) -> str:
+    digest = hashlib.sha256()
+    for name in sorted(weights):
+        digest.update(name.encode())
+        digest.update(weights[name].numpy().tobytes())
+    return digest.hexdigest()
+
+
+@dataclass
+class PrimitivesConfig:
+    """Which library proposes."""
+
+    file: str = ""
+    """A library's file. Empty takes the one that the stage `primitives` made."""
+
+
+@sampler("primitives")
+def build(config: PrimitivesConfig, inputs: Mapping[str, Path]) -> PrimitiveLibrary:
+    """Needs a file, or the output of a stage that trains primitives as the input `primitives`.
+
+    Raises:
+        ValueError: if there is neither.
+    """
+    if config.file:
+        return PrimitiveLibrary.load(Path(config.file))
+    if "primitives" not in inputs:
+        raise ValueError("the primitives sampler needs the input 'primitives' or settings.file")
+    return PrimitiveLibrary.load(Path(inputs["primitives"]) / FILE)

@@ -1,0 +1,147 @@
+"""Imitation: a primitive learns from demonstrations alone (Sec. V-B a and b).
+
+"The replay buffer is initially populated with demonstration data, and this training stage will be
+referred to as imitation learning." It ends when what was held out is predicted no better any more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torchrl.checkpoint import Checkpoint
+
+from knotflow.demonstrations import Trials
+from knotflow.primitives.primitive import Primitive, PrimitiveConfig
+from knotflow.training.learner import Learner, LearnerConfig, demonstration_buffer
+
+FEW_STARTS = 4
+"""With fewer start shapes than that none can be spared, and trials are held out instead."""
+
+
+@dataclass
+class ImitationConfig:
+    """How long a primitive imitates, and of what."""
+
+    learner: LearnerConfig = field(default_factory=LearnerConfig)
+    """Optimiser and batches."""
+    steps: int = 25
+    """Gradient steps between two validations."""
+    validations: int = 40
+    """Most validations."""
+    patience: int = 8
+    """Validations without a better actor or critic after which training ends."""
+    held_out: float = 0.125
+    """Share of the start shapes that is held out; of the trials, where start shapes are few."""
+
+
+class Imitation:
+    """Training on demonstrations; iterating over it trains, and gives metrics per validation.
+
+        for metrics in training:
+            training.save(folder)
+        primitive = training.primitive
+
+    When the iteration is through, actor and critic each have the weights that did best on what was
+    held out. The same arguments give the same weights on one machine. It may be interrupted after
+    any item, and goes on from what was saved.
+    """
+
+    def __init__(
+        self,
+        trials: Sequence[Trials],
+        primitive: PrimitiveConfig,
+        config: ImitationConfig,
+        seed: int,
+    ) -> None:
+        """Draws the primitive's first weights, and what is held out, from `seed`.
+
+        Args:
+            trials: of the actions of this primitive, one item an action.
+            primitive: what it is made of.
+            config: the effort to spend.
+            seed: everything random comes from it.
+
+        Raises:
+            ValueError: there are no trials.
+        """
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            self.primitive = Primitive(primitive)
+        self.config = config
+        self.learner = Learner(self.primitive, config.learner, seed)
+        rng = np.random.default_rng(seed)
+        held = [_held_out(some, config.held_out, rng) for some in trials]
+        generator = self.learner.generator
+        self.learner.demonstrations = demonstration_buffer(
+            [(some, ~out) for some, out in zip(trials, held, strict=True)], generator
+        )
+        unseen = demonstration_buffer(list(zip(trials, held, strict=True)), generator)
+        self._validation = unseen.sample(len(unseen), unseen.slots)
+        self._best: dict[str, tuple[float, int, dict[str, Any]]] = {}
+        self._done = 0
+
+    def __iter__(self) -> Iterator[dict[str, float]]:
+        while self._done < self.config.validations and not self._stale():
+            sums: dict[str, float] = {}
+            self.primitive.train()
+            for _ in range(self.config.steps):
+                for key, value in self.learner.update().items():
+                    sums[key] = sums.get(key, 0.0) + value / self.config.steps
+            self._done += 1
+            yield sums | self._validate()
+        for name, (_, _, weights) in self._best.items():
+            getattr(self.primitive, name).load_state_dict(weights)
+
+    @property
+    def steps(self) -> int:
+        """Gradient steps made so far."""
+        return self._done * self.config.steps
+
+    def save(self, path: Path) -> None:
+        """Write all that is needed to go on to a folder."""
+        Checkpoint(training=self).save(path)
+
+    def load(self, path: Path) -> None:
+        """Go on from a folder that `save` wrote, of a training with the same arguments."""
+        Checkpoint(training=self).load(path)
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"learner": self.learner.state_dict(), "best": self._best, "done": self._done}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self.learner.load_state_dict(state["learner"])
+        self._best = {name: tuple(best) for name, best in state["best"].items()}
+        self._done = state["done"]
+
+    @torch.no_grad()
+    def _validate(self) -> dict[str, float]:
+        metrics: dict[str, float] = {}
+        for loss in self.learner.losses:
+            for key, value in loss(self._validation).items():
+                metrics[f"validation_{key}"] = float(value)
+        for name, module in (("actor", self.primitive.actor), ("critic", self.primitive.critic)):
+            value = metrics.get(f"validation_loss_{name}")
+            if module is None or value is None:
+                continue
+            if name not in self._best or value < self._best[name][0]:
+                weights = {key: one.clone() for key, one in module.state_dict().items()}
+                self._best[name] = (value, self._done, weights)
+        return metrics
+
+    def _stale(self) -> bool:
+        """Whether neither network has got better for too long."""
+        last = max((done for _, done, _ in self._best.values()), default=0)
+        return self._done - last >= self.config.patience
+
+
+def _held_out(trials: Trials, share: float, rng: np.random.Generator) -> np.ndarray:
+    """Which trials (N,) are held out."""
+    if len(trials.starts) < FEW_STARTS:
+        return rng.random(len(trials)) < share
+    count = max(1, round(share * len(trials.starts)))
+    return np.isin(trials.start, rng.permutation(len(trials.starts))[:count])

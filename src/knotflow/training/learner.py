@@ -1,0 +1,133 @@
+"""One gradient step of adapted QT-Opt on demonstrations and rollouts (Fig. 5, green arrows)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from knotflow.demonstrations import Trials
+from knotflow.primitives.encoding import Encoded, encode
+from knotflow.primitives.primitive import Primitive
+from knotflow.training.buffer import TrialBuffer, mixed
+from knotflow.training.losses import ActorLoss, CriticLoss
+
+
+@dataclass
+class LearnerConfig:
+    """The optimiser and the batches."""
+
+    learning_rate: float = 1e-3
+    """Of AdamW."""
+    weight_decay: float = 1e-3
+    """Of AdamW."""
+    gradient_norm: float = 5.0
+    """Gradients are clipped to this norm."""
+    failure_weight: float = 0.0
+    """Share of a rope's mean reward that the actor's advantage takes off; see `ActorLoss`."""
+    demonstration_ropes: int = 24
+    """Demonstrated ropes in a batch."""
+    demonstration_trials: int = 48
+    """Trials of each demonstrated rope in a batch."""
+    rollout_ropes: int = 96
+    """Ropes of the reinforcement stage in a batch."""
+    rollout_trials: int = 4
+    """Trials of each of these ropes in a batch."""
+    demonstration_share: float = 0.5
+    """Weight of the demonstrations in a batch that has both."""
+
+
+class Learner:
+    """A primitive, its losses and optimiser, and the two replay buffers it learns from."""
+
+    def __init__(self, primitive: Primitive, config: LearnerConfig, seed: int) -> None:
+        self.primitive, self.config = primitive, config
+        self.generator = torch.Generator().manual_seed(seed)
+        self.demonstrations: TrialBuffer | None = None
+        self.rollouts: TrialBuffer | None = None
+        self.losses: list[CriticLoss | ActorLoss] = []
+        if primitive.critic is not None:
+            self.losses.append(CriticLoss(primitive.critic))
+        if primitive.actor is not None:
+            self.losses.append(ActorLoss(primitive.actor, config.failure_weight))
+        self.optimizer = torch.optim.AdamW(
+            primitive.parameters(), config.learning_rate, weight_decay=config.weight_decay
+        )
+
+    def update(self) -> dict[str, float]:
+        """One gradient step; gives the losses and what goes with them.
+
+        Raises:
+            ValueError: there is nothing to learn from.
+        """
+        config = self.config
+        sources = [
+            (self.demonstrations, config.demonstration_ropes, config.demonstration_trials,
+             config.demonstration_share),
+            (self.rollouts, config.rollout_ropes, config.rollout_trials,
+             1 - config.demonstration_share),
+        ]  # fmt: skip
+        filled = [source for source in sources if source[0] is not None and len(source[0])]
+        if not filled:
+            raise ValueError("a learner needs demonstrations or rollouts before it can update")
+        parts = [buffer.sample(ropes, trials) for buffer, ropes, trials, _ in filled if buffer]
+        batch = mixed(parts, [share for *_, share in filled])
+        outcomes = [loss(batch) for loss in self.losses]
+        self.optimizer.zero_grad(set_to_none=True)
+        total = sum(value for out in outcomes for key, value in out.items() if key[:5] == "loss_")
+        total.backward()
+        torch.nn.utils.clip_grad_norm_(self.primitive.parameters(), config.gradient_norm)
+        self.optimizer.step()
+        return {key: float(value) for out in outcomes for key, value in out.items()}
+
+    def state_dict(self) -> dict[str, Any]:
+        """All that `update` depends on but the demonstrations, which do not change."""
+        return {
+            "primitive": self.primitive.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "generator": self.generator.get_state(),
+            "rollouts": None if self.rollouts is None else self.rollouts.state_dict(),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a `state_dict`."""
+        self.primitive.load_state_dict(state["primitive"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        self.generator.set_state(state["generator"])
+        if self.rollouts is not None:
+            self.rollouts.load_state_dict(state["rollouts"])
+
+
+def demonstration_buffer(
+    trials: list[tuple[Trials, np.ndarray]], generator: torch.Generator
+) -> TrialBuffer:
+    """A buffer of the trials (of each action, those chosen by a bool (N,)), a start shape an item.
+
+    Raises:
+        ValueError: no trial was chosen.
+    """
+    parts = [grouped(some, chosen) for some, chosen in trials]
+    slots = max((len(spline) for _, splines, _ in parts for spline in splines), default=0)
+    if slots == 0:
+        raise ValueError("there are no demonstrated trials to learn from")
+    buffer = TrialBuffer(sum(len(part[1]) for part in parts), slots, generator)
+    for seen, splines, rewards in parts:
+        if splines:
+            buffer.extend(seen.states, splines, rewards)
+    return buffer
+
+
+def grouped(trials: Trials, chosen: np.ndarray) -> tuple[Encoded, list[Tensor], list[Tensor]]:
+    """Chosen trials by start shape: encoded starts, splines in network space, rewards."""
+    kept = np.unique(trials.start[chosen])
+    seen = encode(trials.starts[kept], [trials.action] * len(kept))
+    splines, rewards = [], []
+    for row, start in enumerate(kept):
+        mine = chosen & (trials.start == start)
+        network = seen.frames[row : row + 1].to_network(trials.splines[mine][None])[0]
+        splines.append(torch.from_numpy(network).float())
+        rewards.append(torch.from_numpy(trials.success[mine].astype(np.float32)))
+    return seen, splines, rewards

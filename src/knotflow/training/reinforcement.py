@@ -1,0 +1,218 @@
+"""Reinforcement: a primitive goes on learning from its own attempts (Sec. V-B b).
+
+Rounds of: fresh start shapes, the behaviour policy, the simulator, the replay buffer, gradient
+steps on demonstrations and attempts alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torchrl.checkpoint import Checkpoint
+
+from knotflow.demonstrations import Task, Trials
+from knotflow.primitives.encoding import Encoded, encode
+from knotflow.primitives.primitive import Primitive
+from knotflow.simulation import Rollouts, RopeSimulator, state_or_none
+from knotflow.training.buffer import TrialBuffer
+from knotflow.training.exploration import POLICY, SPREAD, ExplorationConfig, explore
+from knotflow.training.learner import Learner, LearnerConfig, demonstration_buffer
+
+
+@dataclass
+class ReinforcementConfig:
+    """How long a primitive is reinforced, and how."""
+
+    learner: LearnerConfig = field(default_factory=LearnerConfig)
+    """Optimiser and batches."""
+    exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
+    """How the behaviour policy differs from the policy."""
+    rounds: int = 24
+    """Rounds of attempts and gradient steps."""
+    ropes: int = 48
+    """Start shapes of each task in a round; few splines on many shapes teach more than many on
+    few."""
+    splines: int = 2
+    """Splines tried on each."""
+    steps: int = 40
+    """Gradient steps in a round."""
+    last_learning_rate: float = 0.1
+    """The learning rate falls to this share of itself, evenly over the rounds."""
+
+
+@dataclass(frozen=True)
+class Attempts:
+    """What was simulated for one task in a round."""
+
+    task: Task
+    """The action that was tried."""
+    points: NDArray[np.float64]
+    """(B, V, 3) start shapes, metres."""
+    splines: NDArray[np.float64]
+    """(B, 6), world frame."""
+    ways: NDArray[np.int64]
+    """(B,) how each was proposed, see `exploration`."""
+    rollouts: Rollouts
+    """What happened."""
+    success: NDArray[np.bool_]
+    """(B,) whether the task's goal state was reached."""
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round: what it measured, and all that it simulated."""
+
+    index: int
+    """Counted from 0."""
+    metrics: dict[str, float]
+    """Losses, and for each action the success rate of the policy's own splines on these starts,
+    which are those of training."""
+    attempts: tuple[Attempts, ...]
+    """One item a task."""
+
+
+class Reinforcement:
+    """Training on attempts; iterating over it trains, and gives a `Round` at a time.
+
+        for round in training:
+            record(round.attempts); training.save(folder)
+        primitive = training.primitive
+
+    The same arguments give the same weights on one machine. It may be interrupted after any round,
+    and goes on from what was saved.
+    """
+
+    def __init__(
+        self,
+        primitive: Primitive,
+        trials: Sequence[Trials],
+        pools: Mapping[Task, NDArray],
+        simulator: RopeSimulator,
+        config: ReinforcementConfig,
+        seed: int,
+    ) -> None:
+        """Takes over `primitive` and goes on training it.
+
+        Args:
+            primitive: after imitation.
+            trials: the demonstrations, which stay in the replay buffer; may be empty.
+            pools: for each task of this primitive, start shapes (P, V, 3) in its start state,
+                metres, from which every round draws; more of them generalise better.
+            simulator: executes the attempts.
+            config: the effort to spend.
+            seed: everything random comes from it.
+
+        Raises:
+            ValueError: there is no task, or a pool is empty.
+        """
+        for task, pool in pools.items():
+            if len(pool) == 0:
+                raise ValueError(f"the pool of start shapes for {task.action} is empty")
+        if not pools:
+            raise ValueError("reinforcement needs a pool of start shapes for at least one task")
+        self.primitive, self.simulator, self.config = primitive, simulator, config
+        self.learner = Learner(primitive, config.learner, seed)
+        self.learner.rollouts = TrialBuffer(
+            config.rounds * config.ropes * len(pools), config.splines, self.learner.generator
+        )
+        if trials:
+            self.learner.demonstrations = demonstration_buffer(
+                [(some, np.ones(len(some), bool)) for some in trials], self.learner.generator
+            )
+        self._rng = np.random.default_rng(seed)
+        self._pools = {
+            task: (np.asarray(pool), encode(pool, [task.action] * len(pool)), task.goal_state)
+            for task, pool in pools.items()
+        }
+        self._done = 0
+
+    def __iter__(self) -> Iterator[Round]:
+        while self._done < self.config.rounds:
+            attempts, metrics = self._attempt()
+            self._set_learning_rate()
+            for _ in range(self.config.steps):
+                for key, value in self.learner.update().items():
+                    metrics[key] = metrics.get(key, 0.0) + value / self.config.steps
+            self._done += 1
+            yield Round(self._done - 1, metrics, attempts)
+
+    def save(self, path: Path) -> None:
+        """Write all that is needed to go on to a folder."""
+        Checkpoint(training=self).save(path)
+
+    def load(self, path: Path) -> None:
+        """Go on from a folder that `save` wrote, of a training with the same arguments."""
+        Checkpoint(training=self).load(path)
+
+    def state_dict(self) -> dict[str, Any]:
+        return {
+            "learner": self.learner.state_dict(),
+            "rng": self._rng.bit_generator.state,
+            "done": self._done,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self.learner.load_state_dict(state["learner"])
+        self._rng.bit_generator.state = state["rng"]
+        self._done = state["done"]
+
+    def _attempt(self) -> tuple[tuple[Attempts, ...], dict[str, float]]:
+        """Try splines on fresh starts of every task, and put them into the replay buffer."""
+        config, rng = self.config, self._rng
+        proposed = []
+        for task, (pool, encoded, _) in self._pools.items():
+            rows = rng.choice(len(pool), config.ropes, replace=len(pool) < config.ropes)
+            seen = Encoded(encoded.states[torch.from_numpy(rows)], encoded.frames[rows])
+            network, ways = explore(self.primitive, seen, config.splines, config.exploration, rng)
+            splines = seen.frames.to_world(network.numpy())
+            points = np.repeat(pool[rows], config.splines, axis=0)
+            proposed.append((task, seen, points, splines, ways))
+        # All tasks in one batch keep the simulator's threads busy.
+        rollouts = self.simulator.execute(
+            np.concatenate([points for _, _, points, _, _ in proposed]),
+            np.concatenate([splines.reshape(-1, 6) for _, _, _, splines, _ in proposed]),
+        )
+        attempts, metrics = [], {}
+        each = config.ropes * config.splines
+        for number, (task, seen, points, splines, ways) in enumerate(proposed):
+            mine = _rows(rollouts, slice(number * each, (number + 1) * each))
+            goal = self._pools[task][2]
+            reached = np.array([state_or_none(end) == goal for end in mine.end_points])
+            success = reached & ~mine.diverged
+            self._remember(seen, splines, success.reshape(ways.shape))
+            flat = ways.ravel()
+            attempts.append(Attempts(task, points, splines.reshape(-1, 6), flat, mine, success))
+            for way, name in ((POLICY, "policy"), (SPREAD, "exploration")):
+                if (flat == way).any():
+                    metrics[f"{name}_success/{task.action}"] = float(success[flat == way].mean())
+        return tuple(attempts), metrics
+
+    def _remember(self, seen: Encoded, splines: NDArray, success: NDArray) -> None:
+        # Splines were clipped into range: what was tried is what is remembered.
+        tried = torch.from_numpy(seen.frames.to_network(splines)).float()
+        assert self.learner.rollouts is not None
+        self.learner.rollouts.extend(
+            seen.states, list(tried), list(torch.from_numpy(success.astype(np.float32)))
+        )
+
+    def _set_learning_rate(self) -> None:
+        part = self._done / max(1, self.config.rounds - 1)
+        rate = self.config.learner.learning_rate * (1 + part * (self.config.last_learning_rate - 1))
+        for group in self.learner.optimizer.param_groups:
+            group["lr"] = rate
+
+
+def _rows(rollouts: Rollouts, rows: slice) -> Rollouts:
+    return Rollouts(
+        rollouts.times,
+        rollouts.trajectory[rows],
+        rollouts.gripper[rows],
+        rollouts.end_points[rows],
+        rollouts.diverged[rows],
+    )

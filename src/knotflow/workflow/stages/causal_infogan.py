@@ -1,0 +1,169 @@
+"""Stage `causal_infogan`: models trained on successful demonstrated rollouts (Sec. VII-C)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from knotflow.baselines.causal_infogan import CausalInfoGanConfig, Frame, frames_at
+from knotflow.demonstrations import TASKS, task
+from knotflow.recording import load, read_recording
+from knotflow.workflow.context import StageContext
+from knotflow.workflow.stage import stage
+
+
+@dataclass
+class CausalInfoGanStageConfig:
+    """What is learned from, and how often."""
+
+    network: CausalInfoGanConfig = field(default_factory=CausalInfoGanConfig)
+    """Networks and training."""
+    actions: list[str] = field(default_factory=list)
+    """Actions whose rollouts are learned from; none given is all eight."""
+    seeds: int = 5
+    """Models, with seeds 0, 1 and so on."""
+
+
+@stage("causal_infogan", version=1, inputs=("demonstrations",))
+def train(
+    config: CausalInfoGanStageConfig, inputs: Mapping[str, Path], context: StageContext
+) -> None:
+    """Makes models/<seed>.pt, training.csv (the curves) and seeds.csv (which have collapsed).
+
+    A training that is interrupted goes on from its last checkpoint and ends the same.
+    """
+    actions = [str(task(one).action) for one in config.actions] or [str(t.action) for t in TASKS]
+    seeds = [str(seed) for seed in range(config.seeds)]
+    pending = context.pending([f"models/{seed}" for seed in seeds], ".pt")
+    if pending:
+        rollouts = Rollouts.load(inputs["demonstrations"], actions, config.network.frame_rate)
+        total, steps = config.seeds * config.network.steps, config.network.steps
+        with (
+            one_thread(),
+            context.progress(
+                total=total, initial=total - len(pending) * steps, desc="causal_infogan"
+            ) as progress,
+        ):
+            for shard in pending:
+                _train(int(Path(shard).name), rollouts, actions, config.network, context, progress)
+    curves = [
+        pd.read_csv(context.out / "curves" / f"{seed}.csv", keep_default_na=False) for seed in seeds
+    ]
+    with context.atomic("training.csv") as path:
+        pd.concat(curves).to_csv(path, index=False)
+    with context.atomic("seeds.csv") as path:
+        pd.concat([curve.tail(1) for curve in curves]).to_csv(path, index=False)
+
+
+def _train(
+    seed: int,
+    rollouts: Rollouts,
+    actions: Sequence[str],
+    config: CausalInfoGanConfig,
+    context: StageContext,
+    progress,  # tqdm
+) -> None:
+    import torch
+
+    from knotflow.baselines.causal_infogan.health import Checkup
+    from knotflow.baselines.causal_infogan.model_file import save_model
+    from knotflow.baselines.causal_infogan.training import Trainer
+
+    shapes = rollouts.in_start_frames()
+    trainer = Trainer(shapes, config, seed)
+    checkup = Checkup(torch.as_tensor(shapes).float(), torch.as_tensor(rollouts.starts))
+    checkpoint, curve = f"checkpoints/{seed}.pt", []
+    if (context.out / checkpoint).exists():
+        state = torch.load(context.out / checkpoint, weights_only=True)
+        curve = state.pop("curve")
+        trainer.load_state_dict(state)
+        progress.update(trainer.step)
+    while trainer.step < config.steps:
+        steps = min(config.check_every, config.steps - trainer.step)
+        losses = trainer.advance(steps)
+        health = checkup(trainer.model)
+        numbers = {**losses, **asdict(health)}
+        for name, value in numbers.items():
+            context.logger.log_scalar(f"seed_{seed}/{name}", value, trainer.step)
+        collapsed = " ".join(health.collapsed)
+        curve.append({"seed": seed, "step": trainer.step, **numbers, "collapsed": collapsed})
+        with context.atomic(checkpoint) as path:
+            torch.save({**trainer.state_dict(), "curve": curve}, path)
+        progress.update(steps)
+    with context.atomic(f"curves/{seed}.csv") as path:
+        pd.DataFrame(curve).to_csv(path, index=False, float_format="%.6g")
+    with context.atomic(f"models/{seed}.pt") as path:
+        save_model(path, trainer.model, actions)
+    (context.out / checkpoint).unlink()
+
+
+@dataclass(frozen=True)
+class Rollouts:
+    """Successful demonstrated rollouts, at the frame rate that is learned from."""
+
+    actions: NDArray[np.str_]
+    """(N,) such as "C(0,1,1)"."""
+    starts: NDArray[np.intp]
+    """(N,) number of the demonstration, which has one start shape."""
+    shapes: NDArray[np.float32]
+    """(N, F, V, 3) metres, world frame."""
+
+    @classmethod
+    def load(
+        cls, demonstrations: Path, actions: Sequence[str], frame_rate: float, most: int = 0
+    ) -> Rollouts:
+        """From the output of a `demonstrations` stage; failures are no demonstrations.
+
+        Args:
+            demonstrations: the stage's folder.
+            actions: that are wanted.
+            frame_rate: frames a second.
+            most: if given, so many of them, spread evenly over the files.
+
+        Raises:
+            ValueError: not one rollout of these actions succeeded.
+        """
+        index = load(demonstrations / "recordings")
+        index = index[index["action"].isin(list(actions)) & (index["outcome"] == "success")]
+        if index.empty:
+            raise ValueError(
+                f"no rollout of {', '.join(actions)} in {demonstrations} succeeded, so there is "
+                "nothing to learn from; simulate more copies (demonstrations.copies)"
+            )
+        if most:
+            index = index.iloc[np.unique(np.linspace(0, len(index) - 1, most).astype(int))]
+        names: list[str] = []
+        starts: list[int] = []
+        shapes: list[NDArray] = []
+        for file, of_file in index.groupby("file", sort=True):
+            wanted = set(of_file["number"])
+            for rollout in read_recording(str(file)):
+                if rollout.number in wanted:
+                    frames = frames_at(rollout.times, frame_rate)
+                    names.append(rollout.action)
+                    starts.append(int(rollout.extra["start"]))
+                    shapes.append(rollout.points[frames])
+        return cls(np.array(names), np.array(starts), np.stack(shapes))
+
+    def in_start_frames(self) -> NDArray[np.float64]:
+        """The shapes (N, F, V, 3), each rollout's in the frame of its first, metres."""
+        return Frame.of(self.shapes[:, 0]).enter(self.shapes)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Torch on one thread: faster for networks this small, and the same numbers everywhere."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

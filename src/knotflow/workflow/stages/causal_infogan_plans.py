@@ -1,0 +1,215 @@
+"""Stage `causal_infogan_plans`: Causal InfoGAN's plans, measured, and beside our samplers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.stats import binomtest
+
+from knotflow.baselines.causal_infogan import measure
+from knotflow.workflow.context import StageContext
+from knotflow.workflow.stage import stage
+from knotflow.workflow.stages.causal_infogan import Rollouts, one_thread
+from knotflow.workflow.stages.causal_infogan_ends import FOCUS, GOALS, OVERHAND, load_ends
+from knotflow.workflow.stages.provenance import Provenance
+
+# What a method is given, what it returns, and what counts as its success.
+_PLANNER = (
+    "start shape and end shape",
+    "rope shapes, no robot motion",
+    "the projected start and end have the states of those given",
+)
+_SAMPLER = (
+    "start shape and topological action",
+    "a spline for the robot, and by simulation the rope's motion",
+    "the simulated rope ends in the state of the action",
+)
+
+
+@dataclass
+class CausalInfoGanPlansConfig:
+    """What is planned."""
+
+    models: list[str] = field(default_factory=lambda: ["single", "all"])
+    """Inputs that are outputs of `causal_infogan` stages; the first one's plans make the panel."""
+    training_rows: int = 16
+    """Plans between shapes of the training data, for each model."""
+    seed: int = 11
+    """Of the planning."""
+    provenance: Provenance = field(default_factory=Provenance)
+    """The experiment-wide columns."""
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """Given shapes of one goal: (N, V, 3) metres, world frame."""
+
+    goal: str
+    where: str  # "training" or "unseen"
+    number: NDArray[np.intp]  # (N,) of the start, or of the demonstration
+    starts: NDArray[np.float64]
+    ends: NDArray[np.float64]
+    actions: int
+
+
+@stage("causal_infogan_plans", version=1)
+def plan(
+    config: CausalInfoGanPlansConfig, inputs: Mapping[str, Path], context: StageContext
+) -> None:
+    """Makes plans.csv, panel.csv (shapes of Fig. 8), comparison.csv, training.csv and seeds.csv.
+
+    Inputs: `demonstrations`, `ends`, the models, and any number of evaluations of samplers on the
+    same starts; their names are the methods of the comparison.
+    """
+    models = [
+        (name, int(path.stem))
+        for name in config.models
+        for path in sorted((inputs[name] / "models").glob("*.pt"), key=lambda path: int(path.stem))
+    ]
+    shards = {f"plans/{name}-{seed}": (name, seed) for name, seed in models}
+    with one_thread():
+        for shard in context.progress(context.pending([*shards], ".csv"), desc="plans"):
+            _plan(*shards[shard], shard, config, inputs, context)
+    tables = {
+        "plans": pd.concat([pd.read_csv(context.out / f"{shard}.csv") for shard in shards]),
+        "panel": pd.concat([_panel(name, inputs, context) for name in config.models]),
+        **{
+            table: pd.concat(
+                [
+                    pd.read_csv(inputs[name] / f"{table}.csv", keep_default_na=False).assign(
+                        model=name
+                    )
+                    for name in config.models
+                ]
+            )
+            for table in ("training", "seeds")
+        },
+    }
+    methods = [name for name in inputs if name not in ("demonstrations", "ends", *config.models)]
+    tables["comparison"] = _compare(tables["plans"], {name: inputs[name] for name in methods})
+    tables["ends"] = pd.read_csv(inputs["ends"] / "ends.csv")
+    for name, table in tables.items():
+        with context.atomic(f"{name}.csv") as path:
+            config.provenance.first(table.reset_index(drop=True)).to_csv(
+                path, index=False, float_format="%.6g"
+            )
+
+
+def _plan(
+    name: str,
+    seed: int,
+    shard: str,
+    config: CausalInfoGanPlansConfig,
+    inputs: Mapping[str, Path],
+    context: StageContext,
+) -> None:
+    from knotflow.baselines.causal_infogan.model_file import load_model
+    from knotflow.baselines.causal_infogan.planning import Planner
+
+    model, actions = load_model(inputs[name] / "models" / f"{seed}.pt")
+    planner, rows, shapes = Planner(model, config.seed), [], []
+    for asked in _asked(actions, model.config.frame_rate, config, inputs):
+        steps = model.config.plan_steps * asked.actions
+        plans = planner.plan(asked.starts, asked.ends, steps)
+        for i, number in enumerate(asked.number):
+            shown = (plans.projected_start[i], plans.way_points[i], plans.projected_end[i])
+            measures = asdict(measure(asked.starts[i], *shown, asked.ends[i]))
+            rows.append(
+                {
+                    "model": name,
+                    "seed": seed,
+                    "goal": asked.goal,
+                    "shapes": asked.where,
+                    "start": number,
+                    **{key: int(v) if isinstance(v, bool) else v for key, v in measures.items()},
+                }
+            )
+            if asked.goal in (FOCUS, OVERHAND) and i in (0, len(asked.number) // 2):
+                shapes.append(_rows_of_panel(rows[-1], asked.starts[i], *shown, asked.ends[i]))
+    with context.atomic(f"panel/{name}-{seed}.csv") as path:
+        pd.concat(shapes).to_csv(path, index=False, float_format="%.4f")
+    with context.atomic(f"{shard}.csv") as path:
+        pd.DataFrame(rows).to_csv(path, index=False, float_format="%.6g")
+
+
+def _asked(
+    actions: list[str],
+    frame_rate: float,
+    config: CausalInfoGanPlansConfig,
+    inputs: Mapping[str, Path],
+) -> Iterator[_Asked]:
+    """The given shapes of every goal a model was trained for, seen ones first."""
+    for action in actions:
+        each = -(-config.training_rows // len(actions))
+        seen = Rollouts.load(inputs["demonstrations"], [action], frame_rate, each)
+        starts, ends = seen.shapes[:, 0].astype(float), seen.shapes[:, -1].astype(float)
+        yield _Asked(action, "training", seen.starts, starts, ends, 1)
+    for goal in GOALS:
+        if {str(action) for action in goal.actions} <= set(actions):
+            number, starts, ends = load_ends(inputs["ends"], goal)
+            if len(number):
+                yield _Asked(goal.name, "unseen", number, starts, ends, len(goal.actions))
+
+
+def _rows_of_panel(
+    row: Mapping[str, object],
+    start: NDArray,
+    projected_start: NDArray,
+    way_points: NDArray,
+    projected_end: NDArray,
+    end: NDArray,
+) -> pd.DataFrame:
+    """One line a vertex of every shape of a plan, in the order of Fig. 8."""
+    roles = ["given start", "projected start", *["way point"] * len(way_points)]
+    roles += ["projected end", "given end"]
+    shapes = np.concatenate(
+        [start[None], projected_start[None], way_points, projected_end[None], end[None]]
+    )
+    columns, vertices = np.indices(shapes.shape[:2])
+    keys = {key: row[key] for key in ("model", "seed", "goal", "shapes", "start")}
+    table = {"column": columns.ravel(), "role": np.repeat(roles, shapes.shape[1])}
+    table |= {"vertex": vertices.ravel()}
+    table |= {axis: shapes[..., k].ravel() for k, axis in enumerate("xyz")}
+    return pd.DataFrame(table).assign(**keys)[[*keys, *table]]
+
+
+def _panel(model: str, inputs: Mapping[str, Path], context: StageContext) -> pd.DataFrame:
+    """The shapes of the first seed that has not collapsed, of the first one where all have."""
+    seeds = pd.read_csv(inputs[model] / "seeds.csv", keep_default_na=False)
+    healthy = seeds[seeds["collapsed"] == ""]
+    seed = int((healthy if len(healthy) else seeds)["seed"].iloc[0])
+    return pd.read_csv(context.out / "panel" / f"{model}-{seed}.csv")
+
+
+def _compare(plans: pd.DataFrame, evaluations: Mapping[str, Path]) -> pd.DataFrame:
+    """How often each method gets to the goal's state, on the starts that have an end shape."""
+    unseen = plans[plans["shapes"] == "unseen"]
+    rows = []
+    for (model, goal), own in unseen.groupby(["model", "goal"], sort=False):
+        kept = (own["start_kept"] & own["end_kept"]).sum()
+        starts = own["start"].nunique()
+        rows.append((f"causal_infogan_{model}", goal, *_PLANNER, starts, len(own), kept))
+    for method, folder in evaluations.items():
+        outcomes = pd.read_csv(folder / "outcomes.csv")
+        for goal, asked in unseen.groupby("goal", sort=False):
+            same = outcomes["start"].isin(asked["start"].unique())
+            own = outcomes[(outcomes["action"] == goal) & same]
+            if len(own):
+                starts, hits = own["start"].nunique(), own["success"].sum()
+                rows.append((method, goal, *_SAMPLER, starts, len(own), hits))
+    columns = ["method", "goal", "given", "returns", "success", "starts", "trials", "successes"]
+    table = pd.DataFrame(rows, columns=columns)
+    limits = [
+        binomtest(int(hits), int(trials)).proportion_ci(0.95, method="wilson")
+        for hits, trials in zip(table["successes"], table["trials"], strict=True)
+    ]
+    return table.assign(
+        success_rate=table["successes"] / table["trials"],
+        ci_low=[limit.low for limit in limits],
+        ci_high=[limit.high for limit in limits],
+    )
