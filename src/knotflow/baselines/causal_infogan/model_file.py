@@ -26,8 +26,8 @@ def save_model(path: Path, model: CausalInfoGan, actions: Sequence[str]) -> None
 def load_model(path: Path) -> tuple[CausalInfoGan, list[str]]:
     """What `save_model` wrote: the model, in evaluation mode, and its actions."""
     content = torch.load(path, weights_only=True)
-    one = torch.ones(3)
-    scale = Scale(one, one, one, torch.ones(()))  # the real one is among the weights
+    # The real scale is among the weights; each buffer needs a memory of its own.
+    scale = Scale(torch.ones(3), torch.ones(3), torch.ones(3), torch.ones(()))
     model = CausalInfoGan(CausalInfoGanConfig(**content["config"]), scale, content["vertices"])
     model.load_state_dict(content["weights"])
     return model.eval(), content["actions"]

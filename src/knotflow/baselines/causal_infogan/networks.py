@@ -19,6 +19,7 @@ from knotflow.baselines.causal_infogan.config import CausalInfoGanConfig
 
 HALVINGS = 3
 MIN_VARIANCE = 1e-6
+LEAST_SPREAD = 1e-4  # metres; ropes that never leave the table have no spread in z
 
 
 class Scale(nn.Module):
@@ -43,8 +44,8 @@ class Scale(nn.Module):
         axes = (0, 1)
         return cls(
             firsts.mean(dim=axes),
-            firsts.std(dim=axes),
-            (seconds - firsts).std(dim=axes),
+            firsts.std(dim=axes).clamp_min(LEAST_SPREAD),
+            (seconds - firsts).std(dim=axes).clamp_min(LEAST_SPREAD),
             torch.diff(firsts, dim=1).norm(dim=-1).mean(),
         )
 

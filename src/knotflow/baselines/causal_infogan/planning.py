@@ -62,14 +62,18 @@ class Planner:
             )
         frame = Frame.of(starts)
         with _frozen(self.model):
-            first, code = self._project(_tensor(frame.enter(starts)), second=False)
-            last, goal = self._project(_tensor(frame.enter(ends)), second=True)
+            first, code = self.project(_tensor(frame.enter(starts)), second=False)
+            last, goal = self.project(_tensor(frame.enter(ends)), second=True)
             pairs = zip(code, goal, strict=True)
             between = torch.stack([self._interpolate(one, other, steps) for one, other in pairs])
         return Plans(*(frame.leave(part.double().numpy()) for part in (first, between, last)))
 
-    def _project(self, targets: Tensor, *, second: bool) -> tuple[Tensor, Tensor]:
-        """Nearest generated shapes (B, V, 3), as first or second of a pair, and their codes."""
+    def project(self, targets: Tensor, *, second: bool) -> tuple[Tensor, Tensor]:
+        """Nearest generated shapes (B, V, 3), as first or second of a pair, and their codes.
+
+        The search is over noise and code (B, code_dim), from the nearest of many draws on; targets
+        (B, V, 3) are in start frames, metres.
+        """
         config, model = self.model.config, self.model
         with torch.no_grad():
             drawn = model.draw(config.prior_samples, self._rng)[:3]

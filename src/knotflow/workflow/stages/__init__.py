@@ -14,6 +14,7 @@ from knotflow.workflow.stages import (
     exemplars,
     starts,
     success_rates,
+    table,
 )
 
 __all__ = [
@@ -27,4 +28,5 @@ __all__ = [
     "exemplars",
     "starts",
     "success_rates",
+    "table",
 ]
