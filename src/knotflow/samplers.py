@@ -82,7 +82,8 @@ def build_sampler(config: SamplerConfig, inputs: Mapping[str, Path]) -> Sampler:
     try:
         settings = OmegaConf.to_object(OmegaConf.merge(schema, config.settings))
     except OmegaConfBaseException as error:
+        what = str(error).splitlines()[0]
         raise ValueError(
-            f"sampler {config.name!r}: {error.msg or error}; it knows {', '.join(schema) or 'none'}"
+            f"sampler {config.name!r}: {what}; it knows {', '.join(schema) or 'no settings'}"
         ) from None
     return factory(settings, inputs)

@@ -18,10 +18,10 @@ TRIVIAL = TopologicalState.trivial()
 OVERHAND = TopologicalState.parse("4o1+2o5+6o3+")
 
 
-def search(goal, world, seed=0, start=None, progress=None, **config):
+def search(goal, world, seed=0, start=None, progress=None, observe=None, **config):
     points = straight(world.config.rope) if start is None else start
     rng = np.random.default_rng(seed)
-    return plan_knot(points, goal, world, world, rng, PlannerConfig(**config), progress)
+    return plan_knot(points, goal, world, world, rng, PlannerConfig(**config), progress, observe)
 
 
 def assert_valid(plan, goal):
@@ -109,9 +109,22 @@ def test_every_simulated_spline_is_a_branch(world, path_goal, batch):
     assert plan.branches == sum(sampler.batches) == sum(tried.branches for tried in plan.tried)
     assert set(sampler.batches) == {batch}
     assert [update.branches for update in updates] == list(np.cumsum(sampler.batches))
-    assert sum(attempt.success for u in updates for attempt in u.attempts) == plan.nodes - 1
-    assert all(len(update.attempts) == len(update.rollouts) for update in updates)
     assert updates[-1].distance == 0
+
+
+def test_an_observer_sees_every_branch_once(world):
+    seen = []
+    plan = search(Goal.named("overhand"), world(chance=0.3), batch=16, observe=seen.append)
+    assert sum(len(attempts) for attempts in seen) == plan.branches
+    # Success as the simulation room judges it is what makes a node.
+    assert sum(attempts.success.sum() for attempts in seen) == plan.nodes - 1
+    for attempts in seen:
+        assert len(attempts.points) == len(attempts.rollouts) == len(attempts.ends)
+        for points, end, state in zip(
+            attempts.points, attempts.rollouts.end_points, attempts.ends, strict=True
+        ):
+            assert TopologicalState.from_curve(points) == attempts.start
+            assert TopologicalState.from_curve(end) == state
 
 
 def test_a_batch_asks_the_sampler_once_for_each_node_and_action(world, path_goal):

@@ -6,7 +6,7 @@ the tied rope's knot type. Pictures load matplotlib, so they are imported by fil
 `planning.draw.draw_plan`, `planning.animate.animate_plan`, `planning.draw_dag.draw_dag`.
 """
 
-from knotflow.planning.branches import Attempt, SearchUpdate
+from knotflow.planning.branches import SearchUpdate
 from knotflow.planning.check import KnotMismatchError, confirm, expected_type, knot_type
 from knotflow.planning.dag import SolutionDag, UnreachableGoalError
 from knotflow.planning.goals import Goal, NoRoomError, most_crossings, parse_goal
@@ -18,7 +18,6 @@ from knotflow.planning.waypoints import GripperConfig, Waypoints
 
 __all__ = [
     "ROPE_NAMES",
-    "Attempt",
     "Goal",
     "GripperConfig",
     "KnotMismatchError",

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from knotflow.planning.plan import PlanStep
 from knotflow.simulation import Rollouts, SimulationConfig
-from knotflow.topology import Action, TopologicalState
+from knotflow.topology import TopologicalState
 
 DIVERGED = "diverged"
 UNREADABLE = "unreadable"
@@ -59,30 +59,7 @@ class Node:
         return tuple(reversed(steps))
 
 
-@dataclass(frozen=True, eq=False)
-class Attempt:
-    """One branch: a spline that was simulated.
-
-    Attributes:
-        start: (V, 3) the rope it began from, metres.
-        state: the state it began in.
-        action: what it was for.
-        goal_state: the state that the action leads to.
-        spline: (6,) as proposed.
-        outcome: `str` of the state it ended in, DIVERGED or UNREADABLE.
-        success: whether it ended in exactly the action's state.
-    """
-
-    start: NDArray[np.float64]
-    state: TopologicalState
-    action: Action
-    goal_state: TopologicalState
-    spline: NDArray[np.float64]
-    outcome: str
-    success: bool
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class SearchUpdate:
     """What a search reports after each batch.
 
@@ -91,16 +68,12 @@ class SearchUpdate:
         nodes: nodes of the tree, its root included.
         distance: edges from the nearest node to the goal; 0 when solved.
         seconds: wall time so far.
-        attempts: the branches of this batch, in the order of `rollouts`.
-        rollouts: what happened in this batch.
     """
 
     branches: int
     nodes: int
     distance: int
     seconds: float
-    attempts: tuple[Attempt, ...]
-    rollouts: Rollouts
 
 
 Progress = Callable[[SearchUpdate], None]

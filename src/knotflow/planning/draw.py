@@ -179,8 +179,10 @@ def _draw_footer(figure: Figure, plan: KnotPlan, scale: float) -> None:
 
 
 def _window(points: NDArray, controls: NDArray) -> tuple[NDArray, NDArray]:
-    """Lower and upper corner (2,) of a rope and its next spline, metres."""
+    """Lower and upper corner (2,) of a rope, its next spline and the close-up's frame, metres."""
     places = np.concatenate((points[:, :2], controls[..., :2].reshape(-1, 2)))
+    if (lens := _crossing_window(points)) is not None:
+        places = np.concatenate((places, [lens[0], lens[0] + lens[1]]))
     return places.min(axis=0) - _PAD, places.max(axis=0) + _PAD
 
 

@@ -15,7 +15,8 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,6 @@ from numpy.typing import NDArray
 from knotflow.planning.branches import (
     DIVERGED,
     UNREADABLE,
-    Attempt,
     Node,
     Progress,
     SearchUpdate,
@@ -33,7 +33,7 @@ from knotflow.planning.dag import Edge
 from knotflow.planning.goals import Goal
 from knotflow.planning.plan import KnotPlan, PlanStep, Tried
 from knotflow.samplers import Sampler
-from knotflow.simulation import Rollouts, check_points, state_or_none
+from knotflow.simulation import Attempts, Observer, Rollouts, check_points, state_or_none
 from knotflow.topology import Action, TopologicalState
 
 
@@ -93,10 +93,11 @@ class TreeSearch:
         simulator: Simulator,
         rng: np.random.Generator,
         config: PlannerConfig | None = None,
+        observe: Observer | None = None,
     ) -> None:
         """Plant the root: see `plan_knot` for the arguments and errors."""
         self.goal, self.sampler, self.simulator, self.rng = goal, sampler, simulator, rng
-        self.config = config or PlannerConfig()
+        self.config, self.observe = config or PlannerConfig(), observe
         points = check_points(points, simulator.config.rope)
         state = TopologicalState.from_curve(points)
         self.nodes = [Node(points, state, goal.dag.distance(state))]
@@ -126,15 +127,18 @@ class TreeSearch:
         clock = time.perf_counter()
         rollouts = self.simulator.execute(np.stack([node.points for node, _ in chosen]), splines)
         self._clock.simulation += time.perf_counter() - clock
-        attempts = tuple(
-            self._add(node, edge, splines[row], rollouts, row)
-            for row, (node, edge) in enumerate(chosen)
-        )
+        ends = [
+            None if diverged else state_or_none(end)
+            for end, diverged in zip(rollouts.end_points, rollouts.diverged, strict=True)
+        ]
+        for row, (node, edge) in enumerate(chosen):
+            self._add(node, edge, splines[row], rollouts, row, ends[row])
         self.branches += count
+        if self.observe is not None:
+            for attempts in _by_action(chosen, splines, rollouts, ends):
+                self.observe(attempts)
         nearest = min(node.distance for node in self.nodes)
-        return SearchUpdate(
-            self.branches, len(self.nodes), nearest, self._clock.seconds, attempts, rollouts
-        )
+        return SearchUpdate(self.branches, len(self.nodes), nearest, self._clock.seconds)
 
     def run(self, progress: Progress | None = None) -> KnotPlan:
         """Grow the tree; see `plan_knot`."""
@@ -177,16 +181,17 @@ class TreeSearch:
         return splines
 
     def _add(
-        self, node: Node, edge: Edge, spline: NDArray, rollouts: Rollouts, row: int
-    ) -> Attempt:
+        self,
+        node: Node,
+        edge: Edge,
+        spline: NDArray,
+        rollouts: Rollouts,
+        row: int,
+        state: TopologicalState | None,
+    ) -> None:
         """Judge one branch, and add its end to the tree if it has exactly the action's state."""
         action, goal_state = edge
         end = rollouts.end_points[row]
-        if rollouts.diverged[row]:
-            state, outcome = None, DIVERGED
-        else:
-            state = state_or_none(end)
-            outcome = UNREADABLE if state is None else str(state)
         success = state == goal_state
         if success:
             step = PlanStep(
@@ -204,8 +209,9 @@ class TreeSearch:
             self.nodes.append(Node(step.end, goal_state, distance, node, step))
         else:
             node.failures += 1
+        lost = DIVERGED if rollouts.diverged[row] else UNREADABLE
+        outcome = lost if state is None else str(state)
         self.tried[node.state, action, outcome, success] += 1
-        return Attempt(node.points, node.state, action, goal_state, spline, outcome, success)
 
     def _plan(self, solved: bool, reason: str) -> KnotPlan:
         # The first of the nearest nodes: the goal's, or the farthest that a failed search came.
@@ -233,6 +239,29 @@ class TreeSearch:
         )
 
 
+def _by_action(
+    chosen: list[tuple[Node, Edge]],
+    splines: NDArray,
+    rollouts: Rollouts,
+    ends: list[TopologicalState | None],
+) -> Iterator[Attempts]:
+    """A batch of branches, sorted by the state they began in and the action they were for."""
+    rows: dict[tuple[TopologicalState, Action], list[int]] = {}
+    for row, (node, (action, _)) in enumerate(chosen):
+        rows.setdefault((node.state, action), []).append(row)
+    for (state, action), same in rows.items():
+        part = replace(
+            rollouts,
+            trajectory=rollouts.trajectory[same],
+            gripper=rollouts.gripper[same],
+            end_points=rollouts.end_points[same],
+            diverged=rollouts.diverged[same],
+        )
+        points = np.stack([chosen[row][0].points for row in same])
+        outcome = tuple(ends[row] for row in same)
+        yield Attempts(action, state, points, splines[same], part, outcome)
+
+
 def plan_knot(
     points: NDArray,
     goal: Goal,
@@ -241,6 +270,7 @@ def plan_knot(
     rng: np.random.Generator,
     config: PlannerConfig | None = None,
     progress: Progress | None = None,
+    observe: Observer | None = None,
 ) -> KnotPlan:
     """Plan how to tie a knot into a rope as it lies (Sec. V-B d).
 
@@ -253,7 +283,9 @@ def plan_knot(
         simulator: executes them.
         rng: everything random comes from it.
         config: bias, batch size and budgets.
-        progress: called after every batch, with its attempts and rollouts.
+        progress: called after every batch.
+        observe: called with every batch's attempts, one action and start state at a time; their
+            rollouts are all that the search simulates.
 
     Returns:
         The plan; one that is not solved holds the steps to the node nearest to the goal, what was
@@ -264,4 +296,4 @@ def plan_knot(
         ShapeError: points that are not a shape of the simulator's rope.
         DegenerateCurveError: the projection of the rope does not tell its state.
     """
-    return TreeSearch(points, goal, sampler, simulator, rng, config).run(progress)
+    return TreeSearch(points, goal, sampler, simulator, rng, config, observe).run(progress)

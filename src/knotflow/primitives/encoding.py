@@ -11,8 +11,8 @@ Three streams of points, evenly spaced along the rope, describe it: the segment 
 the one that will be under, and the whole rope. R1 uses one segment for both; the two halves of the
 segment of an R2(i,i) are over and under according to `over_first`.
 
-Splines are whitened: `SplineSpace` says how. The grasp counts along the over segment, so 0 to 1 of
-it means the same on every rope.
+Splines are whitened: x and y lie in this frame, and the grasp counts along the over segment, or
+from its tip where that is the rope's end (primitive 3), which is where ends are grasped.
 """
 
 from __future__ import annotations
@@ -42,6 +42,9 @@ HEIGHT_CENTRE, HEIGHT_SCALE = 0.14, 0.07
 """Height of the middle control point that is 0 in network space, and metres a unit."""
 GRASP_SCALE = 0.3
 """Share of the over segment a unit of the grasp; its middle is 0."""
+TIP_GRASP, TIP_GRASP_SCALE = 0.04, 0.04
+"""Of an over segment that is the rope's head (primitive 3), the grasp is counted from the tip: share
+of the rope's length that is 0, and that is a unit."""
 POINT_HEIGHT_SCALE = 0.02
 """Metres a unit of a rope point's z; about the thickness of the rope."""
 
@@ -56,8 +59,9 @@ class Frames:
     """(S, 2) metres, on the canonical rope."""
     axis: NDArray[np.float64]
     """(S, 2) unit x axis."""
-    over: NDArray[np.float64]
-    """(S, 2) where the over segment begins and ends, fractions of the canonical rope's length."""
+    grasp: NDArray[np.float64]
+    """(S, 2) the grasp that is 0 in network space and a unit of it, fractions of the canonical
+    rope's length."""
     mirror: NDArray[np.bool_]
     """(S,) whether the canonical rope is mirrored."""
     reverse: NDArray[np.bool_]
@@ -68,16 +72,15 @@ class Frames:
 
     def __getitem__(self, rows: slice | NDArray) -> Frames:
         return Frames(
-            self.origin[rows], self.axis[rows], self.over[rows], self.mirror[rows],
+            self.origin[rows], self.axis[rows], self.grasp[rows], self.mirror[rows],
             self.reverse[rows],
         )  # fmt: skip
 
     def to_network(self, splines: NDArray) -> NDArray[np.float64]:
         """Splines (S, K, 6) of the world, see `simulation.spline`, in network space."""
         canonical = self._transformed(np.asarray(splines, dtype=np.float64))
-        begin, end = self.over[:, 0, None], self.over[:, 1, None]
         out = np.empty_like(canonical)
-        out[..., 0] = ((canonical[..., 0] - begin) / (end - begin) - 0.5) / GRASP_SCALE
+        out[..., 0] = (canonical[..., 0] - self.grasp[:, 0, None]) / self.grasp[:, 1, None]
         out[..., 1:3] = self._into(canonical[..., 1:3])
         out[..., 3] = (canonical[..., 3] - HEIGHT_CENTRE) / HEIGHT_SCALE
         out[..., 4:6] = self._into(canonical[..., 4:6])
@@ -86,9 +89,8 @@ class Frames:
     def to_world(self, splines: NDArray) -> NDArray[np.float64]:
         """Splines (S, K, 6) of network space in the world, clipped into range."""
         splines = np.asarray(splines, dtype=np.float64)
-        begin, end = self.over[:, 0, None], self.over[:, 1, None]
         out = np.empty_like(splines)
-        out[..., 0] = begin + (splines[..., 0] * GRASP_SCALE + 0.5) * (end - begin)
+        out[..., 0] = self.grasp[:, 0, None] + splines[..., 0] * self.grasp[:, 1, None]
         out[..., 1:3] = self._out_of(splines[..., 1:3])
         out[..., 3] = splines[..., 3] * HEIGHT_SCALE + HEIGHT_CENTRE
         out[..., 4:6] = self._out_of(splines[..., 4:6])
@@ -121,7 +123,7 @@ class Encoded:
     """S ropes with an action each, as the networks of one primitive see them."""
 
     states: TensorDict
-    """[S] with "streams" (S, sum of STREAM_POINTS, CHANNELS) and "over" (S, 2), float32."""
+    """[S] with "streams" (S, sum of STREAM_POINTS, CHANNELS) and "grasp" (S, 2), float32."""
     frames: Frames
     """Where their splines lie."""
 
@@ -142,14 +144,14 @@ def encode_canonical(ropes: Sequence[Canonical]) -> Encoded:
     frames = Frames(
         origin=np.stack([one[1] for one in seen]),
         axis=np.stack([one[2] for one in seen]),
-        over=np.stack([one[3] for one in seen]),
+        grasp=np.stack([one[3] for one in seen]),
         mirror=np.array([rope.symmetry.mirror for rope in ropes]),
         reverse=np.array([rope.symmetry.reverse for rope in ropes]),
     )
     states = TensorDict(
         {
             "streams": torch.from_numpy(np.stack([one[0] for one in seen]).astype(np.float32)),
-            "over": torch.from_numpy(frames.over.astype(np.float32)),
+            "grasp": torch.from_numpy(frames.grasp.astype(np.float32)),
         },
         batch_size=[len(seen)],
     )
@@ -157,7 +159,7 @@ def encode_canonical(ropes: Sequence[Canonical]) -> Encoded:
 
 
 def _look(rope: Canonical) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    """Streams (P, CHANNELS), origin (2,), axis (2,) and over interval (2,) of one rope."""
+    """Streams (P, CHANNELS), origin (2,), axis (2,) and grasp (2,), as in `Frames`."""
     over, under = streams_of(rope)
     anchor = under[0] if rope.primitive == 4 else rope.segments[rope.action.under_segment].mean()
     vertices = rope.points
@@ -192,7 +194,14 @@ def _look(rope: Canonical) -> tuple[NDArray, NDArray, NDArray, NDArray]:
         ],
         axis=1,
     )
-    return streams, origin, np.array([cos, sin]), over
+    return streams, origin, np.array([cos, sin]), _grasp(rope, over)
+
+
+def _grasp(rope: Canonical, over: NDArray) -> NDArray[np.float64]:
+    """The grasp that is 0 in network space, and a unit of it."""
+    if rope.primitive == 3:
+        return np.array([TIP_GRASP, TIP_GRASP_SCALE])
+    return np.array([over.mean(), GRASP_SCALE * (over[1] - over[0])])
 
 
 def streams_of(rope: Canonical) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -225,9 +234,8 @@ def control_features(states: TensorDict, splines: Tensor, owner: Tensor) -> Tens
     Returns:
         (N, 12): the spline; position along the rope; grasped point x, y, z and direction x, y.
     """
-    over = states["over"][owner]  # (N, 2)
-    share = (splines[:, 0] * GRASP_SCALE + 0.5).unsqueeze(-1)
-    grasp = (over[:, :1] + share * (over[:, 1:] - over[:, :1])).clamp(0, 1)  # (N, 1)
+    centre, unit = states["grasp"][owner].split(1, dim=1)
+    grasp = (centre + unit * splines[:, :1]).clamp(0, 1)  # (N, 1)
     count = STREAM_POINTS[-1]
     place = grasp * (count - 1)
     low = place.floor().clamp(max=count - 2)

@@ -113,7 +113,7 @@ def reached(
     hits = tight = drawn = 0
     while len(found) < count:
         missing = max(8, int(1.5 * (count - len(found))))
-        if drawn > 40 * count + 400:
+        if drawn > 40 * count + 60:
             raise RuntimeError(
                 f"only {len(found)} of {count} starts for {actions[-1]} were reached from {drawn} "
                 "ropes; the proposals hardly ever succeed"

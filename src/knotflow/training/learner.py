@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from torch import Tensor
 from knotflow.demonstrations import Trials
 from knotflow.primitives.encoding import Encoded, encode
 from knotflow.primitives.primitive import Primitive
+from knotflow.training.augmentation import AugmentationConfig, augment
 from knotflow.training.buffer import TrialBuffer, mixed
 from knotflow.training.losses import ActorLoss, CriticLoss
 
@@ -38,6 +39,8 @@ class LearnerConfig:
     """Trials of each of these ropes in a batch."""
     demonstration_share: float = 0.5
     """Weight of the demonstrations in a batch that has both."""
+    augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
+    """Deformed copies of the trials in a batch."""
 
 
 class Learner:
@@ -75,6 +78,7 @@ class Learner:
             raise ValueError("a learner needs demonstrations or rollouts before it can update")
         parts = [buffer.sample(ropes, trials) for buffer, ropes, trials, _ in filled if buffer]
         batch = mixed(parts, [share for *_, share in filled])
+        batch = augment(batch, config.augmentation, self.generator)
         outcomes = [loss(batch) for loss in self.losses]
         self.optimizer.zero_grad(set_to_none=True)
         total = sum(value for out in outcomes for key, value in out.items() if key[:5] == "loss_")
