@@ -12,6 +12,7 @@ from knotflow.recording import load
 from knotflow.topology import TopologicalState
 
 ACTIONS = [str(task.action) for task in TASKS]
+METHODS = ["random", "icp", "imitation", "reinforcement"]
 
 
 def knotflow(*arguments, module="knotflow"):
@@ -32,7 +33,7 @@ def test_the_table_has_every_bar(results):
     table = pd.read_csv(results / "single_stage" / "success_rates.csv")
     assert list(table.columns[:5]) == ["experiment", "budget", "commit", "method", "action"]
     assert list(table["budget"].unique()) == ["smoke"]
-    methods = ["random", "icp"]
+    methods = METHODS
     assert list(zip(table["method"], table["action"], strict=True)) == [
         (method, action) for method in methods for action in ACTIONS
     ]
@@ -47,8 +48,8 @@ def test_the_table_has_every_bar(results):
 def test_every_rollout_is_recorded_with_its_outcome(results):
     table = pd.read_csv(results / "single_stage" / "success_rates.csv")
     record = json.loads((results / "single_stage" / "run.json").read_text())
-    for method in ("random", "icp"):
-        node = record["stages"][method]
+    for method in METHODS:
+        node = record["stages"].get(f"{method}_evaluation") or record["stages"][method]
         folder = results / "stages" / node["stage"] / node["signature"] / "recordings"
         rollouts = load(folder)
         of_method = table[table["method"] == method].set_index("action")

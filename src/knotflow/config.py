@@ -18,7 +18,9 @@ from omegaconf import MISSING, OmegaConf
 from knotflow.baselines import IcpConfig
 from knotflow.baselines.causal_infogan import CausalInfoGanBudget
 from knotflow.demonstrations import SHIPPED, NoiseConfig
+from knotflow.primitives import PrimitiveConfig
 from knotflow.simulation import SimulationConfig, StartsConfig
+from knotflow.training import ImitationConfig, ReinforcementConfig
 from knotflow.workflow.stages.provenance import Provenance
 
 
@@ -63,6 +65,22 @@ class EvaluationBudget:
 
 
 @dataclass
+class TrainingBudget:
+    """The primitives: what they are made of, and how long they train."""
+
+    primitive: PrimitiveConfig = field(default_factory=PrimitiveConfig)
+    """Networks and search; its `variant` is the workflow's business."""
+    imitation: ImitationConfig = field(default_factory=ImitationConfig)
+    """Learning from demonstrations."""
+    reinforcement: ReinforcementConfig = field(default_factory=ReinforcementConfig)
+    """Learning from attempts."""
+    pool: int = 192
+    """Start shapes of each start state that reinforcement draws from."""
+    seed: int = 10
+    """Of weights, batches and attempts."""
+
+
+@dataclass
 class BenchmarkBudget:
     """What the benchmark spends."""
 
@@ -93,6 +111,7 @@ class Config:
     demonstrator: DemonstratorBudget = field(default_factory=DemonstratorBudget)
     evaluation: EvaluationBudget = field(default_factory=EvaluationBudget)
     icp: IcpConfig = field(default_factory=IcpConfig)
+    training: TrainingBudget = field(default_factory=TrainingBudget)
     benchmark: BenchmarkBudget = field(default_factory=BenchmarkBudget)
     causal_infogan: CausalInfoGanBudget = field(default_factory=CausalInfoGanBudget)
     provenance: Provenance = field(default_factory=Provenance)

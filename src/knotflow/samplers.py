@@ -25,7 +25,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from knotflow.topology import Action
 
-ROOMS = ("knotflow.baselines",)
+ROOMS = ("knotflow.baselines", "knotflow.primitives")
 """Packages whose import registers samplers."""
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from knotflow.primitives import PrimitiveLibrary, canonicalise, encode, primitive_of
 from knotflow.primitives.canonical import canonical_symmetry, is_canonical
 from knotflow.topology import IllegalActionError, TopologicalState, parse_action

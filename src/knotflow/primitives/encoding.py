@@ -4,8 +4,8 @@ The rope is first brought to the learned counterpart (`canonical`), then looked 
 moves along with it: planar translations and rotations change neither physics nor topology, so the
 networks need not learn them. The frame's origin is on the segment that will be under, where the
 robot moves to: its midpoint, or the tip of the head where that is what gets covered (primitive 4).
-Its x axis points along the rope there, from head to tail; z is up. R1 and R2(i,i) have one segment
-for both, and its midpoint is the origin.
+Where a segment is laid over itself (R1, R2(i,i)) it is the middle of the outer third that comes to
+lie under. The x axis points along the rope there, from head to tail; z is up.
 
 Three streams of points, evenly spaced along the rope, describe it: the segment that will be over,
 the one that will be under, and the whole rope. R1 uses one segment for both; the two halves of the
@@ -28,7 +28,7 @@ from torch import Tensor
 
 from knotflow.primitives.canonical import Canonical, canonicalise
 from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW
-from knotflow.topology import R2, Action
+from knotflow.topology import R1, R2, Action
 
 STREAM_POINTS = (12, 12, 32)
 """Points of the over, the under and the whole stream."""
@@ -48,7 +48,9 @@ of the rope's length that is 0, and that is a unit."""
 POINT_HEIGHT_SCALE = 0.02
 """Metres a unit of a rope point's z; about the thickness of the rope."""
 
-_TANGENT = 0.03  # of the rope's length to each side, over which its direction is taken
+_TANGENT = 0.03  # of the rope's length to each side, over which a point's direction is taken
+_AXIS = 0.05  # the same for the x axis, which should not follow every ripple
+_WIDE_AXIS = 0.15  # of the segment's length, where a segment is laid over itself
 
 
 @dataclass(frozen=True)
@@ -161,7 +163,7 @@ def encode_canonical(ropes: Sequence[Canonical]) -> Encoded:
 def _look(rope: Canonical) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """Streams (P, CHANNELS), origin (2,), axis (2,) and grasp (2,), as in `Frames`."""
     over, under = streams_of(rope)
-    anchor = under[0] if rope.primitive == 4 else rope.segments[rope.action.under_segment].mean()
+    anchor, reach = _anchor(rope)
     vertices = rope.points
     along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(vertices, axis=0), axis=1))))
     along /= along[-1]
@@ -173,7 +175,7 @@ def _look(rope: Canonical) -> tuple[NDArray, NDArray, NDArray, NDArray]:
         ]
     )
     low, high = np.clip(at - _TANGENT, 0, 1), np.clip(at + _TANGENT, 0, 1)
-    origin_at = np.array([anchor, max(anchor - _TANGENT, 0.0), min(anchor + _TANGENT, 1.0)])
+    origin_at = np.array([anchor, max(anchor - reach, 0.0), min(anchor + reach, 1.0)])
     sites = np.concatenate([at, low, high, origin_at])
     x, y, z = (np.interp(sites, along, vertices[:, k]) for k in range(3))
     origin = np.array([x[-3], y[-3]])
@@ -195,6 +197,16 @@ def _look(rope: Canonical) -> tuple[NDArray, NDArray, NDArray, NDArray]:
         axis=1,
     )
     return streams, origin, np.array([cos, sin]), _grasp(rope, over)
+
+
+def _anchor(rope: Canonical) -> tuple[float, float]:
+    """Where on the rope the frame's origin is, and how far to each side its direction is taken."""
+    begin, end = rope.segments[rope.action.under_segment]
+    if rope.action.over_segment == rope.action.under_segment:
+        # Canonical: R1's first passage is under, and of an R2(i,i) the half nearer to the tail.
+        third = 1 / 6 if isinstance(rope.action, R1) else 5 / 6
+        return begin + third * (end - begin), _WIDE_AXIS * (end - begin)
+    return (begin if rope.primitive == 4 else (begin + end) / 2), _AXIS
 
 
 def _grasp(rope: Canonical, over: NDArray) -> NDArray[np.float64]:

@@ -9,7 +9,6 @@ from knotflow.training.imitation import Imitation, ImitationConfig
 from knotflow.training.learner import Learner, LearnerConfig
 from knotflow.training.losses import ActorLoss, CriticLoss
 from knotflow.training.reinforcement import (
-    Attempts,
     Reinforcement,
     ReinforcementConfig,
     Round,
@@ -17,7 +16,6 @@ from knotflow.training.reinforcement import (
 
 __all__ = [
     "ActorLoss",
-    "Attempts",
     "CriticLoss",
     "ExplorationConfig",
     "Imitation",

@@ -14,22 +14,29 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
+from knotflow.primitives.encoding import PLANE_SCALE, STREAM_POINTS
+
+HALF_METRE = 0.5 / PLANE_SCALE
 _STEP = 0.05  # network units, over which the direction of a rope is carried along
 
 
 @dataclass
 class AugmentationConfig:
-    """Standard deviations of the random maps z -> e^(ia) z + b + quadratic terms."""
+    """Standard deviations of the random maps: rigid motion after quadratic terms about the rope's
+    middle."""
 
     turn: float = 0.2
     """Of the rotation a of the frame, radians."""
     shift: float = 0.1
     """Of each coordinate of the displacement b, network units."""
-    bend: float = 0.05
-    """Of the real and imaginary part of each quadratic coefficient, per network unit."""
+    bend: float = 0.15
+    """Of the real and imaginary part of each quadratic coefficient: how much, at half a metre from
+    the middle, places move in units of this distance, and half of how much angles turn."""
 
 
-def augment(batch: TensorDict, config: AugmentationConfig, generator: torch.Generator) -> TensorDict:
+def augment(
+    batch: TensorDict, config: AugmentationConfig, generator: torch.Generator
+) -> TensorDict:
     """A batch as `losses` describes it, with each rope and its trials mapped at random."""
     ropes = len(batch["states"])
 
@@ -43,11 +50,13 @@ def augment(batch: TensorDict, config: AugmentationConfig, generator: torch.Gene
     def warp(z: Tensor, rows: Tensor | slice) -> Tensor:
         shape = (-1,) + (1,) * (z.ndim - 1)
         a, b, c = (one[rows].reshape(shape) for one in quadratic)
-        bent = z + a * z * z + b * z * z.conj() + c * (z * z).conj()
+        far = (z - middle[rows].reshape(shape)) / HALF_METRE
+        bent = z + HALF_METRE * (a * far * far + b * far * far.conj() + c * (far * far).conj())
         return turn[rows].reshape(shape) * bent + shift[rows].reshape(shape)
 
     streams = batch["states"]["streams"].clone()
     place = torch.view_as_complex(streams[..., :2].contiguous())
+    middle = place[:, -STREAM_POINTS[-1] :].mean(dim=1)
     direction = torch.view_as_complex(streams[..., 4:6].contiguous())
     moved = warp(place, slice(None))
     carried = warp(place + _STEP * direction, slice(None)) - moved

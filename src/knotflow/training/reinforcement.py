@@ -19,7 +19,7 @@ from torchrl.checkpoint import Checkpoint
 from knotflow.demonstrations import Task, Trials
 from knotflow.primitives.encoding import Encoded, encode
 from knotflow.primitives.primitive import Primitive
-from knotflow.simulation import Rollouts, RopeSimulator, state_or_none
+from knotflow.simulation import Attempts, Rollouts, RopeSimulator, state_or_none
 from knotflow.training.buffer import TrialBuffer
 from knotflow.training.exploration import POLICY, SPREAD, ExplorationConfig, explore
 from knotflow.training.learner import Learner, LearnerConfig, demonstration_buffer
@@ -44,24 +44,6 @@ class ReinforcementConfig:
     """Gradient steps in a round."""
     last_learning_rate: float = 0.1
     """The learning rate falls to this share of itself, evenly over the rounds."""
-
-
-@dataclass(frozen=True)
-class Attempts:
-    """What was simulated for one task in a round."""
-
-    task: Task
-    """The action that was tried."""
-    points: NDArray[np.float64]
-    """(B, V, 3) start shapes, metres."""
-    splines: NDArray[np.float64]
-    """(B, 6), world frame."""
-    ways: NDArray[np.int64]
-    """(B,) how each was proposed, see `exploration`."""
-    rollouts: Rollouts
-    """What happened."""
-    success: NDArray[np.bool_]
-    """(B,) whether the task's goal state was reached."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +109,7 @@ class Reinforcement:
             )
         self._rng = np.random.default_rng(seed)
         self._pools = {
-            task: (np.asarray(pool), encode(pool, [task.action] * len(pool)), task.goal_state)
+            task: (np.asarray(pool), encode(pool, [task.action] * len(pool)))
             for task, pool in pools.items()
         }
         self._done = 0
@@ -166,7 +148,7 @@ class Reinforcement:
         """Try splines on fresh starts of every task, and put them into the replay buffer."""
         config, rng = self.config, self._rng
         proposed = []
-        for task, (pool, encoded, _) in self._pools.items():
+        for task, (pool, encoded) in self._pools.items():
             rows = rng.choice(len(pool), config.ropes, replace=len(pool) < config.ropes)
             seen = Encoded(encoded.states[torch.from_numpy(rows)], encoded.frames[rows])
             network, ways = explore(self.primitive, seen, config.splines, config.exploration, rng)
@@ -182,15 +164,20 @@ class Reinforcement:
         each = config.ropes * config.splines
         for number, (task, seen, points, splines, ways) in enumerate(proposed):
             mine = _rows(rollouts, slice(number * each, (number + 1) * each))
-            goal = self._pools[task][2]
-            reached = np.array([state_or_none(end) == goal for end in mine.end_points])
-            success = reached & ~mine.diverged
+            ends = tuple(
+                None if lost else state_or_none(end)
+                for end, lost in zip(mine.end_points, mine.diverged, strict=True)
+            )
+            flat = splines.reshape(-1, 6)
+            tried = Attempts(task.action, task.start_state, points, flat, mine, ends)
+            success, flat_ways = tried.success, ways.ravel()
             self._remember(seen, splines, success.reshape(ways.shape))
-            flat = ways.ravel()
-            attempts.append(Attempts(task, points, splines.reshape(-1, 6), flat, mine, success))
+            attempts.append(tried)
             for way, name in ((POLICY, "policy"), (SPREAD, "exploration")):
-                if (flat == way).any():
-                    metrics[f"{name}_success/{task.action}"] = float(success[flat == way].mean())
+                if (flat_ways == way).any():
+                    metrics[f"{name}_success/{task.action}"] = float(
+                        success[flat_ways == way].mean()
+                    )
         return tuple(attempts), metrics
 
     def _remember(self, seen: Encoded, splines: NDArray, success: NDArray) -> None:

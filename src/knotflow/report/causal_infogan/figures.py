@@ -25,7 +25,6 @@ from knotflow.report.style import (
 #: Head blue, tail orange, as in the paper's Fig. 9; both are legible on light and dark.
 ROPE = LinearSegmentedColormap.from_list("rope", ["#0072b2", "#56b4e9", "#e69f00", "#d55e00"])
 PIECES = 8
-WAY_POINTS_SHOWN = 6
 COLOURS = {"single": "#0072b2", "all": "#e69f00"}
 NAMES = {
     "spread": "spread of shapes",
@@ -37,22 +36,21 @@ NAMES = {
 
 def panel(rows: Sequence[PanelRow], name: str) -> Picture:
     """Fig. 8: a row a plan; given, projected, way points, projected, given, from left to right."""
-    shown = [(row, _columns(row)) for row in rows]
-    columns = max(len(own) for _, own in shown)
+    columns = max(len(row.roles) for row in rows)
     with styled():
         figure = new_figure(WIDTH / columns * (len(rows) + 0.55))
         grid = figure.subplots(len(rows), columns, squeeze=False)
         for axes in grid.flat:
             axes.set_axis_off()
-        for line, (row, own) in zip(grid, shown, strict=True):
+        for line, row in zip(grid, rows, strict=True):
             middle = row.points[..., :2].reshape(-1, 2)
             centre = (middle.max(axis=0) + middle.min(axis=0)) / 2
-            reach = 1.05 * np.abs(middle - centre).max()
-            for axes, column in zip(line, own, strict=False):
+            reach = 1.12 * np.abs(middle - centre).max()
+            for axes, points in zip(line, row.points, strict=False):
                 axes.set_xlim(centre[0] - reach, centre[0] + reach)
                 axes.set_ylim(centre[1] - reach, centre[1] + reach)
                 axes.set_aspect("equal")
-                _draw_rope(axes, row.points[column])
+                _draw_rope(axes, points)
             told = f"{row.goal}\n{row.shapes}"
             line[0].text(
                 -0.06,
@@ -66,8 +64,8 @@ def panel(rows: Sequence[PanelRow], name: str) -> Picture:
                 color=MUTED,
                 transform=line[0].transAxes,
             )
-        for axes, column in zip(grid[0], shown[0][1], strict=False):
-            axes.set_title(shown[0][0].roles[column].replace(" ", "\n", 1), fontsize=7.5, color=INK)
+        for axes, role in zip(grid[0], rows[0].roles, strict=False):
+            axes.set_title(role.replace(" ", "\n", 1), fontsize=7.5, color=INK)
         alt = f"Plans of rope shapes by Causal InfoGAN: {len(rows)} rows, {columns} shapes each"
         return render(figure, name, alt)
 
@@ -103,14 +101,6 @@ def curves(points: Sequence[Training], name: str) -> Picture:
         figure.axes[0].legend(frameon=False, fontsize=7.5, loc="lower right")
         models = len({(point.model, point.seed) for point in points})
         return render(figure, name, f"Training curves of {models} Causal InfoGAN models")
-
-
-def _columns(row: PanelRow) -> list[int]:
-    """The columns to show: both ends, and way points evenly spread."""
-    way = [i for i, role in enumerate(row.roles) if role == "way point"]
-    some = np.unique(np.linspace(0, len(way) - 1, min(WAY_POINTS_SHOWN, len(way))).round())
-    kept = [way[int(i)] for i in some]
-    return [i for i in range(len(row.roles)) if i in kept or i not in way]
 
 
 def _draw_rope(axes: Axes, points: NDArray) -> None:

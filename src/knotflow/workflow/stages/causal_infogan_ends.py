@@ -8,8 +8,10 @@ Starts without one are left out and counted.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +20,8 @@ from numpy.typing import NDArray
 
 from knotflow.demonstrations import TASKS, aim, task
 from knotflow.recording import write_index
-from knotflow.simulation import RopeSimulator, SimulationConfig, attempt
-from knotflow.topology import Action, TopologicalState
+from knotflow.simulation import Attempts, RopeSimulator, SimulationConfig, attempt
+from knotflow.topology import Action, TopologicalState, segment_intervals
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.recorder import Recorder
@@ -75,7 +77,7 @@ class CausalInfoGanEndsConfig:
     guesses: int = 16
     """Guesses executed at a time."""
     rounds: int = 6
-    """Times that so many guesses are executed before a start is left out."""
+    """Times that so many guesses are executed for each action before a start is left out."""
     seed: int = 11
     """Of the guesses."""
 
@@ -83,6 +85,10 @@ class CausalInfoGanEndsConfig:
         """How many starts of a goal are tried at most."""
         special = {FOCUS: self.starts, OVERHAND: self.starts_overhand}
         return special.get(goal.name, self.starts_other)
+
+    def guesses_of(self, goal: Goal) -> int:
+        """How many guesses are executed from one start of a goal at most."""
+        return self.guesses * self.rounds * len(goal.actions)
 
 
 @stage("causal_infogan_ends", version=1, inputs=("starts",))
@@ -92,19 +98,20 @@ def seek(
     """Makes <goal>.npz with start (N,), points and ends (N, V, 3); ends.csv and recordings."""
     simulator = RopeSimulator(config.simulation)
     names = [goal.file for goal in GOALS]
-    most = config.guesses * config.rounds * max(len(goal.actions) for goal in GOALS)
     for name in context.progress(context.pending(names, ".npz"), desc="reachable ends"):
         number = names.index(name)
         goal = GOALS[number]
         rng = np.random.default_rng([config.seed, number])
         starts = load_starts(inputs["starts"], task(goal.first))[: config.starts_of(goal)]
-        # Numbers are unique in the stage: no goal before this one can have used so many.
-        first = most * sum(config.starts_of(earlier) for earlier in GOALS[:number])
+        # Numbers are unique in the stage: leave room for all guesses of the goals before.
+        first = sum(config.starts_of(one) * config.guesses_of(one) for one in GOALS[:number])
         recorder = Recorder(context, "aim", config.simulation.rope, first)
         found = {}
         for start, points in enumerate(starts):
             recorder.extra = {"start": str(start), "goal": goal.name}
-            end = _reach(points, goal.start_state, goal.actions, simulator, config, rng, recorder)
+            batches = iter(range(config.rounds * len(goal.actions)))
+            propose = partial(_propose, config.guesses, rng, simulator, recorder)
+            end = _reach(points, goal.start_state, goal.actions, propose, batches, config.rounds)
             if end is not None:
                 found[start] = (points, end)
         recorder.save(f"recordings/{name}.mcap")
@@ -132,24 +139,48 @@ def load_ends(folder: Path, goal: Goal) -> tuple[NDArray, NDArray, NDArray]:
         return file["start"], file["points"], file["ends"]
 
 
+Propose = Callable[[NDArray, Action, TopologicalState], Attempts]
+"""Guesses for an action on a rope (V, 3) in a state, executed."""
+
+
+def _propose(
+    count: int,
+    rng: np.random.Generator,
+    simulator: RopeSimulator,
+    recorder: Recorder,
+    points: NDArray,
+    action: Action,
+    state: TopologicalState,
+) -> Attempts:
+    return attempt(simulator, points, aim(points, action, count, rng), action, state, recorder)
+
+
 def _reach(
     points: NDArray,
     state: TopologicalState,
     actions: Sequence[Action],
-    simulator: RopeSimulator,
-    config: CausalInfoGanEndsConfig,
-    rng: np.random.Generator,
-    recorder: Recorder,
+    propose: Propose,
+    batches: Iterator[int],
+    rounds: int,
 ) -> NDArray | None:
-    """The rope (V, 3) after the actions, None where the guesses for one of them ran out."""
-    for action in actions:
-        for _ in range(config.rounds):
-            splines = aim(points, action, config.guesses, rng)
-            tried = attempt(simulator, points, splines, action, state, recorder)
-            if tried.success.any():
-                points = tried.rollouts.end_points[tried.success.argmax()]
-                break
-        else:
-            return None
-        state = state.apply(action)
-    return points
+    """The rope (V, 3) after the actions, None where the guesses ran out.
+
+    At most `rounds` batches are spent on an action after one success of the action before; another
+    success is then sought, as long as there are `batches`.
+    """
+    if not actions:
+        return points
+    for _ in islice(batches, rounds):
+        tried = propose(points, actions[0], state)
+        if tried.success.any():
+            best = _roomiest(tried.rollouts.end_points[tried.success])
+            after = state.apply(actions[0])
+            end = _reach(best, after, actions[1:], propose, batches, rounds)
+            if end is not None:
+                return end
+    return None
+
+
+def _roomiest(shapes: NDArray) -> NDArray:
+    """Of ropes (N, V, 3) the one whose shortest segment is longest: it is easiest to go on from."""
+    return max(shapes, key=lambda points: np.diff(segment_intervals(points), axis=1).min())

@@ -18,6 +18,8 @@ from knotflow.workflow.stages.causal_infogan import Rollouts, one_thread
 from knotflow.workflow.stages.causal_infogan_ends import FOCUS, GOALS, OVERHAND, load_ends
 from knotflow.workflow.stages.provenance import Provenance
 
+PANEL_WAY_POINTS = 6
+
 # What a method is given, what it returns, and what counts as its success.
 _PLANNER = (
     "start shape and end shape",
@@ -164,7 +166,9 @@ def _rows_of_panel(
     projected_end: NDArray,
     end: NDArray,
 ) -> pd.DataFrame:
-    """One line a vertex of every shape of a plan, in the order of Fig. 8."""
+    """One line a vertex of the shapes of a plan, some of its way points, in the order of Fig. 8."""
+    few = np.unique(np.linspace(0, len(way_points) - 1, PANEL_WAY_POINTS).round().astype(int))
+    way_points = way_points[few]
     roles = ["given start", "projected start", *["way point"] * len(way_points)]
     roles += ["projected end", "given end"]
     shapes = np.concatenate(

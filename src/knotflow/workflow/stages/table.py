@@ -1,4 +1,4 @@
-"""Stage `table`: a table of an earlier stage, with the columns every committed table begins with."""
+"""Stage `table`: a table of an earlier stage, with the columns every committed one begins with."""
 
 from __future__ import annotations
 

@@ -1,0 +1,87 @@
+"""Stage `imitation`: four primitives learn from the demonstrations (Sec. V-B a and b)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import torch
+
+from knotflow.demonstrations import TASKS, Task, load_trials
+from knotflow.primitives import FILE, PRIMITIVES, PrimitiveConfig, PrimitiveLibrary, primitive_of
+from knotflow.simulation import RopeConfig
+from knotflow.training import Imitation, ImitationConfig
+from knotflow.workflow.context import StageContext
+from knotflow.workflow.signature import runtime
+from knotflow.workflow.stage import stage
+from knotflow.workflow.stages.curves import Curves
+
+
+@dataclass
+class ImitationStageConfig:
+    """What learns, and how long."""
+
+    rope: RopeConfig = field(default_factory=RopeConfig)
+    """The rope of the demonstrations; a library remembers it."""
+    primitive: PrimitiveConfig = field(default_factory=PrimitiveConfig)
+    """Networks, their variant, and the search."""
+    imitation: ImitationConfig = field(default_factory=ImitationConfig)
+    """The effort."""
+    seed: int = 10
+    """Of weights and batches."""
+    torch_threads: int = runtime(1)
+    """Threads of PyTorch; small networks are not faster on more."""
+
+
+@stage("imitation", version=1, inputs=("demonstrations",))
+def imitate(
+    config: ImitationStageConfig, inputs: Mapping[str, Path], context: StageContext
+) -> None:
+    """Makes primitives.safetensors and curves.csv; one part a primitive, resumed by validation."""
+    torch.set_num_threads(config.torch_threads)
+    trials = load_trials(inputs["demonstrations"])
+    parts = [f"primitive-{number}" for number in PRIMITIVES]
+    for part in context.pending(parts, ".safetensors"):
+        number = PRIMITIVES[parts.index(part)]
+        tasks = tasks_of(number)
+        training = Imitation(
+            [trials[task.action] for task in tasks],
+            config.primitive,
+            config.imitation,
+            config.seed + number,
+        )
+        curves = Curves(context, part)
+        if checkpoint := curves.checkpoint():
+            training.load(checkpoint)
+        bar = context.progress(
+            total=config.imitation.validations, initial=len(curves), desc=f"imitation {number}"
+        )
+        with bar:
+            for metrics in training:
+                curves.add(number, metrics)
+                bar.update()
+                if len(curves) % 10 == 0:
+                    with curves.saving() as folder:
+                        training.save(folder)
+        curves.save()
+        actions = [task.action for task in tasks]
+        library = PrimitiveLibrary({number: training.primitive}, {number: actions}, config.rope)
+        with context.atomic(f"{part}.safetensors") as path:
+            library.save(path)
+    merge(context, parts)
+
+
+def tasks_of(number: int) -> list[Task]:
+    """The tasks of a primitive, 1 to 4."""
+    return [
+        task for task in TASKS if primitive_of(task.action, task.start_state.num_segments) == number
+    ]
+
+
+def merge(context: StageContext, parts: list[str]) -> None:
+    """Bring the parts of a library, and their curves, into one file each."""
+    with context.atomic(FILE) as path:
+        libraries = [PrimitiveLibrary.load(context.out / f"{part}.safetensors") for part in parts]
+        PrimitiveLibrary.merged(libraries).save(path)
+    Curves.merge(context, parts)

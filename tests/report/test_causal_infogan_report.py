@@ -1,0 +1,125 @@
+"""Causal InfoGAN in the report: its section, its figures, and the verdict on the claim."""
+
+import numpy as np
+import pytest
+
+from knotflow.report.causal_infogan import figures
+from knotflow.report.causal_infogan.judge import far_projections
+from knotflow.report.causal_infogan.records import read_panel
+from knotflow.report.claims import CLAIMS
+from knotflow.report.page import compose
+from knotflow.report.results import Results
+from knotflow.report.rows import ResultsError
+from knotflow.report.verdict import Verdict
+
+EXPERIMENT = "causal_infogan"
+GOAL = "C(0,1,1)"
+ROLES = ("given start", "projected start", "way point", "projected end", "given end")
+PLANS = ("model", "seed", "goal", "shapes", "start", "start_distance", "end_distance")
+PLANS += ("start_kept", "end_kept", "unevenness", "largest_stretch")
+CURVE = ("model", "seed", "step", "spread", "starts_covered", "code_used", "distance_to_data")
+CURVE += ("collapsed",)
+METHODS = ("method", "goal", "given", "returns", "success", "starts", "trials", "successes")
+PANEL = ("model", "seed", "goal", "shapes", "start", "column", "role", "vertex", "x", "y", "z")
+
+
+def rope(bend):
+    heading = bend * np.linspace(0, 1, 12)
+    flat = 0.05 * np.stack([np.cos(heading), np.sin(heading)], axis=1).cumsum(axis=0)
+    return np.column_stack([flat, np.linspace(0.008, 0.03, 12)])
+
+
+def plans(distances, kept=1, seed=0, shapes="unseen"):
+    return [
+        ("single", seed, GOAL, shapes, i, 0.05, distance, 1, kept, 0.4, 1e-7)
+        for i, distance in enumerate(distances)
+    ]
+
+
+def fill(write, rows, collapsed=("", "", "")):
+    write.table(EXPERIMENT, "plans.csv", PLANS, rows)
+    ends = [
+        ("single", seed, 900, 0.9, 0.8, 0.9, 0.04, reason) for seed, reason in enumerate(collapsed)
+    ]
+    write.table(
+        EXPERIMENT, "seeds.csv", CURVE, [*ends, ("all", 0, 900, 0.2, 0.9, 0.9, 0.1, "spread")]
+    )
+    early = [(*row[:2], 450, *row[3:]) for row in ends]
+    write.table(EXPERIMENT, "training.csv", CURVE, [*early, *ends])
+    panel = [
+        ("single", 0, GOAL, shapes, 3, column, role, vertex, *(round(float(x), 4) for x in point))
+        for shapes in ("training", "unseen")
+        for column, role in enumerate(ROLES)
+        for vertex, point in enumerate(rope(1.0 + 2 * column))
+    ]
+    write.table(EXPERIMENT, "panel.csv", PANEL, panel)
+    compared = [
+        ("causal_infogan_single", GOAL, "start, end", "shapes", "states kept", 5, 15, 3),
+        ("icp", GOAL, "start, action", "spline", "state reached", 5, 40, 20),
+    ]
+    write.table(EXPERIMENT, "comparison.csv", METHODS, compared)
+    write.run(EXPERIMENT, {})
+
+
+def test_the_section_has_panel_curves_and_tables(write):
+    fill(write, plans([0.04, 0.06]) + plans([0.02], shapes="training"), ("", "", "spread"))
+    report = compose(Results(write.root), "results")
+    names = [picture.name for picture in report.pictures]
+    assert "causal_infogan_panel" in names and "causal_infogan_curves" in names
+    text = report.markdown
+    assert "2 of 3 trainings on the single action and 0 of" in text
+    assert "collapsed: spread" in text
+    assert "Causal InfoGAN, single action" in text and "50.0\u00a0%" in text
+    assert "| single action | `C(0,1,1)` | unseen | 2 | 50 " in text
+
+
+def test_without_its_tables_the_section_says_not_run(write):
+    write.table(EXPERIMENT, "plans.csv", PLANS, plans([0.04]))
+    assert "its experiment is `causal_infogan`" in compose(Results(write.root), "results").markdown
+
+
+@pytest.mark.parametrize(
+    ("distances", "kept", "verdict"),
+    [
+        ([0.04, 0.05, 0.06, 0.05], 0, Verdict.HOLDS),
+        ([0.04, 0.05, 0.06, 0.05], 1, Verdict.PARTLY),
+        ([0.002, 0.003, 0.002, 0.004], 0, Verdict.PARTLY),
+        ([0.002, 0.003, 0.002, 0.004], 1, Verdict.FAILS),
+    ],
+)
+def test_the_claim_needs_distance_and_another_topology(write, distances, kept, verdict):
+    fill(write, plans(distances, kept))
+    assert far_projections(Results(write.root)).verdict is verdict
+
+
+def test_collapsed_trainings_and_training_shapes_decide_nothing(write):
+    rows = plans([0.001, 0.002]) + plans([0.3, 0.4], kept=0, seed=1)
+    rows += plans([0.5], kept=0, shapes="training")
+    fill(write, rows, ("", "spread", ""))
+    found = far_projections(Results(write.root))
+    assert found.verdict is Verdict.FAILS and "2 of 3 trainings did not collapse" in found.ours
+
+
+def test_the_claim_is_open_until_it_was_run(write):
+    claim = next(claim for claim in CLAIMS if claim.experiment == EXPERIMENT)
+    assert claim.outcome(Results(write.root)).verdict is Verdict.NOT_RUN
+    write.table(EXPERIMENT, "plans.csv", PLANS, plans([0.04]))
+    assert "seeds.csv" in claim.outcome(Results(write.root)).ours
+
+
+def test_a_panel_that_lost_a_vertex_is_an_error(write):
+    fill(write, plans([0.04]))
+    path = write.root / EXPERIMENT / "panel.csv"
+    lines = path.read_text().splitlines()
+    del lines[20]
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(ResultsError, match="column 1 of this row has no vertex 7"):
+        read_panel(Results(write.root).table(EXPERIMENT, "panel.csv"))
+
+
+def test_the_upper_strand_of_a_crossing_is_found():
+    # An alpha: the last link passes over the first one.
+    points = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [1, 1, 0.1], [1, -1, 0.1]], float)
+    assert figures._over_links(points) == [3]
+    assert figures._over_links(points * [1, 1, -1]) == [0]
+    assert figures._over_links(rope(1.0)) == []
