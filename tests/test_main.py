@@ -19,8 +19,14 @@ def knotflow(*arguments, cwd=None):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "choose one with +experiment=NAME; experiments are: benchmark, "),
-        (["+experiment=single"], "no experiment 'single'; experiments are: benchmark, "),
+        (
+            [],
+            "choose one with +experiment=NAME; experiments are: ablation_actor_critic, benchmark, ",
+        ),
+        (
+            ["+experiment=single"],
+            "no experiment 'single'; experiments are: ablation_actor_critic, benchmark, ",
+        ),
         (["+experiment=benchmark", "budget=huge"], "paper"),
         (["+experiment=benchmark", "simulation.rope.lenght=2"], "lenght"),
         (["+experiment=benchmark", "simulation.timestep=fast"], "timestep"),
