@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import sys
 from pathlib import Path
 
 import hydra
+import yaml
 from omegaconf import DictConfig
 
-from knotflow.config import register
+from knotflow.config import ASKED, register
 
 PACKAGE = Path(__file__).parent
 HOME = PACKAGE if (PACKAGE / "conf").is_dir() else PACKAGE.parents[1]
@@ -27,7 +30,7 @@ def main(config: DictConfig) -> None:
     config.provenance.budget = config.budget
     config.provenance.commit = f"{state['commit'] or 'unknown'}"[:12] + "+" * bool(state["dirty"])
     try:
-        run(
+        folder = run(
             Workflow.from_config(config.workflow),
             experiment=config.experiment,
             results_dir=Path(config.results_dir),
@@ -36,7 +39,18 @@ def main(config: DictConfig) -> None:
             metrics=config.metrics,
         )
     except (ValueError, RuntimeError, OSError) as error:
-        sys.exit(f"error: {error}" + "".join(f"\n{note}" for note in error.__notes__))
+        notes = getattr(error, "__notes__", ())  # there only once something was noted
+        sys.exit(f"error: {error}" + "".join(f"\n{note}" for note in notes))
+    _tell(folder / "outcome.json")
+
+
+def _tell(outcome: Path) -> None:
+    """Print what an experiment has to say, where it has; exit with 1 if it did not succeed."""
+    if outcome.is_file():
+        told = json.loads(outcome.read_text("utf-8"))
+        print(f"\n{told['text']}")
+        if not told["success"]:
+            sys.exit(1)
 
 
 def _check_experiment() -> None:
@@ -55,6 +69,16 @@ def _check_experiment() -> None:
     for name in asked[0].split(","):
         if name not in names:
             sys.exit(f"error: there is no experiment {name!r}; {known}")
+        path = HOME / "conf" / "experiment" / f"{name}.yaml"
+        takes = yaml.safe_load(path.read_text("utf-8"))
+        for word in sys.argv[1:]:
+            key = re.split(r"[.=]", word)[0]
+            if key in ASKED and key not in takes:
+                own = [known for known in ASKED if known in takes]
+                sys.exit(
+                    f"error: {word!r} says what to plan, but the experiment {name} takes "
+                    f"{', '.join(own) or 'nothing of that kind'}; +experiment=overhand plans one"
+                )
 
 
 if __name__ == "__main__":

@@ -8,7 +8,8 @@ needs.
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field
+import re
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,17 @@ from omegaconf import MISSING, OmegaConf
 from knotflow.baselines import IcpConfig
 from knotflow.baselines.causal_infogan import CausalInfoGanBudget
 from knotflow.demonstrations import SHIPPED, NoiseConfig
-from knotflow.primitives import PrimitiveConfig
+from knotflow.planning import PlannerConfig
+from knotflow.primitives import FILE, PrimitiveConfig
 from knotflow.simulation import SimulationConfig, StartsConfig
 from knotflow.training import ImitationConfig, ReinforcementConfig
 from knotflow.workflow.stages.provenance import Provenance
+
+
+SHIPPED_PRIMITIVES = Path(__file__).parent / "primitives" / "data" / FILE
+
+ASKED = ("knot", "rope", "seed", "sampler", "primitives", "planner")
+"""Keys that say what to plan; an experiment that takes one names it in its file."""
 
 
 @dataclass
@@ -80,6 +88,26 @@ class TrainingBudget:
     """Of weights, batches and attempts."""
 
 
+PAPER_SEARCH = PlannerConfig(max_branches=3000, max_seconds=3600.0)
+"""One branch after the other, failures do not count (Sec. V-B d)."""
+PATIENT_SEARCH = replace(PAPER_SEARCH, failure_discount=0.9)
+"""The same, but it leaves loops that are too tight."""
+FAST_SEARCH = PlannerConfig(batch=16, failure_discount=0.9, max_branches=20_000, max_seconds=60.0)
+"""In batches, to use all cores; what counts is the time."""
+
+
+@dataclass
+class PlansBudget:
+    """Searches for knots."""
+
+    seeds: int = 10
+    """Searches of each goal and start."""
+    seed: int = 20
+    """Of the random ropes and of the searches."""
+    planner: PlannerConfig = field(default_factory=PlannerConfig)
+    """How a tree grows, and when it is given up."""
+
+
 @dataclass
 class BenchmarkBudget:
     """What the benchmark spends."""
@@ -114,6 +142,28 @@ class Config:
     training: TrainingBudget = field(default_factory=TrainingBudget)
     benchmark: BenchmarkBudget = field(default_factory=BenchmarkBudget)
     causal_infogan: CausalInfoGanBudget = field(default_factory=CausalInfoGanBudget)
+    tree_size: PlansBudget = field(default_factory=lambda: PlansBudget(planner=PAPER_SEARCH))
+    """Trees for the overhand along one path."""
+    pentagram: PlansBudget = field(default_factory=lambda: PlansBudget(planner=PATIENT_SEARCH))
+    """The pentagram from an overhand whose head was pulled out."""
+    pentagram_untangled: PlansBudget = field(
+        default_factory=lambda: PlansBudget(planner=replace(FAST_SEARCH, max_seconds=120.0))
+    )
+    """The pentagram from a straight rope."""
+    knots: PlansBudget = field(default_factory=lambda: PlansBudget(seeds=20, planner=FAST_SEARCH))
+    """The overhand's four states and the figure eight from random ropes."""
+    knot: str = "overhand"
+    """What +experiment=overhand ties: a name, crossings, or a topological path."""
+    rope: str = "random"
+    """The rope it is tied into: straight, arc, random, or a CSV or NPY file of (V, 3) metres."""
+    seed: int = 0
+    """Of that rope and of the search."""
+    sampler: str = "primitives"
+    """Who proposes splines where one plans: primitives (trained), or aimed (not learned)."""
+    primitives: str = ""
+    """The library of +experiment=overhand; yours may be that of results/single_stage/."""
+    planner: PlannerConfig = field(default_factory=lambda: replace(FAST_SEARCH))
+    """The search of +experiment=overhand."""
     provenance: Provenance = field(default_factory=Provenance)
     """Filled in by the command."""
     workflow: dict[str, Any] = field(default_factory=dict)
@@ -129,7 +179,30 @@ def digest(path: str) -> str:
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()[:16]
 
 
+def contents(text: str) -> str:
+    """Hash of what is in the file that a text names, or the text itself where it names none."""
+    return digest(text) if Path(text).is_file() else text
+
+
+def plan_folder(knot: str, rope: str, seed: int) -> str:
+    """Where a plan's results are: "overhand" for the one of the report, else a folder of its own.
+
+    So nobody who plans another knot is refused, and no plan replaces another.
+    """
+    if (knot, rope, seed) == (Config.knot, Config.rope, Config.seed):
+        return "overhand"
+    signs = knot.replace("+", "p").replace("-", "m")
+    words = f"{signs}-{Path(rope).stem}-{seed}"
+    return "plan-" + re.sub(r"[^A-Za-z0-9.-]+", "_", words)
+
+
+def shipped_primitives() -> str:
+    """The trained library that comes with the package."""
+    return str(SHIPPED_PRIMITIVES)
+
+
 def register() -> None:
-    """Make the schema and the resolver `${digest:PATH}` known to Hydra."""
+    """Make the schema and the resolvers known to Hydra."""
     ConfigStore.instance().store(name="schema", node=Config)
-    OmegaConf.register_new_resolver("digest", digest, replace=True)
+    for resolver in (digest, contents, plan_folder, shipped_primitives):
+        OmegaConf.register_new_resolver(resolver.__name__, resolver, replace=True)

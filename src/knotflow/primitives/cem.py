@@ -23,9 +23,9 @@ class CemConfig:
     """Iterations from the actor's Gaussian (Sec. VII-B1)."""
     critic_only_iterations: int = 10
     """Iterations from a wide Gaussian, without an actor (Sec. VII-B1)."""
-    population: int = 64
+    population: int = 256
     """Splines scored in each iteration of a search."""
-    elites: int = 6
+    elites: int = 12
     """Best splines of a population, which the next one is fitted to."""
     wide_spread: float = 1.3
     """Standard deviation of the wide Gaussian about 0, whitened units."""

@@ -43,8 +43,8 @@ HEIGHT_CENTRE, HEIGHT_SCALE = 0.14, 0.07
 GRASP_SCALE = 0.3
 """Share of the over segment a unit of the grasp; its middle is 0."""
 TIP_GRASP, TIP_GRASP_SCALE = 0.04, 0.04
-"""Of an over segment that is the rope's head (primitive 3), the grasp is counted from the tip: share
-of the rope's length that is 0, and that is a unit."""
+"""Where the over segment is the rope's head (primitive 3) the grasp counts from its tip: shares of
+the rope's length that are 0 and a unit."""
 POINT_HEIGHT_SCALE = 0.02
 """Metres a unit of a rope point's z; about the thickness of the rope."""
 

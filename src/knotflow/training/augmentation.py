@@ -1,9 +1,9 @@
-"""Smooth deformations of the table, as copies of trials on other rope shapes.
+"""Trials seen from another frame: rigid motions of rope and spline on the table.
 
-A smooth one-to-one map of the plane changes no topology, neither of the rope nor of what a motion
-does to it. If it is gentle the physics hardly notice either: rope and spline bent together succeed
-or fail as they did. Demonstrations have few start shapes, one for R1 and R2, and without such
-copies the networks learn what these few shapes have in common by chance.
+They change nothing, so the copies are as true as the trials. The networks' frame is attached to
+one place of the rope (`primitives.encoding`); jitter keeps them from trusting just this place, the
+more so as demonstrations have few start shapes. (Smooth bends of the table, which change no
+topology, were tried too: they did not help, physics notice.)
 """
 
 from __future__ import annotations
@@ -14,59 +14,37 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from knotflow.primitives.encoding import PLANE_SCALE, STREAM_POINTS
-
-HALF_METRE = 0.5 / PLANE_SCALE
-_STEP = 0.05  # network units, over which the direction of a rope is carried along
-
 
 @dataclass
 class AugmentationConfig:
-    """Standard deviations of the random maps: rigid motion after quadratic terms about the rope's
-    middle."""
+    """Standard deviations of the random motions."""
 
     turn: float = 0.2
-    """Of the rotation a of the frame, radians."""
+    """Of the rotation, radians."""
     shift: float = 0.1
-    """Of each coordinate of the displacement b, network units."""
-    bend: float = 0.15
-    """Of the real and imaginary part of each quadratic coefficient: how much, at half a metre from
-    the middle, places move in units of this distance, and half of how much angles turn."""
+    """Of each coordinate of the displacement, network units."""
 
 
 def augment(
     batch: TensorDict, config: AugmentationConfig, generator: torch.Generator
 ) -> TensorDict:
-    """A batch as `losses` describes it, with each rope and its trials mapped at random."""
+    """A batch as `losses` describes it, each rope with its trials moved at random."""
     ropes = len(batch["states"])
-
-    def normal(*shape: int) -> Tensor:
-        return torch.randn(*shape, generator=generator)
-
-    turn = torch.polar(torch.ones(ropes), config.turn * normal(ropes))
-    shift = config.shift * torch.complex(normal(ropes), normal(ropes))
-    quadratic = config.bend * torch.complex(normal(3, ropes), normal(3, ropes))
-
-    def warp(z: Tensor, rows: Tensor | slice) -> Tensor:
-        shape = (-1,) + (1,) * (z.ndim - 1)
-        a, b, c = (one[rows].reshape(shape) for one in quadratic)
-        far = (z - middle[rows].reshape(shape)) / HALF_METRE
-        bent = z + HALF_METRE * (a * far * far + b * far * far.conj() + c * (far * far).conj())
-        return turn[rows].reshape(shape) * bent + shift[rows].reshape(shape)
-
+    angle = config.turn * torch.randn(ropes, generator=generator)
+    turn = torch.stack([angle.cos(), -angle.sin(), angle.sin(), angle.cos()], dim=1)
+    turn = turn.reshape(ropes, 2, 2)
+    shift = config.shift * torch.randn(ropes, 1, 2, generator=generator)
     streams = batch["states"]["streams"].clone()
-    place = torch.view_as_complex(streams[..., :2].contiguous())
-    middle = place[:, -STREAM_POINTS[-1] :].mean(dim=1)
-    direction = torch.view_as_complex(streams[..., 4:6].contiguous())
-    moved = warp(place, slice(None))
-    carried = warp(place + _STEP * direction, slice(None)) - moved
-    streams[..., :2] = torch.view_as_real(moved)
-    streams[..., 4:6] = torch.view_as_real(carried / carried.abs().clamp(min=1e-6))
-    splines = batch["spline"].clone()
+    streams[..., :2] = streams[..., :2] @ turn.mT + shift
+    streams[..., 4:6] = streams[..., 4:6] @ turn.mT  # directions
+    owner, spline = batch["owner"], batch["spline"].clone()
     for columns in (slice(1, 3), slice(4, 6)):
-        point = torch.view_as_complex(splines[:, columns].contiguous())
-        splines[:, columns] = torch.view_as_real(warp(point, batch["owner"]))
+        spline[:, columns] = _move(spline[:, columns], turn[owner], shift[owner, 0])
     out = batch.copy()
     out["states"] = batch["states"].copy().update({"streams": streams})
-    out["spline"] = splines
+    out["spline"] = spline
     return out
+
+
+def _move(points: Tensor, turn: Tensor, shift: Tensor) -> Tensor:
+    return (turn @ points[..., None])[..., 0] + shift

@@ -28,10 +28,13 @@ POLICY, SEARCH, SPREAD = 0, 1, 2
 class ExplorationConfig:
     """Shares of the three ways, and how wide the wider neighbourhood is."""
 
-    policy: float = 0.3
-    """Share of splines from the policy itself."""
     search: float = 0.4
-    """Share of splines that a search in the wider neighbourhood finds; spread, without critic."""
+    """Share of splines that a search in the wider neighbourhood finds; the policy's without
+    critic."""
+    spread: float = 0.3
+    """Share of splines drawn from the wider neighbourhood; the rest are the policy's."""
+    last: float = 0.3
+    """Both shares fall to this part of themselves, evenly over the rounds."""
     widening: float = 1.5
     """Factor on the actor's spread."""
     floor: float = 0.25
@@ -46,12 +49,18 @@ def explore(
     seen: Encoded,
     count: int,
     config: ExplorationConfig,
+    progress: float,
     rng: np.random.Generator,
 ) -> tuple[Tensor, np.ndarray]:
-    """Splines (S, count, 6) in network space to try on S ropes, and the way (S, count) of each."""
+    """Splines (S, count, 6) in network space to try on S ropes, and the way (S, count) of each.
+
+    `progress` runs from 0 in the first round to 1 in the last.
+    """
     ropes = len(seen.frames)
-    search = config.search if primitive.critic is not None else 0.0
-    ways = rng.choice(3, (ropes, count), p=[config.policy, search, 1 - config.policy - search])
+    left = 1 + progress * (config.last - 1)
+    search = left * config.search if primitive.critic is not None else 0.0
+    spread_share = left * config.spread
+    ways = rng.choice(3, (ropes, count), p=[1 - search - spread_share, search, spread_share])
     policy, _ = primitive.search(seen, count, rng)
     mean, factor = primitive.gaussian(seen)
     if primitive.actor is not None:

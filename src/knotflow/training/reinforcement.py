@@ -40,7 +40,7 @@ class ReinforcementConfig:
     few."""
     splines: int = 2
     """Splines tried on each."""
-    steps: int = 40
+    steps: int = 80
     """Gradient steps in a round."""
     last_learning_rate: float = 0.1
     """The learning rate falls to this share of itself, evenly over the rounds."""
@@ -151,7 +151,9 @@ class Reinforcement:
         for task, (pool, encoded) in self._pools.items():
             rows = rng.choice(len(pool), config.ropes, replace=len(pool) < config.ropes)
             seen = Encoded(encoded.states[torch.from_numpy(rows)], encoded.frames[rows])
-            network, ways = explore(self.primitive, seen, config.splines, config.exploration, rng)
+            network, ways = explore(
+                self.primitive, seen, config.splines, config.exploration, self._progress, rng
+            )
             splines = seen.frames.to_world(network.numpy())
             points = np.repeat(pool[rows], config.splines, axis=0)
             proposed.append((task, seen, points, splines, ways))
@@ -188,9 +190,14 @@ class Reinforcement:
             seen.states, list(tried), list(torch.from_numpy(success.astype(np.float32)))
         )
 
+    @property
+    def _progress(self) -> float:
+        """0 in the first round, 1 in the last."""
+        return self._done / max(1, self.config.rounds - 1)
+
     def _set_learning_rate(self) -> None:
-        part = self._done / max(1, self.config.rounds - 1)
-        rate = self.config.learner.learning_rate * (1 + part * (self.config.last_learning_rate - 1))
+        left = 1 + self._progress * (self.config.last_learning_rate - 1)
+        rate = self.config.learner.learning_rate * left
         for group in self.learner.optimizer.param_groups:
             group["lr"] = rate
 

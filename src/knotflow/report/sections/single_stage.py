@@ -5,7 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from knotflow.report import figures, tables
+from knotflow.report.cost import cost
+from knotflow.report.learning import figures as learning
+from knotflow.report.learning.records import read_curves
 from knotflow.report.paper import ICP, IMITATION, RANDOM, REINFORCEMENT, SINGLE_STAGE, with_extras
+from knotflow.report.proposals.figure import proposals
+from knotflow.report.proposals.records import read_proposals
 from knotflow.report.records import Rates
 from knotflow.report.results import Results
 from knotflow.report.sections.section import Pictures, Section
@@ -33,6 +38,28 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         "ratios": tables.ratio_table(rates, pairs) if pairs else "",
         "icp": _above(rates, ICP.name, RANDOM.name),
         "starts": tables.start_table(starts, run) if starts else "",
+        **_looks(results, pictures),
+        "cost": cost(results, pictures.add),
+    }
+
+
+def _looks(results: Results, pictures: Pictures) -> dict[str, str]:
+    """Proposals to look at and learning curves, each "" where its table is not there."""
+    drawn = {
+        "proposals": ("proposals.csv", lambda rows: proposals(read_proposals(rows), "proposals")),
+        "imitation": (
+            "curves_imitation.csv",
+            lambda rows: learning.imitation(read_curves(rows), "imitation"),
+        ),
+        "reinforcement": (
+            "curves_reinforcement.csv",
+            lambda rows: learning.reinforcement(read_curves(rows), "reinforcement"),
+        ),
+    }
+    found = {name: results.table(EXPERIMENT, file) for name, (file, _) in drawn.items()}
+    return {
+        name: pictures.add(draw(rows)) if (rows := found[name]) else ""
+        for name, (_, draw) in drawn.items()
     }
 
 

@@ -1,0 +1,1 @@
+"""Learning curves of imitation and reinforcement in the report: their records and figures."""

@@ -1,0 +1,1 @@
+"""Proposed splines on unseen ropes in the report, to look at: their records and their figure."""

@@ -1,0 +1,204 @@
+"""The figure to look at: unseen ropes, the splines proposed for them, and where those led."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from knotflow.report.paper import in_order
+from knotflow.report.proposals.records import Proposed, Rope
+from knotflow.report.proposals.rope import COLOURS, draw_rope
+from knotflow.report.style import INK, MUTED, RULE, WIDTH, Picture, render, styled
+
+GOOD, BAD = "#1a7f37", "#d1242f"
+ROPE_WIDTH = 2.0  # points
+# Inches.
+LABEL, CELL, BETWEEN, GUTTER = 0.84, 1.15, 0.06, 0.16
+TALLEST, LOWEST, PAD, TOP, BOTTOM = 1.25, 0.72, 0.13, 0.3, 0.34
+
+
+def proposals(ropes: Sequence[Rope], name: str) -> Picture:
+    """A row an action: of each rope the start with its splines, and the shape after the first.
+
+    Green splines succeeded, red and dashed ones did not. A rope's two panels are one window.
+    """
+    actions = in_order([rope.action for rope in ropes])
+    rows = [[rope for rope in ropes if rope.action == action] for action in actions]
+    heights = []
+    for row in rows:
+        tallest = max(_scale(rope) * _size(rope)[1] for rope in row)
+        heights.append(max(LOWEST, tallest) + 2 * PAD)
+    with styled():
+        height = TOP + sum(heights) + BOTTOM
+        figure = Figure(figsize=(WIDTH, height))
+        top = height - TOP
+        _headings(figure, height, max(map(len, rows)))
+        for action, row, tall in zip(actions, rows, heights, strict=True):
+            _rule(figure, top / height)
+            _label(figure, action, row, (top - tall / 2) / height, height)
+            for place, rope in enumerate(row):
+                left = _left(place)
+                _pair(figure, rope, left, top, tall, height)
+            top -= tall
+        _rule(figure, top / height)
+        for place in range(1, max(map(len, rows))):
+            x = (_left(place) - GUTTER / 2) / WIDTH
+            ends = [top / height, 1 - TOP / height]
+            figure.add_artist(Line2D([x, x], ends, color=RULE, linewidth=0.8))
+        _key(figure, height)
+        tried = sum(len(rope.splines) for rope in ropes)
+        hit = sum(spline.succeeded for rope in ropes for spline in rope.splines)
+        alt = (
+            f"{len(ropes)} unseen ropes of {len(actions)} topological actions with {tried} "
+            f"proposed splines, of which {hit} succeeded, and the shapes after the first"
+        )
+        return render(figure, name, alt)
+
+
+def _left(place: int) -> float:
+    """Inches left of a rope's two panels."""
+    return LABEL + place * (2 * CELL + BETWEEN + GUTTER)
+
+
+def _window(rope: Rope) -> tuple[NDArray, NDArray]:
+    """The lowest and highest x and y of all that is drawn of a rope, metres."""
+    parts = [rope.before, *(spline.curve for spline in rope.splines)]
+    parts += [] if rope.after is None else [rope.after]
+    flat = np.vstack(parts)[:, :2]
+    return flat.min(axis=0), flat.max(axis=0)
+
+
+def _size(rope: Rope) -> NDArray:
+    """Width and height (2,) of what is drawn of a rope, metres."""
+    low, high = _window(rope)
+    return high - low
+
+
+def _scale(rope: Rope) -> float:
+    """Inches a metre."""
+    width, height = _size(rope)
+    return float(min((CELL - PAD) / width, TALLEST / height))
+
+
+def _pair(figure: Figure, rope: Rope, left: float, top: float, tall: float, height: float) -> None:
+    low, high = _window(rope)
+    middle, scale = (low + high) / 2, _scale(rope)
+    reach = np.array([CELL, tall]) / scale / 2
+    for column, points in enumerate((rope.before, rope.after)):
+        x = left + column * (CELL + BETWEEN)
+        axes = figure.add_axes((x / WIDTH, (top - tall) / height, CELL / WIDTH, tall / height))
+        axes.set_axis_off()
+        axes.set_xlim(middle[0] - reach[0], middle[0] + reach[0])
+        axes.set_ylim(middle[1] - reach[1], middle[1] + reach[1])
+        if points is None:
+            axes.text(*middle, "simulation\nblew up", ha="center", va="center", color=BAD)
+            continue
+        draw_rope(axes, points, ROPE_WIDTH, 72 * scale)
+        if column == 0:
+            _bar(axes, middle - reach, scale)
+            for number, spline in reversed(list(enumerate(rope.splines))):
+                _spline(axes, spline, first=number == 0)
+        else:
+            _verdict(axes, rope.splines[0])
+
+
+def _spline(axes: Axes, spline: Proposed, *, first: bool) -> None:
+    colour = GOOD if spline.succeeded else BAD
+    flat = spline.curve[:, :2]
+    axes.plot(
+        *flat.T,
+        color=colour,
+        linewidth=1.6 if first else 0.75,
+        linestyle="-" if spline.succeeded else (0, (3.2, 1.6)),
+        zorder=4 + first,
+        clip_on=False,
+    )
+    both: dict[str, Any] = {"color": colour, "zorder": 5, "clip_on": False}
+    axes.plot(*flat[0], "o", markersize=2.6 if first else 1.8, **both)
+    axes.plot(
+        *flat[-1],
+        "o" if spline.succeeded else "x",
+        markerfacecolor="none",
+        markersize=4.2 if first else 2.6,
+        markeredgewidth=1.1 if first else 0.7,
+        **both,
+    )
+
+
+def _verdict(axes: Axes, spline: Proposed) -> None:
+    colour, mark = (GOOD, "✓") if spline.succeeded else (BAD, "✗")
+    axes.text(
+        0.99,
+        0.97,
+        mark,
+        transform=axes.transAxes,
+        ha="right",
+        va="top",
+        color=colour,
+        fontsize=10,
+    )
+
+
+def _headings(figure: Figure, height: float, columns: int) -> None:
+    for place in range(columns):
+        left = _left(place)
+        for x, words in ((left, "start, proposals"), (left + CELL + BETWEEN, "after the first")):
+            figure.text(
+                (x + CELL / 2) / WIDTH,
+                1 - 0.12 / height,
+                words,
+                ha="center",
+                va="top",
+                fontsize=8,
+                color=MUTED,
+            )
+
+
+def _bar(axes: Axes, corner: NDArray, scale: float) -> None:
+    """A bar of 10 cm in the lower left corner, for every rope has a scale of its own."""
+    x, y = corner + 0.045 / scale
+    axes.plot([x, x + 0.1], [y, y], color=MUTED, linewidth=1.0, clip_on=False)
+    axes.text(x + 0.1, y, " 10 cm", va="center", fontsize=5.5, color=MUTED)
+
+
+def _label(figure: Figure, action: str, row: Sequence[Rope], y: float, height: float) -> None:
+    splines = [spline for rope in row for spline in rope.splines]
+    hit = sum(spline.succeeded for spline in splines)
+    step = 0.08 / height
+    figure.text(0.0, y + step, action, va="center", fontsize=9, color=INK)
+    figure.text(0.0, y - step, f"{hit} of {len(splines)}", va="center", fontsize=8, color=MUTED)
+
+
+def _rule(figure: Figure, y: float) -> None:
+    figure.add_artist(Line2D([0, 1], [y, y], color=RULE, linewidth=0.8))
+
+
+def _key(figure: Figure, height: float) -> None:
+    handles = [
+        Line2D([], [], color=COLOURS(0.0), marker="o", linewidth=ROPE_WIDTH, label="head"),
+        Line2D([], [], color=COLOURS(1.0), linewidth=ROPE_WIDTH, label="tail"),
+        Line2D(
+            [], [], color=GOOD, marker="o", markerfacecolor="none", markersize=4, label="succeeded"
+        ),
+        Line2D(
+            [], [], color=BAD, marker="x", linestyle="--", markersize=4, label="did not succeed"
+        ),
+        Line2D([], [], color=INK, linewidth=1.6, label="thick: the first, whose result is shown"),
+    ]
+    figure.legend(
+        handles=handles,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 0.02 / height),
+        ncols=len(handles),
+        frameon=False,
+        fontsize=8,
+        handlelength=1.9,
+        columnspacing=1.6,
+        borderaxespad=0.0,
+    )

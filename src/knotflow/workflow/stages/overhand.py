@@ -1,0 +1,121 @@
+"""Stage `overhand`: a plan for one knot in one rope, with everything there is to look at (Fig. 1).
+
+It carries the name of its experiment, for the overhand is what it ties unless asked for another.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from knotflow.planning import (
+    ROPE_NAMES,
+    KnotPlan,
+    PlannerConfig,
+    SearchUpdate,
+    parse_goal,
+    parse_rope,
+    plan_knot,
+)
+from knotflow.samplers import SamplerConfig, build_sampler
+from knotflow.simulation import Attempts, RopeSimulator, SimulationConfig, StartsConfig
+from knotflow.workflow.context import StageContext
+from knotflow.workflow.signature import runtime
+from knotflow.workflow.stage import stage
+from knotflow.workflow.stages.plans import search_row
+from knotflow.workflow.stages.plans_files import write_plan
+from knotflow.workflow.stages.provenance import Provenance
+from knotflow.workflow.stages.recorder import Recorder
+
+TRAINED = "primitives"
+"""The sampler that needs a file."""
+
+
+@dataclass
+class OverhandConfig:
+    """What is tied into which rope, and by whom."""
+
+    simulation: SimulationConfig = field(default_factory=SimulationConfig)
+    """The simulator it is planned in."""
+    starts: StartsConfig = field(default_factory=StartsConfig)
+    """What a random rope looks like."""
+    planner: PlannerConfig = field(default_factory=PlannerConfig)
+    """How the tree grows, and when the search gives up."""
+    knot: str = "overhand"
+    """A knot's name, crossings, or a topological path, see `planning.parse_goal`."""
+    rope: str = runtime("random")
+    """straight, arc, random, or a file; what counts is what is in it, see `rope_contents`."""
+    rope_contents: str = "random"
+    """The name of a generated rope, or a hash of the file's contents."""
+    seed: int = 0
+    """Of the random rope and of the search."""
+    sampler: str = "primitives"
+    """Who proposes splines: primitives (trained), or aimed (knowledge without learning)."""
+    primitives: str = runtime("")
+    """The library's file for the sampler `primitives`; what counts is `primitives_contents`."""
+    primitives_contents: str = ""
+    """A hash of the file's contents."""
+    provenance: Provenance = field(default_factory=Provenance)
+    """The experiment-wide columns."""
+
+
+@stage("overhand", version=1, inputs=())
+def plan_one(config: OverhandConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
+    """Makes plan/ (see `plans_files.write_plan`), branches.csv, outcome.json, and recordings/.
+
+    A search that ends without a knot makes the same files of how far it came; outcome.json says
+    which, and what was tried.
+
+    Raises:
+        ValueError: an unknown knot, rope or sampler; a rope that cannot be used, is tied already,
+            or lies in a state from which no actions lead to the knot.
+        FileNotFoundError: no primitives at the given file.
+    """
+    rope = config.simulation.rope
+    goal = parse_goal(config.knot, rope)
+    points = parse_rope(config.rope, rope, np.random.default_rng([config.seed, 0]), config.starts)
+    settings = {"file": config.primitives} if config.sampler == TRAINED else {}
+    sampler = build_sampler(SamplerConfig(config.sampler, settings), inputs)
+    simulator = RopeSimulator(config.simulation)
+    recorder = Recorder(context, config.sampler, rope)
+    last: list[Attempts] = []
+
+    def observe(attempts: Attempts) -> None:
+        recorder(attempts)
+        last[:] = [attempts]
+
+    rng = np.random.default_rng([config.seed, 1])
+    with context.progress(total=config.planner.max_branches, desc="branches") as bar:
+
+        def progress(update: SearchUpdate) -> None:
+            bar.update(update.branches - bar.n)
+
+        plan = plan_knot(points, goal, sampler, simulator, rng, config.planner, progress, observe)
+    if not plan.branches:
+        _refuse(plan, config)
+    recorder.save("recordings/branches.mcap")
+    name = config.rope if config.rope in ROPE_NAMES else Path(config.rope).name
+    row = search_row(plan, config.knot, name, config.seed)
+    with context.atomic("branches.csv") as path:
+        config.provenance.first(pd.DataFrame([row])).to_csv(path, index=False)
+    write_plan(context, "plan", plan, config.simulation, config.sampler, last[0])
+    with context.atomic("outcome.json") as path:
+        told = {"success": plan.solved, "text": plan.summary()}
+        path.write_text(json.dumps(told, indent=1) + "\n", "utf-8")
+
+
+def _refuse(plan: KnotPlan, config: OverhandConfig) -> None:
+    if plan.solved:
+        raise ValueError(
+            f"there is nothing to plan: the rope {config.rope!r} lies in the state "
+            f"{plan.start_state}, which is {config.knot} already"
+        )
+    raise ValueError(
+        f"no spline was simulated: {plan.reason}; raise planner.max_seconds, which is "
+        f"{config.planner.max_seconds:g}"
+    )

@@ -1,0 +1,173 @@
+"""Stage `plans`: tree searches for knots from given ropes, seed by seed (Sec. V-B d, VII-A4)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from knotflow.planning import (
+    ROPE_NAMES,
+    KnotPlan,
+    PlannerConfig,
+    expected_type,
+    knot_type,
+    parse_goal,
+    parse_rope,
+    plan_knot,
+)
+from knotflow.recording import write_index
+from knotflow.samplers import SamplerConfig, build_sampler
+from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig
+from knotflow.topology import TopologicalState
+from knotflow.workflow.context import StageContext
+from knotflow.workflow.stage import stage
+from knotflow.workflow.stages.recorder import Recorder
+
+START_FILE = "start.npy"
+"""A rope (V, 3) in the output of a stage that makes a start shape."""
+SEARCHES = "searches.csv"
+"""The table that this stage makes."""
+NOT_CHECKED = "not checked"
+"""In place of a knot type where topoly, an extra for tests, is not installed."""
+
+
+@dataclass
+class PlanCase:
+    """One kind of search."""
+
+    goal: str = "overhand"
+    """A knot's name, crossings, or one topological path, see `planning.parse_goal`."""
+    start: str = "straight"
+    """straight, arc, random (another curve for each seed), or an input that holds a start.npy."""
+
+
+@dataclass
+class PlansConfig:
+    """What is planned, how often, and how."""
+
+    simulation: SimulationConfig = field(default_factory=SimulationConfig)
+    """The simulator the search plans in."""
+    starts: StartsConfig = field(default_factory=StartsConfig)
+    """What a random start looks like."""
+    sampler: SamplerConfig = field(default_factory=SamplerConfig)
+    """The method; the stages it learns from are inputs of this one."""
+    planner: PlannerConfig = field(default_factory=PlannerConfig)
+    """How the tree grows, and when a search gives up."""
+    cases: list[PlanCase] = field(default_factory=list)
+    """Each is searched once for each seed."""
+    seeds: int = 10
+    """Searches of each case."""
+    seed: int = 20
+    """Of everything random. The start of a seed is the same for every method and goal."""
+
+
+@stage("plans", version=1)
+def make_plans(
+    config: PlansConfig, inputs: Mapping[str, Path], context: StageContext
+) -> None:
+    """Makes searches.csv, plans/*.json of the plans found, and recordings/*.mcap of all branches.
+
+    One shard a case and seed; a shard is complete when its row is there. Inputs: what the sampler
+    needs, and the starts that the cases name.
+    """
+    rope = config.simulation.rope
+    goals = [parse_goal(case.goal, rope) for case in config.cases]
+    for case in config.cases:
+        _check_start(case.start, inputs)
+    names = {
+        f"{number:02d}-{seed:03d}": (number, seed)
+        for number in range(len(config.cases))
+        for seed in range(config.seeds)
+    }
+    pending = context.pending([f"rows/{name}" for name in names], ".csv")
+    simulator = RopeSimulator(config.simulation)
+    sampler = build_sampler(config.sampler, inputs)
+    bar = context.progress(total=len(names), initial=len(names) - len(pending), desc="plans")
+    with bar:
+        for shard in pending:
+            name = Path(shard).name
+            number, seed = names[name]
+            case, rng = config.cases[number], np.random.default_rng([config.seed, seed, 1])
+            first = [*names].index(name) * config.planner.max_branches
+            recorder = Recorder(context, config.sampler.name, rope, first)
+            recorder.extra = {"plan": name}
+            points = _start(case.start, config, seed, inputs)
+            plan = plan_knot(
+                points, goals[number], sampler, simulator, rng, config.planner, observe=recorder
+            )
+            recorder.save(f"recordings/{name}.mcap")
+            with context.atomic(f"plans/{name}.json") as path:
+                path.write_text(plan.to_json(trajectories=False), "utf-8")
+            with context.atomic(f"{shard}.csv") as path:
+                row = search_row(plan, case.goal, case.start, seed)
+                pd.DataFrame([{"plan": name, **row}]).to_csv(path, index=False)
+            bar.update()
+    with context.atomic(SEARCHES) as path:
+        rows = [read_searches(context.out / "rows" / f"{name}.csv") for name in names]
+        pd.concat(rows).to_csv(path, index=False)
+    if any((context.out / "recordings").glob("*.mcap")):
+        write_index(context.out / "recordings")
+
+
+def search_row(plan: KnotPlan, goal: str, start: str, seed: int) -> dict[str, Any]:
+    """What the tables say of one search; `knot_type` is told by an independent library."""
+    found, confirmed = _confirmed(plan)
+    return {
+        "start": start,
+        "seed": seed,
+        "branches": plan.branches,
+        "solved": plan.solved,
+        "seconds": round(plan.seconds, 3),
+        "goal": goal,
+        "nodes": plan.nodes,
+        "path": " ".join(map(str, plan.actions)) if plan.solved else "",
+        "knot_type": found,
+        "confirmed": confirmed,
+        "reason": plan.reason,
+    }
+
+
+def read_searches(path: Path) -> pd.DataFrame:
+    """A table of searches; cells that are empty stay empty text."""
+    return pd.read_csv(path, keep_default_na=False, dtype={"plan": str})
+
+
+def _check_start(start: str, inputs: Mapping[str, Path]) -> None:
+    if start not in ROPE_NAMES and start not in inputs:
+        raise ValueError(
+            f"unknown start {start!r}; it is one of {', '.join(ROPE_NAMES)}, or an input of this "
+            f"stage that holds a {START_FILE}: {', '.join(inputs) or 'there is none'}"
+        )
+
+
+def _start(
+    start: str, config: PlansConfig, seed: int, inputs: Mapping[str, Path]
+) -> NDArray[np.float64]:
+    """The rope (V, 3) of a seed, metres."""
+    if start in ROPE_NAMES:
+        rng = np.random.default_rng([config.seed, seed, 0])
+        return parse_rope(start, config.simulation.rope, rng, config.starts)
+    return np.load(inputs[start] / START_FILE, allow_pickle=False)
+
+
+def _confirmed(plan: KnotPlan) -> tuple[str, str]:
+    """The knot type of a tied rope, and whether it is that of its state: yes, no, not checked."""
+    if not plan.solved:
+        return "", ""
+    try:
+        found, expected = knot_type(plan.shapes[-1]), _expected(plan.states[-1])
+    except ModuleNotFoundError:
+        return NOT_CHECKED, NOT_CHECKED
+    return found, "yes" if found == expected else "no"
+
+
+@lru_cache(maxsize=None)
+def _expected(state: TopologicalState) -> str:
+    return expected_type(state)

@@ -1,0 +1,105 @@
+from __future__ import annotations
+
+import pytest
+import torch
+from torch.nn.functional import binary_cross_entropy_with_logits
+
+from knotflow.primitives import Actor, Critic, NetworkConfig
+from knotflow.training import ActorLoss, CriticLoss
+from knotflow.training.buffer import TrialBuffer, mixed
+from knotflow.training.learner import demonstration_buffer
+
+NETWORK = NetworkConfig(lstm=8, attention=4, stream=8, feature=8, head=8)
+
+
+@pytest.fixture
+def batch(trials):
+    torch.manual_seed(0)
+    generator = torch.Generator().manual_seed(0)
+    buffer = demonstration_buffer([(trials, trials.start >= 0)], generator)
+    return buffer.sample(4, 10)
+
+
+def test_the_critic_loss_is_the_cross_entropy_with_the_reward(batch):
+    critic = Critic(NETWORK)
+    logit = critic(batch["states"], batch["spline"], batch["owner"])
+    expected = binary_cross_entropy_with_logits(logit, batch["reward"])
+    torch.testing.assert_close(CriticLoss(critic)(batch)["loss_critic"], expected)
+
+
+def test_the_next_value_enters_the_target_as_in_q_learning(batch):
+    critic = Critic(NETWORK)
+    batch["next_value"] = torch.full_like(batch["reward"], 0.8)
+    batch["reward"] = torch.zeros_like(batch["reward"])
+    logit = critic(batch["states"], batch["spline"], batch["owner"])
+    expected = binary_cross_entropy_with_logits(logit, torch.full_like(logit, 0.4))
+    torch.testing.assert_close(CriticLoss(critic, gamma=0.5)(batch)["loss_critic"], expected)
+
+
+def test_without_a_baseline_the_actor_loss_is_the_likelihood_of_the_successes(batch):
+    actor = Actor(NETWORK)
+    gaussian = actor.distribution(batch["states"])
+    log_prob = torch.stack(
+        [
+            torch.distributions.MultivariateNormal(
+                gaussian.mean[owner], gaussian.covariance_matrix[owner]
+            ).log_prob(spline)
+            for owner, spline in zip(batch["owner"], batch["spline"], strict=True)
+        ]
+    )
+    expected = -log_prob[batch["reward"] > 0].mean()
+    loss = ActorLoss(actor)(batch)["loss_actor"]
+    torch.testing.assert_close(loss, expected, atol=1e-4, rtol=1e-4)
+
+
+def test_failures_push_the_actor_only_while_it_would_still_propose_them(batch):
+    actor = Actor(NETWORK)
+    batch["reward"] = torch.zeros_like(batch["reward"])
+    batch["baseline"] = torch.full_like(batch["baseline"], 0.5)
+    near = batch.clone()
+    near["spline"] = actor(batch["states"])[0].detach()[batch["owner"]]
+    far = batch.clone()
+    far["spline"] = near["spline"] + 100
+    loss = ActorLoss(actor, failure_weight=1.0)
+
+    def gradient(some):
+        actor.zero_grad()
+        loss(some)["loss_actor"].backward()
+        return sum(float(p.grad.abs().sum()) for p in actor.parameters())
+
+    assert gradient(near) > 0
+    assert gradient(far) == 0
+    assert ActorLoss(actor, failure_weight=0.0)(near)["loss_actor"] == 0
+
+
+def test_mixed_batches_count_each_source_with_its_share(batch):
+    few = {"owner": torch.zeros(5, dtype=torch.long)}
+    small = batch.clone()
+    for key in ("spline", "reward", "baseline", "weight"):
+        small[key] = batch[key][:5]
+    small["owner"] = few["owner"]
+    both = mixed([batch, small], [0.25, 0.75])
+    size = len(batch["owner"])
+    assert both["weight"].mean() == pytest.approx(1.0)
+    assert both["weight"][:size].sum() / both["weight"].sum() == pytest.approx(0.25)
+    # Trials keep their ropes.
+    torch.testing.assert_close(
+        both["states"][both["owner"][size:]]["streams"], batch["states"][small["owner"]]["streams"]
+    )
+
+
+def test_a_buffer_gives_back_what_it_was_given(batch):
+    buffer = TrialBuffer(10, 3, torch.Generator().manual_seed(0))
+    states = batch["states"][:2]
+    splines = [torch.full((1, 6), 1.0), torch.full((3, 6), 2.0)]
+    buffer.extend(states, splines, [torch.ones(1), torch.tensor([0.0, 1.0, 0.0])])
+    assert (len(buffer), buffer.trials) == (2, 4)
+    drawn = buffer.sample(5, 2)
+    assert sorted(drawn["owner"].tolist()) == [0, 1, 1]
+    assert (drawn["spline"] == (drawn["owner"] + 1.0)[:, None]).all()
+    torch.testing.assert_close(drawn["baseline"], torch.tensor([1.0, 1 / 3, 1 / 3]))
+    other = TrialBuffer(10, 3, torch.Generator().manual_seed(0))
+    other.load_state_dict(buffer.state_dict())
+    assert other.trials == 4
+    with pytest.raises(ValueError, match="1 to 3 trials, not 4"):
+        buffer.extend(states[:1], [torch.zeros(4, 6)], [torch.zeros(4)])

@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from knotflow.demonstrations import task
+from knotflow.primitives import Primitive, encode
+from knotflow.simulation import (
+    SPLINE_HIGH,
+    SPLINE_LOW,
+    RopeConfig,
+    RopeSimulator,
+    SimulationConfig,
+    state_or_none,
+)
+from knotflow.training import LearnerConfig, Reinforcement, ReinforcementConfig
+
+TASK = task("R1(0,1,1)")
+CONFIG = ReinforcementConfig(
+    LearnerConfig(demonstration_trials=4, rollout_ropes=4), rounds=3, ropes=3, splines=2, steps=2
+)
+
+
+@pytest.fixture(scope="module")
+def simulator():
+    return RopeSimulator(SimulationConfig(rope=RopeConfig(), move_time=0.3, settle_time=0.1))
+
+
+@pytest.fixture
+def start(primitive_config, trials, curves, simulator):
+    def make(config=CONFIG, variant="actor_critic"):
+        torch.manual_seed(0)
+        primitive = Primitive(replace(primitive_config, variant=variant))
+        return Reinforcement(primitive, [trials], {TASK: curves}, simulator, config, 5)
+
+    return make
+
+
+def weights(training):
+    return torch.cat([value.flatten() for value in training.primitive.state_dict().values()])
+
+
+@pytest.mark.parametrize("variant", ["actor_critic", "actor_only", "critic_only"])
+def test_a_round_gives_all_it_simulated_and_trains(start, curves, variant):
+    training = start(variant=variant)
+    before = weights(training)
+    rounds = list(training)
+    assert [one.index for one in rounds] == [0, 1, 2]
+    (attempts,) = rounds[0].attempts
+    assert attempts.task == TASK
+    assert attempts.splines.shape == (6, 6) and len(attempts.rollouts) == 6
+    assert (attempts.splines >= SPLINE_LOW).all() and (attempts.splines <= SPLINE_HIGH).all()
+    assert all((curves == points).all((1, 2)).any() for points in attempts.points)
+    goal = TASK.goal_state
+    ends = [state_or_none(end) == goal for end in attempts.rollouts.end_points]
+    np.testing.assert_array_equal(attempts.success, ends & ~attempts.rollouts.diverged)
+    assert np.isfinite(list(rounds[-1].metrics.values())).all()
+    assert not torch.equal(weights(training), before)
+
+
+def test_what_was_tried_is_what_is_remembered(start, curves):
+    training = start()
+    one = next(iter(training))
+    (attempts,) = one.attempts
+    buffer = training.learner.rollouts
+    assert buffer.trials == len(attempts.splines)
+    items = buffer.state_dict()["items"]
+    frames = encode(attempts.points[::2], [TASK.action] * 3).frames
+    expected = frames.to_network(attempts.splines.reshape(3, 2, 6))
+    np.testing.assert_allclose(items["spline"].numpy(), expected, atol=1e-5)
+    np.testing.assert_array_equal(items["reward"].numpy().ravel(), attempts.success)
+
+
+def test_an_interrupted_training_ends_with_the_same_weights(start, tmp_path):
+    through = start()
+    list(through)
+    first = start()
+    next(iter(first))
+    first.save(tmp_path / "checkpoint")
+    second = start()
+    second.load(tmp_path / "checkpoint")
+    assert [one.index for one in second] == [1, 2]
+    torch.testing.assert_close(weights(second), weights(through), atol=0, rtol=0)
+
+
+def test_an_empty_pool_is_refused(primitive_config, simulator):
+    with pytest.raises(ValueError, match=r"R1\(0,1,1\) is empty"):
+        Reinforcement(
+            Primitive(primitive_config), [], {TASK: np.zeros((0, 41, 3))}, simulator, CONFIG, 0
+        )
