@@ -25,7 +25,6 @@ from knotflow.simulation import SimulationConfig, StartsConfig
 from knotflow.training import ImitationConfig, ReinforcementConfig
 from knotflow.workflow.stages.provenance import Provenance
 
-
 SHIPPED_PRIMITIVES = Path(__file__).parent / "primitives" / "data" / FILE
 
 ASKED = ("knot", "rope", "seed", "sampler", "primitives", "planner")

@@ -46,14 +46,14 @@ def knot_type(points: ArrayLike) -> str:
         "+3_1" (right-handed overhand), "-3_1", "4_1" (figure eight), "+5_1" (pentagram), ...
 
     Raises:
-        ModuleNotFoundError: topoly, of the extra `knots`, is not installed.
+        ModuleNotFoundError: topoly, of the extra `test`, is not installed.
     """
     try:
         from topoly import homfly
         from topoly.params import Closure
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
-            "confirming a knot's type needs topoly: pip install 'knotflow[knots]'"
+            "confirming a knot's type needs topoly: pip install 'knotflow[test]'"
         ) from error
     # Its default forks a pool even for a single curve, which can hang for good beside the threads
     # of a simulator.

@@ -8,7 +8,7 @@ from typing import Any
 from knotflow.report import tables
 from knotflow.report.paper import ACTIONS
 from knotflow.report.results import Results
-from knotflow.report.style import INK, MUTED, Picture, bare_axis, new_figure, render, styled
+from knotflow.report.style import INK, MUTED, PAPER, Picture, bare_axis, new_figure, render, styled
 
 EXPERIMENTS = ("single_stage", "ablation_actor_critic")
 #: Both experiments from nothing, at the paper's counts on two cores: no longer than that.
@@ -125,7 +125,12 @@ def _bars(split: Mapping[str, Mapping[str, float]], name: str, *, paper: bool) -
                 axes.barh(y, width, 0.6, left, color=colour, label=kind if y == 0 else None)
                 left += width
             axes.annotate(
-                _sum(kinds.values()), (left, y), (5, 0), textcoords="offset points", va="center"
+                _sum(kinds.values()),
+                (left, y),
+                (6, 0),
+                textcoords="offset points",
+                va="center",
+                bbox={"facecolor": PAPER, "edgecolor": "none", "pad": 1.0},  # over the aim's line
             )
             if y:
                 axes.plot([begin, begin], [y - 1, y], color=MUTED, linewidth=0.7, zorder=0)

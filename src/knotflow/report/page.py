@@ -135,12 +135,15 @@ def _recordings(found: Experiment, results: Results, link: str) -> list[tuple[st
 
 
 def _others(results: Results) -> list[Section]:
-    """Experiments of one's own: measured, and no section of the paper's."""
+    """Experiments of one's own: measured, and no section of the paper's.
+
+    Nor another run of one that has a section, such as a plan for another knot.
+    """
     known = {section.experiment for section in SECTIONS}
     return [
         plain(name, name.replace("_", " ").capitalize(), "Not in the paper", "")
         for name, found in results.experiments.items()
-        if name not in known and found.measured
+        if name not in known and found.measured and found.run.get("workflow") not in known
     ]
 
 

@@ -29,6 +29,9 @@ from knotflow.report.rows import ResultsError, Row, read_rows
 #: Folders of results/ that are no experiment: bulky stage outputs and training curves.
 NO_EXPERIMENT = ("stages", "metrics")
 
+#: What lies beside the tables and is none: a plan for a robot.
+NO_TABLE = ("waypoints.csv",)
+
 
 @dataclass(frozen=True)
 class Stage:
@@ -171,7 +174,8 @@ class Results:
 
 
 def _experiment(folder: Path) -> Experiment:
-    tables = {path.name: read_rows(path) for path in sorted(folder.glob("*.csv"))}
+    paths = [path for path in sorted(folder.glob("*.csv")) if path.name not in NO_TABLE]
+    tables = {path.name: read_rows(path) for path in paths}
     run_file, config_file = folder / "run.json", folder / "config.yaml"
     try:
         run = json.loads(run_file.read_text("utf-8")) if run_file.is_file() else {}

@@ -85,9 +85,11 @@ def reinforcement(curves: Curves, name: str) -> Picture:
         panels = figure.subplots(1, len(curves.primitives), sharey=True, squeeze=False)[0]
         for axes, primitive in zip(panels, curves.primitives, strict=True):
             of_action = curves.by_action(primitive, POLICY_SUCCESS)
-            for colour, action in zip(COLOURS, in_order(list(of_action)), strict=False):
-                curve = of_action[action]
-                axes.plot(*(curve.steps, curve.values, "o"), color=colour, markersize=2, alpha=0.45)
+            for place, action in enumerate(in_order(list(of_action))):
+                curve, colour = of_action[action], COLOURS[place % len(COLOURS)]
+                axes.plot(
+                    *(curve.steps, curve.values, "o"), color=colour, markersize=2.2, alpha=0.45
+                )
                 axes.plot(
                     *(curve.steps, smoothed(curve.values)),
                     color=colour,
@@ -96,6 +98,8 @@ def reinforcement(curves: Curves, name: str) -> Picture:
                 )
             axes.set_title(_title(primitive), fontsize=8.5, color=INK)
             axes.set_xlabel("round")
+            rounds = max((curve.steps[-1] for curve in of_action.values()), default=1)
+            axes.set_xlim(0, rounds + 1)
             axes.set_ylim(0, 1.04)
             axes.set_yticks(np.linspace(0, 1, 6))
             axes.yaxis.set_major_formatter(PercentFormatter(1, decimals=0, symbol=" %"))

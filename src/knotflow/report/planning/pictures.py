@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 from knotflow.report.results import Results
-from knotflow.report.sections.section import Pictures
 from knotflow.report.style import Picture
 
 
 def stored(
-    results: Results, pictures: Pictures, experiment: str, stem: str, name: str, alt: str
+    results: Results,
+    add: Callable[[Picture], str],
+    experiment: str,
+    stem: str,
+    name: str,
+    alt: str,
 ) -> str:
     """The Markdown that shows results/<experiment>/<stem>.png, '' where there is none.
 
     Args:
         results: where it is.
-        pictures: of the report.
+        add: takes it into the report and gives the Markdown, `Pictures.add`.
         experiment: that made it.
         stem: path in the experiment's folder, without the endings png and svg.
         name: what the figure is called in the report.
@@ -31,4 +36,4 @@ def stored(
         return ""
     # matplotlib ends lines of path data with blanks, which a repository does not like.
     clean = re.sub(rb"[ \t]+$", b"", svg.read_bytes(), flags=re.MULTILINE)
-    return pictures.add(Picture(name, png.read_bytes(), clean, alt))
+    return add(Picture(name, png.read_bytes(), clean, alt))

@@ -97,7 +97,9 @@ def _pair(figure: Figure, rope: Rope, left: float, top: float, tall: float, heig
         axes.set_xlim(middle[0] - reach[0], middle[0] + reach[0])
         axes.set_ylim(middle[1] - reach[1], middle[1] + reach[1])
         if points is None:
-            axes.text(*middle, "simulation\nblew up", ha="center", va="center", color=BAD)
+            axes.text(
+                middle[0], middle[1], "simulation\nblew up", ha="center", va="center", color=BAD
+            )
             continue
         draw_rope(axes, points, ROPE_WIDTH, 72 * scale)
         if column == 0:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,25 +63,25 @@ def read_proposals(rows: list[Row]) -> list[Rope]:
 
 
 def _rope(action: str, start: int, items: dict[tuple[str, str], list[Row]]) -> Rope:
-    found: dict[str, list[Sequence[Row]]] = {BEFORE: [], SPLINE: [], AFTER: []}
+    found: dict[str, list[list[Row]]] = {BEFORE: [], SPLINE: [], AFTER: []}
     for (what, _), own in items.items():
         found[what].append(own)
     first = next(iter(items.values()))[0]
     if len(found[BEFORE]) != 1 or not found[SPLINE]:
         raise first.error("what", f"{action} from start {start} needs one rope before and a spline")
     splines = []
-    for own in found[SPLINE]:
-        outcome = own[0].text("outcome")
+    for points in found[SPLINE]:
+        outcome = points[0].text("outcome")
         if outcome not in OUTCOMES:
-            raise own[0].error("outcome", f"{outcome!r} is none of {', '.join(OUTCOMES)}")
-        if len(own) != 3:
-            raise own[0].error("point", f"{len(own)} control points; a spline has 3")
-        splines.append(Proposed(_points(own), outcome))
+            raise points[0].error("outcome", f"{outcome!r} is none of {', '.join(OUTCOMES)}")
+        if len(points) != 3:
+            raise points[0].error("point", f"{len(points)} control points; a spline has 3")
+        splines.append(Proposed(_points(points), outcome))
     after = _points(found[AFTER][0]) if found[AFTER] else None
     return Rope(action, start, _points(found[BEFORE][0]), tuple(splines), after)
 
 
-def _points(rows: Sequence[Row]) -> NDArray[np.float64]:
+def _points(rows: list[Row]) -> NDArray[np.float64]:
     for place, row in enumerate(rows):
         if row.count("point") != place:
             raise row.error("point", f"{row.count('point')} where {place} was expected")

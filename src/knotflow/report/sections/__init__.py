@@ -11,6 +11,9 @@ from knotflow.report.sections import (
     benchmark,
     causal_infogan,
     joint_finetuning,
+    knots,
+    overhand,
+    pentagram,
     single_stage,
     tree_size,
 )
@@ -18,12 +21,7 @@ from knotflow.report.sections.plain import plain
 from knotflow.report.sections.section import Pictures, Section
 
 SECTIONS: tuple[Section, ...] = (
-    plain(
-        "overhand",
-        "A plan for the overhand",
-        "Fig. 1",
-        "From a randomly lying rope to an overhand knot with the shipped primitives.",
-    ),
+    overhand.SECTION,
     single_stage.SECTION,
     tree_size.SECTION,
     ablation_actor_critic.SECTION,
@@ -35,12 +33,8 @@ SECTIONS: tuple[Section, ...] = (
         "Sec. VI and VII-D",
         "Plans executed with tracking and model predictive control, here in simulation.",
     ),
-    plain(
-        "pentagram",
-        "The pentagram",
-        "Sec. VII-E, Fig. 9",
-        "A knot more complex than any in training, from an overhand whose head was pulled out.",
-    ),
+    pentagram.SECTION,
+    knots.SECTION,
     benchmark.SECTION,
 )
 

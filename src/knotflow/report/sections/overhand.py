@@ -17,10 +17,8 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     if found is None:
         return None
     (search,), (told,) = found
-    plan = stored(results, pictures, OVERHAND, "plan", "overhand_plan", "A plan, step by step")
-    dag = stored(results, pictures, OVERHAND, "dag", "overhand_dag", "Solution DAG of the knot")
-    if not dag:
-        dag = stored(results, pictures, "tree_size", "dag", "overhand_dag", "Solution DAG")
+    plan = stored(results, pictures.add, OVERHAND, "plan", "overhand_plan", "A plan, step by step")
+    dag = stored(results, pictures.add, OVERHAND, "dag", "overhand_dag", "Solution DAG of the knot")
     return {
         "search": search,
         "told": told,

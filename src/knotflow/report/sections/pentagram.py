@@ -30,7 +30,12 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     ]
     plans = {
         folder: stored(
-            results, pictures, PENTAGRAM, f"{folder}/plan", f"pentagram_{folder}", f"Plan, {folder}"
+            results,
+            pictures.add,
+            PENTAGRAM,
+            f"{folder}/plan",
+            f"pentagram_{folder}",
+            f"Plan, {folder}",
         )
         for folder in ("pulled", "untangled")
     }

@@ -6,6 +6,7 @@ from typing import Any
 
 from knotflow.report import figures, tables
 from knotflow.report.paper import OVERHAND_LIMIT, STARTS, TREE_SIZE, with_extras
+from knotflow.report.planning.pictures import stored
 from knotflow.report.results import Results
 from knotflow.report.sections.section import Pictures, Section
 
@@ -44,6 +45,7 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         ),
         "missing": tables.listed([arm.label for arm in arms if arm.name not in searches.arms]),
         "limit": OVERHAND_LIMIT,
+        "dag": stored(results, pictures.add, EXPERIMENT, "dag", "tree_size_dag", "Solution DAG"),
         "unsolved": sum(not search.solved for search in searches),
     }
 

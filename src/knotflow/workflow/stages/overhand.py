@@ -22,6 +22,7 @@ from knotflow.planning import (
     parse_rope,
     plan_knot,
 )
+from knotflow.recording import write_index
 from knotflow.samplers import SamplerConfig, build_sampler
 from knotflow.simulation import Attempts, RopeSimulator, SimulationConfig, StartsConfig
 from knotflow.workflow.context import StageContext
@@ -99,6 +100,7 @@ def plan_one(config: OverhandConfig, inputs: Mapping[str, Path], context: StageC
     if not plan.branches:
         _refuse(plan, config)
     recorder.save("recordings/branches.mcap")
+    write_index(context.out / "recordings")
     name = config.rope if config.rope in ROPE_NAMES else Path(config.rope).name
     row = search_row(plan, config.knot, name, config.seed)
     with context.atomic("branches.csv") as path:

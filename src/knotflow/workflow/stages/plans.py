@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -69,9 +69,7 @@ class PlansConfig:
 
 
 @stage("plans", version=1)
-def make_plans(
-    config: PlansConfig, inputs: Mapping[str, Path], context: StageContext
-) -> None:
+def make_plans(config: PlansConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes searches.csv, plans/*.json of the plans found, and recordings/*.mcap of all branches.
 
     One shard a case and seed; a shard is complete when its row is there. Inputs: what the sampler
@@ -168,6 +166,6 @@ def _confirmed(plan: KnotPlan) -> tuple[str, str]:
     return found, "yes" if found == expected else "no"
 
 
-@lru_cache(maxsize=None)
+@cache
 def _expected(state: TopologicalState) -> str:
     return expected_type(state)

@@ -37,9 +37,7 @@ def show(config: PlansExemplarConfig, inputs: Mapping[str, Path], context: Stage
         name: KnotPlan.from_json((inputs["plans"] / "plans" / f"{name}.json").read_text("utf-8"))
         for name in searches["plan"]
     }
-    best = min(
-        plans, key=lambda name: (not plans[name].solved, _effort(plans[name]), name)
-    )
+    best = min(plans, key=lambda name: (not plans[name].solved, _effort(plans[name]), name))
     write_plan(context, "plan", plans[best], config.simulation, config.sampler.name)
 
 

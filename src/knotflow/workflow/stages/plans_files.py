@@ -15,7 +15,7 @@ RECORD_RATE = 50.0
 """Frames a second of the recording; every fifth of them is in the animation."""
 ANIMATED = 5
 DRAWN_STATES = 40
-"""A larger solution DAG is drawn as the plan's path alone: it would take seconds, and be illegible."""
+"""A larger solution DAG is drawn as the plan's path alone: it would be slow, and illegible."""
 
 
 def write_plan(

@@ -5,7 +5,9 @@ primitive has learned it. Here a rope is first tied along a topological path wit
 then its head is grasped and drawn away over the table, a few times. A pull is a spline like any
 other: grasped at the very head, moved low in about the direction in which the head points. Of a
 number of random pulls the one is kept that leaves the topological state as it is, every inner
-segment long enough to work with, and the longest head.
+segment long enough to work with, and the longest head. A person would not pull a rope into a shape
+in which nothing can be done with it; so of a few ropes the one is taken in which aimed guesses at
+the next action succeed most often. No method that is measured has a say in this.
 """
 
 from __future__ import annotations
@@ -19,17 +21,19 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from knotflow.baselines import AimedSampler
+from knotflow.demonstrations import aim
 from knotflow.planning import Goal, PlannerConfig, parse_goal, plan_knot
 from knotflow.recording import RecordedRollout, write_index, write_recording
 from knotflow.simulation import (
     RopeSimulator,
     SimulationConfig,
+    attempt,
     clip_splines,
     control_points,
     state_or_none,
     straight,
 )
-from knotflow.topology import TopologicalState, segment_intervals
+from knotflow.topology import TopologicalState, parse_action, segment_intervals
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.plans import START_FILE
@@ -55,8 +59,12 @@ class PullConfig:
     """Random pulls from which one is kept."""
     rounds: int = 4
     """Pulls in succession at most."""
-    knots: int = 5
-    """Knots tied at most, until one has room for a long head."""
+    onward: str = "C(0,3,1)"
+    """The action that the rope is to be ready for."""
+    guesses: int = 32
+    """Aimed guesses at it, by whose successes the ropes are compared."""
+    knots: int = 4
+    """Ropes tied and pulled, of which one is taken."""
     seed: int = 40
     """Of everything random."""
 
@@ -69,9 +77,10 @@ def pull_out(config: PullConfig, inputs: Mapping[str, Path], context: StageConte
         RuntimeError: no knot could be tied, or none whose head could be pulled out far enough.
     """
     simulator, rng = RopeSimulator(config.simulation), np.random.default_rng(config.seed)
-    goal = parse_goal(config.path, config.simulation.rope)
+    goal, onward = parse_goal(config.path, config.simulation.rope), parse_action(config.onward)
     recorder = Recorder(context, "aim", config.simulation.rope)
     pulled: list[RecordedRollout] = []
+    ready: list[tuple[int, NDArray[np.float64]]] = []
     for _ in context.progress(range(config.knots), desc="pull"):
         points = _tie(goal, simulator, rng, recorder)
         state = TopologicalState.from_curve(points)
@@ -80,12 +89,15 @@ def pull_out(config: PullConfig, inputs: Mapping[str, Path], context: StageConte
                 break
             points = _pull(points, state, simulator, rng, config, pulled, context.signature)
         if _head(points, config) >= config.head:
-            break
-    else:
+            splines = aim(points, onward, config.guesses, rng)
+            tried = attempt(simulator, points, splines, onward, state, recorder)
+            ready.append((int(tried.success.sum()), points))
+    if not ready:
         raise RuntimeError(
             f"no head could be pulled out to {config.head:g} m in {config.knots} knots; lower "
             "head, or raise pulls, rounds or knots"
         )
+    points = max(ready, key=lambda one: one[0])[1]
     recorder.save("recordings/tie.mcap")
     if pulled:
         with context.atomic("recordings/pull.mcap") as path:

@@ -1,0 +1,81 @@
+"""What single actions and ablation cost: every stage once, by kind, beside the aim."""
+
+import pytest
+import yaml
+
+from knotflow.report.cost import cost, spent
+from knotflow.report.page import compose
+from knotflow.report.results import Results
+
+
+def stage(name, seconds, signature):
+    return {"stage": name, "seconds": seconds, "signature": signature}
+
+
+SHARED = {
+    "demonstrations": stage("demonstrations", 400.0, "d"),
+    "imitation": stage("imitation", 900.0, "i"),
+    "reinforcement": stage("reinforcement", 3000.0, "r"),
+}
+SINGLE = SHARED | {
+    "pools": stage("pools", 100.0, "p"),
+    "random": stage("evaluation", 60.0, "e"),
+    "success_rates": stage("success_rates", 1.0, "s"),
+}
+
+
+def ablation(seconds):
+    return SHARED | {"actor_only_reinforcement": stage("reinforcement", seconds, "a")}
+
+
+def told(write, seconds=2000.0, budget="paper"):
+    write.run("single_stage", SINGLE, budget)
+    write.run("ablation_actor_critic", ablation(seconds), budget)
+    return cost(Results(write.root), lambda picture: picture.name)
+
+
+def test_each_stage_is_counted_once_and_by_its_kind(write):
+    told(write)
+    split = spent(Results(write.root))
+    assert split["single_stage"] == {
+        "simulation": 500.0,
+        "training": 3900.0,
+        "evaluation": 60.0,
+        "tables": 1.0,
+    }
+    assert sum(split["ablation_actor_critic"].values()) == 2000.0
+
+
+@pytest.mark.parametrize(("seconds", "within"), [(2000.0, True), (7000.0, False)])
+def test_the_total_stands_beside_the_aim(write, rate_counts, seconds, within):
+    found = told(write, seconds)
+    assert found["complete"] and found["paper"] and found["within"] is within
+    write.rates("single_stage", rate_counts(("random",)))
+    text = compose(Results(write.root), "results").markdown
+    assert ("it is met." in text) is within and ("**it is missed.**" in text) is not within
+
+
+def test_a_smoke_run_is_not_held_against_the_aim(write, rate_counts):
+    assert not told(write, budget="smoke")["paper"]
+    write.rates("single_stage", rate_counts(("random",), 12), "smoke")
+    text = compose(Results(write.root), "results").markdown
+    assert "do not bear on it" in text and "it is met" not in text
+
+
+def test_half_of_it_is_not_called_the_whole(write):
+    write.run("single_stage", SINGLE)
+    found = cost(Results(write.root), lambda picture: picture.name)
+    assert not found["complete"] and "together" not in found["table"]
+    assert cost(Results(write.root / "nowhere"), lambda picture: picture.name) is None
+
+
+def test_attempts_are_counted_from_the_configuration(write):
+    assert told(write)["attempts"] == 0  # nothing says how many
+    columns = ("demonstration", "trials")
+    write.table("single_stage", "demonstrations.csv", columns, [(0, 300), (1, 100)])
+    effort = {"rounds": 2, "ropes": 5, "splines": 3}
+    config = {"stages": {"reinforcement": {"config": {"reinforcement": effort}}}}
+    (write.root / "single_stage" / "config.yaml").write_text(yaml.safe_dump(config))
+    found = cost(Results(write.root), lambda picture: picture.name)
+    assert found["attempts"] == 8 * 2 * 5 * 3
+    assert found["attempts_time"] == "4 min 0 s"  # at a second each

@@ -1,0 +1,77 @@
+"""Learning curves in the report."""
+
+import pytest
+
+from knotflow.report import ResultsError
+from knotflow.report.learning.figures import imitation, reinforcement, smoothed
+from knotflow.report.learning.records import POLICY_SUCCESS, read_curves
+from knotflow.report.page import compose
+from knotflow.report.results import Results
+
+COLUMNS = ("primitive", "step", "metric", "value")
+IMITATED = [
+    (primitive, step, f"{part}{metric}", value + primitive)
+    for primitive in (1, 3)
+    for metric, values in (
+        *(("loss_critic", (0.7, 0.4, 0.5)), ("loss_actor", (6.0, 5.0, 4.0))),
+        ("critic_accuracy", (0.5, 0.6, 0.7)),
+    )
+    for part in ("", "validation_")
+    for step, value in enumerate(values)
+]
+REINFORCED = [
+    (3, step, f"policy_success/{action}", value)
+    for action in ("C(4,2,1)", "C(0,1,1)")
+    for step, value in enumerate((0.2, 0.5, 0.9))
+] + [(3, 0, "loss_critic", 0.3)]
+
+
+def read(write, rows, name="curves_imitation.csv"):
+    write.table("single_stage", name, COLUMNS, rows)
+    return read_curves(Results(write.root).table("single_stage", name))
+
+
+def test_the_weights_that_were_kept_have_the_lowest_loss(write):
+    curves = read(write, IMITATED)
+    assert curves.primitives == [1, 3]
+    assert curves.get(3, "validation_loss_critic").lowest == (2, 3.4)
+    assert curves.get(2, "validation_loss_critic") is None
+
+
+def test_actions_have_curves_of_their_own(write):
+    curves = read(write, REINFORCED, "curves_reinforcement.csv")
+    found = curves.by_action(3, POLICY_SUCCESS)
+    assert set(found) == {"C(4,2,1)", "C(0,1,1)"}
+    assert found["C(0,1,1)"].steps == (1, 2, 3)
+    svg = reinforcement(curves, "r").svg
+    assert svg.index(b">C(0,1,1)<") < svg.index(b">C(4,2,1)<")
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [((1, 0, "loss_critic", 0.1), "stands there twice"), ((1, 9, "loss_critic", "nan"), "outside")],
+)
+def test_a_spoilt_table_is_refused(write, row, message):
+    with pytest.raises(ResultsError, match=message):
+        read(write, [*IMITATED, row])
+
+
+def test_smoothing_keeps_ends_and_straight_lines():
+    assert smoothed([0.3]) == [0.3]
+    line = [0.1 * step for step in range(9)]
+    assert smoothed(line) == pytest.approx(line)
+    assert smoothed([0, 0, 1, 0, 0])[2] == pytest.approx(0.2)
+
+
+def test_without_an_actor_its_panel_is_empty(write):
+    rows = [row for row in IMITATED if "actor" not in row[2]]
+    assert b"critic: cross-entropy" in imitation(read(write, rows), "i").svg
+
+
+def test_the_report_shows_both(write, rate_counts):
+    write.rates("single_stage", rate_counts(("random",)))
+    assert "**Learning.**" not in compose(Results(write.root), "results").markdown
+    write.table("single_stage", "curves_imitation.csv", COLUMNS, IMITATED)
+    write.table("single_stage", "curves_reinforcement.csv", COLUMNS, REINFORCED)
+    text = compose(Results(write.root), "results").markdown
+    assert "(figures/imitation.png)" in text and "(figures/reinforcement.png)" in text

@@ -1,0 +1,106 @@
+"""Proposals to look at: read with care, drawn with the right strand above."""
+
+import numpy as np
+import pytest
+
+from knotflow.report import ResultsError
+from knotflow.report.page import compose
+from knotflow.report.proposals.figure import proposals
+from knotflow.report.proposals.records import read_proposals
+from knotflow.report.proposals.rope import crossings, visible
+from knotflow.report.results import Results
+
+COLUMNS = ("action", "start", "what", "proposal", "outcome", "point", "x", "y", "z")
+# An alpha: the last link passes over the first one.
+ALPHA = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [1, 1, 0.1], [1, -1, 0.1]], float) / 10
+
+
+def item(action, start, what, proposal, outcome, points):
+    return [
+        (action, start, what, proposal, outcome, place, *point)
+        for place, point in enumerate(np.asarray(points).tolist())
+    ]
+
+
+def rows(outcomes=("success", "failure"), after=True, action="C(0,1,1)", start=0):
+    made = item(action, start, "before", "", "", ALPHA)
+    for number, outcome in enumerate(outcomes):
+        made += item(action, start, "spline", number, outcome, [[0, 0, 0], [1, 0, 1], [1, 1, 0]])
+    if after:
+        made += item(action, start, "after", 0, outcomes[0], ALPHA + 0.1)
+    return made
+
+
+def read(write, made):
+    write.table("single_stage", "proposals.csv", COLUMNS, made)
+    return read_proposals(Results(write.root).table("single_stage", "proposals.csv"))
+
+
+def test_ropes_and_splines_are_read_back(write):
+    (rope,) = read(write, rows())
+    np.testing.assert_allclose(rope.before, ALPHA)
+    np.testing.assert_allclose(rope.after, ALPHA + 0.1)
+    assert [spline.succeeded for spline in rope.splines] == [True, False]
+    curve = rope.splines[0].curve
+    np.testing.assert_allclose(curve[[0, -1]], rope.splines[0].controls[[0, -1]])
+    np.testing.assert_allclose(curve[8], [0.75, 0.25, 0.5])  # (P0 + 2 P1 + P2) / 4
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda made: made[:2] + made[3:], "3 where 2 was expected"),
+        (lambda made: made[:5], "needs one rope before and a spline"),
+        (lambda made: made[:7], "2 control points; a spline has 3"),
+        (lambda made: [row[:4] + ("maybe",) + row[5:] for row in made], "'maybe' is none of"),
+        (lambda made: [row[:2] + ("rope",) + row[3:] for row in made], "'rope' is none of"),
+    ],
+)
+def test_a_spoilt_table_is_refused_with_the_reason(write, spoil, message):
+    with pytest.raises(ResultsError, match=message):
+        read(write, spoil(rows()))
+
+
+def test_the_upper_strand_of_a_crossing_is_found():
+    ((over, under, sine),) = crossings(ALPHA)
+    assert (over, under, sine) == pytest.approx((3.5, 0.5, 1.0))
+    ((over, under, _),) = crossings(ALPHA * [1, 1, -1])
+    assert (over, under) == pytest.approx((0.5, 3.5))
+    assert crossings(ALPHA[:4]) == []
+    # A strand through a vertex of another crosses it once.
+    through = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 1], [1, 1, 1], [1, -1, 1]], float)
+    assert len(crossings(through)) == 1
+
+
+@pytest.mark.parametrize(
+    ("hidden", "left"),
+    [
+        ([], [(2, 6)]),
+        ([(3, 4)], [(2, 3), (4, 6)]),
+        ([(0, 3), (5, 9)], [(3, 5)]),
+        ([(3, 5), (2.5, 4)], [(2, 2.5), (5, 6)]),
+        ([(1, 7)], []),
+        ([(7, 8)], [(2, 6)]),
+        ([(0, 1)], [(2, 6)]),
+    ],
+)
+def test_what_is_hidden_is_left_out_and_nothing_else(hidden, left):
+    assert visible(2, 6, hidden) == left
+
+
+def test_the_figure_tells_counts_and_is_the_same_each_time(write):
+    made = rows() + rows(("diverged",), after=False, start=1) + rows(action="C(2,0,1)")
+    ropes = read(write, made)
+    picture = proposals(ropes, "p")
+    assert "3 unseen ropes of 2 topological actions with 5 proposed splines" in picture.alt
+    assert b">1 of 3<" in picture.svg and b"blew up" in picture.svg
+    assert picture.svg == proposals(ropes, "p").svg
+
+
+def test_the_report_shows_it_beside_the_rates(write, rate_counts):
+    write.rates("single_stage", rate_counts(("random",)))
+    assert "To look at" not in compose(Results(write.root), "results").markdown
+    write.table("single_stage", "proposals.csv", COLUMNS, rows())
+    report = compose(Results(write.root), "results")
+    assert "(figures/proposals.png)" in report.markdown
+    assert "proposals" in [picture.name for picture in report.pictures]

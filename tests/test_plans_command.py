@@ -1,0 +1,154 @@
+"""The command that plans one knot, as a newcomer types it."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+from hydra import compose, initialize_config_dir
+
+import knotflow.workflow.stages  # noqa: F401  registers them
+from knotflow.__main__ import HOME
+from knotflow.config import contents, plan_folder, register
+from knotflow.planning import KnotPlan
+from knotflow.workflow import Workflow
+
+
+def knotflow(*arguments, results):
+    return subprocess.run(
+        [sys.executable, "-m", "knotflow", *arguments, f"results_dir={results}"],
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+
+
+def plan(*arguments, **where):
+    return knotflow("+experiment=overhand", "sampler=aimed", *arguments, **where)
+
+
+def test_a_plan_is_told_written_and_told_again(tmp_path):
+    points = np.zeros((25, 3))
+    points[:, 0] = np.linspace(-0.5, 0.5, 25)
+    np.save(tmp_path / "measured.npy", points)
+    # Quoted, for Hydra reads brackets.
+    asked = ("knot='R1(0,1,1)'", f"rope={tmp_path / 'measured.npy'}", "seed=4")
+    done = plan(*asked, results=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "R1(0,1,1)  2o1+" in done.stdout
+    assert "tied (the goal was reached)" in done.stdout and " branches, " in done.stdout
+    (folder,) = tmp_path.glob("plan-*")
+    assert {path.name for path in folder.iterdir()} == {
+        *("plan.mcap", "plan.png", "plan.svg", "plan.gif", "plan.json", "waypoints.csv"),
+        *("dag.png", "dag.svg", "branches.csv", "outcome.json", "config.yaml", "run.json"),
+    }
+    found = KnotPlan.from_json((folder / "plan.json").read_text())
+    assert found.solved
+    waypoints = pd.read_csv(folder / "waypoints.csv")
+    assert set(waypoints["closed"]) == {0, 1}
+    before = (folder / "run.json").read_bytes()
+    again = plan(*asked, results=tmp_path)
+    assert again.returncode == 0
+    assert "R1(0,1,1)  2o1+" in again.stdout
+    assert (folder / "run.json").read_bytes() == before
+
+
+def test_a_failed_search_says_so_and_a_bad_rope_is_named(tmp_path):
+    failed = plan("knot=pentagram", "planner.max_branches=2", results=tmp_path)
+    assert failed.returncode == 1
+    assert "pentagram: NOT tied (2 branches were simulated" in failed.stdout
+    (folder,) = tmp_path.glob("plan-pentagram-*")
+    assert not json.loads((folder / "outcome.json").read_text())["success"]
+    assert (folder / "plan.png").is_file() and (folder / "plan.mcap").is_file()
+
+    points = np.zeros((25, 3))
+    points[:, 0] = np.linspace(-0.5, 0.5, 25)
+    points[7, 1] = np.nan
+    np.save(tmp_path / "nan.npy", points)
+    bad = plan(f"rope={tmp_path / 'nan.npy'}", results=tmp_path)
+    assert bad.returncode == 1
+    assert "point 7 (counted from 0)" in bad.stderr
+    assert not list(tmp_path.glob("plan-overhand-nan*"))
+
+
+def test_what_to_plan_is_refused_where_nothing_is_planned(tmp_path):
+    done = knotflow("+experiment=benchmark", "seed=3", results=tmp_path)
+    assert done.returncode != 0
+    assert "'seed=3' says what to plan, but the experiment benchmark takes nothing" in done.stderr
+    assert not list(tmp_path.rglob("*.csv"))
+
+
+def test_the_plan_of_the_report_has_the_experiments_folder_and_others_their_own():
+    assert plan_folder("overhand", "random", 0) == "overhand"
+    others = [
+        plan_folder(*asked)
+        for asked in (
+            ("overhand", "random", 1),
+            ("overhand", "straight", 0),
+            ("pentagram", "random", 0),
+            ("4o1+2o5+6o3+", "random", 0),
+            ("4o1-2o5-6o3-", "random", 0),
+            ("R1(0,1,1) C(0,1,1)", "random", 0),
+            ("R1(0,1,-1) C(0,1,1)", "random", 0),
+            ("overhand", "/some/where/rope.csv", 0),
+        )
+    ]
+    assert len(set(others)) == len(others)
+    assert all(name.startswith("plan-") and "/" not in name for name in others)
+
+
+@pytest.mark.parametrize("name", ["random", "nowhere.npy"])
+def test_contents_of_no_file_are_its_name(name):
+    assert contents(name) == name
+
+
+def test_contents_of_a_file_are_what_is_in_it(tmp_path):
+    for name in ("one", "two"):
+        (tmp_path / name).write_text("the same")
+    assert contents(str(tmp_path / "one")) == contents(str(tmp_path / "two")) != str(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def workflow_of():
+    """The workflow of an experiment, as the command composes it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("KNOTFLOW_HOME", str(HOME))
+        register()
+        with initialize_config_dir(str(HOME / "conf"), version_base="1.3"):
+            yield lambda *overrides: Workflow.from_config(
+                compose("config", overrides=list(overrides)).workflow
+            )
+
+
+@pytest.mark.parametrize("budget", ["paper", "smoke"])
+@pytest.mark.parametrize("experiment", ["overhand", "tree_size", "pentagram", "knots"])
+def test_every_workflow_that_plans_can_be_run(workflow_of, experiment, budget):
+    workflow = workflow_of(f"+experiment={experiment}", f"budget={budget}")
+    seeds = {
+        name: workflow.config(name).seeds
+        for name, node in workflow.stages.items()
+        if node.stage == "plans"
+    }
+    paper = 20 if experiment == "knots" else 10
+    assert set(seeds.values()) <= {paper if budget == "paper" else 1}
+
+
+def test_the_tree_size_is_measured_by_the_papers_search(workflow_of):
+    workflow = workflow_of("+experiment=tree_size")
+    for name in ("icp", "imitation_search", "reinforcement_search"):
+        config = workflow.config(name)
+        planner = config.planner
+        assert (planner.batch, planner.failure_discount, planner.max_branches) == (1, 1.0, 3000)
+        assert {case.goal for case in config.cases} == {"R1(0,1,1) C(0,1,1) C(2,0,1)"}
+        assert [case.start for case in config.cases] == ["straight", "arc"]
+
+
+def test_what_single_stage_has_trained_is_not_trained_again(workflow_of):
+    single = workflow_of("+experiment=single_stage")
+    for experiment in ("tree_size", "pentagram", "knots"):
+        own = workflow_of(f"+experiment={experiment}")
+        for name in ("demonstrations", "imitation", "pools", "reinforcement"):
+            assert own.config(name) == single.config(name)
+            assert own.stages[name].needs == single.stages[name].needs
