@@ -145,6 +145,8 @@ class Config:
     """Trees for the overhand along one path."""
     pentagram: PlansBudget = field(default_factory=lambda: PlansBudget(planner=PATIENT_SEARCH))
     """The pentagram from an overhand whose head was pulled out."""
+    pentagram_ropes: int = 4
+    """Ropes whose head is pulled out, of which one is taken."""
     pentagram_untangled: PlansBudget = field(
         default_factory=lambda: PlansBudget(planner=replace(FAST_SEARCH, max_seconds=120.0))
     )

@@ -60,10 +60,13 @@ def grasped_link(splines: NDArray, links: int) -> NDArray[np.intp]:
 def control_points(points: NDArray, splines: NDArray, radius: float) -> NDArray[np.float64]:
     """Control points (..., 3, 3) of splines (..., 6) on ropes `points` (..., V, 3), metres.
 
+    One rope (V, 3) serves any number of splines.
+
     The first is the centre of the grasped link, the last is on the table at the height of a
     resting rope's centre line, `radius` metres.
     """
     points, splines = np.asarray(points, float), np.asarray(splines, float)
+    points = np.broadcast_to(points, (*splines.shape[:-1], *points.shape[-2:]))
     link = grasped_link(splines, points.shape[-2] - 1)[..., None, None]
     first = (
         np.take_along_axis(points, link, axis=-2) + np.take_along_axis(points, link + 1, axis=-2)
