@@ -171,7 +171,7 @@ def _draw_footer(figure: Figure, plan: KnotPlan, scale: float) -> None:
     goal = plan.goal if len(plan.goal) < 40 else plan.goal[:37] + "..."
     facts = f"{goal}: {plan.branches} branches, {plan.seconds:.1f} s"
     if not plan.solved:
-        facts += f"; {plan.reason}"
+        facts += f"\n{plan.reason}"  # beside the scale bar there is no room for one line
     axes.text(width - 0.15, y, facts, color=INK, fontsize=8, va="center", ha="right")
     if len(plan.shapes) > 2 and plan.solved:
         legend = "head blue, tail orange  ·  ● grasp   □ middle point and its height   ▶ release"
