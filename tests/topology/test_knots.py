@@ -31,7 +31,9 @@ def homfly_of_curve(points):
     """HOMFLY polynomial of a rope shape whose ends are joined high above everything."""
     above = points[[-1, 0]] + np.array([0.0, 0.0, 0.5])
     polyline = np.concatenate((points, above)).tolist()
-    return topoly.homfly(polyline, closure=topoly.Closure.CLOSED, translate=False, run_parallel=False)
+    return topoly.homfly(
+        polyline, closure=topoly.Closure.CLOSED, translate=False, run_parallel=False
+    )
 
 
 def joined_above(state):
