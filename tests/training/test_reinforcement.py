@@ -50,7 +50,7 @@ def test_a_round_gives_all_it_simulated_and_trains(start, curves, variant):
     rounds = list(training)
     assert [one.index for one in rounds] == [0, 1, 2]
     (attempts,) = rounds[0].attempts
-    assert attempts.task == TASK
+    assert (attempts.action, attempts.start) == (TASK.action, TASK.start_state)
     assert attempts.splines.shape == (6, 6) and len(attempts.rollouts) == 6
     assert (attempts.splines >= SPLINE_LOW).all() and (attempts.splines <= SPLINE_HIGH).all()
     assert all((curves == points).all((1, 2)).any() for points in attempts.points)

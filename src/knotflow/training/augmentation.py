@@ -2,8 +2,7 @@
 
 They change nothing, so the copies are as true as the trials. The networks' frame is attached to
 one place of the rope (`primitives.encoding`); jitter keeps them from trusting just this place, the
-more so as demonstrations have few start shapes. (Smooth bends of the table, which change no
-topology, were tried too: they did not help, physics notice.)
+more so as demonstrations have few start shapes.
 """
 
 from __future__ import annotations

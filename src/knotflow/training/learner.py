@@ -85,7 +85,7 @@ class Learner:
         total.backward()
         torch.nn.utils.clip_grad_norm_(self.primitive.parameters(), config.gradient_norm)
         self.optimizer.step()
-        return {key: float(value) for out in outcomes for key, value in out.items()}
+        return {key: float(value.detach()) for out in outcomes for key, value in out.items()}
 
     def state_dict(self) -> dict[str, Any]:
         """All that `update` depends on but the demonstrations, which do not change."""
