@@ -23,7 +23,7 @@ HOME = PACKAGE if (PACKAGE / "conf").is_dir() else PACKAGE.parents[1]
 def main(config: DictConfig) -> None:
     """Run the workflow of an experiment."""
     import knotflow.workflow.stages  # noqa: F401  registers them
-    from knotflow.workflow import Workflow, git_state, run
+    from knotflow.workflow import WorkersConfig, Workflow, git_state, run
 
     state = git_state(PACKAGE)
     config.provenance.experiment = config.experiment
@@ -37,6 +37,7 @@ def main(config: DictConfig) -> None:
             provenance={**state, "budget": config.budget},
             overwrite=config.overwrite,
             metrics=config.metrics,
+            workers=WorkersConfig(**config.workers),
         )
     except (ValueError, RuntimeError, OSError) as error:
         notes = getattr(error, "__notes__", ())  # there only once something was noted

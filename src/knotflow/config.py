@@ -23,6 +23,7 @@ from knotflow.planning import PlannerConfig
 from knotflow.primitives import FILE, PrimitiveConfig
 from knotflow.simulation import SimulationConfig, StartsConfig
 from knotflow.training import ImitationConfig, ReinforcementConfig
+from knotflow.workflow import WorkersConfig
 from knotflow.workflow.stages.provenance import Provenance
 
 SHIPPED_PRIMITIVES = Path(__file__).parent / "primitives" / "data" / FILE
@@ -81,7 +82,7 @@ class TrainingBudget:
     """Learning from demonstrations."""
     reinforcement: ReinforcementConfig = field(default_factory=ReinforcementConfig)
     """Learning from attempts."""
-    pool: int = 192
+    pool: int = 768
     """Start shapes of each start state that reinforcement draws from."""
     seed: int = 10
     """Of weights, batches and attempts."""
@@ -131,6 +132,8 @@ class Config:
     """Replace the results of another configuration."""
     metrics: str = "csv+tensorboard"
     """Loggers of training curves: csv, tensorboard, csv+tensorboard, mlflow or none."""
+    workers: WorkersConfig = field(default_factory=WorkersConfig)
+    """Where stages run their shards: the cores of this machine, or a Ray cluster."""
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     starts: StartsConfig = field(default_factory=StartsConfig)
     noise: NoiseConfig = field(default_factory=NoiseConfig)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -59,3 +60,8 @@ def cross_entropy(
         mean = kept.mean(dim=1)
         factor = torch.diag_embed(kept.std(dim=1, correction=0) + 1e-3)
     return mean, best
+
+
+def standard_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> Tensor:
+    """Numbers for a search, float32, from NumPy's generator."""
+    return torch.from_numpy(rng.standard_normal(shape, dtype=np.float32))

@@ -30,7 +30,7 @@ from knotflow.primitives.canonical import Canonical, canonicalise
 from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW
 from knotflow.topology import R1, R2, Action
 
-STREAM_POINTS = (12, 12, 32)
+STREAM_POINTS = (10, 10, 24)
 """Points of the over, the under and the whole stream."""
 CHANNELS = 8
 """Of each stream point: x, y, z, position along the rope, direction x and y, and whether it is on

@@ -31,7 +31,7 @@ from knotflow.simulation import RopeConfig
 from knotflow.topology import Action, parse_action
 
 FORMAT = "knotflow primitives"
-VERSION = "1"
+VERSION = "2"
 """Raised when the encoding or the networks change, so that older weights mean something else."""
 FILE = "primitives.safetensors"
 """A library's name in the output of a stage."""
@@ -142,10 +142,10 @@ class PrimitiveLibrary:
                 )
             yield number, rows
 
-    def save(self, path: Path) -> None:
-        """Write to a safetensors file."""
+    def save(self, path: Path, half: bool = False) -> None:
+        """Write to a safetensors file; in half precision for half the size, to be shipped."""
         weights = {
-            f"{number}.{name}": value.contiguous()
+            f"{number}.{name}": (value.half() if half else value).contiguous()
             for number, primitive in self.primitives.items()
             for name, value in primitive.state_dict().items()
         }
@@ -228,7 +228,7 @@ def _primitive(
         prefix = f"{number}."
         primitive.load_state_dict(
             {
-                name.removeprefix(prefix): value
+                name.removeprefix(prefix): value.float()
                 for name, value in weights.items()
                 if name.startswith(prefix)
             }

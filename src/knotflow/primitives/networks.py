@@ -9,7 +9,8 @@ is missing from our copy of the paper: that the MLPs come after the attention is
 
 Actor and critic each have a trunk of their own, as in the figure. The trunk runs once a rope: the
 actor predicts one Gaussian a rope, and the critic's head scores any number of splines on its
-feature.
+feature. Beyond the paper, a spline that is scored also looks up the rope's points near the places
+it passes (`Passage`): one vector a rope cannot say what lies where.
 """
 
 from __future__ import annotations
@@ -36,9 +37,9 @@ SPLINE = 6
 class NetworkConfig:
     """Sizes of actor and critic."""
 
-    lstm: int = 48
+    lstm: int = 32
     """Hidden size of each stream's LSTM."""
-    attention: int = 32
+    attention: int = 16
     """Size of queries, keys and values."""
     stream: int = 64
     """Size of each stream's MLP."""
@@ -46,6 +47,12 @@ class NetworkConfig:
     """Size of the rope's feature."""
     head: int = 128
     """Hidden size of the actor's and the critic's head."""
+    sites: int = 6
+    """Places along a spline at which the critic looks up the rope."""
+    lookups: int = 4
+    """Look-ups at each place, near and far."""
+    lookup: int = 16
+    """Size of what a look-up brings."""
     smallest_spread: float = 0.05
     """Least standard deviation of the actor along any direction, whitened units."""
     initial_spread: float = 0.5
@@ -67,7 +74,8 @@ class PairAttention(nn.Module):
 
 
 class Trunk(nn.Module):
-    """Streams (S, P, CHANNELS) -> feature (S, feature)."""
+    """Streams (S, P, CHANNELS) -> feature (S, feature), and the points of the whole rope's stream
+    with all that was read and looked up for them (S, Q, `seen`)."""
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
@@ -83,18 +91,16 @@ class Trunk(nn.Module):
                 if asking != answering
             }
         )
-        seen = CHANNELS + config.lstm + (len(STREAM_POINTS) - 1) * config.attention
+        self.seen = CHANNELS + config.lstm + (len(STREAM_POINTS) - 1) * config.attention
+        # The second layer of each MLP comes after pooling, where it costs next to nothing.
         self.mlps = nn.ModuleList(
-            nn.Sequential(
-                nn.Linear(seen, config.stream), nn.SiLU(), nn.Linear(config.stream, config.stream)
-            )
-            for _ in streams
+            nn.Sequential(nn.Linear(self.seen, config.stream), nn.SiLU()) for _ in streams
         )
         self.out = nn.Sequential(
             nn.Linear(2 * len(STREAM_POINTS) * config.stream, config.feature), nn.SiLU()
         )
 
-    def forward(self, streams: Tensor) -> Tensor:
+    def forward(self, streams: Tensor) -> tuple[Tensor, Tensor]:
         points = streams.split(STREAM_POINTS, dim=1)
         read = [lstm(part)[0] for lstm, part in zip(self.lstms, points, strict=True)]
         pooled = []
@@ -104,9 +110,64 @@ class Trunk(nn.Module):
                 for answering in range(len(read))
                 if answering != asking
             ]
-            features = mlp(torch.cat([points[asking], read[asking], *looked_up], dim=-1))
+            seen = torch.cat([points[asking], read[asking], *looked_up], dim=-1)
+            features = mlp(seen)
             pooled += [features.mean(dim=1), features.amax(dim=1)]
-        return self.out(torch.cat(pooled, dim=-1))
+        return self.out(torch.cat(pooled, dim=-1)), seen
+
+
+class Passage(nn.Module):
+    """What of the rope lies where a spline passes.
+
+    Places along the spline are queries, the points of the whole rope answer; attention falls off
+    with the squared distance on the table, for each look-up at a rate of its own that is learned.
+    """
+
+    def __init__(self, config: NetworkConfig, seen: int) -> None:
+        super().__init__()
+        self.lookups = config.lookups
+        key = 8
+        self.of_points = nn.Linear(seen, config.lookups * key + config.lookup)
+        self.query = nn.Linear(_PLACE, config.lookups * key)
+        self.log_rate = nn.Parameter(torch.linspace(0, 3, config.lookups))
+        self.at_place = nn.Sequential(
+            nn.Linear(_PLACE + config.lookups * config.lookup, config.stream), nn.SiLU()
+        )
+        self.out = nn.Linear(config.sites * config.stream, config.head)
+        # Three control points with clamped ends make a Bezier curve.
+        t = torch.linspace(0, 1, config.sites)
+        weights = torch.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2], dim=1)
+        self.register_buffer("_weights", weights, persistent=False)  # (sites, 3)
+        self.register_buffer("_t", t[:, None], persistent=False)
+
+    _weights: Tensor
+    _t: Tensor
+
+    def forward(
+        self, of_points: Tensor, streams: Tensor, controls: Tensor, owner: Tensor
+    ) -> Tensor:
+        """Splines (N, 12) as `control_features` makes them -> (N, head)."""
+        held = controls.new_zeros(len(controls))
+        x = torch.stack([controls[:, 7], controls[:, 1], controls[:, 4]], dim=1)
+        y = torch.stack([controls[:, 8], controls[:, 2], controls[:, 5]], dim=1)
+        z = torch.stack([held, controls[:, 3], held], dim=1)
+        path = torch.stack([x, y, z], dim=2)  # (N, 3 control points, 3)
+        path = self._weights @ path  # (N, sites, 3)
+        place = torch.cat([path, self._t.expand(len(path), -1, -1)], dim=-1)
+        points = streams[:, -STREAM_POINTS[-1] :, :2]  # (S, Q, 2)
+        distance = (path[:, :, None, :2] - points[owner][:, None]).square().sum(-1)
+        answers = of_points[owner]  # (N, Q, lookups * key + lookup)
+        size = self.query.out_features
+        query = self.query(place).unflatten(-1, (self.lookups, -1)).transpose(1, 2)
+        key = answers[..., :size].unflatten(-1, (self.lookups, -1)).permute(0, 2, 3, 1)
+        rate = self.log_rate.exp()[:, None, None]
+        attention = query @ key / key.shape[2] ** 0.5 - rate * distance[:, None]
+        brought = attention.softmax(-1) @ answers[:, None, :, size:]  # (N, lookups, sites, lookup)
+        brought = brought.transpose(1, 2).flatten(2)
+        return self.out(self.at_place(torch.cat([place, brought], dim=-1)).flatten(1))
+
+
+_PLACE = 4  # x, y, height and position along the spline
 
 
 class Actor(nn.Module):
@@ -138,7 +199,7 @@ class Actor(nn.Module):
 
     def forward(self, states: TensorDict) -> tuple[Tensor, Tensor]:
         """Mean (S, 6) and lower Cholesky factor (S, 6, 6) of the covariance."""
-        out = self.head(self.trunk(states["streams"]))
+        out = self.head(self.trunk(states["streams"])[0])
         mean, entries = out[:, :SPLINE], out[:, SPLINE:]
         diagonal = self._rows == self._columns
         entries = torch.where(diagonal, softplus(entries) + self.smallest_spread, entries)
@@ -163,18 +224,24 @@ class Critic(nn.Module):
         self.of_spline = nn.Sequential(
             nn.Linear(CONTROL_FEATURES, config.head), nn.SiLU(), nn.Linear(config.head, config.head)
         )
+        self.passage = Passage(config, self.trunk.seen)
         self.head = nn.Sequential(
             nn.SiLU(), nn.Linear(config.head, config.head), nn.SiLU(), nn.Linear(config.head, 1)
         )
 
-    def features(self, states: TensorDict) -> Tensor:
-        """(S, head): all that scoring needs of each rope."""
-        return self.of_rope(self.trunk(states["streams"]))
+    def features(self, states: TensorDict) -> tuple[Tensor, Tensor]:
+        """All that scoring needs of each rope: (S, head), and its points' (S, Q, ...)."""
+        feature, seen = self.trunk(states["streams"])
+        return self.of_rope(feature), self.passage.of_points(seen)
 
-    def score(self, features: Tensor, states: TensorDict, splines: Tensor, owner: Tensor) -> Tensor:
+    def score(
+        self, features: tuple[Tensor, Tensor], states: TensorDict, splines: Tensor, owner: Tensor
+    ) -> Tensor:
         """Logits (N,) of splines (N, 6), each on the rope `owner` (N,) among S."""
-        spline = self.of_spline(control_features(states, splines, owner))
-        return self.head(features[owner] + spline).squeeze(-1)
+        of_rope, of_points = features
+        controls = control_features(states, splines, owner)
+        passed = self.passage(of_points, states["streams"], controls, owner)
+        return self.head(of_rope[owner] + self.of_spline(controls) + passed).squeeze(-1)
 
     def forward(self, states: TensorDict, splines: Tensor, owner: Tensor) -> Tensor:
         """Logits (N,) of splines (N, 6) in network space on the ropes `owner` (N,) of `states`."""

@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from knotflow.primitives.cem import CemConfig, cross_entropy
+from knotflow.primitives.cem import CemConfig, cross_entropy, standard_normal
 from knotflow.primitives.encoding import Encoded, encode
 from knotflow.primitives.networks import SPLINE, Actor, Critic, NetworkConfig
 from knotflow.topology import Action
@@ -65,14 +65,14 @@ class Primitive(nn.Module):
         cem, ropes = self.config.cem, len(seen.frames)
         mean, factor = self.gaussian(seen)
         if self.critic is None:
-            noise = _normal(rng, (ropes, count, SPLINE))
+            noise = standard_normal(rng, (ropes, count, SPLINE))
             return mean[:, None] + noise @ factor.mT, None
         iterations = cem.critic_only_iterations if self.actor is None else cem.iterations
         found, best = cross_entropy(
             self.scorer(seen, count),
             mean.repeat_interleave(count, 0),
             factor.repeat_interleave(count, 0),
-            _normal(rng, (iterations, ropes * count, cem.population, SPLINE)),
+            standard_normal(rng, (iterations, ropes * count, cem.population, SPLINE)),
             cem.elites,
         )
         return found.reshape(ropes, count, SPLINE), best.reshape(ropes, count)
@@ -103,7 +103,3 @@ class Primitive(nn.Module):
             return values.reshape(splines.shape[:2])
 
         return score
-
-
-def _normal(rng: np.random.Generator, shape: tuple[int, ...]) -> Tensor:
-    return torch.from_numpy(rng.standard_normal(shape, dtype=np.float32))

@@ -33,7 +33,8 @@ class SimulationConfig:
     record_rate: float = 10.0
     """Frames of a trajectory a second."""
     threads: int = field(default=0, metadata={"affects_result": False})
-    """Threads to simulate on; 0 takes every CPU. Results do not depend on it."""
+    """Threads to simulate on; 0 takes every CPU, or as many as the variable OMP_NUM_THREADS grants,
+    which joblib sets in its workers. Results do not depend on it."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ class RopeSimulator:
         stride = max(1, round(1 / config.record_rate / config.timestep))
         # Frames count steps back from the end, so that the last one is the rope at rest.
         self._frames = np.unique(np.r_[0, np.arange(self._steps, 0, -stride)])
-        self._batch = Batch(self.model, CHUNK, config.threads or os.cpu_count() or 1)
+        self._batch = Batch(self.model, CHUNK, config.threads or _threads_granted())
 
     def execute(self, points: NDArray, splines: NDArray) -> Rollouts:
         """Simulate each spline on its rope, from rest to rest.
@@ -153,3 +154,8 @@ def _progress(time: NDArray, ramp: float) -> NDArray[np.float64]:
     up = speed * time**2 / (2 * ramp)
     down = 1 - speed * (1 - time) ** 2 / (2 * ramp)
     return np.where(time < ramp, up, np.where(time > 1 - ramp, down, speed * (time - ramp / 2)))
+
+
+def _threads_granted() -> int:
+    granted = os.environ.get("OMP_NUM_THREADS", "")
+    return int(granted) if granted.isdigit() and int(granted) else os.cpu_count() or 1

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from knotflow.primitives.cem import cross_entropy
+from knotflow.primitives.cem import cross_entropy, standard_normal
 from knotflow.primitives.encoding import Encoded
 from knotflow.primitives.networks import SPLINE
 from knotflow.primitives.primitive import Primitive
@@ -29,10 +29,11 @@ class ExplorationConfig:
     """Shares of the three ways, and how wide the wider neighbourhood is."""
 
     search: float = 0.4
-    """Share of splines that a search in the wider neighbourhood finds; the policy's without
-    critic."""
+    """Share of ropes whose splines a search in the wider neighbourhood finds; the policy does,
+    without critic."""
     spread: float = 0.3
-    """Share of splines drawn from the wider neighbourhood; the rest are the policy's."""
+    """Share of ropes whose splines are drawn from the wider neighbourhood; the rest are the
+    policy's."""
     last: float = 0.3
     """Both shares fall to this part of themselves, evenly over the rounds."""
     widening: float = 1.5
@@ -52,38 +53,71 @@ def explore(
     progress: float,
     rng: np.random.Generator,
 ) -> tuple[Tensor, np.ndarray]:
-    """Splines (S, count, 6) in network space to try on S ropes, and the way (S, count) of each.
+    """Splines (S, count, 6) in network space to try on S ropes, and the way (S,) of each rope's.
 
     `progress` runs from 0 in the first round to 1 in the last.
     """
-    ropes = len(seen.frames)
     left = 1 + progress * (config.last - 1)
     search = left * config.search if primitive.critic is not None else 0.0
-    spread_share = left * config.spread
-    ways = rng.choice(3, (ropes, count), p=[1 - search - spread_share, search, spread_share])
-    policy, _ = primitive.search(seen, count, rng)
-    mean, factor = primitive.gaussian(seen)
-    if primitive.actor is not None:
-        floor = config.floor**2 * torch.eye(SPLINE)
-        factor = torch.linalg.cholesky(config.widening**2 * factor @ factor.mT + floor)
-        noise = torch.from_numpy(rng.standard_normal((ropes, count, SPLINE), dtype=np.float32))
-        spread = mean[:, None] + noise @ factor.mT
-    else:
+    spread = left * config.spread
+    ways = rng.choice(3, len(seen.frames), p=[1 - search - spread, search, spread])
+    splines = torch.empty(len(ways), count, SPLINE)
+    for way, propose in ((POLICY, _policy), (SEARCH, _search), (SPREAD, _spread)):
+        rows = np.flatnonzero(ways == way)
+        if len(rows):
+            some = Encoded(seen.states[torch.from_numpy(rows)], seen.frames[rows])
+            splines[torch.from_numpy(rows)] = propose(primitive, some, count, config, rng)
+    return splines, ways
+
+
+def _policy(
+    primitive: Primitive,
+    seen: Encoded,
+    count: int,
+    config: ExplorationConfig,
+    rng: np.random.Generator,
+) -> Tensor:
+    return primitive.search(seen, count, rng)[0]
+
+
+def _search(
+    primitive: Primitive,
+    seen: Encoded,
+    count: int,
+    config: ExplorationConfig,
+    rng: np.random.Generator,
+) -> Tensor:
+    mean, factor = _wider(primitive, seen, config)
+    cem = primitive.config.cem
+    found, _ = cross_entropy(
+        primitive.scorer(seen, count),
+        mean.repeat_interleave(count, 0),
+        factor.repeat_interleave(count, 0),
+        standard_normal(rng, (config.iterations, len(mean) * count, cem.population, SPLINE)),
+        cem.elites,
+    )
+    return found.reshape(len(mean), count, SPLINE)
+
+
+def _spread(
+    primitive: Primitive,
+    seen: Encoded,
+    count: int,
+    config: ExplorationConfig,
+    rng: np.random.Generator,
+) -> Tensor:
+    noise = standard_normal(rng, (len(seen.frames), count, SPLINE))
+    if primitive.actor is None:
         # The wide Gaussian of a critic-only policy hardly ever succeeds: stay near its choice.
-        noise = torch.from_numpy(rng.standard_normal((ropes, count, SPLINE), dtype=np.float32))
-        spread = policy + config.floor * noise
-    found = policy
-    if primitive.critic is not None:
-        cem = primitive.config.cem
-        shape = (config.iterations, ropes * count, cem.population, SPLINE)
-        numbers = torch.from_numpy(rng.standard_normal(shape, dtype=np.float32))
-        flat, _ = cross_entropy(
-            primitive.scorer(seen, count),
-            mean.repeat_interleave(count, 0),
-            factor.repeat_interleave(count, 0),
-            numbers,
-            cem.elites,
-        )
-        found = flat.reshape(policy.shape)
-    way = torch.from_numpy(ways)[..., None]
-    return torch.where(way == POLICY, policy, torch.where(way == SEARCH, found, spread)), ways
+        return primitive.search(seen, count, rng)[0] + config.floor * noise
+    mean, factor = _wider(primitive, seen, config)
+    return mean[:, None] + noise @ factor.mT
+
+
+def _wider(primitive: Primitive, seen: Encoded, config: ExplorationConfig) -> tuple[Tensor, Tensor]:
+    """The actor's Gaussian, widened; the wide one of a critic-only policy is wide enough."""
+    mean, factor = primitive.gaussian(seen)
+    if primitive.actor is None:
+        return mean, factor
+    floor = config.floor**2 * torch.eye(SPLINE)
+    return mean, torch.linalg.cholesky(config.widening**2 * factor @ factor.mT + floor)

@@ -21,7 +21,7 @@ from knotflow.training.losses import ActorLoss, CriticLoss
 class LearnerConfig:
     """The optimiser and the batches."""
 
-    learning_rate: float = 1e-3
+    learning_rate: float = 2e-3
     """Of AdamW."""
     weight_decay: float = 1e-3
     """Of AdamW."""
@@ -31,13 +31,13 @@ class LearnerConfig:
     """Share of a rope's mean reward that the actor's advantage takes off; see `ActorLoss`."""
     demonstration_ropes: int = 24
     """Demonstrated ropes in a batch."""
-    demonstration_trials: int = 48
+    demonstration_trials: int = 24
     """Trials of each demonstrated rope in a batch."""
-    rollout_ropes: int = 96
+    rollout_ropes: int = 128
     """Ropes of the reinforcement stage in a batch."""
-    rollout_trials: int = 4
+    rollout_trials: int = 2
     """Trials of each of these ropes in a batch."""
-    demonstration_share: float = 0.5
+    demonstration_share: float = 0.25
     """Weight of the demonstrations in a batch that has both."""
     augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
     """Deformed copies of the trials in a batch."""
@@ -60,8 +60,11 @@ class Learner:
             primitive.parameters(), config.learning_rate, weight_decay=config.weight_decay
         )
 
-    def update(self) -> dict[str, float]:
+    def update(self, rate: float = 1.0) -> dict[str, float]:
         """One gradient step; gives the losses and what goes with them.
+
+        Args:
+            rate: share of the learning rate to step with.
 
         Raises:
             ValueError: there is nothing to learn from.
@@ -84,6 +87,8 @@ class Learner:
         total = sum(value for out in outcomes for key, value in out.items() if key[:5] == "loss_")
         total.backward()
         torch.nn.utils.clip_grad_norm_(self.primitive.parameters(), config.gradient_norm)
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate * config.learning_rate
         self.optimizer.step()
         return {key: float(value.detach()) for out in outcomes for key, value in out.items()}
 

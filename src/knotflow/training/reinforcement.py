@@ -40,10 +40,11 @@ class ReinforcementConfig:
     few."""
     splines: int = 2
     """Splines tried on each."""
-    steps: int = 80
+    steps: int = 60
     """Gradient steps in a round."""
-    last_learning_rate: float = 0.1
-    """The learning rate falls to this share of itself, evenly over the rounds."""
+    closing_steps: int = 1000
+    """Gradient steps after the last round, in which the learning rate falls evenly to 0: what the
+    attempts tell is more than the few steps of a round take in."""
 
 
 @dataclass(frozen=True)
@@ -117,11 +118,13 @@ class Reinforcement:
     def __iter__(self) -> Iterator[Round]:
         while self._done < self.config.rounds:
             attempts, metrics = self._attempt()
-            self._set_learning_rate()
             for _ in range(self.config.steps):
                 for key, value in self.learner.update().items():
                     metrics[key] = metrics.get(key, 0.0) + value / self.config.steps
             self._done += 1
+            if self._done == self.config.rounds:
+                for step in range(self.config.closing_steps):
+                    self.learner.update(1 - step / self.config.closing_steps)
             yield Round(self._done - 1, metrics, attempts)
 
     def save(self, path: Path) -> None:
@@ -172,13 +175,13 @@ class Reinforcement:
             )
             flat = splines.reshape(-1, 6)
             tried = Attempts(task.action, task.start_state, points, flat, mine, ends)
-            success, flat_ways = tried.success, ways.ravel()
-            self._remember(seen, splines, success.reshape(ways.shape))
+            success, way_of_each = tried.success, np.repeat(ways, config.splines)
+            self._remember(seen, splines, success.reshape(splines.shape[:2]))
             attempts.append(tried)
             for way, name in ((POLICY, "policy"), (SPREAD, "exploration")):
-                if (flat_ways == way).any():
+                if (way_of_each == way).any():
                     metrics[f"{name}_success/{task.action}"] = float(
-                        success[flat_ways == way].mean()
+                        success[way_of_each == way].mean()
                     )
         return tuple(attempts), metrics
 
@@ -194,12 +197,6 @@ class Reinforcement:
     def _progress(self) -> float:
         """0 in the first round, 1 in the last."""
         return self._done / max(1, self.config.rounds - 1)
-
-    def _set_learning_rate(self) -> None:
-        left = 1 + self._progress * (self.config.last_learning_rate - 1)
-        rate = self.config.learner.learning_rate * left
-        for group in self.learner.optimizer.param_groups:
-            group["lr"] = rate
 
 
 def _rows(rollouts: Rollouts, rows: slice) -> Rollouts:

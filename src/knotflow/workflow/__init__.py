@@ -14,6 +14,7 @@ from .provenance import git_state
 from .runner import run
 from .signature import runtime, signature
 from .stage import Stage, get_stage, stage
+from .workers import WorkersConfig
 
 __all__ = [
     "DamagedStageError",
@@ -24,6 +25,7 @@ __all__ = [
     "Stage",
     "StageContext",
     "UnknownStageError",
+    "WorkersConfig",
     "Workflow",
     "WorkflowError",
     "get_stage",

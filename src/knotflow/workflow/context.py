@@ -6,11 +6,13 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import durable
 from .progress import progress
+from .workers import WorkersConfig, each
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -39,6 +41,8 @@ class StageContext:
     """Where metrics of all stages lie; they are a view of the work, never part of its output."""
     metrics_name: str = "stage"
     """This stage's name among them."""
+    workers: WorkersConfig = field(default_factory=lambda: WorkersConfig(jobs=1))
+    """Where `each` runs its shards; by default here, one after the other."""
     after_save: Callable[[], None] | None = None
     """Called after every completed `atomic`: the runner keeps the time spent so far."""
     _logger: Metrics | None = field(default=None, init=False, repr=False)
@@ -66,6 +70,19 @@ class StageContext:
         if doubled:
             raise ValueError(f"shard names must differ; these occur more than once: {doubled}")
         return [name for name in names if not (self.out / f"{name}{suffix}").exists()]
+
+    def each(
+        self, work: Callable[[StageContext, Any], None], shards: Sequence[Any], desc: str
+    ) -> None:
+        """Run `work(context, shard)` for every shard, on the workers; shows how many are done.
+
+        `work` must be one that can be pickled: a function of a module, or a `functools.partial` of
+        one. Its context is a copy of this one.
+        """
+        with self.progress(total=len(shards), desc=desc) as bar:
+            work_here = partial(_call, work, self)
+            for _ in each(work_here, shards, self.workers, self.after_save):
+                bar.update()
 
     @contextmanager
     def atomic(self, path: str | Path) -> Iterator[Path]:
@@ -105,3 +122,10 @@ class StageContext:
     def __getstate__(self) -> dict[str, Any]:
         """For worker processes: without the logger and the runner's clock."""
         return self.__dict__ | {"_logger": None, "after_save": None}
+
+
+def _call(work: Callable[[StageContext, Any], None], context: StageContext, shard: Any) -> None:
+    try:
+        work(context, shard)
+    finally:
+        context.close()

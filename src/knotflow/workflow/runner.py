@@ -18,6 +18,7 @@ from .provenance import library_versions
 from .signature import plain, runtime_fields, signature
 from .stage import get_stage
 from .store import Clock, StageFolder
+from .workers import WorkersConfig
 
 __all__ = ["Node", "Workflow", "run"]
 
@@ -41,6 +42,7 @@ def run(
     provenance: Mapping[str, Any],
     overwrite: bool = False,
     metrics: str = DEFAULT_METRICS,
+    workers: WorkersConfig | None = None,
 ) -> Path:
     """Runs what is not finished yet and fills results_dir/<experiment>/; returns that folder.
 
@@ -52,6 +54,7 @@ def run(
             into each stage.json that is made now.
         overwrite: replace results of another configuration.
         metrics: kind of metrics logger the stages get, see `metrics.open_metrics`.
+        workers: where stages run their shards; by default one after the other in this process.
 
     Raises:
         WorkflowError: the experiment's name cannot be a folder's, or a stage did not make a file
@@ -62,6 +65,7 @@ def run(
         DamagedStageError: a finished stage's output was changed.
     """
     check_metrics(metrics)
+    workers = workers or WorkersConfig(jobs=1)
     results_dir = Path(results_dir).absolute()
     folder = publish.experiment_folder(results_dir, experiment)
     config = publish.resolved_config(workflow)
@@ -77,7 +81,7 @@ def run(
     outputs: dict[str, Path] = {}
     for step in steps:
         inputs = {name: outputs[source] for name, source in step.node.needs.items()}
-        record, origin = _make(step, inputs, results_dir, provenance, metrics)
+        record, origin = _make(step, inputs, results_dir, provenance, metrics, workers)
         outputs[step.name] = step.folder.final
         entries[step.name] = _entry(step, record, origin)
         if missing := publish.missing_results(workflow, step.name, step.folder.final):
@@ -126,6 +130,7 @@ def _make(
     results_dir: Path,
     provenance: Mapping[str, Any],
     metrics: str,
+    workers: WorkersConfig,
 ) -> tuple[dict[str, Any], str]:
     """The stage's record, and whether it was `shared` (finished before) or `run now`."""
     folder = step.folder
@@ -142,7 +147,7 @@ def _make(
             remove_temporaries(folder.partial)
             clock = Clock(folder.partial)
             clock.save()
-            _call(step, inputs, results_dir, metrics, clock)
+            _call(step, inputs, results_dir, metrics, workers, clock)
             stage = get_stage(step.node.stage)
             record = {
                 "stage": stage.name,
@@ -160,7 +165,12 @@ def _make(
 
 
 def _call(
-    step: Step, inputs: Mapping[str, Path], results_dir: Path, metrics: str, clock: Clock
+    step: Step,
+    inputs: Mapping[str, Path],
+    results_dir: Path,
+    metrics: str,
+    workers: WorkersConfig,
+    clock: Clock,
 ) -> None:
     folder = step.folder
     context = StageContext(
@@ -170,6 +180,7 @@ def _call(
         metrics=metrics,
         metrics_folder=results_dir / "metrics",
         metrics_name=f"{folder.stage}/{folder.signature}",
+        workers=workers,
         after_save=clock.save_sometimes,
     )
     print(f"{step.name}: {step.node.caption or folder.relative}", flush=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -53,42 +54,40 @@ def simulate_demonstrations(
 
     One shard a demonstration; a shard is complete when its recording is there.
     """
-    simulator = RopeSimulator(config.simulation)
-    demonstrations = {
-        f"{number:03d}-{one.task.name}": (number, one)
-        for number, one in enumerate(load_demonstrations(Path(config.file)))
-    }
-    copies = {name: _copies(one, config) for name, (_, one) in demonstrations.items()}
-    pending = context.pending([f"recordings/{name}" for name in demonstrations], ".mcap")
-    done = sum(copies.values()) - sum(copies[Path(name).name] for name in pending)
-    with context.progress(
-        total=sum(copies.values()), initial=done, desc="demonstrations"
-    ) as progress:
-        for shard in pending:
-            name = Path(shard).name
-            number, one = demonstrations[name]
-            rng = np.random.default_rng([config.seed, number])
-            splines = noisy_copies(one.spline, copies[name], rng, config.noise)
-            points = resample(one.points, config.simulation.rope)
-            first = sum(list(copies.values())[:number])
-            recorder = Recorder(context, one.source, config.simulation.rope, first)
-            recorder.extra = {"start": str(number)}
-            tried = attempt(
-                simulator, points, splines, one.task.action, one.task.start_state, recorder
-            )
-            with context.atomic(f"trials/{name}.npz") as path:
-                zeros = np.zeros(len(splines), dtype=np.intp)
-                Trials(one.task.action, points[None], zeros, splines, tried.success).save(path)
-            recorder.save(f"{shard}.mcap")
-            progress.update(len(splines))
+    demonstrations = _named(config)
+    shards = context.pending([f"recordings/{name}" for name in demonstrations], ".mcap")
+    work = partial(_simulate, config)
+    context.each(work, [Path(shard).name for shard in shards], "demonstrations")
     rows = []
-    for name, (_, one) in demonstrations.items():
+    for name, one in demonstrations.items():
         success = Trials.load(context.out / "trials" / f"{name}.npz").success
         rows.append((str(one.task.action), one.source, len(success), int(success.sum())))
     with context.atomic("success.csv") as path:
         columns = ["action", "source", "trials", "successes"]
         pd.DataFrame(rows, columns=columns).to_csv(path, index=False)
     write_index(context.out / "recordings")
+
+
+def _simulate(config: DemonstrationsConfig, context: StageContext, name: str) -> None:
+    demonstrations = _named(config)
+    number, one = list(demonstrations).index(name), demonstrations[name]
+    rng = np.random.default_rng([config.seed, number])
+    splines = noisy_copies(one.spline, _copies(one, config), rng, config.noise)
+    points = resample(one.points, config.simulation.rope)
+    first = sum(_copies(other, config) for other in list(demonstrations.values())[:number])
+    recorder = Recorder(context, one.source, config.simulation.rope, first)
+    recorder.extra = {"start": str(number)}
+    simulator = RopeSimulator(config.simulation)
+    tried = attempt(simulator, points, splines, one.task.action, one.task.start_state, recorder)
+    with context.atomic(f"trials/{name}.npz") as path:
+        zeros = np.zeros(len(splines), dtype=np.intp)
+        Trials(one.task.action, points[None], zeros, splines, tried.success).save(path)
+    recorder.save(f"recordings/{name}.mcap")
+
+
+def _named(config: DemonstrationsConfig) -> dict[str, Demonstration]:
+    demonstrations = load_demonstrations(Path(config.file))
+    return {f"{number:03d}-{one.task.name}": one for number, one in enumerate(demonstrations)}
 
 
 def _copies(one: Demonstration, config: DemonstrationsConfig) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -39,37 +40,33 @@ def evaluate(config: EvaluationConfig, inputs: Mapping[str, Path], context: Stag
 
     Inputs: `starts`, and whatever the sampler needs.
     """
-    simulator = RopeSimulator(config.simulation)
-    sampler = build_sampler(config.sampler, inputs)
     names = [task.name for task in TASKS]
-    starts = {task.name: load_starts(inputs["starts"], task) for task in TASKS}
-    trials = {name: len(some) * config.trials_per_start for name, some in starts.items()}
+    work = partial(_evaluate, config, dict(inputs))
     pending = context.pending([f"outcomes/{name}" for name in names], ".csv")
-    done = sum(trials.values()) - sum(trials[Path(name).name] for name in pending)
-    with context.progress(total=sum(trials.values()), initial=done, desc="evaluation") as progress:
-        for shard in pending:
-            name = Path(shard).name
-            number = names.index(name)
-            task = TASKS[number]
-            rng = np.random.default_rng([config.seed, number])
-            recorder = Recorder(
-                context,
-                config.sampler.name,
-                config.simulation.rope,
-                sum(trials[earlier] for earlier in names[:number]),
-            )
-            rows = []
-            for start, points in enumerate(starts[name]):
-                splines = sampler.sample(points, task.action, config.trials_per_start, rng)
-                recorder.extra = {"start": str(start)}
-                tried = attempt(simulator, points, splines, task.action, task.start_state, recorder)
-                rows += [(str(task.action), start, int(hit)) for hit in tried.success]
-                progress.update(len(splines))
-            recorder.save(f"recordings/{name}.mcap")
-            with context.atomic(f"{shard}.csv") as path:
-                columns = ["action", "start", "success"]
-                pd.DataFrame(rows, columns=columns).to_csv(path, index=False)
+    context.each(work, [Path(shard).name for shard in pending], "evaluation")
     with context.atomic("outcomes.csv") as path:
         tables = [pd.read_csv(context.out / "outcomes" / f"{name}.csv") for name in names]
         pd.concat(tables).to_csv(path, index=False)
     write_index(context.out / "recordings")
+
+
+def _evaluate(
+    config: EvaluationConfig, inputs: Mapping[str, Path], context: StageContext, name: str
+) -> None:
+    simulator = RopeSimulator(config.simulation)
+    sampler = build_sampler(config.sampler, inputs)
+    number = [task.name for task in TASKS].index(name)
+    task = TASKS[number]
+    starts = load_starts(inputs["starts"], task)
+    rng = np.random.default_rng([config.seed, number])
+    first = number * len(starts) * config.trials_per_start
+    recorder = Recorder(context, config.sampler.name, config.simulation.rope, first)
+    rows = []
+    for start, points in enumerate(context.progress(starts, desc=f"evaluation of {task.action}")):
+        splines = sampler.sample(points, task.action, config.trials_per_start, rng)
+        recorder.extra = {"start": str(start)}
+        tried = attempt(simulator, points, splines, task.action, task.start_state, recorder)
+        rows += [(str(task.action), start, int(hit)) for hit in tried.success]
+    recorder.save(f"recordings/{name}.mcap")
+    with context.atomic(f"outcomes/{name}.csv") as path:
+        pd.DataFrame(rows, columns=["action", "start", "success"]).to_csv(path, index=False)

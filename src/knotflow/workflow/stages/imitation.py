@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -34,42 +35,53 @@ class ImitationStageConfig:
     """Threads of PyTorch; small networks are not faster on more."""
 
 
-@stage("imitation", version=1, inputs=("demonstrations",))
+@stage("imitation", version=2, inputs=("demonstrations",))
 def imitate(
     config: ImitationStageConfig, inputs: Mapping[str, Path], context: StageContext
 ) -> None:
     """Makes primitives.safetensors and curves.csv; one part a primitive, resumed by validation."""
-    torch.set_num_threads(config.torch_threads)
-    trials = load_trials(inputs["demonstrations"])
     parts = [f"primitive-{number}" for number in PRIMITIVES]
-    for part in context.pending(parts, ".safetensors"):
-        number = PRIMITIVES[parts.index(part)]
-        tasks = tasks_of(number)
-        training = Imitation(
-            [trials[task.action] for task in tasks],
-            config.primitive,
-            config.imitation,
-            config.seed + number,
-        )
-        curves = Curves(context, part)
-        if checkpoint := curves.checkpoint():
-            training.load(checkpoint)
-        bar = context.progress(
-            total=config.imitation.validations, initial=len(curves), desc=f"imitation {number}"
-        )
-        with bar:
-            for metrics in training:
-                curves.add(number, metrics)
-                bar.update()
-                if len(curves) % 10 == 0:
-                    with curves.saving() as folder:
-                        training.save(folder)
-        curves.save()
-        actions = [task.action for task in tasks]
-        library = PrimitiveLibrary({number: training.primitive}, {number: actions}, config.rope)
-        with context.atomic(f"{part}.safetensors") as path:
-            library.save(path)
+    work = partial(_imitate, config, dict(inputs))
+    context.each(work, context.pending(parts, ".safetensors"), "imitation")
     merge(context, parts)
+
+
+def _imitate(
+    config: ImitationStageConfig, inputs: Mapping[str, Path], context: StageContext, part: str
+) -> None:
+    torch.set_num_threads(config.torch_threads)
+    number = number_of(part)
+    tasks = tasks_of(number)
+    trials = load_trials(inputs["demonstrations"])
+    training = Imitation(
+        [trials[task.action] for task in tasks],
+        config.primitive,
+        config.imitation,
+        config.seed + number,
+    )
+    curves = Curves(context, part)
+    if checkpoint := curves.checkpoint():
+        training.load(checkpoint)
+    bar = context.progress(
+        total=config.imitation.validations, initial=len(curves), desc=f"imitation {number}"
+    )
+    with bar:
+        for metrics in training:
+            curves.add(number, metrics)
+            bar.update()
+            if len(curves) % 10 == 0:
+                with curves.saving() as folder:
+                    training.save(folder)
+    curves.save()
+    actions = [task.action for task in tasks]
+    library = PrimitiveLibrary({number: training.primitive}, {number: actions}, config.rope)
+    with context.atomic(f"{part}.safetensors") as path:
+        library.save(path)
+
+
+def number_of(part: str) -> int:
+    """The primitive that "primitive-3" names."""
+    return int(part.rpartition("-")[2])
 
 
 def tasks_of(number: int) -> list[Task]:

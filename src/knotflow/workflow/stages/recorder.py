@@ -32,6 +32,10 @@ class Recorder:
         """Take a batch."""
         self._batches.append((attempts, self.extra))
 
+    def __len__(self) -> int:
+        """Attempts seen since the last save."""
+        return sum(len(attempts) for attempts, _ in self._batches)
+
     def save(self, name: str) -> None:
         """Write everything seen so far, if anything, to `name` in the stage's folder; forget it."""
         if self._batches:

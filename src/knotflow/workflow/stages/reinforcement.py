@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from knotflow.workflow.context import StageContext
 from knotflow.workflow.signature import runtime
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.curves import Curves
-from knotflow.workflow.stages.imitation import merge, tasks_of
+from knotflow.workflow.stages.imitation import merge, number_of, tasks_of
 from knotflow.workflow.stages.recorder import Recorder
 
 
@@ -36,7 +37,7 @@ class ReinforcementStageConfig:
     """Threads of PyTorch; small networks are not faster on more."""
 
 
-@stage("reinforcement", version=1, inputs=("demonstrations", "imitation", "pools"))
+@stage("reinforcement", version=2, inputs=("demonstrations", "imitation", "pools"))
 def reinforce(
     config: ReinforcementStageConfig, inputs: Mapping[str, Path], context: StageContext
 ) -> None:
@@ -44,48 +45,52 @@ def reinforce(
 
     A round that was interrupted is simulated again, to the same rollouts, and replaces its file.
     """
-    torch.set_num_threads(config.torch_threads)
-    simulator = RopeSimulator(config.simulation)
-    trials = load_trials(inputs["demonstrations"])
-    rope = config.simulation.rope
-    start = PrimitiveLibrary.load(inputs["imitation"] / FILE, rope)
     parts = [f"primitive-{number}" for number in PRIMITIVES]
-    for part in context.pending(parts, ".safetensors"):
-        number = PRIMITIVES[parts.index(part)]
-        tasks = tasks_of(number)
-        training = Reinforcement(
-            start.primitives[number],
-            [trials[task.action] for task in tasks],
-            {task: _pool(inputs["pools"], str(task.start_state)) for task in tasks},
-            simulator,
-            config.reinforcement,
-            config.seed + number,
-        )
-        curves = Curves(context, part)
-        if checkpoint := curves.checkpoint():
-            training.load(checkpoint)
-        bar = context.progress(
-            total=config.reinforcement.rounds, initial=len(curves), desc=f"reinforcement {number}"
-        )
-        with bar:
-            for one in training:
-                curves.add(number, one.metrics)
-                each = sum(len(attempts) for attempts in one.attempts)
-                first = number * 1_000_000 + one.index * each
-                recorder = Recorder(context, "reinforcement", rope, first)
-                for attempts in one.attempts:
-                    recorder(attempts)
-                recorder.save(f"recordings/{part}-{one.index:03d}.mcap")
-                bar.update()
-                if len(curves) % 4 == 0:
-                    with curves.saving() as folder:
-                        training.save(folder)
-        curves.save()
-        actions = [task.action for task in tasks]
-        with context.atomic(f"{part}.safetensors") as path:
-            PrimitiveLibrary({number: training.primitive}, {number: actions}, rope).save(path)
+    work = partial(_reinforce, config, dict(inputs))
+    context.each(work, context.pending(parts, ".safetensors"), "reinforcement")
     merge(context, parts)
     write_index(context.out / "recordings")
+
+
+def _reinforce(
+    config: ReinforcementStageConfig, inputs: Mapping[str, Path], context: StageContext, part: str
+) -> None:
+    torch.set_num_threads(config.torch_threads)
+    number = number_of(part)
+    tasks = tasks_of(number)
+    trials = load_trials(inputs["demonstrations"])
+    rope = config.simulation.rope
+    training = Reinforcement(
+        PrimitiveLibrary.load(inputs["imitation"] / FILE, rope).primitives[number],
+        [trials[task.action] for task in tasks],
+        {task: _pool(inputs["pools"], str(task.start_state)) for task in tasks},
+        RopeSimulator(config.simulation),
+        config.reinforcement,
+        config.seed + number,
+    )
+    curves = Curves(context, part)
+    if checkpoint := curves.checkpoint():
+        training.load(checkpoint)
+    bar = context.progress(
+        total=config.reinforcement.rounds, initial=len(curves), desc=f"reinforcement {number}"
+    )
+    with bar:
+        for one in training:
+            curves.add(number, one.metrics)
+            each = sum(len(attempts) for attempts in one.attempts)
+            first = number * 1_000_000 + one.index * each
+            recorder = Recorder(context, "reinforcement", rope, first)
+            for attempts in one.attempts:
+                recorder(attempts)
+            recorder.save(f"recordings/{part}-{one.index:03d}.mcap")
+            bar.update()
+            if len(curves) % 4 == 0:
+                with curves.saving() as folder:
+                    training.save(folder)
+    curves.save()
+    actions = [task.action for task in tasks]
+    with context.atomic(f"{part}.safetensors") as path:
+        PrimitiveLibrary({number: training.primitive}, {number: actions}, rope).save(path)
 
 
 def _pool(folder: Path, state: str) -> np.ndarray:

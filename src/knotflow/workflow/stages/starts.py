@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -35,26 +36,27 @@ def make_starts(
     config: StartsStageConfig, inputs: Mapping[str, Path], context: StageContext
 ) -> None:
     """Makes <task>.npz with `points` (N, V, 3), recordings/<task>.mcap and starts.csv."""
-    simulator = RopeSimulator(config.simulation)
     names = [task.name for task in TASKS]
-    for name in context.progress(context.pending(names, ".npz"), desc="starts"):
-        task = TASKS[names.index(name)]
-        rng = np.random.default_rng([config.seed, names.index(name)])
-        recorder = Recorder(context, "aim", config.simulation.rope)
-        starts = reached(
-            task.start_actions, config.count, simulator, aim, rng, config.starts, recorder
-        )
-        recorder.save(f"recordings/{name}.mcap")
-        with context.atomic(f"{name}.npz") as path:
-            np.savez_compressed(
-                path, points=starts.points, reached=starts.reached, too_tight=starts.too_tight
-            )
+    context.each(partial(_make, config), context.pending(names, ".npz"), "starts")
     rows = []
     for task in TASKS:
         with np.load(context.out / f"{task.name}.npz") as file:
             rows.append((str(task.action), *(int(file[key]) for key in ("reached", "too_tight"))))
     with context.atomic("starts.csv") as path:
         pd.DataFrame(rows, columns=["action", "reached", "too_tight"]).to_csv(path, index=False)
+
+
+def _make(config: StartsStageConfig, context: StageContext, name: str) -> None:
+    number = [task.name for task in TASKS].index(name)
+    rng = np.random.default_rng([config.seed, number])
+    recorder = Recorder(context, "aim", config.simulation.rope)
+    simulator, actions = RopeSimulator(config.simulation), TASKS[number].start_actions
+    starts = reached(actions, config.count, simulator, aim, rng, config.starts, recorder)
+    recorder.save(f"recordings/{name}.mcap")
+    with context.atomic(f"{name}.npz") as path:
+        np.savez_compressed(
+            path, points=starts.points, reached=starts.reached, too_tight=starts.too_tight
+        )
 
 
 def load_starts(folder: Path, task: Task) -> np.ndarray:
