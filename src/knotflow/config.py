@@ -20,13 +20,13 @@ from knotflow.baselines import IcpConfig
 from knotflow.baselines.causal_infogan import CausalInfoGanBudget
 from knotflow.demonstrations import SHIPPED, NoiseConfig
 from knotflow.planning import PlannerConfig
-from knotflow.primitives import FILE, PrimitiveConfig
+from knotflow.primitives import PrimitiveConfig
 from knotflow.simulation import SimulationConfig, StartsConfig
 from knotflow.training import ImitationConfig, ReinforcementConfig
 from knotflow.workflow import WorkersConfig
 from knotflow.workflow.stages.provenance import Provenance
 
-SHIPPED_PRIMITIVES = Path(__file__).parent / "primitives" / "data" / FILE
+SHIPPED_PRIMITIVES = Path(__file__).parent / "primitives" / "data"
 
 ASKED = ("knot", "rope", "seed", "sampler", "primitives", "planner")
 """Keys that say what to plan; an experiment that takes one names it in its file."""
@@ -165,7 +165,8 @@ class Config:
     sampler: str = "primitives"
     """Who proposes splines where one plans: primitives (trained), or aimed (not learned)."""
     primitives: str = ""
-    """The library of +experiment=overhand; yours may be that of results/single_stage/."""
+    """The library of +experiment=overhand: a file, or a folder such as yours in
+    results/single_stage/primitives."""
     planner: PlannerConfig = field(default_factory=lambda: replace(FAST_SEARCH))
     """The search of +experiment=overhand."""
     provenance: Provenance = field(default_factory=Provenance)
@@ -184,8 +185,11 @@ def digest(path: str) -> str:
 
 
 def contents(text: str) -> str:
-    """Hash of what is in the file that a text names, or the text itself where it names none."""
-    return digest(text) if Path(text).is_file() else text
+    """Hash of what is in the file or folder that a text names, or the text where it names none."""
+    path = Path(text)
+    if text and path.is_dir():
+        return "-".join(digest(str(part)) for part in sorted(path.iterdir()) if part.is_file())
+    return digest(text) if path.is_file() else text
 
 
 def plan_folder(knot: str, rope: str, seed: int) -> str:

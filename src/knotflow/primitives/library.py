@@ -165,20 +165,26 @@ class PrimitiveLibrary:
             "digest": _digest(weights),
         }
         save_file(weights, path, metadata)
+        Path(path).chmod(0o644)  # safetensors lets nobody else read
 
     @classmethod
     def load(cls, path: Path, rope: RopeConfig | None = None) -> PrimitiveLibrary:
         """Read what `save` wrote.
 
         Args:
-            path: the file.
+            path: the file, or a folder of files with some of the primitives each.
             rope: if given, the rope that the library must have been trained with.
 
         Raises:
-            FileNotFoundError: there is no such file.
+            FileNotFoundError: there is no such file, or none in the folder.
             LibraryError: it is damaged, of another format, or for another rope; says which.
         """
         path = Path(path)
+        if path.is_dir() and (parts := sorted(path.glob("*.safetensors"))):
+            try:
+                return cls.merged(cls.load(part, rope) for part in parts)
+            except ValueError as error:
+                raise LibraryError(f"{path}: {error}") from None
         if not path.is_file():
             raise FileNotFoundError(f"no library of primitives at {path}")
         try:
@@ -253,7 +259,7 @@ class PrimitivesConfig:
     """Which library proposes."""
 
     file: str = ""
-    """A library's file. Empty takes the one that the stage `primitives` made."""
+    """A library's file, or a folder of files. Empty takes what the input `primitives` holds."""
 
 
 @sampler("primitives")

@@ -127,7 +127,7 @@ def reached(
             ends, hit = tried.rollouts.end_points, tried.success
             roomy = np.array(
                 [
-                    ok and _roomy(end, simulator.config.rope, config)
+                    ok and is_roomy(end, simulator.config.rope, config)
                     for ok, end in zip(hit, ends, strict=True)
                 ]
             )
@@ -200,7 +200,7 @@ def _nearest_strands(points: NDArray, rope: RopeConfig) -> float:
     return float(distance[np.triu_indices(len(points), apart)].min())
 
 
-def _roomy(points: NDArray, rope: RopeConfig, config: StartsConfig) -> bool:
-    """Whether every segment between crossings is long enough to work with."""
+def is_roomy(points: NDArray, rope: RopeConfig, config: StartsConfig) -> bool:
+    """Whether every segment of a rope (V, 3) is long enough to work with."""
     segments = segment_intervals(points)
     return bool((np.diff(segments, axis=1) * rope.length >= config.shortest_segment).all())

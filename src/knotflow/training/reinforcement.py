@@ -19,10 +19,18 @@ from torchrl.checkpoint import Checkpoint
 from knotflow.demonstrations import Task, Trials
 from knotflow.primitives.encoding import Encoded, encode
 from knotflow.primitives.primitive import Primitive
-from knotflow.simulation import Attempts, Rollouts, RopeSimulator, state_or_none
+from knotflow.simulation import (
+    Attempts,
+    Rollouts,
+    RopeSimulator,
+    StartsConfig,
+    is_roomy,
+    state_or_none,
+)
 from knotflow.training.buffer import TrialBuffer
 from knotflow.training.exploration import POLICY, SPREAD, ExplorationConfig, explore
 from knotflow.training.learner import Learner, LearnerConfig, demonstration_buffer
+from knotflow.training.pool import StartPool
 
 
 @dataclass
@@ -42,6 +50,10 @@ class ReinforcementConfig:
     """Splines tried on each."""
     steps: int = 60
     """Gradient steps in a round."""
+    left_share: float = 0.3
+    """Share of the start shapes that earlier attempts left behind, see `pool`."""
+    left_capacity: int = 1000
+    """How many of those are kept for each start state."""
     closing_steps: int = 1000
     """Gradient steps after the last round, in which the learning rate falls evenly to 0: what the
     attempts tell is more than the few steps of a round take in."""
@@ -79,6 +91,7 @@ class Reinforcement:
         simulator: RopeSimulator,
         config: ReinforcementConfig,
         seed: int,
+        starts: StartsConfig | None = None,
     ) -> None:
         """Takes over `primitive` and goes on training it.
 
@@ -86,10 +99,12 @@ class Reinforcement:
             primitive: after imitation.
             trials: the demonstrations, which stay in the replay buffer; may be empty.
             pools: for each task of this primitive, start shapes (P, V, 3) in its start state,
-                metres, from which every round draws; more of them generalise better.
+                metres, from which every round draws; more of them generalise better. Tasks with
+                the same start state have the same.
             simulator: executes the attempts.
             config: the effort to spend.
             seed: everything random comes from it.
+            starts: what a start looks like, for those that attempts leave behind.
 
         Raises:
             ValueError: there is no task, or a pool is empty.
@@ -109,8 +124,10 @@ class Reinforcement:
                 [(some, np.ones(len(some), bool)) for some in trials], self.learner.generator
             )
         self._rng = np.random.default_rng(seed)
+        self._starts = starts or StartsConfig()
+        self._tasks = list(pools)
         self._pools = {
-            task: (np.asarray(pool), encode(pool, [task.action] * len(pool)))
+            task.start_state: StartPool(pool, config.left_share, config.left_capacity)
             for task, pool in pools.items()
         }
         self._done = 0
@@ -138,12 +155,15 @@ class Reinforcement:
     def state_dict(self) -> dict[str, Any]:
         return {
             "learner": self.learner.state_dict(),
+            "pools": {str(state): pool.state_dict() for state, pool in self._pools.items()},
             "rng": self._rng.bit_generator.state,
             "done": self._done,
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         self.learner.load_state_dict(state["learner"])
+        for name, pool in self._pools.items():
+            pool.load_state_dict(state["pools"][str(name)])
         self._rng.bit_generator.state = state["rng"]
         self._done = state["done"]
 
@@ -151,14 +171,14 @@ class Reinforcement:
         """Try splines on fresh starts of every task, and put them into the replay buffer."""
         config, rng = self.config, self._rng
         proposed = []
-        for task, (pool, encoded) in self._pools.items():
-            rows = rng.choice(len(pool), config.ropes, replace=len(pool) < config.ropes)
-            seen = Encoded(encoded.states[torch.from_numpy(rows)], encoded.frames[rows])
+        for task in self._tasks:
+            ropes = self._pools[task.start_state].draw(config.ropes, rng)
+            seen = encode(ropes, [task.action] * len(ropes))
             network, ways = explore(
                 self.primitive, seen, config.splines, config.exploration, self._progress, rng
             )
             splines = seen.frames.to_world(network.numpy())
-            points = np.repeat(pool[rows], config.splines, axis=0)
+            points = np.repeat(ropes, config.splines, axis=0)
             proposed.append((task, seen, points, splines, ways))
         # All tasks in one batch keep the simulator's threads busy.
         rollouts = self.simulator.execute(
@@ -177,6 +197,7 @@ class Reinforcement:
             tried = Attempts(task.action, task.start_state, points, flat, mine, ends)
             success, way_of_each = tried.success, np.repeat(ways, config.splines)
             self._remember(seen, splines, success.reshape(splines.shape[:2]))
+            self._leave(tried)
             attempts.append(tried)
             for way, name in ((POLICY, "policy"), (SPREAD, "exploration")):
                 if (way_of_each == way).any():
@@ -184,6 +205,17 @@ class Reinforcement:
                         success[way_of_each == way].mean()
                     )
         return tuple(attempts), metrics
+
+    def _leave(self, tried: Attempts) -> None:
+        """Ropes that an attempt left in a start state can be started from."""
+        rope = self.simulator.config.rope
+        for state, pool in self._pools.items():
+            rows = [
+                row
+                for row, end in enumerate(tried.ends)
+                if end == state and is_roomy(tried.rollouts.end_points[row], rope, self._starts)
+            ]
+            pool.leave(tried.rollouts.end_points[rows])
 
     def _remember(self, seen: Encoded, splines: NDArray, success: NDArray) -> None:
         # Splines were clipped into range: what was tried is what is remembered.

@@ -13,7 +13,7 @@ import torch
 from knotflow.demonstrations import load_trials
 from knotflow.primitives import FILE, PRIMITIVES, PrimitiveLibrary
 from knotflow.recording import write_index
-from knotflow.simulation import RopeSimulator, SimulationConfig
+from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig
 from knotflow.training import Reinforcement, ReinforcementConfig
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.signature import runtime
@@ -29,6 +29,8 @@ class ReinforcementStageConfig:
 
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     """The simulator that executes the attempts."""
+    starts: StartsConfig = field(default_factory=StartsConfig)
+    """What a start looks like."""
     reinforcement: ReinforcementConfig = field(default_factory=ReinforcementConfig)
     """The effort."""
     seed: int = 20
@@ -67,6 +69,7 @@ def _reinforce(
         RopeSimulator(config.simulation),
         config.reinforcement,
         config.seed + number,
+        config.starts,
     )
     curves = Curves(context, part)
     if checkpoint := curves.checkpoint():
