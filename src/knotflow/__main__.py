@@ -6,13 +6,18 @@ import json
 import os
 import re
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import hydra
 import yaml
+from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig
 
+import knotflow.workflow.stages  # noqa: F401  registers them
 from knotflow.config import ASKED, register
+from knotflow.workflow import Experiment, WorkersConfig, Workflow, git_state, run_all
 
 PACKAGE = Path(__file__).parent
 HOME = PACKAGE if (PACKAGE / "conf").is_dir() else PACKAGE.parents[1]
@@ -21,28 +26,39 @@ HOME = PACKAGE if (PACKAGE / "conf").is_dir() else PACKAGE.parents[1]
 
 @hydra.main(config_path=str(HOME / "conf"), config_name="config", version_base="1.3")
 def main(config: DictConfig) -> None:
-    """Run the workflow of an experiment."""
-    import knotflow.workflow.stages  # noqa: F401  registers them
-    from knotflow.workflow import WorkersConfig, Workflow, git_state, run
-
+    """Run the workflow of an experiment, or those of several one after the other."""
+    register()  # again, for a launcher may have sent this function to another process
     state = git_state(PACKAGE)
-    config.provenance.experiment = config.experiment
-    config.provenance.budget = config.budget
-    config.provenance.commit = f"{state['commit'] or 'unknown'}"[:12] + "+" * bool(state["dirty"])
     try:
-        folder = run(
-            Workflow.from_config(config.workflow),
-            experiment=config.experiment,
-            results_dir=Path(config.results_dir),
+        asked = [_alone(name) for name in config.experiments] or [config]
+        folders = run_all(
+            [_experiment(one, state) for one in asked],
             provenance={**state, "budget": config.budget},
-            overwrite=config.overwrite,
             metrics=config.metrics,
             workers=WorkersConfig(**config.workers),
         )
     except (ValueError, RuntimeError, OSError) as error:
         notes = getattr(error, "__notes__", ())  # there only once something was noted
         sys.exit(f"error: {error}" + "".join(f"\n{note}" for note in notes))
-    _tell(folder / "outcome.json")
+    for folder in folders:
+        _tell(folder / "outcome.json")
+
+
+def _alone(name: str) -> DictConfig:
+    """The configuration of an experiment as if it were asked for with the same overrides."""
+    parsed = OverridesParser.create().parse_overrides(list(HydraConfig.get().overrides.task))
+    own = ("experiment", "experiments")
+    kept = [one.input_line or "" for one in parsed if one.key_or_group not in own]
+    return hydra.compose("config", overrides=[f"+experiment={name}", *kept])
+
+
+def _experiment(config: DictConfig, state: Mapping[str, str | bool | None]) -> Experiment:
+    """What the runner is to be told, with its origin in the tables."""
+    config.provenance.experiment = config.experiment
+    config.provenance.budget = config.budget
+    config.provenance.commit = f"{state['commit'] or 'unknown'}"[:12] + "+" * bool(state["dirty"])
+    workflow = Workflow.from_config(config.workflow)
+    return Experiment(config.results_name, workflow, Path(config.results_dir), config.overwrite)
 
 
 def _tell(outcome: Path) -> None:

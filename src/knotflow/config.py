@@ -22,7 +22,7 @@ from knotflow.demonstrations import SHIPPED, NoiseConfig
 from knotflow.planning import PlannerConfig
 from knotflow.primitives import PrimitiveConfig
 from knotflow.simulation import SimulationConfig, StartsConfig
-from knotflow.training import ImitationConfig, ReinforcementConfig
+from knotflow.training import ImitationConfig, JointConfig, ReinforcementConfig
 from knotflow.workflow import WorkersConfig
 from knotflow.workflow.stages.provenance import Provenance
 
@@ -109,6 +109,22 @@ class PlansBudget:
 
 
 @dataclass
+class JointBudget:
+    """Finetuning along one path, and the searches that tell what it brings (Sec. VII-B2)."""
+
+    path: str = "R1(0,1,1) C(0,1,1) C(2,0,1)"
+    """Actions from the untangled rope to the knot; trained on, and searched along."""
+    training: JointConfig = field(default_factory=JointConfig)
+    """Learning from episodes."""
+    seed: int = 40
+    """Of the episodes and batches; searches have ropes of their own."""
+    plans: PlansBudget = field(
+        default_factory=lambda: PlansBudget(seeds=50, seed=41, planner=PAPER_SEARCH)
+    )
+    """Searches from random ropes, before and after."""
+
+
+@dataclass
 class BenchmarkBudget:
     """What the benchmark spends."""
 
@@ -126,8 +142,12 @@ class Config:
     """Set by +experiment=NAME; the name of the results folder."""
     budget: str = MISSING
     """Set by budget=paper|smoke."""
+    experiments: list[str] = field(default_factory=list)
+    """Those that +experiment=paper runs one after the other; it has no workflow of its own."""
     results_dir: str = "results"
     """Where results/<experiment>/ and results/stages/ are."""
+    results_name: str = "${experiment}"
+    """Name of the results folder; the jobs of a sweep need one each."""
     overwrite: bool = False
     """Replace the results of another configuration."""
     metrics: str = "csv+tensorboard"
@@ -146,6 +166,8 @@ class Config:
     causal_infogan: CausalInfoGanBudget = field(default_factory=CausalInfoGanBudget)
     tree_size: PlansBudget = field(default_factory=lambda: PlansBudget(planner=PAPER_SEARCH))
     """Trees for the overhand along one path."""
+    joint_finetuning: JointBudget = field(default_factory=JointBudget)
+    """Primitives trained together on the overhand."""
     pentagram: PlansBudget = field(default_factory=lambda: PlansBudget(planner=PATIENT_SEARCH))
     """The pentagram from an overhand whose head was pulled out."""
     pentagram_ropes: int = 4

@@ -28,6 +28,28 @@ def test_a_loaded_library_proposes_the_same(library, path, ropes):
     np.testing.assert_array_equal(one, other)
 
 
+def test_a_folder_of_parts_in_half_precision_proposes_nearly_the_same(library, ropes, tmp_path):
+    for number, primitive in library.primitives.items():
+        part = {number: primitive}
+        trained_on = {number: library.trained_on[number]}
+        one = PrimitiveLibrary(part, trained_on, library.rope)
+        one.save(tmp_path / f"primitive-{number}.safetensors", half=True)
+    loaded = PrimitiveLibrary.load(tmp_path, RopeConfig())
+    assert loaded.trained_on == library.trained_on
+    one, other = (
+        some.sample(ropes["loop"], ACTION, 3, np.random.default_rng(0))
+        for some in (library, loaded)
+    )
+    np.testing.assert_allclose(one, other, atol=0.02)
+
+
+def test_a_folder_with_a_primitive_twice_is_refused(library, tmp_path):
+    for name in "ab":
+        library.save(tmp_path / f"{name}.safetensors")
+    with pytest.raises(LibraryError, match="in two of them"):
+        PrimitiveLibrary.load(tmp_path)
+
+
 def test_the_sampler_is_built_from_a_stage_or_a_file(path, ropes):
     stage = build_sampler(SamplerConfig("primitives"), {"primitives": path.parent})
     named = build_sampler(SamplerConfig("primitives", {"file": str(path)}), {})

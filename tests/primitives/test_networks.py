@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from knotflow.primitives import Primitive, PrimitiveConfig, cross_entropy, encode
+from knotflow.primitives.encoding import CONTROL_FEATURES, STREAM_POINTS
 from knotflow.topology import parse_action
 
 
@@ -36,10 +37,28 @@ def test_a_score_depends_on_its_own_rope_and_spline_only(library, seen):
 def test_streams_do_not_share_weights_and_all_of_them_matter(library, seen):
     trunk = library.primitives[3].critic.trunk
     streams = seen.states["streams"].clone().requires_grad_()
-    trunk(streams).sum().backward()
+    trunk(streams)[0].sum().backward()
     assert (streams.grad.abs().amax(dim=(0, 2)) > 0).all()
     pointers = [parameter.data_ptr() for parameter in trunk.parameters()]
     assert len(set(pointers)) == len(pointers)
+
+
+def test_what_lies_where_a_spline_passes_counts_more_than_what_is_far(library, seen):
+    torch.manual_seed(1)
+    passage = library.primitives[3].critic.passage
+    states = seen.states[:1]
+    streams = states["streams"].clone()
+    points = streams[0, -STREAM_POINTS[-1] :, :2]
+    near = points[5]
+    far = (points - near).norm(dim=1).argmax()
+    controls = torch.zeros(1, CONTROL_FEATURES)
+    for columns in ((7, 8), (1, 2), (4, 5)):  # a spline that stays at one place
+        controls[0, list(columns)] = near
+    shape = (1, STREAM_POINTS[-1], passage.of_points.out_features)
+    of_points = torch.randn(shape).requires_grad_()
+    passage(of_points, streams, controls, torch.zeros(1, dtype=torch.long)).sum().backward()
+    felt = of_points.grad[0, :, -4:].norm(dim=1)
+    assert felt[5] > 3 * felt[far] > 0
 
 
 def test_the_search_climbs_a_known_hill_and_searches_are_distinct():

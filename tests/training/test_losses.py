@@ -32,8 +32,18 @@ def test_the_next_value_enters_the_target_as_in_q_learning(batch):
     batch["next_value"] = torch.full_like(batch["reward"], 0.8)
     batch["reward"] = torch.zeros_like(batch["reward"])
     logit = critic(batch["states"], batch["spline"], batch["owner"])
-    expected = binary_cross_entropy_with_logits(logit, torch.full_like(logit, 0.4))
-    torch.testing.assert_close(CriticLoss(critic, gamma=0.5)(batch)["loss_critic"], expected)
+    expected = binary_cross_entropy_with_logits(logit, torch.full_like(logit, 0.8))
+    torch.testing.assert_close(CriticLoss(critic)(batch)["loss_critic"], expected)
+
+
+def test_the_next_value_rewards_the_actor(batch):
+    actor = Actor(NETWORK)
+    loss = ActorLoss(actor)(batch)["loss_actor"]
+    batch["next_value"] = batch["reward"].clone()
+    batch["reward"] = torch.zeros_like(batch["reward"])
+    torch.testing.assert_close(ActorLoss(actor)(batch)["loss_actor"], loss)
+    batch["next_value"] = torch.zeros_like(batch["reward"])
+    assert ActorLoss(actor)(batch)["loss_actor"] == 0
 
 
 def test_without_a_baseline_the_actor_loss_is_the_likelihood_of_the_successes(batch):

@@ -20,7 +20,12 @@ from knotflow.training import LearnerConfig, Reinforcement, ReinforcementConfig
 
 TASK = task("R1(0,1,1)")
 CONFIG = ReinforcementConfig(
-    LearnerConfig(demonstration_trials=4, rollout_ropes=4), rounds=3, ropes=3, splines=2, steps=2
+    LearnerConfig(demonstration_trials=4, rollout_ropes=4),
+    rounds=3,
+    ropes=3,
+    splines=2,
+    steps=2,
+    closing_steps=2,
 )
 
 
@@ -54,6 +59,15 @@ def test_a_round_gives_all_it_simulated_and_trains(start, curves, variant):
     assert attempts.splines.shape == (6, 6) and len(attempts.rollouts) == 6
     assert (attempts.splines >= SPLINE_LOW).all() and (attempts.splines <= SPLINE_HIGH).all()
     assert all((curves == points).all((1, 2)).any() for points in attempts.points)
+    left = [
+        end
+        for end, state in zip(attempts.rollouts.end_points, attempts.ends, strict=True)
+        if state == TASK.start_state
+    ]
+    known = [*curves, *left]  # only round 1 can start from what round 0 left
+    assert left
+    for points in rounds[1].attempts[0].points:
+        assert any(np.array_equal(points, shape) for shape in known)
     goal = TASK.goal_state
     ends = [state_or_none(end) == goal for end in attempts.rollouts.end_points]
     np.testing.assert_array_equal(attempts.success, ends & ~attempts.rollouts.diverged)

@@ -120,14 +120,6 @@ def test_an_interrupted_training_goes_on_and_ends_the_same(trained, demonstratio
     assert all(torch.equal(one[name], other[name]) for name in one)
 
 
-def test_threads_are_put_back():
-    before = torch.get_num_threads()
-    with pytest.raises(RuntimeError), training.one_thread():
-        assert torch.get_num_threads() == 1
-        raise RuntimeError
-    assert torch.get_num_threads() == before
-
-
 def test_goals_are_the_eight_actions_and_the_overhand():
     assert len(ending.GOALS) == 9
     overhand = goal_of("overhand")

@@ -10,14 +10,15 @@ own; here many splines share a rope, whose trunk must run once. Both modules rea
 | owner                 | (N,) int64     | the rope of each trial                              |
 | spline                | (N, 6)         | in network space                                    |
 | reward                | (N,)           | 1 where the trial succeeded, else 0                 |
-| baseline              | (N,)           | mean reward of the trials known from the same rope  |
+| baseline              | (N,)           | mean return of the trials known from the same rope  |
 | weight                | (N,)           | of the trial in the batch, of mean 1                |
-| next_value (optional) | (N,)           | max Q of the next action at the trial's end shape   |
+| next_value (optional) | (N,)           | gamma max Q of the next action at the end shape     |
 """
 
 from __future__ import annotations
 
 from tensordict import TensorDict, TensorDictParams
+from torch import Tensor
 from torch.distributions import MultivariateNormal
 from torch.nn.functional import binary_cross_entropy_with_logits
 from torchrl.objectives import LossModule
@@ -25,28 +26,30 @@ from torchrl.objectives import LossModule
 from knotflow.primitives.networks import Actor, Critic
 
 
-class CriticLoss(LossModule):
-    """Cross-entropy between the critic and QT-Opt's target r + gamma max Q of what comes next.
+def returns(batch: TensorDict) -> Tensor:
+    """QT-Opt's target r + gamma max Q of what comes next, (N,) in 0..1.
 
-    A single-step task ends with its action, so its target is the binary reward. In a task of
-    several steps (Sec. V-B c) the reward comes at the end, and `next_value` stands for it before.
+    A single-step task ends with its action, so it is the binary reward. In a task of several steps
+    (Sec. V-B c) the reward comes at the end, and `next_value` stands for it before.
     """
+    next_value = batch.get("next_value", None)
+    return batch["reward"] if next_value is None else (batch["reward"] + next_value).clamp(0, 1)
+
+
+class CriticLoss(LossModule):
+    """Cross-entropy between the critic and the trials' returns."""
 
     critic: Critic
     critic_params: TensorDictParams
     target_critic_params: TensorDictParams
 
-    def __init__(self, critic: Critic, gamma: float = 1.0) -> None:
+    def __init__(self, critic: Critic) -> None:
         super().__init__()
         self.convert_to_functional(critic, "critic")
-        self.gamma = gamma
 
     def forward(self, tensordict: TensorDict) -> TensorDict:
         """Gives `loss_critic`, and as `critic_accuracy` the share of trials judged rightly."""
-        target = tensordict["reward"]
-        next_value = tensordict.get("next_value", None)
-        if next_value is not None:
-            target = (target + self.gamma * next_value).clamp(0, 1)
+        target = returns(tensordict)
         with self.critic_params.to_module(self.critic):
             logit = self.critic(tensordict["states"], tensordict["spline"], tensordict["owner"])
         loss = binary_cross_entropy_with_logits(logit, target, weight=tensordict["weight"])
@@ -55,7 +58,10 @@ class CriticLoss(LossModule):
 
 
 class ActorLoss(LossModule):
-    """REINFORCE from the replay buffer: -(r - b) log pi(a | s), kept from running away.
+    """REINFORCE from the replay buffer: -(R - b) log pi(a | s), kept from running away.
+
+    R is the return: of a step that others follow, how well these can be done from the shape it led
+    to, which makes the actor prefer shapes that are favourable (Sec. V-B c).
 
     The data are not the actor's own. A success pulls the Gaussian towards it and may do so for
     ever: with b = 0 this is reward-weighted maximum likelihood, whose optimum is the Gaussian
@@ -70,7 +76,7 @@ class ActorLoss(LossModule):
     target_actor_params: TensorDictParams
 
     def __init__(self, actor: Actor, failure_weight: float = 0.0, reach: float = 3.0) -> None:
-        """`failure_weight` times the rope's mean reward is the baseline b; `reach` is in nats."""
+        """`failure_weight` times the rope's mean return is the baseline b; `reach` is in nats."""
         super().__init__()
         self.convert_to_functional(actor, "actor")
         self.failure_weight, self.reach = failure_weight, reach
@@ -82,7 +88,7 @@ class ActorLoss(LossModule):
         owner, weight = tensordict["owner"], tensordict["weight"]
         gaussian = MultivariateNormal(mean[owner], scale_tril=factor[owner], validate_args=False)
         log_prob = gaussian.log_prob(tensordict["spline"])
-        advantage = tensordict["reward"] - self.failure_weight * tensordict["baseline"]
+        advantage = returns(tensordict) - self.failure_weight * tensordict["baseline"]
         typical = -gaussian.entropy().detach()  # the mean of log pi under pi
         counts = (advantage > 0) | (log_prob.detach() > typical - self.reach)
         pull = weight * advantage * counts

@@ -1,5 +1,6 @@
 """Workflows: typed stages that run once, go on after an interruption, and share their outputs."""
 
+from .chain import Experiment, run_all
 from .context import StageContext
 from .definition import Node, Workflow
 from .errors import (
@@ -19,6 +20,7 @@ from .workers import WorkersConfig
 __all__ = [
     "DamagedStageError",
     "DiskFullError",
+    "Experiment",
     "ForeignResultsError",
     "Metrics",
     "Node",
@@ -32,6 +34,7 @@ __all__ = [
     "git_state",
     "open_metrics",
     "run",
+    "run_all",
     "runtime",
     "signature",
     "stage",

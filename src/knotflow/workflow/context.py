@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import durable
 from .progress import progress
+from .threads import one_thread
 from .workers import WorkersConfig, each
 
 if TYPE_CHECKING:
@@ -126,6 +127,7 @@ class StageContext:
 
 def _call(work: Callable[[StageContext, Any], None], context: StageContext, shard: Any) -> None:
     try:
-        work(context, shard)
+        with one_thread():
+            work(context, shard)
     finally:
         context.close()

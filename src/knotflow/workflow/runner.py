@@ -18,6 +18,7 @@ from .provenance import library_versions
 from .signature import plain, runtime_fields, signature
 from .stage import get_stage
 from .store import Clock, StageFolder
+from .threads import one_thread
 from .workers import WorkersConfig
 
 __all__ = ["Node", "Workflow", "run"]
@@ -185,7 +186,8 @@ def _call(
     )
     print(f"{step.name}: {step.node.caption or folder.relative}", flush=True)
     try:
-        get_stage(folder.stage).function(step.config, inputs, context)
+        with one_thread():
+            get_stage(folder.stage).function(step.config, inputs, context)
     except BaseException as error:
         error.add_note(
             f"Stage {step.name!r} stopped. What it finished is kept in {folder.partial}; the same "

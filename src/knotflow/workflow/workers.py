@@ -6,6 +6,7 @@ once, and where, cannot change what they make, so it is no part of any signature
 
 from __future__ import annotations
 
+import logging
 import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -17,7 +18,9 @@ import joblib
 
 from .errors import WorkflowError
 
-BACKENDS = ("loky", "ray", "threading")
+BACKENDS = ("loky", "ray")
+# joblib's threading is not among them: threads share PyTorch's random state, so shards that run
+# side by side would not make what they make one after the other.
 
 
 @dataclass
@@ -26,12 +29,18 @@ class WorkersConfig:
 
     backend: str = "loky"
     """joblib's: loky (processes of this machine) or ray (a cluster; `ray.init` finds it by the
-    variable RAY_ADDRESS, and starts one on this machine where there is none)."""
+    variable RAY_ADDRESS, and starts one on this machine where there is none). The machines of a
+    cluster need the results folder in common, under the same path, and knotflow installed."""
     jobs: int = -1
     """Shards at once; -1 takes every core, or every CPU of the cluster. 1 runs one after the other
     in the process itself, whose simulator then has all cores."""
 
     def __post_init__(self) -> None:
+        """Refuse what runs nothing.
+
+        Raises:
+            ValueError: an unknown backend, or no job at all.
+        """
         if self.backend not in BACKENDS:
             raise ValueError(
                 f"unknown workers.backend {self.backend!r}; there are {', '.join(BACKENDS)}"
@@ -48,6 +57,8 @@ def each(
 ) -> Iterator[None]:
     """Runs `work(shard)` for every shard; yields once for each that is finished.
 
+    On Ray it yields for all of them at the end: joblib's Ray backend tells no earlier.
+
     Args:
         work: can be pickled, unless everything runs in this process. It leaves what it makes in
             files, see `StageContext.atomic`.
@@ -59,30 +70,39 @@ def each(
         WorkflowError: the backend is not installed.
         Exception: the first that a shard raised; the others that run are given up.
     """
-    if config.jobs == 1 or len(shards) == 1:
+    if config.jobs == 1 or len(shards) <= 1:
         for shard in shards:
             work(shard)
             yield
         return
+    how, parent = "generator_unordered", os.getpid()
+    watched: int | None = parent
     if config.backend == "ray":
-        _register_ray()
+        _start_ray()
+        how, watched = "list", None  # Ray itself ends the workers of a driver that is gone
     jobs = min(config.jobs, len(shards)) if config.jobs > 0 else config.jobs
     with joblib.parallel_config(backend=config.backend, n_jobs=jobs), _meanwhile(meanwhile):
-        parallel = joblib.Parallel(
-            return_as="generator_unordered", batch_size=1, pre_dispatch="all"
-        )
-        for _ in parallel(joblib.delayed(_work)(work, shard) for shard in shards):
+        parallel = joblib.Parallel(return_as=how, batch_size=1, pre_dispatch="all")
+        for _ in parallel(joblib.delayed(_work)(work, shard, watched) for shard in shards):
             yield
 
 
-def _work(work: Callable[[Any], None], shard: Any) -> None:
-    """In the worker: it ends with the process that started it, even one that was killed."""
-    parent, done = os.getppid(), threading.Event()
+def _work(work: Callable[[Any], None], shard: Any, parent: int | None = None) -> None:
+    """In the worker: it ends with the process `parent` that started it, even one that was killed.
+
+    Else it would finish its shard and go on with those in its queue, beside the workers of the
+    same command called again.
+    """
+    if parent in (None, os.getpid()):  # a worker that others look after; or none, on one core
+        work(shard)
+        return
+    done = threading.Event()
 
     def watch() -> None:
-        while not done.wait(1.0):
-            if os.getppid() != parent:
-                os._exit(1)
+        while os.getppid() == parent:
+            if done.wait(1.0):
+                return
+        os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
     try:
@@ -93,12 +113,19 @@ def _work(work: Callable[[Any], None], shard: Any) -> None:
 
 @contextmanager
 def _meanwhile(call: Callable[[], None] | None) -> Iterator[None]:
-    """Calls every two seconds, from a thread, while the block runs."""
-    over = threading.Event()
+    """Calls every two seconds, from a thread, while the block runs.
+
+    Raises:
+        Exception: what the call raised, after a block that ended well.
+    """
+    over, failures = threading.Event(), []
 
     def repeat() -> None:
-        while call is not None and not over.wait(2.0):
-            call()
+        try:
+            while call is not None and not over.wait(2.0):
+                call()
+        except Exception as error:  # raised below: a thread has nobody to tell
+            failures.append(error)
 
     thread = threading.Thread(target=repeat, daemon=True)
     thread.start()
@@ -107,13 +134,18 @@ def _meanwhile(call: Callable[[], None] | None) -> Iterator[None]:
     finally:
         over.set()
         thread.join()
+    if failures:
+        raise failures[0]
 
 
-def _register_ray() -> None:
+def _start_ray() -> None:
     try:
+        import ray
         from ray.util.joblib import register_ray
     except ImportError:
         raise WorkflowError(
             "workers.backend=ray needs Ray, which is not installed: pip install 'knotflow[ray]'"
         ) from None
+    if not ray.is_initialized():
+        ray.init(logging_level=logging.WARNING)
     register_ray()

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -38,20 +38,10 @@ def train(
 
     A training that is interrupted goes on from its last checkpoint and ends the same.
     """
-    actions = [str(task(one).action) for one in config.actions] or [str(t.action) for t in TASKS]
     seeds = [str(seed) for seed in range(config.seeds)]
     pending = context.pending([f"models/{seed}" for seed in seeds], ".pt")
-    if pending:
-        rollouts = Rollouts.load(inputs["demonstrations"], actions, config.network.frame_rate)
-        total, steps = config.seeds * config.network.steps, config.network.steps
-        with (
-            one_thread(),
-            context.progress(
-                total=total, initial=total - len(pending) * steps, desc="causal_infogan"
-            ) as progress,
-        ):
-            for shard in pending:
-                _train(int(Path(shard).name), rollouts, actions, config.network, context, progress)
+    work = partial(_train, config, dict(inputs))
+    context.each(work, [int(Path(shard).name) for shard in pending], "causal_infogan")
     curves = [
         pd.read_csv(context.out / "curves" / f"{seed}.csv", keep_default_na=False) for seed in seeds
     ]
@@ -62,12 +52,7 @@ def train(
 
 
 def _train(
-    seed: int,
-    rollouts: Rollouts,
-    actions: Sequence[str],
-    config: CausalInfoGanConfig,
-    context: StageContext,
-    progress,  # tqdm
+    config: CausalInfoGanStageConfig, inputs: Mapping[str, Path], context: StageContext, seed: int
 ) -> None:
     import torch
 
@@ -75,27 +60,32 @@ def _train(
     from knotflow.baselines.causal_infogan.model_file import save_model
     from knotflow.baselines.causal_infogan.training import Trainer
 
+    network = config.network
+    actions = [str(task(one).action) for one in config.actions] or [str(t.action) for t in TASKS]
+    rollouts = Rollouts.load(inputs["demonstrations"], actions, network.frame_rate)
     shapes = rollouts.in_start_frames()
-    trainer = Trainer(shapes, config, seed)
+    trainer = Trainer(shapes, network, seed)
     checkup = Checkup(torch.as_tensor(shapes).float(), torch.as_tensor(rollouts.starts))
     checkpoint, curve = f"checkpoints/{seed}.pt", []
     if (context.out / checkpoint).exists():
         state = torch.load(context.out / checkpoint, weights_only=True)
         curve = state.pop("curve")
         trainer.load_state_dict(state)
-        progress.update(trainer.step)
-    while trainer.step < config.steps:
-        steps = min(config.check_every, config.steps - trainer.step)
-        losses = trainer.advance(steps)
-        health = checkup(trainer.model)
-        numbers = {**losses, **asdict(health)}
-        for name, value in numbers.items():
-            context.logger.log_scalar(f"seed_{seed}/{name}", value, trainer.step)
-        collapsed = " ".join(health.collapsed)
-        curve.append({"seed": seed, "step": trainer.step, **numbers, "collapsed": collapsed})
-        with context.atomic(checkpoint) as path:
-            torch.save({**trainer.state_dict(), "curve": curve}, path)
-        progress.update(steps)
+    with context.progress(
+        total=network.steps, initial=trainer.step, desc=f"causal_infogan, seed {seed}"
+    ) as bar:
+        while trainer.step < network.steps:
+            steps = min(network.check_every, network.steps - trainer.step)
+            losses = trainer.advance(steps)
+            health = checkup(trainer.model)
+            numbers = {**losses, **asdict(health)}
+            for name, value in numbers.items():
+                context.logger.log_scalar(f"seed_{seed}/{name}", value, trainer.step)
+            collapsed = " ".join(health.collapsed)
+            curve.append({"seed": seed, "step": trainer.step, **numbers, "collapsed": collapsed})
+            with context.atomic(checkpoint) as path:
+                torch.save({**trainer.state_dict(), "curve": curve}, path)
+            bar.update(steps)
     with context.atomic(f"curves/{seed}.csv") as path:
         pd.DataFrame(curve).to_csv(path, index=False, float_format="%.6g")
     with context.atomic(f"models/{seed}.pt") as path:
@@ -154,16 +144,3 @@ class Rollouts:
     def in_start_frames(self) -> NDArray[np.float64]:
         """The shapes (N, F, V, 3), each rollout's in the frame of its first, metres."""
         return Frame.of(self.shapes[:, 0]).enter(self.shapes)
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Torch on one thread: faster for networks this small, and the same numbers everywhere."""
-    import torch
-
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)

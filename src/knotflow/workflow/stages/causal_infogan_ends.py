@@ -96,34 +96,9 @@ def seek(
     config: CausalInfoGanEndsConfig, inputs: Mapping[str, Path], context: StageContext
 ) -> None:
     """Makes <goal>.npz with start (N,), points and ends (N, V, 3); ends.csv and recordings."""
-    simulator = RopeSimulator(config.simulation)
     names = [goal.file for goal in GOALS]
-    for name in context.progress(context.pending(names, ".npz"), desc="reachable ends"):
-        number = names.index(name)
-        goal = GOALS[number]
-        rng = np.random.default_rng([config.seed, number])
-        starts = load_starts(inputs["starts"], task(goal.first))[: config.starts_of(goal)]
-        # Numbers are unique in the stage: leave room for all guesses of the goals before.
-        first = sum(config.starts_of(one) * config.guesses_of(one) for one in GOALS[:number])
-        recorder = Recorder(context, "aim", config.simulation.rope, first)
-        found = {}
-        for start, points in enumerate(starts):
-            recorder.extra = {"start": str(start), "goal": goal.name}
-            batches = iter(range(config.rounds * len(goal.actions)))
-            propose = partial(_propose, config.guesses, rng, simulator, recorder)
-            end = _reach(points, goal.start_state, goal.actions, propose, batches, config.rounds)
-            if end is not None:
-                found[start] = (points, end)
-        recorder.save(f"recordings/{name}.mcap")
-        shape = (len(found), *starts.shape[1:])
-        with context.atomic(f"{name}.npz") as path:
-            np.savez_compressed(
-                path,
-                tried=len(starts),
-                start=np.array(list(found), dtype=np.intp),
-                points=np.array([one for one, _ in found.values()]).reshape(shape),
-                ends=np.array([end for _, end in found.values()]).reshape(shape),
-            )
+    work = partial(_seek, config, dict(inputs))
+    context.each(work, context.pending(names, ".npz"), "reachable ends")
     rows = []
     for goal in GOALS:
         with np.load(context.out / f"{goal.file}.npz") as file:
@@ -131,6 +106,35 @@ def seek(
     with context.atomic("ends.csv") as path:
         pd.DataFrame(rows, columns=["goal", "starts", "reached"]).to_csv(path, index=False)
     write_index(context.out / "recordings")
+
+
+def _seek(
+    config: CausalInfoGanEndsConfig, inputs: Mapping[str, Path], context: StageContext, name: str
+) -> None:
+    number = [goal.file for goal in GOALS].index(name)
+    goal, rng = GOALS[number], np.random.default_rng([config.seed, number])
+    starts = load_starts(inputs["starts"], task(goal.first))[: config.starts_of(goal)]
+    # Numbers are unique in the stage: leave room for all guesses of the goals before.
+    first = sum(config.starts_of(one) * config.guesses_of(one) for one in GOALS[:number])
+    recorder = Recorder(context, "aim", config.simulation.rope, first)
+    propose = partial(_propose, config.guesses, rng, RopeSimulator(config.simulation), recorder)
+    found = {}
+    for start, points in enumerate(starts):
+        recorder.extra = {"start": str(start), "goal": goal.name}
+        batches = iter(range(config.rounds * len(goal.actions)))
+        end = _reach(points, goal.start_state, goal.actions, propose, batches, config.rounds)
+        if end is not None:
+            found[start] = (points, end)
+    recorder.save(f"recordings/{name}.mcap")
+    shape = (len(found), *starts.shape[1:])
+    with context.atomic(f"{name}.npz") as path:
+        np.savez_compressed(
+            path,
+            tried=len(starts),
+            start=np.array(list(found), dtype=np.intp),
+            points=np.array([one for one, _ in found.values()]).reshape(shape),
+            ends=np.array([end for _, end in found.values()]).reshape(shape),
+        )
 
 
 def load_ends(folder: Path, goal: Goal) -> tuple[NDArray, NDArray, NDArray]:

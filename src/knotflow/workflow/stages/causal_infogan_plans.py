@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from scipy.stats import binomtest
 from knotflow.baselines.causal_infogan import measure
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
-from knotflow.workflow.stages.causal_infogan import Rollouts, one_thread
+from knotflow.workflow.stages.causal_infogan import Rollouts
 from knotflow.workflow.stages.causal_infogan_ends import FOCUS, GOALS, OVERHAND, load_ends
 from knotflow.workflow.stages.provenance import Provenance
 
@@ -68,15 +69,12 @@ def plan(
     Inputs: `demonstrations`, `ends`, the models, and any number of evaluations of samplers on the
     same starts; their names are the methods of the comparison.
     """
-    models = [
-        (name, int(path.stem))
+    shards = [
+        f"plans/{name}-{seed}"
         for name in config.models
-        for path in sorted((inputs[name] / "models").glob("*.pt"), key=lambda path: int(path.stem))
+        for seed in sorted(int(path.stem) for path in (inputs[name] / "models").glob("*.pt"))
     ]
-    shards = {f"plans/{name}-{seed}": (name, seed) for name, seed in models}
-    with one_thread():
-        for shard in context.progress(context.pending([*shards], ".csv"), desc="plans"):
-            _plan(*shards[shard], shard, config, inputs, context)
+    context.each(partial(_plan, config, dict(inputs)), context.pending(shards, ".csv"), "plans")
     tables = {
         "plans": pd.concat([pd.read_csv(context.out / f"{shard}.csv") for shard in shards]),
         "panel": pd.concat([_panel(name, inputs, context) for name in config.models]),
@@ -103,16 +101,12 @@ def plan(
 
 
 def _plan(
-    name: str,
-    seed: int,
-    shard: str,
-    config: CausalInfoGanPlansConfig,
-    inputs: Mapping[str, Path],
-    context: StageContext,
+    config: CausalInfoGanPlansConfig, inputs: Mapping[str, Path], context: StageContext, shard: str
 ) -> None:
     from knotflow.baselines.causal_infogan.model_file import load_model
     from knotflow.baselines.causal_infogan.planning import Planner
 
+    name, _, seed = Path(shard).name.rpartition("-")
     model, actions = load_model(inputs[name] / "models" / f"{seed}.pt")
     planner, rows, shapes = Planner(model, config.seed), [], []
     for asked in _asked(actions, model.config.frame_rate, config, inputs):
@@ -124,7 +118,7 @@ def _plan(
             rows.append(
                 {
                     "model": name,
-                    "seed": seed,
+                    "seed": int(seed),
                     "goal": asked.goal,
                     "shapes": asked.where,
                     "start": number,

@@ -15,6 +15,8 @@ from knotflow.workflow.context import StageContext
 class Curves:
     """The metrics of each step, and the checkpoint that belongs to the last saved one.
 
+    A part trains one primitive, or several side by side.
+
     A checkpoint is a folder `checkpoints/<part>-<step>` that also holds the curve so far; making
     one removes the older. When the part is finished, `<part>.csv` has the whole curve.
     """
@@ -35,10 +37,11 @@ class Curves:
         return found[-1] / "training" if found else None
 
     def add(self, primitive: int, metrics: Mapping[str, float]) -> None:
-        """Take one step's metrics, and log them."""
-        self._rows.append({"primitive": primitive, "step": len(self._rows), **metrics})
+        """Take the metrics of a primitive's next step, and log them."""
+        step = sum(row["primitive"] == primitive for row in self._rows)
+        self._rows.append({"primitive": primitive, "step": step, **metrics})
         for name, value in metrics.items():
-            self._context.logger.log_scalar(f"primitive_{primitive}/{name}", value, len(self._rows))
+            self._context.logger.log_scalar(f"primitive_{primitive}/{name}", value, step + 1)
 
     @contextmanager
     def saving(self) -> Iterator[Path]:

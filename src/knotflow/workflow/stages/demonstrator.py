@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -56,24 +57,8 @@ def make_demonstrations(
     config: DemonstratorStageConfig, inputs: Mapping[str, Path], context: StageContext
 ) -> None:
     """Makes scripted.jsonl, shares.csv (of noisy copies that succeed) and recordings/*.mcap."""
-    simulator = RopeSimulator(config.simulation)
-    wanted = {
-        f"{task.name}-{i}": (task, [config.seed, number, i])
-        for number, task in enumerate(TASKS)
-        for i in range(config.starts_per_task if task.start_actions else 1)
-    }
-    for name in context.progress(context.pending([*wanted], ".jsonl"), desc="demonstrations"):
-        task, seed = wanted[name]
-        recorder = Recorder(context, "scripted", config.simulation.rope)
-        found, share, left_out = _one(
-            task, np.random.default_rng(seed), simulator, config, recorder
-        )
-        recorder.save(f"recordings/{name}.mcap")
-        with context.atomic(f"{name}.csv") as path:
-            row = {"action": str(task.action), "success_share": share, "starts_left_out": left_out}
-            pd.DataFrame([row]).to_csv(path, index=False)
-        with context.atomic(f"{name}.jsonl") as path:
-            save_demonstrations(path, [found])
+    wanted = _wanted(config)
+    context.each(partial(_make, config), context.pending([*wanted], ".jsonl"), "demonstrations")
     with context.atomic("shares.csv") as path:
         shares = pd.concat([pd.read_csv(context.out / f"{name}.csv") for name in wanted])
         shares.to_csv(path, index=False)
@@ -84,6 +69,28 @@ def make_demonstrations(
             for demonstration in load_demonstrations(context.out / f"{name}.jsonl")
         ]
         save_demonstrations(path, demonstrations)
+
+
+def _wanted(config: DemonstratorStageConfig) -> dict[str, tuple[Task, list[int]]]:
+    """Each demonstration's name, task and seed."""
+    return {
+        f"{task.name}-{i}": (task, [config.seed, number, i])
+        for number, task in enumerate(TASKS)
+        for i in range(config.starts_per_task if task.start_actions else 1)
+    }
+
+
+def _make(config: DemonstratorStageConfig, context: StageContext, name: str) -> None:
+    task, seed = _wanted(config)[name]
+    simulator, rng = RopeSimulator(config.simulation), np.random.default_rng(seed)
+    recorder = Recorder(context, "scripted", config.simulation.rope)
+    found, share, left_out = _one(task, rng, simulator, config, recorder)
+    recorder.save(f"recordings/{name}.mcap")
+    with context.atomic(f"{name}.csv") as path:
+        row = {"action": str(task.action), "success_share": share, "starts_left_out": left_out}
+        pd.DataFrame([row]).to_csv(path, index=False)
+    with context.atomic(f"{name}.jsonl") as path:
+        save_demonstrations(path, [found])
 
 
 def _one(

@@ -7,14 +7,11 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-import torch
-
 from knotflow.demonstrations import TASKS, Task, load_trials
 from knotflow.primitives import FILE, PRIMITIVES, PrimitiveConfig, PrimitiveLibrary, primitive_of
 from knotflow.simulation import RopeConfig
 from knotflow.training import Imitation, ImitationConfig
 from knotflow.workflow.context import StageContext
-from knotflow.workflow.signature import runtime
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.curves import Curves
 
@@ -31,8 +28,6 @@ class ImitationStageConfig:
     """The effort."""
     seed: int = 10
     """Of weights and batches."""
-    torch_threads: int = runtime(1)
-    """Threads of PyTorch; small networks are not faster on more."""
 
 
 @stage("imitation", version=2, inputs=("demonstrations",))
@@ -49,7 +44,6 @@ def imitate(
 def _imitate(
     config: ImitationStageConfig, inputs: Mapping[str, Path], context: StageContext, part: str
 ) -> None:
-    torch.set_num_threads(config.torch_threads)
     number = number_of(part)
     tasks = tasks_of(number)
     trials = load_trials(inputs["demonstrations"])

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cache
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ from knotflow.topology import TopologicalState
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.recorder import Recorder
+from knotflow.workflow.workers import WorkersConfig
 
 START_FILE = "start.npy"
 """A rope (V, 3) in the output of a stage that makes a start shape."""
@@ -75,43 +76,56 @@ def make_plans(config: PlansConfig, inputs: Mapping[str, Path], context: StageCo
     One shard a case and seed; a shard is complete when its row is there. Inputs: what the sampler
     needs, and the starts that the cases name.
     """
-    rope = config.simulation.rope
-    goals = [parse_goal(case.goal, rope) for case in config.cases]
     for case in config.cases:
+        parse_goal(case.goal, config.simulation.rope)
         _check_start(case.start, inputs)
-    names = {
-        f"{number:02d}-{seed:03d}": (number, seed)
-        for number in range(len(config.cases))
-        for seed in range(config.seeds)
-    }
-    pending = context.pending([f"rows/{name}" for name in names], ".csv")
-    simulator = RopeSimulator(config.simulation)
-    sampler = build_sampler(config.sampler, inputs)
-    bar = context.progress(total=len(names), initial=len(names) - len(pending), desc="plans")
-    with bar:
-        for shard in pending:
-            name = Path(shard).name
-            number, seed = names[name]
-            case, rng = config.cases[number], np.random.default_rng([config.seed, seed, 1])
-            first = [*names].index(name) * config.planner.max_branches
-            recorder = Recorder(context, config.sampler.name, rope, first)
-            recorder.extra = {"plan": name}
-            points = _start(case.start, config, seed, inputs)
-            plan = plan_knot(
-                points, goals[number], sampler, simulator, rng, config.planner, observe=recorder
-            )
-            recorder.save(f"recordings/{name}.mcap")
-            with context.atomic(f"plans/{name}.json") as path:
-                path.write_text(plan.to_json(trajectories=False), "utf-8")
-            with context.atomic(f"{shard}.csv") as path:
-                row = search_row(plan, case.goal, case.start, seed)
-                pd.DataFrame([{"plan": name, **row}]).to_csv(path, index=False)
-            bar.update()
+    names = _names(config)
+    pending = [Path(row).name for row in context.pending([f"rows/{one}" for one in names], ".csv")]
+    # A search of one branch after the other uses one core, so others may run beside it. One in
+    # batches has all cores, and the seconds it takes with them are a result: it runs alone.
+    if config.planner.batch > 1:
+        context = replace(context, workers=WorkersConfig(jobs=1))
+    context.each(partial(_search, config, dict(inputs)), pending, "plans")
     with context.atomic(SEARCHES) as path:
         rows = [read_searches(context.out / "rows" / f"{name}.csv") for name in names]
         pd.concat(rows).to_csv(path, index=False)
     if any((context.out / "recordings").glob("*.mcap")):
         write_index(context.out / "recordings")
+
+
+def _names(config: PlansConfig) -> dict[str, tuple[int, int]]:
+    """Each search's name, and the numbers of its case and seed."""
+    return {
+        f"{number:02d}-{seed:03d}": (number, seed)
+        for number in range(len(config.cases))
+        for seed in range(config.seeds)
+    }
+
+
+def _search(
+    config: PlansConfig, inputs: Mapping[str, Path], context: StageContext, name: str
+) -> None:
+    names, rope = _names(config), config.simulation.rope
+    number, seed = names[name]
+    case, rng = config.cases[number], np.random.default_rng([config.seed, seed, 1])
+    first = [*names].index(name) * config.planner.max_branches
+    recorder = Recorder(context, config.sampler.name, rope, first)
+    recorder.extra = {"plan": name}
+    plan = plan_knot(
+        _start(case.start, config, seed, inputs),
+        parse_goal(case.goal, rope),
+        build_sampler(config.sampler, inputs),
+        RopeSimulator(config.simulation),
+        rng,
+        config.planner,
+        observe=recorder,
+    )
+    recorder.save(f"recordings/{name}.mcap")
+    with context.atomic(f"plans/{name}.json") as path:
+        path.write_text(plan.to_json(trajectories=False), "utf-8")
+    with context.atomic(f"rows/{name}.csv") as path:
+        row = search_row(plan, case.goal, case.start, seed)
+        pd.DataFrame([{"plan": name, **row}]).to_csv(path, index=False)
 
 
 def search_row(plan: KnotPlan, goal: str, start: str, seed: int) -> dict[str, Any]:

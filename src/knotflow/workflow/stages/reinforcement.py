@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from knotflow.demonstrations import load_trials
 from knotflow.primitives import FILE, PRIMITIVES, PrimitiveLibrary
@@ -16,7 +15,6 @@ from knotflow.recording import write_index
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig
 from knotflow.training import Reinforcement, ReinforcementConfig
 from knotflow.workflow.context import StageContext
-from knotflow.workflow.signature import runtime
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.curves import Curves
 from knotflow.workflow.stages.imitation import merge, number_of, tasks_of
@@ -35,8 +33,6 @@ class ReinforcementStageConfig:
     """The effort."""
     seed: int = 20
     """Of everything random."""
-    torch_threads: int = runtime(1)
-    """Threads of PyTorch; small networks are not faster on more."""
 
 
 @stage("reinforcement", version=2, inputs=("demonstrations", "imitation", "pools"))
@@ -57,7 +53,6 @@ def reinforce(
 def _reinforce(
     config: ReinforcementStageConfig, inputs: Mapping[str, Path], context: StageContext, part: str
 ) -> None:
-    torch.set_num_threads(config.torch_threads)
     number = number_of(part)
     tasks = tasks_of(number)
     trials = load_trials(inputs["demonstrations"])
