@@ -1,9 +1,13 @@
 """The command: what it says when asked for something it does not have."""
 
+import json
 import subprocess
 import sys
 
 import pytest
+import yaml
+
+from knotflow.__main__ import HOME
 
 
 def knotflow(*arguments, cwd=None):
@@ -32,6 +36,9 @@ def knotflow(*arguments, cwd=None):
         (["+experiment=benchmark", "simulation.timestep=fast"], "timestep"),
         (["+experiment=benchmark", "metrics=paper"], "csv+tensorboard"),
         (["+experiment=single_stage", "demonstrations.file=nowhere.jsonl"], "nowhere.jsonl"),
+        (["+experiment=benchmark", "workers.backend=dask"], "there are loky, ray"),
+        (["+experiment=paper", "knot=pentagram"], "the experiment paper takes nothing of that"),
+        (["+experiment=paper", "experiments=[benchmark,single]"], "single"),
     ],
 )
 def test_errors_name_what_is_wrong_and_what_is_valid(arguments, message, tmp_path):
@@ -51,3 +58,32 @@ def test_it_runs_from_any_folder_and_writes_where_it_is_told(tmp_path):
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "mine" / "benchmark" / "throughput.csv").is_file()
     assert {path.name for path in tmp_path.iterdir()} <= {"mine", "MUJOCO_LOG.TXT"}
+
+
+def test_the_paper_is_all_experiments():
+    folder = HOME / "conf" / "experiment"
+    chained = yaml.safe_load((folder / "paper.yaml").read_text("utf-8"))["experiments"]
+    assert sorted([*chained, "paper"]) == sorted(path.stem for path in folder.glob("*.yaml"))
+
+
+def test_several_experiments_run_with_the_same_overrides_and_go_on(tmp_path):
+    asked = [
+        *("+experiment=paper", "experiments=[benchmark,demonstrator]", "budget=smoke"),
+        *("benchmark.rollouts=2", "demonstrator.starts_per_task=0", "demonstrator.guesses=16"),
+        *("demonstrator.iterations=1", "demonstrator.least_share=0", "workers.jobs=1"),
+    ]
+    done = knotflow(*asked, f"results_dir={tmp_path}")
+    assert done.returncode == 0, done.stdout + done.stderr
+    told = [line.split()[:2] for line in done.stdout.splitlines()[-3:]]
+    assert told == [["benchmark", "1"], ["demonstrator", "2"], ["together", "3"]]
+    records = {name: tmp_path / name / "run.json" for name in ("benchmark", "demonstrator")}
+    runs = [json.loads(path.read_text()) for path in records.values()]
+    assert runs[0]["commit"] == runs[1]["commit"]
+    assert [run["budget"] for run in runs] == ["smoke", "smoke"]
+    config = yaml.safe_load((tmp_path / "demonstrator" / "config.yaml").read_text())
+    assert config["stages"]["demonstrator"]["config"]["demonstrator"]["guesses"] == 16
+    assert sorted(path.name for path in tmp_path.iterdir()) == [*records, "stages"]
+    before = {name: path.read_bytes() for name, path in records.items()}
+    again = knotflow(*asked, f"results_dir={tmp_path}")
+    assert again.returncode == 0, again.stderr
+    assert {name: path.read_bytes() for name, path in records.items()} == before

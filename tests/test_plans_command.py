@@ -12,7 +12,8 @@ from hydra import compose, initialize_config_dir
 import knotflow.workflow.stages  # noqa: F401  registers them
 from knotflow.__main__ import HOME
 from knotflow.config import contents, plan_folder, register
-from knotflow.planning import KnotPlan
+from knotflow.planning import KnotPlan, parse_goal
+from knotflow.simulation import random_curve
 from knotflow.workflow import Workflow
 
 
@@ -123,7 +124,9 @@ def workflow_of():
 
 
 @pytest.mark.parametrize("budget", ["paper", "smoke"])
-@pytest.mark.parametrize("experiment", ["overhand", "tree_size", "pentagram", "knots"])
+@pytest.mark.parametrize(
+    "experiment", ["overhand", "tree_size", "joint_finetuning", "pentagram", "knots"]
+)
 def test_every_workflow_that_plans_can_be_run(workflow_of, experiment, budget):
     workflow = workflow_of(f"+experiment={experiment}", f"budget={budget}")
     seeds = {
@@ -131,8 +134,9 @@ def test_every_workflow_that_plans_can_be_run(workflow_of, experiment, budget):
         for name, node in workflow.stages.items()
         if node.stage == "plans"
     }
-    paper = 20 if experiment == "knots" else 10
-    assert set(seeds.values()) <= {paper if budget == "paper" else 1}
+    paper = {"knots": 20, "joint_finetuning": 50}.get(experiment, 10)
+    smoke = {"joint_finetuning": 2}.get(experiment, 1)
+    assert set(seeds.values()) <= {paper if budget == "paper" else smoke}
 
 
 def test_the_tree_size_is_measured_by_the_papers_search(workflow_of):
@@ -145,9 +149,28 @@ def test_the_tree_size_is_measured_by_the_papers_search(workflow_of):
         assert [case.start for case in config.cases] == ["straight", "arc"]
 
 
+def test_joint_finetuning_is_measured_on_the_path_it_trained_and_on_other_ropes(workflow_of):
+    workflow = workflow_of("+experiment=joint_finetuning")
+    joint = workflow.config("joint")
+    searches = [workflow.config(f"{name}_search") for name in ("independent", "joint")]
+    assert searches[0] == searches[1]
+    assert [(case.goal, case.start) for case in searches[0].cases] == [(joint.path, "random")]
+    tree_size = workflow_of("+experiment=tree_size").config("reinforcement_search")
+    assert searches[0].planner == tree_size.planner
+    assert parse_goal(joint.path).name == joint.path
+    # Episodes begin with ropes from this generator, searches with one of each seed.
+    rope, starts = joint.simulation.rope, joint.starts
+    rng = np.random.default_rng([joint.seed, 0])
+    trained = [random_curve(rope, rng, starts) for _ in range(4)]
+    for seed in range(4):
+        rng = np.random.default_rng([searches[0].seed, seed, 0])
+        searched = random_curve(rope, rng, starts)
+        assert not any(np.array_equal(searched, one) for one in trained)
+
+
 def test_what_single_stage_has_trained_is_not_trained_again(workflow_of):
     single = workflow_of("+experiment=single_stage")
-    for experiment in ("tree_size", "pentagram", "knots"):
+    for experiment in ("tree_size", "joint_finetuning", "pentagram", "knots"):
         own = workflow_of(f"+experiment={experiment}")
         for name in ("demonstrations", "imitation", "pools", "reinforcement"):
             assert own.config(name) == single.config(name)

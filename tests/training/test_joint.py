@@ -259,10 +259,10 @@ def test_a_primitive_learns_to_leave_what_the_next_one_needs(start, library):
         ),
         ExplorationConfig(search=0.2, spread=0.3),
         population=16,
-        rounds=10,
-        episodes=48,
-        steps=25,
-        closing_steps=25,
+        rounds=5,
+        episodes=32,
+        steps=20,
+        closing_steps=20,
     )
     rng = np.random.default_rng(1)
     points = np.stack([random_curve(ROPE, rng) for _ in range(64)])
@@ -275,6 +275,18 @@ def test_a_primitive_learns_to_leave_what_the_next_one_needs(start, library):
     assert share() < 0.7
     list(start(config, PATH[:2]))
     assert share() > 0.9
+
+
+def test_a_primitive_that_no_episode_needs_yet_waits(start, library):
+    with torch.no_grad():  # every spline of the first step ends at y = -9, where it fails
+        head = library.primitives[1].actor.head[-1]
+        head.weight.zero_()
+        head.bias[5] = -9.0
+    before = weights(library, 3, 4)
+    (one,) = start(replace(CONFIG, rounds=1))
+    assert len(one.attempts) == 1
+    assert one.metrics[4] == {"episode_success": 0.0}
+    assert torch.equal(weights(library, 3, 4), before)
 
 
 def test_what_cannot_be_trained_is_refused(start, library, primitive_config, toy):

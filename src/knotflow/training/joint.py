@@ -63,13 +63,13 @@ class JointConfig:
     memory: int = 1000
     """Attempts of independent training that stay in the replay buffer, the newest, for each
     action."""
-    rounds: int = 20
+    rounds: int = 30
     """Rounds of episodes and gradient steps."""
     episodes: int = 96
     """Episodes in a round, each on an untangled rope of its own."""
     steps: int = 40
     """Gradient steps of each primitive in a round."""
-    closing_steps: int = 300
+    closing_steps: int = 600
     """Gradient steps after the last round, in which the learning rate falls evenly to 0."""
 
 
@@ -145,13 +145,13 @@ class JointFinetuning:
         while self._done < config.rounds:
             attempts, metrics = self._episodes()
             self._refresh(metrics)
-            for number, learner in self._learners.items():
-                metrics[number] |= fit(learner, config.steps)
+            for number in self._learners:
+                metrics[number] |= self._fit(number, config.steps)
             self._done += 1
             if self._done == config.rounds:
                 self._refresh({number: {} for number in self._learners})
-                for learner in self._learners.values():
-                    fit(learner, config.closing_steps, closing=True)
+                for number in self._learners:
+                    self._fit(number, config.closing_steps, closing=True)
             yield JointRound(self._done - 1, metrics, attempts)
 
     @property
@@ -272,6 +272,13 @@ class JointFinetuning:
             following,
             leads_to,
         )
+
+    def _fit(self, number: int, steps: int, closing: bool = False) -> dict[str, float]:
+        """Gradient steps of a primitive, if any episode came so far that it has what to learn."""
+        learner = self._learners[number]
+        if learner.demonstrations is None and not len(self._buffers[number]):
+            return {}
+        return fit(learner, steps, closing)
 
     def _refresh(self, metrics: Mapping[int, dict[str, float]]) -> None:
         """Value the shapes that stored steps led to, with the critics as they are now."""

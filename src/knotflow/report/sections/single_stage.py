@@ -6,6 +6,7 @@ from typing import Any
 
 from knotflow.report import figures, tables
 from knotflow.report.cost import cost
+from knotflow.report.feasible import feasible
 from knotflow.report.learning import figures as learning
 from knotflow.report.learning.records import read_curves
 from knotflow.report.paper import ICP, IMITATION, RANDOM, REINFORCEMENT, SINGLE_STAGE, with_extras
@@ -38,6 +39,7 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         "ratios": tables.ratio_table(rates, pairs) if pairs else "",
         "icp": _above(rates, ICP.name, RANDOM.name),
         "starts": tables.start_table(starts, run) if starts else "",
+        "feasible": feasible(results, EXPERIMENT),
         **_looks(results, pictures),
         "cost": cost(results, pictures.add),
     }

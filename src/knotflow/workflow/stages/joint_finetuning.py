@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from knotflow.demonstrations import TASKS, load_trials
 from knotflow.primitives import FILE, PrimitiveLibrary
@@ -16,7 +15,6 @@ from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, s
 from knotflow.topology import TopologicalState, parse_action
 from knotflow.training import JointConfig, JointFinetuning, Transitions, parse_path
 from knotflow.workflow.context import StageContext
-from knotflow.workflow.signature import runtime
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.curves import Curves
 from knotflow.workflow.stages.recorder import Recorder
@@ -38,8 +36,6 @@ class JointFinetuningConfig:
     """The effort."""
     seed: int = 40
     """Of everything random."""
-    torch_threads: int = runtime(1)
-    """Threads of PyTorch; small networks are not faster on more."""
 
 
 @stage("joint_finetuning", version=1, inputs=("demonstrations", "reinforcement"))
@@ -67,15 +63,11 @@ def finetune(
     curves = Curves(context, PART)
     if checkpoint := curves.checkpoint():
         training.load(checkpoint)
-    threads = torch.get_num_threads()
-    torch.set_num_threads(config.torch_threads)
-    try:
-        _train(training, len(path) * config.joint.episodes, curves, config, context)
-    finally:
-        torch.set_num_threads(threads)  # later stages run in this process
+    _train(training, len(path) * config.joint.episodes, curves, config, context)
     with context.atomic(FILE) as file:
         library.save(file)
     write_index(context.out / "recordings")
+    Curves.merge(context, [PART])  # last, for it drops the checkpoints
 
 
 def _train(
@@ -103,7 +95,6 @@ def _train(
                 with curves.saving() as folder:
                     training.save(folder)
     curves.save()
-    Curves.merge(context, [PART])
 
 
 def earlier_attempts(folder: Path, count: int) -> list[Transitions]:
