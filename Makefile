@@ -9,9 +9,12 @@ $(VENV)/.installed: pyproject.toml
 	$(BIN)/pip install --quiet -e ".[test]"
 	touch $@
 
-.PHONY: run test check report benchmark
+.PHONY: run test check smoke report benchmark
 
-run: $(VENV)/.installed  ## the main job in small: demonstrations, baselines, evaluation, report
+run: $(VENV)/.installed  ## a plan for the overhand in a random rope, with the shipped primitives
+	$(BIN)/python -m knotflow +experiment=overhand
+
+smoke: $(VENV)/.installed  ## in small: demonstrations, training, baselines, evaluation, report
 	$(BIN)/python -m knotflow +experiment=single_stage budget=smoke
 	$(BIN)/python -m knotflow.report --results results/smoke --out reports/smoke
 

@@ -3,7 +3,7 @@
 import pytest
 
 from knotflow.report import ResultsError
-from knotflow.report.learning.figures import imitation, reinforcement, smoothed
+from knotflow.report.learning.figures import imitation, joint, reinforcement, smoothed
 from knotflow.report.learning.records import POLICY_SUCCESS, read_curves
 from knotflow.report.page import compose
 from knotflow.report.results import Results
@@ -45,6 +45,12 @@ def test_actions_have_curves_of_their_own(write):
     assert found["C(0,1,1)"].steps == (1, 2, 3)
     svg = reinforcement(curves, "r").svg
     assert svg.index(b">C(0,1,1)<") < svg.index(b">C(4,2,1)<")
+
+
+def test_joint_finetuning_shows_episodes_beside_their_steps(write):
+    episodes = [(3, step, "episode_success", 0.1 * step) for step in range(3)]
+    svg = joint(read(write, REINFORCED + episodes), "j").svg
+    assert svg.index(b">all steps<") < svg.index(b">C(4,2,1)<")
 
 
 @pytest.mark.parametrize(

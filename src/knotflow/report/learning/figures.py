@@ -1,4 +1,4 @@
-"""Learning curves: one figure for imitation, one for reinforcement."""
+"""Learning curves: a figure for imitation, one for reinforcement, one for joint finetuning."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from knotflow.report.learning.records import POLICY_SUCCESS, Curve, Curves
+from knotflow.report.learning.records import EPISODE_SUCCESS, POLICY_SUCCESS, Curve, Curves
 from knotflow.report.paper import PRIMITIVES, in_order
 from knotflow.report.style import INK, MUTED, PAPER, Picture, bare_axis, new_figure, render, styled
 
@@ -112,6 +112,35 @@ def reinforcement(curves: Curves, name: str) -> Picture:
         actions = sum(len(curves.by_action(n, POLICY_SUCCESS)) for n in curves.primitives)
         alt = f"Success rates of {actions} actions over the rounds of reinforcement"
         return render(figure, name, alt)
+
+
+def joint(curves: Curves, name: str) -> Picture:
+    """How many episodes tied the rope, and of each step how many of the policy's own attempts.
+
+    Dots are single rounds, lines their moving mean.
+    """
+    found: dict[str, Curve] = {}
+    for curve in curves:
+        if curve.metric == EPISODE_SUCCESS:
+            found["all steps"] = curve
+    for primitive in curves.primitives:
+        found |= curves.by_action(primitive, POLICY_SUCCESS)
+    with styled():
+        figure = new_figure(2.4)
+        axes = figure.add_subplot()
+        for colour, (label, curve) in zip((INK, *COLOURS), found.items(), strict=False):
+            axes.plot(*(curve.steps, curve.values, "o"), color=colour, markersize=2.2, alpha=0.45)
+            axes.plot(
+                *(curve.steps, smoothed(curve.values)), color=colour, linewidth=1.6, label=label
+            )
+        axes.set_xlabel("round")
+        axes.set_ylabel("episodes or attempts that succeed", color=MUTED)
+        axes.set_ylim(0, 1.04)
+        axes.yaxis.set_major_formatter(PercentFormatter(1, decimals=0, symbol=" %"))
+        axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+        bare_axis(axes, grid="y")
+        figure.legend(loc="outside upper left", ncols=len(found), frameon=False, fontsize=8)
+        return render(figure, name, "Success of episodes and of their steps by round")
 
 
 def smoothed(values: Sequence[float]) -> list[float]:

@@ -11,6 +11,8 @@ from knotflow.report.rows import Row, require
 
 #: Metrics of a single action are called "policy_success/C(2,0,1)".
 POLICY_SUCCESS = "policy_success"
+#: Of joint finetuning: the share of a round's episodes that tied the rope.
+EPISODE_SUCCESS = "episode_success"
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ class Curves:
 
 
 def read_curves(rows: list[Row]) -> Curves:
-    """curves_imitation.csv or curves_reinforcement.csv, a row a value; steps there begin at 0.
+    """A table of learning curves, a row a value; steps there begin at 0.
 
     Raises:
         ResultsError: a value is no finite number, or a step stands there twice.

@@ -5,7 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from knotflow.report import figures, tables
+from knotflow.report.learning.figures import joint
+from knotflow.report.learning.records import read_curves
 from knotflow.report.paper import JOINT, OVERHAND_LIMIT, with_extras
+from knotflow.report.records import read_rates
 from knotflow.report.results import Results
 from knotflow.report.sections.section import Pictures, Section
 
@@ -13,7 +16,7 @@ EXPERIMENT = "joint_finetuning"
 
 
 def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
-    """The figure and a line for each kind of training."""
+    """The figure, a line for each kind of training, and what became of single actions."""
     searches = results.joint_finetuning
     if searches is None:
         return None
@@ -21,7 +24,11 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     lines = [
         [arm.label, *tables.search_line(own)] for arm in arms if (own := searches.of(arm.name))
     ]
+    curves = results.table(EXPERIMENT, "curves_joint.csv")
+    single = results.table(EXPERIMENT, "single_actions.csv")
     return {
+        "learning": pictures.add(joint(read_curves(curves), "joint")) if curves else "",
+        "single": tables.rate_table(read_rates(single), JOINT) if single else "",
         "figure": pictures.add(figures.branches(searches, arms, [""], EXPERIMENT, {})),
         "table": tables.markdown_table(
             ["primitives", *tables.SEARCH_COLUMNS], lines, "l" + "r" * len(tables.SEARCH_COLUMNS)
