@@ -92,7 +92,9 @@ PAPER_SEARCH = PlannerConfig(max_branches=3000, max_seconds=3600.0)
 """One branch after the other, failures do not count (Sec. V-B d)."""
 PATIENT_SEARCH = replace(PAPER_SEARCH, failure_discount=0.9)
 """The same, but it leaves loops that are too tight."""
-FAST_SEARCH = PlannerConfig(batch=16, failure_discount=0.9, max_branches=20_000, max_seconds=60.0)
+FAST_SEARCH = PlannerConfig(
+    batch=16, value_bias=1.0, failure_discount=0.9, max_branches=20_000, max_seconds=60.0
+)
 """In batches, to use all cores; what counts is the time."""
 
 

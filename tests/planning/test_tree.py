@@ -5,12 +5,11 @@ from knotflow.demonstrations.aim import aim
 from knotflow.planning import (
     Goal,
     PlannerConfig,
-    TreeSearch,
     UnreachableGoalError,
     parse_goal,
     plan_knot,
 )
-from knotflow.planning.branches import DIVERGED, Node
+from knotflow.planning.branches import DIVERGED
 from knotflow.simulation import RopeSimulator, SimulationConfig, spline_path, straight
 from knotflow.topology import TopologicalState, parse_action
 
@@ -37,58 +36,12 @@ def assert_valid(plan, goal):
     assert state in goal.states
 
 
-def grown(goal, world, distances_of, **config):
-    """A search whose tree has the given nodes besides the root."""
-    tree = TreeSearch(
-        straight(world.config.rope),
-        goal,
-        world,
-        world,
-        np.random.default_rng(0),
-        PlannerConfig(**config),
-    )
-    for state, failures in distances_of:
-        tree.nodes.append(Node(tree.nodes[0].points, state, goal.dag.distance(state)))
-        tree.nodes[-1].failures = failures
-    return tree
-
-
-def path_states(goal):
-    states, state = [TRIVIAL], TRIVIAL
-    while edges := goal.dag.edges_from(state):
-        state = edges[0][1]
-        states.append(state)
-    return states
-
-
 def test_a_perfect_sampler_and_a_strong_bias_need_as_many_branches_as_actions(world, path_goal):
     plan = search(path_goal, world(), bias=1e6)
     assert_valid(plan, path_goal)
     assert plan.branches == 3
     assert plan.nodes == 4
     assert [str(action) for action in plan.actions] == ["R1(0,1,1)", "C(0,1,1)", "C(2,0,1)"]
-
-
-def test_nearer_nodes_are_likelier_by_the_bias_for_each_edge(world, path_goal):
-    _, one, two, _ = path_states(path_goal)
-    tree = grown(path_goal, world(), [(one, 0), (two, 0), (one, 0)], bias=4.0)
-    np.testing.assert_allclose(tree.node_probabilities(), np.array([1, 4, 16, 4]) / 25)
-
-
-def test_failures_do_not_count_by_default_and_count_when_asked(world, path_goal):
-    _, one, two, _ = path_states(path_goal)
-    nodes = [(one, 3), (two, 2)]
-    paper = grown(path_goal, world(), nodes, bias=4.0)
-    np.testing.assert_allclose(paper.node_probabilities(), np.array([1, 4, 16]) / 21)
-    option = grown(path_goal, world(), nodes, bias=4.0, failure_discount=0.5)
-    np.testing.assert_allclose(option.node_probabilities(), np.array([1, 0.5, 4]) / 5.5)
-
-
-def test_many_failures_do_not_underflow(world, path_goal):
-    _, one, _, _ = path_states(path_goal)
-    tree = grown(path_goal, world(), [(one, 100_000)], failure_discount=0.5)
-    tree.nodes[0].failures = 100_000
-    assert tree.node_probabilities().sum() == pytest.approx(1.0)
 
 
 def test_outgoing_edges_are_chosen_evenly(world):

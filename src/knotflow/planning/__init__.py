@@ -10,10 +10,11 @@ from knotflow.planning.branches import SearchUpdate
 from knotflow.planning.check import KnotMismatchError, confirm, expected_type, knot_type
 from knotflow.planning.dag import SolutionDag, UnreachableGoalError
 from knotflow.planning.goals import Goal, NoRoomError, most_crossings, parse_goal
+from knotflow.planning.growth import PlannerConfig
 from knotflow.planning.plan import KnotPlan, PlanStep, Tried
 from knotflow.planning.plan_file import PlanFormatError
 from knotflow.planning.ropes import ROPE_NAMES, RopeInputError, lay_down, parse_rope, read_rope
-from knotflow.planning.tree import PlannerConfig, TreeSearch, plan_knot
+from knotflow.planning.tree import TreeSearch, plan_knot
 from knotflow.planning.waypoints import GripperConfig, Waypoints
 
 __all__ = [

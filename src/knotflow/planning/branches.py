@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from knotflow.planning.dag import Edge
 from knotflow.planning.plan import PlanStep
 from knotflow.simulation import Rollouts, SimulationConfig
 from knotflow.topology import TopologicalState
@@ -37,17 +38,25 @@ class Node:
         points: (V, 3) metres.
         state: its topological state, one of the solution DAG.
         distance: edges from its state to the goal.
+        edges: the outgoing edges of its state in the solution DAG; none where the goal is reached.
         parent: the node it was reached from; None for the root.
         step: what was executed there; None for the root.
         failures: branches from this node that did not become nodes.
+        values: (E,) probability of success along each edge, as far as a critic told; else 1.
     """
 
     points: NDArray[np.float64]
     state: TopologicalState
     distance: int
+    edges: tuple[Edge, ...] = ()
     parent: Node | None = None
     step: PlanStep | None = None
     failures: int = 0
+    values: NDArray[np.float64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Every edge is as promising as any, until a critic tells."""
+        self.values = np.ones(len(self.edges))
 
     def steps(self) -> tuple[PlanStep, ...]:
         """What was executed from the root to here."""

@@ -31,42 +31,16 @@ from knotflow.planning.branches import (
 )
 from knotflow.planning.dag import Edge
 from knotflow.planning.goals import Goal
+from knotflow.planning.growth import (
+    PlannerConfig,
+    appraise,
+    edge_probabilities,
+    node_probabilities,
+)
 from knotflow.planning.plan import KnotPlan, PlanStep, Tried
 from knotflow.samplers import Sampler
 from knotflow.simulation import Attempts, Observer, Rollouts, check_points, state_or_none
 from knotflow.topology import Action, TopologicalState
-
-
-@dataclass
-class PlannerConfig:
-    """How the tree grows, and when to give up."""
-
-    bias: float = 10.0
-    """How many times likelier a node is chosen than one that is one edge farther from the goal;
-    1 is no bias."""
-    batch: int = 1
-    """Splines simulated at once; 1 is the paper's search."""
-    max_branches: int = 2000
-    """Give up after this many simulated splines."""
-    max_seconds: float = 600.0
-    """Give up after this time, seconds of wall clock; a batch that has begun is finished."""
-    failure_discount: float = 1.0
-    """Factor on a node's weight for every branch that failed from it; 1 is the paper's rule. Below
-    1 the search leaves nodes from which nothing succeeds, such as loops that are too tight."""
-
-    def __post_init__(self) -> None:
-        """Refuse values that make no search."""
-        if not self.bias >= 1.0:
-            raise ValueError(f"planner.bias must be 1 or more, got {self.bias}")
-        for name in ("batch", "max_branches"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"planner.{name} must be 1 or more, got {getattr(self, name)}")
-        if not self.max_seconds > 0.0:
-            raise ValueError(f"planner.max_seconds must be above 0, got {self.max_seconds}")
-        if not 0.0 < self.failure_discount <= 1.0:
-            raise ValueError(
-                f"planner.failure_discount must lie in (0, 1], got {self.failure_discount}"
-            )
 
 
 @dataclass(eq=False)
@@ -100,23 +74,10 @@ class TreeSearch:
         self.config, self.observe = config or PlannerConfig(), observe
         points = check_points(points, simulator.config.rope)
         state = TopologicalState.from_curve(points)
-        self.nodes = [Node(points, state, goal.dag.distance(state))]
+        self.nodes = [self._node(points, state)]
         self.branches = 0
         self.tried: Counter[tuple[TopologicalState, Action, str, bool]] = Counter()
         self._clock = _Clock()
-
-    def node_probabilities(self) -> NDArray[np.float64]:
-        """(N,) chance of each node to be expanded next.
-
-        Proportional to bias ** -distance, and 0 where the goal is reached.
-        """
-        distance = np.array([node.distance for node in self.nodes])
-        failures = np.array([node.failures for node in self.nodes])
-        exponent = -distance * np.log(self.config.bias)
-        exponent += failures * np.log(self.config.failure_discount)
-        exponent[distance == 0] = -np.inf
-        weight = np.exp(exponent - exponent.max())  # the largest is 1, however many failures
-        return weight / weight.sum()
 
     def expand(self, count: int) -> SearchUpdate:
         """Choose, sample and simulate `count` branches, and add those that succeed."""
@@ -131,8 +92,12 @@ class TreeSearch:
             None if diverged else state_or_none(end)
             for end, diverged in zip(rollouts.end_points, rollouts.diverged, strict=True)
         ]
+        known = len(self.nodes)
         for row, (node, edge) in enumerate(chosen):
             self._add(node, edge, splines[row], rollouts, row, ends[row])
+        clock = time.perf_counter()
+        appraise(self.nodes[known:], self.sampler, self.config, self.rng)
+        self._clock.sampling += time.perf_counter() - clock
         self.branches += count
         if self.observe is not None:
             for attempts in _by_action(chosen, splines, rollouts, ends):
@@ -144,6 +109,7 @@ class TreeSearch:
         """Grow the tree; see `plan_knot`."""
         config = self.config
         self._clock = _Clock()
+        appraise(self.nodes[:1], self.sampler, self.config, self.rng)
         reason = ""
         while not reason:
             if any(node.distance == 0 for node in self.nodes):
@@ -161,13 +127,23 @@ class TreeSearch:
 
     def _choose(self, count: int) -> list[tuple[Node, Edge]]:
         """Independent draws of a node, then of one of its outgoing edges."""
-        rows = self.rng.choice(len(self.nodes), size=count, p=self.node_probabilities())
+        chances = node_probabilities(self.nodes, self.config)
         chosen = []
-        for row in rows:
+        for row in self.rng.choice(len(self.nodes), size=count, p=chances):
             node = self.nodes[row]
-            edges = self.goal.dag.edges_from(node.state)
-            chosen.append((node, edges[self.rng.integers(len(edges))]))
+            edge = self.rng.choice(len(node.edges), p=edge_probabilities(node, self.config))
+            chosen.append((node, node.edges[edge]))
         return chosen
+
+    def _node(
+        self,
+        points: NDArray,
+        state: TopologicalState,
+        parent: Node | None = None,
+        step: PlanStep | None = None,
+    ) -> Node:
+        dag = self.goal.dag
+        return Node(points, state, dag.distance(state), dag.edges_from(state), parent, step)
 
     def _sample(self, chosen: list[tuple[Node, Edge]]) -> NDArray[np.float64]:
         """Splines (B, 6), asking the sampler once for all branches of one node and action."""
@@ -205,8 +181,7 @@ class TreeSearch:
                 trajectory=rollouts.trajectory[row].copy(),
                 gripper=rollouts.gripper[row].copy(),
             )
-            distance = self.goal.dag.distance(goal_state)
-            self.nodes.append(Node(step.end, goal_state, distance, node, step))
+            self.nodes.append(self._node(step.end, goal_state, node, step))
         else:
             node.failures += 1
         lost = DIVERGED if rollouts.diverged[row] else UNREADABLE

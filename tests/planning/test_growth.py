@@ -1,0 +1,96 @@
+"""Where a tree grows next: nearer nodes, edges with promise, and the paper's rule without."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from knotflow.planning import Goal, PlannerConfig
+from knotflow.planning.branches import Node
+from knotflow.planning.growth import appraise, edge_probabilities, node_probabilities
+from knotflow.simulation import straight
+from knotflow.topology import TopologicalState
+
+TRIVIAL = TopologicalState.trivial()
+
+
+def path_states(goal):
+    states, state = [TRIVIAL], TRIVIAL
+    while edges := goal.dag.edges_from(state):
+        state = edges[0][1]
+        states.append(state)
+    return states
+
+
+def tree(goal, world, of):
+    """Nodes of a tree: the root, then one for each state and number of failures."""
+    points, dag = straight(world.config.rope), goal.dag
+    return [
+        Node(points, state, dag.distance(state), dag.edges_from(state), failures=failures)
+        for state, failures in [(TRIVIAL, 0), *of]
+    ]
+
+
+def test_nearer_nodes_are_likelier_by_the_bias_for_each_edge(world, path_goal):
+    _, one, two, _ = path_states(path_goal)
+    nodes = tree(path_goal, world(), [(one, 0), (two, 0), (one, 0)])
+    chances = node_probabilities(nodes, PlannerConfig(bias=4.0))
+    np.testing.assert_allclose(chances, np.array([1, 4, 16, 4]) / 25)
+
+
+def test_failures_do_not_count_by_default_and_count_when_asked(world, path_goal):
+    _, one, two, _ = path_states(path_goal)
+    nodes = tree(path_goal, world(), [(one, 3), (two, 2)])
+    paper = node_probabilities(nodes, PlannerConfig(bias=4.0))
+    np.testing.assert_allclose(paper, np.array([1, 4, 16]) / 21)
+    option = node_probabilities(nodes, PlannerConfig(bias=4.0, failure_discount=0.5))
+    np.testing.assert_allclose(option, np.array([1, 0.5, 4]) / 5.5)
+
+
+def test_many_failures_do_not_underflow(world, path_goal):
+    _, one, _, _ = path_states(path_goal)
+    nodes = tree(path_goal, world(), [(one, 100_000)])
+    nodes[0].failures = 100_000
+    chances = node_probabilities(nodes, PlannerConfig(failure_discount=0.5))
+    assert chances.sum() == pytest.approx(1.0)
+
+
+class Critic:
+    """Values the first edge it is asked for highest."""
+
+    def __init__(self):
+        self.asked = []
+
+    def values(self, points, actions, rng):
+        self.asked.append([str(action) for action in actions])
+        return np.linspace(0.9, 0.1, len(actions))
+
+
+def test_edges_and_nodes_with_more_promise_are_likelier(world):
+    goal = Goal.named("overhand")
+    nodes = tree(goal, world(), [(TRIVIAL, 0)])
+    config, critic = PlannerConfig(value_bias=2.0), Critic()
+    appraise(nodes, critic, config, np.random.default_rng(0))
+    (asked,) = critic.asked
+    assert asked == [str(action) for node in nodes for action, _ in node.edges]
+    chances = edge_probabilities(nodes[0], config)
+    assert (np.diff(chances) < 0).all() and chances.sum() == pytest.approx(1.0)
+    first, second = node_probabilities(nodes, config)
+    assert first > second > 0
+
+
+def test_the_papers_rule_asks_no_critic_and_chooses_evenly(world):
+    goal, critic = Goal.named("overhand"), Critic()
+    nodes = tree(goal, world(), [])
+    appraise(nodes, critic, PlannerConfig(), np.random.default_rng(0))
+    assert not critic.asked
+    chances = edge_probabilities(nodes[0], PlannerConfig())
+    np.testing.assert_allclose(chances, 1 / len(chances))
+
+
+def test_without_a_critic_every_edge_is_as_good_as_any(world):
+    goal, config = Goal.named("overhand"), PlannerConfig(value_bias=2.0)
+    nodes = tree(goal, world(), [])
+    appraise(nodes, object(), config, np.random.default_rng(0))
+    chances = edge_probabilities(nodes[0], config)
+    np.testing.assert_allclose(chances, 1 / len(chances))
