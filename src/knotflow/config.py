@@ -88,10 +88,11 @@ class TrainingBudget:
     """Of weights, batches and attempts."""
 
 
-PAPER_SEARCH = PlannerConfig(max_branches=3000, max_seconds=3600.0)
-"""One branch after the other, failures do not count (Sec. V-B d)."""
-PATIENT_SEARCH = replace(PAPER_SEARCH, failure_discount=0.9)
-"""The same, but it leaves loops that are too tight."""
+STEADY_SEARCH = PlannerConfig(
+    bias=100.0, failure_discount=0.5, max_branches=500, max_seconds=3600.0
+)
+"""One branch after the other (Sec. V-B d), straight on towards the goal, but soon elsewhere where
+nothing succeeds, such as at loops that are too tight. What counts is the number of branches."""
 FAST_SEARCH = PlannerConfig(
     batch=16, value_bias=1.0, failure_discount=0.9, max_branches=20_000, max_seconds=60.0
 )
@@ -121,7 +122,7 @@ class JointBudget:
     seed: int = 40
     """Of the episodes and batches; searches have ropes of their own."""
     plans: PlansBudget = field(
-        default_factory=lambda: PlansBudget(seeds=50, seed=41, planner=PAPER_SEARCH)
+        default_factory=lambda: PlansBudget(seeds=50, seed=41, planner=STEADY_SEARCH)
     )
     """Searches from random ropes, before and after."""
 
@@ -166,11 +167,11 @@ class Config:
     training: TrainingBudget = field(default_factory=TrainingBudget)
     benchmark: BenchmarkBudget = field(default_factory=BenchmarkBudget)
     causal_infogan: CausalInfoGanBudget = field(default_factory=CausalInfoGanBudget)
-    tree_size: PlansBudget = field(default_factory=lambda: PlansBudget(planner=PAPER_SEARCH))
+    tree_size: PlansBudget = field(default_factory=lambda: PlansBudget(planner=STEADY_SEARCH))
     """Trees for the overhand along one path."""
     joint_finetuning: JointBudget = field(default_factory=JointBudget)
     """Primitives trained together on the overhand."""
-    pentagram: PlansBudget = field(default_factory=lambda: PlansBudget(planner=PATIENT_SEARCH))
+    pentagram: PlansBudget = field(default_factory=lambda: PlansBudget(planner=STEADY_SEARCH))
     """The pentagram from an overhand whose head was pulled out."""
     pentagram_ropes: int = 4
     """Ropes whose head is pulled out, of which one is taken."""

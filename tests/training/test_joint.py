@@ -42,6 +42,8 @@ CONFIG = JointConfig(
     episodes=8,
     steps=2,
     closing_steps=2,
+    tries=1,
+    doubt=0.0,
     gamma=0.9,
 )
 
@@ -143,6 +145,33 @@ def test_episodes_advance_step_by_step_from_untangled_ropes(start):
         assert one.metrics[4]["episode_success"] == tied / CONFIG.episodes
     starts = np.concatenate([one.attempts[0].points for one in rounds])
     assert len(np.unique(starts, axis=0)) == len(starts)
+
+
+def test_a_step_that_failed_is_tried_again(start):
+    config = replace(CONFIG, rounds=1, tries=3)
+    (one,) = start(config)
+    for step, action in enumerate(PATH):
+        own = [tried for tried in one.attempts if tried.action == action]
+        assert 1 < len(own) <= config.tries, step
+        for before, after in zip(own[:-1], own[1:], strict=True):
+            np.testing.assert_array_equal(after.points, before.points[~before.success])
+    entered = sum(len(tried) for tried in one.attempts if tried.action == PATH[1])
+    first = [tried for tried in one.attempts if tried.action == PATH[0]]
+    assert entered >= sum(tried.success.sum() for tried in first)
+
+
+@pytest.mark.parametrize(("doubt", "guessed"), [(0.0, False), (1.0, True)])
+def test_where_the_critic_sees_no_way_a_demonstrator_guesses(start, library, doubt, guessed):
+    with torch.no_grad():  # the policy's splines of the first step all end at y = -9
+        head = library.primitives[1].actor.head[-1]
+        head.weight.zero_()
+        head.bias[5] = -9.0
+    config = ExplorationConfig(search=0.0, spread=0.0)
+    (one,) = start(replace(CONFIG, rounds=1, doubt=doubt, guesses=1.0, exploration=config))
+    first = one.attempts[0]
+    ends = encode(first.points, [PATH[0]] * len(first)).frames.to_network(first.splines[:, None])
+    assert (ends[:, 0, 5] > -1).any() == guessed
+    assert ("policy_success/R1(0,1,1)" in one.metrics[1]) != guessed
 
 
 def test_the_target_is_the_next_value_then_the_reward(start, library):
@@ -261,6 +290,8 @@ def test_a_primitive_learns_to_leave_what_the_next_one_needs(start, library):
         population=16,
         rounds=5,
         episodes=32,
+        tries=1,
+        doubt=0.0,
         steps=20,
         closing_steps=20,
     )

@@ -9,6 +9,10 @@ independent training from the binary success.
 The values of all stored transitions are worked out anew once a round, with the critics as they are
 then, and stay the same for the gradient steps of this round: QT-Opt's lagged target network.
 
+A step that fails is tried again a few times, as a tree search would. Where the critic sees hardly
+a way, the policy's splines are all alike and all wrong: there some tries are a demonstrator's
+guesses instead, so that ropes on which nothing succeeds yet are learned from as well.
+
 What the primitives knew before stays in the replay buffer: attempts of independent training, whose
 end shapes are known, join the episodes; demonstrations are mixed in as before. Those of a step that
 others follow are left out, for they do not tell where they led.
@@ -23,10 +27,11 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from tensordict import TensorDict
 from torchrl.checkpoint import Checkpoint
 
-from knotflow.demonstrations import Task, Trials
+from knotflow.demonstrations import Task, Trials, aim
 from knotflow.primitives.canonical import primitive_of
 from knotflow.primitives.encoding import encode
 from knotflow.primitives.library import PrimitiveLibrary
@@ -38,6 +43,9 @@ from knotflow.training.fitting import fit
 from knotflow.training.learner import Learner, LearnerConfig, demonstration_buffer
 from knotflow.training.transitions import Transitions
 from knotflow.training.values import best_values
+
+GUESS = -1
+"""A way in which a spline is proposed, beside those of `exploration`."""
 
 
 def _gentle() -> LearnerConfig:
@@ -56,6 +64,12 @@ class JointConfig:
     )
     """How the behaviour policy differs from the policy; little, for one bad step ends an
     episode."""
+    tries: int = 3
+    """Splines tried at a step before its episode is given up."""
+    doubt: float = 0.3
+    """Where the best value that the critic sees is below this,"""
+    guesses: float = 0.5
+    """this share of the tries are a demonstrator's guesses."""
     gamma: float = 1.0
     """Factor on the value of the next step."""
     population: int = 64
@@ -63,7 +77,7 @@ class JointConfig:
     memory: int = 1000
     """Attempts of independent training that stay in the replay buffer, the newest, for each
     action."""
-    rounds: int = 30
+    rounds: int = 45
     """Rounds of episodes and gradient steps."""
     episodes: int = 96
     """Episodes in a round, each on an untangled rope of its own."""
@@ -84,7 +98,7 @@ class JointRound:
     policy's own splines, and the mean value of the shapes that it starts from in the replay
     buffer. The last step's also has the share of episodes that tied the rope."""
     attempts: tuple[Attempts, ...]
-    """One item a step, as far as any episode came."""
+    """One item a step and try, as far as any episode came."""
 
 
 @dataclass(frozen=True)
@@ -208,7 +222,7 @@ class JointFinetuning:
             learner.demonstrations = demonstration_buffer(own, learner.generator)
         room = sum(len(some) for some in earlier if _number(some.action, some.start) == number)
         taken = sum(step.primitive == number for step in self._steps)
-        room += taken * self.config.rounds * self.config.episodes
+        room += taken * self.config.rounds * self.config.episodes * self.config.tries
         self._buffers[number] = TransitionBuffer(room, learner.generator)
         learner.rollouts = self._buffers[number]
         self._learners[number] = learner
@@ -227,24 +241,41 @@ class JointFinetuning:
         progress = self._done / max(1, config.rounds - 1)
         metrics: dict[int, dict[str, float]] = {number: {} for number in self._learners}
         points = np.stack([random_curve(rope, rng, self._starts) for _ in range(config.episodes)])
-        played = []
+        played: list[Attempts] = []
         for step in self._steps:
-            if not len(points):
-                break
-            primitive = self.library.primitives[step.primitive]
-            seen = encode(points, [step.action] * len(points))
-            network, ways = explore(primitive, seen, 1, config.exploration, progress, rng)
-            splines = seen.frames.to_world(network.numpy())[:, 0]
-            tried = attempt(self.simulator, points, splines, step.action, step.start)
-            self._remember(Transitions.of(tried))
-            if (ways == POLICY).any():
-                rate = float(tried.success[ways == POLICY].mean())
-                metrics[step.primitive][f"policy_success/{step.action}"] = rate
-            played.append(tried)
-            points = tried.rollouts.end_points[tried.success]
+            reached = []
+            for number in range(config.tries):
+                if not len(points):
+                    break
+                tried, ways = self._try(step, points, progress)
+                if number == 0 and (ways == POLICY).any():
+                    rate = float(tried.success[ways == POLICY].mean())
+                    metrics[step.primitive][f"policy_success/{step.action}"] = rate
+                played.append(tried)
+                reached.append(tried.rollouts.end_points[tried.success])
+                points = points[~tried.success]
+            points = np.concatenate(reached) if reached else points
         tied = len(points) / config.episodes
         metrics[self._steps[-1].primitive]["episode_success"] = tied
         return tuple(played), metrics
+
+    def _try(
+        self, step: _Step, points: NDArray, progress: float
+    ) -> tuple[Attempts, NDArray[np.intp]]:
+        """One spline on each rope, remembered, and the way (S,) in which it was proposed."""
+        config, rng, action = self.config, self._rng, step.action
+        primitive = self.library.primitives[step.primitive]
+        seen = encode(points, [action] * len(points))
+        network, ways = explore(primitive, seen, 1, config.exploration, progress, rng)
+        splines = seen.frames.to_world(network.numpy())[:, 0]
+        value = best_values(primitive, seen.states, config.population, rng).numpy()
+        guessed = (value < config.doubt) & (rng.random(len(points)) < config.guesses)
+        for row in np.flatnonzero(guessed):
+            splines[row] = aim(points[row], action, 1, rng)[0]
+        ways[guessed] = GUESS
+        tried = attempt(self.simulator, points, splines, action, step.start)
+        self._remember(Transitions.of(tried))
+        return tried, ways
 
     def _remember(self, transitions: Transitions) -> None:
         """Put transitions into their primitive's replay buffer, if it learns here."""

@@ -38,7 +38,7 @@ class JointFinetuningConfig:
     """Of everything random."""
 
 
-@stage("joint_finetuning", version=1, inputs=("demonstrations", "reinforcement"))
+@stage("joint_finetuning", version=2, inputs=("demonstrations", "reinforcement"))
 def finetune(
     config: JointFinetuningConfig, inputs: Mapping[str, Path], context: StageContext
 ) -> None:
@@ -63,7 +63,8 @@ def finetune(
     curves = Curves(context, PART)
     if checkpoint := curves.checkpoint():
         training.load(checkpoint)
-    _train(training, len(path) * config.joint.episodes, curves, config, context)
+    most = len(path) * config.joint.episodes * config.joint.tries
+    _train(training, most, curves, config, context)
     with context.atomic(FILE) as file:
         library.save(file)
     write_index(context.out / "recordings")
