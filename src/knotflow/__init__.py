@@ -1,1 +1,5 @@
 """Learned topological motion primitives for planning knots."""
+
+import os
+
+os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # torchrl tells of every buffer, once imported

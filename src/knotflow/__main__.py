@@ -100,7 +100,6 @@ def _check_experiment() -> None:
 
 if __name__ == "__main__":
     os.environ["KNOTFLOW_HOME"] = str(HOME)
-    os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # torchrl's, which tells of every buffer
     register()
     _check_experiment()
     main()

@@ -1,7 +1,7 @@
 """The interface between whatever proposes splines and whatever uses them.
 
-A sampler is one file that registers a factory under a name, and one line of configuration
-(`conf/sampler/<name>.yaml`) that chooses it:
+A sampler is one file that registers a factory under a name, and one line of a workflow
+(`sampler: {name: mine}`) that chooses it:
 
     @sampler("mine")
     def build(config: MyConfig, inputs: Mapping[str, Path]) -> Sampler: ...

@@ -29,6 +29,7 @@ from knotflow.simulation import (
 )
 from knotflow.training.buffer import TrialBuffer
 from knotflow.training.exploration import POLICY, SPREAD, ExplorationConfig, explore
+from knotflow.training.fitting import fit
 from knotflow.training.learner import Learner, LearnerConfig, demonstration_buffer
 from knotflow.training.pool import StartPool
 
@@ -135,13 +136,10 @@ class Reinforcement:
     def __iter__(self) -> Iterator[Round]:
         while self._done < self.config.rounds:
             attempts, metrics = self._attempt()
-            for _ in range(self.config.steps):
-                for key, value in self.learner.update().items():
-                    metrics[key] = metrics.get(key, 0.0) + value / self.config.steps
+            metrics |= fit(self.learner, self.config.steps)
             self._done += 1
             if self._done == self.config.rounds:
-                for step in range(self.config.closing_steps):
-                    self.learner.update(1 - step / self.config.closing_steps)
+                fit(self.learner, self.config.closing_steps, closing=True)
             yield Round(self._done - 1, metrics, attempts)
 
     def save(self, path: Path) -> None:
