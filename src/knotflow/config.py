@@ -191,7 +191,7 @@ class Config:
     """Who proposes splines where one plans: primitives (trained), or aimed (not learned)."""
     primitives: str = ""
     """The library of +experiment=overhand: a file, or a folder such as yours in
-    results/single_stage/primitives."""
+    results/joint_finetuning/primitives."""
     planner: PlannerConfig = field(default_factory=lambda: replace(FAST_SEARCH))
     """The search of +experiment=overhand."""
     provenance: Provenance = field(default_factory=Provenance)
