@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from torchrl.checkpoint import Checkpoint
 
 from knotflow.demonstrations import Trials
 from knotflow.primitives.primitive import Primitive, PrimitiveConfig
+from knotflow.training.fitting import fit
 from knotflow.training.learner import Learner, LearnerConfig, demonstration_buffer
+from knotflow.training.resumable import Resumable
 
 FEW_STARTS = 4
 """With fewer start shapes than that none can be spared, and trials are held out instead."""
@@ -39,7 +39,7 @@ class ImitationConfig:
     """Share of the start shapes that is held out; of the trials, where start shapes are few."""
 
 
-class Imitation:
+class Imitation(Resumable):
     """Training on demonstrations; iterating over it trains, and gives metrics per validation.
 
         for metrics in training:
@@ -87,13 +87,10 @@ class Imitation:
 
     def __iter__(self) -> Iterator[dict[str, float]]:
         while self._done < self.config.validations and not self._stale():
-            sums: dict[str, float] = {}
             self.primitive.train()
-            for _ in range(self.config.steps):
-                for key, value in self.learner.update().items():
-                    sums[key] = sums.get(key, 0.0) + value / self.config.steps
+            metrics = fit(self.learner, self.config.steps)
             self._done += 1
-            yield sums | self._validate()
+            yield metrics | self._validate()
         for name, (_, _, weights) in self._best.items():
             getattr(self.primitive, name).load_state_dict(weights)
 
@@ -101,14 +98,6 @@ class Imitation:
     def steps(self) -> int:
         """Gradient steps made so far."""
         return self._done * self.config.steps
-
-    def save(self, path: Path) -> None:
-        """Write all that is needed to go on to a folder."""
-        Checkpoint(training=self).save(path)
-
-    def load(self, path: Path) -> None:
-        """Go on from a folder that `save` wrote, of a training with the same arguments."""
-        Checkpoint(training=self).load(path)
 
     def state_dict(self) -> dict[str, Any]:
         return {"learner": self.learner.state_dict(), "best": self._best, "done": self._done}

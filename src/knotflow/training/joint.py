@@ -22,14 +22,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from tensordict import TensorDict
-from torchrl.checkpoint import Checkpoint
 
 from knotflow.demonstrations import Task, Trials, aim
 from knotflow.primitives.canonical import primitive_of
@@ -41,6 +39,7 @@ from knotflow.training.buffer import TransitionBuffer
 from knotflow.training.exploration import POLICY, ExplorationConfig, explore
 from knotflow.training.fitting import fit
 from knotflow.training.learner import Learner, LearnerConfig, demonstration_buffer
+from knotflow.training.resumable import Resumable
 from knotflow.training.transitions import Transitions
 from knotflow.training.values import best_values
 
@@ -108,7 +107,7 @@ class _Step:
     primitive: int
 
 
-class JointFinetuning:
+class JointFinetuning(Resumable):
     """Training on episodes; iterating over it trains, and gives a `JointRound` at a time.
 
     The same arguments give the same weights on one machine. It may be interrupted after any round,
@@ -172,14 +171,6 @@ class JointFinetuning:
     def rounds_done(self) -> int:
         """Rounds that are over."""
         return self._done
-
-    def save(self, path: Path) -> None:
-        """Write all that is needed to go on to a folder."""
-        Checkpoint(training=self).save(path)
-
-    def load(self, path: Path) -> None:
-        """Go on from a folder that `save` wrote, of a training with the same arguments."""
-        Checkpoint(training=self).load(path)
 
     def state_dict(self) -> dict[str, Any]:
         return {

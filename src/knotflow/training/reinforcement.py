@@ -8,13 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torchrl.checkpoint import Checkpoint
 
 from knotflow.demonstrations import Task, Trials
 from knotflow.primitives.encoding import Encoded, encode
@@ -32,6 +30,7 @@ from knotflow.training.exploration import POLICY, SPREAD, ExplorationConfig, exp
 from knotflow.training.fitting import fit
 from knotflow.training.learner import Learner, LearnerConfig, demonstration_buffer
 from knotflow.training.pool import StartPool
+from knotflow.training.resumable import Resumable
 
 
 @dataclass
@@ -73,7 +72,7 @@ class Round:
     """One item a task."""
 
 
-class Reinforcement:
+class Reinforcement(Resumable):
     """Training on attempts; iterating over it trains, and gives a `Round` at a time.
 
         for round in training:
@@ -141,14 +140,6 @@ class Reinforcement:
             if self._done == self.config.rounds:
                 fit(self.learner, self.config.closing_steps, closing=True)
             yield Round(self._done - 1, metrics, attempts)
-
-    def save(self, path: Path) -> None:
-        """Write all that is needed to go on to a folder."""
-        Checkpoint(training=self).save(path)
-
-    def load(self, path: Path) -> None:
-        """Go on from a folder that `save` wrote, of a training with the same arguments."""
-        Checkpoint(training=self).load(path)
 
     def state_dict(self) -> dict[str, Any]:
         return {
