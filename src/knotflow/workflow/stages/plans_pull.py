@@ -1,13 +1,13 @@
 """Stage `plans_pull`: an overhand whose head was pulled out, as by hand (Sec. VII-E).
 
 The paper's authors pulled the head segment out by hand before the pentagram was planned, for no
-primitive has learned it. Here a rope is first tied along a topological path with aimed guesses,
+primitive has learned it. Here a rope is first tied along a topological path by a planner,
 then its head is grasped and drawn away over the table, a few times. A pull is a spline like any
 other: grasped at the very head, moved low in about the direction in which the head points. Of a
 number of random pulls the one is kept that leaves the topological state as it is, every inner
 segment long enough to work with, and the longest head. A person would not pull a rope into a shape
 in which nothing can be done with it; so of a few ropes the one is taken in which aimed guesses at
-the next action succeed most often. No method that is measured has a say in this.
+the next action succeed most often. What ties the rope has no say in how it is pulled.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.baselines import AimedSampler
 from knotflow.demonstrations import aim
 from knotflow.planning import Goal, PlannerConfig, parse_goal, plan_knot
 from knotflow.recording import RecordedRollout, write_index, write_recording
+from knotflow.samplers import Sampler, SamplerConfig, build_sampler
 from knotflow.simulation import (
     RopeSimulator,
     SimulationConfig,
@@ -49,9 +49,11 @@ class PullConfig:
 
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     """The simulator it is done in."""
+    sampler: SamplerConfig = field(default_factory=lambda: SamplerConfig("aimed"))
+    """The method that ties it; the stages it learns from are inputs of this one."""
     path: str = "R1(0,1,1) C(0,1,1) C(2,0,1)"
     """The topological path that ties the knot, from a straight rope."""
-    head: float = 0.3
+    head: float = 0.15
     """Length of rope from the head to the first crossing at which it is long enough, metres."""
     shortest_segment: float = 0.02
     """Least length between neighbouring crossings that a pull may leave, metres."""
@@ -69,7 +71,7 @@ class PullConfig:
     """Of everything random."""
 
 
-@stage("plans_pull", version=1, inputs=())
+@stage("plans_pull", version=2)
 def pull_out(config: PullConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes start.npy and start.csv with the rope (V, 3) in metres, and recordings/*.mcap.
 
@@ -78,11 +80,12 @@ def pull_out(config: PullConfig, inputs: Mapping[str, Path], context: StageConte
     """
     simulator, rng = RopeSimulator(config.simulation), np.random.default_rng(config.seed)
     goal, onward = parse_goal(config.path, config.simulation.rope), parse_action(config.onward)
-    recorder = Recorder(context, "aim", config.simulation.rope)
+    sampler = build_sampler(config.sampler, inputs)
+    recorder = Recorder(context, config.sampler.name, config.simulation.rope)
     pulled: list[RecordedRollout] = []
     ready: list[tuple[int, NDArray[np.float64]]] = []
     for _ in context.progress(range(config.knots), desc="pull"):
-        points = _tie(goal, simulator, rng, recorder)
+        points = _tie(goal, sampler, simulator, rng, recorder)
         state = TopologicalState.from_curve(points)
         for _ in range(config.rounds):
             if _head(points, config) >= config.head:
@@ -110,12 +113,16 @@ def pull_out(config: PullConfig, inputs: Mapping[str, Path], context: StageConte
 
 
 def _tie(
-    goal: Goal, simulator: RopeSimulator, rng: np.random.Generator, recorder: Recorder
+    goal: Goal,
+    sampler: Sampler,
+    simulator: RopeSimulator,
+    rng: np.random.Generator,
+    recorder: Recorder,
 ) -> NDArray[np.float64]:
     """A tied rope (V, 3)."""
     search = PlannerConfig(batch=16, failure_discount=0.9)
     start = straight(simulator.config.rope)
-    plan = plan_knot(start, goal, AimedSampler(), simulator, rng, search, observe=recorder)
+    plan = plan_knot(start, goal, sampler, simulator, rng, search, observe=recorder)
     if not plan.solved:
         raise RuntimeError(f"the rope could not be tied to have its head pulled: {plan.reason}")
     return plan.shapes[-1]
