@@ -175,6 +175,8 @@ class Config:
     """The pentagram from an overhand whose head was pulled out."""
     pentagram_ropes: int = 4
     """Ropes whose head is pulled out, of which one is taken."""
+    pentagram_tied_by: str = "primitives"
+    """The sampler that ties them."""
     pentagram_untangled: PlansBudget = field(
         default_factory=lambda: PlansBudget(planner=replace(FAST_SEARCH, max_seconds=120.0))
     )

@@ -134,7 +134,7 @@ def joint(curves: Curves, name: str) -> Picture:
                 *(curve.steps, smoothed(curve.values)), color=colour, linewidth=1.6, label=label
             )
         axes.set_xlabel("round")
-        axes.set_ylabel("episodes or attempts that succeed", color=MUTED)
+        axes.set_ylabel("share that succeeds", color=MUTED)
         axes.set_ylim(0, 1.04)
         axes.yaxis.set_major_formatter(PercentFormatter(1, decimals=0, symbol=" %"))
         axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
