@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -46,3 +48,9 @@ def test_a_tied_rope_is_confirmed_and_another_refused(plan):
         confirm(plan.shapes[1], plan.states[-1])
     with pytest.raises(KnotMismatchError, match="is a -3_1"):
         confirm(plan.shapes[-1], plan.states[-1].mirrored())
+
+
+def test_a_rope_with_many_crossings_in_projection_is_told():
+    """A simulated pentagram, of which topoly would say "TMC" with its own limit of crossings."""
+    points = np.loadtxt(Path(__file__).with_name("pentagram_at_rest.csv"), delimiter=",")
+    assert confirm(points, TopologicalState.from_curve(points)) == "+5_1"

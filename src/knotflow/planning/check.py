@@ -18,6 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 from knotflow.topology import TopologicalState
 from knotflow.topology.draw import draw
 
+MOST_CROSSINGS = 40
+"""Of the closed curve as topoly projects it; of more, its answer is "TMC", too many. Its default of
+15 is too few for a pentagram at rest."""
+
 
 class KnotMismatchError(ValueError):
     """A rope that is not tied into the knot that its goal state is."""
@@ -55,11 +59,15 @@ def knot_type(points: ArrayLike) -> str:
         raise ModuleNotFoundError(
             "confirming a knot's type needs topoly: pip install 'knotflow[test]'"
         ) from error
-    # Its default forks a pool even for a single curve, which can hang for good beside the threads
-    # of a simulator.
     return str(
         homfly(
-            closed_curve(points).tolist(), closure=Closure.CLOSED, chiral=True, run_parallel=False
+            closed_curve(points).tolist(),
+            closure=Closure.CLOSED,
+            chiral=True,
+            max_cross=MOST_CROSSINGS,
+            # Its default forks a pool even for a single curve, which can hang for good beside the
+            # threads of a simulator.
+            run_parallel=False,
         )
     )
 
