@@ -100,10 +100,12 @@ def test_the_library_is_whole_and_only_the_paths_primitives_changed(finetuned, i
 
 
 def test_every_episode_is_recorded_and_the_curves_go_round_by_round(finetuned):
-    rollouts = load(finetuned / "recordings")
+    rollouts = load(finetuned / "recordings", trajectories=True)
     assert rollouts["number"].is_unique
     assert set(rollouts["source"]) == {"joint_finetuning"}
-    assert (rollouts["action"] == "R1(0,1,1)").sum() == 5 * 2
+    first = rollouts[rollouts["action"] == "R1(0,1,1)"]
+    assert len(first) <= 5 * 2 * CONFIG.joint.tries
+    assert len({points[0].tobytes() for points in first["points"]}) == 5 * 2
     curves = pd.read_csv(finetuned / "curves.csv")
     assert list(curves.columns) == ["primitive", "step", "metric", "value"]
     losses = curves[curves["metric"] == "loss_critic"]
