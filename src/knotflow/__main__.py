@@ -6,7 +6,6 @@ import json
 import os
 import re
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 
 import hydra
@@ -17,7 +16,7 @@ from omegaconf import DictConfig
 
 import knotflow.workflow.stages  # noqa: F401  registers them
 from knotflow.config import ASKED, register
-from knotflow.workflow import Experiment, WorkersConfig, Workflow, git_state, run_all
+from knotflow.workflow import Experiment, WorkersConfig, Workflow, code_state, run_all
 
 PACKAGE = Path(__file__).parent
 HOME = PACKAGE if (PACKAGE / "conf").is_dir() else PACKAGE.parents[1]
@@ -28,12 +27,12 @@ HOME = PACKAGE if (PACKAGE / "conf").is_dir() else PACKAGE.parents[1]
 def main(config: DictConfig) -> None:
     """Run the workflow of an experiment, or those of several one after the other."""
     register()  # again, for a launcher may have sent this function to another process
-    state = git_state(PACKAGE)
     try:
         asked = [_alone(name) for name in config.experiments] or [config]
         folders = run_all(
-            [_experiment(one, state) for one in asked],
-            provenance={**state, "budget": config.budget},
+            [_experiment(one) for one in asked],
+            code=code_state(PACKAGE),
+            budget=config.budget,
             metrics=config.metrics,
             workers=WorkersConfig(**config.workers),
         )
@@ -52,11 +51,8 @@ def _alone(name: str) -> DictConfig:
     return hydra.compose("config", overrides=[f"+experiment={name}", *kept])
 
 
-def _experiment(config: DictConfig, state: Mapping[str, str | bool | None]) -> Experiment:
-    """What the runner is to be told, with its origin in the tables."""
-    config.provenance.experiment = config.experiment
-    config.provenance.budget = config.budget
-    config.provenance.commit = f"{state['commit'] or 'unknown'}"[:12] + "+" * bool(state["dirty"])
+def _experiment(config: DictConfig) -> Experiment:
+    """The experiment that a configuration describes."""
     workflow = Workflow.from_config(config.workflow)
     return Experiment(config.results_name, workflow, Path(config.results_dir), config.overwrite)
 

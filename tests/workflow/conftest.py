@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from knotflow.workflow import StageContext, Workflow, run, runtime, stage
+from knotflow.workflow import CodeState, StageContext, Workflow, run, runtime, stage
 
 CALLS: list[str] = []
 
@@ -119,7 +119,8 @@ def go(tmp_path: Path) -> Callable[..., Path]:
         settings: dict[str, Any] = {
             "experiment": "toy",
             "results_dir": tmp_path / "results",
-            "provenance": {"commit": "abc", "dirty": False, "budget": "smoke"},
+            "code": CodeState("abc", False),
+            "budget": "smoke",
             "metrics": "none",
         }
         return run(Workflow.from_config(mapping), **(settings | changes))

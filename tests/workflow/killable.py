@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from knotflow.workflow import Node, StageContext, Workflow, run, stage
+from knotflow.workflow import CodeState, Node, StageContext, Workflow, run, stage
 
 
 @dataclass
@@ -40,6 +40,6 @@ if __name__ == "__main__":
         ),
         experiment="killable",
         results_dir=Path(sys.argv[1]),
-        provenance={},
+        code=CodeState("abc"),
         metrics="none",
     )

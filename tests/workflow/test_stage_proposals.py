@@ -10,10 +10,8 @@ from knotflow.topology import TopologicalState
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages import proposals as room
 from knotflow.workflow.stages.proposals import ProposalsConfig, propose
-from knotflow.workflow.stages.provenance import Provenance
 
 TRIALS, STARTS, VERTICES = 4, 3, 41
-PAPER = Provenance("single_stage", "paper", "0123456789abcdef0123456789abcdef01234567+")
 
 
 def loop(rng):
@@ -71,13 +69,13 @@ def inputs(tmp_path_factory):
 
 
 def made(inputs, out, **settings):
-    propose(ProposalsConfig(provenance=PAPER, **settings), inputs, StageContext(out))
+    propose(ProposalsConfig(**settings), inputs, StageContext(out))
     return pd.read_csv(out / "proposals.csv")
 
 
 def test_it_says_what_the_recordings_say(inputs, tmp_path):
     table = made(inputs, tmp_path, ropes=2, splines=3)
-    assert list(table.columns[:3]) == ["experiment", "budget", "commit"]
+    assert list(table.columns) == list(room.COLUMNS)
     rollouts = load(inputs["evaluation"] / "recordings", trajectories=True)
     rollouts["start"] = [int(extra["start"]) for extra in rollouts["extra"]]
     assert list(table["action"].unique()) == [str(task.action) for task in TASKS]

@@ -11,13 +11,14 @@ from .errors import (
     WorkflowError,
 )
 from .metrics import Metrics, open_metrics
-from .provenance import git_state
+from .provenance import CodeState, code_state
 from .runner import run
 from .signature import runtime, signature
 from .stage import Stage, get_stage, stage
 from .workers import WorkersConfig
 
 __all__ = [
+    "CodeState",
     "DamagedStageError",
     "DiskFullError",
     "Experiment",
@@ -30,8 +31,8 @@ __all__ = [
     "WorkersConfig",
     "Workflow",
     "WorkflowError",
+    "code_state",
     "get_stage",
-    "git_state",
     "open_metrics",
     "run",
     "run_all",

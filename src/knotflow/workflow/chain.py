@@ -7,11 +7,11 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from . import publish
 from .definition import Workflow
 from .metrics import DEFAULT_METRICS
+from .provenance import CodeState
 from .runner import run
 from .workers import WorkersConfig
 
@@ -29,7 +29,8 @@ class Experiment:
 def run_all(
     experiments: Sequence[Experiment],
     *,
-    provenance: Mapping[str, Any],
+    code: CodeState,
+    budget: str = "",
     metrics: str = DEFAULT_METRICS,
     workers: WorkersConfig | None = None,
 ) -> list[Path]:
@@ -56,7 +57,8 @@ def run_all(
                 one.workflow,
                 experiment=one.name,
                 results_dir=one.results_dir,
-                provenance=provenance,
+                code=code,
+                budget=budget,
                 overwrite=one.overwrite,
                 metrics=metrics,
                 workers=workers,

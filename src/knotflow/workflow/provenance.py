@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import platform
 import subprocess
+import tomllib
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
@@ -11,27 +13,60 @@ LIBRARIES = ("knotflow", "mcap", "mujoco", "numpy", "pandas", "tensordict", "tor
 GENERATED = ("results", "reports")  # made by the runs themselves: they do not make the code dirty
 
 
-def git_state(folder: Path) -> dict[str, str | bool | None]:
-    """`commit` and `dirty` of the repository that `folder` lies in; None outside of one."""
+@dataclass(frozen=True)
+class CodeState:
+    """Which code makes a result."""
 
-    def git(*arguments: str, at: Path = folder) -> str | None:
-        try:
-            done = subprocess.run(
-                ["git", "-C", str(at), *arguments], capture_output=True, text=True, check=False
-            )
-        except FileNotFoundError:  # git itself is not installed
-            return None
-        return done.stdout.strip() if done.returncode == 0 else None
+    commit: str
+    """Of the checkout, or "none, version X" where the code is installed from a wheel."""
+    dirty: bool | None = None
+    """Whether the checkout differs from its commit; None without a commit."""
 
-    top = git("rev-parse", "--show-toplevel")
-    if top is None:
-        return {"commit": None, "dirty": None}
+
+def code_state(package: Path) -> CodeState:
+    """The state of the knotflow checkout that a package folder belongs to.
+
+    A package that lies in somebody else's repository, such as one installed into a virtual
+    environment there, belongs to none: the repository must be knotflow's own, by its
+    pyproject.toml, and must track the package's files at src/knotflow/.
+
+    Args:
+        package: folder of the imported package, which holds its `__init__.py`.
+    """
+    package = package.resolve()
+    no_commit = CodeState(f"none, version {library_versions().get('knotflow', 'unknown')}")
+    top = _git(package, "rev-parse", "--show-toplevel")
+    if top is None or not _is_knotflow(Path(top), package):
+        return no_commit
+    commit = _git(package, "rev-parse", "--verify", "HEAD")
     excluded = [f":(exclude){name}" for name in GENERATED]
-    changes = git("status", "--porcelain", "--", ".", *excluded, at=Path(top))
-    return {
-        "commit": git("rev-parse", "--verify", "HEAD"),
-        "dirty": None if changes is None else bool(changes),
-    }
+    changes = _git(Path(top), "status", "--porcelain", "--", ".", *excluded)
+    if commit is None or changes is None:
+        return no_commit
+    return CodeState(commit, bool(changes))
+
+
+def _is_knotflow(top: Path, package: Path) -> bool:
+    """Whether the repository at `top` is the one that `package` is developed in."""
+    if package != top.resolve() / "src" / "knotflow":
+        return False
+    try:
+        project = tomllib.loads((top / "pyproject.toml").read_text("utf-8"))["project"]["name"]
+    except (OSError, KeyError, tomllib.TOMLDecodeError):
+        return False
+    tracked = _git(package, "ls-files", "--error-unmatch", "--", "__init__.py") is not None
+    return project == "knotflow" and tracked
+
+
+def _git(folder: Path, *arguments: str) -> str | None:
+    """What git prints in `folder`; None where it fails or is not installed."""
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(folder), *arguments], capture_output=True, text=True, check=False
+        )
+    except FileNotFoundError:
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None
 
 
 def library_versions() -> dict[str, str]:

@@ -107,14 +107,15 @@ def publish(
 ) -> None:
     """Copies the results, then writes config.yaml and run.json.
 
-    Results that an earlier run of the experiment made and this one does not are deleted. Where the
-    same stage outputs were published before, run.json keeps telling of the run that made them.
+    Results that an earlier run of the experiment made and this one does not are deleted. Publishing
+    again with nothing new changes no byte: what run.json says of a stage's making comes from the
+    stage's own record, and one that was `run now` for this folder stays so.
 
     Args:
         folder: results/<experiment>/.
         workflow: says which files are results.
         outputs: node -> its finished folder.
-        config: of `resolved_config`.
+        config: of `resolved_config`, with the `runtime` that each stage was made with.
         record: run.json; its `stages` hold each node's `signature` and `origin`.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -127,7 +128,7 @@ def publish(
         _copy(outputs[node] / path, folder / target)
     with durable.atomic(folder / CONFIG) as temporary:
         temporary.write_text(yaml.safe_dump(dict(config), sort_keys=False), "utf-8")
-    durable.write_json(folder / RUN, earlier if _same_run(earlier, record) else record)
+    durable.write_json(folder / RUN, _keep_origins(record, earlier))
 
 
 def _copy(source: Path, target: Path) -> None:
@@ -135,12 +136,15 @@ def _copy(source: Path, target: Path) -> None:
         (shutil.copytree if source.is_dir() else shutil.copyfile)(source, temporary)
 
 
-def _same_run(earlier: Mapping[str, Any], record: Mapping[str, Any]) -> bool:
-    """Whether nothing was made since: then a repeated command changes no committed file."""
-    nodes = record["stages"]
-    made_now = any(node["origin"] != "shared" for node in nodes.values())
-    before = {name: node.get("signature") for name, node in earlier.get("stages", {}).items()}
-    return not made_now and before == {name: node["signature"] for name, node in nodes.items()}
+def _keep_origins(record: Mapping[str, Any], earlier: Mapping[str, Any]) -> dict[str, Any]:
+    """The record, in which a stage output that was published before has its origin of then."""
+    before = earlier.get("stages", {})
+    stages = {}
+    for name, node in record["stages"].items():
+        known = before.get(name, {})
+        same = node["origin"] == "shared" and known.get("signature") == node["signature"]
+        stages[name] = {**node, "origin": known["origin"]} if same else node
+    return {**record, "stages": stages}
 
 
 def _read_run(path: Path) -> dict[str, Any]:

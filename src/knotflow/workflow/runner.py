@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from .definition import Node, Workflow
 from .durable import explain_full_disk, remove_temporaries
 from .errors import WorkflowError
 from .metrics import DEFAULT_METRICS, check_metrics
-from .provenance import library_versions
+from .provenance import CodeState, library_versions
 from .signature import plain, runtime_fields, signature
 from .stage import get_stage
 from .store import Clock, StageFolder
@@ -40,7 +40,8 @@ def run(
     *,
     experiment: str,
     results_dir: Path,
-    provenance: Mapping[str, Any],
+    code: CodeState,
+    budget: str = "",
     overwrite: bool = False,
     metrics: str = DEFAULT_METRICS,
     workers: WorkersConfig | None = None,
@@ -51,8 +52,9 @@ def run(
         workflow: checked when it was made.
         experiment: name of the results folder.
         results_dir: holds experiments, `stages/` and `metrics/`; made if missing.
-        provenance: goes into run.json (commit, dirty, budget, ...); `commit` and `dirty` also
-            into each stage.json that is made now.
+        code: goes into the record of each stage that is made now; one that is finished keeps
+            the commit that made it.
+        budget: goes into run.json.
         overwrite: replace results of another configuration.
         metrics: kind of metrics logger the stages get, see `metrics.open_metrics`.
         workers: where stages run their shards; by default one after the other in this process.
@@ -70,7 +72,6 @@ def run(
     results_dir = Path(results_dir).absolute()
     folder = publish.experiment_folder(results_dir, experiment)
     config = publish.resolved_config(workflow)
-    origin_of_run = plain(provenance)  # now, so that a value without plain form costs no work
     if not overwrite:
         publish.refuse_foreign(folder, config)
     steps = plan(workflow, results_dir)
@@ -82,9 +83,10 @@ def run(
     outputs: dict[str, Path] = {}
     for step in steps:
         inputs = {name: outputs[source] for name, source in step.node.needs.items()}
-        record, origin = _make(step, inputs, results_dir, provenance, metrics, workers)
+        record, origin = _make(step, inputs, results_dir, code, metrics, workers)
         outputs[step.name] = step.folder.final
         entries[step.name] = _entry(step, record, origin)
+        config["stages"][step.name]["runtime"] = record["runtime"]  # as made
         if missing := publish.missing_results(workflow, step.name, step.folder.final):
             raise WorkflowError(
                 f"workflow {workflow.name!r}: results want {missing} of node {step.name!r}, "
@@ -94,7 +96,7 @@ def run(
         "experiment": experiment,
         "workflow": workflow.name,
         "caption": workflow.caption,
-        **origin_of_run,
+        "budget": budget,
         "stages": entries,
         "results": dict(workflow.results),
     }
@@ -129,7 +131,7 @@ def _make(
     step: Step,
     inputs: Mapping[str, Path],
     results_dir: Path,
-    provenance: Mapping[str, Any],
+    code: CodeState,
     metrics: str,
     workers: WorkersConfig,
 ) -> tuple[dict[str, Any], str]:
@@ -158,9 +160,8 @@ def _make(
                 "runtime": runtime_fields(step.config),
                 "inputs": dict(step.input_signatures),
                 "seconds": round(clock.seconds(), 3),
-                "commit": provenance.get("commit"),
-                "dirty": provenance.get("dirty"),
-                "libraries": library_versions(),
+                **asdict(code),
+                "versions": library_versions(),
             }
             return folder.finish(record), "run now"
 
@@ -201,7 +202,8 @@ def _call(
 
 
 def _entry(step: Step, record: Mapping[str, Any], origin: str) -> dict[str, Any]:
-    """What run.json says of a node."""
+    """What run.json says of a node: of its making, what the stage's own record says."""
+    as_made = ("seconds", "commit", "dirty", "versions")
     return {
         "stage": step.node.stage,
         "version": record["version"],
@@ -209,8 +211,7 @@ def _entry(step: Step, record: Mapping[str, Any], origin: str) -> dict[str, Any]
         "needs": dict(step.node.needs),
         "caption": step.node.caption,
         "origin": origin,
-        "seconds": record["seconds"],
-        "commit": record["commit"],
+        **{key: record[key] for key in as_made},
     }
 
 

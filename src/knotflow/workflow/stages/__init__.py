@@ -26,7 +26,6 @@ from knotflow.workflow.stages import (
     shipped,
     starts,
     success_rates,
-    table,
 )
 
 __all__ = [
@@ -52,5 +51,4 @@ __all__ = [
     "shipped",
     "starts",
     "success_rates",
-    "table",
 ]

@@ -22,7 +22,6 @@ from knotflow.simulation import (
 )
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
-from knotflow.workflow.stages.provenance import Provenance
 
 
 @dataclass
@@ -41,8 +40,6 @@ class BenchmarkConfig:
     """Ropes to compare, by their number of links."""
     run: int = 0
     """Raise it to time again: a finished stage is never run twice."""
-    provenance: Provenance = field(default_factory=Provenance)
-    """The experiment-wide columns."""
 
 
 @stage("benchmark", version=1, inputs=())
@@ -77,4 +74,4 @@ def time_simulation(
             }
         )
     with context.atomic("throughput.csv") as path:
-        config.provenance.first(pd.DataFrame(rows)).to_csv(path, index=False)
+        pd.DataFrame(rows).to_csv(path, index=False)

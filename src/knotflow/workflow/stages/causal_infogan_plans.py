@@ -17,7 +17,6 @@ from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.causal_infogan import Rollouts
 from knotflow.workflow.stages.causal_infogan_ends import FOCUS, GOALS, OVERHAND, load_ends
-from knotflow.workflow.stages.provenance import Provenance
 
 PANEL_WAY_POINTS = 6
 
@@ -44,8 +43,6 @@ class CausalInfoGanPlansConfig:
     """Plans between shapes of the training data, for each model."""
     seed: int = 11
     """Of the planning."""
-    provenance: Provenance = field(default_factory=Provenance)
-    """The experiment-wide columns."""
 
 
 @dataclass(frozen=True)
@@ -95,9 +92,7 @@ def plan(
     tables["ends"] = pd.read_csv(inputs["ends"] / "ends.csv")
     for name, table in tables.items():
         with context.atomic(f"{name}.csv") as path:
-            config.provenance.first(table.reset_index(drop=True)).to_csv(
-                path, index=False, float_format="%.6g"
-            )
+            table.to_csv(path, index=False, float_format="%.6g")
 
 
 def _plan(

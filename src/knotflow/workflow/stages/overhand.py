@@ -30,7 +30,6 @@ from knotflow.workflow.signature import runtime
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.plans import search_row
 from knotflow.workflow.stages.plans_files import write_plan
-from knotflow.workflow.stages.provenance import Provenance
 from knotflow.workflow.stages.recorder import Recorder
 
 TRAINED = "primitives"
@@ -61,8 +60,6 @@ class OverhandConfig:
     """The library's file for the sampler `primitives`; what counts is `primitives_contents`."""
     primitives_contents: str = ""
     """A hash of the file's contents."""
-    provenance: Provenance = field(default_factory=Provenance)
-    """The experiment-wide columns."""
 
 
 @stage("overhand", version=1, inputs=())
@@ -104,7 +101,7 @@ def plan_one(config: OverhandConfig, inputs: Mapping[str, Path], context: StageC
     name = config.rope if config.rope in ROPE_NAMES else Path(config.rope).name
     row = search_row(plan, config.knot, name, config.seed)
     with context.atomic("branches.csv") as path:
-        config.provenance.first(pd.DataFrame([row])).to_csv(path, index=False)
+        pd.DataFrame([row]).to_csv(path, index=False)
     write_plan(context, "plan", plan, config.simulation, config.sampler, last[0])
     with context.atomic("outcome.json") as path:
         told = {"success": plan.solved, "text": plan.summary()}

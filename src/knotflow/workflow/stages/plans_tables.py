@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
@@ -12,7 +12,6 @@ from scipy.stats import binomtest
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.plans import SEARCHES, read_searches
-from knotflow.workflow.stages.provenance import Provenance
 
 
 @dataclass
@@ -21,8 +20,6 @@ class PlansTableConfig:
 
     column: str = ""
     """Name of the column, in front of the others, that holds an input's name; "" for none."""
-    provenance: Provenance = field(default_factory=Provenance)
-    """The experiment-wide columns."""
 
 
 @stage("plans_table", version=1)
@@ -38,15 +35,12 @@ def tabulate(config: PlansTableConfig, inputs: Mapping[str, Path], context: Stag
             table.insert(0, config.column, name)
         tables.append(table)
     with context.atomic("branches.csv") as path:
-        config.provenance.first(pd.concat(tables, ignore_index=True)).to_csv(path, index=False)
+        pd.concat(tables, ignore_index=True).to_csv(path, index=False)
 
 
 @dataclass
 class PlansSuccessConfig:
-    """Nothing that changes the result."""
-
-    provenance: Provenance = field(default_factory=Provenance)
-    """The experiment-wide columns."""
+    """Nothing to choose."""
 
 
 @stage("plans_success", version=1, inputs=("plans",))
@@ -76,5 +70,4 @@ def count(config: PlansSuccessConfig, inputs: Mapping[str, Path], context: Stage
             }
         )
     with context.atomic("knots.csv") as path:
-        table = config.provenance.first(pd.DataFrame(rows))
-        table.to_csv(path, index=False, float_format="%.6g")
+        pd.DataFrame(rows).to_csv(path, index=False, float_format="%.6g")

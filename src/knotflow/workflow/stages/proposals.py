@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,6 @@ from knotflow.demonstrations import TASKS
 from knotflow.recording import load
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
-from knotflow.workflow.stages.provenance import Provenance
 from knotflow.workflow.stages.starts import load_starts
 
 BEFORE, SPLINE, AFTER = "before", "spline", "after"
@@ -30,8 +29,6 @@ class ProposalsConfig:
     looks."""
     splines: int = 6
     """Proposed splines of each start, the first ones again."""
-    provenance: Provenance = field(default_factory=Provenance)
-    """The experiment-wide columns."""
 
     def __post_init__(self) -> None:
         """Refuses to show nothing.
@@ -79,7 +76,7 @@ def propose(config: ProposalsConfig, inputs: Mapping[str, Path], context: StageC
                     tables.append(_rows(row.points[-1], what=AFTER, **told))
     table = pd.concat(tables, ignore_index=True)[list(COLUMNS)]
     with context.atomic("proposals.csv") as path:
-        config.provenance.first(table).to_csv(path, index=False, float_format="%.3f")
+        table.to_csv(path, index=False, float_format="%.3f")
 
 
 def _rows(points: NDArray, **told: object) -> pd.DataFrame:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
@@ -11,15 +11,11 @@ from scipy.stats import binomtest
 
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
-from knotflow.workflow.stages.provenance import Provenance
 
 
 @dataclass
 class SuccessRatesConfig:
-    """Nothing that changes the result."""
-
-    provenance: Provenance = field(default_factory=Provenance)
-    """The experiment-wide columns."""
+    """Nothing to choose."""
 
 
 @stage("success_rates", version=1)
@@ -42,10 +38,9 @@ def tabulate(config: SuccessRatesConfig, inputs: Mapping[str, Path], context: St
     rates["ci_low"] = [limit.low for limit in limits]
     rates["ci_high"] = [limit.high for limit in limits]
     with context.atomic("success_rates.csv") as path:
-        config.provenance.first(rates).to_csv(path, index=False, float_format="%.6g")
+        rates.to_csv(path, index=False, float_format="%.6g")
     with context.atomic("per_start.csv") as path:
-        per_start = _count(outcomes, ["method", "action", "start"])
-        config.provenance.first(per_start).to_csv(path, index=False)
+        _count(outcomes, ["method", "action", "start"]).to_csv(path, index=False)
 
 
 def _count(outcomes: pd.DataFrame, by: list[str]) -> pd.DataFrame:
