@@ -47,13 +47,15 @@ class Writer:
         rows: Cells,
         budget: str = "paper",
     ) -> Path:
-        """A CSV with the experiment-wide columns before its own."""
+        """A CSV, and a run.json beside it where none stands there yet."""
         path = self.root / experiment / name
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("w", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["experiment", "budget", "commit", *columns])
-            writer.writerows([experiment, budget, COMMIT, *row] for row in rows)
+            writer.writerow(columns)
+            writer.writerows(rows)
+        if not (path.parent / "run.json").exists():
+            self.run(experiment, {}, budget)
         return path
 
     def rates(
@@ -75,8 +77,8 @@ class Writer:
         """run.json and config.yaml."""
         folder = self.root / experiment
         folder.mkdir(parents=True, exist_ok=True)
-        told = {"experiment": experiment, "commit": COMMIT, "dirty": False, "budget": budget}
-        (folder / "run.json").write_text(json.dumps(told | {"stages": stages}))
+        run = {"experiment": experiment, "budget": budget, "stages": stages}
+        (folder / "run.json").write_text(json.dumps(run))
         rope = {"length": 1.0, "radius": 0.008, "links": 40}
         config = {"workflow": experiment, "stages": {"rollouts": {"config": {"rope": rope}}}}
         (folder / "config.yaml").write_text(yaml.safe_dump(config))
@@ -145,8 +147,8 @@ def write_everything(root: Path, budget: str = "paper") -> Writer:
 
 
 def _stage(name: str, signature: str, seconds: float, caption: str) -> dict:
-    told = {"stage": name, "signature": signature, "seconds": seconds, "shared": False}
-    return told | {"caption": caption}
+    made = {"stage": name, "signature": signature, "seconds": seconds, "shared": False}
+    return made | {"caption": caption, "commit": COMMIT}
 
 
 STAGES = {

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from knotflow.report.claims import CLAIMS
+from knotflow.report.claims import Verdict
+from knotflow.report.page import CLAIMS
 from knotflow.report.results import Results
-from knotflow.report.verdict import Verdict
 
 BRANCHES = ("method", "start", "seed", "branches", "solved", "seconds")
 
 
 def outcome(write, number):
-    return CLAIMS[number].outcome(Results(write.root))
+    return CLAIMS[number][1].outcome(Results(write.root))
 
 
 def trees(write, method, straight, arc, unsolved=()):
@@ -25,7 +25,7 @@ def trees(write, method, straight, arc, unsolved=()):
 
 
 def test_the_papers_numbers_are_all_there():
-    told = " ".join(claim.paper for claim in CLAIMS)
+    told = " ".join(claim.paper for _, claim in CLAIMS)
     for number in (
         *("100×", "1.14× to 2.33×", "3 to 190", "1,428", "up to 43", "9 (arc)", "below 5"),
         *("7 of 8", "4.3 ± 2.6 / 3.4 ± 0.6", "12 branches", "far apart"),
@@ -34,7 +34,7 @@ def test_the_papers_numbers_are_all_there():
 
 
 def test_nothing_run_judges_nothing(write):
-    found = [claim.outcome(Results(write.root)) for claim in CLAIMS]
+    found = [claim.outcome(Results(write.root)) for _, claim in CLAIMS]
     assert {outcome.verdict for outcome in found} == {Verdict.NOT_RUN}
     assert "needs imitation and random in single_stage" in found[0].ours
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from knotflow.report.results import Results
-from knotflow.report.rows import ResultsError
+from knotflow.report.results import COUNT, NOTE, TEXT, Results, ResultsError, read_table
 
 
 def test_no_folder_is_no_results(tmp_path):
@@ -26,12 +25,32 @@ def test_an_experiment_without_tables_is_not_measured(write):
 
 
 def test_a_table_alone_is_enough(write):
-    write.table("single_stage", "any.csv", ("x",), [(1,)], budget="smoke")
+    write.table("single_stage", "any.csv", ("x",), [(1,)])
+    (write.root / "single_stage" / "run.json").unlink()
     found = Results(write.root).experiments["single_stage"]
-    assert (found.budget, found.commit[:4], found.dirty, found.stages) == (
-        *("smoke", "0123", False),
-        [],
-    )
+    assert found.measured and not found.paper
+    assert (found.budget, found.commits, found.stages) == ("", "commit unknown", [])
+
+
+def made(*commits, **more):
+    return {str(i): {"commit": commit, **more} for i, commit in enumerate(commits)}
+
+
+@pytest.mark.parametrize(
+    ("stages", "words"),
+    [
+        (made("a" * 40, "a" * 40), "commit `aaaaaaaaaa`"),
+        (made("a" * 40, "b" * 40, "c" * 40), "3 commits, from `aaaaaaaaaa` to `cccccccccc`"),
+        (made("a", None), "commit `a`, unknown for 1 of 2 stages"),
+        (made("a", dirty=True), "commit `a`, with uncommitted changes"),
+        (made(None), "commit unknown"),
+    ],
+)
+def test_commits_are_those_of_the_stages_never_that_of_the_run(write, stages, words):
+    write.run("single_stage", stages)
+    path = write.root / "single_stage" / "run.json"
+    path.write_text(path.read_text().replace("{", '{"commit": "fff", "dirty": false, ', 1))
+    assert Results(write.root).experiments["single_stage"].commits == words
 
 
 def test_run_json_tells_of_stages_and_missing_keys_are_tolerated(write):
@@ -51,22 +70,9 @@ def test_the_rope_is_found_in_the_resolved_config(write):
     assert rope == {"length": 1.0, "radius": 0.008, "links": 40}
 
 
-def test_tables_of_another_budget_than_the_run_are_refused(write):
-    write.run("single_stage", {}, budget="paper")
-    write.table("single_stage", "any.csv", ("x",), [(1,)], budget="smoke")
-    with pytest.raises(ResultsError, match=r"any.csv, column 'budget'.*'smoke'.*'paper'"):
-        Results(write.root)
-
-
 @pytest.mark.parametrize(
     ("name", "content", "problem"),
     [
-        ("a.csv", "", "empty; needs a header"),
-        ("a.csv", "experiment,budget,commit,x\n", "a header and no rows"),
-        ("a.csv", "experiment,budget,x\n1,2,3\n", "column 'commit' is missing"),
-        ("a.csv", "experiment,budget,commit,x,x\n1,2,3,4,5\n", "'x' appears more than once"),
-        ("a.csv", "experiment,budget,commit\n1,2,3\n1,2\n", r"row 2 \(line 3\): 2 cells"),
-        ("a.csv", "experiment,budget,commit\ne,smoke,3\ne,paper,3\n", "'budget', row 2"),
         ("run.json", "{", "not JSON"),
         ("run.json", "[1]", "list where a mapping was expected"),
         ("config.yaml", "a: [", "not YAML"),
@@ -78,3 +84,34 @@ def test_a_broken_file_is_named(write, name, content, problem):
     path.write_text(content)
     with pytest.raises(ResultsError, match=f"single_stage/{name}.*{problem}"):
         Results(write.root)
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        (b"", "not a table"),
+        (b"\xff\xfe", "not a table"),
+        (b"name,n\n1,2,3\n", "not a table .*line 2"),
+        (b"name,n\n", "a header and no rows"),
+        (b"name,n,n\na,2,3\n", "'n' appears more than once"),
+        (b"name\na\n", "column 'n' is missing; it has name"),
+        (b"name,n\na,1\nb\n", r"column 'n', row 2 \(line 3\): '' is not a number"),
+        (b"name,n\na,1\n,2\n", r"column 'name', row 2 \(line 3\): is empty"),
+        (b"name,n\na,-1\n", r"column 'n', row 1 \(line 2\): '-1' is outside"),
+        (b"name,n\na,inf\n", "'inf' is outside"),
+        (b"name,n\na,1.5\n", "'1.5' is not a whole number"),
+        (b"name,n\na,1\na,2\n", "column 'name', row 2 .*: a stands in an earlier row already"),
+    ],
+)
+def test_what_is_wrong_with_a_table_is_named_with_its_place(tmp_path, content, problem):
+    path = tmp_path / "table.csv"
+    path.write_bytes(content)
+    with pytest.raises(ResultsError, match=f"table.csv.*{problem}"):
+        read_table(path, {"name": TEXT, "n": COUNT}, key=("name",))
+
+
+def test_a_table_may_have_more_than_is_asked_for(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text('commit,n,note\nabc,3,""\nabc,4,"x, y"\n')
+    table = read_table(path, {"n": COUNT, "note": NOTE})
+    assert table["n"].tolist() == [3, 4] and table["note"].tolist() == ["", "x, y"]

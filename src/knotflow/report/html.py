@@ -1,15 +1,13 @@
-"""Markdown to one HTML page's body: figures inlined, verdicts coloured, headings linkable."""
+"""Markdown to one HTML page's body: figures linked, verdicts coloured, headings linkable."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 
-from knotflow.report.style import Picture
-from knotflow.report.verdict import Verdict
+from knotflow.report.claims import Verdict
 
 
 def slug(title: str) -> str:
@@ -17,23 +15,11 @@ def slug(title: str) -> str:
     return re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
 
 
-def to_html(markdown: str, pictures: Sequence[Picture]) -> str:
-    """The page's body. An image of one of `pictures` becomes that picture's own SVG."""
+def to_html(markdown: str) -> str:
+    """The page's body. Figures are linked as SVG, which stays sharp on every screen."""
     parser = MarkdownIt("commonmark", {"html": True}).enable("table")
-    inline = {f"figures/{picture.name}.png": picture.inline() for picture in pictures}
-
-    def image(_: object, tokens: Sequence[Token], index: int, *__: object) -> str:
-        return inline[str(tokens[index].attrs["src"])]
-
-    def table_open(*_: object) -> str:
-        return '<div class="wide"><table>\n'
-
-    def table_close(*_: object) -> str:
-        return "</table></div>\n"
-
-    parser.add_render_rule("image", image)
-    parser.add_render_rule("table_open", table_open)
-    parser.add_render_rule("table_close", table_close)
+    parser.add_render_rule("table_open", lambda *_: '<div class="wide"><table>\n')
+    parser.add_render_rule("table_close", lambda *_: "</table></div>\n")
     tokens = parser.parse(markdown)
     for opening, inner in zip(tokens, tokens[1:], strict=False):
         if inner.type != "inline":
@@ -57,5 +43,7 @@ def _as_figure(opening: Token, inner: Token, closing: Token) -> None:
     """A paragraph of an image and emphasised words: a figure and its caption."""
     opening.tag = closing.tag = "figure"
     for child in inner.children or []:
-        if child.type in ("em_open", "em_close"):
+        if child.type == "image":
+            child.attrs["src"] = str(child.attrs["src"]).removesuffix(".png") + ".svg"
+        elif child.type in ("em_open", "em_close"):
             child.tag = "figcaption"

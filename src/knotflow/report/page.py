@@ -4,19 +4,59 @@ from __future__ import annotations
 
 import os
 import re
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from knotflow.report import overview, tables
-from knotflow.report.claims import CLAIMS
+from knotflow.report import (
+    ablation_actor_critic,
+    benchmark,
+    causal_infogan,
+    joint_finetuning,
+    knots,
+    overhand,
+    pentagram,
+    single_stage,
+    tables,
+    tree_size,
+)
+from knotflow.report.claims import Verdict
 from knotflow.report.html import slug, to_html
 from knotflow.report.results import Experiment, Results
-from knotflow.report.sections import SECTIONS, Pictures, Section, plain
+from knotflow.report.section import Pictures, Section, plain
 from knotflow.report.statistics import RESAMPLES
 from knotflow.report.style import Picture
+from knotflow.report.timing import timing
 
+#: In the order of the paper. To add one: write `<experiment>.py` with a `SECTION` and
+#: `templates/<experiment>.md.j2` with its words, and put it here.
+SECTIONS: tuple[Section, ...] = (
+    overhand.SECTION,
+    single_stage.SECTION,
+    tree_size.SECTION,
+    ablation_actor_critic.SECTION,
+    joint_finetuning.SECTION,
+    causal_infogan.SECTION,
+    plain(
+        "closed_loop",
+        "Execution in closed loop",
+        "Sec. VI and VII-D",
+        "Plans executed with tracking and model predictive control, here in simulation.",
+    ),
+    pentagram.SECTION,
+    knots.SECTION,
+    benchmark.SECTION,
+)
+CLAIMS = [(section.experiment, claim) for section in SECTIONS for claim in section.claims]
+
+TALLY = (
+    (Verdict.HOLDS, "holds", "hold"),
+    (Verdict.PARTLY, "holds partly", "hold partly"),
+    (Verdict.FAILS, "does not hold", "do not hold"),
+    (Verdict.NOT_RUN, "was not run yet", "were not run yet"),
+)
 TITLE = "Planning knots: paper and measurement"
 RECORDINGS_SHOWN = 12
 
@@ -76,21 +116,18 @@ def compose(results: Results, link: str) -> Report:
         for section in sections
         if (found := results.experiments.get(section.experiment))
         and found.measured
-        and found.budget != "paper"
+        and not found.paper
     ]
-    titles = [section.title for section in sections]
     body = templates.get_template("body.md.j2").render(
         lead=templates.get_template("lead.md.j2").render(link=link),
         any=any(found.measured for found in results.experiments.values()),
         not_paper=tables.listed(smaller),
-        **overview.claims(results),
-        criteria=[claim for claim in CLAIMS if claim.judge],
-        experiments=overview.experiments(
-            results, sections, {title: slug(title) for title in titles}
-        ),
+        **_claims(results),
+        criteria=[claim for _, claim in CLAIMS],
+        experiments=_experiments(results, sections),
         sections=parts,
-        timing=templates.get_template("timing.md.j2").render(**overview.timing(results, pictures)),
-        commands=overview.commands(results, sections),
+        timing=templates.get_template("timing.md.j2").render(**timing(results, pictures)),
+        commands=_commands(results, sections),
         differences=templates.get_template("differences.md.j2").render(ropes=_ropes(results)),
         methods=templates.get_template("methods.md.j2").render(resamples=RESAMPLES),
     )
@@ -109,7 +146,7 @@ def compose(results: Results, link: str) -> Report:
         contents=[
             {"title": title, "slug": slug(title), "pending": title in pending} for title in headings
         ],
-        body=to_html(body, pictures.made),
+        body=to_html(body),
     )
     return Report(markdown.rstrip() + "\n", html.rstrip() + "\n", pictures.made)
 
@@ -123,10 +160,59 @@ def _section(
         section=section,
         body=None if values is None else templates.get_template(section.words).render(**values),
         experiment=found,
-        commit=overview.commit(found) if found else "",
         recordings=_recordings(found, results, link) if found else [],
         link=link,
     )
+
+
+def _claims(results: Results) -> dict[str, str]:
+    """The table of claims, and how many of them hold."""
+    lines = []
+    tally: Counter[Verdict] = Counter()
+    for experiment, claim in CLAIMS:
+        outcome = claim.outcome(results)
+        found = results.experiments.get(experiment)
+        tally[outcome.verdict] += 1
+        verdict = f"**{outcome.verdict}**"
+        if outcome.verdict is not Verdict.NOT_RUN and found and not found.paper:
+            verdict += f" ({found.budget or 'unknown'} run)"
+        ours = outcome.ours or tables.NOTHING
+        where = claim.where.replace(", ", ",<br>").replace(" ", "\u00a0").replace("-", "\u2011")
+        lines.append([claim.statement, where, claim.paper, ours, verdict])
+    header = ["claim", "where", "paper", "ours, 95 % intervals", "verdict"]
+    told = [
+        f"{tally[verdict]} {one if tally[verdict] == 1 else many}"
+        for verdict, one, many in TALLY
+        if tally[verdict]
+    ]
+    return {
+        "claims": tables.markdown_table(header, lines),
+        "tally": f"Of {len(CLAIMS)} claims: {tables.listed(told)}.",
+    }
+
+
+def _experiments(results: Results, sections: list[Section]) -> str:
+    """A line for each experiment: where in the paper, run or not, with what."""
+    lines = []
+    for section in sections:
+        found = results.experiments.get(section.experiment)
+        if found is None or not found.measured:
+            state = [str(Verdict.NOT_RUN), tables.NOTHING, tables.NOTHING]
+        else:
+            state = ["run", f"`{found.budget or 'unknown'}`", found.commits]
+        lines.append([f"[{section.title}](#{slug(section.title)})", section.paper, *state])
+    return tables.markdown_table(["experiment", "paper", "state", "budget", "made with"], lines)
+
+
+def _commands(results: Results, sections: list[Section]) -> str:
+    """The command of each experiment that was run, and of this report."""
+    lines = [
+        [section.title, f"`{section.command}`"]
+        for section in sections
+        if (found := results.experiments.get(section.experiment)) and found.measured
+    ]
+    lines.append(["This report", "`python -m knotflow.report`"])
+    return tables.markdown_table(["what", "command"], lines)
 
 
 def _recordings(found: Experiment, results: Results, link: str) -> list[tuple[str, str]]:

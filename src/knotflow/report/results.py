@@ -1,30 +1,22 @@
 """The committed results folder: which experiments were run, with what, and their tables.
 
 Only `results/<experiment>/` is read; the bulky artifacts in `results/stages/` never are, so the
-report can be made from a fresh clone.
+report can be made from a fresh clone. Every table is read by `read_table`, which holds each cell
+against what its column promises.
 """
 
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import yaml
-
-from knotflow.report.records import (
-    Rates,
-    Searches,
-    StartRate,
-    Throughput,
-    read_rates,
-    read_searches,
-    read_start_rates,
-    read_throughput,
-)
-from knotflow.report.rows import ResultsError, Row, read_rows
 
 #: Folders of results/ that are no experiment: bulky stage outputs and training curves.
 NO_EXPERIMENT = ("stages", "metrics")
@@ -32,10 +24,110 @@ NO_EXPERIMENT = ("stages", "metrics")
 #: What lies beside the tables and is none: a plan for a robot.
 NO_TABLE = ("waypoints.csv",)
 
+_FLAGS = {"true": True, "1": True, "false": False, "0": False}
+
+
+class ResultsError(ValueError):
+    """A file under results/ is not what its contract says; the message names file, column, row."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """What the cells of a column have to be."""
+
+    kind: str
+    """`text`, `flag` (true or false in any case, 1 or 0), `number` or `count`."""
+    low: float = -math.inf
+    high: float = math.inf
+    optional: bool = False
+    """Whether a cell may be empty; an empty number is read as NaN."""
+
+
+TEXT, NOTE, FLAG = Column("text"), Column("text", optional=True), Column("flag")
+NUMBER, AMOUNT, SHARE = Column("number"), Column("number", 0), Column("number", 0, 1)
+COUNT, AT_LEAST_ONE = Column("count", 0), Column("count", 1)
+
+
+def read_table(
+    path: Path, columns: Mapping[str, Column] | None = None, key: Sequence[str] = ()
+) -> pd.DataFrame:
+    """A CSV with one header line; `columns` are read as what they promise, others as text.
+
+    Its index counts data rows from 1, and `refuse` knows its path.
+
+    Args:
+        path: of the CSV.
+        columns: those that the table must have.
+        key: columns that no two rows may share the values of.
+
+    Raises:
+        ResultsError: not a table, a column missing or there twice, no rows, a cell that is not
+            what its column promises, or a row that stands there twice.
+    """
+    try:
+        cells = pd.read_csv(
+            path,
+            header=None,
+            dtype=str,
+            keep_default_na=False,
+            skip_blank_lines=False,
+            encoding="utf-8-sig",
+        )
+    except (UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as problem:
+        raise ResultsError(f"{path}: not a table ({str(problem).strip()})") from None
+    header = cells.iloc[0].tolist()
+    for name in header:
+        if header.count(name) > 1:
+            raise ResultsError(f"{path}: column {name!r} appears more than once")
+    table = cells.iloc[1:].set_axis(header, axis=1)
+    table.attrs["path"] = str(path)
+    if table.empty:
+        raise ResultsError(f"{path}: a header and no rows")
+    for name, column in (columns or {}).items():
+        if name not in header:
+            raise ResultsError(f"{path}: column {name!r} is missing; it has {', '.join(header)}")
+        table[name] = _cells(table, name, column)
+    if key:
+        told = ", ".join(f"{{{name}}}" for name in key)
+        again = table.duplicated(list(key))
+        refuse(table, key[-1], again, f"{told} stands in an earlier row already")
+    return table
+
+
+def refuse(table: pd.DataFrame, column: str, wrong: pd.Series, problem: str) -> None:
+    """Raise ResultsError for the first row that is `wrong`; `problem` may name its `{columns}`."""
+    if wrong.any():
+        row = int(wrong.idxmax())
+        told = problem.format(**table.loc[row].to_dict())
+        path = table.attrs["path"]
+        raise ResultsError(f"{path}, column {column!r}, row {row} (line {row + 1}): {told}")
+
+
+def _cells(table: pd.DataFrame, name: str, column: Column) -> pd.Series:
+    cells, quoted = table[name], f"'{{{name}}}'"
+    empty = cells.str.strip() == ""
+    if column.kind == "text":
+        refuse(table, name, empty & (not column.optional), "is empty")
+        return cells
+    if column.kind == "flag":
+        flags = cells.str.strip().str.lower().map(_FLAGS)
+        refuse(table, name, flags.isna(), f"{quoted} is neither true nor false")
+        return flags.astype(bool)
+    values = pd.to_numeric(cells, errors="coerce")
+    absent = empty & column.optional
+    refuse(table, name, values.isna() & ~absent, f"{quoted} is not a number")
+    inside = values.between(column.low, column.high) & (values.abs() < math.inf)
+    limits = f"{quoted} is outside [{column.low:g}, {column.high:g}]"
+    refuse(table, name, ~inside & ~absent, limits)
+    if column.kind == "number":
+        return values
+    refuse(table, name, values % 1 != 0, f"{quoted} is not a whole number")
+    return values.astype(int)
+
 
 @dataclass(frozen=True)
 class Stage:
-    """One stage of a run, as run.json tells it; `shared` ones were already there when it began."""
+    """One stage of a run, as run.json reports it; `shared` ones were there when it began."""
 
     node: str
     stage: str
@@ -43,6 +135,10 @@ class Stage:
     seconds: float | None
     shared: bool
     caption: str
+    commit: str
+    """The commit it was made with, '' where nothing says."""
+    dirty: bool
+    """Whether it was made with changes that the commit does not have."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +148,6 @@ class Experiment:
     folder: Path
     run: dict[str, Any]
     config: dict[str, Any]
-    tables: dict[str, list[Row]]
 
     @property
     def name(self) -> str:
@@ -62,17 +157,17 @@ class Experiment:
     @property
     def budget(self) -> str:
         """`paper` for the paper's counts, `smoke` for the short run of the same chain."""
-        return self._wide("budget")
+        return str(self.run.get("budget") or "")
 
     @property
-    def commit(self) -> str:
-        """The commit that the run was made with, '' where nothing says."""
-        return self._wide("commit")
+    def paper(self) -> bool:
+        """Whether it has the paper's counts."""
+        return self.budget == "paper"
 
-    @property
-    def dirty(self) -> bool:
-        """Whether the run was made with changes that the commit does not have."""
-        return bool(self.run.get("dirty", False))
+    @cached_property
+    def tables(self) -> list[Path]:
+        """Its CSVs, by name."""
+        return [path for path in sorted(self.folder.glob("*.csv")) if path.name not in NO_TABLE]
 
     @property
     def measured(self) -> bool:
@@ -82,21 +177,38 @@ class Experiment:
     @cached_property
     def stages(self) -> list[Stage]:
         """The run's stages in the order of run.json, which is the order of execution."""
-        found = []
-        for node, told in _mapping(self.run.get("stages"), self.folder / "run.json").items():
-            told = _mapping(told, self.folder / "run.json")
-            seconds = told.get("seconds")
+        found, path = [], self.folder / "run.json"
+        for node, entry in _mapping(self.run.get("stages"), path).items():
+            made = _mapping(entry, path)
+            seconds = made.get("seconds")
             found.append(
                 Stage(
                     node=node,
-                    stage=str(told.get("stage", node)),
-                    signature=str(told.get("signature", "")),
+                    stage=str(made.get("stage", node)),
+                    signature=str(made.get("signature", "")),
                     seconds=None if seconds is None else float(seconds),
-                    shared=bool(told.get("shared")) or told.get("origin") == "shared",
-                    caption=str(told.get("caption") or ""),
+                    shared=bool(made.get("shared")) or made.get("origin") == "shared",
+                    caption=str(made.get("caption") or ""),
+                    commit=str(made.get("commit") or ""),
+                    dirty=bool(made.get("dirty")),
                 )
             )
         return found
+
+    @property
+    def commits(self) -> str:
+        """The commits that its stages were made with, as a reader needs them; earliest first."""
+        known = list(dict.fromkeys(stage.commit for stage in self.stages if stage.commit))
+        short = [f"`{commit[:10]}`" for commit in known]
+        if len(short) > 1:
+            words = f"{len(short)} commits, from {short[0]} to {short[-1]}"
+        else:
+            words = f"commit {short[0]}" if short else "commit unknown"
+        unknown = sum(not stage.commit for stage in self.stages)
+        if short and unknown:
+            words += f", unknown for {unknown} of {len(self.stages)} stages"
+        dirty = any(stage.dirty for stage in self.stages)
+        return f"{words}, with uncommitted changes" if dirty else words
 
     @cached_property
     def ropes(self) -> list[dict[str, Any]]:
@@ -117,17 +229,12 @@ class Experiment:
         """The exemplar recordings committed beside the tables."""
         return sorted(self.folder.rglob("*.mcap"))
 
-    def _wide(self, column: str) -> str:
-        for rows in self.tables.values():
-            return rows[0].cells[column]
-        return str(self.run.get(column) or "")
-
 
 class Results:
     """Everything the report is made from.
 
     Raises:
-        ResultsError: on loading, where a file is not what its contract says.
+        ResultsError: on loading, where run.json or config.yaml cannot be read.
     """
 
     def __init__(self, root: Path) -> None:
@@ -139,43 +246,24 @@ class Results:
             if folder.is_dir() and folder.name not in NO_EXPERIMENT and folder.name[0] not in "._"
         }
 
-    def table(self, experiment: str, name: str) -> list[Row] | None:
-        """The rows of results/<experiment>/<name>, None where it has not been run."""
+    def table(
+        self,
+        experiment: str,
+        name: str,
+        columns: Mapping[str, Column] | None = None,
+        key: Sequence[str] = (),
+    ) -> pd.DataFrame | None:
+        """results/<experiment>/<name> by `read_table`, None where it has not been run."""
+        path = self.root / experiment / name
+        return read_table(path, columns, key) if path.is_file() else None
+
+    def paper(self, experiment: str) -> bool:
+        """Whether an experiment was run with the paper's counts."""
         found = self.experiments.get(experiment)
-        return found.tables.get(name) if found else None
-
-    def rates(self, experiment: str) -> Rates | None:
-        """success_rates.csv of single_stage or ablation_actor_critic."""
-        rows = self.table(experiment, "success_rates.csv")
-        return read_rates(rows) if rows else None
-
-    def start_rates(self, experiment: str) -> list[StartRate]:
-        """per_start.csv beside success_rates.csv, empty where it is not there."""
-        rows, rates = self.table(experiment, "per_start.csv"), self.rates(experiment)
-        return read_start_rates(rows, rates) if rows and rates else []
-
-    @property
-    def tree_size(self) -> Searches | None:
-        """tree_size/branches.csv."""
-        rows = self.table("tree_size", "branches.csv")
-        return read_searches(rows, "method", with_start=True) if rows else None
-
-    @property
-    def joint_finetuning(self) -> Searches | None:
-        """joint_finetuning/branches.csv."""
-        rows = self.table("joint_finetuning", "branches.csv")
-        return read_searches(rows, "primitives", with_start=False) if rows else None
-
-    @property
-    def throughput(self) -> list[Throughput] | None:
-        """benchmark/throughput.csv."""
-        rows = self.table("benchmark", "throughput.csv")
-        return read_throughput(rows) if rows else None
+        return found is not None and found.paper
 
 
 def _experiment(folder: Path) -> Experiment:
-    paths = [path for path in sorted(folder.glob("*.csv")) if path.name not in NO_TABLE]
-    tables = {path.name: read_rows(path) for path in paths}
     run_file, config_file = folder / "run.json", folder / "config.yaml"
     try:
         run = json.loads(run_file.read_text("utf-8")) if run_file.is_file() else {}
@@ -185,14 +273,7 @@ def _experiment(folder: Path) -> Experiment:
         config = yaml.safe_load(config_file.read_text("utf-8")) if config_file.is_file() else {}
     except (ValueError, yaml.YAMLError) as problem:
         raise ResultsError(f"{config_file}: not YAML ({problem})") from None
-    found = Experiment(folder, _mapping(run, run_file), _mapping(config, config_file), tables)
-    told = found.run.get("budget")
-    for rows in tables.values():
-        if told and rows[0].cells["budget"] != told:
-            raise rows[0].error(
-                "budget", f"{rows[0].cells['budget']!r}, but run.json beside it says {told!r}"
-            )
-    return found
+    return Experiment(folder, _mapping(run, run_file), _mapping(config, config_file))
 
 
 def _mapping(value: Any, path: Path) -> dict[str, Any]:

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import math
-import statistics
 from collections.abc import Callable, Sequence
 
-from knotflow.report.paper import Arm, in_order
-from knotflow.report.records import Rates, Search, StartRate
-from knotflow.report.statistics import Interval, bootstrap, rate_ratio
+from knotflow.report.statistics import Interval
 
 #: Where nothing was measured.
 NOTHING = "–"
@@ -69,75 +66,6 @@ def duration(seconds: float | None) -> str:
 def listed(names: Sequence[str]) -> str:
     """`a`, `a and b`, `a, b and c`."""
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
-
-
-def rate_table(rates: Rates, arms: Sequence[Arm]) -> str:
-    """Success rates, a line an action, a column a method; every bar of Fig. 6 as a number."""
-    header = ["action", *(arm.label for arm in arms)]
-    lines = []
-    for action in in_order(rates.actions):
-        found = [rates.get(arm.name, action) for arm in arms]
-        cells = [
-            f"{percent(r.interval)}<br>{r.successes:,} of {r.trials:,}" if r else NOTHING
-            for r in found
-        ]
-        lines.append([f"`{action}`", *cells])
-    return markdown_table(header, lines, "l" + "r" * len(arms))
-
-
-def ratio_table(rates: Rates, pairs: Sequence[tuple[Arm, Arm]]) -> str:
-    """How many times the first of each pair succeeds as often as the second, action by action."""
-    header = ["action", *(f"{first.label} / {base.label}" for first, base in pairs)]
-    lines = []
-    for action in in_order(rates.actions):
-        cells = []
-        for first, base in pairs:
-            top, bottom = rates.get(first.name, action), rates.get(base.name, action)
-            if top is None or bottom is None:
-                cells.append(NOTHING)
-                continue
-            ratio = rate_ratio(top.successes, top.trials, bottom.successes, bottom.trials)
-            cells.append(times(ratio))
-        lines.append([f"`{action}`", *cells])
-    return markdown_table(header, lines, "l" + "r" * len(pairs))
-
-
-def start_table(starts: Sequence[StartRate], arms: Sequence[Arm]) -> str:
-    """How evenly the successes lie over the starts, with the interval of resampled starts."""
-    lines = []
-    for action in in_order([start.action for start in starts]):
-        cells = []
-        for arm in arms:
-            own = [s for s in starts if (s.method, s.action) == (arm.name, action)]
-            mean = bootstrap([s.successes / s.trials for s in own]) if own else None
-            reached = sum(s.successes > 0 for s in own)
-            cells.append(f"{percent(mean)}<br>{reached} of {len(own)}" if mean else NOTHING)
-        lines.append([f"`{action}`", *cells])
-    header = ["action", *(arm.label for arm in arms)]
-    return markdown_table(header, lines, "l" + "r" * len(arms))
-
-
-def search_line(searches: Sequence[Search]) -> list[str]:
-    """Searches, fewest, median, mean with interval, spread, most branches, gave up, seconds."""
-    counts = [search.branches for search in searches]
-    mean = bootstrap(counts)
-    deviation = tenths(statistics.stdev(counts)) if len(counts) > 1 else NOTHING
-    middle = statistics.median(search.seconds for search in searches)
-    unsolved = sum(not search.solved for search in searches)
-    return [
-        str(len(counts)),
-        f"{min(counts):,}",
-        f"{statistics.median(counts):,g}",
-        estimate(mean),
-        deviation,
-        f"{max(counts):,}",
-        str(unsolved),
-        duration(middle),
-    ]
-
-
-#: What `search_line` has, in its order.
-SEARCH_COLUMNS = ("n", "fewest", "median", "mean (95 %)", "SD", "most", "gave up", "time, median")
 
 
 def _limits(interval: Interval, written: Callable[[float], str]) -> str:

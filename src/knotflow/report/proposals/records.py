@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.report.rows import Row, require
+from knotflow.report.results import COUNT, NOTE, NUMBER, TEXT, Results, refuse
 
-BEFORE, SPLINE, AFTER = "before", "spline", "after"
+PARTS = ("before", "spline", "after")
 OUTCOMES = ("success", "failure", "diverged")
 
 
@@ -46,43 +47,44 @@ class Rope:
     after: NDArray[np.float64] | None
 
 
-def read_proposals(rows: list[Row]) -> list[Rope]:
-    """proposals.csv, a row a point.
+def read_proposals(results: Results, experiment: str) -> list[Rope]:
+    """proposals.csv, a row a point; empty where it is not there.
 
     Raises:
         ResultsError: a point is missing, a rope has no spline, or a word is none of those known.
     """
-    require(rows, ("action", "start", "what", "proposal", "outcome", "point", "x", "y", "z"))
-    ropes: dict[tuple[str, int], dict[tuple[str, str], list[Row]]] = {}
-    for row in rows:
-        if row.text("what") not in (BEFORE, SPLINE, AFTER):
-            raise row.error("what", f"{row.text('what')!r} is none of before, spline, after")
-        items = ropes.setdefault((row.text("action"), row.count("start")), {})
-        items.setdefault((row.text("what"), row.text("proposal")), []).append(row)
-    return [_rope(*key, items) for key, items in ropes.items()]
+    columns = {"action": TEXT, "start": COUNT, "what": TEXT, "proposal": NOTE, "outcome": NOTE}
+    columns |= {"point": COUNT, "x": NUMBER, "y": NUMBER, "z": NUMBER}
+    table = results.table(experiment, "proposals.csv", columns)
+    if table is None:
+        return []
+    unknown = ~table["what"].isin(PARTS)
+    refuse(table, "what", unknown, f"'{{what}}' is none of {', '.join(PARTS)}")
+    spline = table["what"] == "spline"
+    unknown = spline & ~table["outcome"].isin(OUTCOMES)
+    refuse(table, "outcome", unknown, f"'{{outcome}}' is none of {', '.join(OUTCOMES)}")
+    items = table.groupby(["action", "start", "what", "proposal"], sort=False)
+    place = items.cumcount()
+    refuse(table, "point", table["point"] != place, "{point} does not follow the row before")
+    short = spline & (items["point"].transform("size") != 3)
+    refuse(table, "point", short, "a spline has 3 control points")
+    whole = table.groupby(["action", "start"])["what"].transform(
+        lambda what: {"before", "spline"} <= set(what)
+    )
+    refuse(table, "what", ~whole.astype(bool), "{action} needs a rope before and a spline")
+    ropes = table.groupby(["action", "start"], sort=False)
+    return [_rope(str(action), int(start), own) for (action, start), own in ropes]
 
 
-def _rope(action: str, start: int, items: dict[tuple[str, str], list[Row]]) -> Rope:
-    found: dict[str, list[list[Row]]] = {BEFORE: [], SPLINE: [], AFTER: []}
-    for (what, _), own in items.items():
-        found[what].append(own)
-    first = next(iter(items.values()))[0]
-    if len(found[BEFORE]) != 1 or not found[SPLINE]:
-        raise first.error("what", f"{action} from start {start} needs one rope before and a spline")
-    splines = []
-    for points in found[SPLINE]:
-        outcome = points[0].text("outcome")
-        if outcome not in OUTCOMES:
-            raise points[0].error("outcome", f"{outcome!r} is none of {', '.join(OUTCOMES)}")
-        if len(points) != 3:
-            raise points[0].error("point", f"{len(points)} control points; a spline has 3")
-        splines.append(Proposed(_points(points), outcome))
-    after = _points(found[AFTER][0]) if found[AFTER] else None
-    return Rope(action, start, _points(found[BEFORE][0]), tuple(splines), after)
+def _rope(action: str, start: int, own: pd.DataFrame) -> Rope:
+    parts = {what: rows for what, rows in own.groupby("what")}
+    splines = tuple(
+        Proposed(_points(rows), rows["outcome"].iloc[0])
+        for _, rows in parts["spline"].groupby("proposal", sort=False)
+    )
+    after = _points(parts["after"]) if "after" in parts else None
+    return Rope(action, start, _points(parts["before"]), splines, after)
 
 
-def _points(rows: list[Row]) -> NDArray[np.float64]:
-    for place, row in enumerate(rows):
-        if row.count("point") != place:
-            raise row.error("point", f"{row.count('point')} where {place} was expected")
-    return np.array([[row.number_in(axis, -np.inf) for axis in "xyz"] for row in rows])
+def _points(rows: pd.DataFrame) -> NDArray[np.float64]:
+    return rows[["x", "y", "z"]].to_numpy(float)

@@ -3,14 +3,10 @@
 import numpy as np
 import pytest
 
-from knotflow.report.causal_infogan import figures
-from knotflow.report.causal_infogan.judge import far_projections
-from knotflow.report.causal_infogan.records import read_panel
-from knotflow.report.claims import CLAIMS
+from knotflow.report.causal_infogan import SECTION, far_projections, read_panel
+from knotflow.report.claims import Verdict
 from knotflow.report.page import compose
-from knotflow.report.results import Results
-from knotflow.report.rows import ResultsError
-from knotflow.report.verdict import Verdict
+from knotflow.report.results import Results, ResultsError
 
 EXPERIMENT = "causal_infogan"
 GOAL = "C(0,1,1)"
@@ -101,7 +97,7 @@ def test_collapsed_trainings_and_training_shapes_decide_nothing(write):
 
 
 def test_the_claim_is_open_until_it_was_run(write):
-    claim = next(claim for claim in CLAIMS if claim.experiment == EXPERIMENT)
+    (claim,) = SECTION.claims
     assert claim.outcome(Results(write.root)).verdict is Verdict.NOT_RUN
     write.table(EXPERIMENT, "plans.csv", PLANS, plans([0.04]))
     assert "seeds.csv" in claim.outcome(Results(write.root)).ours
@@ -113,13 +109,5 @@ def test_a_panel_that_lost_a_vertex_is_an_error(write):
     lines = path.read_text().splitlines()
     del lines[20]
     path.write_text("\n".join(lines) + "\n")
-    with pytest.raises(ResultsError, match="column 1 of this row has no vertex 7"):
-        read_panel(Results(write.root).table(EXPERIMENT, "panel.csv"))
-
-
-def test_the_upper_strand_of_a_crossing_is_found():
-    # An alpha: the last link passes over the first one.
-    points = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [1, 1, 0.1], [1, -1, 0.1]], float)
-    assert figures._over_links(points) == [3]
-    assert figures._over_links(points * [1, 1, -1]) == [0]
-    assert figures._over_links(rope(1.0)) == []
+    with pytest.raises(ResultsError, match="column 1 of the plan that begins here has no vertex 7"):
+        read_panel(Results(write.root))

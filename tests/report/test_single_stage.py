@@ -1,8 +1,15 @@
 """The aim of the primitives beside what a search in the simulator finds."""
 
-from knotflow.report.feasible import Searched, feasible, searches
 from knotflow.report.page import compose
+from knotflow.report.rates import read_rates
 from knotflow.report.results import Results
+from knotflow.report.single_stage import feasible, searches
+
+
+def read(write):
+    results = Results(write.root)
+    return results, read_rates(results, "single_stage")
+
 
 COLUMNS = ("action", "success_share", "starts_left_out")
 
@@ -11,8 +18,8 @@ def test_starts_that_were_left_out_count_as_searched(write):
     rows = [("C(2,4,1)", 0.5, 0), ("C(2,4,1)", 0.7, 3), ("C(0,1,1)", 0.9, 1), ("R1(0,1,1)", 1.0, 0)]
     write.table("demonstrator", "shares.csv", COLUMNS, rows)
     found = searches(Results(write.root))
-    assert found["C(2,4,1)"] == Searched(found=2, left_out=3)
-    assert found["C(0,1,1)"] == Searched(found=1, left_out=1)
+    assert found["C(2,4,1)"] == (2, 5)
+    assert found["C(0,1,1)"] == (1, 2)
 
 
 def test_the_page_names_the_actions_that_reach_the_aim(write, rate_counts):
@@ -20,7 +27,7 @@ def test_the_page_names_the_actions_that_reach_the_aim(write, rate_counts):
     write.table(
         "demonstrator", "shares.csv", COLUMNS, [("C(2,4,1)", 0.5, 1), ("R1(0,1,1)", 1.0, 0)]
     )
-    told = feasible(Results(write.root), "single_stage")
+    told = feasible(*read(write))
     assert told["reached"] == "`R1(0,1,1)`" and told["missed"] == 7
     assert "50.0 %" in told["table"] and "`R1(0,1,1)`" not in told["table"]
     assert (
@@ -31,4 +38,4 @@ def test_the_page_names_the_actions_that_reach_the_aim(write, rate_counts):
 
 def test_without_reinforcement_there_is_nothing_to_say(write, rate_counts):
     write.rates("single_stage", rate_counts(("random",)))
-    assert feasible(Results(write.root), "single_stage") is None
+    assert feasible(*read(write)) is None

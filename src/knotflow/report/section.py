@@ -1,4 +1,4 @@
-"""What a section is: its place in the paper, and a function from results to the words' values."""
+"""What a section is: its place in the paper, its claims, and a function to its words' values."""
 
 from __future__ import annotations
 
@@ -6,8 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from knotflow.report.results import Results
+from knotflow.report.claims import Claim
+from knotflow.report.results import Results, read_table
 from knotflow.report.style import Picture
+from knotflow.report.tables import markdown_table
+
+#: Longer tables are cut here in a plain section; the file itself is one link away.
+ROWS_SHOWN = 20
 
 
 @dataclass
@@ -37,6 +42,7 @@ class Section:
     paper: str
     about: str
     values: Callable[[Results, Pictures], dict[str, Any] | None]
+    claims: tuple[Claim, ...] = ()
     template: str = ""
 
     @property
@@ -48,3 +54,20 @@ class Section:
     def command(self) -> str:
         """What makes it again."""
         return f"python -m knotflow +experiment={self.experiment}"
+
+
+def plain(experiment: str, title: str, paper: str, about: str) -> Section:
+    """A section that shows every table of an experiment, for those nobody wrote one for yet."""
+
+    def values(results: Results, _: Pictures) -> dict[str, Any] | None:
+        found = results.experiments.get(experiment)
+        if found is None or not found.measured:
+            return None
+        tables = []
+        for path in found.tables:
+            table = read_table(path)
+            shown = markdown_table(table.columns, table.head(ROWS_SHOWN).to_numpy().tolist())
+            tables.append({"name": path.name, "rows": len(table), "table": shown})
+        return {"tables": tables, "shown": ROWS_SHOWN}
+
+    return Section(experiment, title, paper, about, values, template="plain")

@@ -3,9 +3,10 @@
 import pytest
 import yaml
 
-from knotflow.report.cost import cost, spent
 from knotflow.report.page import compose
 from knotflow.report.results import Results
+from knotflow.report.section import Pictures
+from knotflow.report.timing import cost, spent
 
 
 def stage(name, seconds, signature):
@@ -31,7 +32,7 @@ def ablation(seconds):
 def told(write, seconds=2000.0, budget="paper"):
     write.run("single_stage", SINGLE, budget)
     write.run("ablation_actor_critic", ablation(seconds), budget)
-    return cost(Results(write.root), lambda picture: picture.name)
+    return cost(Results(write.root), Pictures())
 
 
 def test_each_stage_is_counted_once_and_by_its_kind(write):
@@ -64,9 +65,9 @@ def test_a_smoke_run_is_not_held_against_the_aim(write, rate_counts):
 
 def test_half_of_it_is_not_called_the_whole(write):
     write.run("single_stage", SINGLE)
-    found = cost(Results(write.root), lambda picture: picture.name)
+    found = cost(Results(write.root), Pictures())
     assert not found["complete"] and "together" not in found["table"]
-    assert cost(Results(write.root / "nowhere"), lambda picture: picture.name) is None
+    assert cost(Results(write.root / "nowhere"), Pictures()) is None
 
 
 def test_attempts_are_counted_from_the_configuration(write):
@@ -76,6 +77,6 @@ def test_attempts_are_counted_from_the_configuration(write):
     effort = {"rounds": 2, "ropes": 5, "splines": 3}
     config = {"stages": {"reinforcement": {"config": {"reinforcement": effort}}}}
     (write.root / "single_stage" / "config.yaml").write_text(yaml.safe_dump(config))
-    found = cost(Results(write.root), lambda picture: picture.name)
+    found = cost(Results(write.root), Pictures())
     assert found["attempts"] == 8 * 2 * 5 * 3
     assert found["attempts_time"] == "4 min 0 s"  # at a second each

@@ -3,8 +3,14 @@
 import pytest
 
 from knotflow.report import ResultsError
-from knotflow.report.learning.figures import imitation, joint, reinforcement, smoothed
-from knotflow.report.learning.records import POLICY_SUCCESS, read_curves
+from knotflow.report.learning import (
+    by_action,
+    imitation,
+    joint,
+    read_curves,
+    reinforcement,
+    smoothed,
+)
 from knotflow.report.page import compose
 from knotflow.report.results import Results
 
@@ -28,21 +34,21 @@ REINFORCED = [
 
 def read(write, rows, name="curves_imitation.csv"):
     write.table("single_stage", name, COLUMNS, rows)
-    return read_curves(Results(write.root).table("single_stage", name))
+    return read_curves(Results(write.root), "single_stage", name)
 
 
 def test_the_weights_that_were_kept_have_the_lowest_loss(write):
     curves = read(write, IMITATED)
-    assert curves.primitives == [1, 3]
-    assert curves.get(3, "validation_loss_critic").lowest == (2, 3.4)
-    assert curves.get(2, "validation_loss_critic") is None
+    assert curves[3, "validation_loss_critic"].idxmin() == 2
+    assert (2, "validation_loss_critic") not in curves
+    assert "imitation of 2 primitives" in imitation(curves, "i").alt
 
 
 def test_actions_have_curves_of_their_own(write):
     curves = read(write, REINFORCED, "curves_reinforcement.csv")
-    found = curves.by_action(3, POLICY_SUCCESS)
-    assert set(found) == {"C(4,2,1)", "C(0,1,1)"}
-    assert found["C(0,1,1)"].steps == (1, 2, 3)
+    found = by_action(curves, 3)
+    assert list(found) == ["C(0,1,1)", "C(4,2,1)"]
+    assert found["C(0,1,1)"].index.tolist() == [1, 2, 3]
     svg = reinforcement(curves, "r").svg
     assert svg.index(b">C(0,1,1)<") < svg.index(b">C(4,2,1)<")
 
@@ -55,7 +61,10 @@ def test_joint_finetuning_shows_episodes_beside_their_steps(write):
 
 @pytest.mark.parametrize(
     ("row", "message"),
-    [((1, 0, "loss_critic", 0.1), "stands there twice"), ((1, 9, "loss_critic", "nan"), "outside")],
+    [
+        ((1, 0, "loss_critic", 0.1), "stands in an earlier row already"),
+        ((1, 9, "loss_critic", "nan"), "is not a number"),
+    ],
 )
 def test_a_spoilt_table_is_refused(write, row, message):
     with pytest.raises(ResultsError, match=message):

@@ -33,7 +33,7 @@ def rows(outcomes=("success", "failure"), after=True, action="C(0,1,1)", start=0
 
 def read(write, made):
     write.table("single_stage", "proposals.csv", COLUMNS, made)
-    return read_proposals(Results(write.root).table("single_stage", "proposals.csv"))
+    return read_proposals(Results(write.root), "single_stage")
 
 
 def test_ropes_and_splines_are_read_back(write):
@@ -49,9 +49,9 @@ def test_ropes_and_splines_are_read_back(write):
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda made: made[:2] + made[3:], "3 where 2 was expected"),
-        (lambda made: made[:5], "needs one rope before and a spline"),
-        (lambda made: made[:7], "2 control points; a spline has 3"),
+        (lambda made: made[:2] + made[3:], "3 does not follow the row before"),
+        (lambda made: made[:5], "needs a rope before and a spline"),
+        (lambda made: made[:7], "a spline has 3 control points"),
         (lambda made: [row[:4] + ("maybe",) + row[5:] for row in made], "'maybe' is none of"),
         (lambda made: [row[:2] + ("rope",) + row[3:] for row in made], "'rope' is none of"),
     ],

@@ -1,42 +1,52 @@
-"""A table that is not what its contract says is refused, and the message names the place."""
+"""Success rates: read with care, drawn the same each time, nothing hidden that was not run."""
 
 from __future__ import annotations
 
 import re
+import xml.etree.ElementTree as ElementTree
 
+import matplotlib
 import pytest
 
-from knotflow.report.results import Results
-from knotflow.report.rows import ResultsError
+from knotflow.report.paper import SINGLE_STAGE
+from knotflow.report.rates import read_rates, success_rates
+from knotflow.report.results import Results, ResultsError
 
 RATE = ("method", "action", "trials", "successes", "success_rate", "ci_low", "ci_high")
 GOOD = ("random", "C(0,1,1)", 10, 3, 0.3, 0.1078, 0.6032)
-BRANCHES = ("method", "start", "seed", "branches", "solved", "seconds")
+
+
+def read(write):
+    return read_rates(Results(write.root), "single_stage")
 
 
 def rates_of(write, rows, columns=RATE):
     write.table("single_stage", "success_rates.csv", columns, rows)
-    return Results(write.root).rates("single_stage")
+    return read(write)
+
+
+def words(picture):
+    root = ElementTree.fromstring(picture.svg)
+    return [element.text for element in root.iter("{http://www.w3.org/2000/svg}text")]
 
 
 def test_a_good_table_is_read(write):
     rates = rates_of(write, [GOOD])
-    rate = rates.get("random", "C(0,1,1)")
-    assert (rate.successes, rate.trials) == (3, 10)
-    assert rates.get("icp", "C(0,1,1)") is None
+    assert rates.counts("random", "C(0,1,1)") == (3, 10)
+    assert rates.counts("icp", "C(0,1,1)") is None
 
 
 @pytest.mark.parametrize(
     ("column", "value", "problem"),
     [
         ("success_rate", 0.5, "disagrees with 3/10"),
-        ("ci_low", 0.2, "disagrees with 3/10: the lower 95 % Wilson limit"),
-        ("ci_high", 0.3, "disagrees with 3/10: the upper 95 % Wilson limit"),
+        ("ci_low", 0.2, "disagrees with 3/10: not the lower 95 % Wilson limit"),
+        ("ci_high", 0.3, "disagrees with 3/10: not the upper 95 % Wilson limit"),
         ("successes", 11, "11 of only 10 trials"),
-        ("trials", 0, "0 is outside"),
+        ("trials", 0, "'0' is outside"),
         ("trials", 9.5, "not a whole number"),
         ("successes", "many", "'many' is not a number"),
-        ("success_rate", "nan", "nan is outside"),
+        ("success_rate", "nan", "'nan' is not a number"),
         ("action", "R3(0)", "'R3(0)' is no topological action"),
     ],
 )
@@ -66,31 +76,32 @@ def test_start_rates_have_to_sum_to_the_rates(write):
     columns = ("method", "action", "start", "trials", "successes")
     starts = [("random", "C(0,1,1)", "a", 5, 1), ("random", "C(0,1,1)", "b", 5, 2)]
     write.table("single_stage", "per_start.csv", columns, starts)
-    assert len(Results(write.root).start_rates("single_stage")) == 2
+    assert len(read(write).starts) == 2
     write.table("single_stage", "per_start.csv", columns, starts[:1])
     with pytest.raises(ResultsError, match="sum to 1/5, success_rates.csv says 3/10"):
-        Results(write.root).start_rates("single_stage")
+        read(write)
 
 
-@pytest.mark.parametrize(("cell", "solved"), [("True", True), ("false", False), ("1", True)])
-def test_searches_are_read(write, cell, solved):
-    write.table("tree_size", "branches.csv", BRANCHES, [("icp", "arc", 4, 17, cell, 2.5)])
-    (search,) = Results(write.root).tree_size
-    assert (search.arm, search.start, search.seed, search.branches) == ("icp", "arc", 4, 17)
-    assert search.solved is solved
+def drawn(write, counts):
+    write.rates("single_stage", counts)
+    return success_rates(read(write), SINGLE_STAGE, "rates")
 
 
-def test_solved_is_a_truth_value(write):
-    write.table("tree_size", "branches.csv", BRANCHES, [("icp", "arc", 4, 17, "maybe", 2.5)])
-    with pytest.raises(ResultsError, match="column 'solved', row 1 .*neither true nor false"):
-        _ = Results(write.root).tree_size
+def test_same_bytes_whatever_the_users_style(write, rate_counts):
+    one = drawn(write, rate_counts(("random", "icp")))
+    with matplotlib.rc_context({"font.size": 20, "axes.facecolor": "red", "svg.hashsalt": "x"}):
+        again = drawn(write, rate_counts(("random", "icp")))
+    assert (one.png, one.svg) == (again.png, again.svg)
+    assert b"<dc:date>" not in one.svg and b"Software" not in one.png
 
 
-def test_throughput_agrees_with_rollouts_and_seconds(write):
-    columns = ("case", "links", "threads", "rollouts", "seconds")
-    columns += ("splines_per_second", "peak_memory_mb")
-    write.table("benchmark", "throughput.csv", columns, [("a", 40, 2, 100, 2.5, 40.1, 500)])
-    assert Results(write.root).throughput[0].splines_per_second == 40.1
-    write.table("benchmark", "throughput.csv", columns, [("a", 40, 2, 100, 2.5, 60, 500)])
-    with pytest.raises(ResultsError, match="column 'splines_per_second', row 1"):
-        _ = Results(write.root).throughput
+def test_methods_not_run_are_named_and_have_no_bars(write, rate_counts):
+    shown = set(words(drawn(write, rate_counts(("random",)))))
+    assert {"random", "ICP (not run yet)", "imitation (not run yet)"} <= shown
+    assert {"R1(0,1,1)", "C(2,4,1)", "3: Cross, an end goes over", "3.5"} <= shown
+
+
+def test_an_action_that_one_method_lacks_is_marked(write, rate_counts):
+    counts = rate_counts(("random", "icp"))
+    del counts["icp", "C(2,4,1)"]
+    assert "–" in words(drawn(write, counts))

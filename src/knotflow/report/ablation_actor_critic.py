@@ -1,0 +1,77 @@
+"""Actor alone, critic alone, and both (Sec. VII-B1, Fig. 7)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from knotflow.report.claims import Claim, Outcome, of_two
+from knotflow.report.paper import ABLATION, ACTIONS, with_extras
+from knotflow.report.rates import (
+    complete_rates,
+    rate_table,
+    ratio_table,
+    read_rates,
+    success_rates,
+    trials,
+)
+from knotflow.report.results import Results
+from knotflow.report.section import Pictures, Section
+from knotflow.report.tables import listed
+
+EXPERIMENT = "ablation_actor_critic"
+
+
+def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
+    """The figure and its tables."""
+    rates = read_rates(results, EXPERIMENT)
+    if rates is None:
+        return None
+    arms = with_extras(ABLATION, rates.methods)
+    run = [arm for arm in arms if arm.name in rates.methods]
+    together, alone = ABLATION[2], [arm for arm in ABLATION[:2] if arm in run]
+    pairs = [(together, arm) for arm in alone] if together in run else []
+    return {
+        "figure": pictures.add(success_rates(rates, arms, EXPERIMENT)),
+        "trials": trials(rates),
+        "missing": listed([arm.label for arm in arms if arm not in run]),
+        "rates": rate_table(rates, run),
+        "ratios": ratio_table(rates, pairs) if pairs else "",
+    }
+
+
+def together_best(results: Results) -> Outcome:
+    """Together best on 7 of 8, the gap to the critic alone largest on two of them."""
+    methods = ("actor_only", "critic_only", "actor_critic")
+    rates = complete_rates(results, EXPERIMENT, methods)
+    best, gaps = [], {}
+    for action in ACTIONS:
+        actor, critic, both = (rates.interval(method, action).estimate for method in methods)
+        gaps[action] = both - critic
+        if both >= max(actor, critic):
+            best.append(action)
+    widest = sorted(gaps, key=lambda action: -gaps[action])[:2]
+    told = listed([f"`{action}` ({100 * gaps[action]:+.0f} points)" for action in widest])
+    return Outcome(
+        f"best on {len(best)} of {len(ACTIONS)}; the gap to the critic alone is largest on {told}",
+        of_two(len(best) >= 7, set(widest) == {"C(2,0,1)", "C(2,4,1)"}),
+    )
+
+
+SECTION = Section(
+    EXPERIMENT,
+    "Ablation: actor and critic",
+    "Sec. VII-B1, Fig. 7",
+    "The same actions and rope shapes, with samples of the actor alone, of the cross-entropy "
+    "method on the critic alone, and of the critic started from the actor.",
+    values,
+    claims=(
+        Claim(
+            statement="Actor and critic together are best",
+            where="Sec. VII-B1, Fig. 7",
+            paper="on 7 of 8 actions; the gap is largest on C(2,0,1) and C(2,4,1)",
+            criterion="best on at least 7, and the two largest gaps to the critic alone are on "
+            "these; partly if one of the two",
+            judge=together_best,
+        ),
+    ),
+)

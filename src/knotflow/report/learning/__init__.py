@@ -1,1 +1,0 @@
-"""Learning curves of imitation and reinforcement in the report: their records and figures."""

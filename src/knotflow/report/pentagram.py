@@ -1,0 +1,86 @@
+"""A knot more complex than any in training (Sec. VII-E, Fig. 9)."""
+
+from __future__ import annotations
+
+import statistics
+from typing import Any
+
+from knotflow.report.claims import Claim, NotMeasured, Outcome, Verdict
+from knotflow.report.planning.pictures import stored
+from knotflow.report.results import Results
+from knotflow.report.searches import confirmation, read_searches, search_table, sizes
+from knotflow.report.section import Pictures, Section
+
+EXPERIMENT = "pentagram"
+#: The starts: what the table calls them, and what they are.
+PULLED = "pulled_overhand"
+STARTS = {
+    PULLED: "overhand, its head pulled out",
+    "straight": "straight rope, no hand in it",
+}
+#: Branches that the paper's one search took.
+PAPER_BRANCHES = 12
+
+
+def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
+    """A line for each start, and the plan of fewest branches from each."""
+    searches = read_searches(results, EXPERIMENT)
+    if searches is None:
+        return None
+    groups = [((name,), searches[searches["start"] == start]) for start, name in STARTS.items()]
+    return {
+        "table": search_table(("start",), [line for line in groups if len(line[1])]),
+        "confirmation": confirmation(searches),
+        "paper": PAPER_BRANCHES,
+        "pulled": _plan(results, pictures, "pulled"),
+        "untangled": _plan(results, pictures, "untangled"),
+    }
+
+
+def _plan(results: Results, pictures: Pictures, folder: str) -> str:
+    name = f"pentagram_{folder}"
+    return stored(results, pictures.add, EXPERIMENT, f"{folder}/plan", name, f"Plan, {folder}")
+
+
+def pulled_out(results: Results) -> Outcome:
+    """A plan found with 12 branches, from an overhand whose head was pulled out."""
+    searches = read_searches(results, EXPERIMENT)
+    if searches is None or PULLED not in set(searches["start"]):
+        raise NotMeasured(f"needs searches from {PULLED} in {EXPERIMENT}")
+    parts = []
+    for start, name in STARTS.items():
+        own = searches[searches["start"] == start]
+        counts = own["branches"][own["solved"]]
+        spread = (
+            f", {min(counts):,} to {max(counts):,} branches, median {statistics.median(counts):g}"
+            if len(counts)
+            else ""
+        )
+        if len(own):
+            parts.append(f"{name}: tied in {len(counts)} of {len(own)} searches{spread}")
+    trees = sizes(searches[searches["start"] == PULLED])
+    if statistics.median(trees) <= PAPER_BRANCHES:
+        verdict = Verdict.HOLDS
+    else:
+        verdict = Verdict.PARTLY if min(trees) <= PAPER_BRANCHES else Verdict.FAILS
+    return Outcome("; ".join(parts), verdict)
+
+
+SECTION = Section(
+    EXPERIMENT,
+    "The pentagram",
+    "Sec. VII-E, Fig. 9",
+    "A knot more complex than any in training, from an overhand whose head was pulled out, and "
+    "from a straight rope.",
+    values,
+    claims=(
+        Claim(
+            statement="Pentagram from an overhand whose head was pulled out by hand",
+            where="Sec. VII-E, Fig. 9",
+            paper="12 branches",
+            criterion="from there the median search ties it with at most 12 branches; partly if "
+            "the best one does",
+            judge=pulled_out,
+        ),
+    ),
+)

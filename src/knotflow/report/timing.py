@@ -1,0 +1,212 @@
+"""Where the time went: every stage once, and what single actions and ablation cost by kind."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from knotflow.report.paper import ACTIONS
+from knotflow.report.results import AT_LEAST_ONE, Experiment, Results, Stage
+from knotflow.report.section import Pictures
+from knotflow.report.style import (
+    INK,
+    MUTED,
+    PAPER,
+    RULE,
+    Picture,
+    bare_axis,
+    new_figure,
+    render,
+    styled,
+)
+from knotflow.report.tables import NOTHING, duration, listed, markdown_table
+
+#: Stages in the figure; the table beside it has all.
+STAGES_DRAWN = 15
+
+#: What the cost is of, and how the figure calls it.
+COSTED = {"single_stage": "single actions", "ablation_actor_critic": "what the ablation adds"}
+#: Both experiments from nothing, at the paper's counts on two cores: no longer than that.
+AIM_HOURS = 3.0
+
+SIMULATION, TRAINING, EVALUATION, OTHER = "simulation", "training", "evaluation", "tables"
+KINDS = {SIMULATION: "#0072b2", TRAINING: "#e69f00", EVALUATION: "#009e73", OTHER: "#8a8f98"}
+#: Kinds of the stages; any other makes tables and recordings from what is there.
+KIND_OF_STAGE = {
+    "demonstrations": SIMULATION,
+    "starts": SIMULATION,
+    "pools": SIMULATION,
+    "imitation": TRAINING,
+    "reinforcement": TRAINING,
+    "evaluation": EVALUATION,
+}
+
+
+def timing(results: Results, pictures: Pictures) -> dict[str, Any]:
+    """Every stage once, with its time; the longest as a figure."""
+    once: dict[str, tuple[str, Stage]] = {}
+    for name, found in results.experiments.items():
+        for stage in found.stages:
+            key = stage.signature or f"{name}/{stage.node}"
+            # The experiment that made it knows the time best; the others found it there.
+            if key not in once or (once[key][1].shared and not stage.shared):
+                once[key] = (name, stage)
+    lines = [
+        [name, f"`{stage.node}`", stage.caption or NOTHING, duration(stage.seconds)]
+        for name, stage in once.values()
+    ]
+    timed = [stage for _, stage in once.values() if stage.seconds is not None]
+    longest = sorted(timed, key=lambda stage: -(stage.seconds or 0.0))[:STAGES_DRAWN]
+    header = ["experiment", "stage", "what it makes", "time"]
+    return {
+        "figure": pictures.add(_longest(longest)) if len(longest) > 1 else "",
+        "shown": len(longest),
+        "total": duration(sum(stage.seconds or 0.0 for stage in timed)),
+        "count": len(once),
+        "table": markdown_table(header, lines, "lllr") if lines else "",
+    }
+
+
+def _longest(stages: Sequence[Stage]) -> Picture:
+    return bars(
+        [stage.node for stage in stages],
+        [(stage.seconds or 0.0) / 60 for stage in stages],
+        [duration(stage.seconds) for stage in stages],
+        axis="minutes",
+        name="stages",
+        alt=f"Wall-clock time of {len(stages)} stages",
+        line=0.3,
+    )
+
+
+def bars(
+    labels: Sequence[str],
+    values: Sequence[float],
+    notes: Sequence[str],
+    *,
+    axis: str,
+    name: str,
+    alt: str,
+    line: float,
+) -> Picture:
+    """A horizontal bar a value, its note behind it; `line` is the height of one, inches."""
+    with styled():
+        figure = new_figure(0.7 + line * len(labels))
+        axes = figure.add_subplot()
+        places = range(len(labels))
+        axes.barh(places, values, 0.62, color="#0072b2")
+        for y, (value, note) in enumerate(zip(values, notes, strict=True)):
+            axes.annotate(note, (value, y), (5, 0), textcoords="offset points", va="center")
+        axes.set_yticks(places, labels)
+        axes.tick_params(axis="y", labelcolor=INK)
+        axes.set_ylim(len(labels) - 0.4, -0.6)
+        axes.set_xlim(0, max([*values, 1e-9]) * 1.16)
+        axes.set_xlabel(axis)
+        bare_axis(axes, grid="x")
+        axes.axvline(0, color=RULE, linewidth=1.2)
+        return render(figure, name, alt)
+
+
+def cost(results: Results, pictures: Pictures) -> dict[str, Any] | None:
+    """The split as a figure and a table, and the total beside the aim; None before a run."""
+    split = spent(results)
+    if not split:
+        return None
+    total = sum(sum(kinds.values()) for kinds in split.values())
+    paper = all(results.paper(name) for name in split)
+    attempts, pace = _attempts(results), _pace(results)
+    return {
+        "figure": pictures.add(_split(split, paper=paper)),
+        "table": _table(split),
+        "total": duration(total),
+        "aim": f"{AIM_HOURS:g} hours",
+        "complete": len(split) == len(COSTED),
+        "paper": paper,
+        "within": total <= 3600 * AIM_HOURS,
+        "attempts": attempts if pace else 0,
+        "attempts_time": duration(attempts * pace) if pace else "",
+    }
+
+
+def spent(results: Results) -> dict[str, dict[str, float]]:
+    """Seconds by kind of each experiment that was run; a stage both need is the first's."""
+    split: dict[str, dict[str, float]] = {}
+    for found, stage in _stages(results):
+        kinds = split.setdefault(found.name, dict.fromkeys(KINDS, 0.0))
+        kinds[KIND_OF_STAGE.get(stage.stage, OTHER)] += stage.seconds or 0.0
+    return split
+
+
+def _stages(results: Results) -> list[tuple[Experiment, Stage]]:
+    """The stages of the costed experiments, each once."""
+    once: dict[str, tuple[Experiment, Stage]] = {}
+    for name in COSTED:
+        if found := results.experiments.get(name):
+            for stage in found.stages:
+                once.setdefault(stage.signature or f"{name}/{stage.node}", (found, stage))
+    return list(once.values())
+
+
+def _attempts(results: Results) -> int:
+    """How many rollouts reinforcement simulates, 0 where the configuration does not say."""
+    attempts = 0
+    for found, stage in _stages(results):
+        configured = (found.config.get("stages") or {}).get(stage.node) or {}
+        effort = (configured.get("config") or {}).get("reinforcement") or {}
+        if stage.stage == "reinforcement" and {"rounds", "ropes", "splines"} <= effort.keys():
+            attempts += len(ACTIONS) * effort["rounds"] * effort["ropes"] * effort["splines"]
+    return attempts
+
+
+def _pace(results: Results) -> float | None:
+    """Seconds a rollout of the demonstrations took; no run tells that of attempts apart."""
+    for found, stage in _stages(results):
+        table = results.table(found.name, "demonstrations.csv", {"trials": AT_LEAST_ONE})
+        if stage.stage == "demonstrations" and stage.seconds and table is not None:
+            return float(stage.seconds / table["trials"].sum())
+    return None
+
+
+def _table(split: Mapping[str, Mapping[str, float]]) -> str:
+    rows = {f"`{name}`": [kinds[kind] for kind in KINDS] for name, kinds in split.items()}
+    if len(split) > 1:
+        rows["together"] = [sum(column) for column in zip(*rows.values(), strict=True)]
+    lines = [[name, *map(duration, times), duration(sum(times))] for name, times in rows.items()]
+    return markdown_table(["experiment", *KINDS, "in all"], lines, "lrrrrr")
+
+
+def _split(split: Mapping[str, Mapping[str, float]], *, paper: bool) -> Picture:
+    """A stacked bar an experiment, one after the other; the aim where counts are the paper's."""
+    unit, word = (3600.0, "hours") if paper else (60.0, "minutes")
+    with styled():
+        figure = new_figure(0.95 + 0.38 * len(split))
+        axes = figure.add_subplot()
+        left = 0.0
+        for y, kinds in enumerate(split.values()):
+            begin = left
+            for kind, colour in KINDS.items():
+                width = kinds[kind] / unit
+                axes.barh(y, width, 0.6, left, color=colour, label=kind if y == 0 else None)
+                left += width
+            axes.annotate(
+                duration(sum(kinds.values())),
+                (left, y),
+                (6, 0),
+                textcoords="offset points",
+                va="center",
+                bbox={"facecolor": PAPER, "edgecolor": "none", "pad": 1.0},  # over the aim's line
+            )
+            if y:
+                axes.plot([begin, begin], [y - 1, y], color=MUTED, linewidth=0.7, zorder=0)
+        if paper:
+            axes.axvline(AIM_HOURS, color=INK, linewidth=1.0, linestyle=":")
+            axes.text(AIM_HOURS, -0.62, "aim ", ha="right", fontsize=8, color=MUTED)
+        names = [COSTED[name] for name in split]
+        axes.set_yticks(range(len(split)), names)
+        axes.tick_params(axis="y", labelcolor=INK)
+        axes.set_ylim(len(split) - 0.55, -0.75)
+        axes.set_xlim(0, max(left, AIM_HOURS if paper else 0.0) * 1.14)
+        axes.set_xlabel(word)
+        bare_axis(axes, grid="x")
+        figure.legend(loc="outside upper left", ncols=len(KINDS), frameon=False, fontsize=8.5)
+        return render(figure, "cost", f"Time of {listed(names)} by kind of work")

@@ -1,0 +1,132 @@
+"""How many branches a tree search needs to tie an overhand (Sec. VII-A4)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from knotflow.report.claims import Claim, NotMeasured, Outcome, of_two
+from knotflow.report.paper import OVERHAND_LIMIT, STARTS, TREE_SIZE, with_extras
+from knotflow.report.planning.pictures import stored
+from knotflow.report.results import Results
+from knotflow.report.searches import branches, of, read_searches, search_table, sizes
+from knotflow.report.section import Pictures, Section
+from knotflow.report.statistics import bootstrap
+from knotflow.report.tables import estimate, listed
+
+EXPERIMENT = "tree_size"
+#: The largest trees that the paper reports, by start and method; "below 5" is drawn at 4.
+PAPER_LARGEST: dict[tuple[str, str], float] = {
+    ("straight", "icp"): 190,
+    ("arc", "icp"): 1428,
+    ("straight", "imitation"): 43,
+    ("arc", "imitation"): 9,
+    ("straight", "reinforcement"): 4,
+    ("arc", "reinforcement"): 4,
+}
+
+
+def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
+    """The figure and a line for every method and start."""
+    searches = read_searches(results, EXPERIMENT, "method")
+    if searches is None:
+        return None
+    found = list(searches["arm"])
+    arms = with_extras(TREE_SIZE, found)
+    starts = list(dict.fromkeys([*STARTS, *searches["start"]]))
+    groups = [
+        ((start, arm.label), of(searches, arm.name, start)) for start in starts for arm in arms
+    ]
+    picture = branches(searches, arms, starts, EXPERIMENT, PAPER_LARGEST)
+    return {
+        "figure": pictures.add(picture),
+        "table": search_table(("start", "method"), [line for line in groups if len(line[1])]),
+        "missing": listed([arm.label for arm in arms if arm.name not in found]),
+        "limit": OVERHAND_LIMIT,
+        "dag": stored(results, pictures.add, EXPERIMENT, "dag", "tree_size_dag", "Solution DAG"),
+        "unsolved": sum(~searches["solved"]),
+        "paper": results.paper(EXPERIMENT),
+    }
+
+
+def icp(results: Results) -> Outcome:
+    """Sec. VII-A4: 3 to 190 branches (straight), up to 1428 (arc)."""
+    trees = _trees(results, "icp")
+    wide = [max(sizes(own)) >= 10 * own["branches"].min() for own in trees.values()]
+    return Outcome(_ranges(trees), of_two(*wide))
+
+
+def imitation(results: Results) -> Outcome:
+    """Sec. VII-A4: up to 43 branches (straight), 9 (arc)."""
+    trees = _trees(results, "imitation")
+    within = [max(sizes(own)) <= PAPER_LARGEST[s, "imitation"] for s, own in trees.items()]
+    return Outcome(_ranges(trees), of_two(*within))
+
+
+def reinforcement(results: Results) -> Outcome:
+    """Sec. VII-A4: below 5 in all 10 seeds, the limit of 3 in more than half."""
+    trees = {start: sizes(own) for start, own in _trees(results, "reinforcement").items()}
+    every = [size for own in trees.values() for size in own]
+    often = all(2 * own.count(OVERHAND_LIMIT) > len(own) for own in trees.values())
+    share = f"{OVERHAND_LIMIT} branches in {every.count(OVERHAND_LIMIT)} of {len(every)}"
+    ranges = _ranges(_trees(results, "reinforcement"))
+    return Outcome(f"{ranges}; {share}", of_two(max(every) < 5, often))
+
+
+def _trees(results: Results, arm: str) -> dict[str, pd.DataFrame]:
+    """The searches of a method by start, some from each."""
+    searches = read_searches(results, EXPERIMENT, "method")
+    trees = {start: of(searches, arm, start) for start in STARTS}
+    missing = [f"{arm} from the {start} start" for start, own in trees.items() if own.empty]
+    if missing:
+        raise NotMeasured(f"needs {listed(missing)} in tree_size")
+    return trees
+
+
+def _ranges(trees: dict[str, pd.DataFrame]) -> str:
+    parts = []
+    for start, own in trees.items():
+        counts, unsolved = own["branches"], sum(~own["solved"])
+        middle = estimate(bootstrap(counts, np.median))
+        gave_up = f", {unsolved} gave up" if unsolved else ""
+        parts.append(
+            f"{start}: {min(counts):,} to {max(counts):,}, median {middle}, "
+            f"{len(counts)} seeds{gave_up}"
+        )
+    return "; ".join(parts)
+
+
+SECTION = Section(
+    EXPERIMENT,
+    "Tree size",
+    "Sec. VII-A4",
+    "Branches of the search tree until an overhand is tied along the path R1(0,1,1), C(0,1,1), "
+    "C(2,0,1), from a straight rope and from an arc.",
+    values,
+    claims=(
+        Claim(
+            statement="Branches to the overhand, ICP",
+            where="Sec. VII-A4",
+            paper="10 seeds: 3 to 190 (straight), up to 1,428 (arc)",
+            criterion="from both starts the largest tree has at least 10 times the branches of "
+            "the smallest; partly from one",
+            judge=icp,
+        ),
+        Claim(
+            statement="Branches to the overhand, imitation only",
+            where="Sec. VII-A4",
+            paper="10 seeds: up to 43 (straight), 9 (arc)",
+            criterion="no tree is larger than these; partly from one of the starts",
+            judge=imitation,
+        ),
+        Claim(
+            statement="Branches to the overhand, imitation + RL",
+            where="Sec. VII-A4",
+            paper="below 5 in all 10 seeds, 3 (the limit) in more than half",
+            criterion="both are so from both starts; partly if one of the two",
+            judge=reinforcement,
+        ),
+    ),
+)

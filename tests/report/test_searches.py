@@ -1,0 +1,43 @@
+"""Tree searches: what a table of them has to hold, and their figure."""
+
+import pytest
+
+from knotflow.report.paper import TREE_SIZE
+from knotflow.report.results import Results, ResultsError
+from knotflow.report.searches import branches, read_searches, sizes
+
+BRANCHES = ("method", "start", "seed", "branches", "solved", "seconds")
+
+
+def read(write, *rows):
+    write.table("tree_size", "branches.csv", BRANCHES, rows)
+    return read_searches(Results(write.root), "tree_size", "method")
+
+
+@pytest.mark.parametrize(("cell", "solved"), [("True", True), ("false", False), ("1", True)])
+def test_searches_are_read(write, cell, solved):
+    (search,) = read(write, ("icp", "arc", 4, 17, cell, 2.5)).itertuples()
+    assert (search.arm, search.start, search.seed, search.branches) == ("icp", "arc", 4, 17)
+    assert search.solved == solved
+
+
+def test_solved_is_a_truth_value(write):
+    with pytest.raises(ResultsError, match="column 'solved', row 1 .*neither true nor false"):
+        read(write, ("icp", "arc", 4, 17, "maybe", 2.5))
+
+
+def test_a_search_stands_there_once(write):
+    with pytest.raises(ResultsError, match="row 2 .*icp, arc, 4 stands in an earlier row"):
+        read(write, ("icp", "arc", 4, 17, True, 2.5), ("icp", "arc", 4, 18, True, 2.5))
+
+
+def test_a_search_that_gave_up_is_larger_than_any_bound(write):
+    found = read(write, ("icp", "arc", 0, 17, True, 1.0), ("icp", "arc", 1, 500, False, 9.0))
+    assert sizes(found) == [17, float("inf")]
+
+
+@pytest.mark.parametrize("solved", [True, False])
+def test_branches_with_a_method_not_run_and_one_single_search(write, solved):
+    found = read(write, ("icp", "arc", 0, 40, solved, 1.0))
+    picture = branches(found, TREE_SIZE, ["straight", "arc"], "b", {})
+    assert picture.svg.count(b">not run yet<") == 5
