@@ -19,6 +19,8 @@ from knotflow.workflow.stages.plans_dag import PlansDagConfig, picture
 from knotflow.workflow.stages.plans_exemplar import PlansExemplarConfig, show
 from knotflow.workflow.stages.provenance import Provenance
 
+pytestmark = pytest.mark.slow
+
 LOOP = "R1(0,1,1)"  # aimed guesses succeed often
 AIMED = SamplerConfig("aimed")
 SIMULATION = SimulationConfig(threads=1)
