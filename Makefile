@@ -9,7 +9,10 @@ $(VENV)/.installed: pyproject.toml
 	$(BIN)/pip install --quiet -e ".[test]"
 	touch $@
 
-.PHONY: run test check smoke report benchmark
+.PHONY: run test quick check smoke report benchmark
+
+# Two workers, a thread each; the tests of a file share its fixtures, and so stay on one worker.
+PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 run: $(VENV)/.installed  ## a plan for the overhand in a random rope, with the shipped primitives
 	$(BIN)/python -m knotflow +experiment=overhand
@@ -19,7 +22,10 @@ smoke: $(VENV)/.installed  ## in small: demonstrations, training, baselines, eva
 	$(BIN)/python -m knotflow.report --results results/smoke --out reports/smoke
 
 test: $(VENV)/.installed check  ## everything that must hold
-	$(BIN)/python -m pytest
+	$(PYTEST)
+
+quick: $(VENV)/.installed  ## the tests that are not marked slow: for the work in between
+	$(PYTEST) -m "not slow"
 
 check: $(VENV)/.installed
 	$(BIN)/ruff check src tests

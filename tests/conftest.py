@@ -7,6 +7,12 @@ from joblib.externals.loky import get_reusable_executor
 from knotflow.simulation import RopeSimulator, SimulationConfig
 
 
+def pytest_collection_modifyitems(items):
+    """Slow files first, so that the last ones spread evenly over the workers."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
+
+
 @pytest.fixture(scope="session")
 def simulator():
     """The default simulator; building it is slower than using it."""

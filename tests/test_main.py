@@ -21,6 +21,7 @@ def knotflow(*arguments, cwd=None):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -49,6 +50,7 @@ def test_errors_name_what_is_wrong_and_what_is_valid(arguments, message, tmp_pat
     assert not list(tmp_path.rglob("*.csv"))
 
 
+@pytest.mark.slow
 def test_it_runs_from_any_folder_and_writes_where_it_is_told(tmp_path):
     done = knotflow(
         "+experiment=benchmark",
@@ -67,6 +69,7 @@ def test_the_paper_is_all_experiments():
     assert sorted([*chained, "paper"]) == sorted(path.stem for path in folder.glob("*.yaml"))
 
 
+@pytest.mark.slow
 def test_several_experiments_run_with_the_same_overrides_and_go_on(tmp_path):
     asked = [
         *("+experiment=paper", "experiments=[benchmark,demonstrator]", "budget=smoke"),

@@ -30,6 +30,7 @@ def plan(*arguments, **where):
     return knotflow("+experiment=overhand", "sampler=aimed", *arguments, **where)
 
 
+@pytest.mark.slow
 def test_a_plan_is_told_written_and_told_again(tmp_path):
     points = np.zeros((25, 3))
     points[:, 0] = np.linspace(-0.5, 0.5, 25)
@@ -56,6 +57,7 @@ def test_a_plan_is_told_written_and_told_again(tmp_path):
     assert (folder / "run.json").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_a_failed_search_says_so_and_a_bad_rope_is_named(tmp_path):
     failed = plan("knot=pentagram", "planner.max_branches=2", results=tmp_path)
     assert failed.returncode == 1
@@ -74,6 +76,7 @@ def test_a_failed_search_says_so_and_a_bad_rope_is_named(tmp_path):
     assert not list(tmp_path.glob("plan-overhand-nan*"))
 
 
+@pytest.mark.slow
 def test_what_to_plan_is_refused_where_nothing_is_planned(tmp_path):
     done = knotflow("+experiment=benchmark", "seed=3", results=tmp_path)
     assert done.returncode != 0

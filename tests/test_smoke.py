@@ -11,6 +11,8 @@ from knotflow.demonstrations import TASKS
 from knotflow.recording import load
 from knotflow.topology import TopologicalState
 
+pytestmark = pytest.mark.slow
+
 ACTIONS = [str(task.action) for task in TASKS]
 METHODS = ["random", "icp", "imitation", "reinforcement"]
 

@@ -51,6 +51,7 @@ def test_it_opens_what_was_asked(folder, opened, capsys):
     assert opened == [(folder / "b.mcap", None), (folder / "b.mcap", 3), (folder / "a.mcap", None)]
 
 
+@pytest.mark.slow
 def test_save_writes_a_rerun_file_and_opens_nothing(folder, opened, capsys):
     pytest.importorskip("rerun")
     target = folder / "out.rrd"

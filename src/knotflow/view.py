@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from knotflow.recording import (
-    NotARecordingError,
     ViewerError,
     find_recording,
     open_recording,
@@ -30,7 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _check(source, options.number, options.headless_check)
         if options.save is None:
             open_recording(source, number=options.number)
-    except (OSError, NotARecordingError, ValueError, ViewerError) as error:
+    except (OSError, ValueError, ViewerError) as error:
         print(f"knotflow.view: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

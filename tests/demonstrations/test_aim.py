@@ -8,6 +8,7 @@ from knotflow.simulation import check_splines, random_curve, reached, straight
 from knotflow.topology import segment_intervals
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["R1(0,1,1)", "R2(0,0,1,1)"])
 def test_it_reaches_untangled_actions_now_and_then(simulator, rng, name):
     points = straight(simulator.config.rope)

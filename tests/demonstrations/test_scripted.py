@@ -19,6 +19,7 @@ from knotflow.simulation import SPLINE_HIGH, check_splines, straight
 from knotflow.topology import parse_action
 
 
+@pytest.mark.slow
 def test_a_demonstration_bears_its_noise(simulator, rng):
     points, one = straight(simulator.config.rope), task("R1(0,1,1)")
     seen = []

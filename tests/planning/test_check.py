@@ -18,6 +18,7 @@ TYPES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TYPES)
 def test_every_state_of_a_named_knot_is_that_knot(name):
     assert {expected_type(state) for state in knot(name)} == TYPES[name]
@@ -41,6 +42,7 @@ def test_untied_states_are_unknots_even_with_an_end_inside():
         assert expected_type(TopologicalState.parse(text)) == "0_1"
 
 
+@pytest.mark.slow
 def test_a_tied_rope_is_confirmed_and_another_refused(plan):
     assert confirm(plan.shapes[-1], plan.states[-1]) == "+3_1"
     assert knot_type(plan.shapes[0]) == "0_1"

@@ -6,8 +6,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from knotflow.recording import (
+    DamagedRecordingError,
     NotARecordingError,
-    TruncatedRecordingWarning,
     index,
     write_index,
     write_recording,
@@ -59,14 +59,17 @@ def test_only_changed_files_are_read_again(folder, make_rollout, monkeypatch):
     assert read == ["shard-1.mcap", "shard-3.mcap"]
 
 
-def test_a_cut_file_is_indexed_as_far_as_it_goes_and_warned_of_each_time(folder):
+def test_a_damaged_file_is_refused_and_leaves_the_old_index(folder):
+    written = write_index(folder).read_bytes()
     path = folder / "shard-1.mcap"
-    path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
-    for _ in range(2):
-        with pytest.warns(TruncatedRecordingWarning, match="shard-1.mcap is damaged"):
-            numbers = pq.read_table(write_index(folder))["number"].to_pylist()
-        assert set(range(40)) | set(range(80, 120)) < set(numbers)
-        assert len(numbers) < 120
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) * 2 // 3])
+    with pytest.raises(DamagedRecordingError, match="shard-1.mcap is damaged"):
+        write_index(folder)
+    path.write_bytes(whole.replace(b"\x28\xb5\x2f\xfd", b"\x28\xb5\x2f\xfe", 1))  # zstd's magic
+    with pytest.raises(DamagedRecordingError, match="shard-1.mcap is damaged"):
+        write_index(folder)
+    assert (folder / "index.parquet").read_bytes() == written
 
 
 def test_bad_folders_say_what_is_there(tmp_path):

@@ -8,8 +8,9 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from knotflow.recording import (
+    DamagedRecordingError,
     NotARecordingError,
-    TruncatedRecordingWarning,
+    load,
     read_metadata,
     read_recording,
     write_recording,
@@ -28,15 +29,6 @@ def recording(tmp_path, rollouts):
     path = tmp_path / "recording.mcap"
     write_recording(path, rollouts, {"stage": "test", "config": "a: 1\n"})
     return path
-
-
-def read_damaged(path) -> tuple[list, TruncatedRecordingWarning]:
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        found = list(read_recording(path))
-    (warning,) = caught
-    assert isinstance(warning.message, TruncatedRecordingWarning)
-    return found, warning.message
 
 
 def test_round_trip_is_exact_and_silent(recording, rollouts, assert_same):
@@ -60,71 +52,60 @@ def test_round_trip_of_extremes(tmp_path, make_rollout, assert_same):
         assert_same(written, read)
 
 
-def test_a_cut_file_gives_every_whole_rollout_before_the_cut(recording, rollouts, assert_same):
+def test_a_cut_file_is_refused_at_once_and_names_its_repair(recording):
     whole = recording.read_bytes()
-    with recording.open("rb") as stream:
-        data_end = max(
-            chunk.chunk_start_offset + chunk.chunk_length
-            for chunk in make_reader(stream).get_summary().chunk_indexes
-        )
-    before = 0
     for cut in [*range(0, len(whole), len(whole) // 60), len(whole) - 1]:
         recording.write_bytes(whole[:cut])
-        found, warning = read_damaged(recording)
-        for written, read in zip(rollouts, found, strict=False):
-            assert_same(written, read)
-        assert len(found) >= before
-        before = len(found)
-        assert warning.byte <= cut and warning.rollouts_read == len(found)
-        assert len(found) == COUNT if cut >= data_end else len(found) < COUNT
-        # Of rollouts whose facts lie behind the cut nothing is known.
-        assert warning.rollouts_lost in {0, 32 - len(found), COUNT - len(found)}
-        assert warning.messages_lost >= 2 * 4 * warning.rollouts_lost
-        assert f"byte {warning.byte}: " in str(warning)
-        assert f"{len(found)} rollouts were read whole" in str(warning)
-    assert before == COUNT
+        words = rf"recording.mcap is damaged: it is cut after {cut} bytes.*mcap recover recording"
+        for read in (read_recording, read_metadata):
+            with pytest.raises(DamagedRecordingError, match=words):
+                read(recording)
 
 
-def test_a_cut_inside_a_chunk_loses_only_the_rollouts_after_it(tmp_path, make_rollout):
-    path = tmp_path / "one_chunk.mcap"
-    write_recording(path, map(make_rollout, range(30)), {})  # about 500 KB in one chunk
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    found, warning = read_damaged(path)
-    assert 5 <= len(found) <= 15
-    assert warning.rollouts_lost == 30 - len(found)
-
-
-def test_flipped_bytes_never_give_a_wrong_trajectory(recording, rollouts):
+def test_flipped_bytes_never_give_a_wrong_trajectory(recording, rollouts, assert_same):
     whole = recording.read_bytes()
     rng = np.random.default_rng(0)
-    lossy = 0
-    for place in rng.integers(8, len(whole), 60):
+    refused = 0
+    for place in rng.integers(8, len(whole) - 8, 60):
         damaged = bytearray(whole)
         damaged[place] ^= int(rng.integers(1, 256))
         recording.write_bytes(damaged)
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            found = list(read_recording(recording))
-        for read in found:
-            np.testing.assert_array_equal(read.points, rollouts[read.number].points)
-        assert caught or len(found) == COUNT
-        lossy += len(found) < COUNT
-    assert lossy > 30
+        found = []
+        try:
+            found.extend(read_recording(recording))
+        except DamagedRecordingError:
+            refused += 1
+        else:
+            assert len(found) == COUNT
+        for written, read in zip(rollouts, found, strict=False):
+            assert_same(written, read)
+    assert refused > 50
 
 
-def test_rollouts_after_a_damaged_chunk_are_still_read(recording):
-    """Even after the first chunk, which names the topics; the summary names them again."""
+def test_a_recovered_recording_gives_its_whole_rollouts_and_counts_the_others(
+    recording, rollouts, assert_same
+):
+    """What `mcap recover` makes of a cut file: a complete file of the messages before the cut."""
     with recording.open("rb") as stream:
-        chunks = make_reader(stream).get_summary().chunk_indexes
-    whole = recording.read_bytes()
-    for chunk, lost in ((chunks[0], range(32)), (chunks[1], range(32)), (chunks[2], range(32, 40))):
-        damaged = bytearray(whole)
-        damaged[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 255
-        recording.write_bytes(damaged)
-        found, warning = read_damaged(recording)
-        assert {rollout.number for rollout in found} == set(range(COUNT)) - set(lost)
-        assert warning.byte == chunk.chunk_start_offset
-        assert warning.messages_lost > 0
+        messages = list(make_reader(stream).iter_messages(log_time_order=False))
+    recovered = recording.with_name("recovered.mcap")
+    with recovered.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        channels: dict[str, int] = {}
+        for schema, channel, message in messages[: len(messages) // 2]:
+            if channel.topic not in channels:
+                kind = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = writer.register_channel(channel.topic, "protobuf", kind)
+            writer.add_message(channels[channel.topic], message.log_time, message.data, 0)
+        writer.finish()
+    with pytest.warns(UserWarning, match=r"recovered.mcap announces \d+ rollouts without all"):
+        found = list(read_recording(recovered))
+    assert 10 < len(found) < 32
+    for written, read in zip(rollouts, found, strict=False):
+        assert_same(written, read)
+    with pytest.warns(UserWarning, match="recovered.mcap announces"):
+        assert load(recovered)["number"].tolist() == [rollout.number for rollout in found]
 
 
 def test_errors_come_at_the_call_and_say_what_is_there(tmp_path, recording):
@@ -146,5 +127,7 @@ def test_a_foreign_mcap_is_no_recording(tmp_path):
         channel = writer.register_channel("/camera", "json", 0)
         writer.add_message(channel, 0, b"{}", 0)
         writer.finish()
-    with pytest.raises(NotARecordingError, match="topics in it: /camera"):
+    with pytest.raises(
+        NotARecordingError, match="foreign.mcap is an MCAP without a single whole rollout"
+    ):
         list(read_recording(path))

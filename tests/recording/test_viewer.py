@@ -6,7 +6,7 @@ import subprocess
 import pytest
 
 from knotflow.recording import (
-    TruncatedRecordingWarning,
+    DamagedRecordingError,
     ViewerError,
     find_recording,
     read_recording,
@@ -57,14 +57,15 @@ def test_the_rollouts_asked_for_are_shown(folder, rerun_calls):
         save_rerun(folder / "b.mcap", "out.rrd", number=9)
 
 
-def test_a_damaged_recording_is_shown_as_far_as_it_goes(tmp_path, make_rollout, rerun_calls):
-    path = tmp_path / "cut.mcap"
+def test_a_damaged_recording_is_not_shown_in_part(tmp_path, make_rollout, rerun_calls):
+    path = tmp_path / "changed.mcap"
     write_recording(path, map(make_rollout, range(30)), {})
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    with pytest.warns(TruncatedRecordingWarning):
+    whole = bytearray(path.read_bytes())
+    whole[len(whole) // 2] ^= 255
+    path.write_bytes(whole)
+    with pytest.raises(DamagedRecordingError, match="mcap recover"):
         save_rerun(path, "out.rrd")
-    shown = rerun_calls[0][1]
-    assert shown == list(range(len(shown))) and len(shown) > 3
+    assert rerun_calls == []
 
 
 def test_what_rerun_refuses_is_told(tmp_path):

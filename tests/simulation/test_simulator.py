@@ -39,6 +39,7 @@ def test_shapes_and_times(simulator, rng):
     np.testing.assert_allclose(rollouts.trajectory[:, -1], rollouts.end_points, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_random_splines_neither_explode_nor_stretch_nor_sink(simulator, rng):
     points, splines = random_batch(simulator, rng, 96)
     rollouts = simulator.execute(points, splines)
@@ -50,6 +51,7 @@ def test_random_splines_neither_explode_nor_stretch_nor_sink(simulator, rng):
     assert speed.max() < 4.0  # the gripper itself moves at up to 1 m/s
 
 
+@pytest.mark.slow
 def test_the_rope_is_at_rest_before_and_after(simulator, rng):
     points, splines = random_batch(simulator, rng, 32)
     rollouts = simulator.execute(points, splines)
@@ -87,6 +89,7 @@ def test_results_do_not_depend_on_threads_or_batches(simulator, rng):
         assert np.array_equal(alone.end_points[0], together.end_points[i])
 
 
+@pytest.mark.slow
 def test_more_ropes_than_a_chunk(simulator, rng):
     points, splines = random_batch(simulator, rng, 70)
     together = simulator.execute(points, splines)

@@ -56,6 +56,7 @@ def test_equal_seeds_give_equal_starts():
     assert np.array_equal(one, other)
 
 
+@pytest.mark.slow
 def test_reached_starts_have_the_state_and_every_attempt_is_seen(simulator, rng):
     actions = [parse_action("R1(0,1,1)"), parse_action("C(0,1,1)")]
     goal = TopologicalState.trivial().apply(actions[0]).apply(actions[1])
@@ -70,6 +71,7 @@ def test_reached_starts_have_the_state_and_every_attempt_is_seen(simulator, rng)
     assert len({points.tobytes() for points in starts.points}) == 3
 
 
+@pytest.mark.slow
 def test_hopeless_proposals_are_reported(simulator, rng):
     def stay(points, action, count, rng):
         middle = points[20]
@@ -79,6 +81,7 @@ def test_hopeless_proposals_are_reported(simulator, rng):
         reached([parse_action("R1(0,1,1)")], 1, simulator, stay, rng, StartsConfig(rounds=1))
 
 
+@pytest.mark.slow
 def test_attempts_read_the_state_at_rest(simulator, rng):
     action = parse_action("R1(0,1,1)")
     points = straight(simulator.config.rope)

@@ -52,6 +52,7 @@ def joined_above(state):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "rolfsen", "count"),
     [("overhand", "3_1", 4), ("figure_eight", "4_1", 8), ("pentagram", "5_1", 4)]
@@ -78,6 +79,7 @@ def test_names_are_closed_under_the_symmetries():
         assert {state.reversed() for state in states} == states
 
 
+@pytest.mark.slow
 def test_figure_eights_are_all_the_four_crossing_ones(states_by_crossings):
     # Alternating, reduced, and with both ends in one face: the only such knot is 4_1.
     found = set()

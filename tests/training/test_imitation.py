@@ -22,6 +22,7 @@ def weights(training):
     return torch.cat([value.flatten() for value in training.primitive.state_dict().values()])
 
 
+@pytest.mark.slow
 def test_imitation_learns_what_makes_trials_succeed(primitive_config, trials, curves):
     training = Imitation([trials], primitive_config, replace(CONFIG, validations=12), 0)
     metrics = list(training)
@@ -40,6 +41,7 @@ def test_a_variant_trains_the_network_it_has(primitive_config, trials, variant):
     assert metrics[-1][f"validation_loss_{name}"] < metrics[0][f"validation_loss_{name}"]
 
 
+@pytest.mark.slow
 def test_an_interrupted_training_ends_with_the_same_weights(primitive_config, trials, tmp_path):
     through = Imitation([trials], primitive_config, CONFIG, 3)
     list(through)

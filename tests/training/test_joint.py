@@ -200,6 +200,7 @@ def test_primitives_that_take_no_step_stay_as_they_were(start, library):
     assert same == [False, True, False, False]
 
 
+@pytest.mark.slow
 def test_an_interrupted_training_ends_with_the_same_weights(
     start, library, primitive_config, tmp_path
 ):
@@ -277,6 +278,7 @@ def test_demonstrations_that_do_not_tell_where_they_led_are_left_out(start, toy)
     assert start(path=PATH[:2], trials=trials)._learners[3].demonstrations.trials == 10
 
 
+@pytest.mark.slow
 def test_a_primitive_learns_to_leave_what_the_next_one_needs(start, library):
     """The first step succeeds from y > -1, but only y > 0 leaves a rope that leads on."""
     config = JointConfig(

@@ -46,6 +46,7 @@ def start(folder: Path) -> subprocess.Popen[bytes]:
     )
 
 
+@pytest.mark.slow
 def test_killed_at_random_moments(tmp_path: Path) -> None:
     moments = random.Random(0)
     killed, whole = tmp_path / "killed", tmp_path / "whole"
@@ -127,6 +128,7 @@ def audited(
     return mapping
 
 
+@pytest.mark.slow
 def test_killed_before_each_change_of_the_file_system(
     go: Go, audited: dict[str, Any], tmp_path: Path
 ) -> None:
@@ -156,6 +158,7 @@ def test_killed_before_each_change_of_the_file_system(
     assert moment > 20  # there were so many moments to try
 
 
+@pytest.mark.slow
 def test_disk_full_from_each_change_on(go: Go, audited: dict[str, Any], tmp_path: Path) -> None:
     whole = content(go(audited, results_dir=tmp_path / "whole").parent)
     for moment in range(1000):
@@ -179,6 +182,7 @@ def test_disk_full_from_each_change_on(go: Go, audited: dict[str, Any], tmp_path
     assert moment > 20
 
 
+@pytest.mark.slow
 def test_killed_while_replacing_results(go: Go, audited: dict[str, Any], tmp_path: Path) -> None:
     whole = tmp_path / "whole"
     go(audited, results_dir=whole)

@@ -19,6 +19,8 @@ from knotflow.workflow.stages import causal_infogan_ends as ending
 from knotflow.workflow.stages import causal_infogan_plans as planning
 from knotflow.workflow.stages.recorder import Recorder
 
+pytestmark = pytest.mark.slow
+
 R2 = "R2(0,0,1,1)"  # aimed guesses succeed often, and its starts need no simulation
 NETWORK = CausalInfoGanConfig(
     width=8, batch=8, steps=4, check_every=2, prior_samples=8, restarts=2, projection_steps=2,

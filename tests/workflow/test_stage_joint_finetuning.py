@@ -27,6 +27,8 @@ from knotflow.workflow import StageContext
 from knotflow.workflow.stages import joint_finetuning as room
 from knotflow.workflow.stages.recorder import Recorder
 
+pytestmark = pytest.mark.slow
+
 SIMULATION = SimulationConfig(threads=1)
 SMALL = PrimitiveConfig(
     "actor_critic",

@@ -18,6 +18,8 @@ from knotflow.workflow.stages.plans import PlanCase, PlansConfig, make_plans, re
 from knotflow.workflow.stages.plans_dag import PlansDagConfig, picture
 from knotflow.workflow.stages.plans_exemplar import PlansExemplarConfig, show
 
+pytestmark = pytest.mark.slow
+
 LOOP = "R1(0,1,1)"  # aimed guesses succeed often
 AIMED = SamplerConfig("aimed")
 SIMULATION = SimulationConfig(threads=1)

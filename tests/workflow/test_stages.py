@@ -14,6 +14,8 @@ from knotflow.workflow.stages.demonstrations import DemonstrationsConfig, simula
 from knotflow.workflow.stages.starts import load_starts
 from knotflow.workflow.stages.success_rates import SuccessRatesConfig, tabulate
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def few(tmp_path_factory):

@@ -17,6 +17,8 @@ from knotflow.workflow import StageContext, WorkersConfig, WorkflowError
 from knotflow.workflow.stages.demonstrations import DemonstrationsConfig, simulate_demonstrations
 from knotflow.workflow.workers import each
 
+pytestmark = pytest.mark.slow
+
 PATIENCE = 240.0  # seconds until something is taken for not happening at all
 
 

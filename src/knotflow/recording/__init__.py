@@ -6,9 +6,13 @@ is, and one ``knotflow.Rollout`` message a rollout with its action, spline and o
 
 from __future__ import annotations
 
-from .errors import NotARecordingError, TruncatedRecordingWarning
 from .index import write_index
-from .reader import read_metadata, read_recording
+from .reader import (
+    DamagedRecordingError,
+    NotARecordingError,
+    read_metadata,
+    read_recording,
+)
 from .schema import OUTCOMES, Outcome, RecordedRollout
 from .table import load
 from .viewer import ViewerError, find_recording, open_recording, save_rerun
@@ -16,10 +20,10 @@ from .writer import write_recording
 
 __all__ = [
     "OUTCOMES",
+    "DamagedRecordingError",
     "NotARecordingError",
     "Outcome",
     "RecordedRollout",
-    "TruncatedRecordingWarning",
     "ViewerError",
     "find_recording",
     "load",

@@ -84,7 +84,7 @@ class Facts:
         return int(self.message.frames)
 
     def row(self) -> dict[str, Any]:
-        """The facts as one row of the index (see ``index.COLUMNS``), without its file."""
+        """The facts as one row of the index (see ``index.SCHEMA``), without its file."""
         texts = {name: getattr(self.message, name) for name in _TEXTS}
         return {
             "number": self.number,

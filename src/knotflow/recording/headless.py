@@ -75,7 +75,7 @@ def check_recording(
             which lie over the picture, are gone.
 
     Raises:
-        FileNotFoundError, NotARecordingError, ValueError, ViewerError: as for ``save_rerun``.
+        FileNotFoundError, ValueError, ViewerError: as for ``save_rerun``.
         RuntimeError: no headless viewer can run here, or it did not answer.
     """
     missing = why_not_headless()

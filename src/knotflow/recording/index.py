@@ -14,13 +14,11 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
-from mcap.exceptions import McapError
 from mcap.reader import make_reader
-from mcap.stream_reader import CRCValidationError
 
 from . import topics
 from .facts import SPLINE_COLUMNS, Facts, RolloutMessage
-from .reader import existing_recording, read_with_facts
+from .reader import damage_named, existing_recording, read_with_facts
 from .writer import sync_folder
 
 INDEX_NAME = "index.parquet"
@@ -48,15 +46,15 @@ def write_index(folder: str | os.PathLike[str]) -> Path:
     """Bring ``index.parquet`` of a folder up to date with its ``*.mcap`` files.
 
     Rows of files whose size and modification time are as before are taken over; of the others,
-    the facts are read. Its columns are those of ``SCHEMA``. A damaged file is indexed as far as
-    it can be read, with a warning, and is looked at again each time.
+    the facts are read. Its columns are those of ``SCHEMA``.
 
     Returns:
         The index file.
 
     Raises:
         FileNotFoundError: no such folder, or no recording in it.
-        NotARecordingError: a ``*.mcap`` in it is no recording.
+        NotARecordingError, DamagedRecordingError: a ``*.mcap`` in it is no recording, or none
+            that can be read.
     """
     place = Path(folder)
     path = place / INDEX_NAME
@@ -72,20 +70,17 @@ def index_table(folder: Path) -> pa.Table:
     """What the index of a folder should hold now, reusing the rows of unchanged files.
 
     Raises:
-        FileNotFoundError, NotARecordingError: as for ``write_index``.
+        FileNotFoundError, NotARecordingError, DamagedRecordingError: as for ``write_index``.
     """
     stamps = _stamps(folder)
     old = _stored(folder)
     known = _indexed_files(old)
     parts = []
-    for name, stamp in list(stamps.items()):
-        if known.get(name) == stamp:
-            parts.append(old.filter(pc.equal(old["file"], name)))
-            continue
-        part, complete = file_table(folder / name)
-        parts.append(part)
-        if not complete:
-            del stamps[name]  # so that its warning comes again
+    for name, stamp in stamps.items():
+        unchanged = known.get(name) == stamp
+        parts.append(
+            old.filter(pc.equal(old["file"], name)) if unchanged else file_table(folder / name)
+        )
     table = pa.concat_tables([part.replace_schema_metadata(None) for part in parts])
     return table.replace_schema_metadata({_FILES: json.dumps(stamps)})
 
@@ -100,20 +95,19 @@ def fresh_index(folder: Path) -> pa.Table | None:
     return table if _indexed_files(table) == _stamps(folder) else None
 
 
-def file_table(path: Path) -> tuple[pa.Table, bool]:
-    """The index rows of one recording, and whether it is undamaged.
+def file_table(path: Path) -> pa.Table:
+    """The index rows of one recording.
 
     Raises:
-        FileNotFoundError, NotARecordingError: as for ``read_recording``.
+        FileNotFoundError, NotARecordingError, DamagedRecordingError: as for ``read_recording``.
     """
     facts = _facts_of_whole_file(existing_recording(path))
-    complete = facts is not None
-    if facts is None:  # only reading it through tells which rollouts are whole; this also warns
+    if facts is None:  # only reading it through tells which rollouts are whole
         facts = [each for each, _ in read_with_facts(path)]
     rows = [{"file": path.name, **each.row()} for each in facts]
     for row in rows:
         row["extra"] = json.dumps(row["extra"], sort_keys=True)
-    return pa.Table.from_pylist(rows, schema=SCHEMA), complete
+    return pa.Table.from_pylist(rows, schema=SCHEMA)
 
 
 def recordings_in(folder: Path) -> list[Path]:
@@ -136,16 +130,13 @@ def recordings_in(folder: Path) -> list[Path]:
 
 def _facts_of_whole_file(path: Path) -> list[Facts] | None:
     """The facts of a file whose summary accounts for every frame, else None."""
-    with path.open("rb") as stream:
-        try:
-            reader = make_reader(stream, validate_crcs=True)
-            summary = reader.get_summary()
-            if summary is None or summary.statistics is None:
-                return None
-            messages = reader.iter_messages(topics.ROLLOUT, log_time_order=False)
-            facts = [Facts(RolloutMessage.FromString(message.data)) for _, _, message in messages]
-        except (McapError, CRCValidationError):
+    with path.open("rb") as stream, damage_named(path):
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        if summary is None or summary.statistics is None:
             return None
+        messages = reader.iter_messages(topics.ROLLOUT, log_time_order=False)
+        facts = [Facts(RolloutMessage.FromString(message.data)) for _, _, message in messages]
     topic_of = {channel.id: channel.topic for channel in summary.channels.values()}
     counts = {
         topic_of[channel]: count

@@ -32,7 +32,7 @@ def load(path: PathLike | Iterable[PathLike], *, trajectories: bool = False) -> 
 
     Raises:
         FileNotFoundError: a file or folder is not there, or a folder holds no recording.
-        NotARecordingError: a file is no recording.
+        NotARecordingError, DamagedRecordingError: a file is no recording, or cut or changed.
     """
     if not isinstance(path, (str, os.PathLike)):
         frames = [load(each, trajectories=trajectories) for each in path]
@@ -42,7 +42,7 @@ def load(path: PathLike | Iterable[PathLike], *, trajectories: bool = False) -> 
         return _with_arrays(recordings_in(place) if place.is_dir() else [existing_recording(place)])
     if place.is_dir():
         return _frame(_index_of(place), place)
-    return _frame(file_table(place)[0], place.parent)
+    return _frame(file_table(place), place.parent)
 
 
 def _index_of(folder: Path) -> pa.Table:

@@ -30,7 +30,7 @@ def open_recording(path: str | os.PathLike[str], *, number: int | None = None) -
         number: show only the rollout of this number.
 
     Raises:
-        FileNotFoundError, NotARecordingError, ValueError: as for ``save_rerun``.
+        FileNotFoundError, ValueError: as for ``save_rerun``.
         ViewerError: the window could not be opened.
     """
     with tempfile.TemporaryDirectory(prefix="knotflow-view-") as folder:
@@ -50,16 +50,16 @@ def save_rerun(
 ) -> Path:
     """Write a recording and our blueprint as one ``.rrd`` that ``rerun`` shows as it is.
 
-    The rollouts are read and written again on the way: so a damaged recording can be looked at as
-    far as it goes, one rollout can be picked, and bulk data get their rope line.
+    The rollouts are read and written again on the way: so one of them can be picked, and bulk
+    data get their rope line.
 
     Returns:
         The file written.
 
     Raises:
         FileNotFoundError: the recording, or a recording in the folder, is not there.
-        NotARecordingError: the file is no recording.
-        ValueError: no rollout has this number, or none could be read whole.
+        NotARecordingError, DamagedRecordingError: the file is no recording, or cut or changed.
+        ValueError: no rollout has this number.
         ViewerError: Rerun could not convert it.
     """
     source = find_recording(path, number)
@@ -86,7 +86,7 @@ def find_recording(path: str | os.PathLike[str], number: int | None = None) -> P
 
     Raises:
         FileNotFoundError: nothing is there, or the folder has no recording.
-        NotARecordingError: the file is no MCAP.
+        NotARecordingError, DamagedRecordingError: the file is no MCAP, or cut or changed.
         ValueError: no rollout, or more than one, has this number.
     """
     place = Path(path)

@@ -2,7 +2,7 @@
 
 Rollouts lie one after the other on one timeline. The facts of a batch of rollouts stand in a
 chunk of their own *before* their trajectories: the index then reads facts without unpacking
-trajectories, and a file cut in the middle still knows what every trajectory before the cut is.
+trajectories, and what is recovered of a cut file still knows what each of its trajectories is.
 """
 
 from __future__ import annotations
