@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from knotflow.workflow import CodeState, DamagedStageError, Workflow, WorkflowError, run
+from knotflow.workflow import CodeState, DamagedStageError, Stage, Workflow, WorkflowError, run
 
 Go = Callable[..., Path]
 
@@ -57,6 +57,21 @@ def test_records_tell_where_results_come_from(go: Go, mapping: dict[str, Any]) -
         for key in ("seconds", "commit", "dirty", "versions"):
             assert told["stages"][node][key] == stages[stage][key]
     assert not told.keys() & {"commit", "dirty", "versions"}  # of a run there is no one commit
+
+
+def test_a_raised_package_version_makes_it_again(
+    go: Go, mapping: dict[str, Any], calls: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    used = {"simulation": 1}
+    monkeypatch.setattr(Stage, "packages", property(lambda stage: dict(used)))
+    folder = go(mapping)
+    told = json.loads((folder / "run.json").read_text())["stages"]
+    assert [node["packages"] for node in told.values()] == [used, used]
+    go(mapping)
+    assert calls == ["toy_count", "toy_sum"]
+    used["simulation"] = 2
+    go(mapping)
+    assert calls == ["toy_count", "toy_sum"] * 2
 
 
 def test_a_finished_stage_keeps_the_commit_that_made_it(go: Go, mapping: dict[str, Any]) -> None:

@@ -46,7 +46,7 @@ class Config:
     logging: dict[str, Any] = runtime(default_factory=dict)
 
 
-BASE = signature("stage", 1, Config(), {"demos": "0" * 16})
+BASE = signature("stage", 1, Config(), {"demos": "0" * 16}, {})
 
 
 @pytest.mark.parametrize(
@@ -76,9 +76,10 @@ def test_every_result_field_counts(change: dict[str, Any]) -> None:
         signature("stage", 1, Config(), {"demos": "1" * 16}),
         signature("stage", 1, Config(), {"demonstrations": "0" * 16}),
         signature("stage", 1, Config()),
+        signature("stage", 1, Config(), {"demos": "0" * 16}, {"simulation": 1}),
     ],
 )
-def test_stage_version_and_inputs_count(other: str) -> None:
+def test_stage_versions_and_inputs_count(other: str) -> None:
     assert other != BASE
 
 
@@ -97,6 +98,11 @@ def test_what_cannot_change_the_result_does_not_count(change: dict[str, Any]) ->
     assert signature("stage", 1, replace(Config(), **change), {"demos": "0" * 16}) == BASE
 
 
+def test_the_version_of_a_package_counts() -> None:
+    one, other = (signature("s", 1, Config(), {}, {"simulation": version}) for version in (1, 2))
+    assert one != other
+
+
 def test_order_of_fields_does_not_count() -> None:
     forth = make_dataclass("Forth", [("a", int), ("b", float)])(1, 2.0)
     back = make_dataclass("Back", [("b", float), ("a", int)])(2.0, 1)
@@ -111,7 +117,7 @@ def test_types_of_numbers_and_text_count() -> None:
 
 def test_fixed_for_ever() -> None:
     # This value was computed once: another one here means that every stored output is lost.
-    assert BASE == "137e30cf19c5fede"
+    assert BASE == "01bb9864e65e1e06"
 
 
 def test_same_in_another_process() -> None:

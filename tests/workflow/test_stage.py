@@ -37,6 +37,7 @@ def test_registers_and_returns_the_function() -> None:
     found = get_stage("toy")
     assert (found.version, found.config_type, found.inputs) == (3, Config, ("demos",))
     assert found.function is simulate
+    assert found.packages == {}  # this file imports none that computes
 
 
 def test_unknown_stage_lists_the_valid_ones() -> None:

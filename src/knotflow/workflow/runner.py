@@ -119,7 +119,7 @@ def plan(workflow: Workflow, results_dir: Path) -> list[Step]:
         node = workflow.stages[name]
         stage, config = get_stage(node.stage), workflow.config(name)
         before = {given: steps[source].folder.signature for given, source in node.needs.items()}
-        identity = signature(stage.name, stage.version, config, before)
+        identity = signature(stage.name, stage.version, config, before, stage.packages)
         folder = StageFolder(results_dir, stage.name, identity)
         if folder.state() == "done":
             folder.record()
@@ -155,6 +155,7 @@ def _make(
             record = {
                 "stage": stage.name,
                 "version": stage.version,
+                "packages": stage.packages,
                 "signature": folder.signature,
                 "config": plain(step.config, with_runtime=False),
                 "runtime": runtime_fields(step.config),
@@ -207,6 +208,7 @@ def _entry(step: Step, record: Mapping[str, Any], origin: str) -> dict[str, Any]
     return {
         "stage": step.node.stage,
         "version": record["version"],
+        "packages": record["packages"],
         "signature": step.folder.signature,
         "needs": dict(step.node.needs),
         "caption": step.node.caption,

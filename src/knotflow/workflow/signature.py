@@ -33,16 +33,21 @@ def runtime(
 
 
 def signature(
-    stage: str, version: int, config: Any, input_signatures: Mapping[str, str] | None = None
+    stage: str,
+    version: int,
+    config: Any,
+    input_signatures: Mapping[str, str] | None = None,
+    packages: Mapping[str, int] | None = None,
 ) -> str:
-    """16 hex digits over the stage's name, version, configuration and inputs' signatures.
+    """16 hex digits over a stage's name, versions, configuration and inputs' signatures.
 
     Args:
         stage: registered name of the stage.
-        version: the stage's version number.
+        version: of the stage's own code.
         config: a dataclass instance (nested ones as you like); fields declared with `runtime` are
             left out, the order of fields does not count.
         input_signatures: input name -> signature of the stage output it comes from.
+        packages: package that the stage uses -> its version, see `knotflow.versions`.
 
     Raises:
         TypeError: a value has no canonical form; says which.
@@ -52,6 +57,7 @@ def signature(
         "version": version,
         "config": plain(config, with_runtime=False),
         "inputs": dict(input_signatures or {}),
+        "packages": dict(packages or {}),
     }
     return hashlib.sha256(canonical_json(identity).encode()).hexdigest()[:LENGTH]
 

@@ -1,12 +1,14 @@
 """Stages: functions of a typed configuration and of the outputs of earlier stages.
 
-    @stage("demonstrations", version=1)
+    @stage("demonstrations")
     def simulate(config: SimulateConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
         for name in context.progress(context.pending(names, ".mcap")):
             with context.atomic(f"{name}.mcap") as path:
                 ...
 
-Raise `version` when a change of the code changes the output: older outputs are then made again.
+The versions of the packages that its file imports are part of a stage's signature: a package whose
+behaviour changes raises its number in `knotflow.versions`, and older outputs are made again. Only
+where the stage's own code changes its output does the stage get a higher `version`.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from typing import Any, TypeVar
 
 from .context import StageContext
 from .errors import UnknownStageError
+from .packages import package_versions
 
 __all__ = ["STAGES", "Stage", "StageContext", "get_stage", "stage"]
 
@@ -39,18 +42,23 @@ class Stage:
     inputs: tuple[str, ...] | None = None
     """Names of the inputs it needs; None leaves it to the workflow."""
 
+    @property
+    def packages(self) -> dict[str, int]:
+        """The packages it uses, with their versions."""
+        return package_versions(self.function)
+
 
 STAGES: dict[str, Stage] = {}
 
 
 def stage(
-    name: str, *, version: int, inputs: Sequence[str] | None = None
+    name: str, *, version: int = 1, inputs: Sequence[str] | None = None
 ) -> Callable[[Function], Function]:
     """Registers a function as a stage and returns it unchanged.
 
     Args:
         name: what workflows call it and what its output folder is called.
-        version: to be raised when the same configuration gives another output.
+        version: to be raised when the stage's own code gives another output.
         inputs: if given, a workflow must connect exactly these inputs.
 
     Raises:

@@ -46,7 +46,7 @@ class DemonstrationsConfig:
     """Hash of the file's contents, so that other demonstrations are another stage."""
 
 
-@stage("demonstrations", version=1, inputs=())
+@stage("demonstrations", inputs=())
 def simulate_demonstrations(
     config: DemonstrationsConfig, inputs: Mapping[str, Path], context: StageContext
 ) -> None:

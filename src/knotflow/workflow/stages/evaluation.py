@@ -34,7 +34,7 @@ class EvaluationConfig:
     """Of the sampling."""
 
 
-@stage("evaluation", version=1)
+@stage("evaluation")
 def evaluate(config: EvaluationConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes outcomes.csv (action, start, success) and recordings/*.mcap; one shard a task.
 

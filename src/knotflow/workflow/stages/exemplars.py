@@ -27,7 +27,7 @@ class ExemplarsConfig:
     """Frames a second."""
 
 
-@stage("exemplars", version=1, inputs=("starts", "evaluation"))
+@stage("exemplars", inputs=("starts", "evaluation"))
 def show(config: ExemplarsConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes recordings/<task>.mcap with the first success of each task, else its first rollout."""
     simulation = replace(config.simulation, record_rate=config.record_rate)

@@ -30,7 +30,7 @@ class ImitationStageConfig:
     """Of weights and batches."""
 
 
-@stage("imitation", version=2, inputs=("demonstrations",))
+@stage("imitation", inputs=("demonstrations",))
 def imitate(
     config: ImitationStageConfig, inputs: Mapping[str, Path], context: StageContext
 ) -> None:

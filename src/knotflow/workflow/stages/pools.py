@@ -45,7 +45,7 @@ class PoolsConfig:
     """Of everything random; not that of the evaluation starts."""
 
 
-@stage("pools", version=2)
+@stage("pools")
 def make_pools(config: PoolsConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes <start>.npz for every start state of the tasks, and recordings/*.mcap.
 

@@ -41,7 +41,7 @@ class ProposalsConfig:
                 raise ValueError(f"{name} is {getattr(self, name)}, must be at least 1")
 
 
-@stage("proposals", version=1, inputs=("starts", "evaluation"))
+@stage("proposals", inputs=("starts", "evaluation"))
 def propose(config: ProposalsConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes proposals.csv from the recordings of an evaluation; nothing is simulated again.
 

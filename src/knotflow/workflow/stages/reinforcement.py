@@ -35,7 +35,7 @@ class ReinforcementStageConfig:
     """Of everything random."""
 
 
-@stage("reinforcement", version=2, inputs=("demonstrations", "imitation", "pools"))
+@stage("reinforcement", inputs=("demonstrations", "imitation", "pools"))
 def reinforce(
     config: ReinforcementStageConfig, inputs: Mapping[str, Path], context: StageContext
 ) -> None:

@@ -16,7 +16,7 @@ class ShippedConfig:
     """Nothing to choose."""
 
 
-@stage("shipped", version=1, inputs=("primitives",))
+@stage("shipped", inputs=("primitives",))
 def ship(config: ShippedConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes primitives/primitive-<number>.safetensors in half precision."""
     library = PrimitiveLibrary.load(inputs["primitives"] / FILE)

@@ -31,7 +31,7 @@ class StartsStageConfig:
     """Starts of equal seed are equal; evaluation and training have different ones."""
 
 
-@stage("starts", version=1, inputs=())
+@stage("starts", inputs=())
 def make_starts(
     config: StartsStageConfig, inputs: Mapping[str, Path], context: StageContext
 ) -> None:

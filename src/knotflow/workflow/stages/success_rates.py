@@ -18,7 +18,7 @@ class SuccessRatesConfig:
     """Nothing to choose."""
 
 
-@stage("success_rates", version=1)
+@stage("success_rates")
 def tabulate(config: SuccessRatesConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes success_rates.csv, with 95 % Wilson intervals, and per_start.csv.
 

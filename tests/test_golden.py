@@ -1,0 +1,309 @@
+"""What each package computes stays as it is until the package raises its version.
+
+    python tests/test_golden.py             # write the golden files of raised versions
+    python tests/test_golden.py simulation  # or of one package
+
+tests/golden/<package>.json holds a few outcomes, and the versions (`knotflow.versions`) of the
+package and of those it uses. Two machines differ in the last bits, and a rope on a table makes much
+of them, so rollouts are compared while they are young, and numbers with a tolerance.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDict
+
+from knotflow.baselines import RandomSampler
+from knotflow.baselines.causal_infogan import Frame, measure
+from knotflow.baselines.icp import align
+from knotflow.demonstrations import TASKS, NoiseConfig, aim, noisy_copies
+from knotflow.planning import PlannerConfig, SolutionDag
+from knotflow.planning.branches import Node
+from knotflow.planning.growth import node_probabilities
+from knotflow.primitives import Actor, Critic, NetworkConfig, cross_entropy, encode
+from knotflow.simulation import (
+    RopeConfig,
+    RopeSimulator,
+    SimulationConfig,
+    StartsConfig,
+    arc,
+    is_roomy,
+    random_curve,
+    resample,
+    straight,
+)
+from knotflow.topology import (
+    KNOT_NAMES,
+    TopologicalState,
+    knot,
+    parse_action,
+    segment_intervals,
+    solution_graph,
+)
+from knotflow.training import ActorLoss, CriticLoss
+from knotflow.versions import VERSIONS
+from knotflow.workflow.packages import sources, used_packages
+
+FOLDER = Path(__file__).parent / "golden"
+ATOL = 1e-4  # metres, network units, logits
+YOUNG = 0.5  # seconds of a rollout before strands touch
+ROPE = RopeConfig()
+SPLINES = np.array(
+    [
+        [0.1, -0.2, 0.2, 0.15, 0.1, -0.1],
+        [0.5, 0.0, 0.2, 0.1, 0.1, 0.15],
+        [0.95, 0.2, 0.2, 0.2, -0.1, 0.1],
+    ]
+)
+LOOP_ACTIONS = ["C(0,1,1)", "C(1,2,1)", "R1(0,1,1)"]  # one each of primitives 3, 4 and 1
+
+
+def loop() -> np.ndarray:
+    """A rope (V, 3) with the loop of R1(0,1,1), metres."""
+    along = np.linspace(0, 1, 200)
+    heading = 0.3 + 2 * np.pi * np.clip((along - 0.3) / 0.4, 0, 1) + 0.4 * np.sin(9 * along)
+    curve = np.cumsum(np.stack([np.cos(heading), np.sin(heading), 0 * heading], 1), 0) / 200
+    curve[:, 2] = 0.008 + 0.016 * np.exp(-(((along - 0.7) / 0.05) ** 2))
+    curve[:, :2] -= curve[:, :2].mean(0)
+    return resample(curve, ROPE)
+
+
+def topology() -> dict[str, Any]:
+    """States read off curves, what actions make of them, and the ways to the named knots."""
+    state = TopologicalState.from_curve(loop())
+    steps = [[str(action), str(after)] for action, after in state.actions()]
+    graphs = [
+        [name, *sorted([graph.number_of_nodes(), graph.number_of_edges()] for graph in graphs)]
+        for name in sorted(KNOT_NAMES)
+        for graphs in [[solution_graph(one) for one in knot(name)]]
+    ]
+    return {
+        "state": str(state),
+        "actions": sorted(steps),
+        "segments": segment_intervals(loop()),
+        "graphs": graphs,
+    }
+
+
+def simulation() -> dict[str, Any]:
+    """Young rollouts of three splines, and start shapes."""
+    rollouts = RopeSimulator(SimulationConfig(threads=1)).execute(
+        np.stack([straight(ROPE)] * len(SPLINES)), SPLINES
+    )
+    young = rollouts.times <= YOUNG + 1e-9
+    curves = [random_curve(ROPE, np.random.default_rng(seed), StartsConfig()) for seed in (0, 1)]
+    return {
+        "times": rollouts.times,
+        "ropes": rollouts.trajectory[:, young, ::5],
+        "gripper": rollouts.gripper[:, young],
+        "arc": arc(ROPE)[::5],
+        "random_curves": [curve[::5] for curve in curves],
+        "is_roomy": [float(is_roomy(loop(), ROPE, StartsConfig()))],
+    }
+
+
+def demonstrations() -> dict[str, Any]:
+    """The tasks, aimed guesses, and noisy copies of a spline."""
+    rng = np.random.default_rng(0)
+    return {
+        "tasks": [[str(task.action), str(task.start_state)] for task in TASKS],
+        "guesses": [aim(loop(), parse_action(action), 3, rng) for action in LOOP_ACTIONS],
+        "copies": noisy_copies(SPLINES[0], 3, rng, NoiseConfig()),
+    }
+
+
+def baselines() -> dict[str, Any]:
+    """Random splines, and one rope aligned with another."""
+    motion, distance = align(arc(ROPE), random_curve(ROPE, np.random.default_rng(0)))
+    action = parse_action("R1(0,1,1)")
+    return {
+        "random": RandomSampler().sample(loop(), action, 3, np.random.default_rng(0)),
+        "motion": motion,
+        "distance": [distance],
+    }
+
+
+def causal_infogan() -> dict[str, Any]:
+    """A rope in its frame, and the measures of a plan from one rope to another."""
+    start, end = straight(ROPE), arc(ROPE)
+    way_points = start + np.linspace(0, 1, 4)[:, None, None] * (end - start)
+    measures = measure(start, way_points[0] + 0.01, way_points, way_points[-1], end)
+    return {
+        "shape": Frame.of(loop()[None]).enter(loop()[None])[0, ::5],
+        "measures": [float(value) for value in vars(measures).values()],
+    }
+
+
+def filled(network: torch.nn.Module) -> Any:
+    """The network with weights that are the same everywhere."""
+    with torch.no_grad():
+        for number, weights in enumerate(network.parameters()):
+            along = torch.arange(weights.numel(), dtype=torch.float64)
+            weights.copy_((0.2 * torch.sin(along + number)).reshape(weights.shape))
+    return network.eval()
+
+
+SMALL = NetworkConfig(lstm=8, attention=4, stream=8, feature=8, head=8)
+
+
+def primitives() -> dict[str, Any]:
+    """Encoded ropes, what networks of given weights make of them, and a search."""
+    encoded = encode([loop()] * len(LOOP_ACTIONS), [parse_action(one) for one in LOOP_ACTIONS])
+    owner, splines = torch.arange(3), torch.linspace(-1, 1, 18).reshape(3, 6)
+    with torch.no_grad():
+        mean, factor = filled(Actor(SMALL))(encoded.states)
+        logits = filled(Critic(SMALL))(encoded.states, splines, owner)
+    noise = np.random.default_rng(0).standard_normal((3, 3, 16, 6), dtype=np.float32)
+    found, best = cross_entropy(
+        lambda some: -(some - splines[:, None]).square().sum(-1),
+        torch.zeros(3, 6),
+        torch.eye(6).expand(3, 6, 6),
+        torch.from_numpy(noise),
+        elites=4,
+    )
+    return {
+        "streams": encoded.states["streams"][:, ::4],
+        "grasp": encoded.states["grasp"],
+        "splines": encoded.frames.to_world(splines[:, None].double().numpy()),
+        "actor_mean": mean,
+        "actor_factor": factor,
+        "critic": logits,
+        "search": found,
+        "search_best": best,
+    }
+
+
+def training() -> dict[str, Any]:
+    """Losses of networks of given weights on a made-up batch."""
+    states = encode([loop()] * 2, [parse_action(one) for one in LOOP_ACTIONS[:2]]).states
+    batch = TensorDict(
+        {
+            "states": states,
+            "spline": torch.linspace(-1, 1, 24).reshape(4, 6),
+            "owner": torch.tensor([0, 0, 1, 1]),
+            "reward": torch.tensor([1.0, 0.0, 0.0, 1.0]),
+            "next_value": torch.tensor([0.0, 0.5, 0.2, 0.3]),
+            "baseline": torch.tensor([0.5, 0.5, 0.2, 0.2]),
+            "weight": torch.ones(4),
+        }
+    )
+    critic, actor = CriticLoss(filled(Critic(SMALL))), ActorLoss(filled(Actor(SMALL)), 0.5)
+    return {name: loss for part in (critic, actor) for name, loss in part(batch).items()}
+
+
+def planning() -> dict[str, Any]:
+    """Distances in a solution DAG, and where a tree would grow."""
+    dag = SolutionDag.to(*knot("overhand"))
+    state, nodes, steps = TopologicalState.trivial(), [], []
+    for text in ("R1(0,1,1)", "C(0,1,1)", "C(2,0,1)"):
+        edges = dag.edges_from(state)
+        steps.append([str(state), dag.distance(state), len(edges)])
+        nodes.append(Node(loop(), state, dag.distance(state), edges, failures=len(nodes)))
+        state = state.apply(parse_action(text))
+    config = PlannerConfig(bias=10.0, failure_discount=0.5)
+    return {"dag": steps, "probabilities": node_probabilities(nodes, config)}
+
+
+CASES: dict[str, Callable[[], dict[str, Any]]] = {
+    "topology": topology,
+    "simulation": simulation,
+    "demonstrations": demonstrations,
+    "baselines": baselines,
+    "baselines.causal_infogan": causal_infogan,
+    "primitives": primitives,
+    "training": training,
+    "planning": planning,
+}
+
+
+def computed(package: str) -> dict[str, Any]:
+    """The outcomes of now as JSON holds them, numbers to six digits after the point."""
+    return {name: _plain(value) for name, value in CASES[package]().items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, torch.Tensor):
+        value = value.detach().numpy()
+    if isinstance(value, np.ndarray | np.generic):
+        value = np.round(np.asarray(value, np.float64), 6).tolist()
+    return [_plain(item) for item in value] if isinstance(value, list) else value
+
+
+def same(one: Any, other: Any) -> bool:
+    """Whether two outcomes agree: text exactly, numbers within the tolerance."""
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(same, one, other))
+    if isinstance(one, int | float) and isinstance(other, int | float):
+        return bool(np.isclose(one, other, rtol=0, atol=ATOL))
+    return type(one) is type(other) and bool(one == other)
+
+
+def changed(package: str, golden: dict[str, Any]) -> list[str]:
+    """The outcomes that differ from the golden ones."""
+    now, then = computed(package), golden["outcomes"]
+    return [name for name in sorted({*now, *then}) if not same(now.get(name), then.get(name))]
+
+
+def versions(package: str) -> dict[str, int]:
+    """The versions of a package and of those it uses."""
+    used = {name for file in sources(package) for name in used_packages(file)}
+    return {name: VERSIONS[name] for name in sorted(used | {package})}
+
+
+def read(package: str) -> dict[str, Any]:
+    return dict(json.loads((FOLDER / f"{package}.json").read_text("utf-8")))
+
+
+def test_every_package_has_golden_outcomes() -> None:
+    assert CASES.keys() == VERSIONS.keys()
+
+
+@pytest.mark.parametrize("package", CASES)
+def test_behaviour_is_that_of_the_version(package: str) -> None:
+    golden, now = read(package), versions(package)
+    write = f"write its golden file again: python tests/test_golden.py {package}"
+    if golden["versions"] != now:
+        pytest.fail(f"{package} and what it uses have versions {now}; {write}")
+    if names := changed(package, golden):
+        pytest.fail(
+            f"{package} computes other {', '.join(names)} than its version {now[package]} did. If "
+            f"that is meant, raise its number in src/knotflow/versions.py, then {write}"
+        )
+
+
+def test_other_outcomes_are_noticed() -> None:
+    assert same([[1.0, "a"]], [[1.00001, "a"]])
+    for other in ([[1.001, "a"]], [[1.0, "b"]], [[1.0]], None, [["a", "a"]], [[float("nan"), "a"]]):
+        assert not same([[1.0, "a"]], other) and not same(other, [[1.0, "a"]])
+
+
+def main(packages: list[str]) -> None:
+    """Write golden files, but none whose outcomes changed under the same version."""
+    for package in packages or CASES:
+        path, now = FOLDER / f"{package}.json", versions(package)
+        if path.exists() and read(package)["versions"] == now:
+            if names := changed(package, read(package)):
+                sys.exit(
+                    f"error: {package} computes other {', '.join(names)}; raise its number in "
+                    "src/knotflow/versions.py first"
+                )
+            continue
+        outcomes = computed(package).items()
+        lines = [f"  {json.dumps(name)}: {json.dumps(value)}" for name, value in outcomes]
+        text = ",\n".join(lines)
+        path.parent.mkdir(exist_ok=True)
+        head = f'"versions": {json.dumps(now)},\n'
+        path.write_text(f'{{{head}"outcomes": {{\n{text}\n}}}}\n', "utf-8")
+        print(f"wrote {path}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
