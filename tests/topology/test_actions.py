@@ -92,15 +92,18 @@ def test_four_r1_results_are_the_four_loops():
         assert planar_map.segments_around(planar_map.face(1, left)) == (1,)
 
 
-def test_r2_makes_opposite_signs_and_one_new_two_sided_face(states_by_crossings):
+def test_r2_makes_opposite_signs_and_a_face_with_two_sides(states_by_crossings):
+    def bigons(state):
+        return [face for face in state.planar_map.faces if len(face) == 2]
+
     for state in states_by_crossings[1]:
+        assert not bigons(state)
         for action, following in state.actions():
             if isinstance(action, R2):
                 assert sum(s for *_, s in following.crossings) == sum(
                     s for *_, s in state.crossings
                 )
-                bigons = [face for face in following.planar_map.faces if len(face) == 2]
-                assert bigons
+                assert bigons(following)
 
 
 def test_r2_ignores_over_first_where_the_segments_differ():
