@@ -2,11 +2,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.collections import LineCollection
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
 from PIL import Image
 
+from knotflow.drawing.style import styled
 from knotflow.planning.draw import draw_plan, plan_figure
-from knotflow.planning.pictures import ribbon, styled
 
 
 def texts(figure):
@@ -23,10 +24,33 @@ def test_the_picture_shows_every_rope_action_and_state(plan):
         assert f"{number}.  {action}" in shown
     assert "tied" in shown
     assert all(any(str(state) in text for text in shown) for state in plan.states)
-    ropes = [
-        axes for axes in figure.axes if any(type(c) is LineCollection for c in axes.collections)
+    ropes = [axes for axes in figure.axes if axes.collections]
+    assert len(ropes) == len(plan.shapes)
+    for axes, shape in zip(ropes, plan.shapes, strict=True):
+        (rope,) = axes.collections
+        assert isinstance(rope, PolyCollection)
+        low, high = np.sort(axes.transAxes.transform([(0, 0), (1, 1)]), axis=0)
+        place = axes.transData.transform(shape[:, :2])
+        assert (place > low).all() and (place < high).all()  # nothing is cut off
+        metre = np.diff(axes.transData.transform([(0, 0), (1, 1)]), axis=0)[0]
+        assert metre[0] == pytest.approx(metre[1])
+
+
+@pytest.mark.parametrize("goal", ["overhand", " ".join(["C(0,3,1)"] * 40)])
+@pytest.mark.parametrize("steps", [0, 2, 3])
+def test_no_text_overprints_another(plan, steps, goal):
+    part = replace(plan, steps=plan.steps[:steps], solved=steps == 3, goal=goal, reason="60 s " * 9)
+    with styled():
+        figure = plan_figure(part)
+        renderer = FigureCanvasAgg(figure).get_renderer()
+    width, height = figure.bbox.size
+    boxes = [
+        text.get_window_extent(renderer)
+        for text in [*figure.texts, *(text for axes in figure.axes for text in axes.texts)]
     ]
-    assert len(ropes) == len(plan.shapes) + 3  # three of them have crossings to show in close-up
+    for number, box in enumerate(boxes):
+        assert box.x0 >= 0 and box.x1 <= width and box.y0 >= 0 and box.y1 <= height
+        assert not any(box.overlaps(other) for other in boxes[:number])
 
 
 @pytest.mark.parametrize("steps", [0, 1, 3])
@@ -41,10 +65,3 @@ def test_the_picture_is_not_blank(plan, tmp_path):
     draw_plan(plan, tmp_path / "plan.png")
     pixels = np.asarray(Image.open(tmp_path / "plan.png").convert("RGB")).reshape(-1, 3)
     assert len(np.unique(pixels, axis=0)) > 100
-
-
-def test_under_strands_have_a_gap_at_each_crossing(plan):
-    assert not ribbon(plan.shapes[0], 0.008).hidden.any()
-    for shape, state in zip(plan.shapes, plan.states, strict=True):
-        hidden = ribbon(shape, 0.004).hidden
-        assert np.sum(np.diff(hidden.astype(int)) == 1) == state.num_crossings

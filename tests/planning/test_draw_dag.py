@@ -1,8 +1,9 @@
 import pytest
 
+from knotflow.drawing.palette import SPLINE
+from knotflow.drawing.style import styled
 from knotflow.planning import Goal
 from knotflow.planning.draw_dag import dag_figure, draw_dag
-from knotflow.planning.pictures import SPLINE, styled
 from knotflow.topology import TopologicalState, parse_action
 
 OVERHAND = TopologicalState.parse("4o1+2o5+6o3+")

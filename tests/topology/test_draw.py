@@ -7,6 +7,7 @@ import random
 import numpy as np
 import pytest
 
+import knotflow.topology.draw as draw_module
 from knotflow.topology import TopologicalState, knot
 from knotflow.topology.curve import project
 from knotflow.topology.draw import draw
@@ -61,11 +62,15 @@ def test_wrong_sizes_are_refused():
             draw(TopologicalState.trivial(), **wrong)
 
 
-def test_too_coarse_a_drawing_is_an_error_not_another_state(random_state):
-    state = random_state(10, 1)
-    try:
-        points = draw(state, samples=1)
-    except RuntimeError as error:
-        assert "drawing" in str(error)
-    else:
-        assert TopologicalState.from_curve(points) == state
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda nodes: nodes * [-1, 1], "reads back as 1o2-"),  # mirrored
+        (lambda nodes: nodes[:, :1] * [1, 1], "crossings"),  # all on one line
+    ],
+)
+def test_a_drawing_that_shows_another_state_is_an_error(monkeypatch, spoil, message):
+    relaxed = draw_module.relax
+    monkeypatch.setattr(draw_module, "relax", lambda *mesh: spoil(relaxed(*mesh)))
+    with pytest.raises(RuntimeError, match=message):
+        draw(TopologicalState.parse("1o2+"))

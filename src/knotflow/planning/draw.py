@@ -2,199 +2,165 @@
 
 from __future__ import annotations
 
+import textwrap
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from knotflow.planning.pictures import INK, MUTED, RULE, SPLINE, draw_ribbon, ribbon, styled
+from knotflow.drawing.palette import INK, MUTED, PAPER, SPLINE
+from knotflow.drawing.rope import draw_rope
+from knotflow.drawing.spline import draw_spline, spline_bounds
+from knotflow.drawing.style import PNG_DPI, WIDTH, styled
 from knotflow.planning.plan import KnotPlan
 from knotflow.simulation import spline_path
-from knotflow.topology import project
 
-_PER_ROW = 4
-_PANEL = 2.75  # inches, width of a panel
-_LENS = 2.1  # inches, side of a close-up
-_HEADER, _CAPTION, _FOOTER = 0.38, 0.34, 0.42  # inches: above and below a panel, below all
-_PAD = 0.05  # metres round everything in a panel
-_LENS_PAD = 0.03  # metres round the crossings in a close-up
-_DPI = 150
+_MOST_COLUMNS, _FEWEST_COLUMNS = 4, 3
+_TALLEST = 1.25  # of a panel's width: its height at most
+_BETWEEN = 0.12  # inches between panels
+_HEADER, _CAPTION = 0.38, 0.44  # inches: above and below a panel
+_LINE, _MARGIN = 0.17, 0.12  # inches: a line of the footer, the figure's edge
+_LETTERS = 120  # in a line of the footer
+_PAD = 0.02  # metres round everything in a panel
+_BAR = 0.1  # metres
 
-_HALO = [withStroke(linewidth=2.5, foreground="white")]
+_HALO = [withStroke(linewidth=2.5, foreground=PAPER)]
+_KEY = "Rope: head blue with a ring, tail orange.  ● grasp,  ▶ release,  cm: highest point between."
 
 
 def draw_plan(plan: KnotPlan, path: Path) -> None:
-    """Draw the start, each spline with its control polygon, and each resulting rope.
+    """Draw the start with the first spline, and each resulting rope with the next one.
 
-    Ropes go from blue (head) to orange (tail), with gaps where a strand passes under. All panels
-    have one scale; below a rope with crossings stands a close-up of them. A plan that is not
+    Ropes go from blue (head) to orange (tail) at their true thickness, with gaps where a strand
+    passes under. Each panel is filled by its rope and has its own scale bar. A plan that is not
     solved is drawn as far as it came and says so.
 
     Args:
         plan: the plan, with or without trajectories.
         path: of the picture; its ending (png, svg, pdf) tells the format.
     """
+    # An SVG with its date would change each time it is drawn.
+    metadata = {"Date": None} if Path(path).suffix == ".svg" else {}
     with styled():
-        plan_figure(plan).savefig(path, dpi=_DPI)
+        plan_figure(plan).savefig(path, dpi=PNG_DPI, metadata=metadata)
+
+
+@dataclass(frozen=True, eq=False)
+class _Window:
+    """What a panel shows: its lower corner (2,) and its size (2,), metres."""
+
+    low: NDArray[np.float64]
+    size: NDArray[np.float64]
+
+    def scale(self, panel: float) -> float:
+        """Inches a metre in a panel of a width in inches."""
+        return float(panel / max(self.size[0], self.size[1] / _TALLEST))
 
 
 def plan_figure(plan: KnotPlan) -> Figure:
-    """The figure of `draw_plan`; call it within `pictures.styled()`."""
-    shapes, controls = plan.shapes, plan.controls
-    windows = [_window(shape, controls[i : i + 1]) for i, shape in enumerate(shapes)]
-    size = np.max([high - low for low, high in windows], axis=0)  # metres, of every panel
-    size[1] = max(size[1], size[0] / 5)
-    scale = _PANEL / size[0]  # inches a metre
-    panel_height = float(size[1]) * scale
-    columns = min(_PER_ROW, len(shapes))
-    rows = -(-len(shapes) // columns)
-    row_height = _HEADER + panel_height + _LENS + _CAPTION
-    width, height = max(2, columns) * _PANEL, rows * row_height + _FOOTER
-    figure = Figure(figsize=(width, height))
-    for index, (points, (low, high)) in enumerate(zip(shapes, windows, strict=True)):
+    """The figure of `draw_plan`; call it within `drawing.style.styled()`."""
+    windows = [_window(plan, index) for index in range(len(plan.shapes))]
+    rows = -(-len(windows) // _MOST_COLUMNS)
+    columns = -(-len(windows) // rows)
+    panel = (WIDTH - 2 * _MARGIN) / max(columns, _FEWEST_COLUMNS) - _BETWEEN
+    tall = [
+        max(window.scale(panel) * float(window.size[1]) for window in row)
+        for row in (windows[i : i + columns] for i in range(0, len(windows), columns))
+    ]
+    footer = _footer(plan)
+    height = sum(tall) + rows * (_HEADER + _CAPTION) + _LINE * len(footer) + 2 * _MARGIN
+    figure = Figure(figsize=(WIDTH, height))
+    left = (WIDTH - columns * (panel + _BETWEEN) + _BETWEEN) / 2
+    for index, window in enumerate(windows):
         row, column = divmod(index, columns)
-        left, top = column * _PANEL, height - row * row_height - _HEADER
-        middle = (low + high) / 2
-        axes = _axes(figure, (left, top - panel_height), (_PANEL, panel_height))
-        _show(axes, plan, index, middle, size, scale)
-        lens = _crossing_window(points)
-        if lens is not None:
-            corner, side = lens
-            axes.add_patch(
-                Rectangle(tuple(corner), side, side, fill=False, edgecolor=MUTED, linewidth=0.6)
-            )
-            place = (left + (_PANEL - _LENS) / 2, top - panel_height - _LENS)
-            close = _axes(figure, place, (_LENS, _LENS))
-            _show(close, plan, index, corner + side / 2, np.array([side, side]), _LENS / side)
-            close.add_patch(
-                Rectangle(
-                    (0, 0), 1, 1, transform=close.transAxes, fill=False, edgecolor=RULE, linewidth=1
-                )
-            )
-        _label(figure, plan, index, left + _PANEL / 2, (top, top - panel_height - _LENS))
-    _draw_footer(figure, plan, scale)
+        top = height - sum(tall[:row]) - row * (_HEADER + _CAPTION) - _HEADER
+        x, y = left + column * (panel + _BETWEEN), top - tall[row]
+        scale = window.scale(panel)
+        axes = figure.add_axes((x / WIDTH, y / height, panel / WIDTH, tall[row] / height))
+        axes.axis("off")
+        middle, reach = window.low + window.size / 2, np.array([panel, tall[row]]) / scale / 2
+        axes.set(
+            xlim=(middle[0] - reach[0], middle[0] + reach[0]),
+            ylim=(middle[1] - reach[1], middle[1] + reach[1]),
+        )
+        draw_rope(axes, plan.shapes[index], 2.0 * plan.radius)
+        if index < len(plan.steps):
+            draw_spline(axes, plan.controls[index], dashed=True)
+            _height(axes, plan.controls[index])
+        below = figure.add_axes(
+            (x / WIDTH, (y - _CAPTION) / height, panel / WIDTH, _CAPTION / height)
+        )
+        below.axis("off")
+        below.set(xlim=(0, panel), ylim=(-_CAPTION, 0))
+        _caption(below, str(plan.states[index]), panel, scale, first=index == 0)
+        _title(figure, plan, index, (x + panel / 2) / WIDTH, (top + 0.12) / height)
+    for line, (text, colour) in enumerate(reversed(footer)):
+        place = (_MARGIN / WIDTH, (_MARGIN + line * _LINE) / height)
+        figure.text(*place, text, color=colour, fontsize=8)
     return figure
 
 
-def _axes(figure: Figure, corner: tuple[float, float], size: tuple[float, float]) -> Axes:
-    """Axes at a place in inches."""
-    width, height = figure.get_size_inches()
-    axes = figure.add_axes(
-        (corner[0] / width, corner[1] / height, size[0] / width, size[1] / height)
-    )
-    axes.axis("off")
-    return axes
-
-
-def _show(
-    axes: Axes, plan: KnotPlan, index: int, middle: NDArray, size: NDArray, scale: float
-) -> None:
-    """One rope and the next spline in a window of a size in metres; scale in inches a metre."""
-    low, high = middle - size / 2, middle + size / 2
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    width = 2.0 * plan.radius
-    draw_ribbon(axes, ribbon(plan.shapes[index], width), width * scale * 72.0)
+def _window(plan: KnotPlan, index: int) -> _Window:
+    places = [plan.shapes[index][:, :2]]
     if index < len(plan.steps):
-        _draw_spline(axes, plan.controls[index])
+        places.append(np.array(spline_bounds(plan.controls[index])))
+    flat = np.concatenate(places)
+    low, high = flat.min(axis=0) - _PAD, flat.max(axis=0) + _PAD
+    return _Window(low, high - low)
 
 
-def _draw_spline(axes: Axes, controls: NDArray) -> None:
+def _height(axes: Axes, controls: NDArray) -> None:
+    """How high the gripper goes, beside the highest place of its path, on its outer side."""
     path = spline_path(controls, np.linspace(0.0, 1.0, 60))
-    axes.plot(*controls[:, :2].T, color=SPLINE, linewidth=0.8, alpha=0.6, zorder=3)
-    axes.plot(*path[:, :2].T, color="white", linewidth=3.2, alpha=0.75, zorder=3.1)
-    axes.plot(*path[:-3, :2].T, color=SPLINE, linewidth=1.8, dashes=(3.2, 1.6), zorder=3.2)
+    highest = path[path[:, 2].argmax()]
+    outward = controls[1, :2] - (controls[0, :2] + controls[2, :2]) / 2
+    outward /= max(float(np.linalg.norm(outward)), 1e-9)
     axes.annotate(
-        "",
-        xy=tuple(path[-1, :2]),
-        xytext=tuple(path[-5, :2]),
-        arrowprops={"arrowstyle": "-|>", "color": SPLINE, "linewidth": 1.4, "shrinkB": 0.0},
-        zorder=3.3,
-        annotation_clip=True,
-    )
-    grasp, middle = controls[0, :2], controls[1, :2]
-    axes.plot(*grasp, "o", color=SPLINE, markeredgecolor="white", markersize=7, zorder=3.4)
-    axes.plot(*middle, "s", color="white", markeredgecolor=SPLINE, markersize=4.5, zorder=3.4)
-    axes.annotate(
-        f"{controls[1, 2] * 100:.0f} cm",
-        xy=tuple(middle),
-        xytext=(5, 5),
+        f"{highest[2] * 100:.0f} cm",
+        xy=tuple(highest[:2]),
+        xytext=(20 * outward[0], 11 * outward[1]),
         textcoords="offset points",
+        ha="center",
+        va="center",
         color=SPLINE,
         fontsize=7,
-        zorder=3.5,
+        zorder=5,
         path_effects=_HALO,
-        annotation_clip=True,
     )
 
 
-def _label(
-    figure: Figure, plan: KnotPlan, index: int, middle: float, ends: tuple[float, float]
-) -> None:
-    """The action above a panel and the state below it; places in inches."""
-    width, height = figure.get_size_inches()
+def _caption(axes: Axes, state: str, width: float, scale: float, *, first: bool) -> None:
+    """A scale bar and the state; the axes are in inches, `scale` in inches a metre."""
+    half, y = _BAR * scale / 2, -0.12
+    axes.plot([width / 2 - half, width / 2 + half], [y, y], color=MUTED, linewidth=1.2)
+    axes.text(width / 2 + half, y, "  10 cm", color=MUTED, fontsize=6.5, va="center")
+    axes.text(
+        width / 2,
+        -0.22,
+        f"start: {state}" if first else state,
+        ha="center",
+        va="top",
+        color=MUTED,
+        fontsize=8 if len(state) < 26 else 6.5,
+    )
+
+
+def _title(figure: Figure, plan: KnotPlan, index: int, x: float, y: float) -> None:
+    """The action that comes next, or how the plan ends; place in shares of the figure."""
     if index < len(plan.steps):
         title, colour = f"{index + 1}.  {plan.actions[index]}", SPLINE
     else:
         title, colour = ("tied" if plan.solved else "search stopped here"), INK
-    figure.text(
-        middle / width,
-        (ends[0] + 0.1) / height,
-        title,
-        ha="center",
-        color=colour,
-        weight="bold",
-    )
-    state = str(plan.states[index])
-    figure.text(
-        middle / width,
-        (ends[1] - 0.08) / height,
-        f"start: {state}" if index == 0 else state,
-        ha="center",
-        va="top",
-        color=MUTED,
-        fontsize=8 if len(state) < 30 else 6.5,
-    )
+    figure.text(x, y, title, ha="center", color=colour, weight="bold")
 
 
-def _draw_footer(figure: Figure, plan: KnotPlan, scale: float) -> None:
-    """A scale bar, what the marks mean, and the size of the search."""
-    width, height = figure.get_size_inches()
-    axes = _axes(figure, (0.0, 0.0), (float(width), _FOOTER))
-    axes.set(xlim=(0, width), ylim=(0, _FOOTER))
-    y = 0.16
-    axes.plot([0.15, 0.15 + 0.2 * scale], [y, y], color=INK, linewidth=1.5)
-    axes.text(0.23 + 0.2 * scale, y, "0.2 m", color=MUTED, fontsize=8, va="center")
-    goal = plan.goal if len(plan.goal) < 40 else plan.goal[:37] + "..."
-    facts = f"{goal}: {plan.branches} branches, {plan.seconds:.1f} s"
+def _footer(plan: KnotPlan) -> list[tuple[str, str]]:
+    """Lines and their colours: the goal, the size of the search, and what the marks mean."""
+    facts = f"{plan.goal}: {plan.branches} branches, {plan.seconds:.1f} s"
     if not plan.solved:
-        facts += f"\n{plan.reason}"  # beside the scale bar there is no room for one line
-    axes.text(width - 0.15, y, facts, color=INK, fontsize=8, va="center", ha="right")
-    if len(plan.shapes) > 2 and plan.solved:
-        legend = "head blue, tail orange  ·  ● grasp   □ middle point and its height   ▶ release"
-        axes.text(1.1 + 0.2 * scale, y, legend, color=MUTED, fontsize=7, va="center")
-
-
-def _window(points: NDArray, controls: NDArray) -> tuple[NDArray, NDArray]:
-    """Lower and upper corner (2,) of a rope, its next spline and the close-up's frame, metres."""
-    places = np.concatenate((points[:, :2], controls[..., :2].reshape(-1, 2)))
-    if (lens := _crossing_window(points)) is not None:
-        places = np.concatenate((places, [lens[0], lens[0] + lens[1]]))
-    return places.min(axis=0) - _PAD, places.max(axis=0) + _PAD
-
-
-def _crossing_window(points: NDArray) -> tuple[NDArray, float] | None:
-    """Lower corner (2,) and side of a square round the part of a rope between its crossings."""
-    crossings = project(points)
-    if not crossings.state.num_crossings:
-        return None
-    steps = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
-    along = steps / steps[-1]
-    inner = (along >= crossings.fractions[0]) & (along <= crossings.fractions[-1])
-    places = np.concatenate((points[inner, :2], crossings.xy))
-    low, high = places.min(axis=0), places.max(axis=0)
-    side = float((high - low).max()) + 2 * _LENS_PAD
-    return (low + high - side) / 2, side
+        facts += f"; {plan.reason}"
+    return [*((line, INK) for line in textwrap.wrap(facts, _LETTERS)), (_KEY, MUTED)]

@@ -12,12 +12,15 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from numpy.typing import NDArray
 
+from knotflow.drawing.palette import INK, MUTED, RULE, SPLINE
+from knotflow.drawing.rope import draw_rope
+from knotflow.drawing.style import styled
 from knotflow.planning.dag import SolutionDag
-from knotflow.planning.pictures import INK, MUTED, RULE, SPLINE, draw_ribbon, ribbon, styled
 from knotflow.topology import Action, TopologicalState
 from knotflow.topology.draw import draw
 
 _BOX = 1.15  # inches, side of a state's box
+_STRAND = 0.05  # inches, width of a rope
 _COLUMN, _ROW = 1.6, 2.15  # inches from box to box
 _MARGIN = 0.25  # inches
 _SWEEPS = 12  # of the ordering that lessens crossing edges
@@ -70,7 +73,7 @@ def dag_figure(
     highlight: Sequence[Action] = (),
     start: TopologicalState | None = None,
 ) -> Figure:
-    """The figure of `draw_dag`; call it within `pictures.styled()`."""
+    """The figure of `draw_dag`; call it within `drawing.style.styled()`."""
     rows = _layers(dag)
     width = max(len(row) for row in rows) * _COLUMN + 2 * _MARGIN
     height = (len(rows) - 1) * _ROW + _BOX + 2 * _MARGIN + 0.2
@@ -244,6 +247,4 @@ def _draw_state(
         xlim=(middle[0] - side / 2, middle[0] + side / 2),
         ylim=(middle[1] - side / 2, middle[1] + side / 2),
     )
-    linewidth = 3.0
-    strand = linewidth / 72.0 * side / (_BOX - 2 * inset)  # metres
-    draw_ribbon(axes, ribbon(points, strand, smoothing=3), linewidth)
+    draw_rope(axes, points, _STRAND * side / (_BOX - 2 * inset), bands=24)
