@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from knotflow.report.claims import Verdict
-from knotflow.report.page import CLAIMS
+from knotflow.report.page import CLAIMS, compose
 from knotflow.report.results import Results
 
 BRANCHES = ("method", "start", "seed", "branches", "solved", "seconds")
@@ -53,6 +53,17 @@ def test_imitation_against_random(write, rate_counts, imitation, verdict):
     counts["imitation", "C(2,0,1)"] = (round(800 * imitation), 400)
     write.rates("single_stage", counts)
     assert outcome(write, 0).verdict is verdict
+
+
+def test_a_direction_that_holds_without_the_size_says_so(write, rate_counts):
+    counts = dict.fromkeys(rate_counts(("random", "imitation")), (20, 400))
+    counts |= {key: (300, 400) for key in counts if key[0] == "imitation"}
+    write.rates("single_stage", counts)
+    found = outcome(write, 0)
+    assert found.verdict is Verdict.PARTLY and "compatible with 100×" in found.size
+    text = compose(Results(write.root), "results").markdown
+    assert "Of 1 the direction holds and the size does not." in text
+    assert "**partly**<br>the direction holds, the size does not: no ratio" in text
 
 
 def test_an_action_that_is_missing_leaves_the_claim_open(write, rate_counts):

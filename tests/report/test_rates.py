@@ -76,7 +76,7 @@ def test_start_rates_have_to_sum_to_the_rates(write):
     columns = ("method", "action", "start", "trials", "successes")
     starts = [("random", "C(0,1,1)", "a", 5, 1), ("random", "C(0,1,1)", "b", 5, 2)]
     write.table("single_stage", "per_start.csv", columns, starts)
-    assert len(read(write).starts) == 2
+    assert read(write).solved("random", "C(0,1,1)") == (2, 2)
     write.table("single_stage", "per_start.csv", columns, starts[:1])
     with pytest.raises(ResultsError, match="sum to 1/5, success_rates.csv says 3/10"):
         read(write)
@@ -105,3 +105,23 @@ def test_an_action_that_one_method_lacks_is_marked(write, rate_counts):
     counts = rate_counts(("random", "icp"))
     del counts["icp", "C(2,4,1)"]
     assert "–" in words(drawn(write, counts))
+
+
+def test_intervals_come_from_the_starts_where_they_are_known(write, rate_counts):
+    counts = {key: (20, 40) for key in rate_counts(("random", "icp"))}
+    write.rates("single_stage", counts)
+    wilson = read(write)
+    starts = [
+        (*key, start, 8, 8 * (start < 2) + 4 * (start == 2)) for key in counts for start in range(5)
+    ]
+    write.table("single_stage", "per_start.csv", (*RATE[:2], "start", *RATE[2:4]), starts)
+    clustered = read(write)
+    assert "Wilson" in wilson.intervals and "starts resampled" in clustered.intervals
+    one, other = (rates.interval("icp", "C(0,1,1)") for rates in (wilson, clustered))
+    assert one.estimate == other.estimate and other.low < one.low and one.high < other.high
+    assert (
+        clustered.solved("icp", "C(0,1,1)") == (3, 5) and wilson.solved("icp", "R1(0,1,1)") is None
+    )
+    # The same starts fare alike under both methods here: their ratio is 1, whichever are drawn.
+    ratio = clustered.ratio("icp", "random", "C(0,1,1)")
+    assert (ratio.low, ratio.estimate, ratio.high) == (1, 1, 1)

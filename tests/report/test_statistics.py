@@ -8,7 +8,18 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from knotflow.report.statistics import bootstrap, mean_difference, rate_ratio, wilson
+from knotflow.report.statistics import (
+    bootstrap,
+    clustered_rate,
+    clustered_ratio,
+    mean_difference,
+    rate_ratio,
+    wilson,
+)
+
+
+def ratio(successes, trials, base_successes, base_trials):
+    return rate_ratio(wilson(successes, trials), wilson(base_successes, base_trials))
 
 
 @pytest.mark.parametrize(("successes", "trials"), [(0, 400), (14, 400), (200, 400), (3, 7), (1, 1)])
@@ -34,7 +45,7 @@ def test_wilson_refuses_what_is_no_rate(successes, trials):
 
 @pytest.mark.parametrize("counts", [(30, 100, 10, 100), (399, 400, 3, 400), (5, 20, 7, 300)])
 def test_swapping_the_rates_takes_the_reciprocal(counts):
-    there, back = rate_ratio(*counts), rate_ratio(*counts[2:], *counts[:2])
+    there, back = ratio(*counts), ratio(*counts[2:], *counts[:2])
     assert there.estimate == pytest.approx(1 / back.estimate)
     assert there.low == pytest.approx(1 / back.high)
     assert there.high == pytest.approx(1 / back.low)
@@ -42,10 +53,10 @@ def test_swapping_the_rates_takes_the_reciprocal(counts):
 
 
 def test_a_base_that_never_succeeded_still_gives_a_lower_limit():
-    ratio = rate_ratio(208, 400, 0, 400)
-    assert math.isinf(ratio.estimate) and math.isinf(ratio.high)
-    assert 40 < ratio.low < 100
-    nothing = rate_ratio(0, 400, 0, 400)
+    found = ratio(208, 400, 0, 400)
+    assert math.isinf(found.estimate) and math.isinf(found.high)
+    assert 40 < found.low < 100
+    nothing = ratio(0, 400, 0, 400)
     assert math.isnan(nothing.estimate)
     assert (nothing.low, nothing.high) == (0, math.inf)
 
@@ -57,7 +68,7 @@ def test_ratio_interval_covers_what_it_promises(p, q, n=40):
     top, base = (stats.binom.pmf(np.arange(n + 1), n, rate) for rate in (p, q))
     for i in np.flatnonzero(top > 1e-4):
         for j in np.flatnonzero(base > 1e-4):
-            interval = rate_ratio(int(i), n, int(j), n)
+            interval = ratio(int(i), n, int(j), n)
             covered += top[i] * base[j] * (interval.low <= p / q <= interval.high)
     assert 0.93 < covered < 0.99
 
@@ -95,3 +106,55 @@ def test_pairs_that_move_together_give_a_narrower_difference():
     apart = mean_difference(values, base, paired=False)
     assert paired.estimate == pytest.approx(apart.estimate)
     assert paired.high - paired.low < 0.3 * (apart.high - apart.low)
+
+
+def test_starts_of_one_trial_are_as_wide_as_wilson_says():
+    hit = np.repeat([1, 0], [120, 280])
+    clustered, plain = clustered_rate(hit, np.ones(400)), wilson(120, 400)
+    assert clustered.estimate == pytest.approx(plain.estimate)
+    assert (clustered.low, clustered.high) == pytest.approx((plain.low, plain.high), abs=0.01)
+
+
+def test_trials_that_are_all_alike_count_as_one_a_start():
+    eight, one = (clustered_rate(np.repeat([n, 0], [20, 30]), np.full(50, n)) for n in (8, 1))
+    assert eight == one
+    assert eight.high - eight.low > 2 * (wilson(160, 400).high - wilson(160, 400).low)
+
+
+@pytest.mark.parametrize("hit", [0, 8])
+def test_starts_without_a_difference_have_wilsons_limits_of_so_many_starts(hit):
+    found, plain = clustered_rate(np.full(50, hit), np.full(50, 8)), wilson(50 * (hit > 0), 50)
+    assert found == plain
+
+
+def test_clustered_intervals_cover_what_they_promise():
+    """Starts of very different difficulty, a truth that is known, many samples of 50 starts."""
+    rng, covered = np.random.default_rng(7), {"clustered": 0, "wilson": 0}
+    for _ in range(300):
+        hit = rng.binomial(8, rng.beta(0.3, 0.3, 50))
+        for name, found in (
+            ("clustered", clustered_rate(hit, np.full(50, 8))),
+            ("wilson", wilson(hit.sum(), 400)),
+        ):
+            covered[name] += found.low <= 0.5 <= found.high
+    assert covered["clustered"] > 0.9 * 300 and covered["wilson"] < 0.75 * 300
+
+
+def test_a_ratio_on_the_same_starts_is_narrower_than_one_on_others():
+    rng = np.random.default_rng(8)
+    skill = rng.beta(0.5, 0.5, 50)
+    first, second = rng.binomial(8, skill), rng.binomial(8, 0.7 * skill)
+    tried = np.full(50, 8)
+    paired = clustered_ratio(first, tried, second, tried)
+    apart = rate_ratio(clustered_rate(first, tried), clustered_rate(second, tried))
+    assert paired.estimate == pytest.approx(apart.estimate) == first.sum() / second.sum()
+    assert paired.low < paired.estimate < paired.high
+    assert paired.high - paired.low < apart.high - apart.low
+
+
+def test_a_base_that_hardly_or_never_succeeds_leaves_a_lower_limit_only():
+    tried, hit = np.full(50, 8), np.repeat([6, 0], [25, 25])
+    hardly = clustered_ratio(hit, tried, np.repeat([1, 0], [2, 48]), tried)
+    assert hardly.estimate == pytest.approx(75) and math.isinf(hardly.high) and hardly.low > 10
+    never = clustered_ratio(hit, tried, np.zeros(50), tried)
+    assert math.isinf(never.estimate) and math.isinf(never.high) and never.low > 1

@@ -34,6 +34,7 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         "figure": pictures.add(success_rates(rates, arms, EXPERIMENT)),
         "trials": trials(rates),
         "missing": listed([arm.label for arm in arms if arm not in run]),
+        "intervals": rates.intervals,
         "rates": rate_table(rates, run),
         "ratios": ratio_table(rates, pairs) if pairs else "",
     }
@@ -43,16 +44,19 @@ def together_best(results: Results) -> Outcome:
     """Together best on 7 of 8, the gap to the critic alone largest on two of them."""
     methods = ("actor_only", "critic_only", "actor_critic")
     rates = complete_rates(results, EXPERIMENT, methods)
-    best, gaps = [], {}
+    best, clear, gaps = [], 0, {}
     for action in ACTIONS:
         actor, critic, both = (rates.interval(method, action).estimate for method in methods)
         gaps[action] = both - critic
         if both >= max(actor, critic):
             best.append(action)
+        alone = [rates.ratio("actor_critic", method, action) for method in methods[:2]]
+        clear += all(ratio.lies_above(1) for ratio in alone)
     widest = sorted(gaps, key=lambda action: -gaps[action])[:2]
     told = listed([f"`{action}` ({100 * gaps[action]:+.0f} points)" for action in widest])
     return Outcome(
-        f"best on {len(best)} of {len(ACTIONS)}; the gap to the critic alone is largest on {told}",
+        f"best on {len(best)} of {len(ACTIONS)}, significantly better than both alone on {clear}; "
+        f"the gap to the critic alone is largest on {told}",
         of_two(len(best) >= 7, set(widest) == {"C(2,0,1)", "C(2,4,1)"}),
     )
 

@@ -51,7 +51,7 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
 
 
 def _figure(cases: pd.DataFrame) -> Picture:
-    """Splines executed a second, a bar a measured case."""
+    """Splines executed per second, a bar a measured case."""
     labels = [
         f"{case.case}\n{case.links} links, {case.threads} thread{'s' if case.threads > 1 else ''}"
         for case in cases.itertuples()
@@ -61,9 +61,9 @@ def _figure(cases: pd.DataFrame) -> Picture:
         labels,
         speeds,
         [f"{speed:.1f} / s" for speed in speeds],
-        axis="splines simulated a second",
+        axis="splines simulated per second",
         name="throughput",
-        alt=f"Splines simulated a second in {len(cases)} cases",
+        alt=f"Splines simulated per second in {len(cases)} cases",
         line=0.46,
     )
 
@@ -72,6 +72,6 @@ SECTION = Section(
     EXPERIMENT,
     "Throughput of the simulator",
     "Not in the paper",
-    "Splines executed a second, start to finish, and the memory it takes.",
+    "Splines executed per second, start to finish, and the memory it takes.",
     values,
 )

@@ -24,6 +24,8 @@ class Outcome:
 
     ours: str
     verdict: Verdict
+    size: str = ""
+    """Where the direction holds and the size does not: how it differs."""
 
 
 class NotMeasured(Exception):

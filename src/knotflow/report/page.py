@@ -169,6 +169,7 @@ def _claims(results: Results) -> dict[str, str]:
     """The table of claims, and how many of them hold."""
     lines = []
     tally: Counter[Verdict] = Counter()
+    direction_only = 0
     for experiment, claim in CLAIMS:
         outcome = claim.outcome(results)
         found = results.experiments.get(experiment)
@@ -176,6 +177,9 @@ def _claims(results: Results) -> dict[str, str]:
         verdict = f"**{outcome.verdict}**"
         if outcome.verdict is not Verdict.NOT_RUN and found and not found.paper:
             verdict += f" ({found.budget or 'unknown'} run)"
+        if outcome.size:
+            verdict += f"<br>the direction holds, the size does not: {outcome.size}"
+            direction_only += 1
         ours = outcome.ours or tables.NOTHING
         where = claim.where.replace(", ", ",<br>").replace(" ", "\u00a0").replace("-", "\u2011")
         lines.append([claim.statement, where, claim.paper, ours, verdict])
@@ -185,9 +189,12 @@ def _claims(results: Results) -> dict[str, str]:
         for verdict, one, many in TALLY
         if tally[verdict]
     ]
+    note = (
+        f" Of {direction_only} the direction holds and the size does not." if direction_only else ""
+    )
     return {
         "claims": tables.markdown_table(header, lines),
-        "tally": f"Of {len(CLAIMS)} claims: {tables.listed(told)}.",
+        "tally": f"Of {len(CLAIMS)} claims: {tables.listed(told)}.{note}",
     }
 
 

@@ -21,7 +21,7 @@ from knotflow.report.results import (
     ResultsError,
     refuse,
 )
-from knotflow.report.statistics import Interval, bootstrap, rate_ratio, wilson
+from knotflow.report.statistics import Interval, clustered_rate, clustered_ratio, rate_ratio, wilson
 from knotflow.report.style import INK, MUTED, Picture, bare_axis, new_figure, render, styled
 from knotflow.report.tables import NOTHING, listed, markdown_table, percent, times
 
@@ -43,22 +43,42 @@ class Rates:
             (row.method, row.action): (int(row.successes), int(row.trials))
             for row in table.itertuples()
         }
-        self.starts = starts
+        groups = [] if starts is None else starts.groupby(["method", "action"])
+        self._starts = {key: own.set_index("start").sort_index() for key, own in groups}
         self.methods = list(dict.fromkeys(table["method"]))
         self.actions = in_order(list(table["action"]))
         self.trials = sorted(set(table["trials"]))
+
+    @property
+    def intervals(self) -> str:
+        """What its intervals are, in words."""
+        if self._counts.keys() <= self._starts.keys():
+            return "95 % intervals with the starts resampled"
+        return "95 % Wilson intervals, rollouts taken as independent"
 
     def counts(self, method: str, action: str) -> tuple[int, int] | None:
         """Successes and trials of a method on an action, None where it was not measured."""
         return self._counts.get((method, action))
 
+    def solved(self, method: str, action: str) -> tuple[int, int] | None:
+        """Starts solved at least once, and all starts; None where they are not known."""
+        own = self._starts.get((method, action))
+        return None if own is None else (int((own["successes"] > 0).sum()), len(own))
+
     def interval(self, method: str, action: str) -> Interval:
         """The success rate with its interval. Raises KeyError where it was not measured."""
-        return wilson(*self._counts[method, action])
+        own = self._starts.get((method, action))
+        if own is None:
+            return wilson(*self._counts[method, action])
+        return clustered_rate(own["successes"], own["trials"])
 
     def ratio(self, method: str, base: str, action: str) -> Interval:
         """How many times as often `method` succeeds as `base`; nan where both never do."""
-        return rate_ratio(*self._counts[method, action], *self._counts[base, action])
+        top, bottom = self._starts.get((method, action)), self._starts.get((base, action))
+        if top is not None and bottom is not None and top.index.equals(bottom.index):
+            first, second = ((own["successes"], own["trials"]) for own in (top, bottom))
+            return clustered_ratio(*first, *second)
+        return rate_ratio(self.interval(method, action), self.interval(base, action))
 
     def shared_actions(self, *methods: str) -> list[str]:
         """The actions on which every one of `methods` was measured."""
@@ -135,16 +155,19 @@ def trials(rates: Rates) -> str:
 
 def rate_table(rates: Rates, arms: Sequence[Arm]) -> str:
     """Success rates, a line an action, a column a method; every bar of Fig. 6 as a number."""
-    lines = []
-    for action in rates.actions:
-        cells = [
-            f"{percent(rates.interval(arm.name, action))}<br>{counts[0]:,} of {counts[1]:,}"
-            if (counts := rates.counts(arm.name, action))
-            else NOTHING
-            for arm in arms
-        ]
-        lines.append([f"`{action}`", *cells])
+    lines = [
+        [f"`{action}`", *(_cell(rates, arm.name, action) for arm in arms)]
+        for action in rates.actions
+    ]
     return markdown_table(["action", *(arm.label for arm in arms)], lines, "l" + "r" * len(arms))
+
+
+def _cell(rates: Rates, method: str, action: str) -> str:
+    if (counts := rates.counts(method, action)) is None:
+        return NOTHING
+    solved = rates.solved(method, action)
+    starts = f"<br>{solved[0]} of {solved[1]} starts" if solved else ""
+    return f"{percent(rates.interval(method, action))}<br>{counts[0]:,} of {counts[1]:,}{starts}"
 
 
 def ratio_table(rates: Rates, pairs: Sequence[tuple[Arm, Arm]]) -> str:
@@ -162,28 +185,10 @@ def ratio_table(rates: Rates, pairs: Sequence[tuple[Arm, Arm]]) -> str:
     return markdown_table(header, lines, "l" + "r" * len(pairs))
 
 
-def start_table(rates: Rates, arms: Sequence[Arm]) -> str:
-    """How evenly the successes lie over the starts, with the interval of resampled starts."""
-    starts = rates.starts
-    if starts is None:
-        return ""
-    lines = []
-    for action in in_order(list(starts["action"])):
-        cells = []
-        for arm in arms:
-            own = starts[(starts["method"] == arm.name) & (starts["action"] == action)]
-            mean = bootstrap(own["successes"] / own["trials"]) if len(own) else None
-            reached = (own["successes"] > 0).sum()
-            cells.append(f"{percent(mean)}<br>{reached} of {len(own)}" if mean else NOTHING)
-        lines.append([f"`{action}`", *cells])
-    header = ["action", *(arm.label for arm in arms)]
-    return markdown_table(header, lines, "l" + "r" * len(arms))
-
-
 def success_rates(rates: Rates, arms: Sequence[Arm], name: str) -> Picture:
     """Fig. 6 and Fig. 7: a group of bars an action, separators between the four primitives.
 
-    Whiskers are 95 % Wilson intervals, the number above each is the rate in per cent. An arm that
+    Whiskers are 95 % intervals, the number above each is the rate in per cent. An arm that
     was not run has no bars and says so in the key.
     """
     actions = rates.actions

@@ -1,12 +1,18 @@
-"""The report's intervals: Wilson for rates, MOVER-R for ratios of rates, bootstrap for counts."""
+"""The report's intervals.
+
+Rates and their ratios have their starts resampled where they are known start by start; else Wilson
+and MOVER-R. Counts and distances have a bootstrap.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import stats
 
 LEVEL = 0.95
@@ -47,15 +53,59 @@ def wilson(successes: int, trials: int, level: float = LEVEL) -> Interval:
     return Interval(successes / trials, float(limits.low), float(limits.high))
 
 
-def rate_ratio(
-    successes: int, trials: int, base_successes: int, base_trials: int, level: float = LEVEL
-) -> Interval:
-    """Ratio of two independent success rates, with the MOVER-R interval (Donner & Zou, 2012).
+def clustered_rate(successes: ArrayLike, trials: ArrayLike, level: float = LEVEL) -> Interval:
+    """Success rate with its starts resampled: percentile cluster bootstrap.
 
-    It is built from the two Wilson intervals, so a base rate of 0 still has a finite lower limit:
-    "at least so many times better". The estimate is `inf` there, and `nan` where both rates are 0.
+    Rollouts of one start are alike, so that the starts (n,) are what was drawn independently.
+    Where no start differs from another, resampling says nothing; then it is Wilson's interval with
+    one trial a start.
+
+    Args:
+        successes: of each start (n,).
+        trials: of each start (n,), at least 1.
+        level: of confidence.
     """
-    top, base = wilson(successes, trials, level), wilson(base_successes, base_trials, level)
+    hit, tried = np.asarray(successes, float), np.asarray(trials, float)  # (n,) each
+    estimate = float(hit.sum() / tried.sum())
+    if _all_alike(hit, tried):
+        limits = wilson(round(estimate * len(hit)), len(hit), level)
+        return Interval(estimate, limits.low, limits.high)
+    weights = _resamples(len(hit))
+    low, high = np.quantile((weights @ hit) / (weights @ tried), _tails(level))
+    return Interval(estimate, float(low), float(high))
+
+
+def clustered_ratio(
+    successes: ArrayLike,
+    trials: ArrayLike,
+    base_successes: ArrayLike,
+    base_trials: ArrayLike,
+    level: float = LEVEL,
+) -> Interval:
+    """Ratio of two success rates on the same starts (n,), which are resampled together.
+
+    The upper limit is `inf` where too many resamples have no success of the base. Where the starts
+    of one of them are all alike (none succeeds, say), it is made from the two rates' intervals.
+    """
+    top = np.asarray(successes, float), np.asarray(trials, float)  # (n,) each
+    base = np.asarray(base_successes, float), np.asarray(base_trials, float)
+    if _all_alike(*top) or _all_alike(*base):
+        return rate_ratio(clustered_rate(*top, level), clustered_rate(*base, level))
+    weights = _resamples(len(top[0]))
+    p, q = ((weights @ hit) / (weights @ tried) for hit, tried in (top, base))
+    some = (p > 0) | (q > 0)  # a resample without any success has no ratio
+    ratios = np.divide(p[some], q[some], out=np.full(some.sum(), math.inf), where=q[some] > 0)
+    low, high = np.quantile(ratios, _tails(level), method="inverted_cdf")
+    estimate = (top[0].sum() / top[1].sum()) / (base[0].sum() / base[1].sum())
+    return Interval(float(estimate), float(low), float(high))
+
+
+def rate_ratio(top: Interval, base: Interval) -> Interval:
+    """Ratio of two success rates, with the MOVER-R interval made from theirs (Donner & Zou, 2012).
+
+    A base rate of 0 still has a finite lower limit: "at least so many times better". The estimate
+    is `inf` there, and `nan` where both rates are 0.
+    """
     p, q = top.estimate, base.estimate
     assert top.low is not None and top.high is not None
     assert base.low is not None and base.high is not None
@@ -71,6 +121,21 @@ def rate_ratio(
     else:
         estimate = math.inf if p > 0 else math.nan
     return Interval(estimate, low, high)
+
+
+def _all_alike(successes: np.ndarray, trials: np.ndarray) -> bool:
+    return bool(np.all(successes * trials[0] == successes[0] * trials))
+
+
+@cache
+def _resamples(n: int) -> np.ndarray:
+    """How often each of n starts is drawn in each resample (RESAMPLES, n)."""
+    rng = np.random.default_rng(BOOTSTRAP_SEED)
+    return rng.multinomial(n, np.full(n, 1 / n), size=RESAMPLES)
+
+
+def _tails(level: float) -> tuple[float, float]:
+    return (1 - level) / 2, (1 + level) / 2
 
 
 def bootstrap(

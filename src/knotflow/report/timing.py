@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -69,13 +70,13 @@ def timing(results: Results, pictures: Pictures) -> dict[str, Any]:
 
 def _longest(stages: Sequence[Stage]) -> Picture:
     return bars(
-        [stage.node for stage in stages],
+        [textwrap.fill(stage.caption or stage.node.replace("_", " "), 46) for stage in stages],
         [(stage.seconds or 0.0) / 60 for stage in stages],
         [duration(stage.seconds) for stage in stages],
         axis="minutes",
         name="stages",
         alt=f"Wall-clock time of {len(stages)} stages",
-        line=0.3,
+        line=0.36,
     )
 
 
@@ -100,7 +101,7 @@ def bars(
         axes.set_yticks(places, labels)
         axes.tick_params(axis="y", labelcolor=INK)
         axes.set_ylim(len(labels) - 0.4, -0.6)
-        axes.set_xlim(0, max([*values, 1e-9]) * 1.16)
+        axes.set_xlim(0, max([*values, 1e-9]) * 1.22)
         axes.set_xlabel(axis)
         bare_axis(axes, grid="x")
         axes.axvline(0, color=RULE, linewidth=1.2)

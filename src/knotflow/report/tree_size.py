@@ -55,7 +55,10 @@ def icp(results: Results) -> Outcome:
     """Sec. VII-A4: 3 to 190 branches (straight), up to 1428 (arc)."""
     trees = _trees(results, "icp")
     wide = [max(sizes(own)) >= 10 * own["branches"].min() for own in trees.values()]
-    return Outcome(_ranges(trees), of_two(*wide))
+    largest = {start: max(sizes(own)) for start, own in trees.items()}
+    same = all(0.5 <= most / PAPER_LARGEST[start, "icp"] <= 2 for start, most in largest.items())
+    size = "" if same or not all(wide) else "the largest trees differ by more than a factor of 2"
+    return Outcome(_ranges(trees), of_two(*wide), size)
 
 
 def imitation(results: Results) -> Outcome:
