@@ -1,4 +1,4 @@
-"""Proposals to look at: read with care, drawn with the right strand above."""
+"""Proposals to look at: read with care, and counted in the figure."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,6 @@ from knotflow.report import ResultsError
 from knotflow.report.page import compose
 from knotflow.report.proposals.figure import proposals
 from knotflow.report.proposals.records import read_proposals
-from knotflow.report.proposals.rope import crossings, visible
 from knotflow.report.results import Results
 
 COLUMNS = ("action", "start", "what", "proposal", "outcome", "point", "x", "y", "z")
@@ -41,9 +40,7 @@ def test_ropes_and_splines_are_read_back(write):
     np.testing.assert_allclose(rope.before, ALPHA)
     np.testing.assert_allclose(rope.after, ALPHA + 0.1)
     assert [spline.succeeded for spline in rope.splines] == [True, False]
-    curve = rope.splines[0].curve
-    np.testing.assert_allclose(curve[[0, -1]], rope.splines[0].controls[[0, -1]])
-    np.testing.assert_allclose(curve[8], [0.75, 0.25, 0.5])  # (P0 + 2 P1 + P2) / 4
+    np.testing.assert_allclose(rope.splines[0].controls, [[0, 0, 0], [1, 0, 1], [1, 1, 0]])
 
 
 @pytest.mark.parametrize(
@@ -59,33 +56,6 @@ def test_ropes_and_splines_are_read_back(write):
 def test_a_spoilt_table_is_refused_with_the_reason(write, spoil, message):
     with pytest.raises(ResultsError, match=message):
         read(write, spoil(rows()))
-
-
-def test_the_upper_strand_of_a_crossing_is_found():
-    ((over, under, sine),) = crossings(ALPHA)
-    assert (over, under, sine) == pytest.approx((3.5, 0.5, 1.0))
-    ((over, under, _),) = crossings(ALPHA * [1, 1, -1])
-    assert (over, under) == pytest.approx((0.5, 3.5))
-    assert crossings(ALPHA[:4]) == []
-    # A strand through a vertex of another crosses it once.
-    through = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 1], [1, 1, 1], [1, -1, 1]], float)
-    assert len(crossings(through)) == 1
-
-
-@pytest.mark.parametrize(
-    ("hidden", "left"),
-    [
-        ([], [(2, 6)]),
-        ([(3, 4)], [(2, 3), (4, 6)]),
-        ([(0, 3), (5, 9)], [(3, 5)]),
-        ([(3, 5), (2.5, 4)], [(2, 2.5), (5, 6)]),
-        ([(1, 7)], []),
-        ([(7, 8)], [(2, 6)]),
-        ([(0, 1)], [(2, 6)]),
-    ],
-)
-def test_what_is_hidden_is_left_out_and_nothing_else(hidden, left):
-    assert visible(2, 6, hidden) == left
 
 
 def test_the_figure_tells_counts_and_is_the_same_each_time(write):

@@ -26,6 +26,7 @@ GAP = 0.32
 
 _BANDS = 40  # of one colour each along a rope: looks smooth, and keeps an SVG small
 _FINENESS = 5  # steps along the curve in a width of rope
+_TURN = np.radians(8)  # in which an outline is straight
 _REACH = 3.0  # widths along the lower strand: no gap is longer, however flat the crossing
 
 Floats = NDArray[np.float64]
@@ -84,11 +85,12 @@ def rope_pieces(points: NDArray, width: float, bands: int = _BANDS) -> list[Piec
     points = np.asarray(points, np.float64)
     curve = _smooth(points, width)
     edges = _edges(curve[:, :2], width)
+    bends = _bends(curve[:, :2])
     pieces: list[Piece] = []
     begin = (0.0, 0.0)
     last = float(len(curve) - 1)
     for cut in [*cuts(points, curve, edges, width), Cut((last, last), (last, last))]:
-        pieces += _bands(curve, edges, begin, cut.ends, bands)
+        pieces += _bands(curve, edges, bends, (begin, cut.ends), bands)
         begin = (max(begin[0], cut.resumes[0]), max(begin[1], cut.resumes[1]))
     pieces.append(_disc(curve[-1], 0.5 * width, rope_colour(1.0)))
     pieces.sort(key=lambda piece: piece.height)
@@ -155,18 +157,23 @@ def _meeting(xy: Floats, upper: int, lower: int, width: float) -> tuple[int, int
 
 
 def _bands(
-    curve: Floats, edges: Floats, begin: tuple[float, float], end: tuple[float, float], bands: int
+    curve: Floats,
+    edges: Floats,
+    bends: NDArray[np.intp],
+    shown: tuple[tuple[float, float], tuple[float, float]],
+    bands: int,
 ) -> Iterator[Piece]:
     """A visible stretch in its colours; its edges (left, right) begin and end where they do.
 
     Where only one edge is visible yet, the outline's other side waits: its end is slanted.
     """
+    begin, end = shown
     steps = np.arange(len(curve))
     seams = np.linspace(0, steps[-1], bands + 1)
     first, last = min(begin), max(end)
     bounds = [first, *seams[(seams > first) & (seams < last)], last] if first < last else []
     for low, high in itertools.pairwise(bounds):
-        rungs = np.array([low, *steps[(steps > low) & (steps < high)], high])
+        rungs = np.array([low, *bends[(bends > low) & (bends < high)], high])
         sides = []
         for edge, from_, to in zip(edges, begin, end, strict=True):
             places = np.clip(rungs, from_, max(from_, to))
@@ -174,6 +181,14 @@ def _bands(
         outline = np.concatenate((sides[0], sides[1][::-1]))
         height = float(np.interp((low + high) / 2, steps, curve[:, 2]))
         yield Piece(outline, rope_colour((low + high) / 2 / steps[-1]), height)
+
+
+def _bends(xy: Floats) -> NDArray[np.intp]:
+    """The steps along a curve (N, 2) that its outline needs: one for each `_TURN`."""
+    along = np.diff(xy, axis=0)
+    heading = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
+    turned = np.r_[0.0, np.cumsum(np.abs(np.diff(heading)))]
+    return np.flatnonzero(np.diff(turned // _TURN)) + 1
 
 
 def _disc(place: Floats, radius: float, colour: str) -> Piece:

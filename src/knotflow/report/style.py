@@ -1,21 +1,29 @@
-"""How the figures look, and how one is turned into bytes that are the same each time."""
+"""A figure of the report, and how it is turned into bytes that are the same each time."""
 
 from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
-import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-INK = "#24292f"
-MUTED = "#656d76"
-RULE = "#d0d7de"
-PAPER = "#ffffff"
+from knotflow.drawing.palette import INK, MUTED, PAPER, RULE
+from knotflow.drawing.style import PNG_DPI, WIDTH, styled
+
+__all__ = [
+    "INK",
+    "MUTED",
+    "PAPER",
+    "RULE",
+    "WIDTH",
+    "Picture",
+    "bare_axis",
+    "new_figure",
+    "render",
+    "styled",
+]
 
 # The page's stylesheet has a light and a dark value for each of these; a figure inlined there
 # follows it. The arms' own colours are legible on both.
@@ -24,37 +32,6 @@ _THEMED = {
     MUTED: "var(--figure-muted)",
     RULE: "var(--figure-rule)",
     PAPER: "var(--figure-paper)",
-}
-
-#: Inches. At 8.4 in a figure is about as wide as a code host's page, so that 9 pt reads as 9 pt.
-WIDTH = 8.4
-PNG_DPI = 180
-
-_STYLE = {
-    "font.family": "DejaVu Sans",  # ships with matplotlib: the same text metrics everywhere
-    "font.size": 9,
-    "text.color": INK,
-    "text.parse_math": False,  # a name with a dollar sign is a name
-    "axes.edgecolor": RULE,
-    "axes.labelcolor": MUTED,
-    "axes.labelsize": 8.5,
-    "axes.linewidth": 0.8,
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "xtick.color": RULE,
-    "ytick.color": RULE,
-    "xtick.labelcolor": INK,
-    "ytick.labelcolor": MUTED,
-    "xtick.labelsize": 8.5,
-    "ytick.labelsize": 8.5,
-    "grid.color": RULE,
-    "grid.linewidth": 0.6,
-    "figure.facecolor": PAPER,
-    "axes.facecolor": "none",
-    "savefig.facecolor": PAPER,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "knotflow",
 }
 
 
@@ -83,16 +60,6 @@ class Picture:
 def new_figure(height: float) -> Figure:
     """An empty figure of the report's width, `height` in inches. Call it within `styled()`."""
     return Figure(figsize=(WIDTH, height), layout="constrained")
-
-
-@contextmanager
-def styled() -> Iterator[None]:
-    """The report's style over matplotlib's own defaults, whatever the user's matplotlibrc says."""
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        for name, value in _STYLE.items():
-            matplotlib.rcParams[name] = value  # type: ignore[index]
-        yield
 
 
 def render(figure: Figure, name: str, alt: str) -> Picture:

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from knotflow.drawing.palette import BAD, GOOD, INK, MUTED, RULE, rope_colour
+from knotflow.drawing.rope import draw_rope
+from knotflow.drawing.spline import draw_spline, spline_bounds
+from knotflow.drawing.style import WIDTH, styled
 from knotflow.report.paper import in_order
 from knotflow.report.proposals.records import Proposed, Rope
-from knotflow.report.proposals.rope import COLOURS, draw_rope
-from knotflow.report.style import INK, MUTED, RULE, WIDTH, Picture, render, styled
+from knotflow.report.style import Picture, render
 
-GOOD, BAD = "#1a7f37", "#d1242f"
-ROPE_WIDTH = 2.0  # points
+ROPE_WIDTH = 2.4  # points, about that of a rope 16 mm thick
+BANDS = 16  # of one colour each along a rope
 # Inches.
 LABEL, CELL, BETWEEN, GUTTER = 0.84, 1.15, 0.06, 0.16
 TALLEST, LOWEST, PAD, TOP, BOTTOM = 1.25, 0.72, 0.13, 0.3, 0.34
@@ -68,9 +70,11 @@ def _left(place: int) -> float:
 
 def _window(rope: Rope) -> tuple[NDArray, NDArray]:
     """The lowest and highest x and y of all that is drawn of a rope, metres."""
-    parts = [rope.before, *(spline.curve for spline in rope.splines)]
-    parts += [] if rope.after is None else [rope.after]
-    flat = np.vstack(parts)[:, :2]
+    parts: list[ArrayLike] = [rope.before[:, :2]]
+    parts += [spline_bounds(spline.controls) for spline in rope.splines]
+    if rope.after is not None:
+        parts.append(rope.after[:, :2])
+    flat = np.vstack(parts)
     return flat.min(axis=0), flat.max(axis=0)
 
 
@@ -101,7 +105,7 @@ def _pair(figure: Figure, rope: Rope, left: float, top: float, tall: float, heig
                 middle[0], middle[1], "simulation\nblew up", ha="center", va="center", color=BAD
             )
             continue
-        draw_rope(axes, points, ROPE_WIDTH, 72 * scale)
+        draw_rope(axes, points, ROPE_WIDTH / 72 / scale, bands=BANDS)
         if column == 0:
             _bar(axes, middle - reach, scale)
             for number, spline in reversed(list(enumerate(rope.splines))):
@@ -111,25 +115,14 @@ def _pair(figure: Figure, rope: Rope, left: float, top: float, tall: float, heig
 
 
 def _spline(axes: Axes, spline: Proposed, *, first: bool) -> None:
-    colour = GOOD if spline.succeeded else BAD
-    flat = spline.curve[:, :2]
-    axes.plot(
-        *flat.T,
-        color=colour,
+    draw_spline(
+        axes,
+        spline.controls,
+        GOOD if spline.succeeded else BAD,
         linewidth=1.6 if first else 0.75,
-        linestyle="-" if spline.succeeded else (0, (3.2, 1.6)),
-        zorder=4 + first,
-        clip_on=False,
-    )
-    both: dict[str, Any] = {"color": colour, "zorder": 5, "clip_on": False}
-    axes.plot(*flat[0], "o", markersize=2.6 if first else 1.8, **both)
-    axes.plot(
-        *flat[-1],
-        "o" if spline.succeeded else "x",
-        markerfacecolor="none",
-        markersize=4.2 if first else 2.6,
-        markeredgewidth=1.1 if first else 0.7,
-        **both,
+        dashed=not spline.succeeded,
+        release="o" if spline.succeeded else "x",
+        zorder=4.0 + first,
     )
 
 
@@ -183,8 +176,8 @@ def _rule(figure: Figure, y: float) -> None:
 
 def _key(figure: Figure, height: float) -> None:
     handles = [
-        Line2D([], [], color=COLOURS(0.0), marker="o", linewidth=ROPE_WIDTH, label="head"),
-        Line2D([], [], color=COLOURS(1.0), linewidth=ROPE_WIDTH, label="tail"),
+        Line2D([], [], color=rope_colour(0.0), marker="o", linewidth=ROPE_WIDTH, label="head"),
+        Line2D([], [], color=rope_colour(1.0), linewidth=ROPE_WIDTH, label="tail"),
         Line2D(
             [], [], color=GOOD, marker="o", markerfacecolor="none", markersize=4, label="succeeded"
         ),

@@ -26,12 +26,6 @@ class Proposed:
         """Whether the rope ended in the state that the action leads to."""
         return self.outcome == "success"
 
-    @property
-    def curve(self) -> NDArray[np.float64]:
-        """Points (17, 3) of the clamped quadratic B-spline, metres, from grasp to release."""
-        t = np.linspace(0, 1, 17)[:, None]
-        return np.hstack([(1 - t) ** 2, 2 * t * (1 - t), t**2]) @ self.controls
-
 
 @dataclass(frozen=True)
 class Rope:
