@@ -18,7 +18,7 @@ from omegaconf import MISSING, OmegaConf
 
 from knotflow.baselines import IcpConfig
 from knotflow.baselines.causal_infogan import CausalInfoGanBudget
-from knotflow.demonstrations import SHIPPED, NoiseConfig
+from knotflow.demonstrations import SHIPPED, DemonstratorConfig, NoiseConfig
 from knotflow.planning import PlannerConfig
 from knotflow.primitives import PrimitiveConfig
 from knotflow.simulation import SimulationConfig, StartsConfig
@@ -44,18 +44,6 @@ class DemonstrationsBudget:
     """Noisy copies of a demonstration from an untangled start."""
     seed: int = 2
     """Of the noise."""
-
-
-@dataclass
-class DemonstratorBudget:
-    """The effort of the scripted demonstrator."""
-
-    starts_per_task: int = 8
-    guesses: int = 128
-    samples: int = 40
-    iterations: int = 4
-    least_share: float = 0.4
-    seed: int = 1
 
 
 @dataclass
@@ -161,7 +149,7 @@ class Config:
     starts: StartsConfig = field(default_factory=StartsConfig)
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     demonstrations: DemonstrationsBudget = field(default_factory=DemonstrationsBudget)
-    demonstrator: DemonstratorBudget = field(default_factory=DemonstratorBudget)
+    demonstrator: DemonstratorConfig = field(default_factory=DemonstratorConfig)
     evaluation: EvaluationBudget = field(default_factory=EvaluationBudget)
     icp: IcpConfig = field(default_factory=IcpConfig)
     training: TrainingBudget = field(default_factory=TrainingBudget)
