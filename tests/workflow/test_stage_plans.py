@@ -7,18 +7,22 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from knotflow.planning import KnotPlan, PlannerConfig, SolutionDag
+from knotflow.planning import KnotPlan, PlannerConfig, SolutionDag, shown
 from knotflow.planning.pull import PULL
 from knotflow.recording import load
 from knotflow.samplers import SamplerConfig
 from knotflow.simulation import SimulationConfig
 from knotflow.topology import TopologicalState, segment_intervals
 from knotflow.workflow import StageContext
-from knotflow.workflow.stages import overhand, plans, plans_files, plans_tables
+from knotflow.workflow.stages import overhand, plans, plans_tables
 from knotflow.workflow.stages.plans import PlanCase, PlansConfig, make_plans, read_searches
-from knotflow.workflow.stages.plans_dag import PlansDagConfig, picture
-from knotflow.workflow.stages.plans_exemplar import PlansExemplarConfig, show
 from knotflow.workflow.stages.plans_pull import PlansPullConfig, make_pulled
+from knotflow.workflow.stages.plans_shown import (
+    PlansDagConfig,
+    PlansExemplarConfig,
+    picture,
+    show,
+)
 from knotflow.workflow.stages.provenance import Provenance
 
 LOOP = "R1(0,1,1)"  # aimed guesses succeed often
@@ -198,11 +202,11 @@ def test_a_large_dag_is_drawn_as_one_path(planned, monkeypatch):
     failed = replace(
         plan, solved=False, steps=(), goal_states=(TopologicalState.parse("1o4+2o3-"),)
     )
-    full = plans_files.shown_dag(failed)
+    full = shown.shown_dag(failed)
     assert len(full) == len(SolutionDag.to(*failed.goal_states))
-    monkeypatch.setattr(plans_files, "DRAWN_STATES", 1)
-    assert len(plans_files.shown_dag(plan)) == 2
-    one = plans_files.shown_dag(failed)
+    monkeypatch.setattr(shown, "DRAWN_STATES", 1)
+    assert len(shown.shown_dag(plan)) == 2
+    one = shown.shown_dag(failed)
     assert len(one) <= len(full)
     assert all(len(one.edges_from(state)) <= 1 for state in one.graph)
 

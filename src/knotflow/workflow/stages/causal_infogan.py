@@ -11,7 +11,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.baselines.causal_infogan import CausalInfoGanConfig, Rollouts, frames_at
+from knotflow.baselines.causal_infogan import (
+    CausalInfoGanBudget,
+    CausalInfoGanConfig,
+    Rollouts,
+    frames_at,
+)
 from knotflow.demonstrations import TASKS, task
 from knotflow.recording import load, read_recording
 from knotflow.workflow.context import StageContext
@@ -26,7 +31,7 @@ class CausalInfoGanStageConfig:
     """Networks and training."""
     actions: list[str] = field(default_factory=list)
     """Actions whose rollouts are learned from; none given is all eight."""
-    seeds: int = 5
+    seeds: int = CausalInfoGanBudget.seeds
     """Models, with seeds 0, 1 and so on."""
 
 

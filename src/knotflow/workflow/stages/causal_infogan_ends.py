@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from knotflow.baselines.causal_infogan import CausalInfoGanBudget
 from knotflow.baselines.causal_infogan.ends import (
     FOCUS,
     GOALS,
@@ -34,17 +35,17 @@ class CausalInfoGanEndsConfig:
 
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     """The simulator that executes the guesses."""
-    starts: int = 50
+    starts: int = CausalInfoGanBudget.starts
     """Starts of C(0,1,1) at most."""
-    starts_other: int = 16
+    starts_other: int = CausalInfoGanBudget.starts_other
     """Starts of each other action at most."""
-    starts_overhand: int = 16
+    starts_overhand: int = CausalInfoGanBudget.starts_overhand
     """Starts of the overhand at most."""
     guesses: int = 16
     """Guesses executed at a time."""
     rounds: int = 6
     """Times that so many guesses are executed for each action before a start is left out."""
-    seed: int = 11
+    seed: int = CausalInfoGanBudget.seed
     """Of the guesses."""
 
     def starts_of(self, goal: Goal) -> int:

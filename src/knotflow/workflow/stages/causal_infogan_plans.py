@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.baselines.causal_infogan import measure
+from knotflow.baselines.causal_infogan import CausalInfoGanBudget, measure
 from knotflow.baselines.causal_infogan.comparison import compare, panel_rows
 from knotflow.baselines.causal_infogan.ends import FOCUS, GOALS, OVERHAND
 from knotflow.workflow.context import StageContext
@@ -27,9 +27,9 @@ class CausalInfoGanPlansConfig:
 
     models: list[str] = field(default_factory=lambda: ["single", "all"])
     """Inputs that are outputs of `causal_infogan` stages; the first one's plans make the panel."""
-    training_rows: int = 16
+    training_rows: int = CausalInfoGanBudget.training_rows
     """Plans between shapes of the training data, for each model."""
-    seed: int = 11
+    seed: int = CausalInfoGanBudget.seed
     """Of the planning."""
     provenance: Provenance = field(default_factory=Provenance)
     """The experiment-wide columns."""
