@@ -6,16 +6,16 @@ import json
 import os
 import re
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import hydra
-import yaml
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig
 
 import knotflow.workflow.stages  # noqa: F401  registers them
-from knotflow.config import ASKED, register
+from knotflow.config import PlanRequest, register
 from knotflow.workflow import Experiment, WorkersConfig, Workflow, code_state, run_all
 
 PACKAGE = Path(__file__).parent
@@ -82,16 +82,27 @@ def _check_experiment() -> None:
     for name in asked[0].split(","):
         if name not in names:
             sys.exit(f"error: there is no experiment {name!r}; {known}")
-        path = HOME / "conf" / "experiment" / f"{name}.yaml"
-        takes = yaml.safe_load(path.read_text("utf-8"))
-        for word in sys.argv[1:]:
-            key = re.split(r"[.=]", word)[0]
-            if key in ASKED and key not in takes:
-                own = [known for known in ASKED if known in takes]
-                sys.exit(
-                    f"error: {word!r} says what to plan, but the experiment {name} takes "
-                    f"{', '.join(own) or 'nothing of that kind'}; +experiment=overhand plans one"
-                )
+        _check_asked(name)
+
+
+def _check_asked(experiment: str) -> None:
+    """Refuse what says what to plan where the experiment has no use for it, else write it in full.
+
+    People ask for `knot=...`; in the configuration it is `plan.knot`.
+    """
+    workflow = HOME / "workflows" / f"{experiment}.yaml"
+    text = workflow.read_text("utf-8") if workflow.is_file() else ""  # paper has none of its own
+    keys = [one.name for one in fields(PlanRequest)]
+    takes = [key for key in keys if f"${{plan.{key}}}" in text]
+    for i, word in enumerate(sys.argv):
+        key = re.split(r"[.=]", word.removeprefix("plan."))[0]
+        if i and key in keys and "=" in word and key not in takes:
+            sys.exit(
+                f"error: {word!r} says what to plan, but the experiment {experiment} takes "
+                f"{', '.join(takes) or 'nothing of that kind'}; +experiment=overhand plans one"
+            )
+        if i and key in keys and "=" in word:
+            sys.argv[i] = f"plan.{word.removeprefix('plan.')}"
 
 
 if __name__ == "__main__":

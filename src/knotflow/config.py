@@ -2,7 +2,7 @@
 
 The rooms' own dataclasses say what their values mean. The ones here hold what belongs to an
 experiment as a whole: counts that a budget sets, and seeds. Workflows hand each stage the part it
-needs.
+needs. A default that a stage has is taken from there; budgets name only what differs.
 """
 
 from __future__ import annotations
@@ -14,21 +14,28 @@ from pathlib import Path
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
-from omegaconf import MISSING, OmegaConf
+from omegaconf import II, MISSING, OmegaConf
 
 from knotflow.baselines import IcpConfig
 from knotflow.baselines.causal_infogan import CausalInfoGanBudget
-from knotflow.demonstrations import SHIPPED, NoiseConfig
+from knotflow.demonstrations import SHIPPED, DemonstratorConfig, NoiseConfig
 from knotflow.planning import PlannerConfig
+from knotflow.planning.pull import PullConfig
 from knotflow.primitives import PrimitiveConfig
 from knotflow.simulation import SimulationConfig, StartsConfig
 from knotflow.training import ImitationConfig, JointConfig, ReinforcementConfig
 from knotflow.workflow import WorkersConfig
+from knotflow.workflow.stages.benchmark import BenchmarkConfig
+from knotflow.workflow.stages.demonstrations import DemonstrationsConfig
+from knotflow.workflow.stages.evaluation import EvaluationConfig
+from knotflow.workflow.stages.imitation import ImitationStageConfig
+from knotflow.workflow.stages.joint_finetuning import JointFinetuningConfig
+from knotflow.workflow.stages.overhand import OverhandConfig
+from knotflow.workflow.stages.plans import PlansConfig
+from knotflow.workflow.stages.pools import PoolsConfig
+from knotflow.workflow.stages.starts import StartsStageConfig
 
 SHIPPED_PRIMITIVES = Path(__file__).parent / "primitives" / "data"
-
-ASKED = ("knot", "rope", "seed", "sampler", "primitives", "planner")
-"""Keys that say what to plan; an experiment that takes one names it in its file."""
 
 
 @dataclass
@@ -37,37 +44,25 @@ class DemonstrationsBudget:
 
     file: str = str(SHIPPED)
     """JSON lines; yours may hold human demonstrations beside the shipped ones."""
-    copies: int = 320
+    copies: int = DemonstrationsConfig.copies
     """Noisy copies of a demonstration from a tangled start."""
-    copies_untangled: int = 480
+    copies_untangled: int = DemonstrationsConfig.copies_untangled
     """Noisy copies of a demonstration from an untangled start."""
-    seed: int = 2
+    seed: int = DemonstrationsConfig.seed
     """Of the noise."""
-
-
-@dataclass
-class DemonstratorBudget:
-    """The effort of the scripted demonstrator."""
-
-    starts_per_task: int = 8
-    guesses: int = 128
-    samples: int = 40
-    iterations: int = 4
-    least_share: float = 0.4
-    seed: int = 1
 
 
 @dataclass
 class EvaluationBudget:
     """Unseen starts and trials; their seeds are used for nothing else."""
 
-    starts: int = 50
+    starts: int = StartsStageConfig.count
     """Starts of each action."""
-    trials_per_start: int = 8
+    trials_per_start: int = EvaluationConfig.trials_per_start
     """Splines sampled for each start: 400 rollouts a bar at budget=paper."""
     starts_seed: int = 1_000_003
     """Of the evaluation starts."""
-    seed: int = 3
+    seed: int = EvaluationConfig.seed
     """Of the sampling."""
 
 
@@ -81,9 +76,9 @@ class TrainingBudget:
     """Learning from demonstrations."""
     reinforcement: ReinforcementConfig = field(default_factory=ReinforcementConfig)
     """Learning from attempts."""
-    pool: int = 768
+    pool: int = PoolsConfig.count
     """Start shapes of each start state that reinforcement draws from."""
-    seed: int = 10
+    seed: int = ImitationStageConfig.seed
     """Of weights, batches and attempts."""
 
 
@@ -102,9 +97,9 @@ FAST_SEARCH = PlannerConfig(
 class PlansBudget:
     """Searches for knots."""
 
-    seeds: int = 10
+    seeds: int = PlansConfig.seeds
     """Searches of each goal and start."""
-    seed: int = 20
+    seed: int = PlansConfig.seed
     """Of the random ropes and of the searches."""
     planner: PlannerConfig = field(default_factory=PlannerConfig)
     """How a tree grows, and when it is given up."""
@@ -114,11 +109,11 @@ class PlansBudget:
 class JointBudget:
     """Finetuning along one path, and the searches that tell what it brings (Sec. VII-B2)."""
 
-    path: str = "R1(0,1,1) C(0,1,1) C(2,0,1)"
+    path: str = JointFinetuningConfig.path
     """Actions from the untangled rope to the knot; trained on, and searched along."""
     training: JointConfig = field(default_factory=JointConfig)
     """Learning from episodes."""
-    seed: int = 40
+    seed: int = JointFinetuningConfig.seed
     """Of the episodes and batches; searches have ropes of their own."""
     plans: PlansBudget = field(
         default_factory=lambda: PlansBudget(seeds=50, seed=41, planner=STEADY_SEARCH)
@@ -127,12 +122,46 @@ class JointBudget:
 
 
 @dataclass
+class PentagramBudget:
+    """The pentagram, with and without a hand that helps (Sec. VII-E)."""
+
+    ropes: int = PullConfig.knots
+    """Ropes whose head is pulled out, of which one is taken."""
+    tied_by: str = "primitives"
+    """The sampler that ties them."""
+    pulled: PlansBudget = field(default_factory=lambda: PlansBudget(planner=STEADY_SEARCH))
+    """Searches from the overhand whose head was pulled out."""
+    untangled: PlansBudget = field(
+        default_factory=lambda: PlansBudget(planner=replace(FAST_SEARCH, max_seconds=120.0))
+    )
+    """Searches from a straight rope."""
+
+
+@dataclass
+class PlanRequest:
+    """What +experiment=overhand plans; `knot=...` is short for `plan.knot=...`, and so on."""
+
+    knot: str = OverhandConfig.knot
+    """What is tied: a name, crossings, or a topological path."""
+    rope: str = OverhandConfig.rope
+    """The rope it is tied into: straight, arc, random, or a CSV or NPY file of (V, 3) metres."""
+    seed: int = OverhandConfig.seed
+    """Of that rope and of the search."""
+    sampler: str = OverhandConfig.sampler
+    """Who proposes splines where one plans: primitives (trained), or aimed (not learned)."""
+    primitives: str = "${shipped_primitives:}"
+    """Its library: a file, or a folder such as yours in results/joint_finetuning/primitives."""
+    planner: PlannerConfig = field(default_factory=lambda: replace(FAST_SEARCH))
+    """How the tree grows, and when it is given up."""
+
+
+@dataclass
 class BenchmarkBudget:
     """What the benchmark spends."""
 
-    rollouts: int = 512
+    rollouts: int = BenchmarkConfig.rollouts
     """Random splines in each case."""
-    run: int = 0
+    run: int = BenchmarkConfig.run
     """Raise it to time again on the same results folder."""
 
 
@@ -160,7 +189,10 @@ class Config:
     starts: StartsConfig = field(default_factory=StartsConfig)
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     demonstrations: DemonstrationsBudget = field(default_factory=DemonstrationsBudget)
-    demonstrator: DemonstratorBudget = field(default_factory=DemonstratorBudget)
+    demonstrator: DemonstratorConfig = field(
+        default_factory=lambda: DemonstratorConfig(noise=II("noise"))
+    )
+    """A demonstration has to bear the noise that its copies will have."""
     evaluation: EvaluationBudget = field(default_factory=EvaluationBudget)
     icp: IcpConfig = field(default_factory=IcpConfig)
     training: TrainingBudget = field(default_factory=TrainingBudget)
@@ -170,31 +202,10 @@ class Config:
     """Trees for the overhand along one path."""
     joint_finetuning: JointBudget = field(default_factory=JointBudget)
     """Primitives trained together on the overhand."""
-    pentagram: PlansBudget = field(default_factory=lambda: PlansBudget(planner=STEADY_SEARCH))
-    """The pentagram from an overhand whose head was pulled out."""
-    pentagram_ropes: int = 4
-    """Ropes whose head is pulled out, of which one is taken."""
-    pentagram_tied_by: str = "primitives"
-    """The sampler that ties them."""
-    pentagram_untangled: PlansBudget = field(
-        default_factory=lambda: PlansBudget(planner=replace(FAST_SEARCH, max_seconds=120.0))
-    )
-    """The pentagram from a straight rope."""
+    pentagram: PentagramBudget = field(default_factory=PentagramBudget)
     knots: PlansBudget = field(default_factory=lambda: PlansBudget(seeds=20, planner=FAST_SEARCH))
     """The overhand's four states and the figure eight from random ropes."""
-    knot: str = "overhand"
-    """What +experiment=overhand ties: a name, crossings, or a topological path."""
-    rope: str = "random"
-    """The rope it is tied into: straight, arc, random, or a CSV or NPY file of (V, 3) metres."""
-    seed: int = 0
-    """Of that rope and of the search."""
-    sampler: str = "primitives"
-    """Who proposes splines where one plans: primitives (trained), or aimed (not learned)."""
-    primitives: str = ""
-    """The library of +experiment=overhand: a file, or a folder such as yours in
-    results/joint_finetuning/primitives."""
-    planner: PlannerConfig = field(default_factory=lambda: replace(FAST_SEARCH))
-    """The search of +experiment=overhand."""
+    plan: PlanRequest = field(default_factory=PlanRequest)
     workflow: dict[str, Any] = field(default_factory=dict)
     """The stages of the experiment, from workflows/."""
 
@@ -221,7 +232,7 @@ def plan_folder(knot: str, rope: str, seed: int) -> str:
 
     So nobody who plans another knot is refused, and no plan replaces another.
     """
-    if (knot, rope, seed) == (Config.knot, Config.rope, Config.seed):
+    if (knot, rope, seed) == (PlanRequest.knot, PlanRequest.rope, PlanRequest.seed):
         return "overhand"
     signs = knot.replace("+", "p").replace("-", "m")
     words = f"{signs}-{Path(rope).stem}-{seed}"

@@ -6,7 +6,7 @@ import torch
 
 from knotflow.baselines.causal_infogan import CausalInfoGanConfig
 from knotflow.baselines.causal_infogan.health import Checkup
-from knotflow.baselines.causal_infogan.model_file import load_model, save_model
+from knotflow.baselines.causal_infogan.networks import load_model, save_model
 from knotflow.baselines.causal_infogan.planning import Planner
 from knotflow.baselines.causal_infogan.training import Trainer
 from knotflow.simulation import RopeConfig, arc

@@ -1,7 +1,6 @@
 """The stages of Causal InfoGAN, called by hand on a few simulated rollouts."""
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -72,13 +71,13 @@ def goal_of(name):
 def test_only_successful_rollouts_are_learned_from(demonstrations):
     index = load(demonstrations / "recordings")
     hits = index[index["outcome"] == "success"]
-    rollouts = training.Rollouts.load(demonstrations, [R2], 5.0)
+    rollouts = training.load_rollouts(demonstrations, [R2], 5.0)
     assert 0 < len(rollouts.shapes) == len(hits) < len(index)
     assert rollouts.shapes.shape[1:] == (13, 41, 3)
     assert sorted(rollouts.starts) == sorted(int(extra["start"]) for extra in hits["extra"])
-    assert len(training.Rollouts.load(demonstrations, [R2], 5.0, most=2).shapes) == 2
+    assert len(training.load_rollouts(demonstrations, [R2], 5.0, most=2).shapes) == 2
     with pytest.raises(ValueError, match=r"no rollout of C\(0,1,1\)"):
-        training.Rollouts.load(demonstrations, ["C(0,1,1)"], 5.0)
+        training.load_rollouts(demonstrations, ["C(0,1,1)"], 5.0)
 
 
 def test_training_leaves_models_curves_and_verdicts(trained):
@@ -121,14 +120,6 @@ def test_an_interrupted_training_goes_on_and_ends_the_same(trained, demonstratio
     assert all(torch.equal(one[name], other[name]) for name in one)
 
 
-def test_goals_are_the_eight_actions_and_the_overhand():
-    assert len(ending.GOALS) == 9
-    overhand = goal_of("overhand")
-    assert [str(action) for action in overhand.actions] == ["R1(0,1,1)", "C(0,1,1)", "C(2,0,1)"]
-    assert len({goal.file for goal in ending.GOALS}) == 9
-    assert overhand.start_state == TopologicalState.trivial()
-
-
 def test_end_shapes_are_in_the_goal_state_and_their_rollouts_recorded(ends):
     number, starts, shapes = ending.load_ends(ends, goal_of(R2))
     assert len(number) == len(starts) == len(shapes) > 0
@@ -140,26 +131,6 @@ def test_end_shapes_are_in_the_goal_state_and_their_rollouts_recorded(ends):
     for shape in shapes:
         assert min(np.abs(shape - one).max() for one in recorded) < 1e-6
     assert pd.read_csv(ends / "ends.csv").to_numpy().tolist() == [[R2, 2, len(number)]]
-
-
-def test_a_chain_tries_another_way_when_the_next_action_fails():
-    chain = (task("C(0,1,1)").start_actions[0], task("C(0,1,1)").action)
-    first, second = map(str, chain)
-    trivial, rope = TopologicalState.trivial(), straight(SimulationConfig().rope)
-    asked = []
-
-    def propose(points, action, state):
-        """The first action always succeeds, the second one at the fifth batch."""
-        asked.append(str(action))
-        success = np.array([str(action) == first or len(asked) == 5])
-        return SimpleNamespace(success=success, rollouts=SimpleNamespace(end_points=rope[None]))
-
-    end = ending._reach(rope, trivial, chain, propose, iter(range(6)), 2)
-    assert end is not None
-    assert asked == [first, second, second, first, second]
-    asked.clear()
-    assert ending._reach(rope, trivial, chain, propose, iter(range(4)), 2) is None
-    assert len(asked) == 4
 
 
 @pytest.fixture(scope="module")

@@ -7,16 +7,22 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from knotflow.planning import KnotPlan, PlannerConfig, SolutionDag
+from knotflow.planning import KnotPlan, PlannerConfig, SolutionDag, shown
+from knotflow.planning.pull import PULL
 from knotflow.recording import load
 from knotflow.samplers import SamplerConfig
 from knotflow.simulation import SimulationConfig
 from knotflow.topology import TopologicalState, segment_intervals
 from knotflow.workflow import StageContext
-from knotflow.workflow.stages import overhand, plans, plans_files, plans_pull, plans_tables
+from knotflow.workflow.stages import overhand, plans, plans_tables
 from knotflow.workflow.stages.plans import PlanCase, PlansConfig, make_plans, read_searches
-from knotflow.workflow.stages.plans_dag import PlansDagConfig, picture
-from knotflow.workflow.stages.plans_exemplar import PlansExemplarConfig, show
+from knotflow.workflow.stages.plans_pull import PlansPullConfig, make_pulled
+from knotflow.workflow.stages.plans_shown import (
+    PlansDagConfig,
+    PlansExemplarConfig,
+    picture,
+    show,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -196,19 +202,19 @@ def test_a_large_dag_is_drawn_as_one_path(planned, monkeypatch):
     failed = replace(
         plan, solved=False, steps=(), goal_states=(TopologicalState.parse("1o4+2o3-"),)
     )
-    full = plans_files.shown_dag(failed)
+    full = shown.shown_dag(failed)
     assert len(full) == len(SolutionDag.to(*failed.goal_states))
-    monkeypatch.setattr(plans_files, "DRAWN_STATES", 1)
-    assert len(plans_files.shown_dag(plan)) == 2
-    one = plans_files.shown_dag(failed)
+    monkeypatch.setattr(shown, "DRAWN_STATES", 1)
+    assert len(shown.shown_dag(plan)) == 2
+    one = shown.shown_dag(failed)
     assert len(one) <= len(full)
     assert all(len(one.edges_from(state)) <= 1 for state in one.graph)
 
 
 def test_a_head_is_pulled_out_and_the_knot_stays(tmp_path):
     loop = {"path": LOOP, "onward": "C(0,1,1)", "guesses": 4, "knots": 3}
-    config = plans_pull.PullConfig(SIMULATION, head=0.2, pulls=6, rounds=4, **loop)
-    plans_pull.pull_out(config, {}, StageContext(tmp_path, "0123456789abcdef"))
+    config = PlansPullConfig(simulation=SIMULATION, head=0.2, pulls=6, rounds=4, **loop)
+    make_pulled(config, {}, StageContext(tmp_path, "0123456789abcdef"))
     points = np.load(tmp_path / "start.npy")
     assert str(TopologicalState.from_curve(points)) == "2o1+"
     assert segment_intervals(points)[0, 1] >= 0.2
@@ -217,15 +223,16 @@ def test_a_head_is_pulled_out_and_the_knot_stays(tmp_path):
     assert rollouts["number"].is_unique
     tied = rollouts[rollouts["action"] == LOOP]
     assert (tied["outcome"] == "success").any()
-    pulls = rollouts[rollouts["action"] == plans_pull.PULL]
+    pulls = rollouts[rollouts["action"] == PULL]
     assert (pulls["goal_state"] == "2o1+").all()
     assert (rollouts["action"] == "C(0,1,1)").sum() in {4, 8, 12}
 
 
 def test_a_head_that_is_longer_than_the_rope_is_not_to_be_had(tmp_path):
-    config = plans_pull.PullConfig(SIMULATION, path=LOOP, head=2.0, pulls=1, rounds=1, knots=1)
+    few = {"pulls": 1, "rounds": 1, "knots": 1}
+    config = PlansPullConfig(simulation=SIMULATION, path=LOOP, head=2.0, **few)
     with pytest.raises(RuntimeError, match="no head could be pulled out to 2 m in 1 knots"):
-        plans_pull.pull_out(config, {}, StageContext(tmp_path))
+        make_pulled(config, {}, StageContext(tmp_path))
 
 
 def test_the_dag_of_a_path_is_drawn(tmp_path):

@@ -19,8 +19,10 @@ from knotflow.simulation import Observer, RopeSimulator, attempt, clip_splines
 
 @dataclass
 class DemonstratorConfig:
-    """How long the demonstrator searches."""
+    """How many demonstrations are made, and how long is searched for each."""
 
+    starts_per_task: int = 8
+    """Start shapes of each task that begins tangled; an untangled one begins straight, once."""
     guesses: int = 128
     """Aimed guesses that are simulated first."""
     samples: int = 40
@@ -29,6 +31,10 @@ class DemonstratorConfig:
     """Iterations of the search."""
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     """The noise a demonstrated spline has to bear."""
+    least_share: float = 0.4
+    """Share of its noisy copies that must succeed; a start that gets none so good is replaced."""
+    seed: int = 1
+    """Of everything random."""
 
 
 def demonstrate(

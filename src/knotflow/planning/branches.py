@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.planning.dag import Edge
-from knotflow.planning.plan import PlanStep
+from knotflow.planning.plan_step import PlanStep
 from knotflow.simulation import Rollouts, SimulationConfig
 from knotflow.topology import TopologicalState
 

@@ -8,55 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.planning import plan_file
+from knotflow.planning.plan_step import PlanStep, Tried
 from knotflow.planning.waypoints import GripperConfig, Waypoints, trace_waypoints
-from knotflow.simulation import control_points
 from knotflow.topology import Action, TopologicalState
-
-
-@dataclass(frozen=True, eq=False)
-class PlanStep:
-    """One executed spline; metres and seconds, world frame.
-
-    Attributes:
-        action: the topological action it instantiates.
-        spline: (6,) see `simulation.spline`.
-        start: (V, 3) the rope at rest before.
-        start_state: its topological state.
-        end: (V, 3) the rope at rest after.
-        end_state: its topological state, the one the action leads to.
-        times: (T,) of the frames; the first is 0, at the grasp.
-        trajectory: (T, V, 3) the rope in simulation.
-        gripper: (T, 3) the gripper; it holds the rope for the plan's `move_time`.
-    """
-
-    action: Action
-    spline: NDArray[np.float64]
-    start: NDArray[np.float64]
-    start_state: TopologicalState
-    end: NDArray[np.float64]
-    end_state: TopologicalState
-    times: NDArray[np.float64]
-    trajectory: NDArray[np.float32]
-    gripper: NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class Tried:
-    """How often one action was tried from one state with one outcome.
-
-    Attributes:
-        state: where the branches began.
-        action: what they were for.
-        outcome: `str` of the state they ended in, "diverged" or "unreadable".
-        success: whether that is the action's state.
-        branches: how many there were.
-    """
-
-    state: TopologicalState
-    action: Action
-    outcome: str
-    success: bool
-    branches: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,9 +64,7 @@ class KnotPlan:
     @property
     def controls(self) -> NDArray[np.float64]:
         """(n, 3, 3) the control points of each step's spline, metres."""
-        return np.array(
-            [control_points(step.start, step.spline, self.radius) for step in self.steps]
-        ).reshape(-1, 3, 3)
+        return np.array([step.controls(self.radius) for step in self.steps]).reshape(-1, 3, 3)
 
     @property
     def shapes(self) -> NDArray[np.float64]:
@@ -159,7 +111,7 @@ class KnotPlan:
         Shapes and splines keep all their digits, trajectories are rounded to micrometres. Without
         `trajectories` a step keeps its frames' times and gripper only.
         """
-        return plan_file.dump(self, trajectories)
+        return plan_file.dump(vars(self), trajectories)
 
     @classmethod
     def from_json(cls, text: str) -> KnotPlan:
@@ -168,7 +120,7 @@ class KnotPlan:
         Raises:
             PlanFormatError: not a plan, one of another version, or one with parts missing.
         """
-        return plan_file.load(text)
+        return cls(**plan_file.load(text))
 
     def _tried_lines(self) -> list[str]:
         total: dict[tuple[TopologicalState, Action], list[int]] = {}

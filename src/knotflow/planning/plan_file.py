@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from knotflow.planning.plan_step import PlanStep, Tried
 from knotflow.topology import TopologicalState, parse_action
-
-if TYPE_CHECKING:
-    from knotflow.planning.plan import KnotPlan
 
 FORMAT = "knotflow.plan"
 VERSION = 1
@@ -25,21 +24,21 @@ class PlanFormatError(ValueError):
     """A text that is not a plan, or not one that this version reads."""
 
 
-def dump(plan: KnotPlan, trajectories: bool = True) -> str:
-    """The JSON text of a plan, one line for each step's arrays; see `KnotPlan.to_json`."""
+def dump(plan: Mapping[str, Any], trajectories: bool = True) -> str:
+    """The JSON text of a plan's fields, a line for each step; see `KnotPlan.to_json`."""
     steps = [
         {
             "action": str(step.action),
             "start_state": str(step.start_state),
             "end_state": str(step.end_state),
             "spline": step.spline.tolist(),
-            "control_points_m": controls.tolist(),
+            "control_points_m": step.controls(plan["radius"]).tolist(),
             "end_m": step.end.tolist(),
             "times_s": step.times.tolist(),
             "gripper_m": _rounded(step.gripper),
             "trajectory_m": _rounded(step.trajectory) if trajectories else [],
         }
-        for step, controls in zip(plan.steps, plan.controls, strict=True)
+        for step in plan["steps"]
     ]
     tried = [
         {
@@ -49,16 +48,16 @@ def dump(plan: KnotPlan, trajectories: bool = True) -> str:
             "success": tried.success,
             "branches": tried.branches,
         }
-        for tried in plan.tried
+        for tried in plan["tried"]
     ]
     head: dict[str, Any] = {"format": FORMAT, "version": VERSION}
-    head |= {name: getattr(plan, name) for name in _PLAIN}
-    head |= {f"{name}_s": getattr(plan, name) for name in _SECONDS}
+    head |= {name: plan[name] for name in _PLAIN}
+    head |= {f"{name}_s": plan[name] for name in _SECONDS}
     head |= {
-        "goal_states": [str(state) for state in plan.goal_states],
-        "radius_m": plan.radius,
-        "start_state": str(plan.start_state),
-        "start_m": plan.start.tolist(),
+        "goal_states": [str(state) for state in plan["goal_states"]],
+        "radius_m": plan["radius"],
+        "start_state": str(plan["start_state"]),
+        "start_m": plan["start"].tolist(),
         "steps": steps,
         "tried": tried,
     }
@@ -67,10 +66,8 @@ def dump(plan: KnotPlan, trajectories: bool = True) -> str:
     return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
-def load(text: str) -> KnotPlan:
-    """The plan in a JSON text; see `KnotPlan.from_json`."""
-    from knotflow.planning.plan import KnotPlan, PlanStep, Tried
-
+def load(text: str) -> dict[str, Any]:
+    """The fields of the plan in a JSON text; see `KnotPlan.from_json`."""
     try:
         data = json.loads(text)
     except json.JSONDecodeError as error:
@@ -103,12 +100,12 @@ def load(text: str) -> KnotPlan:
                 )
             )
             shape = end
-        return KnotPlan(
-            goal_states=tuple(TopologicalState.parse(state) for state in data["goal_states"]),
-            start=start,
-            start_state=TopologicalState.parse(data["start_state"]),
-            steps=tuple(steps),
-            tried=tuple(
+        return {
+            "goal_states": tuple(TopologicalState.parse(state) for state in data["goal_states"]),
+            "start": start,
+            "start_state": TopologicalState.parse(data["start_state"]),
+            "steps": tuple(steps),
+            "tried": tuple(
                 Tried(
                     TopologicalState.parse(tried["state"]),
                     parse_action(tried["action"]),
@@ -118,10 +115,10 @@ def load(text: str) -> KnotPlan:
                 )
                 for tried in data["tried"]
             ),
-            radius=data["radius_m"],
+            "radius": data["radius_m"],
             **{name: data[name] for name in _PLAIN},
             **{name: data[f"{name}_s"] for name in _SECONDS},
-        )
+        }
     except KeyError as error:
         raise PlanFormatError(f"the plan has no {error}") from None
     except (TypeError, ValueError) as error:

@@ -2,7 +2,7 @@
 
 Paper Sec. IV and the symmetries of Sec. V-A. A state is the signed Gauss code of the rope's
 projection onto the table; R1, R2 and Cross add crossings to it. Pure Python, immutable and
-hashable; numpy comes in with rope shapes only, which are read by `knotflow.topology.curve` and
+hashable; numpy comes in with rope shapes only, which are read by `knotflow.topology.projection` and
 made by `knotflow.topology.draw`.
 """
 

@@ -75,9 +75,9 @@ class TopologicalState:
             ValueError: not finite (V, 3) numbers.
         """
         # numpy is needed here only: states and their graph stay free of it.
-        from knotflow.topology.curve import project
+        from knotflow.topology.projection import read_crossings
 
-        return project(points).state
+        return cls.from_crossings(read_crossings(points).crossings)
 
     @classmethod
     def parse(cls, text: str) -> TopologicalState:

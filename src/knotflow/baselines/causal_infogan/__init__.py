@@ -6,11 +6,11 @@ start and a given end shape, decoded into rope shapes. It is no sampler: it want
 and returns shapes but no robot motion.
 
 What needs torch is imported from where it is: `training.Trainer`, `health.Checkup`,
-`model_file.save_model` and `load_model`, `planning.Planner`.
+`networks.save_model` and `load_model`, `planning.Planner`.
 """
 
 from knotflow.baselines.causal_infogan.config import CausalInfoGanBudget, CausalInfoGanConfig
-from knotflow.baselines.causal_infogan.frame import Frame, frames_at
+from knotflow.baselines.causal_infogan.frame import Frame, Rollouts, frames_at
 from knotflow.baselines.causal_infogan.measures import PlanMeasures, measure
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "CausalInfoGanConfig",
     "Frame",
     "PlanMeasures",
+    "Rollouts",
     "frames_at",
     "measure",
 ]

@@ -49,6 +49,22 @@ class Frame:
         return self.origin.reshape(len(self.origin), *([1] * (np.ndim(shapes) - 2)), 3)
 
 
+@dataclass(frozen=True)
+class Rollouts:
+    """Successful demonstrated rollouts, at the frame rate that is learned from."""
+
+    actions: NDArray[np.str_]
+    """(N,) such as "C(0,1,1)"."""
+    starts: NDArray[np.intp]
+    """(N,) number of the demonstration, which has one start shape."""
+    shapes: NDArray[np.float32]
+    """(N, F, V, 3) metres, world frame."""
+
+    def in_start_frames(self) -> NDArray[np.float64]:
+        """The shapes (N, F, V, 3), each rollout's in the frame of its first, metres."""
+        return Frame.of(self.shapes[:, 0]).enter(self.shapes)
+
+
 def frames_at(times: NDArray, rate: float) -> NDArray[np.intp]:
     """Indices of the frames at `rate` a second among those at `times` (T,) s, from the first on.
 

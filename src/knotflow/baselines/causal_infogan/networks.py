@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
 
 import torch
 from torch import Tensor, nn
@@ -187,3 +189,24 @@ def _halving(channels: int, width: int, out: int, vertices: int, *, spectral: bo
     if spectral:  # keeps the discriminator smooth; the reference's batch normalisation does not
         layers = [spectral_norm(one) if list(one.parameters()) else one for one in layers]
     return nn.Sequential(*layers)
+
+
+def save_model(path: Path, model: CausalInfoGan, actions: Sequence[str]) -> None:
+    """Write a model that was trained on rollouts of the given actions, such as "C(0,1,1)"."""
+    content = {
+        "config": asdict(model.config),
+        "vertices": model.vertices,
+        "actions": list(actions),
+        "weights": model.state_dict(),
+    }
+    torch.save(content, path)
+
+
+def load_model(path: Path) -> tuple[CausalInfoGan, list[str]]:
+    """What `save_model` wrote: the model, in evaluation mode, and its actions."""
+    content = torch.load(path, weights_only=True)
+    # The real scale is among the weights; each buffer needs a memory of its own.
+    scale = Scale(torch.ones(3), torch.ones(3), torch.ones(3), torch.ones(()))
+    model = CausalInfoGan(CausalInfoGanConfig(**content["config"]), scale, content["vertices"])
+    model.load_state_dict(content["weights"])
+    return model.eval(), content["actions"]

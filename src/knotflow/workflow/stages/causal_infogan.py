@@ -11,7 +11,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.baselines.causal_infogan import CausalInfoGanConfig, Frame, frames_at
+from knotflow.baselines.causal_infogan import (
+    CausalInfoGanBudget,
+    CausalInfoGanConfig,
+    Rollouts,
+    frames_at,
+)
 from knotflow.demonstrations import TASKS, task
 from knotflow.recording import load, read_recording
 from knotflow.workflow.context import StageContext
@@ -26,7 +31,7 @@ class CausalInfoGanStageConfig:
     """Networks and training."""
     actions: list[str] = field(default_factory=list)
     """Actions whose rollouts are learned from; none given is all eight."""
-    seeds: int = 5
+    seeds: int = CausalInfoGanBudget.seeds
     """Models, with seeds 0, 1 and so on."""
 
 
@@ -57,12 +62,12 @@ def _train(
     import torch
 
     from knotflow.baselines.causal_infogan.health import Checkup
-    from knotflow.baselines.causal_infogan.model_file import save_model
+    from knotflow.baselines.causal_infogan.networks import save_model
     from knotflow.baselines.causal_infogan.training import Trainer
 
     network = config.network
     actions = [str(task(one).action) for one in config.actions] or [str(t.action) for t in TASKS]
-    rollouts = Rollouts.load(inputs["demonstrations"], actions, network.frame_rate)
+    rollouts = load_rollouts(inputs["demonstrations"], actions, network.frame_rate)
     shapes = rollouts.in_start_frames()
     trainer = Trainer(shapes, network, seed)
     checkup = Checkup(torch.as_tensor(shapes).float(), torch.as_tensor(rollouts.starts))
@@ -93,54 +98,38 @@ def _train(
     (context.out / checkpoint).unlink()
 
 
-@dataclass(frozen=True)
-class Rollouts:
-    """Successful demonstrated rollouts, at the frame rate that is learned from."""
+def load_rollouts(
+    demonstrations: Path, actions: Sequence[str], frame_rate: float, most: int = 0
+) -> Rollouts:
+    """Of the output of a `demonstrations` stage; failures are no demonstrations.
 
-    actions: NDArray[np.str_]
-    """(N,) such as "C(0,1,1)"."""
-    starts: NDArray[np.intp]
-    """(N,) number of the demonstration, which has one start shape."""
-    shapes: NDArray[np.float32]
-    """(N, F, V, 3) metres, world frame."""
+    Args:
+        demonstrations: the stage's folder.
+        actions: that are wanted.
+        frame_rate: frames a second.
+        most: if given, so many of them, spread evenly over the files.
 
-    @classmethod
-    def load(
-        cls, demonstrations: Path, actions: Sequence[str], frame_rate: float, most: int = 0
-    ) -> Rollouts:
-        """From the output of a `demonstrations` stage; failures are no demonstrations.
-
-        Args:
-            demonstrations: the stage's folder.
-            actions: that are wanted.
-            frame_rate: frames a second.
-            most: if given, so many of them, spread evenly over the files.
-
-        Raises:
-            ValueError: not one rollout of these actions succeeded.
-        """
-        index = load(demonstrations / "recordings")
-        index = index[index["action"].isin(list(actions)) & (index["outcome"] == "success")]
-        if index.empty:
-            raise ValueError(
-                f"no rollout of {', '.join(actions)} in {demonstrations} succeeded, so there is "
-                "nothing to learn from; simulate more copies (demonstrations.copies)"
-            )
-        if most:
-            index = index.iloc[np.unique(np.linspace(0, len(index) - 1, most).astype(int))]
-        names: list[str] = []
-        starts: list[int] = []
-        shapes: list[NDArray] = []
-        for file, of_file in index.groupby("file", sort=True):
-            wanted = set(of_file["number"])
-            for rollout in read_recording(str(file)):
-                if rollout.number in wanted:
-                    frames = frames_at(rollout.times, frame_rate)
-                    names.append(rollout.action)
-                    starts.append(int(rollout.extra["start"]))
-                    shapes.append(rollout.points[frames])
-        return cls(np.array(names), np.array(starts), np.stack(shapes))
-
-    def in_start_frames(self) -> NDArray[np.float64]:
-        """The shapes (N, F, V, 3), each rollout's in the frame of its first, metres."""
-        return Frame.of(self.shapes[:, 0]).enter(self.shapes)
+    Raises:
+        ValueError: not one rollout of these actions succeeded.
+    """
+    index = load(demonstrations / "recordings")
+    index = index[index["action"].isin(list(actions)) & (index["outcome"] == "success")]
+    if index.empty:
+        raise ValueError(
+            f"no rollout of {', '.join(actions)} in {demonstrations} succeeded, so there is "
+            "nothing to learn from; simulate more copies (demonstrations.copies)"
+        )
+    if most:
+        index = index.iloc[np.unique(np.linspace(0, len(index) - 1, most).astype(int))]
+    names: list[str] = []
+    starts: list[int] = []
+    shapes: list[NDArray] = []
+    for file, of_file in index.groupby("file", sort=True):
+        wanted = set(of_file["number"])
+        for rollout in read_recording(str(file)):
+            if rollout.number in wanted:
+                frames = frames_at(rollout.times, frame_rate)
+                names.append(rollout.action)
+                starts.append(int(rollout.extra["start"]))
+                shapes.append(rollout.points[frames])
+    return Rollouts(np.array(names), np.array(starts), np.stack(shapes))

@@ -10,27 +10,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.stats import binomtest
 
-from knotflow.baselines.causal_infogan import measure
+from knotflow.baselines.causal_infogan import CausalInfoGanBudget, measure
+from knotflow.baselines.causal_infogan.comparison import compare, panel_rows
+from knotflow.baselines.causal_infogan.ends import FOCUS, GOALS, OVERHAND
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
-from knotflow.workflow.stages.causal_infogan import Rollouts
-from knotflow.workflow.stages.causal_infogan_ends import FOCUS, GOALS, OVERHAND, load_ends
-
-PANEL_WAY_POINTS = 6
-
-# What a method is given, what it returns, and what counts as its success.
-_PLANNER = (
-    "start shape and end shape",
-    "rope shapes, no robot motion",
-    "the projected start and end have the states of those given",
-)
-_SAMPLER = (
-    "start shape and topological action",
-    "a spline for the robot, and by simulation the rope's motion",
-    "the simulated rope ends in the state of the action",
-)
+from knotflow.workflow.stages.causal_infogan import load_rollouts
+from knotflow.workflow.stages.causal_infogan_ends import load_ends
 
 
 @dataclass
@@ -39,9 +26,9 @@ class CausalInfoGanPlansConfig:
 
     models: list[str] = field(default_factory=lambda: ["single", "all"])
     """Inputs that are outputs of `causal_infogan` stages; the first one's plans make the panel."""
-    training_rows: int = 16
+    training_rows: int = CausalInfoGanBudget.training_rows
     """Plans between shapes of the training data, for each model."""
-    seed: int = 11
+    seed: int = CausalInfoGanBudget.seed
     """Of the planning."""
 
 
@@ -88,7 +75,9 @@ def plan(
         },
     }
     methods = [name for name in inputs if name not in ("demonstrations", "ends", *config.models)]
-    tables["comparison"] = _compare(tables["plans"], {name: inputs[name] for name in methods})
+    tables["comparison"] = compare(
+        tables["plans"], {name: pd.read_csv(inputs[name] / "outcomes.csv") for name in methods}
+    )
     tables["ends"] = pd.read_csv(inputs["ends"] / "ends.csv")
     for name, table in tables.items():
         with context.atomic(f"{name}.csv") as path:
@@ -98,7 +87,7 @@ def plan(
 def _plan(
     config: CausalInfoGanPlansConfig, inputs: Mapping[str, Path], context: StageContext, shard: str
 ) -> None:
-    from knotflow.baselines.causal_infogan.model_file import load_model
+    from knotflow.baselines.causal_infogan.networks import load_model
     from knotflow.baselines.causal_infogan.planning import Planner
 
     name, _, seed = Path(shard).name.rpartition("-")
@@ -121,7 +110,7 @@ def _plan(
                 }
             )
             if asked.goal in (FOCUS, OVERHAND) and i in (0, len(asked.number) // 2):
-                shapes.append(_rows_of_panel(rows[-1], asked.starts[i], *shown, asked.ends[i]))
+                shapes.append(panel_rows(rows[-1], asked.starts[i], *shown, asked.ends[i]))
     with context.atomic(f"panel/{name}-{seed}.csv") as path:
         pd.concat(shapes).to_csv(path, index=False, float_format="%.4f")
     with context.atomic(f"{shard}.csv") as path:
@@ -137,7 +126,7 @@ def _asked(
     """The given shapes of every goal a model was trained for, seen ones first."""
     for action in actions:
         each = -(-config.training_rows // len(actions))
-        seen = Rollouts.load(inputs["demonstrations"], [action], frame_rate, each)
+        seen = load_rollouts(inputs["demonstrations"], [action], frame_rate, each)
         starts, ends = seen.shapes[:, 0].astype(float), seen.shapes[:, -1].astype(float)
         yield _Asked(action, "training", seen.starts, starts, ends, 1)
     for goal in GOALS:
@@ -147,62 +136,9 @@ def _asked(
                 yield _Asked(goal.name, "unseen", number, starts, ends, len(goal.actions))
 
 
-def _rows_of_panel(
-    row: Mapping[str, object],
-    start: NDArray,
-    projected_start: NDArray,
-    way_points: NDArray,
-    projected_end: NDArray,
-    end: NDArray,
-) -> pd.DataFrame:
-    """One line a vertex of the shapes of a plan, some of its way points, in the order of Fig. 8."""
-    few = np.unique(np.linspace(0, len(way_points) - 1, PANEL_WAY_POINTS).round().astype(int))
-    way_points = way_points[few]
-    roles = ["given start", "projected start", *["way point"] * len(way_points)]
-    roles += ["projected end", "given end"]
-    shapes = np.concatenate(
-        [start[None], projected_start[None], way_points, projected_end[None], end[None]]
-    )
-    columns, vertices = np.indices(shapes.shape[:2])
-    keys = {key: row[key] for key in ("model", "seed", "goal", "shapes", "start")}
-    table = {"column": columns.ravel(), "role": np.repeat(roles, shapes.shape[1])}
-    table |= {"vertex": vertices.ravel()}
-    table |= {axis: shapes[..., k].ravel() for k, axis in enumerate("xyz")}
-    return pd.DataFrame(table).assign(**keys)[[*keys, *table]]
-
-
 def _panel(model: str, inputs: Mapping[str, Path], context: StageContext) -> pd.DataFrame:
     """The shapes of the first seed that has not collapsed, of the first one where all have."""
     seeds = pd.read_csv(inputs[model] / "seeds.csv", keep_default_na=False)
     healthy = seeds[seeds["collapsed"] == ""]
     seed = int((healthy if len(healthy) else seeds)["seed"].iloc[0])
     return pd.read_csv(context.out / "panel" / f"{model}-{seed}.csv")
-
-
-def _compare(plans: pd.DataFrame, evaluations: Mapping[str, Path]) -> pd.DataFrame:
-    """How often each method gets to the goal's state, on the starts that have an end shape."""
-    unseen = plans[plans["shapes"] == "unseen"]
-    rows = []
-    for (model, goal), own in unseen.groupby(["model", "goal"], sort=False):
-        kept = (own["start_kept"] & own["end_kept"]).sum()
-        starts = own["start"].nunique()
-        rows.append((f"causal_infogan_{model}", goal, *_PLANNER, starts, len(own), kept))
-    for method, folder in evaluations.items():
-        outcomes = pd.read_csv(folder / "outcomes.csv")
-        for goal, asked in unseen.groupby("goal", sort=False):
-            same = outcomes["start"].isin(asked["start"].unique())
-            own = outcomes[(outcomes["action"] == goal) & same]
-            if len(own):
-                starts, hits = own["start"].nunique(), own["success"].sum()
-                rows.append((method, goal, *_SAMPLER, starts, len(own), hits))
-    columns = ["method", "goal", "given", "returns", "success", "starts", "trials", "successes"]
-    table = pd.DataFrame(rows, columns=columns)
-    limits = [
-        binomtest(int(hits), int(trials)).proportion_ci(0.95, method="wilson")
-        for hits, trials in zip(table["successes"], table["trials"], strict=True)
-    ]
-    return table.assign(
-        success_rate=table["successes"] / table["trials"],
-        ci_low=[limit.low for limit in limits],
-        ci_high=[limit.high for limit in limits],
-    )

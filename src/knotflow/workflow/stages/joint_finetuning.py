@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from knotflow.demonstrations import TASKS, load_trials
+from knotflow.planning.pull import PullConfig
 from knotflow.primitives import FILE, PrimitiveLibrary
 from knotflow.recording import load, write_index
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, state_or_none
@@ -30,7 +31,7 @@ class JointFinetuningConfig:
     """The simulator that executes the episodes."""
     starts: StartsConfig = field(default_factory=StartsConfig)
     """What an untangled rope looks like."""
-    path: str = "R1(0,1,1) C(0,1,1) C(2,0,1)"
+    path: str = PullConfig.path
     """Actions from the untangled rope to the knot."""
     joint: JointConfig = field(default_factory=JointConfig)
     """The effort."""

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from knotflow.planning.pull import Pulls
 from knotflow.recording import Outcome, RecordedRollout, write_recording
 from knotflow.simulation import Attempts, RopeConfig, control_points
 from knotflow.workflow.context import StageContext
 
 
 class Recorder:
-    """Collects attempts (it is an `Observer`) until they are saved as one recording.
+    """Collects attempts, or pulls (it is an `Observer`) until they are saved as one recording.
 
     Args:
         context: of the stage that simulates.
@@ -24,11 +25,11 @@ class Recorder:
     ) -> None:
         self._context, self._source, self._rope = context, source, rope
         self._number = first_number
-        self._batches: list[tuple[Attempts, Mapping[str, str]]] = []
+        self._batches: list[tuple[Attempts | Pulls, Mapping[str, str]]] = []
         self.extra: Mapping[str, str] = {}
         """Kept with each attempt that is seen from now on."""
 
-    def __call__(self, attempts: Attempts) -> None:
+    def __call__(self, attempts: Attempts | Pulls) -> None:
         """Take a batch."""
         self._batches.append((attempts, self.extra))
 
@@ -53,7 +54,7 @@ class Recorder:
 
 
 def recorded(
-    attempts: Attempts,
+    attempts: Attempts | Pulls,
     rope: RopeConfig,
     source: str,
     signature: str,

@@ -17,7 +17,7 @@ from knotflow.training import Reinforcement, ReinforcementConfig
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.curves import Curves
-from knotflow.workflow.stages.imitation import merge, number_of, tasks_of
+from knotflow.workflow.stages.imitation import ImitationStageConfig, merge, number_of, tasks_of
 from knotflow.workflow.stages.recorder import Recorder
 
 
@@ -31,7 +31,7 @@ class ReinforcementStageConfig:
     """What a start looks like."""
     reinforcement: ReinforcementConfig = field(default_factory=ReinforcementConfig)
     """The effort."""
-    seed: int = 20
+    seed: int = ImitationStageConfig.seed
     """Of everything random."""
 
 

@@ -1,0 +1,180 @@
+"""The crossings of a rope's projection onto the table, as plain numbers (paper Sec. IV, Eq. 1).
+
+The rope is a polyline, points (V, 3) in metres, head first, projected along z onto the table.
+Strands that cross in the projection, the order in which the rope meets these crossings, the sign
+and which strand is higher make the signed Gauss code.
+
+A projection can fail to tell the state: a vertex on another strand, strands on top of each other,
+three strands through one point, upright links. Then upright links are laid down along the rope
+and the vertices are moved sideways by a ten millionth of the rope's length, in fixed pseudo-random
+directions and their opposites. When every one of these neighbours has the same state the
+degeneracy was harmless and this is the answer; when two differ, or the strands of a crossing are
+not clearly one above the other, DegenerateCurveError says where.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from knotflow.topology.faces import Crossing
+from knotflow.topology.polyline import (
+    COINCIDENCE,
+    DegenerateCurveError,
+    Floats,
+    PlanarCrossings,
+    planar_crossings,
+)
+
+DEFAULT_MIN_GAP = 1e-3
+"""Metres. Strands of a resting 16 mm rope lie about 16 mm apart at a crossing, sometimes less;
+less than a millimetre means that they pass through each other, and over and under mean nothing."""
+
+_NUDGE = 1e-7  # of the rope's length: sideways perturbation of a degenerate projection
+_NUDGED_PAIRS = 16
+_PARTING = 1e-5  # of the rope's length: well above the nudges
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """The crossings of a projected rope, in the order met from head to tail.
+
+    Attributes:
+        crossings: c triples (over, under, sign), positions 1..2c from head to tail, ordered by
+            the first position at which each crossing is met.
+        fractions: (2c,) where each position is met, as a fraction (0 head, 1 tail) of the rope's
+            length in space; rising.
+        xy: (2c, 2) world frame, metres; the two positions of a crossing share their xy.
+        heights: (2c,) z of the rope there, metres.
+    """
+
+    crossings: tuple[Crossing, ...]
+    fractions: Floats
+    xy: Floats
+    heights: Floats
+
+    @property
+    def segment_intervals(self) -> Floats:
+        """(2c + 1, 2) where each segment begins and ends, as fractions of the rope's length."""
+        bounds = np.concatenate(([0.0], self.fractions, [1.0]))
+        return np.stack((bounds[:-1], bounds[1:]), axis=1)
+
+
+def read_crossings(points: ArrayLike, min_gap: float = DEFAULT_MIN_GAP) -> Projection:
+    """Read the crossings of a rope off its shape.
+
+    Args:
+        points: (V, 3) metres, head first, world frame, z up; V at least 2.
+        min_gap: metres; strands of a crossing that are closer in z are refused.
+
+    Raises:
+        DegenerateCurveError: the projection does not tell the state; says where on the rope.
+        ValueError: not finite (V, 3) numbers.
+    """
+    rope = as_rope(points)
+    fractions = _vertex_fractions(rope)
+    meetings = planar_crossings(rope[:, :2])
+    if not meetings.degenerate:
+        return _read(rope, fractions, meetings, min_gap)
+
+    extent = float(np.abs(np.diff(rope, axis=0)).sum())
+    readings = []
+    for parted in (_part_upright(rope, _PARTING * extent, ahead) for ahead in (True, False)):
+        for nudge in _nudges(len(rope)):
+            nudged = parted.copy()
+            nudged[:, :2] += _NUDGE * extent * nudge
+            found = planar_crossings(nudged[:, :2])
+            readings.append(_read(nudged, fractions, found, min_gap))
+    codes = list(dict.fromkeys(reading.crossings for reading in readings))
+    if len(codes) > 1:
+        raise DegenerateCurveError(
+            f"the projected rope is degenerate: {meetings.degenerate}; moving its vertices by "
+            f"{_NUDGE * extent:.0e} m gives different crossings: {codes}"
+        )
+    return readings[0]
+
+
+def as_rope(points: ArrayLike) -> Floats:
+    """Points as a float64 (V, 3) array; ValueError when they are no rope shape."""
+    rope = np.asarray(points, dtype=np.float64)
+    if rope.ndim != 2 or rope.shape[1] != 3 or len(rope) < 2:
+        raise ValueError(f"a rope shape is (V, 3) points with V >= 2, got shape {rope.shape}")
+    finite = np.isfinite(rope).all(axis=1)
+    if not finite.all():
+        vertex = int(np.argmin(finite))
+        raise ValueError(f"rope vertex {vertex} is not finite: {rope[vertex].tolist()}")
+    return rope
+
+
+def _read(
+    rope: Floats, vertex_fractions: Floats, meetings: PlanarCrossings, min_gap: float
+) -> Projection:
+    count = len(meetings.first)
+    link = np.concatenate((meetings.first, meetings.second))  # (2c,)
+    along = np.concatenate((meetings.first_along, meetings.second_along))
+    place = rope[link] + along[:, None] * (rope[link + 1] - rope[link])  # (2c, 3)
+    fractions = vertex_fractions[link] + along * (
+        vertex_fractions[link + 1] - vertex_fractions[link]
+    )
+    gap = place[:count, 2] - place[count:, 2]  # (c,) first strand above second
+    if count and np.abs(gap).min() < min_gap:
+        worst = int(np.abs(gap).argmin())
+        raise DegenerateCurveError(
+            f"links {meetings.first[worst]} and {meetings.second[worst]} cross "
+            f"{abs(gap[worst]) * 1e3:.3g} mm apart in height; over and under need at least "
+            f"min_gap = {min_gap * 1e3:.3g} mm"
+        )
+    order = meetings.order
+    rank = np.empty(2 * count, dtype=np.int64)
+    rank[order] = np.arange(1, 2 * count + 1)
+    first_over = gap > 0
+    over = np.where(first_over, rank[:count], rank[count:]).tolist()
+    under = np.where(first_over, rank[count:], rank[:count]).tolist()
+    sign = np.where(first_over, meetings.turn, -meetings.turn).astype(int).tolist()
+    crossings = sorted(zip(over, under, sign, strict=True), key=lambda one: min(one[:2]))
+    return Projection(tuple(crossings), fractions[order], place[order, :2], place[order, 2])
+
+
+def _vertex_fractions(rope: Floats) -> Floats:
+    steps = np.linalg.norm(rope[1:] - rope[:-1], axis=1)
+    reached = np.concatenate(([0.0], np.cumsum(steps)))
+    if reached[-1] == 0.0:
+        raise DegenerateCurveError("all vertices of the rope are at one point")
+    return reached / reached[-1]
+
+
+def _part_upright(rope: Floats, distance: float, ahead: bool) -> Floats:
+    """Lay upright links down along the rope, so that nudging them does not twist a loop in.
+
+    Vertices on top of each other in the projection are spread over `distance` metres toward the
+    next vertex that stands apart (`ahead`), or toward the one before.
+    """
+    if not ahead:
+        return _part_upright(rope[::-1], distance, True)[::-1]
+    parted = rope.copy()
+    steps = np.linalg.norm(np.diff(rope[:, :2], axis=0), axis=1)
+    upright = steps <= COINCIDENCE * steps.sum()
+    apart = np.flatnonzero(~upright)  # links that do not stand upright
+    for link in np.flatnonzero(upright):
+        onward = apart[apart > link]
+        if len(onward):
+            start, stop = rope[onward[0], :2], rope[onward[0] + 1, :2]
+            share = distance * (1.0 - (onward[0] - link - 1) / len(rope))
+        elif len(apart):
+            # The rope ends upright: lay it on along its last direction.
+            stop, start = rope[apart[-1] + 1, :2], rope[apart[-1], :2]
+            share = distance * (link - apart[-1]) / len(rope)
+        else:
+            continue
+        parted[link + 1, :2] += share * (stop - start) / np.linalg.norm(stop - start)
+    return parted
+
+
+@lru_cache(maxsize=16)
+def _nudges(vertices: int) -> Floats:
+    """(2 * pairs, V, 2) fixed directions to move vertices in, each with its opposite."""
+    steps = np.random.default_rng(vertices).standard_normal((_NUDGED_PAIRS, vertices, 2))
+    return np.concatenate((steps, -steps))
