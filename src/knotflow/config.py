@@ -133,6 +133,10 @@ class BenchmarkBudget:
 
     rollouts: int = 512
     """Random splines in each case."""
+    ends: int = 500
+    """Random splines, and as many aimed ones, whose ends are compared between roots."""
+    trials: int = 160
+    """Splines of each action whose success is compared between roots."""
     run: int = 0
     """Raise it to time again on the same results folder."""
 

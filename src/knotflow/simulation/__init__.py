@@ -1,7 +1,14 @@
 """The rope in MuJoCo: its model, the 6-D spline, batched execution, and start shapes."""
 
 from knotflow.simulation.attempt import Attempts, Observer, attempt, state_or_none
-from knotflow.simulation.rope import RopeConfig, ShapeError, build_model, check_points, pose
+from knotflow.simulation.rope import (
+    ROOTS,
+    RopeConfig,
+    ShapeError,
+    build_model,
+    check_points,
+    pose,
+)
 from knotflow.simulation.simulator import Rollouts, RopeSimulator, SimulationConfig
 from knotflow.simulation.spline import (
     SPLINE_HIGH,
@@ -26,6 +33,7 @@ from knotflow.simulation.starts import (
 )
 
 __all__ = [
+    "ROOTS",
     "SPLINE_HIGH",
     "SPLINE_LOW",
     "SPLINE_NAMES",

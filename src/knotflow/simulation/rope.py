@@ -12,11 +12,14 @@ its mass matrix and 1.8 times the speed; the rope is the same.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+
+ROOTS = ("middle", "head")
+"""Links that a rope's chain may be rooted in."""
 
 
 @dataclass
@@ -43,10 +46,10 @@ class RopeConfig:
     """Sliding friction between rope and table."""
     rope_friction: float = 0.3
     """Sliding friction between rope and rope."""
-    root: str = "middle"
+    root: str = field(default="middle", compare=False)
     """Link whose position and orientation are coordinates of the model, `middle` or `head`; all
-    other links have hinge angles. A choice of coordinates: `head` is the slower one, kept to
-    compare with."""
+    other links have hinge angles. A choice of coordinates, and ropes that differ in it alone are
+    equal; `head` is slower and kept to compare with."""
 
     def __post_init__(self) -> None:
         if self.links < 4:
@@ -55,8 +58,8 @@ class RopeConfig:
             raise ValueError(
                 f"rope length and radius must be positive, got {self.length} and {self.radius} m"
             )
-        if self.root not in ("middle", "head"):
-            raise ValueError(f"a rope's root is middle or head, got {self.root!r}")
+        if self.root not in ROOTS:
+            raise ValueError(f"a rope's root is {' or '.join(ROOTS)}, got {self.root!r}")
 
     @property
     def num_vertices(self) -> int:
@@ -116,7 +119,8 @@ def build_model(
 
     Vertex i of the rope is the site `vertex_i`. The gripper is a mocap body; grasping link i is
     the equality constraint i, switched by `eq_active`. It is a site-to-site `connect`, whose
-    anchors do not depend on the reference pose.
+    anchors do not depend on the reference pose. Links follow each other in the model as in
+    `RopeConfig.branches`, the root first.
 
     Args:
         rope: the rope.
