@@ -49,7 +49,7 @@ class RopeConfig:
     root: str = field(default="middle", compare=False)
     """Link whose position and orientation are coordinates of the model, `middle` or `head`; all
     other links have hinge angles. A choice of coordinates, and ropes that differ in it alone are
-    equal; `head` is slower and kept to compare with."""
+    equal; `head` is slower, damps its root on all axes, and is kept to compare with."""
 
     def __post_init__(self) -> None:
         if self.links < 4:
@@ -173,10 +173,12 @@ def build_model(
         )
     model = spec.compile()
     # No hinge holds the root against rolling about its own axis, and undamped it spins up. The
-    # same on its other axes would make one link of the rope resist turning in the world.
-    roll = model.joint("root").dofadr[0] + 3
-    model.dof_damping[roll] = rope.joint_damping
-    model.dof_armature[roll] = rope.joint_armature
+    # same on its other axes makes the root resist turning in the world: nothing that the middle
+    # needs, but a head without it, the light end of a chain, is at times thrown apart.
+    first = model.joint("root").dofadr[0]
+    held = slice(first, first + 6) if rope.root == "head" else first + 3
+    model.dof_damping[held] = rope.joint_damping
+    model.dof_armature[held] = rope.joint_armature
     mujoco.mj_setConst(model, mujoco.MjData(model))
     return model
 
