@@ -177,3 +177,14 @@ def test_a_rope_thrown_apart_is_marked_and_others_are_kept(rng):
     lost = rollouts.diverged
     np.testing.assert_array_equal(rollouts.end_points[lost], points[lost])
     assert np.isfinite(rollouts.end_points).all()
+
+
+def test_a_part_of_a_batch_is_what_its_rows_say(simulator, rng):
+    points, splines = random_batch(simulator, rng, 3)
+    rollouts = simulator.execute(points, splines)
+    part = rollouts[[2, 0]]
+    np.testing.assert_array_equal(part.end_points, rollouts.end_points[[2, 0]])
+    np.testing.assert_array_equal(part.trajectory, rollouts.trajectory[[2, 0]])
+    np.testing.assert_array_equal(part.gripper, rollouts.gripper[[2, 0]])
+    assert part.times is rollouts.times
+    assert len(rollouts[1:]) == len(rollouts[1:].diverged) == 2

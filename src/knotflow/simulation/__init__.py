@@ -1,6 +1,12 @@
 """The rope in MuJoCo: its model, the 6-D spline, batched execution, and start shapes."""
 
-from knotflow.simulation.attempt import Attempts, Observer, attempt, state_or_none
+from knotflow.simulation.attempt import (
+    Attempts,
+    Observer,
+    attempt,
+    end_states,
+    state_or_none,
+)
 from knotflow.simulation.rope import (
     ROOTS,
     RopeConfig,
@@ -19,6 +25,7 @@ from knotflow.simulation.spline import (
     clip_splines,
     control_points,
     grasped_link,
+    spline_basis,
     spline_path,
 )
 from knotflow.simulation.starts import (
@@ -59,7 +66,9 @@ __all__ = [
     "pose",
     "random_curve",
     "reached",
+    "end_states",
     "resample",
+    "spline_basis",
     "spline_path",
     "state_or_none",
     "straight",
