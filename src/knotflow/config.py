@@ -161,6 +161,10 @@ class BenchmarkBudget:
 
     rollouts: int = BenchmarkConfig.rollouts
     """Random splines in each case."""
+    ends: int = 500
+    """Random splines, and as many aimed ones, whose ends are compared between roots."""
+    trials: int = 160
+    """Splines of each action whose success is compared between roots."""
     run: int = BenchmarkConfig.run
     """Raise it to time again on the same results folder."""
 

@@ -36,23 +36,69 @@ def spatial_curve(rope, rng):
     return np.array(points)
 
 
-@pytest.mark.parametrize("links", [8, 40, 61])
+@pytest.mark.parametrize("root", ["middle", "head"])
+@pytest.mark.parametrize("links", [4, 9, 40, 61])
 @pytest.mark.parametrize("make", [random_curve, spatial_curve])
-def test_posed_rope_has_the_given_vertices(links, make, rng):
-    rope = RopeConfig(links=links)
+def test_posed_rope_has_the_given_vertices(links, make, root, rng):
+    rope = RopeConfig(links=links, root=root)
     model = build_model(rope)
     points = np.stack([make(rope, rng) for _ in range(5)])
     for given, qpos in zip(points, pose(points, rope), strict=True):
         np.testing.assert_allclose(vertices(model, qpos), given, atol=1e-6)
 
 
-def test_a_rope_that_heads_backwards_and_up_is_posed(rng):
-    rope = RopeConfig(links=8)
-    points = straight(rope) @ np.diag([-1.0, 1, 1]) + [0, 0, 0.1]
-    points[:, 2] += np.linspace(0, 0.0, 9)
-    np.testing.assert_allclose(
-        vertices(build_model(rope), pose(points[None], rope)[0]), points, atol=1e-6
-    )
+@pytest.mark.parametrize("root", ["middle", "head"])
+def test_a_rope_that_heads_backwards_and_up_is_posed(root):
+    rope = RopeConfig(links=8, root=root)
+    points = rope.link_length * np.arange(9)[:, None] * [-0.8, 0.0, 0.6] + [0.5, 0.0, 0.1]
+    qpos = pose(points[None], rope)[0]
+    np.testing.assert_allclose(vertices(build_model(rope), qpos), points, atol=1e-6)
+    np.testing.assert_allclose(qpos[7:], 0, atol=1e-9)  # a straight rope bends no hinge
+
+
+def test_roots_are_coordinates_of_one_rope(rng):
+    """Same links in the same places with the same masses, grasps and feet, whatever the root."""
+    middle, head = RopeConfig(links=9), RopeConfig(links=9, root="head")
+    points = spatial_curve(middle, rng)[None]
+    models = [build_model(rope) for rope in (middle, head)]
+    assert models[0].nv == models[1].nv
+    assert models[0].nM < models[1].nM
+    scenes = []
+    for model, rope in zip(models, (middle, head), strict=True):
+        data = mujoco.MjData(model)
+        data.qpos[:] = pose(points, rope)[0]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        names = [f"{kind}_{i}" for i in range(9) for kind in ("grasp", "vertex")]
+        feet = np.argsort(data.geom_xpos[:, 0])
+        scenes.append(
+            {
+                "sites": np.array([data.site(name).xpos for name in names]),
+                "links": np.array([data.body(f"link_{i}").xipos for i in range(9)]),
+                "masses": np.array([model.body(f"link_{i}").mass for i in range(9)]),
+                "geoms": data.geom_xpos[feet],
+                "friction": model.geom_condim[feet][:, None],
+            }
+        )
+    for key, value in scenes[0].items():
+        np.testing.assert_allclose(value, scenes[1][key], atol=1e-6, err_msg=key)
+
+
+def test_only_rolling_of_the_root_is_damped_in_the_world():
+    rope = RopeConfig()
+    model = build_model(rope)
+    assert np.flatnonzero(model.dof_damping[:6]).tolist() == [3]
+    assert np.flatnonzero(model.dof_armature[:6]).tolist() == [3]
+    data = mujoco.MjData(model)
+    data.qpos[3:7] = [np.sqrt(0.5), 0, 0, np.sqrt(0.5)]  # the rope points along y
+    data.qvel[3] = 1.0
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_comVel(model, data)
+    velocity = np.zeros(6)
+    link = model.body(f"link_{rope.root_link}").id
+    mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, link, velocity, 0)
+    np.testing.assert_allclose(velocity[:3], [0, 1, 0], atol=1e-9)
 
 
 def test_every_link_can_be_grasped():
@@ -77,7 +123,9 @@ def test_points_that_are_no_shape_of_the_rope_are_refused(damage, message):
         check_points(damage(straight(rope)), rope)
 
 
-@pytest.mark.parametrize("wrong", [{"links": 2}, {"length": 0.0}, {"radius": -1.0}])
+@pytest.mark.parametrize(
+    "wrong", [{"links": 2}, {"length": 0.0}, {"radius": -1.0}, {"root": "tail"}]
+)
 def test_impossible_ropes_are_refused(wrong):
     with pytest.raises(ValueError, match="rope"):
         replace(RopeConfig(), **wrong)

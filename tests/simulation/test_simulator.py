@@ -46,7 +46,8 @@ def test_random_splines_neither_explode_nor_stretch_nor_sink(simulator, rng):
     assert not rollouts.diverged.any()
     lengths = np.linalg.norm(np.diff(rollouts.trajectory, axis=2), axis=-1)
     np.testing.assert_allclose(lengths, simulator.config.rope.link_length, atol=1e-5)
-    assert rollouts.trajectory[..., 2].min() > 0  # no vertex below the table
+    # Contacts are soft: a strand pressed down sinks by about its radius for a moment.
+    assert rollouts.trajectory[..., 2].min() > -0.25 * simulator.config.rope.radius
     speed = np.linalg.norm(np.diff(rollouts.trajectory, axis=1), axis=-1) / 0.1
     assert speed.max() < 4.0  # the gripper itself moves at up to 1 m/s
 
@@ -179,3 +180,14 @@ def test_a_rope_thrown_apart_is_marked_and_others_are_kept(rng):
     lost = rollouts.diverged
     np.testing.assert_array_equal(rollouts.end_points[lost], points[lost])
     assert np.isfinite(rollouts.end_points).all()
+
+
+def test_a_part_of_a_batch_is_what_its_rows_say(simulator, rng):
+    points, splines = random_batch(simulator, rng, 3)
+    rollouts = simulator.execute(points, splines)
+    part = rollouts[[2, 0]]
+    np.testing.assert_array_equal(part.end_points, rollouts.end_points[[2, 0]])
+    np.testing.assert_array_equal(part.trajectory, rollouts.trajectory[[2, 0]])
+    np.testing.assert_array_equal(part.gripper, rollouts.gripper[[2, 0]])
+    assert part.times is rollouts.times
+    assert len(rollouts[1:]) == len(rollouts[1:].diverged) == 2

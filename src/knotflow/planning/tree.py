@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,7 @@ from knotflow.planning.growth import (
 )
 from knotflow.planning.plan import KnotPlan, PlanStep, Tried
 from knotflow.samplers import Sampler
-from knotflow.simulation import Attempts, Observer, Rollouts, check_points, state_or_none
+from knotflow.simulation import Attempts, Observer, Rollouts, check_points, end_states
 from knotflow.topology import Action, TopologicalState
 
 
@@ -88,10 +88,7 @@ class TreeSearch:
         clock = time.perf_counter()
         rollouts = self.simulator.execute(np.stack([node.points for node, _ in chosen]), splines)
         self._clock.simulation += time.perf_counter() - clock
-        ends = [
-            None if diverged else state_or_none(end)
-            for end, diverged in zip(rollouts.end_points, rollouts.diverged, strict=True)
-        ]
+        ends = end_states(rollouts)
         known = len(self.nodes)
         for row, (node, edge) in enumerate(chosen):
             self._add(node, edge, splines[row], rollouts, row, ends[row])
@@ -218,23 +215,16 @@ def _by_action(
     chosen: list[tuple[Node, Edge]],
     splines: NDArray,
     rollouts: Rollouts,
-    ends: list[TopologicalState | None],
+    ends: Sequence[TopologicalState | None],
 ) -> Iterator[Attempts]:
     """A batch of branches, sorted by the state they began in and the action they were for."""
     rows: dict[tuple[TopologicalState, Action], list[int]] = {}
     for row, (node, (action, _)) in enumerate(chosen):
         rows.setdefault((node.state, action), []).append(row)
     for (state, action), same in rows.items():
-        part = replace(
-            rollouts,
-            trajectory=rollouts.trajectory[same],
-            gripper=rollouts.gripper[same],
-            end_points=rollouts.end_points[same],
-            diverged=rollouts.diverged[same],
-        )
         points = np.stack([chosen[row][0].points for row in same])
         outcome = tuple(ends[row] for row in same)
-        yield Attempts(action, state, points, splines[same], part, outcome)
+        yield Attempts(action, state, points, splines[same], rollouts[same], outcome)
 
 
 def plan_knot(

@@ -29,6 +29,7 @@ from knotflow.primitives.encoding import (
     STREAM_POINTS,
     control_features,
 )
+from knotflow.simulation import spline_basis
 
 SPLINE = 6
 
@@ -134,9 +135,8 @@ class Passage(nn.Module):
             nn.Linear(_PLACE + config.lookups * config.lookup, config.stream), nn.SiLU()
         )
         self.out = nn.Linear(config.sites * config.stream, config.head)
-        # Three control points with clamped ends make a Bezier curve.
         t = torch.linspace(0, 1, config.sites)
-        weights = torch.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2], dim=1)
+        weights = torch.from_numpy(spline_basis(t.numpy()))
         self.register_buffer("_weights", weights, persistent=False)  # (sites, 3)
         self.register_buffer("_t", t[:, None], persistent=False)
 

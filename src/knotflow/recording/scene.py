@@ -19,6 +19,8 @@ from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from numpy.typing import NDArray
 
+from knotflow.simulation import spline_path
+
 from . import topics
 from .schema import NANOSECONDS, RecordedRollout
 
@@ -39,13 +41,8 @@ def gradient(count: int) -> NDArray[np.uint8]:
 
 
 def spline_curve(control_points: NDArray[np.float64], count: int = CURVE_POINTS) -> NDArray:
-    """Points (count, 3) m of the clamped quadratic B-spline with control points (3, 3) m.
-
-    With as many control points as its order, such a B-spline is the quadratic Bezier curve.
-    """
-    u = np.linspace(0.0, 1.0, count)[:, None]
-    first, middle, last = control_points
-    return (1 - u) ** 2 * first + 2 * u * (1 - u) * middle + u**2 * last
+    """Points (count, 3) m of the clamped quadratic B-spline with control points (3, 3) m."""
+    return spline_path(control_points, np.linspace(0.0, 1.0, count))
 
 
 def _stamp(timestamp: Any, log_time: int) -> None:

@@ -1,7 +1,20 @@
 """The rope in MuJoCo: its model, the 6-D spline, batched execution, and start shapes."""
 
-from knotflow.simulation.attempt import Attempts, Observer, attempt, state_or_none
-from knotflow.simulation.rope import RopeConfig, ShapeError, build_model, check_points, pose
+from knotflow.simulation.attempt import (
+    Attempts,
+    Observer,
+    attempt,
+    end_states,
+    state_or_none,
+)
+from knotflow.simulation.rope import (
+    ROOTS,
+    RopeConfig,
+    ShapeError,
+    build_model,
+    check_points,
+    pose,
+)
 from knotflow.simulation.simulator import Rollouts, RopeSimulator, SimulationConfig
 from knotflow.simulation.spline import (
     SPLINE_HIGH,
@@ -12,6 +25,7 @@ from knotflow.simulation.spline import (
     clip_splines,
     control_points,
     grasped_link,
+    spline_basis,
     spline_path,
 )
 from knotflow.simulation.starts import (
@@ -26,6 +40,7 @@ from knotflow.simulation.starts import (
 )
 
 __all__ = [
+    "ROOTS",
     "SPLINE_HIGH",
     "SPLINE_LOW",
     "SPLINE_NAMES",
@@ -51,7 +66,9 @@ __all__ = [
     "pose",
     "random_curve",
     "reached",
+    "end_states",
     "resample",
+    "spline_basis",
     "spline_path",
     "state_or_none",
     "straight",

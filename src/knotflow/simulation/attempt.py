@@ -28,6 +28,18 @@ class Attempts:
     ends: tuple[TopologicalState | None, ...]
     """(B,) states at rest; None where the projection cannot be read or the simulation diverged."""
 
+    @classmethod
+    def of(
+        cls,
+        action: Action,
+        start: TopologicalState,
+        points: NDArray,
+        splines: NDArray,
+        rollouts: Rollouts,
+    ) -> Attempts:
+        """Attempts whose end states are read from their rollouts."""
+        return cls(action, start, points, splines, rollouts, end_states(rollouts))
+
     @property
     def goal(self) -> TopologicalState:
         """The state the action leads to."""
@@ -65,14 +77,18 @@ def attempt(
     if np.ndim(points) == 2:
         points = np.broadcast_to(points, (len(splines), *np.shape(points)))
     rollouts = simulator.execute(points, splines)
-    ends = tuple(
-        None if diverged else state_or_none(end)
-        for end, diverged in zip(rollouts.end_points, rollouts.diverged, strict=True)
-    )
-    attempts = Attempts(action, start, points, splines, rollouts, ends)
+    attempts = Attempts.of(action, start, points, splines, rollouts)
     if observe is not None:
         observe(attempts)
     return attempts
+
+
+def end_states(rollouts: Rollouts) -> tuple[TopologicalState | None, ...]:
+    """(B,) states at rest; None where the projection cannot be read or the simulation diverged."""
+    return tuple(
+        None if diverged else state_or_none(end)
+        for end, diverged in zip(rollouts.end_points, rollouts.diverged, strict=True)
+    )
 
 
 def state_or_none(points: NDArray) -> TopologicalState | None:

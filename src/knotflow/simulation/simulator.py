@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
@@ -54,6 +54,16 @@ class Rollouts:
 
     def __len__(self) -> int:
         return len(self.end_points)
+
+    def __getitem__(self, rows: slice | NDArray | list[int]) -> Rollouts:
+        """Some of the ropes, as a slice, a mask (B,) or indices select them."""
+        return replace(
+            self,
+            trajectory=self.trajectory[rows],
+            gripper=self.gripper[rows],
+            end_points=self.end_points[rows],
+            diverged=self.diverged[rows],
+        )
 
 
 class RopeSimulator:

@@ -80,6 +80,10 @@ def spline_path(controls: NDArray, parameters: NDArray) -> NDArray[np.float64]:
 
     `parameters` (N,) run from 0 (grasp) to 1 (release).
     """
-    t = np.asarray(parameters)[:, None]
-    basis = np.concatenate([(1 - t) ** 2, 2 * t * (1 - t), t**2], axis=1)  # (N, 3)
-    return basis @ np.asarray(controls)
+    return spline_basis(parameters) @ np.asarray(controls)
+
+
+def spline_basis(parameters: NDArray) -> NDArray[np.float64]:
+    """Weights (N, 3) of the control points at parameters (N,), 0 (grasp) to 1 (release)."""
+    t = np.asarray(parameters)
+    return np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2], axis=-1)

@@ -17,14 +17,7 @@ from numpy.typing import NDArray
 from knotflow.demonstrations import Task, Trials
 from knotflow.primitives.encoding import Encoded, encode
 from knotflow.primitives.primitive import Primitive
-from knotflow.simulation import (
-    Attempts,
-    Rollouts,
-    RopeSimulator,
-    StartsConfig,
-    is_roomy,
-    state_or_none,
-)
+from knotflow.simulation import Attempts, RopeSimulator, StartsConfig, is_roomy
 from knotflow.training.buffer import TrialBuffer
 from knotflow.training.exploration import POLICY, SPREAD, ExplorationConfig, explore
 from knotflow.training.fitting import fit
@@ -177,13 +170,9 @@ class Reinforcement(Resumable):
         attempts, metrics = [], {}
         each = config.ropes * config.splines
         for number, (task, seen, points, splines, ways) in enumerate(proposed):
-            mine = _rows(rollouts, slice(number * each, (number + 1) * each))
-            ends = tuple(
-                None if lost else state_or_none(end)
-                for end, lost in zip(mine.end_points, mine.diverged, strict=True)
-            )
+            mine = rollouts[number * each : (number + 1) * each]
             flat = splines.reshape(-1, 6)
-            tried = Attempts(task.action, task.start_state, points, flat, mine, ends)
+            tried = Attempts.of(task.action, task.start_state, points, flat, mine)
             success, way_of_each = tried.success, np.repeat(ways, config.splines)
             self._remember(seen, splines, success.reshape(splines.shape[:2]))
             self._leave(tried)
@@ -218,13 +207,3 @@ class Reinforcement(Resumable):
     def _progress(self) -> float:
         """0 in the first round, 1 in the last."""
         return self._done / max(1, self.config.rounds - 1)
-
-
-def _rows(rollouts: Rollouts, rows: slice) -> Rollouts:
-    return Rollouts(
-        rollouts.times,
-        rollouts.trajectory[rows],
-        rollouts.gripper[rows],
-        rollouts.end_points[rows],
-        rollouts.diverged[rows],
-    )

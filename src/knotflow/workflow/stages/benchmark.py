@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from knotflow.simulation import (
+    ROOTS,
     SPLINE_HIGH,
     SPLINE_LOW,
     RopeSimulator,
@@ -51,27 +52,45 @@ def time_simulation(
     cases = [(links, threads) for links in config.links for threads in sorted({1, cpus})]
     rows = []
     for links, threads in context.progress(cases, desc="benchmark"):
-        rope = replace(config.simulation.rope, links=links)
-        simulator = RopeSimulator(replace(config.simulation, rope=rope, threads=threads))
-        rng = np.random.default_rng(config.seed)
-        points = np.stack([random_curve(rope, rng, config.starts) for _ in range(config.rollouts)])
-        splines = rng.uniform(SPLINE_LOW, SPLINE_HIGH, (config.rollouts, 6))
-        simulator.execute(points[:64], splines[:64])  # threads and caches are warm
-        begin = time.perf_counter()
-        simulator.execute(points, splines)
-        seconds = time.perf_counter() - begin
-        rows.append(
-            {
-                "case": "random splines on random curves",
-                "links": links,
-                "threads": threads,
-                "rollouts": config.rollouts,
-                "seconds": round(seconds, 3),
-                "splines_per_second": round(config.rollouts / seconds, 2),
-                "peak_memory_mb": round(
-                    resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1
-                ),
-            }
-        )
+        for root, (wall, cpu) in _seconds(config, links, threads).items():
+            rows.append(
+                {
+                    "case": "random splines on random curves",
+                    "root": root,
+                    "links": links,
+                    "threads": threads,
+                    "rollouts": config.rollouts,
+                    "seconds": round(wall, 3),
+                    "cpu_seconds": round(cpu, 3),
+                    "splines_per_second": round(config.rollouts / wall, 2),
+                    "peak_memory_mb": round(
+                        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1
+                    ),
+                }
+            )
     with context.atomic("throughput.csv") as path:
         pd.DataFrame(rows).to_csv(path, index=False)
+
+
+def _seconds(config: BenchmarkConfig, links: int, threads: int) -> dict[str, tuple[float, float]]:
+    """Wall and CPU seconds of the same splines by root; roots take turns, so that both are slowed
+    alike by whatever else the machine does.
+    """
+    ropes = {root: replace(config.simulation.rope, links=links, root=root) for root in ROOTS}
+    simulators = {
+        root: RopeSimulator(replace(config.simulation, rope=rope, threads=threads))
+        for root, rope in ropes.items()
+    }
+    rng, count = np.random.default_rng(config.seed), config.rollouts
+    points = np.stack([random_curve(ropes["head"], rng, config.starts) for _ in range(count)])
+    splines = rng.uniform(SPLINE_LOW, SPLINE_HIGH, (count, 6))
+    seconds = dict.fromkeys(ROOTS, np.zeros(2))
+    for simulator in simulators.values():
+        simulator.execute(points[:64], splines[:64])  # threads and caches are warm
+    for rows in np.array_split(np.arange(count), max(1, count // 64)):
+        for root, simulator in simulators.items():
+            begin = np.array([time.perf_counter(), time.process_time()])
+            simulator.execute(points[rows], splines[rows])
+            now = np.array([time.perf_counter(), time.process_time()])
+            seconds[root] = seconds[root] + now - begin
+    return {root: (float(wall), float(cpu)) for root, (wall, cpu) in seconds.items()}
