@@ -15,7 +15,6 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig
 
-import knotflow.workflow.stages  # noqa: F401  registers them
 from knotflow.config import ASKED, register
 from knotflow.workflow import Experiment, WorkersConfig, Workflow, git_state, run_all
 
@@ -27,6 +26,8 @@ HOME = PACKAGE if (PACKAGE / "conf").is_dir() else PACKAGE.parents[1]
 @hydra.main(config_path=str(HOME / "conf"), config_name="config", version_base="1.3")
 def main(config: DictConfig) -> None:
     """Run the workflow of an experiment, or those of several one after the other."""
+    import knotflow.workflow.stages  # noqa: F401  registers them; takes seconds, so only now
+
     register()  # again, for a launcher may have sent this function to another process
     state = git_state(PACKAGE)
     try:

@@ -24,7 +24,6 @@ from knotflow.primitives import PrimitiveConfig
 from knotflow.simulation import SimulationConfig, StartsConfig
 from knotflow.training import ImitationConfig, JointConfig, ReinforcementConfig
 from knotflow.workflow import WorkersConfig
-from knotflow.workflow.stages.provenance import Provenance
 
 SHIPPED_PRIMITIVES = Path(__file__).parent / "primitives" / "data"
 
@@ -196,7 +195,9 @@ class Config:
     results/joint_finetuning/primitives."""
     planner: PlannerConfig = field(default_factory=lambda: replace(FAST_SEARCH))
     """The search of +experiment=overhand."""
-    provenance: Provenance = field(default_factory=Provenance)
+    provenance: dict[str, str] = field(
+        default_factory=lambda: dict.fromkeys(("experiment", "budget", "commit"), "")
+    )
     """Filled in by the command."""
     workflow: dict[str, Any] = field(default_factory=dict)
     """The stages of the experiment, from workflows/."""

@@ -24,8 +24,9 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from knotflow.primitives.canonical import PRIMITIVES, canonicalise
+from knotflow.primitives.config import PrimitiveConfig
 from knotflow.primitives.encoding import encode_canonical
-from knotflow.primitives.primitive import Primitive, PrimitiveConfig
+from knotflow.primitives.primitive import Primitive
 from knotflow.samplers import sampler
 from knotflow.simulation import RopeConfig
 from knotflow.topology import Action, parse_action

@@ -8,10 +8,13 @@ both directions and carries no twist: its vertices are its whole shape.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import mujoco
 
 
 @dataclass
@@ -102,6 +105,8 @@ def build_model(
         timestep: simulation time step, seconds.
         contact_time: time constant of the contacts (MuJoCo's first `solref`), seconds.
     """
+    import mujoco  # here, so that the configuration is read without it
+
     spec = mujoco.MjSpec()
     spec.option.timestep = timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
