@@ -38,7 +38,7 @@ from knotflow.topology import Action, TopologicalState, parse_action
 from knotflow.training.buffer import TransitionBuffer
 from knotflow.training.config import JointConfig
 from knotflow.training.exploration import POLICY, explore
-from knotflow.training.fitting import fit
+from knotflow.training.fitting import fit_each
 from knotflow.training.learner import Learner, demonstration_buffer
 from knotflow.training.resumable import Resumable
 from knotflow.training.transitions import Transitions
@@ -120,13 +120,12 @@ class JointFinetuning(Resumable):
         while self._done < config.rounds:
             attempts, metrics = self._episodes()
             self._refresh(metrics)
-            for number in self._learners:
-                metrics[number] |= self._fit(number, config.steps)
+            for number, losses in self._fit(config.steps).items():
+                metrics[number] |= losses
             self._done += 1
             if self._done == config.rounds:
                 self._refresh({number: {} for number in self._learners})
-                for number in self._learners:
-                    self._fit(number, config.closing_steps, closing=True)
+                self._fit(config.closing_steps, closing=True)
             yield JointRound(self._done - 1, metrics, attempts)
 
     @property
@@ -257,12 +256,14 @@ class JointFinetuning(Resumable):
             leads_to,
         )
 
-    def _fit(self, number: int, steps: int, closing: bool = False) -> dict[str, float]:
-        """Gradient steps of a primitive, if any episode came so far that it has what to learn."""
-        learner = self._learners[number]
-        if learner.demonstrations is None and not len(self._buffers[number]):
-            return {}
-        return fit(learner, steps, closing)
+    def _fit(self, steps: int, closing: bool = False) -> dict[int, dict[str, float]]:
+        """Gradient steps of all primitives that any episode gave something to learn from."""
+        ready = {
+            number: learner
+            for number, learner in self._learners.items()
+            if learner.demonstrations is not None or len(self._buffers[number])
+        }
+        return fit_each(ready, steps, closing)
 
     def _refresh(self, metrics: Mapping[int, dict[str, float]]) -> None:
         """Value the shapes that stored steps led to, with the critics as they are now."""
