@@ -14,7 +14,6 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig
 
-import knotflow.workflow.stages  # noqa: F401  registers them
 from knotflow.config import PlanRequest, register
 from knotflow.workflow import Experiment, WorkersConfig, Workflow, code_state, run_all
 
@@ -26,6 +25,8 @@ HOME = PACKAGE if (PACKAGE / "conf").is_dir() else PACKAGE.parents[1]
 @hydra.main(config_path=str(HOME / "conf"), config_name="config", version_base="1.3")
 def main(config: DictConfig) -> None:
     """Run the workflow of an experiment, or those of several one after the other."""
+    import knotflow.workflow.stages  # noqa: F401  registers them; takes seconds, so only now
+
     register()  # again, for a launcher may have sent this function to another process
     try:
         asked = [_alone(name) for name in config.experiments] or [config]

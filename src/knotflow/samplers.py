@@ -25,8 +25,8 @@ from omegaconf.errors import OmegaConfBaseException
 
 from knotflow.topology import Action
 
-ROOMS = ("knotflow.baselines", "knotflow.primitives")
-"""Packages whose import registers samplers."""
+MODULES = ("knotflow.baselines", "knotflow.primitives.library")
+"""Those whose import registers samplers."""
 
 
 class Sampler(Protocol):
@@ -70,8 +70,8 @@ def build_sampler(config: SamplerConfig, inputs: Mapping[str, Path]) -> Sampler:
     Raises:
         ValueError: for an unknown name or unknown settings, naming the valid ones.
     """
-    for room in ROOMS:
-        import_module(room)
+    for module in MODULES:
+        import_module(module)
     if config.name not in _FACTORIES:
         raise ValueError(
             f"unknown sampler {config.name!r}; registered are {', '.join(sorted(_FACTORIES))}"

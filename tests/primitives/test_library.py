@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 from safetensors.torch import load_file, save_file
 
 from knotflow.primitives import FILE, LibraryError, PrimitiveLibrary, encode
@@ -115,3 +116,24 @@ def test_the_value_is_the_probability_of_the_best_spline(library, ropes):
     seen = encode(ropes["loop"][None], [ACTION])
     _, best = library.primitives[3].search(seen, 1, np.random.default_rng(0))
     assert value == pytest.approx(1 / (1 + np.exp(-best.item())))
+
+
+def test_it_computes_on_one_thread_and_leaves_the_number_as_it_was(library, ropes, monkeypatch):
+    threads = []
+    for primitive in library.primitives.values():
+        search = primitive.search
+
+        def counted(*arguments, search=search):
+            threads.append(torch.get_num_threads())
+            return search(*arguments)
+
+        monkeypatch.setattr(primitive, "search", counted)
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        library.sample(ropes["loop"], ACTION, 2, np.random.default_rng(0))
+        library.value(ropes["loop"], ACTION, np.random.default_rng(0))
+        assert threads == [1, 1]
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)

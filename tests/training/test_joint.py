@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -26,9 +27,11 @@ from knotflow.training import (
     JointFinetuning,
     LearnerConfig,
     Transitions,
+    joint,
     parse_path,
 )
 from knotflow.training.augmentation import AugmentationConfig
+from knotflow.training.fitting import fit_each
 
 PATH = parse_path("R1(0,1,1) C(0,1,1) C(2,0,1)")
 STATES = [TopologicalState.trivial()]
@@ -226,6 +229,44 @@ def test_an_interrupted_training_ends_with_the_same_weights(
     again()
     list(start(seed=6))
     assert not torch.equal(weights(library), ended)
+
+
+def test_primitives_that_are_fitted_side_by_side_learn_what_they_learn_one_by_one(
+    start, library, monkeypatch
+):
+    first_weights = weights(library)
+    outcomes = []
+    for threads in (1, 3):
+        torch.nn.utils.vector_to_parameters(
+            first_weights.clone(), [p for n in (1, 2, 3, 4) for p in _stored(library.primitives[n])]
+        )
+        monkeypatch.setattr(joint, "fit_each", partial(fit_each, threads=threads))
+        metrics = [one.metrics for one in start()]
+        outcomes.append((metrics, weights(library)))
+    (one_by_one, ended), (side_by_side, ended_too) = outcomes
+    assert one_by_one == side_by_side
+    assert not torch.equal(ended, first_weights)
+    torch.testing.assert_close(ended_too, ended, atol=0, rtol=0)
+
+
+def test_an_error_in_one_fit_ends_the_others(start):
+    learners = start()._learners
+    steps = {number: 0 for number in learners}
+
+    def counted(number):
+        def update(rate):
+            steps[number] += 1
+            if number == 3:
+                raise RuntimeError("diverged")
+            return {}
+
+        return update
+
+    for number, learner in learners.items():
+        learner.update = counted(number)
+    with pytest.raises(RuntimeError, match="diverged"):
+        fit_each({3: learners[3], 4: learners[4]}, 10_000_000)
+    assert steps[4] < 10_000_000
 
 
 def _stored(primitive):

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from knotflow.workflow.threads import one_thread
+from knotflow.threads import one_thread
 
 
 @pytest.fixture(autouse=True)

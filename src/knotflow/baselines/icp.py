@@ -18,9 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import small_gicp
 from numpy.typing import NDArray
-from scipy.special import softmax
 
 from knotflow.demonstrations import Trials, load_trials
 from knotflow.samplers import sampler
@@ -65,6 +63,8 @@ class IcpSampler:
         Raises:
             ValueError: for an action without a successful demonstration.
         """
+        from scipy.special import softmax
+
         gaussians = self._gaussians.get(action)
         if not gaussians:
             known = ", ".join(str(one) for one, some in self._gaussians.items() if some)
@@ -95,6 +95,8 @@ def align(source: NDArray, target: NDArray) -> tuple[NDArray[np.float64], float]
         The motion as a homogeneous matrix (3, 3) for points on the table, and the root mean square
         distance of closest points after it, metres.
     """
+    import small_gicp
+
     flat_source, flat_target = source * [1, 1, 0], target * [1, 1, 0]
     # Complex numbers: the rotation that best turns one centred polygon into the other is the phase
     # of their inner product.

@@ -29,10 +29,10 @@ from knotflow.planning.branches import (
     SearchUpdate,
     Simulator,
 )
+from knotflow.planning.config import PlannerConfig
 from knotflow.planning.dag import Edge
 from knotflow.planning.goals import Goal
 from knotflow.planning.growth import (
-    PlannerConfig,
     appraise,
     edge_probabilities,
     node_probabilities,

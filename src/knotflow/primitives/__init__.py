@@ -1,40 +1,8 @@
-"""Topological motion primitives (Sec. V-A): encoding, networks, search, and the library of four."""
+"""Topological motion primitives (Sec. V-A): encoding, networks, search, and the library of four.
 
-from knotflow.primitives.canonical import (
-    PRIMITIVES,
-    Canonical,
-    canonicalise,
-    primitive_of,
-)
-from knotflow.primitives.cem import CemConfig, cross_entropy
-from knotflow.primitives.encoding import Encoded, Frames, encode
-from knotflow.primitives.library import (
-    FILE,
-    LibraryError,
-    PrimitiveLibrary,
-    PrimitivesConfig,
-)
-from knotflow.primitives.networks import Actor, Critic, NetworkConfig
-from knotflow.primitives.primitive import VARIANTS, Primitive, PrimitiveConfig
+A name is loaded when it is used, from the file that `__init__.pyi` gives: PyTorch takes seconds.
+"""
 
-__all__ = [
-    "FILE",
-    "PRIMITIVES",
-    "VARIANTS",
-    "Actor",
-    "Canonical",
-    "CemConfig",
-    "Critic",
-    "Encoded",
-    "Frames",
-    "LibraryError",
-    "NetworkConfig",
-    "Primitive",
-    "PrimitiveConfig",
-    "PrimitiveLibrary",
-    "PrimitivesConfig",
-    "canonicalise",
-    "cross_entropy",
-    "encode",
-    "primitive_of",
-]
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

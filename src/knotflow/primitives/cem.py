@@ -9,27 +9,10 @@ population, and all searches of all ropes run as one batch on features computed 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
-
-
-@dataclass
-class CemConfig:
-    """How a spline is searched for."""
-
-    iterations: int = 1
-    """Iterations from the actor's Gaussian (Sec. VII-B1)."""
-    critic_only_iterations: int = 10
-    """Iterations from a wide Gaussian, without an actor (Sec. VII-B1)."""
-    population: int = 256
-    """Splines scored in each iteration of a search."""
-    elites: int = 12
-    """Best splines of a population, which the next one is fitted to."""
-    wide_spread: float = 1.3
-    """Standard deviation of the wide Gaussian about 0, whitened units."""
 
 
 def cross_entropy(

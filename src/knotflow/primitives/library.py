@@ -24,10 +24,12 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from knotflow.primitives.canonical import PRIMITIVES, canonicalise
+from knotflow.primitives.config import PrimitiveConfig
 from knotflow.primitives.encoding import encode_canonical
-from knotflow.primitives.primitive import Primitive, PrimitiveConfig
+from knotflow.primitives.primitive import Primitive
 from knotflow.samplers import sampler
 from knotflow.simulation import RopeConfig
+from knotflow.threads import one_thread
 from knotflow.topology import Action, parse_action
 
 FORMAT = "knotflow primitives"
@@ -42,7 +44,10 @@ class LibraryError(ValueError):
 
 
 class PrimitiveLibrary:
-    """Up to four primitives and the actions they were trained on; a sampler."""
+    """Up to four primitives and the actions they were trained on; a sampler.
+
+    It computes on one thread of PyTorch, whatever the number of threads around it.
+    """
 
     def __init__(
         self,
@@ -96,6 +101,7 @@ class PrimitiveLibrary:
         """
         return self.propose(np.asarray(points)[None], [action], count, rng)[0]
 
+    @one_thread()
     def propose(
         self, points: NDArray, actions: Sequence[Action], count: int, rng: np.random.Generator
     ) -> NDArray[np.float64]:
@@ -116,6 +122,7 @@ class PrimitiveLibrary:
         """
         return float(self.values(np.asarray(points)[None], [action], rng)[0])
 
+    @one_thread()
     def values(
         self, points: NDArray, actions: Sequence[Action], rng: np.random.Generator
     ) -> NDArray[np.float64]:

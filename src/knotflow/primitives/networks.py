@@ -15,14 +15,13 @@ it passes (`Passage`): one vector a rope cannot say what lies where.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
 from torch.distributions import MultivariateNormal
 from torch.nn.functional import scaled_dot_product_attention, softplus
 
+from knotflow.primitives.config import NetworkConfig
 from knotflow.primitives.encoding import (
     CHANNELS,
     CONTROL_FEATURES,
@@ -32,32 +31,6 @@ from knotflow.primitives.encoding import (
 from knotflow.simulation import spline_basis
 
 SPLINE = 6
-
-
-@dataclass
-class NetworkConfig:
-    """Sizes of actor and critic."""
-
-    lstm: int = 32
-    """Hidden size of each stream's LSTM."""
-    attention: int = 16
-    """Size of queries, keys and values."""
-    stream: int = 64
-    """Size of each stream's MLP."""
-    feature: int = 96
-    """Size of the rope's feature."""
-    head: int = 128
-    """Hidden size of the actor's and the critic's head."""
-    sites: int = 6
-    """Places along a spline at which the critic looks up the rope."""
-    lookups: int = 4
-    """Look-ups at each place, near and far."""
-    lookup: int = 16
-    """Size of what a look-up brings."""
-    smallest_spread: float = 0.05
-    """Least standard deviation of the actor along any direction, whitened units."""
-    initial_spread: float = 0.5
-    """Standard deviation of an untrained actor, whitened units."""
 
 
 class PairAttention(nn.Module):

@@ -3,39 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Literal, get_args
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from knotflow.primitives.cem import CemConfig, cross_entropy, standard_normal
+from knotflow.primitives.cem import cross_entropy, standard_normal
+from knotflow.primitives.config import PrimitiveConfig
 from knotflow.primitives.encoding import Encoded, encode
-from knotflow.primitives.networks import SPLINE, Actor, Critic, NetworkConfig
+from knotflow.primitives.networks import SPLINE, Actor, Critic
 from knotflow.topology import Action
-
-Variant = Literal["actor_critic", "actor_only", "critic_only"]
-VARIANTS: tuple[str, ...] = get_args(Variant)
-
-
-@dataclass
-class PrimitiveConfig:
-    """What a primitive is made of."""
-
-    variant: str = "actor_critic"
-    """Which networks there are (Sec. VII-B1): actor_critic, actor_only or critic_only."""
-    network: NetworkConfig = field(default_factory=NetworkConfig)
-    """Sizes of the networks."""
-    cem: CemConfig = field(default_factory=CemConfig)
-    """The search for splines that the critic thinks best."""
-
-    def __post_init__(self) -> None:
-        if self.variant not in VARIANTS:
-            raise ValueError(
-                f"unknown variant {self.variant!r} of a primitive; there are {', '.join(VARIANTS)}"
-            )
 
 
 class Primitive(nn.Module):

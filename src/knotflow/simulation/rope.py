@@ -13,10 +13,13 @@ its mass matrix and 1.8 times the speed; the rope is the same.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import mujoco
 
 ROOTS = ("middle", "head")
 """Links that a rope's chain may be rooted in."""
@@ -127,6 +130,8 @@ def build_model(
         timestep: simulation time step, seconds.
         contact_time: time constant of the contacts (MuJoCo's first `solref`), seconds.
     """
+    import mujoco  # here, so that the configuration is read without it
+
     spec = mujoco.MjSpec()
     spec.option.timestep = timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST

@@ -5,9 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field, replace
 
-import mujoco
 import numpy as np
-from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from knotflow.simulation.rope import RopeConfig, build_model, check_points, pose
@@ -74,6 +72,8 @@ class RopeSimulator:
     """
 
     def __init__(self, config: SimulationConfig) -> None:
+        from mujoco.batch import Batch  # here, so that the configuration is read without it
+
         self.config = config
         self.model = build_model(config.rope, config.timestep, config.contact_time)
         self._vertex_sites = np.array(
@@ -125,6 +125,8 @@ class RopeSimulator:
 
     def _execute(self, points: NDArray, gripper: NDArray, link: NDArray) -> tuple[NDArray, NDArray]:
         """Vertices (B, T - 1, V, 3) at the frames after the first, and divergence (B,)."""
+        import mujoco
+
         count, links = len(points), self.config.rope.links
         if count == 0:
             return np.zeros((0, len(self._frames) - 1, links + 1, 3)), np.zeros(0, bool)

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-
-import networkx as nx
+from typing import TYPE_CHECKING
 
 from knotflow.topology.actions import Action
 from knotflow.topology.state import TopologicalState
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 Step = tuple[Action, TopologicalState]
 """An action and the state it leads to."""
@@ -29,6 +31,8 @@ def solution_graph(*goals: TopologicalState) -> nx.MultiDiGraph:
     Raises:
         TypeError: no goal, or one that is not a TopologicalState.
     """
+    import networkx as nx
+
     if not goals:
         raise TypeError("solution_graph needs at least one goal state")
     for goal in goals:

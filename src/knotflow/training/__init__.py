@@ -2,34 +2,10 @@
 
 It knows the simulator and what demonstrations are, but neither recordings nor stages: iterating
 over a training gives what there is to log, to record and to save.
+
+A name is loaded when it is used, from the file that `__init__.pyi` gives: PyTorch takes seconds.
 """
 
-from knotflow.training.exploration import ExplorationConfig
-from knotflow.training.imitation import Imitation, ImitationConfig
-from knotflow.training.joint import JointConfig, JointFinetuning, JointRound, parse_path
-from knotflow.training.learner import Learner, LearnerConfig
-from knotflow.training.losses import ActorLoss, CriticLoss
-from knotflow.training.reinforcement import (
-    Reinforcement,
-    ReinforcementConfig,
-    Round,
-)
-from knotflow.training.transitions import Transitions
+import lazy_loader
 
-__all__ = [
-    "ActorLoss",
-    "CriticLoss",
-    "ExplorationConfig",
-    "Imitation",
-    "ImitationConfig",
-    "JointConfig",
-    "JointFinetuning",
-    "JointRound",
-    "Learner",
-    "LearnerConfig",
-    "Reinforcement",
-    "ReinforcementConfig",
-    "Round",
-    "Transitions",
-    "parse_path",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -7,21 +7,11 @@ more so as demonstrations have few start shapes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-
-@dataclass
-class AugmentationConfig:
-    """Standard deviations of the random motions."""
-
-    turn: float = 0.2
-    """Of the rotation, radians."""
-    shift: float = 0.1
-    """Of each coordinate of the displacement, network units."""
+from knotflow.training.config import AugmentationConfig
 
 
 def augment(

@@ -9,8 +9,6 @@ wider neighbourhood.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import torch
 from torch import Tensor
@@ -19,29 +17,10 @@ from knotflow.primitives.cem import cross_entropy, standard_normal
 from knotflow.primitives.encoding import Encoded
 from knotflow.primitives.networks import SPLINE
 from knotflow.primitives.primitive import Primitive
+from knotflow.training.config import ExplorationConfig
 
 POLICY, SEARCH, SPREAD = 0, 1, 2
 """The three ways in which a spline is proposed."""
-
-
-@dataclass
-class ExplorationConfig:
-    """Shares of the three ways, and how wide the wider neighbourhood is."""
-
-    search: float = 0.4
-    """Share of ropes whose splines a search in the wider neighbourhood finds; the policy does,
-    without critic."""
-    spread: float = 0.3
-    """Share of ropes whose splines are drawn from the wider neighbourhood; the rest are the
-    policy's."""
-    last: float = 0.3
-    """Both shares fall to this part of themselves, evenly over the rounds."""
-    widening: float = 1.5
-    """Factor on the actor's spread."""
-    floor: float = 0.25
-    """Standard deviation added to it in every direction, whitened units."""
-    iterations: int = 3
-    """Iterations of the wide search."""
 
 
 @torch.no_grad()

@@ -1,21 +1,60 @@
-"""Runs of gradient steps, and what they told on average."""
+"""Runs of gradient steps, of one learner or of several side by side."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event
+
+from knotflow.threads import one_thread
 from knotflow.training.learner import Learner
 
 
-def fit(learner: Learner, steps: int, closing: bool = False) -> dict[str, float]:
+def fit(
+    learner: Learner, steps: int, closing: bool = False, stop: Event | None = None
+) -> dict[str, float]:
     """Make gradient steps; gives the mean losses, and what goes with them.
 
     Args:
         learner: what learns.
         steps: how many.
         closing: let the learning rate fall evenly to 0 over these steps.
+        stop: once it is set, no further step is made.
     """
     means: dict[str, float] = {}
     for step in range(steps):
+        if stop is not None and stop.is_set():
+            break
         told = learner.update(1 - step / steps if closing else 1.0)
         for key, value in told.items():
             means[key] = means.get(key, 0.0) + value / steps
     return means
+
+
+def fit_each(
+    learners: Mapping[int, Learner], steps: int, closing: bool = False, threads: int | None = None
+) -> dict[int, dict[str, float]]:
+    """`fit` each of several learners, side by side; gives what it gives, by learner.
+
+    PyTorch lets other Python threads run while it computes. Learners share neither weights nor
+    random generators, so the number of threads changes nothing.
+
+    Args:
+        learners: those that learn.
+        steps: how many steps each makes.
+        closing: let the learning rate fall evenly to 0 over these steps.
+        threads: learners at once; None takes all of them.
+    """
+    if not learners:
+        return {}
+    stop = Event()
+    with one_thread(), ThreadPoolExecutor(threads or len(learners)) as pool:
+        running = {
+            number: pool.submit(fit, learner, steps, closing, stop)
+            for number, learner in learners.items()
+        }
+        try:
+            return {number: future.result() for number, future in running.items()}
+        except BaseException:
+            stop.set()  # one failed, or the user interrupts: the others need not go to the end
+            raise

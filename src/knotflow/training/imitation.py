@@ -7,7 +7,6 @@ referred to as imitation learning." It ends when what was held out is predicted 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,28 +14,13 @@ import torch
 
 from knotflow.demonstrations import Trials
 from knotflow.primitives.primitive import Primitive, PrimitiveConfig
+from knotflow.training.config import ImitationConfig
 from knotflow.training.fitting import fit
-from knotflow.training.learner import Learner, LearnerConfig, demonstration_buffer
+from knotflow.training.learner import Learner, demonstration_buffer
 from knotflow.training.resumable import Resumable
 
 FEW_STARTS = 4
 """With fewer start shapes than that none can be spared, and trials are held out instead."""
-
-
-@dataclass
-class ImitationConfig:
-    """How long a primitive imitates, and of what."""
-
-    learner: LearnerConfig = field(default_factory=LearnerConfig)
-    """Optimiser and batches."""
-    steps: int = 25
-    """Gradient steps between two validations."""
-    validations: int = 40
-    """Most validations."""
-    patience: int = 8
-    """Validations without a better actor or critic after which training ends."""
-    held_out: float = 0.125
-    """Share of the start shapes that is held out; of the trials, where start shapes are few."""
 
 
 class Imitation(Resumable):

@@ -21,7 +21,7 @@ others follow are left out, for they do not tell where they led.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -36,54 +36,16 @@ from knotflow.primitives.library import PrimitiveLibrary
 from knotflow.simulation import Attempts, RopeSimulator, StartsConfig, attempt, random_curve
 from knotflow.topology import Action, TopologicalState, parse_action
 from knotflow.training.buffer import TransitionBuffer
-from knotflow.training.exploration import POLICY, ExplorationConfig, explore
-from knotflow.training.fitting import fit
-from knotflow.training.learner import Learner, LearnerConfig, demonstration_buffer
+from knotflow.training.config import JointConfig
+from knotflow.training.exploration import POLICY, explore
+from knotflow.training.fitting import fit_each
+from knotflow.training.learner import Learner, demonstration_buffer
 from knotflow.training.resumable import Resumable
 from knotflow.training.transitions import Transitions
 from knotflow.training.values import best_values
 
 GUESS = -1
 """A way in which a spline is proposed, beside those of `exploration`."""
-
-
-def _gentle() -> LearnerConfig:
-    # Large steps would unlearn what took long to learn; every trial is one of its own rope.
-    return LearnerConfig(learning_rate=5e-4, rollout_ropes=256, rollout_trials=1)
-
-
-@dataclass
-class JointConfig:
-    """How long primitives are finetuned together, and how."""
-
-    learner: LearnerConfig = field(default_factory=_gentle)
-    """Optimiser and batches of each primitive."""
-    exploration: ExplorationConfig = field(
-        default_factory=lambda: ExplorationConfig(search=0.2, spread=0.15)
-    )
-    """How the behaviour policy differs from the policy; little, for one bad step ends an
-    episode."""
-    tries: int = 3
-    """Splines tried at a step before its episode is given up."""
-    doubt: float = 0.3
-    """Where the best value that the critic sees is below this,"""
-    guesses: float = 0.5
-    """this share of the tries are a demonstrator's guesses."""
-    gamma: float = 1.0
-    """Factor on the value of the next step."""
-    population: int = 64
-    """Splines among which the best value of a stored shape is sought."""
-    memory: int = 1000
-    """Attempts of independent training that stay in the replay buffer, the newest, for each
-    action."""
-    rounds: int = 45
-    """Rounds of episodes and gradient steps."""
-    episodes: int = 96
-    """Episodes in a round, each on an untangled rope of its own."""
-    steps: int = 40
-    """Gradient steps of each primitive in a round."""
-    closing_steps: int = 600
-    """Gradient steps after the last round, in which the learning rate falls evenly to 0."""
 
 
 @dataclass(frozen=True)
@@ -158,13 +120,12 @@ class JointFinetuning(Resumable):
         while self._done < config.rounds:
             attempts, metrics = self._episodes()
             self._refresh(metrics)
-            for number in self._learners:
-                metrics[number] |= self._fit(number, config.steps)
+            for number, losses in self._fit(config.steps).items():
+                metrics[number] |= losses
             self._done += 1
             if self._done == config.rounds:
                 self._refresh({number: {} for number in self._learners})
-                for number in self._learners:
-                    self._fit(number, config.closing_steps, closing=True)
+                self._fit(config.closing_steps, closing=True)
             yield JointRound(self._done - 1, metrics, attempts)
 
     @property
@@ -295,12 +256,14 @@ class JointFinetuning(Resumable):
             leads_to,
         )
 
-    def _fit(self, number: int, steps: int, closing: bool = False) -> dict[str, float]:
-        """Gradient steps of a primitive, if any episode came so far that it has what to learn."""
-        learner = self._learners[number]
-        if learner.demonstrations is None and not len(self._buffers[number]):
-            return {}
-        return fit(learner, steps, closing)
+    def _fit(self, steps: int, closing: bool = False) -> dict[int, dict[str, float]]:
+        """Gradient steps of all primitives that any episode gave something to learn from."""
+        ready = {
+            number: learner
+            for number, learner in self._learners.items()
+            if learner.demonstrations is not None or len(self._buffers[number])
+        }
+        return fit_each(ready, steps, closing)
 
     def _refresh(self, metrics: Mapping[int, dict[str, float]]) -> None:
         """Value the shapes that stored steps led to, with the critics as they are now."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,35 +11,10 @@ from torch import Tensor
 from knotflow.demonstrations import Trials
 from knotflow.primitives.encoding import Encoded, encode
 from knotflow.primitives.primitive import Primitive
-from knotflow.training.augmentation import AugmentationConfig, augment
+from knotflow.training.augmentation import augment
 from knotflow.training.buffer import TrialBuffer, mixed
+from knotflow.training.config import LearnerConfig
 from knotflow.training.losses import ActorLoss, CriticLoss
-
-
-@dataclass
-class LearnerConfig:
-    """The optimiser and the batches."""
-
-    learning_rate: float = 2e-3
-    """Of AdamW."""
-    weight_decay: float = 1e-3
-    """Of AdamW."""
-    gradient_norm: float = 5.0
-    """Gradients are clipped to this norm."""
-    failure_weight: float = 0.0
-    """Share of a rope's mean reward that the actor's advantage takes off; see `ActorLoss`."""
-    demonstration_ropes: int = 24
-    """Demonstrated ropes in a batch."""
-    demonstration_trials: int = 24
-    """Trials of each demonstrated rope in a batch."""
-    rollout_ropes: int = 128
-    """Ropes of the reinforcement stage in a batch."""
-    rollout_trials: int = 2
-    """Trials of each of these ropes in a batch."""
-    demonstration_share: float = 0.25
-    """Weight of the demonstrations in a batch that has both."""
-    augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
-    """Deformed copies of the trials in a batch."""
 
 
 class Learner:

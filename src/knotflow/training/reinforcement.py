@@ -7,7 +7,7 @@ steps on demonstrations and attempts alike.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,37 +19,12 @@ from knotflow.primitives.encoding import Encoded, encode
 from knotflow.primitives.primitive import Primitive
 from knotflow.simulation import Attempts, RopeSimulator, StartsConfig, is_roomy
 from knotflow.training.buffer import TrialBuffer
-from knotflow.training.exploration import POLICY, SPREAD, ExplorationConfig, explore
+from knotflow.training.config import ReinforcementConfig
+from knotflow.training.exploration import POLICY, SPREAD, explore
 from knotflow.training.fitting import fit
-from knotflow.training.learner import Learner, LearnerConfig, demonstration_buffer
+from knotflow.training.learner import Learner, demonstration_buffer
 from knotflow.training.pool import StartPool
 from knotflow.training.resumable import Resumable
-
-
-@dataclass
-class ReinforcementConfig:
-    """How long a primitive is reinforced, and how."""
-
-    learner: LearnerConfig = field(default_factory=LearnerConfig)
-    """Optimiser and batches."""
-    exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
-    """How the behaviour policy differs from the policy."""
-    rounds: int = 24
-    """Rounds of attempts and gradient steps."""
-    ropes: int = 48
-    """Start shapes of each task in a round; few splines on many shapes teach more than many on
-    few."""
-    splines: int = 2
-    """Splines tried on each."""
-    steps: int = 60
-    """Gradient steps in a round."""
-    left_share: float = 0.3
-    """Share of the start shapes that earlier attempts left behind, see `pool`."""
-    left_capacity: int = 1000
-    """How many of those are kept for each start state."""
-    closing_steps: int = 1000
-    """Gradient steps after the last round, in which the learning rate falls evenly to 0: what the
-    attempts tell is more than the few steps of a round take in."""
 
 
 @dataclass(frozen=True)

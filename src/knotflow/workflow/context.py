@@ -10,9 +10,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from knotflow.threads import one_thread
+
 from . import durable
 from .progress import progress
-from .threads import one_thread
 from .workers import WorkersConfig, each
 
 if TYPE_CHECKING:

@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from knotflow.threads import one_thread
+
 from . import publish
 from .context import StageContext
 from .definition import Node, Workflow
@@ -18,7 +20,6 @@ from .provenance import CodeState, library_versions
 from .signature import plain, runtime_fields, signature
 from .stage import get_stage
 from .store import Clock, StageFolder
-from .threads import one_thread
 from .workers import WorkersConfig
 
 __all__ = ["Node", "Workflow", "run"]

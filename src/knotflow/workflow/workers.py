@@ -14,8 +14,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-import joblib
-
 from .errors import WorkflowError
 
 BACKENDS = ("loky", "ray")
@@ -81,6 +79,8 @@ def each(
         _start_ray()
         how, watched = "list", None  # Ray itself ends the workers of a driver that is gone
     jobs = min(config.jobs, len(shards)) if config.jobs > 0 else config.jobs
+    import joblib
+
     with joblib.parallel_config(backend=config.backend, n_jobs=jobs), _meanwhile(meanwhile):
         parallel = joblib.Parallel(return_as=how, batch_size=1, pre_dispatch="all")
         for _ in parallel(joblib.delayed(_work)(work, shard, watched) for shard in shards):

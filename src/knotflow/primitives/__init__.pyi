@@ -1,0 +1,39 @@
+from .canonical import (
+    PRIMITIVES,
+    Canonical,
+    canonicalise,
+    primitive_of,
+)
+from .cem import cross_entropy
+from .config import VARIANTS, CemConfig, NetworkConfig, PrimitiveConfig
+from .encoding import Encoded, Frames, encode
+from .library import (
+    FILE,
+    LibraryError,
+    PrimitiveLibrary,
+    PrimitivesConfig,
+)
+from .networks import Actor, Critic
+from .primitive import Primitive
+
+__all__ = [
+    "FILE",
+    "PRIMITIVES",
+    "VARIANTS",
+    "Actor",
+    "Canonical",
+    "CemConfig",
+    "Critic",
+    "Encoded",
+    "Frames",
+    "LibraryError",
+    "NetworkConfig",
+    "Primitive",
+    "PrimitiveConfig",
+    "PrimitiveLibrary",
+    "PrimitivesConfig",
+    "canonicalise",
+    "cross_entropy",
+    "encode",
+    "primitive_of",
+]

@@ -1,0 +1,69 @@
+"""What a primitive is made of, as the configuration says it; read without PyTorch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+Variant = Literal["actor_critic", "actor_only", "critic_only"]
+VARIANTS: tuple[str, ...] = get_args(Variant)
+
+
+@dataclass
+class NetworkConfig:
+    """Sizes of actor and critic."""
+
+    lstm: int = 32
+    """Hidden size of each stream's LSTM."""
+    attention: int = 16
+    """Size of queries, keys and values."""
+    stream: int = 64
+    """Size of each stream's MLP."""
+    feature: int = 96
+    """Size of the rope's feature."""
+    head: int = 128
+    """Hidden size of the actor's and the critic's head."""
+    sites: int = 6
+    """Places along a spline at which the critic looks up the rope."""
+    lookups: int = 4
+    """Look-ups at each place, near and far."""
+    lookup: int = 16
+    """Size of what a look-up brings."""
+    smallest_spread: float = 0.05
+    """Least standard deviation of the actor along any direction, whitened units."""
+    initial_spread: float = 0.5
+    """Standard deviation of an untrained actor, whitened units."""
+
+
+@dataclass
+class CemConfig:
+    """How a spline is searched for."""
+
+    iterations: int = 1
+    """Iterations from the actor's Gaussian (Sec. VII-B1)."""
+    critic_only_iterations: int = 10
+    """Iterations from a wide Gaussian, without an actor (Sec. VII-B1)."""
+    population: int = 256
+    """Splines scored in each iteration of a search."""
+    elites: int = 12
+    """Best splines of a population, which the next one is fitted to."""
+    wide_spread: float = 1.3
+    """Standard deviation of the wide Gaussian about 0, whitened units."""
+
+
+@dataclass
+class PrimitiveConfig:
+    """What a primitive is made of."""
+
+    variant: str = "actor_critic"
+    """Which networks there are (Sec. VII-B1): actor_critic, actor_only or critic_only."""
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+    """Sizes of the networks."""
+    cem: CemConfig = field(default_factory=CemConfig)
+    """The search for splines that the critic thinks best."""
+
+    def __post_init__(self) -> None:
+        if self.variant not in VARIANTS:
+            raise ValueError(
+                f"unknown variant {self.variant!r} of a primitive; there are {', '.join(VARIANTS)}"
+            )

@@ -1,0 +1,145 @@
+"""What each training takes from the configuration: efforts, batches, exploration.
+
+They are here, beside no code, so that the command's configuration is read without PyTorch.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass
+class AugmentationConfig:
+    """Standard deviations of the random motions."""
+
+    turn: float = 0.2
+    """Of the rotation, radians."""
+    shift: float = 0.1
+    """Of each coordinate of the displacement, network units."""
+
+
+@dataclass
+class LearnerConfig:
+    """The optimiser and the batches."""
+
+    learning_rate: float = 2e-3
+    """Of AdamW."""
+    weight_decay: float = 1e-3
+    """Of AdamW."""
+    gradient_norm: float = 5.0
+    """Gradients are clipped to this norm."""
+    failure_weight: float = 0.0
+    """Share of a rope's mean reward that the actor's advantage takes off; see `ActorLoss`."""
+    demonstration_ropes: int = 24
+    """Demonstrated ropes in a batch."""
+    demonstration_trials: int = 24
+    """Trials of each demonstrated rope in a batch."""
+    rollout_ropes: int = 128
+    """Ropes of the reinforcement stage in a batch."""
+    rollout_trials: int = 2
+    """Trials of each of these ropes in a batch."""
+    demonstration_share: float = 0.25
+    """Weight of the demonstrations in a batch that has both."""
+    augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
+    """Deformed copies of the trials in a batch."""
+
+
+@dataclass
+class ExplorationConfig:
+    """Shares of the three ways, and how wide the wider neighbourhood is."""
+
+    search: float = 0.4
+    """Share of ropes whose splines a search in the wider neighbourhood finds; the policy does,
+    without critic."""
+    spread: float = 0.3
+    """Share of ropes whose splines are drawn from the wider neighbourhood; the rest are the
+    policy's."""
+    last: float = 0.3
+    """Both shares fall to this part of themselves, evenly over the rounds."""
+    widening: float = 1.5
+    """Factor on the actor's spread."""
+    floor: float = 0.25
+    """Standard deviation added to it in every direction, whitened units."""
+    iterations: int = 3
+    """Iterations of the wide search."""
+
+
+@dataclass
+class ImitationConfig:
+    """How long a primitive imitates, and of what."""
+
+    learner: LearnerConfig = field(default_factory=LearnerConfig)
+    """Optimiser and batches."""
+    steps: int = 25
+    """Gradient steps between two validations."""
+    validations: int = 40
+    """Most validations."""
+    patience: int = 8
+    """Validations without a better actor or critic after which training ends."""
+    held_out: float = 0.125
+    """Share of the start shapes that is held out; of the trials, where start shapes are few."""
+
+
+@dataclass
+class ReinforcementConfig:
+    """How long a primitive is reinforced, and how."""
+
+    learner: LearnerConfig = field(default_factory=LearnerConfig)
+    """Optimiser and batches."""
+    exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
+    """How the behaviour policy differs from the policy."""
+    rounds: int = 24
+    """Rounds of attempts and gradient steps."""
+    ropes: int = 48
+    """Start shapes of each task in a round; few splines on many shapes teach more than many on
+    few."""
+    splines: int = 2
+    """Splines tried on each."""
+    steps: int = 60
+    """Gradient steps in a round."""
+    left_share: float = 0.3
+    """Share of the start shapes that earlier attempts left behind, see `pool`."""
+    left_capacity: int = 1000
+    """How many of those are kept for each start state."""
+    closing_steps: int = 1000
+    """Gradient steps after the last round, in which the learning rate falls evenly to 0: what the
+    attempts tell is more than the few steps of a round take in."""
+
+
+def _gentle() -> LearnerConfig:
+    # Large steps would unlearn what took long to learn; every trial is one of its own rope.
+    return LearnerConfig(learning_rate=5e-4, rollout_ropes=256, rollout_trials=1)
+
+
+@dataclass
+class JointConfig:
+    """How long primitives are finetuned together, and how."""
+
+    learner: LearnerConfig = field(default_factory=_gentle)
+    """Optimiser and batches of each primitive."""
+    exploration: ExplorationConfig = field(
+        default_factory=lambda: ExplorationConfig(search=0.2, spread=0.15)
+    )
+    """How the behaviour policy differs from the policy; little, for one bad step ends an
+    episode."""
+    tries: int = 3
+    """Splines tried at a step before its episode is given up."""
+    doubt: float = 0.3
+    """Where the best value that the critic sees is below this,"""
+    guesses: float = 0.5
+    """this share of the tries are a demonstrator's guesses."""
+    gamma: float = 1.0
+    """Factor on the value of the next step."""
+    population: int = 64
+    """Splines among which the best value of a stored shape is sought."""
+    memory: int = 1000
+    """Attempts of independent training that stay in the replay buffer, the newest, for each
+    action."""
+    rounds: int = 45
+    """Rounds of episodes and gradient steps."""
+    episodes: int = 96
+    """Episodes in a round, each on an untangled rope of its own."""
+    steps: int = 40
+    """Gradient steps of each primitive in a round."""
+    closing_steps: int = 600
+    """Gradient steps after the last round, in which the learning rate falls evenly to 0."""
