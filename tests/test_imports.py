@@ -14,17 +14,19 @@ import knotflow
 SOURCE = Path(knotflow.__file__).parent
 
 KNOWS = {
+    "versions": set(),
+    "threads": set(),
     "topology": set(),
     "drawing": {"topology"},
     "simulation": {"topology"},
     "demonstrations": {"simulation"},
     "samplers": {"demonstrations"},
     "baselines": {"samplers"},
-    "primitives": {"samplers"},
+    "primitives": {"samplers", "threads"},
     "training": {"primitives"},
     "planning": {"samplers", "drawing"},
     "recording": {"simulation"},
-    "workflow": {"baselines", "training", "planning", "recording"},
+    "workflow": {"versions", "baselines", "training", "planning", "recording"},
     "report": {"drawing"},
     "config": {"workflow"},
     "view": {"recording"},

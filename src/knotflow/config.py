@@ -2,7 +2,7 @@
 
 The rooms' own dataclasses say what their values mean. The ones here hold what belongs to an
 experiment as a whole: counts that a budget sets, and seeds. Workflows hand each stage the part it
-needs. A default that a stage has is taken from there; budgets name only what differs.
+needs. What is set here has no default in the stage that takes it, so that it stands in one place.
 """
 
 from __future__ import annotations
@@ -20,20 +20,10 @@ from knotflow.baselines import IcpConfig
 from knotflow.baselines.causal_infogan import CausalInfoGanBudget
 from knotflow.demonstrations import SHIPPED, DemonstratorConfig, NoiseConfig
 from knotflow.planning import PlannerConfig
-from knotflow.planning.pull import PullConfig
 from knotflow.primitives import PrimitiveConfig
 from knotflow.simulation import SimulationConfig, StartsConfig
 from knotflow.training import ImitationConfig, JointConfig, ReinforcementConfig
 from knotflow.workflow import WorkersConfig
-from knotflow.workflow.stages.benchmark import BenchmarkConfig
-from knotflow.workflow.stages.demonstrations import DemonstrationsConfig
-from knotflow.workflow.stages.evaluation import EvaluationConfig
-from knotflow.workflow.stages.imitation import ImitationStageConfig
-from knotflow.workflow.stages.joint_finetuning import JointFinetuningConfig
-from knotflow.workflow.stages.overhand import OverhandConfig
-from knotflow.workflow.stages.plans import PlansConfig
-from knotflow.workflow.stages.pools import PoolsConfig
-from knotflow.workflow.stages.starts import StartsStageConfig
 
 SHIPPED_PRIMITIVES = Path(__file__).parent / "primitives" / "data"
 
@@ -44,11 +34,11 @@ class DemonstrationsBudget:
 
     file: str = str(SHIPPED)
     """JSON lines; yours may hold human demonstrations beside the shipped ones."""
-    copies: int = DemonstrationsConfig.copies
+    copies: int = 320
     """Noisy copies of a demonstration from a tangled start."""
-    copies_untangled: int = DemonstrationsConfig.copies_untangled
+    copies_untangled: int = 480
     """Noisy copies of a demonstration from an untangled start."""
-    seed: int = DemonstrationsConfig.seed
+    seed: int = 2
     """Of the noise."""
 
 
@@ -56,13 +46,13 @@ class DemonstrationsBudget:
 class EvaluationBudget:
     """Unseen starts and trials; their seeds are used for nothing else."""
 
-    starts: int = StartsStageConfig.count
+    starts: int = 50
     """Starts of each action."""
-    trials_per_start: int = EvaluationConfig.trials_per_start
+    trials_per_start: int = 8
     """Splines sampled for each start: 400 rollouts a bar at budget=paper."""
     starts_seed: int = 1_000_003
     """Of the evaluation starts."""
-    seed: int = EvaluationConfig.seed
+    seed: int = 3
     """Of the sampling."""
 
 
@@ -76,9 +66,9 @@ class TrainingBudget:
     """Learning from demonstrations."""
     reinforcement: ReinforcementConfig = field(default_factory=ReinforcementConfig)
     """Learning from attempts."""
-    pool: int = PoolsConfig.count
+    pool: int = 768
     """Start shapes of each start state that reinforcement draws from."""
-    seed: int = ImitationStageConfig.seed
+    seed: int = 10
     """Of weights, batches and attempts."""
 
 
@@ -97,9 +87,9 @@ FAST_SEARCH = PlannerConfig(
 class PlansBudget:
     """Searches for knots."""
 
-    seeds: int = PlansConfig.seeds
+    seeds: int = 10
     """Searches of each goal and start."""
-    seed: int = PlansConfig.seed
+    seed: int = 20
     """Of the random ropes and of the searches."""
     planner: PlannerConfig = field(default_factory=PlannerConfig)
     """How a tree grows, and when it is given up."""
@@ -109,11 +99,11 @@ class PlansBudget:
 class JointBudget:
     """Finetuning along one path, and the searches that tell what it brings (Sec. VII-B2)."""
 
-    path: str = JointFinetuningConfig.path
+    path: str = "R1(0,1,1) C(0,1,1) C(2,0,1)"
     """Actions from the untangled rope to the knot; trained on, and searched along."""
     training: JointConfig = field(default_factory=JointConfig)
     """Learning from episodes."""
-    seed: int = JointFinetuningConfig.seed
+    seed: int = 40
     """Of the episodes and batches; searches have ropes of their own."""
     plans: PlansBudget = field(
         default_factory=lambda: PlansBudget(seeds=50, seed=41, planner=STEADY_SEARCH)
@@ -125,7 +115,7 @@ class JointBudget:
 class PentagramBudget:
     """The pentagram, with and without a hand that helps (Sec. VII-E)."""
 
-    ropes: int = PullConfig.knots
+    ropes: int = 4
     """Ropes whose head is pulled out, of which one is taken."""
     tied_by: str = "primitives"
     """The sampler that ties them."""
@@ -141,13 +131,13 @@ class PentagramBudget:
 class PlanRequest:
     """What +experiment=overhand plans; `knot=...` is short for `plan.knot=...`, and so on."""
 
-    knot: str = OverhandConfig.knot
+    knot: str = "overhand"
     """What is tied: a name, crossings, or a topological path."""
-    rope: str = OverhandConfig.rope
+    rope: str = "random"
     """The rope it is tied into: straight, arc, random, or a CSV or NPY file of (V, 3) metres."""
-    seed: int = OverhandConfig.seed
+    seed: int = 0
     """Of that rope and of the search."""
-    sampler: str = OverhandConfig.sampler
+    sampler: str = "primitives"
     """Who proposes splines where one plans: primitives (trained), or aimed (not learned)."""
     primitives: str = "${shipped_primitives:}"
     """Its library: a file, or a folder such as yours in results/joint_finetuning/primitives."""
@@ -159,13 +149,13 @@ class PlanRequest:
 class BenchmarkBudget:
     """What the benchmark spends."""
 
-    rollouts: int = BenchmarkConfig.rollouts
+    rollouts: int = 512
     """Random splines in each case."""
     ends: int = 500
     """Random splines, and as many aimed ones, whose ends are compared between roots."""
     trials: int = 160
     """Splines of each action whose success is compared between roots."""
-    run: int = BenchmarkConfig.run
+    run: int = 0
     """Raise it to time again on the same results folder."""
 
 

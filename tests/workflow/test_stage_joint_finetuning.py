@@ -36,6 +36,8 @@ SMALL = PrimitiveConfig(
     CemConfig(population=16, elites=4),
 )
 CONFIG = room.JointFinetuningConfig(
+    path="R1(0,1,1) C(0,1,1) C(2,0,1)",
+    seed=40,
     simulation=SIMULATION,
     joint=JointConfig(
         LearnerConfig(demonstration_trials=4, rollout_ropes=8, rollout_trials=1),

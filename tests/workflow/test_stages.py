@@ -29,7 +29,7 @@ def few(tmp_path_factory):
 @pytest.fixture(scope="module")
 def demonstrated(few, tmp_path_factory):
     out = tmp_path_factory.mktemp("out")
-    config = DemonstrationsConfig(copies=6, copies_untangled=4, file=str(few))
+    config = DemonstrationsConfig(copies=6, copies_untangled=4, seed=2, file=str(few))
     simulate_demonstrations(config, {}, StageContext(out, "0123456789abcdef"))
     return config, out
 
@@ -96,7 +96,7 @@ def test_starts_are_in_the_state_of_their_task(tmp_path, monkeypatch):
     from knotflow.workflow.stages import starts as room
 
     monkeypatch.setattr(room, "TASKS", TASKS[:3])
-    room.make_starts(room.StartsStageConfig(count=2), {}, StageContext(tmp_path))
+    room.make_starts(room.StartsStageConfig(count=2, seed=0), {}, StageContext(tmp_path))
     for task in TASKS[:3]:
         shapes = load_starts(tmp_path, task)
         assert shapes.shape == (2, 41, 3)

@@ -44,7 +44,7 @@ def few(tmp_path_factory: pytest.TempPathFactory) -> DemonstrationsConfig:
     """A bulk stage of three shards, in small."""
     path = tmp_path_factory.mktemp("few") / "few.jsonl"
     save_demonstrations(path, load_demonstrations()[:3])
-    return DemonstrationsConfig(copies=3, copies_untangled=3, file=str(path))
+    return DemonstrationsConfig(copies=3, copies_untangled=3, seed=2, file=str(path))
 
 
 def simulated(config: DemonstrationsConfig, folder: Path, workers: WorkersConfig) -> dict:

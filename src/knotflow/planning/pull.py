@@ -25,7 +25,7 @@ from knotflow.planning.tree import plan_knot
 from knotflow.samplers import Sampler
 from knotflow.simulation import (
     Observer,
-    Rollouts,
+    Pulls,
     RopeSimulator,
     attempt,
     clip_splines,
@@ -33,9 +33,6 @@ from knotflow.simulation import (
     straight,
 )
 from knotflow.topology import TopologicalState, parse_action, segment_intervals
-
-PULL = "pull"
-"""Stands where a topological action's name stands; a pull is none."""
 
 
 @dataclass
@@ -60,36 +57,6 @@ class PullConfig:
     """Ropes tied and pulled, of which one is taken."""
     seed: int = 40
     """Of everything random."""
-
-
-@dataclass(frozen=True)
-class Pulls:
-    """Executed pulls at the head of a rope; to be recorded as `simulation.Attempts` are."""
-
-    start: TopologicalState
-    """The state before, which a pull shall keep."""
-    points: NDArray[np.float64]
-    """(B, V, 3) the rope before, metres."""
-    splines: NDArray[np.float64]
-    """(B, 6) splines."""
-    rollouts: Rollouts
-    """What the simulator made of them."""
-    ends: tuple[TopologicalState | None, ...]
-    """(B,) states at rest; None where the projection cannot be read or the simulation diverged."""
-    action: str = PULL
-
-    @property
-    def goal(self) -> TopologicalState:
-        """The state that a pull keeps."""
-        return self.start
-
-    @property
-    def success(self) -> NDArray[np.bool_]:
-        """(B,) whether the state was kept."""
-        return np.array([end == self.start for end in self.ends], dtype=bool)
-
-    def __len__(self) -> int:
-        return len(self.splines)
 
 
 @dataclass(frozen=True)

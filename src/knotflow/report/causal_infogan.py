@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from knotflow.drawing.rope import draw_rope
 from knotflow.report.claims import Claim, NotMeasured, Outcome, Verdict
 from knotflow.report.paper import SINGLE_STAGE
-from knotflow.report.proposals.rope import draw_rope
 from knotflow.report.results import (
     AMOUNT,
     AT_LEAST_ONE,
@@ -141,7 +141,8 @@ def panel(rows: Sequence[PanelRow], name: str) -> Picture:
                 axes.set_xlim(centre[0] - reach, centre[0] + reach)
                 axes.set_ylim(centre[1] - reach, centre[1] + reach)
                 axes.set_aspect("equal")
-                draw_rope(axes, points, ROPE_WIDTH, 72 * WIDTH / columns / (2 * reach))
+                thickness = ROPE_WIDTH / 72 * 2 * reach * columns / WIDTH  # points to metres
+                draw_rope(axes, points, thickness, bands=16)
             line[0].text(
                 -0.06,
                 0.5,

@@ -1,8 +1,10 @@
 """The rope in MuJoCo: its model, the 6-D spline, batched execution, and start shapes."""
 
 from knotflow.simulation.attempt import (
+    PULL,
     Attempts,
     Observer,
+    Pulls,
     attempt,
     end_states,
     state_or_none,
@@ -40,12 +42,14 @@ from knotflow.simulation.starts import (
 )
 
 __all__ = [
+    "PULL",
     "ROOTS",
     "SPLINE_HIGH",
     "SPLINE_LOW",
     "SPLINE_NAMES",
     "Attempts",
     "Observer",
+    "Pulls",
     "Rollouts",
     "RopeConfig",
     "RopeSimulator",

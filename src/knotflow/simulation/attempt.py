@@ -55,6 +55,40 @@ class Attempts:
         return len(self.splines)
 
 
+PULL = "pull"
+"""Stands where a topological action's name stands; a pull is none."""
+
+
+@dataclass(frozen=True)
+class Pulls:
+    """Executed pulls at the head of a rope; to be recorded as `simulation.Attempts` are."""
+
+    start: TopologicalState
+    """The state before, which a pull shall keep."""
+    points: NDArray[np.float64]
+    """(B, V, 3) the rope before, metres."""
+    splines: NDArray[np.float64]
+    """(B, 6) splines."""
+    rollouts: Rollouts
+    """What the simulator made of them."""
+    ends: tuple[TopologicalState | None, ...]
+    """(B,) states at rest; None where the projection cannot be read or the simulation diverged."""
+    action: str = PULL
+
+    @property
+    def goal(self) -> TopologicalState:
+        """The state that a pull keeps."""
+        return self.start
+
+    @property
+    def success(self) -> NDArray[np.bool_]:
+        """(B,) whether the state was kept."""
+        return np.array([end == self.start for end in self.ends], dtype=bool)
+
+    def __len__(self) -> int:
+        return len(self.splines)
+
+
 Observer = Callable[[Attempts], None]
 """Called with every batch of attempts, by whatever simulates some: for recording and progress."""
 

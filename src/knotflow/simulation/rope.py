@@ -190,6 +190,8 @@ def build_model(
 
 def _hinge(body: mujoco.MjsBody, rope: RopeConfig) -> None:
     """The two hinges of a link at its body's origin: about z, then about y."""
+    import mujoco
+
     for axis in ([0, 0, 1], [0, 1, 0]):
         body.add_joint(
             type=mujoco.mjtJoint.mjJNT_HINGE,
@@ -206,6 +208,8 @@ def _dress(
     body: mujoco.MjsBody, link: int, start: float, rope: RopeConfig, contact_time: float
 ) -> None:
     """Capsule, feet and sites of a link whose headward vertex lies at `start` on its x axis."""
+    import mujoco
+
     step, solref = rope.link_length, [contact_time, 1.0]
     capsule = body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import knotflow
-from knotflow.samplers import ROOMS
+from knotflow.samplers import MODULES
 from knotflow.versions import VERSIONS
 
 ROOT = Path(knotflow.__file__).parent
@@ -60,7 +60,7 @@ def _imports(file: Path) -> frozenset[str]:
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             names |= {f"{_origin(node, file)}.{alias.name}" for alias in node.names}
-    return frozenset(names | set(ROOMS) if SAMPLER_BUILDER in names else names)
+    return frozenset(names | set(MODULES) if SAMPLER_BUILDER in names else names)
 
 
 def _origin(node: ast.ImportFrom, file: Path) -> str:

@@ -25,7 +25,7 @@ from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 
 
-@dataclass
+@dataclass(kw_only=True)
 class BenchmarkConfig:
     """What is timed."""
 
@@ -33,17 +33,17 @@ class BenchmarkConfig:
     """The simulator."""
     starts: StartsConfig = field(default_factory=StartsConfig)
     """The random curves that splines start from."""
-    rollouts: int = 512
+    rollouts: int
     """Random splines in each case."""
     seed: int = 4
     """Of starts and splines."""
     links: list[int] = field(default_factory=lambda: [32, 40])
     """Ropes to compare, by their number of links."""
-    run: int = 0
+    run: int
     """Raise it to time again: a finished stage is never run twice."""
 
 
-@stage("benchmark", version=1, inputs=())
+@stage("benchmark", inputs=())
 def time_simulation(
     config: BenchmarkConfig, inputs: Mapping[str, Path], context: StageContext
 ) -> None:

@@ -35,7 +35,7 @@ class CausalInfoGanStageConfig:
     """Models, with seeds 0, 1 and so on."""
 
 
-@stage("causal_infogan", version=1, inputs=("demonstrations",))
+@stage("causal_infogan", inputs=("demonstrations",))
 def train(
     config: CausalInfoGanStageConfig, inputs: Mapping[str, Path], context: StageContext
 ) -> None:

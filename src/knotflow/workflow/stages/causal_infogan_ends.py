@@ -58,7 +58,7 @@ class CausalInfoGanEndsConfig:
         return self.guesses * self.rounds * len(goal.actions)
 
 
-@stage("causal_infogan_ends", version=1, inputs=("starts",))
+@stage("causal_infogan_ends", inputs=("starts",))
 def seek(
     config: CausalInfoGanEndsConfig, inputs: Mapping[str, Path], context: StageContext
 ) -> None:

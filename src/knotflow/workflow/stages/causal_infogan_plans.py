@@ -44,7 +44,7 @@ class _Asked:
     actions: int
 
 
-@stage("causal_infogan_plans", version=1)
+@stage("causal_infogan_plans")
 def plan(
     config: CausalInfoGanPlansConfig, inputs: Mapping[str, Path], context: StageContext
 ) -> None:

@@ -26,7 +26,7 @@ from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.recorder import Recorder
 
 
-@dataclass
+@dataclass(kw_only=True)
 class DemonstrationsConfig:
     """How many noisy copies of which demonstrations."""
 
@@ -34,11 +34,11 @@ class DemonstrationsConfig:
     """The simulator that tells which copies succeed."""
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     """The noise that is added."""
-    copies: int = 320
+    copies: int
     """Copies of a demonstration from a tangled start."""
-    copies_untangled: int = 480
+    copies_untangled: int
     """Copies of a demonstration from an untangled start."""
-    seed: int = 2
+    seed: int
     """Of the noise."""
     file: str = runtime(str(SHIPPED))
     """Demonstrations to copy (JSON lines); what counts is what is in it, see `digest`."""

@@ -32,7 +32,7 @@ class DemonstratorStageConfig:
     """How many there are, and the effort spent on each."""
 
 
-@stage("demonstrator", version=1, inputs=())
+@stage("demonstrator", inputs=())
 def make_demonstrations(
     config: DemonstratorStageConfig, inputs: Mapping[str, Path], context: StageContext
 ) -> None:

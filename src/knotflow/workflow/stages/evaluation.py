@@ -20,7 +20,7 @@ from knotflow.workflow.stages.recorder import Recorder
 from knotflow.workflow.stages.starts import load_starts
 
 
-@dataclass
+@dataclass(kw_only=True)
 class EvaluationConfig:
     """What is evaluated, and how often it is tried."""
 
@@ -28,9 +28,9 @@ class EvaluationConfig:
     """The simulator that executes the splines."""
     sampler: SamplerConfig = field(default_factory=SamplerConfig)
     """The method; the stages it learns from are inputs of this one."""
-    trials_per_start: int = 8
+    trials_per_start: int
     """Splines sampled for each start."""
-    seed: int = 3
+    seed: int
     """Of the sampling."""
 
 

@@ -16,7 +16,7 @@ from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.curves import Curves
 
 
-@dataclass
+@dataclass(kw_only=True)
 class ImitationStageConfig:
     """What learns, and how long."""
 
@@ -26,7 +26,7 @@ class ImitationStageConfig:
     """Networks, their variant, and the search."""
     imitation: ImitationConfig = field(default_factory=ImitationConfig)
     """The effort."""
-    seed: int = 10
+    seed: int
     """Of weights and batches."""
 
 

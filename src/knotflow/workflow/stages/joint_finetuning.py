@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from knotflow.demonstrations import TASKS, load_trials
-from knotflow.planning.pull import PullConfig
 from knotflow.primitives import FILE, PrimitiveLibrary
 from knotflow.recording import load, write_index
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, state_or_none
@@ -23,7 +22,7 @@ from knotflow.workflow.stages.recorder import Recorder
 PART = "joint"
 
 
-@dataclass
+@dataclass(kw_only=True)
 class JointFinetuningConfig:
     """Which path, how long, and on what rope."""
 
@@ -31,15 +30,15 @@ class JointFinetuningConfig:
     """The simulator that executes the episodes."""
     starts: StartsConfig = field(default_factory=StartsConfig)
     """What an untangled rope looks like."""
-    path: str = PullConfig.path
+    path: str
     """Actions from the untangled rope to the knot."""
     joint: JointConfig = field(default_factory=JointConfig)
     """The effort."""
-    seed: int = 40
+    seed: int
     """Of everything random."""
 
 
-@stage("joint_finetuning", version=2, inputs=("demonstrations", "reinforcement"))
+@stage("joint_finetuning", inputs=("demonstrations", "reinforcement"))
 def finetune(
     config: JointFinetuningConfig, inputs: Mapping[str, Path], context: StageContext
 ) -> None:

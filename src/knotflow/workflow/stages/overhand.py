@@ -36,7 +36,7 @@ TRAINED = "primitives"
 """The sampler that needs a file."""
 
 
-@dataclass
+@dataclass(kw_only=True)
 class OverhandConfig:
     """What is tied into which rope, and by whom."""
 
@@ -46,15 +46,15 @@ class OverhandConfig:
     """What a random rope looks like."""
     planner: PlannerConfig = field(default_factory=PlannerConfig)
     """How the tree grows, and when the search gives up."""
-    knot: str = "overhand"
+    knot: str
     """A knot's name, crossings, or a topological path, see `planning.parse_goal`."""
     rope: str = runtime("random")
     """straight, arc, random, or a file; what counts is what is in it, see `rope_contents`."""
     rope_contents: str = "random"
     """The name of a generated rope, or a hash of the file's contents."""
-    seed: int = 0
+    seed: int
     """Of the random rope and of the search."""
-    sampler: str = "primitives"
+    sampler: str
     """Who proposes splines: primitives (trained), or aimed (knowledge without learning)."""
     primitives: str = runtime("")
     """The library's file for the sampler `primitives`; what counts is `primitives_contents`."""
@@ -62,7 +62,7 @@ class OverhandConfig:
     """A hash of the file's contents."""
 
 
-@stage("overhand", version=1, inputs=())
+@stage("overhand", inputs=())
 def plan_one(config: OverhandConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes plan/ (see `plans_shown.write_plan`), branches.csv, outcome.json, and recordings/.
 

@@ -49,7 +49,7 @@ class PlanCase:
     """straight, arc, random (another curve for each seed), or an input that holds a start.npy."""
 
 
-@dataclass
+@dataclass(kw_only=True)
 class PlansConfig:
     """What is planned, how often, and how."""
 
@@ -63,13 +63,13 @@ class PlansConfig:
     """How the tree grows, and when a search gives up."""
     cases: list[PlanCase] = field(default_factory=list)
     """Each is searched once for each seed."""
-    seeds: int = 10
+    seeds: int
     """Searches of each case."""
-    seed: int = 20
+    seed: int
     """Of everything random. The start of a seed is the same for every method and goal."""
 
 
-@stage("plans", version=1)
+@stage("plans")
 def make_plans(config: PlansConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes searches.csv, plans/*.json of the plans found, and recordings/*.mcap of all branches.
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from knotflow.planning.pull import PULL, HeadPuller, PullConfig, readiest
+from knotflow.planning.pull import HeadPuller, PullConfig, readiest
 from knotflow.recording import write_index
 from knotflow.samplers import SamplerConfig, build_sampler
-from knotflow.simulation import RopeSimulator, SimulationConfig
+from knotflow.simulation import PULL, RopeSimulator, SimulationConfig
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.plans import START_FILE
@@ -32,7 +32,7 @@ class PlansPullConfig(PullConfig):
     """The method that ties it; the stages it learns from are inputs of this one."""
 
 
-@stage("plans_pull", version=2)
+@stage("plans_pull")
 def make_pulled(config: PlansPullConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes start.npy and start.csv with the rope (V, 3) in metres, and recordings/*.mcap.
 

@@ -33,7 +33,7 @@ class PlansExemplarConfig:
     """The method that proposed its splines."""
 
 
-@stage("plans_exemplar", version=1, inputs=("plans",))
+@stage("plans_exemplar", inputs=("plans",))
 def show(config: PlansExemplarConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes plan/ with the files of `write_plan`.
 
@@ -61,7 +61,7 @@ class PlansDagConfig:
     """A topological path from the trivial state; its end is the goal, and it is highlighted."""
 
 
-@stage("plans_dag", version=1, inputs=())
+@stage("plans_dag", inputs=())
 def picture(config: PlansDagConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes dag.png and dag.svg with every topological path to the state at the end of `path`."""
     from knotflow.planning.draw_dag import draw_dag

@@ -22,7 +22,7 @@ class PlansTableConfig:
     """Name of the column, in front of the others, that holds an input's name; "" for none."""
 
 
-@stage("plans_table", version=1)
+@stage("plans_table")
 def tabulate(config: PlansTableConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes branches.csv, a row a search.
 
@@ -43,7 +43,7 @@ class PlansSuccessConfig:
     """Nothing to choose."""
 
 
-@stage("plans_success", version=1, inputs=("plans",))
+@stage("plans_success", inputs=("plans",))
 def count(config: PlansSuccessConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes knots.csv: for each goal and start how many searches tied it, with what effort.
 

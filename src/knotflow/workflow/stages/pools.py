@@ -26,7 +26,7 @@ CHUNK = 32
 """Starts that are made at a time."""
 
 
-@dataclass
+@dataclass(kw_only=True)
 class PoolsConfig:
     """How many starts, and how they are reached."""
 
@@ -36,7 +36,7 @@ class PoolsConfig:
     """What a start looks like."""
     sampler: SamplerConfig = field(default_factory=lambda: SamplerConfig("aimed"))
     """Proposes the earlier actions' splines."""
-    count: int = 768
+    count: int
     """Starts in each state."""
     attempts: int = 8000
     """Splines after which a state has the starts that were reached by then: some states are hard

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from knotflow.planning.pull import Pulls
 from knotflow.recording import Outcome, RecordedRollout, write_recording
-from knotflow.simulation import Attempts, RopeConfig, control_points
+from knotflow.simulation import Attempts, Pulls, RopeConfig, control_points
 from knotflow.workflow.context import StageContext
 
 

@@ -17,11 +17,11 @@ from knotflow.training import Reinforcement, ReinforcementConfig
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.curves import Curves
-from knotflow.workflow.stages.imitation import ImitationStageConfig, merge, number_of, tasks_of
+from knotflow.workflow.stages.imitation import merge, number_of, tasks_of
 from knotflow.workflow.stages.recorder import Recorder
 
 
-@dataclass
+@dataclass(kw_only=True)
 class ReinforcementStageConfig:
     """How long, and on what rope."""
 
@@ -31,7 +31,7 @@ class ReinforcementStageConfig:
     """What a start looks like."""
     reinforcement: ReinforcementConfig = field(default_factory=ReinforcementConfig)
     """The effort."""
-    seed: int = ImitationStageConfig.seed
+    seed: int
     """Of everything random."""
 
 

@@ -50,7 +50,7 @@ class RootsConfig:
     """Of starts and splines."""
 
 
-@stage("roots", version=1, inputs=())
+@stage("roots", inputs=())
 def compare_roots(config: RootsConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes ends.csv (a row a spline) and successes.csv (a row a demonstration and root)."""
     middle, head = (

@@ -17,7 +17,7 @@ from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.recorder import Recorder
 
 
-@dataclass
+@dataclass(kw_only=True)
 class StartsStageConfig:
     """How many starts, and what they look like."""
 
@@ -25,9 +25,9 @@ class StartsStageConfig:
     """The simulator that executes the earlier actions."""
     starts: StartsConfig = field(default_factory=StartsConfig)
     """What a start looks like."""
-    count: int = 50
+    count: int
     """Starts of each task."""
-    seed: int = 0
+    seed: int
     """Starts of equal seed are equal; evaluation and training have different ones."""
 
 
