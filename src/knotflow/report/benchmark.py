@@ -24,6 +24,8 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     cases = results.table(EXPERIMENT, "throughput.csv", COLUMNS)
     if cases is None:
         return None
+    if "root" in cases:  # tables made before there was a choice have none
+        cases = cases.assign(case=cases["case"] + ", rooted at the " + cases["root"].astype(str))
     executed = cases["splines_per_second"] * cases["seconds"]
     wrong = (executed - cases["rollouts"]).abs() > TOLERANCE * cases["rollouts"]
     told = "{splines_per_second:g} for {seconds:g} s makes no {rollouts} rollouts"

@@ -142,7 +142,7 @@ def panel(rows: Sequence[PanelRow], name: str) -> Picture:
                 axes.set_ylim(centre[1] - reach, centre[1] + reach)
                 axes.set_aspect("equal")
                 thickness = ROPE_WIDTH / 72 * 2 * reach * columns / WIDTH  # points to metres
-                draw_rope(axes, points, thickness, bands=16)
+                draw_rope(axes, points, thickness, bands=6)
             line[0].text(
                 -0.06,
                 0.5,
