@@ -1,6 +1,6 @@
-"""The typed configuration: one dataclass a room, registered with Hydra's ConfigStore.
+"""The typed configuration: one dataclass a package, registered with Hydra's ConfigStore.
 
-The rooms' own dataclasses say what their values mean. The ones here hold what belongs to an
+The packages' own dataclasses say what their values mean. The ones here hold what belongs to an
 experiment as a whole: counts that a budget sets, and seeds. Workflows hand each stage the part it
 needs. What is set here has no default in the stage that takes it, so that it stands in one place.
 """

@@ -2,7 +2,7 @@
 
 A package whose behaviour changes (physics, start generation, encoding, search) raises its own
 number here, and nothing else: every stage that uses the package, directly or through another one,
-has it in its signature (`workflow.packages`), so its outputs are made again. tests/test_golden.py
+has it in its signature (`workflow.packages`), so its outputs are reproduced. tests/test_golden.py
 fails when behaviour changed and the number did not. Changes of speed, names or errors raise none.
 """
 

@@ -44,9 +44,9 @@ CONFIG = JointConfig(
     rounds=3,
     episodes=8,
     steps=2,
-    closing_steps=2,
+    decay_steps=2,
     tries=1,
-    doubt=0.0,
+    guess_below_value=0.0,
     gamma=0.9,
 )
 
@@ -163,14 +163,24 @@ def test_a_step_that_failed_is_tried_again(start):
     assert entered >= sum(tried.success.sum() for tried in first)
 
 
-@pytest.mark.parametrize(("doubt", "guessed"), [(0.0, False), (1.0, True)])
-def test_where_the_critic_sees_no_way_a_demonstrator_guesses(start, library, doubt, guessed):
+@pytest.mark.parametrize(("guess_below_value", "guessed"), [(0.0, False), (1.0, True)])
+def test_where_the_critic_sees_no_way_a_demonstrator_guesses(
+    start, library, guess_below_value, guessed
+):
     with torch.no_grad():  # the policy's splines of the first step all end at y = -9
         head = library.primitives[1].actor.head[-1]
         head.weight.zero_()
         head.bias[5] = -9.0
     config = ExplorationConfig(search=0.0, spread=0.0)
-    (one,) = start(replace(CONFIG, rounds=1, doubt=doubt, guesses=1.0, exploration=config))
+    (one,) = start(
+        replace(
+            CONFIG,
+            rounds=1,
+            guess_below_value=guess_below_value,
+            guess_fraction=1.0,
+            exploration=config,
+        )
+    )
     first = one.attempts[0]
     ends = encode(first.points, [PATH[0]] * len(first)).frames.to_network(first.splines[:, None])
     assert (ends[:, 0, 5] > -1).any() == guessed
@@ -334,9 +344,9 @@ def test_a_primitive_learns_to_leave_what_the_next_one_needs(start, library):
         rounds=5,
         episodes=32,
         tries=1,
-        doubt=0.0,
+        guess_below_value=0.0,
         steps=20,
-        closing_steps=20,
+        decay_steps=20,
     )
     rng = np.random.default_rng(1)
     points = np.stack([random_curve(ROPE, rng) for _ in range(64)])

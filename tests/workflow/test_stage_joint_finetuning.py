@@ -44,7 +44,7 @@ CONFIG = room.JointFinetuningConfig(
         rounds=5,
         episodes=2,
         steps=1,
-        closing_steps=1,
+        decay_steps=1,
         memory=4,
         population=8,
     ),

@@ -17,7 +17,7 @@ from knotflow.topology import TopologicalState
 DIVERGED = "diverged"
 UNREADABLE = "unreadable"
 """Outcomes of a branch that have no state: the simulation blew up, or the projection of its end
-shape does not tell its state."""
+shape does not determine its state."""
 
 
 class Simulator(Protocol):

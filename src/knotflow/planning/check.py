@@ -1,4 +1,4 @@
-"""The knot type of a tied rope, told by an independent library (topoly).
+"""The knot type of a tied rope, reported by an independent library (topoly).
 
 An open rope has a knot type only once its ends are joined. Here each end goes straight up and the
 two are joined high above everything. Seen from above the joining arc passes over whatever lies

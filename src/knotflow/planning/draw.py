@@ -41,7 +41,7 @@ def draw_plan(plan: KnotPlan, path: Path) -> None:
 
     Args:
         plan: the plan, with or without trajectories.
-        path: of the picture; its ending (png, svg, pdf) tells the format.
+        path: of the picture; its suffix (png, svg, pdf) sets the format.
     """
     # An SVG with its date would change each time it is drawn.
     metadata = {"Date": None} if Path(path).suffix == ".svg" else {}

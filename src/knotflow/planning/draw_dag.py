@@ -43,7 +43,7 @@ def draw_dag(
 
     Args:
         dag: what to draw; `dag.after(state)` gives the part that a tangled rope can walk through.
-        paths: the pictures to write; each ending (svg, png, pdf) tells its format.
+        paths: the pictures to write; each suffix (svg, png, pdf) sets its format.
         highlight: a path of actions to draw in green, such as a plan's.
         start: where that path begins; the trivial state if None.
 

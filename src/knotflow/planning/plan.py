@@ -93,7 +93,7 @@ class KnotPlan:
         """Timed gripper waypoints with open and close, for a robot to execute.
 
         Args:
-            rate_hz: waypoints a second.
+            rate_hz: waypoints per second.
             config: heights and speeds between the splines.
 
         Raises:

@@ -10,7 +10,7 @@ from knotflow.planning.plan import KnotPlan
 from knotflow.simulation import Attempts, RopeSimulator, SimulationConfig, attempt
 
 RECORD_RATE = 50.0
-"""Frames a second of the recording; every fifth of them is in the animation."""
+"""Frames per second of the recording; every fifth of them is in the animation."""
 ANIMATED = 5
 DRAWN_STATES = 40
 """A larger solution DAG is drawn as the plan's path alone: it would be slow, and illegible."""

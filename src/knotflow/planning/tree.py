@@ -259,6 +259,6 @@ def plan_knot(
     Raises:
         UnreachableGoalError: no actions lead from the rope's state to the goal.
         ShapeError: points that are not a shape of the simulator's rope.
-        DegenerateCurveError: the projection of the rope does not tell its state.
+        DegenerateCurveError: the projection of the rope does not determine its state.
     """
     return TreeSearch(points, goal, sampler, simulator, rng, config, observe).run(progress)

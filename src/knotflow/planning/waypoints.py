@@ -38,9 +38,9 @@ class GripperConfig:
     clearance: float = 0.03
     """Least distance from the top of the resting rope while it travels, metres."""
     travel_speed: float = 0.25
-    """Highest speed between splines, metres a second."""
+    """Highest speed between splines, metres per second."""
     vertical_speed: float = 0.10
-    """Highest speed down to the rope and up from it, metres a second."""
+    """Highest speed down to the rope and up from it, metres per second."""
     close_time: float = 0.5
     """Time to close on the rope, seconds."""
     open_time: float = 0.5
@@ -122,7 +122,7 @@ def trace_waypoints(
         shapes: (n + 1, V, 3) the rope at rest before, between and after, metres.
         radius: of the rope, metres.
         move_time: from grasp to release, seconds.
-        rate_hz: waypoints a second.
+        rate_hz: waypoints per second.
         config: heights and speeds.
 
     Raises:
@@ -174,7 +174,7 @@ def _phases(
 def _drag(times: NDArray, gripper: NDArray, move_time: float, rate_hz: float) -> NDArray:
     """The recorded gripper path (T, 3) from grasp to release at (n + 1, 3) even times.
 
-    A cubic with the neighbouring frames' slopes runs through the frames: at ten frames a second it
+    A cubic with the slopes of the neighbouring frames runs through them: at ten frames per second it
     stays within about a millimetre of the spline, where straight lines would cut its corners.
     """
     count = _intervals(move_time, rate_hz)

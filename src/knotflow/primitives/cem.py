@@ -1,7 +1,7 @@
 """The cross-entropy method: splines that the critic thinks best (Fig. 5, Sec. VII-B1).
 
 TorchRL's CEMPlanner would do this through a one-step environment whose reward is the critic, with
-whitened actions. It returns one elite mean a state and plans state by state through `env.rollout`;
+normalised actions. It returns one elite mean a state, planning state by state by `env.rollout`;
 here many distinct proposals a rope are wanted, so each is a search of its own with its own
 population, and all searches of all ropes run as one batch on features computed once a rope.
 """

@@ -30,9 +30,9 @@ class NetworkConfig:
     lookup: int = 16
     """Size of what a look-up brings."""
     smallest_spread: float = 0.05
-    """Least standard deviation of the actor along any direction, whitened units."""
+    """Least standard deviation of the actor along any direction, normalised units."""
     initial_spread: float = 0.5
-    """Standard deviation of an untrained actor, whitened units."""
+    """Standard deviation of an untrained actor, normalised units."""
 
 
 @dataclass
@@ -48,7 +48,7 @@ class CemConfig:
     elites: int = 12
     """Best splines of a population, which the next one is fitted to."""
     wide_spread: float = 1.3
-    """Standard deviation of the wide Gaussian about 0, whitened units."""
+    """Standard deviation of the wide Gaussian about 0, normalised units."""
 
 
 @dataclass

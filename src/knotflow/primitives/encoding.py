@@ -11,7 +11,7 @@ Three streams of points, evenly spaced along the rope, describe it: the segment 
 the one that will be under, and the whole rope. R1 uses one segment for both; the two halves of the
 segment of an R2(i,i) are over and under according to `over_first`.
 
-Splines are whitened: x and y lie in this frame, and the grasp counts along the over segment, or
+Splines are normalised: x and y lie in this frame, and the grasp counts along the over segment, or
 from its tip where that is the rope's end (primitive 3), which is where ends are grasped.
 """
 

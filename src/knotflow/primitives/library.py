@@ -109,9 +109,9 @@ class PrimitiveLibrary:
         ropes = [canonicalise(p, a) for p, a in zip(points, actions, strict=True)]
         out = np.empty((len(ropes), count, 6))
         for number, rows in self._by_primitive([rope.primitive for rope in ropes], actions):
-            seen = encode_canonical([ropes[row] for row in rows])
-            found, _ = self.primitives[number].search(seen, count, rng)
-            out[rows] = seen.frames.to_world(found.numpy())
+            encoded = encode_canonical([ropes[row] for row in rows])
+            found, _ = self.primitives[number].search(encoded, count, rng)
+            out[rows] = encoded.frames.to_world(found.numpy())
         return out
 
     def value(self, points: NDArray, action: Action, rng: np.random.Generator) -> float:
@@ -130,10 +130,10 @@ class PrimitiveLibrary:
         ropes = [canonicalise(p, a) for p, a in zip(points, actions, strict=True)]
         out = np.empty(len(ropes))
         for number, rows in self._by_primitive([rope.primitive for rope in ropes], actions):
-            seen = encode_canonical([ropes[row] for row in rows])
-            _, best = self.primitives[number].search(seen, 1, rng)
+            encoded = encode_canonical([ropes[row] for row in rows])
+            _, best = self.primitives[number].search(encoded, 1, rng)
             if best is None:
-                raise ValueError(f"primitive {number} has no critic to tell the value of a rope")
+                raise ValueError(f"primitive {number} has no critic to value a rope")
             out[rows] = torch.sigmoid(best[:, 0]).numpy()
         return out
 

@@ -29,25 +29,25 @@ class Primitive(nn.Module):
         self, points: NDArray, actions: Sequence[Action], count: int, rng: np.random.Generator
     ) -> NDArray[np.float64]:
         """Splines (S, count, 6) for ropes (S, V, 3) with an action each, world frame."""
-        seen = encode(points, actions)
-        return seen.frames.to_world(self.search(seen, count, rng)[0].numpy())
+        encoded = encode(points, actions)
+        return encoded.frames.to_world(self.search(encoded, count, rng)[0].numpy())
 
     @torch.no_grad()
     def search(
-        self, seen: Encoded, count: int, rng: np.random.Generator
+        self, encoded: Encoded, count: int, rng: np.random.Generator
     ) -> tuple[Tensor, Tensor | None]:
         """Splines (S, count, 6) in network space and their critic logits (S, count), if any.
 
         With a critic every spline is the outcome of a search of its own.
         """
-        cem, ropes = self.config.cem, len(seen.frames)
-        mean, factor = self.gaussian(seen)
+        cem, ropes = self.config.cem, len(encoded.frames)
+        mean, factor = self.gaussian(encoded)
         if self.critic is None:
             noise = standard_normal(rng, (ropes, count, SPLINE))
             return mean[:, None] + noise @ factor.mT, None
         iterations = cem.critic_only_iterations if self.actor is None else cem.iterations
         found, best = cross_entropy(
-            self.scorer(seen, count),
+            self.scorer(encoded, count),
             mean.repeat_interleave(count, 0),
             factor.repeat_interleave(count, 0),
             standard_normal(rng, (iterations, ropes * count, cem.population, SPLINE)),
@@ -55,25 +55,25 @@ class Primitive(nn.Module):
         )
         return found.reshape(ropes, count, SPLINE), best.reshape(ropes, count)
 
-    def gaussian(self, seen: Encoded) -> tuple[Tensor, Tensor]:
+    def gaussian(self, encoded: Encoded) -> tuple[Tensor, Tensor]:
         """Mean (S, 6) and Cholesky factor (S, 6, 6) of the actor, or of the wide Gaussian."""
         if self.actor is not None:
-            return self.actor(seen.states)
-        ropes = len(seen.frames)
+            return self.actor(encoded.states)
+        ropes = len(encoded.frames)
         factor = self.config.cem.wide_spread * torch.eye(SPLINE).expand(ropes, SPLINE, SPLINE)
         return torch.zeros(ropes, SPLINE), factor
 
-    def scorer(self, seen: Encoded, count: int) -> Callable[[Tensor], Tensor]:
+    def scorer(self, encoded: Encoded, count: int) -> Callable[[Tensor], Tensor]:
         """The critic of `count` searches on each rope: splines (S * count, P, 6) -> logits.
 
         Raises:
             ValueError: there is no critic.
         """
-        critic, states = self.critic, seen.states
+        critic, states = self.critic, encoded.states
         if critic is None:
             raise ValueError(f"a primitive of variant {self.config.variant} has no critic")
         features = critic.features(states)
-        searches = torch.arange(len(seen.frames)).repeat_interleave(count)
+        searches = torch.arange(len(encoded.frames)).repeat_interleave(count)
 
         def score(splines: Tensor) -> Tensor:
             owner = searches.repeat_interleave(splines.shape[1])

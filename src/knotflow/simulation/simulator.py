@@ -29,7 +29,7 @@ class SimulationConfig:
     settle_time: float = 0.7
     """Time after release in which the rope comes to rest, seconds."""
     record_rate: float = 10.0
-    """Frames of a trajectory a second."""
+    """Frames of a trajectory per second."""
     threads: int = field(default=0, metadata={"affects_result": False})
     """Threads to simulate on; 0 takes every CPU, or as many as the variable OMP_NUM_THREADS grants,
     which joblib sets in its workers. Results do not depend on it."""

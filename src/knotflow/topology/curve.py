@@ -36,7 +36,7 @@ def project(points: ArrayLike, min_gap: float = DEFAULT_MIN_GAP) -> CurveCrossin
         min_gap: metres; strands of a crossing that are closer in z are refused.
 
     Raises:
-        DegenerateCurveError: the projection does not tell the state; says where on the rope.
+        DegenerateCurveError: the projection does not determine the state; says where on the rope.
         ValueError: not finite (V, 3) numbers.
     """
     read = read_crossings(points, min_gap)

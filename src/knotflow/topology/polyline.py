@@ -16,7 +16,7 @@ COINCIDENCE = 1e-9
 
 
 class DegenerateCurveError(ValueError):
-    """A rope shape whose projection does not tell its topological state."""
+    """A rope shape whose projection does not determine its topological state."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -71,7 +71,7 @@ def read_crossings(points: ArrayLike, min_gap: float = DEFAULT_MIN_GAP) -> Proje
         min_gap: metres; strands of a crossing that are closer in z are refused.
 
     Raises:
-        DegenerateCurveError: the projection does not tell the state; says where on the rope.
+        DegenerateCurveError: the projection does not determine the state; says where on the rope.
         ValueError: not finite (V, 3) numbers.
     """
     rope = as_rope(points)

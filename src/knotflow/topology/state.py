@@ -71,7 +71,7 @@ class TopologicalState:
         """The state of a rope shape: points (V, 3) in metres, head first, z up (Sec. IV).
 
         Raises:
-            DegenerateCurveError: the projection onto the table does not tell the state.
+            DegenerateCurveError: the projection onto the table does not determine the state.
             ValueError: not finite (V, 3) numbers.
         """
         # numpy is needed here only: states and their graph stay free of it.

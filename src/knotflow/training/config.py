@@ -59,7 +59,7 @@ class ExplorationConfig:
     widening: float = 1.5
     """Factor on the actor's spread."""
     floor: float = 0.25
-    """Standard deviation added to it in every direction, whitened units."""
+    """Standard deviation added to it in every direction, normalised units."""
     iterations: int = 3
     """Iterations of the wide search."""
 
@@ -97,11 +97,11 @@ class ReinforcementConfig:
     """Splines tried on each."""
     steps: int = 60
     """Gradient steps in a round."""
-    left_share: float = 0.3
+    recycled_share: float = 0.3
     """Share of the start shapes that earlier attempts left behind, see `pool`."""
-    left_capacity: int = 1000
+    recycled_capacity: int = 1000
     """How many of those are kept for each start state."""
-    closing_steps: int = 1000
+    decay_steps: int = 1000
     """Gradient steps after the last round, in which the learning rate falls evenly to 0: what the
     attempts tell is more than the few steps of a round take in."""
 
@@ -124,9 +124,9 @@ class JointConfig:
     episode."""
     tries: int = 3
     """Splines tried at a step before its episode is given up."""
-    doubt: float = 0.3
+    guess_below_value: float = 0.3
     """Where the best value that the critic sees is below this,"""
-    guesses: float = 0.5
+    guess_fraction: float = 0.5
     """this share of the tries are a demonstrator's guesses."""
     gamma: float = 1.0
     """Factor on the value of the next step."""
@@ -141,5 +141,5 @@ class JointConfig:
     """Episodes in a round, each on an untangled rope of its own."""
     steps: int = 40
     """Gradient steps of each primitive in a round."""
-    closing_steps: int = 600
+    decay_steps: int = 600
     """Gradient steps after the last round, in which the learning rate falls evenly to 0."""

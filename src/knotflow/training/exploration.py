@@ -26,7 +26,7 @@ POLICY, SEARCH, SPREAD = 0, 1, 2
 @torch.no_grad()
 def explore(
     primitive: Primitive,
-    seen: Encoded,
+    encoded: Encoded,
     count: int,
     config: ExplorationConfig,
     progress: float,
@@ -39,37 +39,37 @@ def explore(
     left = 1 + progress * (config.last - 1)
     search = left * config.search if primitive.critic is not None else 0.0
     spread = left * config.spread
-    ways = rng.choice(3, len(seen.frames), p=[1 - search - spread, search, spread])
+    ways = rng.choice(3, len(encoded.frames), p=[1 - search - spread, search, spread])
     splines = torch.empty(len(ways), count, SPLINE)
     for way, propose in ((POLICY, _policy), (SEARCH, _search), (SPREAD, _spread)):
         rows = np.flatnonzero(ways == way)
         if len(rows):
-            some = Encoded(seen.states[torch.from_numpy(rows)], seen.frames[rows])
+            some = Encoded(encoded.states[torch.from_numpy(rows)], encoded.frames[rows])
             splines[torch.from_numpy(rows)] = propose(primitive, some, count, config, rng)
     return splines, ways
 
 
 def _policy(
     primitive: Primitive,
-    seen: Encoded,
+    encoded: Encoded,
     count: int,
     config: ExplorationConfig,
     rng: np.random.Generator,
 ) -> Tensor:
-    return primitive.search(seen, count, rng)[0]
+    return primitive.search(encoded, count, rng)[0]
 
 
 def _search(
     primitive: Primitive,
-    seen: Encoded,
+    encoded: Encoded,
     count: int,
     config: ExplorationConfig,
     rng: np.random.Generator,
 ) -> Tensor:
-    mean, factor = _wider(primitive, seen, config)
+    mean, factor = _wider(primitive, encoded, config)
     cem = primitive.config.cem
     found, _ = cross_entropy(
-        primitive.scorer(seen, count),
+        primitive.scorer(encoded, count),
         mean.repeat_interleave(count, 0),
         factor.repeat_interleave(count, 0),
         standard_normal(rng, (config.iterations, len(mean) * count, cem.population, SPLINE)),
@@ -80,22 +80,24 @@ def _search(
 
 def _spread(
     primitive: Primitive,
-    seen: Encoded,
+    encoded: Encoded,
     count: int,
     config: ExplorationConfig,
     rng: np.random.Generator,
 ) -> Tensor:
-    noise = standard_normal(rng, (len(seen.frames), count, SPLINE))
+    noise = standard_normal(rng, (len(encoded.frames), count, SPLINE))
     if primitive.actor is None:
         # The wide Gaussian of a critic-only policy hardly ever succeeds: stay near its choice.
-        return primitive.search(seen, count, rng)[0] + config.floor * noise
-    mean, factor = _wider(primitive, seen, config)
+        return primitive.search(encoded, count, rng)[0] + config.floor * noise
+    mean, factor = _wider(primitive, encoded, config)
     return mean[:, None] + noise @ factor.mT
 
 
-def _wider(primitive: Primitive, seen: Encoded, config: ExplorationConfig) -> tuple[Tensor, Tensor]:
+def _wider(
+    primitive: Primitive, encoded: Encoded, config: ExplorationConfig
+) -> tuple[Tensor, Tensor]:
     """The actor's Gaussian, widened; the wide one of a critic-only policy is wide enough."""
-    mean, factor = primitive.gaussian(seen)
+    mean, factor = primitive.gaussian(encoded)
     if primitive.actor is None:
         return mean, factor
     floor = config.floor**2 * torch.eye(SPLINE)

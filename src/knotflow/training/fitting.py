@@ -11,28 +11,28 @@ from knotflow.training.learner import Learner
 
 
 def fit(
-    learner: Learner, steps: int, closing: bool = False, stop: Event | None = None
+    learner: Learner, steps: int, decaying: bool = False, stop: Event | None = None
 ) -> dict[str, float]:
     """Make gradient steps; gives the mean losses, and what goes with them.
 
     Args:
         learner: what learns.
         steps: how many.
-        closing: let the learning rate fall evenly to 0 over these steps.
+        decaying: let the learning rate fall evenly to 0 over these steps.
         stop: once it is set, no further step is made.
     """
     means: dict[str, float] = {}
     for step in range(steps):
         if stop is not None and stop.is_set():
             break
-        told = learner.update(1 - step / steps if closing else 1.0)
+        told = learner.update(1 - step / steps if decaying else 1.0)
         for key, value in told.items():
             means[key] = means.get(key, 0.0) + value / steps
     return means
 
 
 def fit_each(
-    learners: Mapping[int, Learner], steps: int, closing: bool = False, threads: int | None = None
+    learners: Mapping[int, Learner], steps: int, decaying: bool = False, threads: int | None = None
 ) -> dict[int, dict[str, float]]:
     """`fit` each of several learners, side by side; gives what it gives, by learner.
 
@@ -42,7 +42,7 @@ def fit_each(
     Args:
         learners: those that learn.
         steps: how many steps each makes.
-        closing: let the learning rate fall evenly to 0 over these steps.
+        decaying: let the learning rate fall evenly to 0 over these steps.
         threads: learners at once; None takes all of them.
     """
     if not learners:
@@ -50,7 +50,7 @@ def fit_each(
     stop = Event()
     with one_thread(), ThreadPoolExecutor(threads or len(learners)) as pool:
         running = {
-            number: pool.submit(fit, learner, steps, closing, stop)
+            number: pool.submit(fit, learner, steps, decaying, stop)
             for number, learner in learners.items()
         }
         try:

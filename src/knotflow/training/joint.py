@@ -125,7 +125,7 @@ class JointFinetuning(Resumable):
             self._done += 1
             if self._done == config.rounds:
                 self._refresh({number: {} for number in self._learners})
-                self._fit(config.closing_steps, closing=True)
+                self._fit(config.decay_steps, decaying=True)
             yield JointRound(self._done - 1, metrics, attempts)
 
     @property
@@ -217,11 +217,13 @@ class JointFinetuning(Resumable):
         """One spline on each rope, remembered, and the way (S,) in which it was proposed."""
         config, rng, action = self.config, self._rng, step.action
         primitive = self.library.primitives[step.primitive]
-        seen = encode(points, [action] * len(points))
-        network, ways = explore(primitive, seen, 1, config.exploration, progress, rng)
-        splines = seen.frames.to_world(network.numpy())[:, 0]
-        value = best_values(primitive, seen.states, config.population, rng).numpy()
-        guessed = (value < config.doubt) & (rng.random(len(points)) < config.guesses)
+        encoded = encode(points, [action] * len(points))
+        network, ways = explore(primitive, encoded, 1, config.exploration, progress, rng)
+        splines = encoded.frames.to_world(network.numpy())[:, 0]
+        value = best_values(primitive, encoded.states, config.population, rng).numpy()
+        guessed = (value < config.guess_below_value) & (
+            rng.random(len(points)) < config.guess_fraction
+        )
         for row in np.flatnonzero(guessed):
             splines[row] = aim(points[row], action, 1, rng)[0]
         ways[guessed] = GUESS
@@ -235,9 +237,9 @@ class JointFinetuning(Resumable):
         number = _number(action, transitions.start)
         if number not in self._buffers or not len(transitions):
             return
-        seen = encode(transitions.points, [action] * len(transitions))
-        tried = seen.frames.to_network(transitions.splines[:, None])[:, 0]
-        following = seen.states.apply(torch.zeros_like)
+        encoded = encode(transitions.points, [action] * len(transitions))
+        tried = encoded.frames.to_network(transitions.splines[:, None])[:, 0]
+        following = encoded.states.apply(torch.zeros_like)
         leads_to = torch.full((len(transitions),), -1)
         reward = success.astype(np.float32)
         if (step := self._next(action, transitions.start)) is not None:
@@ -249,21 +251,21 @@ class JointFinetuning(Resumable):
                 onward = [self._steps[step].action] * len(rows)
                 following[torch.from_numpy(rows)] = encode(transitions.ends[rows], onward).states
         self._buffers[number].add(
-            seen.states,
+            encoded.states,
             torch.from_numpy(tried).float(),
             torch.from_numpy(reward),
             following,
             leads_to,
         )
 
-    def _fit(self, steps: int, closing: bool = False) -> dict[int, dict[str, float]]:
+    def _fit(self, steps: int, decaying: bool = False) -> dict[int, dict[str, float]]:
         """Gradient steps of all primitives that any episode gave something to learn from."""
         ready = {
             number: learner
             for number, learner in self._learners.items()
             if learner.demonstrations is not None or len(self._buffers[number])
         }
-        return fit_each(ready, steps, closing)
+        return fit_each(ready, steps, decaying)
 
     def _refresh(self, metrics: Mapping[int, dict[str, float]]) -> None:
         """Value the shapes that stored steps led to, with the critics as they are now."""

@@ -97,20 +97,20 @@ def demonstration_buffer(
     if slots == 0:
         raise ValueError("there are no demonstrated trials to learn from")
     buffer = TrialBuffer(sum(len(part[1]) for part in parts), slots, generator)
-    for seen, splines, rewards in parts:
+    for encoded, splines, rewards in parts:
         if splines:
-            buffer.extend(seen.states, splines, rewards)
+            buffer.extend(encoded.states, splines, rewards)
     return buffer
 
 
 def grouped(trials: Trials, chosen: np.ndarray) -> tuple[Encoded, list[Tensor], list[Tensor]]:
     """Chosen trials by start shape: encoded starts, splines in network space, rewards."""
     kept = np.unique(trials.start[chosen])
-    seen = encode(trials.starts[kept], [trials.action] * len(kept))
+    encoded = encode(trials.starts[kept], [trials.action] * len(kept))
     splines, rewards = [], []
     for row, start in enumerate(kept):
         mine = chosen & (trials.start == start)
-        network = seen.frames[row : row + 1].to_network(trials.splines[mine][None])[0]
+        network = encoded.frames[row : row + 1].to_network(trials.splines[mine][None])[0]
         splines.append(torch.from_numpy(network).float())
         rewards.append(torch.from_numpy(trials.success[mine].astype(np.float32)))
-    return seen, splines, rewards
+    return encoded, splines, rewards

@@ -82,7 +82,7 @@ class ActorLoss(LossModule):
         self.failure_weight, self.reach = failure_weight, reach
 
     def forward(self, tensordict: TensorDict) -> TensorDict:
-        """Gives `loss_actor`, and as `actor_spread` the mean standard deviation, whitened."""
+        """Gives `loss_actor`, and as `actor_spread` the mean standard deviation, normalised."""
         with self.actor_params.to_module(self.actor):
             mean, factor = self.actor(tensordict["states"])
         owner, weight = tensordict["owner"], tensordict["weight"]

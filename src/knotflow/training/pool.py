@@ -16,34 +16,34 @@ from numpy.typing import NDArray
 class StartPool:
     """Start shapes in one topological state."""
 
-    def __init__(self, made: NDArray, left_share: float, capacity: int) -> None:
+    def __init__(self, made: NDArray, recycled_share: float, capacity: int) -> None:
         """Begin with shapes made beforehand.
 
         Args:
             made: (P, V, 3) metres.
-            left_share: share of what is drawn that attempts left behind, once there is some.
+            recycled_share: share of what is drawn that attempts left behind, once there is some.
             capacity: how many of those are kept, the newest.
         """
         self.made = np.asarray(made, dtype=np.float64)
-        self.left_share, self.capacity = left_share, capacity
-        self.left = self.made[:0]
+        self.recycled_share, self.capacity = recycled_share, capacity
+        self.recycled = self.made[:0]
 
     def draw(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Shapes (count, V, 3), metres; made ones without repetition where there are enough."""
         out = self.made[rng.choice(len(self.made), count, replace=len(self.made) < count)]
-        if len(self.left):
-            rows = np.flatnonzero(rng.random(count) < self.left_share)
-            out[rows] = self.left[rng.integers(len(self.left), size=len(rows))]
+        if len(self.recycled):
+            rows = np.flatnonzero(rng.random(count) < self.recycled_share)
+            out[rows] = self.recycled[rng.integers(len(self.recycled), size=len(rows))]
         return out
 
-    def leave(self, points: NDArray) -> None:
+    def recycle(self, points: NDArray) -> None:
         """Take shapes (N, V, 3) that attempts ended in."""
-        self.left = np.concatenate([self.left, points])[-self.capacity :]
+        self.recycled = np.concatenate([self.recycled, points])[-self.capacity :]
 
     def state_dict(self) -> dict[str, Any]:
         """What attempts left; the made ones are the owner's."""
-        return {"left": self.left}
+        return {"recycled": self.recycled}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a `state_dict`."""
-        self.left = np.asarray(state["left"], dtype=np.float64)
+        self.recycled = np.asarray(state["recycled"], dtype=np.float64)

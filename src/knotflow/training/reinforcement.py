@@ -95,7 +95,7 @@ class Reinforcement(Resumable):
         self._starts = starts or StartsConfig()
         self._tasks = list(pools)
         self._pools = {
-            task.start_state: StartPool(pool, config.left_share, config.left_capacity)
+            task.start_state: StartPool(pool, config.recycled_share, config.recycled_capacity)
             for task, pool in pools.items()
         }
         self._done = 0
@@ -106,7 +106,7 @@ class Reinforcement(Resumable):
             metrics |= fit(self.learner, self.config.steps)
             self._done += 1
             if self._done == self.config.rounds:
-                fit(self.learner, self.config.closing_steps, closing=True)
+                fit(self.learner, self.config.decay_steps, decaying=True)
             yield Round(self._done - 1, metrics, attempts)
 
     def state_dict(self) -> dict[str, Any]:
@@ -130,13 +130,13 @@ class Reinforcement(Resumable):
         proposed = []
         for task in self._tasks:
             ropes = self._pools[task.start_state].draw(config.ropes, rng)
-            seen = encode(ropes, [task.action] * len(ropes))
+            encoded = encode(ropes, [task.action] * len(ropes))
             network, ways = explore(
-                self.primitive, seen, config.splines, config.exploration, self._progress, rng
+                self.primitive, encoded, config.splines, config.exploration, self._progress, rng
             )
-            splines = seen.frames.to_world(network.numpy())
+            splines = encoded.frames.to_world(network.numpy())
             points = np.repeat(ropes, config.splines, axis=0)
-            proposed.append((task, seen, points, splines, ways))
+            proposed.append((task, encoded, points, splines, ways))
         # All tasks in one batch keep the simulator's threads busy.
         rollouts = self.simulator.execute(
             np.concatenate([points for _, _, points, _, _ in proposed]),
@@ -144,12 +144,12 @@ class Reinforcement(Resumable):
         )
         attempts, metrics = [], {}
         each = config.ropes * config.splines
-        for number, (task, seen, points, splines, ways) in enumerate(proposed):
+        for number, (task, encoded, points, splines, ways) in enumerate(proposed):
             mine = rollouts[number * each : (number + 1) * each]
             flat = splines.reshape(-1, 6)
             tried = Attempts.of(task.action, task.start_state, points, flat, mine)
             success, way_of_each = tried.success, np.repeat(ways, config.splines)
-            self._remember(seen, splines, success.reshape(splines.shape[:2]))
+            self._remember(encoded, splines, success.reshape(splines.shape[:2]))
             self._leave(tried)
             attempts.append(tried)
             for way, name in ((POLICY, "policy"), (SPREAD, "exploration")):
@@ -168,14 +168,14 @@ class Reinforcement(Resumable):
                 for row, end in enumerate(tried.ends)
                 if end == state and is_roomy(tried.rollouts.end_points[row], rope, self._starts)
             ]
-            pool.leave(tried.rollouts.end_points[rows])
+            pool.recycle(tried.rollouts.end_points[rows])
 
-    def _remember(self, seen: Encoded, splines: NDArray, success: NDArray) -> None:
+    def _remember(self, encoded: Encoded, splines: NDArray, success: NDArray) -> None:
         # Splines were clipped into range: what was tried is what is remembered.
-        tried = torch.from_numpy(seen.frames.to_network(splines)).float()
+        tried = torch.from_numpy(encoded.frames.to_network(splines)).float()
         assert self.learner.rollouts is not None
         self.learner.rollouts.extend(
-            seen.states, list(tried), list(torch.from_numpy(success.astype(np.float32)))
+            encoded.states, list(tried), list(torch.from_numpy(success.astype(np.float32)))
         )
 
     @property

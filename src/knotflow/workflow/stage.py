@@ -7,7 +7,7 @@
                 ...
 
 The versions of the packages that its file imports are part of a stage's signature: a package whose
-behaviour changes raises its number in `knotflow.versions`, and older outputs are made again. Only
+behaviour changes raises its number in `knotflow.versions`, and older outputs are reproduced. Only
 where the stage's own code changes its output does the stage get a higher `version`.
 """
 

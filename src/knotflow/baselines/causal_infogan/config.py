@@ -34,7 +34,7 @@ class CausalInfoGanConfig:
     check_every: int = 500
     """Steps between two points of the training curves."""
     frame_rate: float = 5.0
-    """Frames a second of the training trajectories; a pair is two neighbouring frames."""
+    """Frames per second of the training trajectories; a pair is two neighbouring frames."""
     plan_steps: int = 10
     """Steps of a plan through the latent space for each topological action."""
     candidates: int = 100

@@ -69,7 +69,7 @@ def frames_at(times: NDArray, rate: float) -> NDArray[np.intp]:
     """Indices of the frames at `rate` a second among those at `times` (T,) s, from the first on.
 
     Raises:
-        ValueError: there are fewer frames a second than that.
+        ValueError: there are fewer frames per second than that.
     """
     step = 1 / rate
     spacing = float(np.diff(times).max())

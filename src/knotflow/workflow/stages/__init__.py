@@ -1,4 +1,4 @@
-"""The stages of knotflow: thin adapters from typed configuration and files to the rooms.
+"""The stages of knotflow: thin adapters from typed configuration and files to the packages.
 
 Importing this package registers them all.
 """

@@ -1,4 +1,4 @@
-"""Stage `benchmark`: splines a second, and memory; figures for the README, not a test."""
+"""Stage `benchmark`: splines per second, and memory; figures for the README, not a test."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ def load_rollouts(
     Args:
         demonstrations: the stage's folder.
         actions: that are wanted.
-        frame_rate: frames a second.
+        frame_rate: frames per second.
         most: if given, so many of them, spread evenly over the files.
 
     Raises:

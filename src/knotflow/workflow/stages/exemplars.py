@@ -24,7 +24,7 @@ class ExemplarsConfig:
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     """The simulator of the evaluation."""
     record_rate: float = 50.0
-    """Frames a second."""
+    """Frames per second."""
 
 
 @stage("exemplars", inputs=("starts", "evaluation"))

@@ -129,7 +129,7 @@ def _search(
 
 
 def search_row(plan: KnotPlan, goal: str, start: str, seed: int) -> dict[str, Any]:
-    """What the tables say of one search; `knot_type` is told by an independent library."""
+    """What the tables say of one search; `knot_type` is reported by an independent library."""
     found, confirmed = _confirmed(plan)
     return {
         "start": start,

@@ -85,7 +85,7 @@ def write_plan(
 ) -> None:
     """Write plan.json, plan.png, plan.svg, plan.gif, plan.mcap, waypoints.csv and dag.png, dag.svg.
 
-    The steps are simulated again, to have them at 50 frames a second. A plan without steps has
+    The steps are simulated again, to have them at 50 frames per second. A plan without steps has
     nothing to play: its animation is a still, and its recording shows `last_tried`.
 
     Args:
