@@ -174,8 +174,8 @@ def _phases(
 def _drag(times: NDArray, gripper: NDArray, move_time: float, rate_hz: float) -> NDArray:
     """The recorded gripper path (T, 3) from grasp to release at (n + 1, 3) even times.
 
-    A cubic with the slopes of the neighbouring frames runs through them: at ten frames per second it
-    stays within about a millimetre of the spline, where straight lines would cut its corners.
+    A cubic with the slopes of the neighbouring frames runs through them: ten frames per second
+    stay within about a millimetre of the spline, where straight lines would cut its corners.
     """
     count = _intervals(move_time, rate_hz)
     at = np.linspace(0.0, move_time, count + 1)
