@@ -151,12 +151,18 @@ class BenchmarkBudget:
 
     rollouts: int = 512
     """Random splines in each case."""
-    ends: int = 500
+    run: int = 0
+    """Raise it to time again on the same results folder."""
+
+
+@dataclass
+class RootsBudget:
+    """What the comparison of roots spends."""
+
+    rollouts: int = 500
     """Random splines, and as many aimed ones, whose ends are compared between roots."""
     trials: int = 160
     """Splines of each action whose success is compared between roots."""
-    run: int = 0
-    """Raise it to time again on the same results folder."""
 
 
 @dataclass
@@ -191,6 +197,7 @@ class Config:
     icp: IcpConfig = field(default_factory=IcpConfig)
     training: TrainingBudget = field(default_factory=TrainingBudget)
     benchmark: BenchmarkBudget = field(default_factory=BenchmarkBudget)
+    roots: RootsBudget = field(default_factory=RootsBudget)
     causal_infogan: CausalInfoGanBudget = field(default_factory=CausalInfoGanBudget)
     tree_size: PlansBudget = field(default_factory=lambda: PlansBudget(planner=STEADY_SEARCH))
     """Trees for the overhand along one path."""

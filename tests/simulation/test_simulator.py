@@ -46,8 +46,7 @@ def test_random_splines_neither_explode_nor_stretch_nor_sink(simulator, rng):
     assert not rollouts.diverged.any()
     lengths = np.linalg.norm(np.diff(rollouts.trajectory, axis=2), axis=-1)
     np.testing.assert_allclose(lengths, simulator.config.rope.link_length, atol=1e-5)
-    # Contacts are soft: a strand pressed down sinks by about its radius for a moment.
-    assert rollouts.trajectory[..., 2].min() > -0.25 * simulator.config.rope.radius
+    assert rollouts.trajectory[..., 2].min() > 0  # no vertex below the table
     speed = np.linalg.norm(np.diff(rollouts.trajectory, axis=1), axis=-1) / 0.1
     assert speed.max() < 4.0  # the gripper itself moves at up to 1 m/s
 

@@ -53,11 +53,8 @@ def test_killed_at_random_moments(tmp_path: Path) -> None:
     finished: dict[str, tuple[int, int]] = {}
 
     def shards() -> dict[str, tuple[int, int]]:
-        found = (path.stat() for path in killed.glob("stages/toy_slow/*/[0-9]*.txt"))
-        names = (path.name for path in killed.glob("stages/toy_slow/*/[0-9]*.txt"))
-        return {
-            name: (stat.st_ino, stat.st_mtime_ns) for name, stat in zip(names, found, strict=True)
-        }
+        paths = list(killed.glob("stages/toy_slow/*/[0-9]*.txt"))  # once: more may appear
+        return {path.name: (path.stat().st_ino, path.stat().st_mtime_ns) for path in paths}
 
     for _ in range(4):
         process = start(killed)

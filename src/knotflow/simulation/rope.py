@@ -4,15 +4,20 @@ A link is a capsule of one segment length whose frame's x axis points from head 
 are joined by two hinges at their common vertex, so the rope bends freely in both directions and
 carries no twist: its vertices are its whole shape.
 
-One link, the root, floats freely; the others hang from it in branches, each turned against its
-neighbour on the root's side first about z, then about the new y. A chain rooted in its middle link
-has two branches half as long as the one of a chain rooted in its head, so half as many entries in
-its mass matrix and 1.8 times the speed; the rope is the same.
+Every joint is a universal joint: its first hinge is a z axis fixed in the link towards the head,
+its second a y axis fixed in the link towards the tail. One link, the root, floats freely, and the
+others hang from it in branches. In the branch towards the head a joint's parent is its tailward
+link, so its hinges follow in the other order about reversed axes: the same joint, with the same
+angles. A chain rooted in its middle link has two branches half as long as the one of a chain
+rooted in its head, so half as many entries in its mass matrix and 1.8 times the speed. Both are
+the same mechanics but for two things: the damping and inertia added to the root itself (see
+`RopeConfig.root`), and contacts of a moving rope, where MuJoCo drops the derivative of a contact's
+Jacobian, which depends on the coordinates.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,10 +54,12 @@ class RopeConfig:
     """Sliding friction between rope and table."""
     rope_friction: float = 0.3
     """Sliding friction between rope and rope."""
-    root: str = field(default="middle", compare=False)
+    root: str = "head"
     """Link whose position and orientation are coordinates of the model, `middle` or `head`; all
-    other links have hinge angles. A choice of coordinates, and ropes that differ in it alone are
-    equal; `head` is slower, damps its root on all axes, and is kept to compare with."""
+    other links have hinge angles. The root is damped in the world: a middle only in its roll, a
+    head on all axes, which also holds the head's direction, so that splines found with one root
+    may fail with the other. `middle` is 1.8 times as fast; `head` is what the shipped
+    demonstrations and primitives were made with."""
 
     def __post_init__(self) -> None:
         if self.links < 4:
@@ -160,12 +167,12 @@ def build_model(
     parent = root
     for link in towards_head:
         parent = parent.add_body(name=f"link_{link}", pos=[0 if parent is root else -step, 0, 0])
-        _hinge(parent, rope)
+        _hinge(parent, ([0, -1, 0], [0, 0, -1]), rope)
         _dress(parent, link, -step, rope, contact_time)
     parent = root
     for link in towards_tail:
         parent = parent.add_body(name=f"link_{link}", pos=[step, 0, 0])
-        _hinge(parent, rope)
+        _hinge(parent, ([0, 0, 1], [0, 1, 0]), rope)
         _dress(parent, link, 0.0, rope, contact_time)
     for i in range(rope.links):
         spec.add_equality(
@@ -178,8 +185,8 @@ def build_model(
         )
     model = spec.compile()
     # No hinge holds the root against rolling about its own axis, and undamped it spins up. The
-    # same on its other axes makes the root resist turning in the world: nothing that the middle
-    # needs, but a head without it, the light end of a chain, is at times thrown apart.
+    # same on its other axes makes the root resist moving and turning in the world: nothing that the
+    # middle needs, but of 512 ropes rooted in a head without it two were thrown apart.
     first = model.joint("root").dofadr[0]
     held = slice(first, first + 6) if rope.root == "head" else first + 3
     model.dof_damping[held] = rope.joint_damping
@@ -188,11 +195,11 @@ def build_model(
     return model
 
 
-def _hinge(body: mujoco.MjsBody, rope: RopeConfig) -> None:
-    """The two hinges of a link at its body's origin: about z, then about y."""
+def _hinge(body: mujoco.MjsBody, axes: tuple[list[int], list[int]], rope: RopeConfig) -> None:
+    """The two hinges of a link at its body's origin, the one next to its parent first."""
     import mujoco
 
-    for axis in ([0, 0, 1], [0, 1, 0]):
+    for axis in axes:
         body.add_joint(
             type=mujoco.mjtJoint.mjJNT_HINGE,
             axis=axis,
@@ -245,8 +252,9 @@ ROPE_BIT = 2
 def pose(points: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
     """Joint positions that put the rope where its vertices say.
 
-    Each link's x axis points to the next vertex; hinge angles follow outward along each branch
-    from the direction of a link in the frame of its neighbour on the root's side.
+    Each link's x axis points to the next vertex. The head has no roll (its y axis is horizontal),
+    and the frame of every other link follows from its headward neighbour's by the two hinge angles
+    of their joint; whichever link is the root, frames and angles are the same.
 
     Args:
         points: (B, V, 3) metres, head first, world frame.
@@ -258,22 +266,21 @@ def pose(points: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
     points = check_points(points, rope)
     direction = np.diff(points, axis=1)  # (B, links, 3)
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
-    yaw, pitch = _angles(direction[:, rope.root_link])
-    root = _turn(yaw, pitch)  # (B, 3, 3), columns are the link's axes
-    quaternion = [
-        np.cos(yaw / 2) * np.cos(pitch / 2),
-        -np.sin(yaw / 2) * np.sin(pitch / 2),
-        np.cos(yaw / 2) * np.sin(pitch / 2),
-        np.sin(yaw / 2) * np.cos(pitch / 2),
-    ]
-    angles = []
-    for branch in rope.branches:
-        frame = root
-        for link in branch:
-            yaw, pitch = _angles(np.einsum("bji,bj->bi", frame, direction[:, link]))
-            angles += [yaw, pitch]
-            frame = frame @ _turn(yaw, pitch)
-    return np.column_stack([points[:, rope.root_link], *quaternion, *angles])
+    frame = _turn(*_angles(direction[:, 0]))  # (B, 3, 3), columns are the link's axes
+    root, angles = frame, []  # angles[i] of the joint between links i and i + 1
+    for link in range(1, rope.links):
+        yaw, pitch = _angles(np.einsum("bji,bj->bi", frame, direction[:, link]))
+        angles.append((yaw, pitch))
+        frame = frame @ _turn(yaw, pitch)
+        if link == rope.root_link:
+            root = frame
+    from scipy.spatial.transform import Rotation  # slow to import, as mujoco is
+
+    quaternion = Rotation.from_matrix(root).as_quat()[:, [3, 0, 1, 2]]
+    towards_head, towards_tail = rope.branches
+    hinges = [angle for link in towards_head for angle in angles[link][::-1]]
+    hinges += [angle for link in towards_tail for angle in angles[link - 1]]
+    return np.column_stack([points[:, rope.root_link], quaternion, *hinges])
 
 
 def _angles(direction: NDArray) -> tuple[NDArray, NDArray]:

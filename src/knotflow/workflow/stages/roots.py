@@ -1,7 +1,9 @@
-"""Stage `roots`: does it matter which link a rope's chain is rooted in? It is to change no result.
+"""Stage `roots`: how much does it matter which link a rope's chain is rooted in?
 
-The physics of a crumpling rope is sensitive, so two simulations that differ in rounding alone drift
-apart. How far is judged by what halving the time step does to the same splines.
+Both chains have the same joints. Their mechanics differ by the root's own damping (a head's, on all
+six axes, also holds its direction in the world, a middle's only its roll) and, where a moving rope
+touches something, by a term that MuJoCo drops. The physics of a crumpling rope is sensitive, so how
+far apart the ends are is judged by what halving the time step does to the same splines.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 
 
-@dataclass
+@dataclass(kw_only=True)
 class RootsConfig:
     """What is simulated with either root."""
 
@@ -42,9 +44,9 @@ class RootsConfig:
     """Their starts, straight and tangled, are those of the aimed splines."""
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     """Of the copies of the demonstrated splines, by which success rates are compared."""
-    rollouts: int = 500
+    rollouts: int
     """Random splines, and as many aimed ones, whose ends are compared."""
-    trials: int = 160
+    trials: int
     """Copies of demonstrated splines of each action, shared out among its demonstrations."""
     seed: int = 5
     """Of starts and splines."""
