@@ -25,15 +25,6 @@ __all__ = [
     "styled",
 ]
 
-# The page's stylesheet has a light and a dark value for each of these; a figure inlined there
-# follows it. The arms' own colours are legible on both.
-_THEMED = {
-    INK: "var(--figure-ink)",
-    MUTED: "var(--figure-muted)",
-    RULE: "var(--figure-rule)",
-    PAPER: "var(--figure-paper)",
-}
-
 
 @dataclass(frozen=True)
 class Picture:
@@ -43,18 +34,6 @@ class Picture:
     png: bytes
     svg: bytes
     alt: str
-
-    def inline(self) -> str:
-        """The SVG to stand within a page: its ids its own, its greys the page's."""
-        svg = self.svg.decode("utf-8")
-        svg = svg[svg.index("<svg") :]
-        svg = re.sub(r'\b(id="|xlink:href="#|url\(#)', rf"\g<1>{self.name}-", svg)
-        # The page's width rules; the viewBox keeps the shape.
-        svg = re.sub(r'<svg([^>]*?) height="[^"]*"', r"<svg\1", svg, count=1)
-        svg = re.sub(r'<svg([^>]*?) width="[^"]*"', r"<svg\1", svg, count=1)
-        for grey, variable in _THEMED.items():
-            svg = svg.replace(grey, variable)
-        return svg.replace("<svg", '<svg role="img"', 1).strip()
 
 
 def new_figure(height: float) -> Figure:
