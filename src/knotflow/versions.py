@@ -8,7 +8,7 @@ fails when behaviour changed and the number did not. Changes of speed, names or 
 
 VERSIONS = {
     "topology": 1,
-    "simulation": 1,
+    "simulation": 2,
     "demonstrations": 1,
     "baselines": 1,
     "baselines.causal_infogan": 1,

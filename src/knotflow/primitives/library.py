@@ -207,20 +207,21 @@ class PrimitiveLibrary:
             )
         try:
             entries = json.loads(metadata["primitives"])
-            trained_rope = RopeConfig(**json.loads(metadata["rope"]))
+            trained_rope = RopeConfig(**{"root": "head"} | json.loads(metadata["rope"]))
             digest = metadata["digest"]
         except (KeyError, TypeError, ValueError) as error:
             raise LibraryError(f"{path}: its metadata are damaged: {error!r}") from None
         if digest != _digest(weights):
             raise LibraryError(f"{path} is damaged: its weights do not have the digest it names")
-        if rope is not None and rope != trained_rope:
+        if rope is not None:
             different = {
                 name: (value, getattr(rope, name))
                 for name, value in asdict(trained_rope).items()
-                if value != getattr(rope, name)
+                if name != "root" and value != getattr(rope, name)  # a choice of coordinates
             }
             named = ", ".join(f"{key} {was}, not {now}" for key, (was, now) in different.items())
-            raise LibraryError(f"{path} was trained with another rope: {named}")
+            if named:
+                raise LibraryError(f"{path} was trained with another rope: {named}")
         primitives = {
             int(number): _primitive(path, number, entry["config"], weights)
             for number, entry in entries.items()

@@ -54,12 +54,11 @@ class RopeConfig:
     """Sliding friction between rope and table."""
     rope_friction: float = 0.3
     """Sliding friction between rope and rope."""
-    root: str = "head"
+    root: str = "middle"
     """Link whose position and orientation are coordinates of the model, `middle` or `head`; all
     other links have hinge angles. The root is damped in the world: a middle only in its roll, a
     head on all axes, which also holds the head's direction, so that splines found with one root
-    may fail with the other. `middle` is 1.8 times as fast; `head` is what the shipped
-    demonstrations and primitives were made with."""
+    may fail with the other. `middle` is 1.8 times as fast."""
 
     def __post_init__(self) -> None:
         if self.links < 4:
