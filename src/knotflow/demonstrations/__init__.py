@@ -1,6 +1,6 @@
 """Demonstrations: the eight tasks, the scripted demonstrator, the dataset and its noisy copies."""
 
-from knotflow.demonstrations.aim import aim
+from knotflow.demonstrations.aim import aim, nudge
 from knotflow.demonstrations.dataset import (
     SHIPPED,
     Demonstration,
@@ -27,6 +27,7 @@ __all__ = [
     "load_demonstrations",
     "load_trials",
     "noisy_copies",
+    "nudge",
     "save_demonstrations",
     "succeed",
     "task",

@@ -105,3 +105,12 @@ def _at(points: NDArray, fraction: NDArray) -> NDArray:
     along = np.linspace(0, 1, len(points))
     fraction = np.clip(fraction, 0, 1)
     return np.stack([np.interp(fraction, along, points[:, k]) for k in (0, 1)], axis=1)
+
+
+def nudge(points: NDArray, count: int, rng: np.random.Generator) -> NDArray:
+    """Small random moves (count, 6) of a rope (V, 3): guesses at splines that arrange it."""
+    grasp = rng.uniform(0, 1, count)
+    begin = _at(points, grasp)
+    end = begin + rng.normal(0, 0.08, (count, 2))
+    mid = (begin + end) / 2 + rng.normal(0, 0.03, (count, 2))
+    return clip_splines(np.column_stack([grasp, mid, rng.uniform(0.03, 0.15, count), end]))

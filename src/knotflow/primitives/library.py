@@ -23,9 +23,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from knotflow.primitives.canonical import PRIMITIVES, canonicalise
+from knotflow.primitives.canonical import ARRANGE, PRIMITIVES, canonicalise
 from knotflow.primitives.config import PrimitiveConfig
-from knotflow.primitives.encoding import encode_canonical
+from knotflow.primitives.encoding import Encoded, encode_canonical
 from knotflow.primitives.primitive import Primitive
 from knotflow.samplers import sampler
 from knotflow.simulation import RopeConfig
@@ -33,7 +33,7 @@ from knotflow.threads import one_thread
 from knotflow.topology import Action, parse_action
 
 FORMAT = "knotflow primitives"
-VERSION = "2"
+VERSION = "3"
 """Raised when the encoding or the networks change, so that older weights mean something else."""
 FILE = "primitives.safetensors"
 """A library's name in the output of a stage."""
@@ -44,7 +44,7 @@ class LibraryError(ValueError):
 
 
 class PrimitiveLibrary:
-    """Up to four primitives and the actions they were trained on; a sampler.
+    """Primitives and the actions they were trained on; a sampler.
 
     It computes on one thread of PyTorch, whatever the number of threads around it.
     """
@@ -55,7 +55,7 @@ class PrimitiveLibrary:
         trained_on: Mapping[int, Sequence[Action]],
         rope: RopeConfig,
     ) -> None:
-        """Primitives by number, 1 to 4, the actions each was trained on, and the rope."""
+        """Primitives by number, the actions each was trained on, and the rope."""
         if not primitives or set(primitives) != set(trained_on) or set(primitives) - {*PRIMITIVES}:
             raise ValueError(
                 f"a library has primitives out of {PRIMITIVES} and trained actions for each, got "
@@ -101,16 +101,47 @@ class PrimitiveLibrary:
         """
         return self.propose(np.asarray(points)[None], [action], count, rng)[0]
 
+    def sample_onward(
+        self, points: NDArray, action: Action, count: int, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """`sample`, of splines that also leave room for the actions that may follow."""
+        return self.propose(np.asarray(points)[None], [action], count, rng, onward=True)[0]
+
+    def arrange(
+        self, points: NDArray, action: Action, count: int, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Splines (count, 6) that keep the state of a rope (V, 3) and make room for an action.
+
+        Raises:
+            ValueError: there is no arranging primitive in this library.
+            IllegalActionError: the action names a segment that the rope does not have.
+        """
+        ropes = np.asarray(points)[None]
+        return self.propose(ropes, [action], count, rng, onward=True, arranging=True)[0]
+
     @one_thread()
     def propose(
-        self, points: NDArray, actions: Sequence[Action], count: int, rng: np.random.Generator
+        self,
+        points: NDArray,
+        actions: Sequence[Action],
+        count: int,
+        rng: np.random.Generator,
+        onward: bool = False,
+        arranging: bool = False,
     ) -> NDArray[np.float64]:
-        """Splines (S, count, 6) for ropes (S, V, 3) with an action each; one batch a primitive."""
-        ropes = [canonicalise(p, a) for p, a in zip(points, actions, strict=True)]
-        out = np.empty((len(ropes), count, 6))
-        for number, rows in self._by_primitive([rope.primitive for rope in ropes], actions):
-            encoded = encode_canonical([ropes[row] for row in rows])
-            found, _ = self.primitives[number].search(encoded, count, rng)
+        """Splines (S, count, 6) for ropes (S, V, 3) with an action each; one batch a primitive.
+
+        Args:
+            points: (S, V, 3) metres.
+            actions: one a rope.
+            count: splines for each.
+            rng: everything random comes from it.
+            onward: search for the value of what a spline leaves as well, not for success alone.
+            arranging: splines that arrange the rope for its action, not such that do it.
+        """
+        out = np.empty((len(actions), count, 6))
+        for number, rows, encoded in self._encoded(points, actions, arranging):
+            found, _ = self.primitives[number].search(encoded, count, rng, onward)
             out[rows] = encoded.frames.to_world(found.numpy())
         return out
 
@@ -124,18 +155,36 @@ class PrimitiveLibrary:
 
     @one_thread()
     def values(
-        self, points: NDArray, actions: Sequence[Action], rng: np.random.Generator
+        self,
+        points: NDArray,
+        actions: Sequence[Action],
+        rng: np.random.Generator,
+        onward: bool = False,
+        arranging: bool = False,
     ) -> NDArray[np.float64]:
-        """`value` (S,) of ropes (S, V, 3) with an action each."""
-        ropes = [canonicalise(p, a) for p, a in zip(points, actions, strict=True)]
-        out = np.empty(len(ropes))
-        for number, rows in self._by_primitive([rope.primitive for rope in ropes], actions):
-            encoded = encode_canonical([ropes[row] for row in rows])
-            _, best = self.primitives[number].search(encoded, 1, rng)
+        """`value` (S,) of ropes (S, V, 3) with an action each; see `propose` for the rest."""
+        out = np.empty(len(actions))
+        for number, rows, encoded in self._encoded(points, actions, arranging):
+            _, best = self.primitives[number].search(encoded, 1, rng, onward)
             if best is None:
                 raise ValueError(f"primitive {number} has no critic to value a rope")
-            out[rows] = torch.sigmoid(best[:, 0]).numpy()
+            out[rows] = best[:, 0].numpy()
         return out
+
+    def arranged_values(
+        self, points: NDArray, actions: Sequence[Action], rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Value (S,) of each action once its rope (S, V, 3) is arranged for it by one spline."""
+        return self.values(points, actions, rng, onward=True, arranging=True)
+
+    def _encoded(
+        self, points: NDArray, actions: Sequence[Action], arranging: bool
+    ) -> Iterable[tuple[int, NDArray[np.intp], Encoded]]:
+        """Ropes with an action each, encoded for the primitives that serve them."""
+        ropes = [canonicalise(p, a) for p, a in zip(points, actions, strict=True)]
+        numbers = [ARRANGE if arranging else rope.primitive for rope in ropes]
+        for number, rows in self._by_primitive(numbers, actions):
+            yield number, rows, encode_canonical([ropes[row] for row in rows], arranging)
 
     def _by_primitive(
         self, numbers: Sequence[int], actions: Sequence[Action]

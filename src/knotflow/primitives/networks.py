@@ -19,7 +19,7 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
 from torch.distributions import MultivariateNormal
-from torch.nn.functional import scaled_dot_product_attention, softplus
+from torch.nn.functional import logsigmoid, scaled_dot_product_attention, softplus
 
 from knotflow.primitives.config import NetworkConfig
 from knotflow.primitives.encoding import (
@@ -153,10 +153,11 @@ class Actor(nn.Module):
         super().__init__()
         self.trunk = Trunk(config)
         self.head = nn.Sequential(
-            nn.Linear(config.feature, config.head),
+            nn.Linear(config.feature + config.kinds, config.head),
             nn.SiLU(),
             nn.Linear(config.head, SPLINE + SPLINE * (SPLINE + 1) // 2),
         )
+        self.kinds = config.kinds
         self.smallest_spread = config.smallest_spread
         rows, columns = torch.tril_indices(SPLINE, SPLINE)
         self.register_buffer("_rows", rows, persistent=False)
@@ -172,7 +173,7 @@ class Actor(nn.Module):
 
     def forward(self, states: TensorDict) -> tuple[Tensor, Tensor]:
         """Mean (S, 6) and lower Cholesky factor (S, 6, 6) of the covariance."""
-        out = self.head(self.trunk(states["streams"])[0])
+        out = self.head(_with_kind(self.trunk(states["streams"])[0], states, self.kinds))
         mean, entries = out[:, :SPLINE], out[:, SPLINE:]
         diagonal = self._rows == self._columns
         entries = torch.where(diagonal, softplus(entries) + self.smallest_spread, entries)
@@ -187,35 +188,57 @@ class Actor(nn.Module):
 
 
 class Critic(nn.Module):
-    """Probability that a spline accomplishes the action, as a logit: Q of a single-step task."""
+    """What a spline is worth, as two logits.
+
+    `success` is the probability that it accomplishes the action: Q of a single-step task. `onward`
+    is, if it does, the value of what it leaves: how well the actions that may follow can be done
+    from there (Sec. V-B c). An action that others follow is worth the product of both.
+    """
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         self.trunk = Trunk(config)
         # The first layer of the head, cut in two: the rope's part is worked out once a rope.
-        self.of_rope = nn.Linear(config.feature, config.head)
+        self.of_rope = nn.Linear(config.feature + config.kinds, config.head)
+        self.kinds = config.kinds
         self.of_spline = nn.Sequential(
             nn.Linear(CONTROL_FEATURES, config.head), nn.SiLU(), nn.Linear(config.head, config.head)
         )
         self.passage = Passage(config, self.trunk.seen)
         self.head = nn.Sequential(
-            nn.SiLU(), nn.Linear(config.head, config.head), nn.SiLU(), nn.Linear(config.head, 1)
+            nn.SiLU(), nn.Linear(config.head, config.head), nn.SiLU(), nn.Linear(config.head, 2)
         )
 
     def features(self, states: TensorDict) -> tuple[Tensor, Tensor]:
         """All that scoring needs of each rope: (S, head), and its points' (S, Q, ...)."""
         feature, seen = self.trunk(states["streams"])
-        return self.of_rope(feature), self.passage.of_points(seen)
+        of_rope = self.of_rope(_with_kind(feature, states, self.kinds))
+        return of_rope, self.passage.of_points(seen)
 
     def score(
         self, features: tuple[Tensor, Tensor], states: TensorDict, splines: Tensor, owner: Tensor
     ) -> Tensor:
-        """Logits (N,) of splines (N, 6), each on the rope `owner` (N,) among S."""
+        """Logits (N, 2), success and onward, of splines (N, 6) on the ropes `owner` (N,) of S."""
         of_rope, of_points = features
         controls = control_features(states, splines, owner)
         passed = self.passage(of_points, states["streams"], controls, owner)
-        return self.head(of_rope[owner] + self.of_spline(controls) + passed).squeeze(-1)
+        return self.head(of_rope[owner] + self.of_spline(controls) + passed)
 
     def forward(self, states: TensorDict, splines: Tensor, owner: Tensor) -> Tensor:
-        """Logits (N,) of splines (N, 6) in network space on the ropes `owner` (N,) of `states`."""
+        """Logits (N, 2) of splines (N, 6) in network space on ropes `owner` (N,) of `states`."""
         return self.score(self.features(states), states, splines, owner)
+
+
+def log_value(logits: Tensor, onward: bool) -> Tensor:
+    """Logarithm (...) of what a critic's logits (..., 2) make a spline worth.
+
+    That is the probability of success, times the value of what it leaves if `onward`.
+    """
+    success = logsigmoid(logits[..., 0])
+    return success + logsigmoid(logits[..., 1]) if onward else success
+
+
+def _with_kind(feature: Tensor, states: TensorDict, kinds: int) -> Tensor:
+    """The rope's feature (S, F), and which kind of action is wanted, where a primitive serves
+    several."""
+    return torch.cat([feature, states["kind"]], dim=-1) if kinds else feature

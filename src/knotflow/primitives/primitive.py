@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from knotflow.primitives.cem import cross_entropy, standard_normal
 from knotflow.primitives.config import PrimitiveConfig
 from knotflow.primitives.encoding import Encoded, encode
-from knotflow.primitives.networks import SPLINE, Actor, Critic
+from knotflow.primitives.networks import SPLINE, Actor, Critic, log_value
 from knotflow.topology import Action
 
 
@@ -34,11 +34,12 @@ class Primitive(nn.Module):
 
     @torch.no_grad()
     def search(
-        self, encoded: Encoded, count: int, rng: np.random.Generator
+        self, encoded: Encoded, count: int, rng: np.random.Generator, onward: bool = False
     ) -> tuple[Tensor, Tensor | None]:
-        """Splines (S, count, 6) in network space and their critic logits (S, count), if any.
+        """Splines (S, count, 6) in network space and their values (S, count), if there is a critic.
 
-        With a critic every spline is the outcome of a search of its own.
+        With a critic every spline is the outcome of a search of its own, for success alone or, if
+        `onward`, for what it leaves as well.
         """
         cem, ropes = self.config.cem, len(encoded.frames)
         mean, factor = self.gaussian(encoded)
@@ -47,13 +48,13 @@ class Primitive(nn.Module):
             return mean[:, None] + noise @ factor.mT, None
         iterations = cem.critic_only_iterations if self.actor is None else cem.iterations
         found, best = cross_entropy(
-            self.scorer(encoded, count),
+            self.scorer(encoded, count, onward),
             mean.repeat_interleave(count, 0),
             factor.repeat_interleave(count, 0),
             standard_normal(rng, (iterations, ropes * count, cem.population, SPLINE)),
             cem.elites,
         )
-        return found.reshape(ropes, count, SPLINE), best.reshape(ropes, count)
+        return found.reshape(ropes, count, SPLINE), best.exp().reshape(ropes, count)
 
     def gaussian(self, encoded: Encoded) -> tuple[Tensor, Tensor]:
         """Mean (S, 6) and Cholesky factor (S, 6, 6) of the actor, or of the wide Gaussian."""
@@ -63,8 +64,10 @@ class Primitive(nn.Module):
         factor = self.config.cem.wide_spread * torch.eye(SPLINE).expand(ropes, SPLINE, SPLINE)
         return torch.zeros(ropes, SPLINE), factor
 
-    def scorer(self, encoded: Encoded, count: int) -> Callable[[Tensor], Tensor]:
-        """The critic of `count` searches on each rope: splines (S * count, P, 6) -> logits.
+    def scorer(
+        self, encoded: Encoded, count: int, onward: bool = False
+    ) -> Callable[[Tensor], Tensor]:
+        """The critic of `count` searches on each rope: splines (S * count, P, 6) -> log values.
 
         Raises:
             ValueError: there is no critic.
@@ -77,7 +80,7 @@ class Primitive(nn.Module):
 
         def score(splines: Tensor) -> Tensor:
             owner = searches.repeat_interleave(splines.shape[1])
-            values = critic.score(features, states, splines.reshape(-1, SPLINE), owner)
-            return values.reshape(splines.shape[:2])
+            logits = critic.score(features, states, splines.reshape(-1, SPLINE), owner)
+            return log_value(logits, onward).reshape(splines.shape[:2])
 
         return score

@@ -1,15 +1,15 @@
 from .config import (
     ExplorationConfig,
     ImitationConfig,
-    JointConfig,
     LearnerConfig,
     ReinforcementConfig,
+    SelfPlayConfig,
 )
 from .imitation import Imitation
-from .joint import JointFinetuning, JointRound, parse_path
 from .learner import Learner
 from .losses import ActorLoss, CriticLoss
 from .reinforcement import Reinforcement, Round
+from .self_play import SelfPlay, SelfPlayRound
 from .transitions import Transitions
 
 __all__ = [
@@ -18,14 +18,13 @@ __all__ = [
     "ExplorationConfig",
     "Imitation",
     "ImitationConfig",
-    "JointConfig",
-    "JointFinetuning",
-    "JointRound",
     "Learner",
     "LearnerConfig",
     "Reinforcement",
     "ReinforcementConfig",
     "Round",
+    "SelfPlay",
+    "SelfPlayConfig",
+    "SelfPlayRound",
     "Transitions",
-    "parse_path",
 ]

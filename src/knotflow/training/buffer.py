@@ -1,4 +1,4 @@
-"""Replay buffers: of trials grouped by start shape, and of transitions that may lead on."""
+"""Replay buffers: of trials grouped by start shape, and of single trials that may lead on."""
 
 from __future__ import annotations
 
@@ -109,69 +109,62 @@ class TrialBuffer:
         )
 
 
-class TransitionBuffer(TrialBuffer):
-    """Trials of steps of an episode, each with the encoded rope that the next step begins with.
+class TransitionBuffer:
+    """Single trials, each with the encoded rope that a next action would begin with.
 
-    An item is one trial. `next_value` of its batches is what `value` gave at the last refresh:
-    QT-Opt's targets, worked out once in a while with the critics as they are then, not anew with
-    every gradient step.
+    `next_value` is what that action's critic said when the trial was stored, or at the last
+    refresh: QT-Opt's lagged targets, not worked out anew with every gradient step.
     """
 
     def __init__(self, capacity: int, generator: torch.Generator) -> None:
-        super().__init__(capacity, 1, generator)
-
-    def add(
-        self,
-        states: TensorDict,
-        splines: Tensor,
-        rewards: Tensor,
-        following: TensorDict,
-        leads_to: Tensor,
-    ) -> None:
-        """Add N trials; their next values are 0 until they are refreshed.
-
-        Args:
-            states: [N] the ropes they were tried on, encoded for their action.
-            splines: (N, 6) in network space.
-            rewards: (N,) of the step itself.
-            following: [N] the ropes they led to, encoded for the next action; of trials that lead
-                nowhere it is not looked at.
-            leads_to: (N,) int64, the number of the next step; -1 where the episode ended.
-        """
-        values = torch.zeros(len(splines))
-        self.extend(
-            states,
-            list(splines[:, None]),
-            list(rewards[:, None]),
-            TensorDict(
-                {"following": following, "leads_to": leads_to, "next_value": values},
-                batch_size=[len(splines)],
-            ),
+        self._generator = generator
+        self._replay = TensorDictReplayBuffer(
+            storage=LazyTensorStorage(capacity), generator=generator
         )
 
-    def refresh(self, value: Callable[[int, TensorDict], Tensor]) -> dict[int, float]:
-        """Work out all next values again; gives the mean of those that lead to each step.
+    def __len__(self) -> int:
+        """Number of trials."""
+        return len(self._replay)
 
-        `value(step, states [M])` gives (M,) values of the ropes that a step begins with.
+    def extend(self, trials: TensorDict) -> None:
+        """Add N trials, the oldest give way.
+
+        Args:
+            trials: [N] with "states" and "following" (encoded ropes before and after), "follower"
+                (N,) int64 number of the primitive of the next action, -1 where none is valued,
+                "spline" (N, 6) in network space, "reward", "baseline", "weight" and "next_value"
+                (N,), the last NaN where there is no follower.
         """
+        if len(trials):
+            self._replay.extend(trials)
+
+    def state_dict(self) -> dict[str, Any]:
+        """The contents; the generator is its owner's to save."""
+        return {"count": len(self), "items": self._replay[:].to_dict() if len(self) else {}}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take over the contents of another buffer."""
+        self._replay.empty()
+        if state["count"]:
+            self._replay.extend(TensorDict(state["items"], [state["count"]]))
+
+    def refresh(self, value: Callable[[int, TensorDict], Tensor], count: int) -> None:
+        """Value what follows `count` random trials anew; `value(primitive, states [M])` is (M,)."""
         if not len(self):
-            return {}
-        items = self._replay[:].clone()
-        leads_to, means = items["leads_to"], {}
-        for step in sorted({*leads_to.tolist()} - {-1}):
-            rows = torch.nonzero(leads_to == step)[:, 0]
-            values = value(step, items["following"][rows])
-            items["next_value"][rows] = values
-            means[step] = float(values.mean())
-        self._replay[torch.arange(len(self))] = items
-        return means
+            return
+        rows = torch.randperm(len(self), generator=self._generator)[:count]
+        items = self._replay[rows].clone()
+        for follower in sorted({*items["follower"].tolist()} - {-1}):
+            mine = torch.nonzero(items["follower"] == follower)[:, 0]
+            items["next_value"][mine] = value(follower, items["following"][mine])
+        self._replay[rows] = items
 
     def sample(self, ropes: int, trials: int) -> TensorDict:
-        """Up to `ropes` trials, with the key `next_value`."""
-        items = self._items(ropes)
-        batch = self._drawn(items, trials)
-        batch["next_value"] = items["next_value"][batch["owner"]]
-        batch["baseline"] = batch["baseline"] + batch["next_value"]  # one trial an item
+        """Up to `ropes` trials as `losses` describes them, with the key `next_value`."""
+        items = self._replay[:] if len(self) <= ropes else self._replay.sample(ropes)
+        keys = ("states", "spline", "reward", "baseline", "weight", "next_value")
+        batch = TensorDict({key: items[key] for key in keys})
+        batch["owner"] = torch.arange(len(items))
         return batch
 
 
@@ -199,7 +192,7 @@ def mixed(parts: Sequence[TensorDict], shares: Sequence[float]) -> TensorDict:
 
 
 def _with_next_value(part: TensorDict) -> TensorDict:
-    """The batch of single-step trials as one of episodes' last steps: nothing comes next."""
+    """The batch of trials of which nobody knows what comes next."""
     if "next_value" in part.keys():
         return part
-    return part.copy().update({"next_value": torch.zeros_like(part["reward"])})
+    return part.copy().update({"next_value": torch.full_like(part["reward"], torch.nan)})

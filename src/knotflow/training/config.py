@@ -30,6 +30,8 @@ class LearnerConfig:
     """Gradients are clipped to this norm."""
     failure_weight: float = 0.0
     """Share of a rope's mean reward that the actor's advantage takes off; see `ActorLoss`."""
+    success_share: float = 0.5
+    """Share of the actor's return that success brings alone; the rest is for what it leaves."""
     demonstration_ropes: int = 24
     """Demonstrated ropes in a batch."""
     demonstration_trials: int = 24
@@ -112,34 +114,44 @@ def _gentle() -> LearnerConfig:
 
 
 @dataclass
-class JointConfig:
-    """How long primitives are finetuned together, and how."""
+class SelfPlayConfig:
+    """How long primitives play together, and how."""
 
     learner: LearnerConfig = field(default_factory=_gentle)
     """Optimiser and batches of each primitive."""
     exploration: ExplorationConfig = field(
-        default_factory=lambda: ExplorationConfig(search=0.2, spread=0.15)
+        default_factory=lambda: ExplorationConfig(search=0.2, spread=0.25)
     )
-    """How the behaviour policy differs from the policy; little, for one bad step ends an
-    episode."""
-    tries: int = 3
-    """Splines tried at a step before its episode is given up."""
+    """How the behaviour policy differs from the policy."""
+    most_crossings: int = 4
+    """Of the states that are played from and to."""
+    rounds: int = 1500
+    """Rounds of trials and gradient steps."""
+    ropes: int = 384
+    """Trials in a round, each on a rope of its own."""
+    undo_share: float = 0.15
+    """Share of the trials that undo an action."""
+    arranging_share: float = 0.35
+    """Share of the trials that arrange the rope instead,"""
+    arrange_below_value: float = 0.7
+    """where the critic gives the wanted action less than this."""
     guess_below_value: float = 0.3
-    """Where the best value that the critic sees is below this,"""
-    guess_fraction: float = 0.5
-    """this share of the tries are a demonstrator's guesses."""
-    gamma: float = 1.0
-    """Factor on the value of the next step."""
-    population: int = 64
-    """Splines among which the best value of a stored shape is sought."""
+    """Where the best value that the critic sees is below this, or the rope is to be arranged,"""
+    guess_fraction: float = 0.3
+    """this share of the splines are guesses."""
+    hindsight: bool = True
+    """Whether trials count for other actions than the one that was meant."""
+    shapes: int = 128
+    """Rope shapes that are remembered of each state."""
+    capacity: int = 15000
+    """Trials that stay in each primitive's replay buffer, the newest."""
     memory: int = 1000
-    """Attempts of independent training that stay in the replay buffer, the newest, for each
-    action."""
-    rounds: int = 45
-    """Rounds of episodes and gradient steps."""
-    episodes: int = 96
-    """Episodes in a round, each on an untangled rope of its own."""
+    """Attempts of independent training that it begins with, the newest, for each action."""
+    population: int = 64
+    """Splines among which the best value of a shape is sought."""
+    refreshed: int = 256
+    """Stored trials of each primitive whose next value is worked out anew in a round."""
     steps: int = 40
     """Gradient steps of each primitive in a round."""
-    decay_steps: int = 600
+    decay_steps: int = 1500
     """Gradient steps after the last round, in which the learning rate falls evenly to 0."""

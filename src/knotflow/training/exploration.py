@@ -31,10 +31,12 @@ def explore(
     config: ExplorationConfig,
     progress: float,
     rng: np.random.Generator,
+    onward: bool = False,
 ) -> tuple[Tensor, np.ndarray]:
     """Splines (S, count, 6) in network space to try on S ropes, and the way (S,) of each rope's.
 
-    `progress` runs from 0 in the first round to 1 in the last.
+    `progress` runs from 0 in the first round to 1 in the last; `onward` searches also for the value
+    of what a spline leaves.
     """
     left = 1 + progress * (config.last - 1)
     search = left * config.search if primitive.critic is not None else 0.0
@@ -45,7 +47,7 @@ def explore(
         rows = np.flatnonzero(ways == way)
         if len(rows):
             some = Encoded(encoded.states[torch.from_numpy(rows)], encoded.frames[rows])
-            splines[torch.from_numpy(rows)] = propose(primitive, some, count, config, rng)
+            splines[torch.from_numpy(rows)] = propose(primitive, some, count, config, rng, onward)
     return splines, ways
 
 
@@ -55,8 +57,9 @@ def _policy(
     count: int,
     config: ExplorationConfig,
     rng: np.random.Generator,
+    onward: bool,
 ) -> Tensor:
-    return primitive.search(encoded, count, rng)[0]
+    return primitive.search(encoded, count, rng, onward)[0]
 
 
 def _search(
@@ -65,11 +68,12 @@ def _search(
     count: int,
     config: ExplorationConfig,
     rng: np.random.Generator,
+    onward: bool,
 ) -> Tensor:
     mean, factor = _wider(primitive, encoded, config)
     cem = primitive.config.cem
     found, _ = cross_entropy(
-        primitive.scorer(encoded, count),
+        primitive.scorer(encoded, count, onward),
         mean.repeat_interleave(count, 0),
         factor.repeat_interleave(count, 0),
         standard_normal(rng, (config.iterations, len(mean) * count, cem.population, SPLINE)),
@@ -84,11 +88,12 @@ def _spread(
     count: int,
     config: ExplorationConfig,
     rng: np.random.Generator,
+    onward: bool,
 ) -> Tensor:
     noise = standard_normal(rng, (len(encoded.frames), count, SPLINE))
     if primitive.actor is None:
         # The wide Gaussian of a critic-only policy hardly ever succeeds: stay near its choice.
-        return primitive.search(encoded, count, rng)[0] + config.floor * noise
+        return primitive.search(encoded, count, rng, onward)[0] + config.floor * noise
     mean, factor = _wider(primitive, encoded, config)
     return mean[:, None] + noise @ factor.mT
 

@@ -12,7 +12,7 @@ from knotflow.demonstrations import Trials
 from knotflow.primitives.encoding import Encoded, encode
 from knotflow.primitives.primitive import Primitive
 from knotflow.training.augmentation import augment
-from knotflow.training.buffer import TrialBuffer, mixed
+from knotflow.training.buffer import TransitionBuffer, TrialBuffer, mixed
 from knotflow.training.config import LearnerConfig
 from knotflow.training.losses import ActorLoss, CriticLoss
 
@@ -24,12 +24,12 @@ class Learner:
         self.primitive, self.config = primitive, config
         self.generator = torch.Generator().manual_seed(seed)
         self.demonstrations: TrialBuffer | None = None
-        self.rollouts: TrialBuffer | None = None
+        self.rollouts: TrialBuffer | TransitionBuffer | None = None
         self.losses: list[CriticLoss | ActorLoss] = []
         if primitive.critic is not None:
             self.losses.append(CriticLoss(primitive.critic))
         if primitive.actor is not None:
-            self.losses.append(ActorLoss(primitive.actor, config.failure_weight))
+            self.losses.append(ActorLoss(primitive.actor, config.failure_weight, config.success_share))
         self.optimizer = torch.optim.AdamW(
             primitive.parameters(), config.learning_rate, weight_decay=config.weight_decay
         )

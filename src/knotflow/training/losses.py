@@ -12,11 +12,13 @@ own; here many splines share a rope, whose trunk must run once. Both modules rea
 | reward                | (N,)           | 1 where the trial succeeded, else 0                 |
 | baseline              | (N,)           | mean return of the trials known from the same rope  |
 | weight                | (N,)           | of the trial in the batch, of mean 1                |
-| next_value (optional) | (N,)           | gamma max Q of the next action at the end shape     |
+| next_value (optional) | (N,)           | max Q of a next action at the end shape; NaN where  |
+|                       |                | none was valued                                     |
 """
 
 from __future__ import annotations
 
+import torch
 from tensordict import TensorDict, TensorDictParams
 from torch import Tensor
 from torch.distributions import MultivariateNormal
@@ -26,18 +28,23 @@ from torchrl.objectives import LossModule
 from knotflow.primitives.networks import Actor, Critic
 
 
-def returns(batch: TensorDict) -> Tensor:
-    """QT-Opt's target r + gamma max Q of what comes next, (N,) in 0..1.
-
-    A single-step task ends with its action, so it is the binary reward. In a task of several steps
-    (Sec. V-B c) the reward comes at the end, and `next_value` stands for it before.
+def returns(batch: TensorDict, success_share: float) -> Tensor:
+    """What the actor is to repeat, (N,) in 0..1: the reward, partly for success, partly for what
+    is left. Where nothing is known of what comes next it is the reward alone.
     """
-    next_value = batch.get("next_value", None)
-    return batch["reward"] if next_value is None else (batch["reward"] + next_value).clamp(0, 1)
+    if "next_value" not in batch.keys():
+        return batch["reward"]
+    next_value = batch["next_value"]
+    worth = torch.where(next_value.isnan(), 1.0, success_share + (1 - success_share) * next_value)
+    return batch["reward"] * worth
 
 
 class CriticLoss(LossModule):
-    """Cross-entropy between the critic and the trials' returns."""
+    """Cross-entropy between the critic and what trials brought.
+
+    Success is learned from every trial, QT-Opt's r + gamma max Q of what comes next (Sec. V-B c) in
+    two factors: what is left onward is learned from trials that succeeded and are valued.
+    """
 
     critic: Critic
     critic_params: TensorDictParams
@@ -49,11 +56,19 @@ class CriticLoss(LossModule):
 
     def forward(self, tensordict: TensorDict) -> TensorDict:
         """Gives `loss_critic`, and as `critic_accuracy` the share of trials judged rightly."""
-        target = returns(tensordict)
+        reward, weight = tensordict["reward"], tensordict["weight"]
         with self.critic_params.to_module(self.critic):
-            logit = self.critic(tensordict["states"], tensordict["spline"], tensordict["owner"])
-        loss = binary_cross_entropy_with_logits(logit, target, weight=tensordict["weight"])
-        accuracy = ((logit.detach() > 0) == (target > 0.5)).float().mean()
+            logits = self.critic(tensordict["states"], tensordict["spline"], tensordict["owner"])
+        success, onward = logits.unbind(-1)
+        loss = binary_cross_entropy_with_logits(success, reward, weight=weight)
+        if "next_value" in tensordict.keys():
+            next_value = tensordict["next_value"]
+            known = (reward > 0.5) & ~next_value.isnan()
+            weight = torch.where(known, weight, 0.0)
+            loss = loss + binary_cross_entropy_with_logits(
+                onward, torch.where(known, next_value, 0.0), weight=weight
+            )
+        accuracy = ((success.detach() > 0) == (reward > 0.5)).float().mean()
         return TensorDict({"loss_critic": loss, "critic_accuracy": accuracy})
 
 
@@ -75,11 +90,19 @@ class ActorLoss(LossModule):
     actor_params: TensorDictParams
     target_actor_params: TensorDictParams
 
-    def __init__(self, actor: Actor, failure_weight: float = 0.0, reach: float = 3.0) -> None:
-        """`failure_weight` times the rope's mean return is the baseline b; `reach` is in nats."""
+    def __init__(
+        self,
+        actor: Actor,
+        failure_weight: float = 0.0,
+        success_share: float = 0.5,
+        reach: float = 3.0,
+    ) -> None:
+        """`failure_weight` times the batch's baseline is b; `success_share` is that part of the
+        return which success alone brings; `reach` is in nats."""
         super().__init__()
         self.convert_to_functional(actor, "actor")
-        self.failure_weight, self.reach = failure_weight, reach
+        self.failure_weight, self.success_share = failure_weight, success_share
+        self.reach = reach
 
     def forward(self, tensordict: TensorDict) -> TensorDict:
         """Gives `loss_actor`, and as `actor_spread` the mean standard deviation, normalised."""
@@ -88,7 +111,9 @@ class ActorLoss(LossModule):
         owner, weight = tensordict["owner"], tensordict["weight"]
         gaussian = MultivariateNormal(mean[owner], scale_tril=factor[owner], validate_args=False)
         log_prob = gaussian.log_prob(tensordict["spline"])
-        advantage = returns(tensordict) - self.failure_weight * tensordict["baseline"]
+        advantage = (
+            returns(tensordict, self.success_share) - self.failure_weight * tensordict["baseline"]
+        )
         typical = -gaussian.entropy().detach()  # the mean of log pi under pi
         counts = (advantage > 0) | (log_prob.detach() > typical - self.reach)
         pull = weight * advantage * counts

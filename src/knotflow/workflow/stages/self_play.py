@@ -1,4 +1,8 @@
-"""Stage `joint_finetuning`: primitives learn together, on episodes along one path (Sec. V-B c)."""
+"""Stage `self_play`: the primitives learn all actions together (Sec. V-B c, and beyond).
+
+Its trials, about half a million, are not recorded: they would be seventy gigabytes. Their counts
+are, and one command makes them again.
+"""
 
 from __future__ import annotations
 
@@ -7,95 +11,82 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from knotflow.demonstrations import TASKS, load_trials
 from knotflow.primitives import FILE, PrimitiveLibrary
-from knotflow.recording import load, write_index
+from knotflow.recording import load
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, state_or_none
 from knotflow.topology import TopologicalState, parse_action
-from knotflow.training import JointConfig, JointFinetuning, Transitions, parse_path
+from knotflow.training import SelfPlay, SelfPlayConfig, Transitions
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.curves import Curves
-from knotflow.workflow.stages.recorder import Recorder
 
-PART = "joint"
+PART = "self_play"
+SAVED_EVERY = 25
+"""Rounds between two checkpoints."""
 
 
 @dataclass(kw_only=True)
-class JointFinetuningConfig:
-    """Which path, how long, and on what rope."""
+class SelfPlayStageConfig:
+    """How long, and on what rope."""
 
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
-    """The simulator that executes the episodes."""
+    """The simulator that executes the trials."""
     starts: StartsConfig = field(default_factory=StartsConfig)
     """What an untangled rope looks like."""
-    path: str
-    """Actions from the untangled rope to the knot."""
-    joint: JointConfig = field(default_factory=JointConfig)
+    training: SelfPlayConfig = field(default_factory=SelfPlayConfig)
     """The effort."""
     seed: int
     """Of everything random."""
 
 
-@stage("joint_finetuning", inputs=("demonstrations", "reinforcement"))
-def finetune(
-    config: JointFinetuningConfig, inputs: Mapping[str, Path], context: StageContext
-) -> None:
-    """Makes primitives.safetensors, curves.csv and recordings/*.mcap, one a round.
-
-    Primitives that the path does not need are those of the input. A round that was interrupted is
-    simulated again, to the same rollouts, and replaces its file.
-    """
-    path, rope = parse_path(config.path), config.simulation.rope
+@stage("self_play", inputs=("demonstrations", "reinforcement"))
+def play(config: SelfPlayStageConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
+    """Makes primitives.safetensors, curves.csv and trials.csv, a row for each pair of state and
+    action that was tried."""
     demonstrated = load_trials(inputs["demonstrations"])
-    library = PrimitiveLibrary.load(inputs["reinforcement"] / FILE, rope)
-    training = JointFinetuning(
-        library,
-        path,
+    training = SelfPlay(
+        PrimitiveLibrary.load(inputs["reinforcement"] / FILE, config.simulation.rope),
         {task: demonstrated[task.action] for task in TASKS},
-        earlier_attempts(inputs["reinforcement"] / "recordings", config.joint.memory),
+        earlier_attempts(inputs["reinforcement"] / "recordings", config.training.memory),
         RopeSimulator(config.simulation),
-        config.joint,
+        config.training,
         config.seed,
         config.starts,
     )
     curves = Curves(context, PART)
     if checkpoint := curves.checkpoint():
         training.load(checkpoint)
-    most = len(path) * config.joint.episodes * config.joint.tries
-    _train(training, most, curves, config, context)
-    with context.atomic(FILE) as file:
-        library.save(file)
-    write_index(context.out / "recordings")
-    Curves.merge(context, [PART])  # last, for it drops the checkpoints
-
-
-def _train(
-    training: JointFinetuning,
-    most_rollouts: int,
-    curves: Curves,
-    config: JointFinetuningConfig,
-    context: StageContext,
-) -> None:
-    """Run the rounds that are left; a round has at most so many rollouts."""
     bar = context.progress(
-        total=config.joint.rounds, initial=training.rounds_done, desc="joint finetuning"
+        total=config.training.rounds, initial=training.rounds_done, desc="self-play"
     )
     with bar:
         for one in training:
             for number, metrics in one.metrics.items():
                 curves.add(number, metrics)
-            rope = config.simulation.rope
-            recorder = Recorder(context, "joint_finetuning", rope, one.index * most_rollouts)
-            for attempts in one.attempts:
-                recorder(attempts)
-            recorder.save(f"recordings/{PART}-{one.index:03d}.mcap")
             bar.update()
-            if training.rounds_done % 4 == 0:
+            if training.rounds_done % SAVED_EVERY == 0:
                 with curves.saving() as folder:
                     training.save(folder)
     curves.save()
+    with context.atomic(FILE) as file:
+        training.library.save(file)
+    with context.atomic("trials.csv") as file:
+        trials_table(training).to_csv(file, index=False)
+    Curves.merge(context, [PART])  # last, for it drops the checkpoints
+
+
+def trials_table(training: SelfPlay) -> pd.DataFrame:
+    """The trials of every pair of state and action, and how many of them succeeded."""
+    rows = [
+        (str(state), str(action), record.trials, record.successes, record.rate)
+        for (state, action), record in training.curriculum.records.items()
+        if record.trials
+    ]
+    columns = ["start", "action", "trials", "successes", "recent_rate"]
+    return pd.DataFrame(rows, columns=columns).sort_values(["start", "action"])
 
 
 def earlier_attempts(folder: Path, count: int) -> list[Transitions]:

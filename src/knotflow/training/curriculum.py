@@ -1,0 +1,119 @@
+"""Which state and action self-play tries next: rarely tried and rarely solved pairs more often."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from knotflow.topology import Action, TopologicalState, Undo, parse_action
+
+Pair = tuple[TopologicalState, Action]
+"""A state, and an action that it allows."""
+
+
+@lru_cache(maxsize=None)
+def outcomes(state: TopologicalState, most_crossings: int) -> Mapping[Action, TopologicalState]:
+    """Every action that a state allows, undoing ones included, with the state it leads to, as far
+    as that has no more than so many crossings."""
+    found = {
+        action: onward
+        for action, onward in state.actions()
+        if onward.num_crossings <= most_crossings
+    }
+    return found | dict(state.undoings())
+
+
+def kind(action: Action) -> str:
+    """R1, R2 or C, or undo: what a draw is even over."""
+    return "undo" if isinstance(action, Undo) else action.symbol
+
+
+@dataclass
+class Record:
+    """What became of the trials of a pair."""
+
+    trials: int = 0
+    successes: int = 0
+    rate: float = 0.0
+    """Of success, over the last hundred trials or so."""
+
+    def add(self, success: bool) -> None:
+        """Count a trial."""
+        self.trials += 1
+        self.successes += success
+        self.rate += (success - self.rate) / min(self.trials, 100)
+
+    @property
+    def need(self) -> float:
+        """How much there is to learn; 1 for a pair that was never tried."""
+        return (1.1 - self.rate) / 1.1 / np.sqrt(1 + self.trials / 20)
+
+
+class Curriculum:
+    """Counts trials of every pair, and draws pairs by their need."""
+
+    def __init__(self, most_crossings: int, undo_share: float) -> None:
+        """Of pairs that lead to at most so many crossings; `undo_share` of the draws undo."""
+        self.most_crossings, self.undo_share = most_crossings, undo_share
+        self.records: dict[Pair, Record] = {}
+
+    def record(self, state: TopologicalState, action: Action) -> Record:
+        """What is known of a pair."""
+        return self.records.setdefault((state, action), Record())
+
+    def draw(self, states: Iterable[TopologicalState], rng: np.random.Generator) -> Pair:
+        """A state out of those given, and an action.
+
+        Even over the number of crossings, then over the kinds of actions that any state with so
+        many allows; among the pairs left, by need.
+        """
+        by_crossings: dict[int, list[TopologicalState]] = {}
+        for state in states:
+            if state.num_crossings <= self.most_crossings:
+                by_crossings.setdefault(state.num_crossings, []).append(state)
+        crossings = sorted(by_crossings)[rng.integers(len(by_crossings))]
+        some = by_crossings[crossings]
+        # A few states, not all: there are thousands of pairs.
+        some = [some[row] for row in rng.integers(len(some), size=8)]
+        pairs: dict[str, list[Pair]] = {}
+        for state in some:
+            for action in outcomes(state, self.most_crossings):
+                pairs.setdefault(kind(action), []).append((state, action))
+        undoing = pairs.pop("undo", [])
+        if undoing and (not pairs or rng.random() < self.undo_share):
+            chosen = undoing
+        else:
+            chosen = pairs[sorted(pairs)[rng.integers(len(pairs))]]
+        need = np.array([self.record(*pair).need for pair in chosen])
+        return chosen[rng.choice(len(chosen), p=need / need.sum())]
+
+    def next_action(self, state: TopologicalState, rng: np.random.Generator) -> Action | None:
+        """An action that may follow: even over kinds, then over actions; None where none may."""
+        by_kind: dict[str, list[Action]] = {}
+        for action in outcomes(state, self.most_crossings):
+            if not isinstance(action, Undo):
+                by_kind.setdefault(kind(action), []).append(action)
+        if not by_kind:
+            return None
+        some = by_kind[sorted(by_kind)[rng.integers(len(by_kind))]]
+        return some[rng.integers(len(some))]
+
+    def state_dict(self) -> dict[str, Any]:
+        """All counts."""
+        return {
+            f"{state} {action}": (one.trials, one.successes, one.rate)
+            for (state, action), one in self.records.items()
+            if one.trials
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a `state_dict`."""
+        self.records = {}
+        for name, counts in state.items():
+            before, action = name.split(" ", 1)
+            pair = TopologicalState.parse(before), parse_action(action)
+            self.records[pair] = Record(*counts)

@@ -1,0 +1,528 @@
+"""Self-play: the primitives learn all actions together, from ropes that they themselves made.
+
+Joint finetuning (Sec. V-B c), over all paths of all solution DAGs instead of along one. Rope shapes
+are remembered by their topological state, beginning with random untangled ones. A trial takes a
+shape and an action that its state allows (`curriculum`), and either does the action or arranges the
+rope for it: a spline that keeps the state and shall raise the action's value. The shape it leaves is
+remembered, and so the states fill up, towards more crossings by actions and back by undoing them.
+
+What is learned from a trial:
+
+- whether the action succeeded, and of a success the value of what it leaves: the best that the next
+  action's critic expects of the end shape, for a next action drawn among all that are legal there;
+- of an arranging spline whether the state was kept, and the value of the wanted action after it;
+  an actor is pulled towards those that raised it, and splines that failed at an action without
+  having been meant to arrange teach the same;
+- hindsight: a rope that ends in the state of another legal action is a success of that one. So that
+  this stays unbiased, trials that could have ended there, but did not, are its failures.
+
+Where the critic sees hardly a way, the policy's splines are all alike and all wrong: there a share
+of the splines are a demonstrator's guesses. What the primitives knew before stays in the replay
+buffers: demonstrations, and the attempts of independent training.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tensordict import TensorDict
+from torch import Tensor
+
+from knotflow.demonstrations import Task, Trials, aim, nudge
+from knotflow.primitives.canonical import ARRANGE, PRIMITIVES, UNDO, Canonical, canonicalise
+from knotflow.primitives.config import PrimitiveConfig
+from knotflow.primitives.encoding import KINDS, Encoded, encode_canonical
+from knotflow.primitives.library import PrimitiveLibrary
+from knotflow.primitives.primitive import Primitive
+from knotflow.simulation import (
+    Attempts,
+    RopeSimulator,
+    StartsConfig,
+    end_states,
+    random_curve,
+    state_or_none,
+)
+from knotflow.threads import one_thread
+from knotflow.topology import (
+    Action,
+    DegenerateCurveError,
+    IllegalActionError,
+    TopologicalState,
+)
+from knotflow.training.buffer import TransitionBuffer
+from knotflow.training.config import SelfPlayConfig
+from knotflow.training.curriculum import Curriculum, outcomes
+from knotflow.training.exploration import POLICY, explore
+from knotflow.training.fitting import fit_each
+from knotflow.training.learner import Learner, demonstration_buffer
+from knotflow.training.resumable import Resumable
+from knotflow.training.shapes import ShapeMemory, representative, transformed
+from knotflow.training.transitions import Transitions
+from knotflow.training.values import best_values
+
+GUESS = -1
+"""A way in which a spline is proposed, beside those of `exploration`."""
+
+
+@dataclass
+class _Lesson:
+    """What one trial says of one action; trials of several actions may be the same spline."""
+
+    points: NDArray[np.float64]
+    action: Action
+    spline: NDArray[np.float64]
+    reward: float
+    after: NDArray[np.float64] | None = None
+    following: Action | None = None
+    arranging: bool = False
+    baseline: float = 0.0
+    weight: float = 1.0
+
+
+@dataclass(frozen=True)
+class _Play:
+    """The ropes of one round, and what shall be done with each."""
+
+    points: NDArray[np.float64]
+    states: list[TopologicalState]
+    actions: list[Action]
+    values: NDArray[np.float64]
+    arranging: NDArray[np.bool_]
+    splines: NDArray[np.float64]
+    ways: NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class SelfPlayRound:
+    """One round: what it measured."""
+
+    index: int
+    """Counted from 0."""
+    metrics: dict[int, dict[str, float]]
+    """For each primitive: losses; of the policy's own splines the success rate, and of arranging
+    ones the mean gain in value. Primitive 1's also say how many states and pairs are known."""
+
+
+class SelfPlay(Resumable):
+    """Training on all actions; iterating over it trains, and gives a `SelfPlayRound` at a time.
+
+    The same arguments give the same weights on one machine. It may be interrupted after any round,
+    and goes on from what was saved.
+    """
+
+    def __init__(
+        self,
+        library: PrimitiveLibrary,
+        trials: Mapping[Task, Trials],
+        earlier: Sequence[Transitions],
+        simulator: RopeSimulator,
+        config: SelfPlayConfig,
+        seed: int,
+        starts: StartsConfig | None = None,
+    ) -> None:
+        """Trains a copy of the library's primitives, and those that it lacks from scratch.
+
+        Args:
+            library: after independent training, with actor and critic.
+            trials: the demonstrations; may be empty.
+            earlier: attempts of independent training; may be empty.
+            simulator: executes the trials.
+            config: the effort to spend.
+            seed: everything random comes from it.
+            starts: what an untangled rope looks like.
+
+        Raises:
+            ValueError: a primitive of the library lacks actor or critic.
+        """
+        self.simulator, self.config = simulator, config
+        self.library = _completed(library, seed)
+        self._starts = starts or StartsConfig()
+        self._rng = np.random.default_rng([seed, 0])
+        self._curriculum = Curriculum(config.most_crossings, config.undo_share)
+        self._shapes = ShapeMemory(config.shapes)
+        self._hindsight: dict[tuple[TopologicalState, Action], Counter[Action]] = {}
+        self._learners = {
+            number: self._learner(number, trials, seed) for number in self.library.primitives
+        }
+        self._done = 0
+        for transitions in earlier:
+            self._remember_earlier(transitions)
+
+    def __iter__(self) -> Iterator[SelfPlayRound]:
+        config = self.config
+        while self._done < config.rounds:
+            metrics = self._play()
+            for buffer in self._buffers.values():
+                buffer.refresh(self._value, config.refreshed)
+            for number, losses in self._fit(config.steps).items():
+                metrics[number] |= losses
+            self._done += 1
+            if self._done == config.rounds:
+                self._fit(config.decay_steps, decaying=True)
+            yield SelfPlayRound(self._done - 1, metrics)
+
+    @property
+    def rounds_done(self) -> int:
+        """Rounds that are over."""
+        return self._done
+
+    @property
+    def curriculum(self) -> Curriculum:
+        """What was tried, and how often it succeeded."""
+        return self._curriculum
+
+    def state_dict(self) -> dict[str, Any]:
+        return {
+            "learners": {str(n): learner.state_dict() for n, learner in self._learners.items()},
+            "shapes": self._shapes.state_dict(),
+            "curriculum": self._curriculum.state_dict(),
+            "hindsight": {
+                f"{state} {action}": {str(other): n for other, n in counts.items()}
+                for (state, action), counts in self._hindsight.items()
+            },
+            "rng": self._rng.bit_generator.state,
+            "done": self._done,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        for number, learner in self._learners.items():
+            learner.load_state_dict(state["learners"][str(number)])
+        self._shapes.load_state_dict(state["shapes"])
+        self._curriculum.load_state_dict(state["curriculum"])
+        self._hindsight = {}
+        for name, counts in state["hindsight"].items():
+            before, action = name.split(" ", 1)
+            self._hindsight[TopologicalState.parse(before), parse_action(action)] = Counter(
+                {parse_action(other): count for other, count in counts.items()}
+            )
+        self._rng.bit_generator.state = state["rng"]
+        self._done = state["done"]
+
+    @property
+    def _buffers(self) -> dict[int, TransitionBuffer]:
+        return {
+            number: learner.rollouts
+            for number, learner in self._learners.items()
+            if isinstance(learner.rollouts, TransitionBuffer)
+        }
+
+    def _learner(self, number: int, trials: Mapping[Task, Trials], seed: int) -> Learner:
+        config = self.config.learner
+        if number == ARRANGE:  # what counts is what is gained
+            config = replace(config, success_share=0.0, failure_weight=1.0)
+        learner = Learner(self.library.primitives[number], config, seed + number)
+        own = [
+            (some, np.ones(len(some), bool))
+            for task, some in trials.items()
+            if canonicalise(some.starts[0], task.action).primitive == number
+        ]
+        if own:
+            learner.demonstrations = demonstration_buffer(own, learner.generator)
+        learner.rollouts = TransitionBuffer(self.config.capacity, learner.generator)
+        return learner
+
+    @one_thread()
+    def _play(self) -> dict[int, dict[str, float]]:
+        """One batch of trials, and what they teach."""
+        play = self._propose(*self._draw(self.config.ropes))
+        rollouts = self.simulator.execute(play.points, play.splines)
+        ends = end_states(rollouts)
+        self._remember(play, rollouts.end_points, ends)
+        return self._measure(play, rollouts.end_points, ends)
+
+    def _draw(
+        self, count: int
+    ) -> tuple[NDArray[np.float64], list[TopologicalState], list[Action]]:
+        """Ropes, their states, and an action for each."""
+        rope, rng = self.simulator.config.rope, self._rng
+        trivial = TopologicalState.trivial()
+        known = [trivial, *(state for state in self._shapes if state != trivial)]
+        points, states, actions = [], [], []
+        while len(points) < count:
+            state, action = self._curriculum.draw(known, rng)
+            if state == trivial and (state not in self._shapes or rng.random() < 0.5):
+                shape = random_curve(rope, rng, self._starts)
+            else:
+                shape = self._shapes.draw(state, rng)
+            if _canonical(shape, action) is not None:
+                points.append(shape)
+                states.append(state)
+                actions.append(action)
+        return np.stack(points), states, actions
+
+    def _propose(
+        self, points: NDArray, states: list[TopologicalState], actions: list[Action]
+    ) -> _Play:
+        """A spline for each rope: by policy, exploration or guess; to act or to arrange."""
+        config, rng = self.config, self._rng
+        progress = self._done / max(1, config.rounds - 1)
+        ropes = [canonicalise(one, action) for one, action in zip(points, actions, strict=True)]
+        values = self._values(ropes)
+        arranging = (values < config.arrange_below_value) & (
+            rng.random(len(ropes)) < config.arranging_share
+        )
+        splines = np.empty((len(ropes), 6))
+        ways = np.empty(len(ropes), np.intp)
+        guessed = rng.random(len(ropes)) < np.where(
+            arranging | (values < config.guess_below_value), config.guess_fraction, 0.0
+        )
+        numbers = np.where(arranging, ARRANGE, [rope.primitive for rope in ropes])
+        for number in sorted(set(numbers.tolist())):
+            rows = np.flatnonzero((numbers == number) & ~guessed)
+            if not len(rows):
+                continue
+            encoded = encode_canonical([ropes[row] for row in rows], number == ARRANGE)
+            onward = number == ARRANGE or bool(rng.random() < 0.5)
+            network, ways[rows] = explore(
+                self.library.primitives[number], encoded, 1, config.exploration, progress, rng,
+                onward,
+            )  # fmt: skip
+            splines[rows] = encoded.frames.to_world(network.numpy())[:, 0]
+        for row in np.flatnonzero(guessed):
+            guess = (
+                nudge(points[row], 1, rng) if arranging[row] else aim(points[row], actions[row], 1, rng)
+            )
+            splines[row], ways[row] = guess[0], GUESS
+        return _Play(points, states, actions, values, arranging, splines, ways)
+
+    def _remember(
+        self,
+        play: _Play,
+        after: NDArray,
+        ends: Sequence[TopologicalState | None],
+    ) -> None:
+        """Keep the shapes that trials left, and store what they teach."""
+        lessons: list[_Lesson] = []
+        for row, (state, action, end) in enumerate(
+            zip(play.states, play.actions, ends, strict=True)
+        ):
+            one = play.points[row], play.splines[row], after[row]
+            reached = outcomes(state, self.config.most_crossings)
+            success = end is not None and end == reached[action]
+            meant = not play.arranging[row]
+            if meant:
+                self._curriculum.record(state, action).add(success)
+                lessons.append(self._lesson(*one, action, end, success))
+            if not success and (not meant or self._rng.random() < self.config.arranging_share):
+                lessons.append(
+                    _Lesson(
+                        one[0], action, one[1], float(end == state),
+                        after=one[2] if end == state else None,
+                        following=action if end == state else None,
+                        arranging=True, baseline=play.values[row],
+                    )  # fmt: skip
+                )
+            lessons += self._in_hindsight(*one, state, action, end, meant)
+            if end is not None and end.num_crossings <= self.config.most_crossings:
+                self._keep(after[row], end)
+        self._store(lessons)
+
+    def _lesson(
+        self,
+        points: NDArray,
+        spline: NDArray,
+        after: NDArray,
+        action: Action,
+        end: TopologicalState | None,
+        success: bool,
+        weight: float = 1.0,
+    ) -> _Lesson:
+        """What a trial says of an action that it did or did not accomplish."""
+        lesson = _Lesson(points, action, spline, float(success), weight=weight)
+        if success and end is not None:
+            lesson.following = self._curriculum.next_action(end, self._rng)
+            lesson.after = after if lesson.following is not None else None
+        return lesson
+
+    def _in_hindsight(
+        self,
+        points: NDArray,
+        spline: NDArray,
+        after: NDArray,
+        state: TopologicalState,
+        action: Action,
+        end: TopologicalState | None,
+        meant: bool,
+    ) -> Iterator[_Lesson]:
+        """The trial as one of other actions: of the one it accomplished, and of one that other
+        trials for the same action accomplished; the latter stands for all such."""
+        if not self.config.hindsight:
+            return
+        rng = self._rng
+        reached = outcomes(state, self.config.most_crossings)
+        done = [other for other, onward in reached.items() if onward == end]
+        if meant and action in done:
+            done = []
+        others = self._hindsight.setdefault((state, action), Counter())
+        missed = sorted((other for other in others if reached[other] != end), key=str)
+        if done:
+            other = done[rng.integers(len(done))]
+            others[other] += 1
+            yield self._lesson(points, spline, after, other, end, True)
+        if missed:
+            other = missed[rng.integers(len(missed))]
+            weight = min(len(missed), 4)
+            yield self._lesson(points, spline, after, other, end, False, weight)
+
+    def _keep(self, points: NDArray, state: TopologicalState) -> None:
+        """Remember a shape, if its image reads as the representative state does."""
+        first, symmetry = representative(state)
+        if state_or_none(transformed(points, symmetry)) == first:
+            self._shapes.add(points, state, self._rng)
+
+    def _store(self, lessons: Sequence[_Lesson]) -> None:
+        """Put lessons into their primitives' replay buffers, with the value of what follows."""
+        by_number: dict[int, list[tuple[_Lesson, Canonical]]] = {}
+        for lesson in lessons:
+            if (rope := _canonical(lesson.points, lesson.action)) is not None:
+                number = ARRANGE if lesson.arranging else rope.primitive
+                by_number.setdefault(number, []).append((lesson, rope))
+        for number in sorted(by_number):
+            own = [lesson for lesson, _ in by_number[number]]
+            encoded = encode_canonical([rope for _, rope in by_number[number]], number == ARRANGE)
+            self._buffers[number].extend(self._trials(encoded, own))
+
+    def _trials(self, encoded: Encoded, lessons: Sequence[_Lesson]) -> TensorDict:
+        """Lessons as `TransitionBuffer.extend` takes them."""
+        splines = np.stack([lesson.spline for lesson in lessons])
+        following = encoded.states.select("streams", "grasp").apply(torch.zeros_like)
+        follower = torch.full((len(lessons),), -1)
+        next_value = torch.full((len(lessons),), torch.nan)
+        onward: dict[int, list[tuple[int, Canonical]]] = {}
+        for row, lesson in enumerate(lessons):
+            if lesson.after is None or lesson.following is None:
+                continue
+            if (rope := _canonical(lesson.after, lesson.following)) is not None:
+                onward.setdefault(rope.primitive, []).append((row, rope))
+        for number, some in onward.items():
+            rows = torch.tensor([row for row, _ in some])
+            states = encode_canonical([rope for _, rope in some]).states
+            states = states.select("streams", "grasp")
+            following[rows], follower[rows] = states, number
+            next_value[rows] = self._value(number, states)
+        return TensorDict(
+            {
+                "states": encoded.states,
+                "following": following,
+                "follower": follower,
+                "spline": torch.from_numpy(
+                    encoded.frames.to_network(splines[:, None])[:, 0]
+                ).float(),
+                "reward": torch.tensor([lesson.reward for lesson in lessons]),
+                "baseline": torch.tensor([float(lesson.baseline) for lesson in lessons]),
+                "weight": torch.tensor([float(lesson.weight) for lesson in lessons]),
+                "next_value": next_value,
+            },
+            batch_size=[len(lessons)],
+        )
+
+    def _remember_earlier(self, transitions: Transitions) -> None:
+        """Store attempts of independent training."""
+        start, action = representative(transitions.start)[0], transitions.action
+        symmetry = representative(transitions.start)[1]
+        goal = transitions.start.apply(action)
+        lessons = []
+        for points, spline, success, after in zip(
+            transitions.points, transitions.splines, transitions.success, transitions.ends,
+            strict=True,
+        ):  # fmt: skip
+            end = goal if success else None
+            lessons.append(self._lesson(points, spline, after, action, end, bool(success)))
+            self._keep(points, transitions.start)
+            if success:
+                self._keep(after, goal)
+        record = self._curriculum.record(
+            start, symmetry.of_action(action, transitions.start.num_segments)
+        )
+        for success in transitions.success:
+            record.add(bool(success))
+        self._store(lessons)
+
+    def _values(self, ropes: Sequence[Canonical]) -> NDArray[np.float64]:
+        """Value (S,) of each rope for its action."""
+        values = np.empty(len(ropes))
+        numbers = np.array([rope.primitive for rope in ropes])
+        for number in sorted(set(numbers.tolist())):
+            rows = np.flatnonzero(numbers == number)
+            encoded = encode_canonical([ropes[row] for row in rows])
+            values[rows] = self._value(number, encoded.states).numpy()
+        return values
+
+    def _value(self, number: int, states: TensorDict) -> Tensor:
+        primitive = self.library.primitives[number]
+        return best_values(primitive, states, self.config.population, self._rng)
+
+    def _fit(self, steps: int, decaying: bool = False) -> dict[int, dict[str, float]]:
+        """Gradient steps of all primitives that there is something to learn for."""
+        ready = {
+            number: learner
+            for number, learner in self._learners.items()
+            if learner.demonstrations is not None or len(self._buffers[number])
+        }
+        return fit_each(ready, steps, decaying)
+
+    def _measure(
+        self, play: _Play, after: NDArray, ends: Sequence[TopologicalState | None]
+    ) -> dict[int, dict[str, float]]:
+        """What the policy's own splines achieved."""
+        metrics: dict[int, dict[str, float]] = {number: {} for number in self.library.primitives}
+        by_number: dict[int, list[float]] = {}
+        kept: list[int] = []
+        for row, (state, action, end) in enumerate(
+            zip(play.states, play.actions, ends, strict=True)
+        ):
+            if play.ways[row] != POLICY:
+                continue
+            if play.arranging[row]:
+                by_number.setdefault(ARRANGE, []).append(end == state)
+                if end == state and _canonical(after[row], action) is not None:
+                    kept.append(row)
+            else:
+                number = canonicalise(play.points[row], action).primitive
+                success = end == outcomes(state, self.config.most_crossings)[action]
+                by_number.setdefault(number, []).append(success)
+        for number, rates in by_number.items():
+            metrics[number]["policy_success"] = float(np.mean(rates))
+        if kept:
+            raised = self._values([canonicalise(after[row], play.actions[row]) for row in kept])
+            metrics[ARRANGE]["gain"] = float((raised - play.values[kept]).mean())
+        records = self._curriculum.records.values()
+        metrics[1] |= {
+            "states": len(self._shapes),
+            "pairs_tried": sum(record.trials > 0 for record in records),
+            "pairs_solved": sum(record.successes > 0 for record in records),
+        }
+        return metrics
+
+
+def _completed(library: PrimitiveLibrary, seed: int) -> PrimitiveLibrary:
+    """The library with new primitives for what it lacks."""
+    primitives, actions = dict(library.primitives), dict(library.trained_on)
+    for number, primitive in primitives.items():
+        if primitive.actor is None or primitive.critic is None:
+            raise ValueError(
+                f"self-play needs primitives with actor and critic, but primitive {number} is "
+                f"{primitive.config.variant}"
+            )
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        for number in set(PRIMITIVES) - set(primitives):
+            config = PrimitiveConfig()
+            if number in (ARRANGE, UNDO):
+                config.network.kinds = KINDS
+            primitives[number], actions[number] = Primitive(config), ()
+    return PrimitiveLibrary(primitives, actions, library.rope)
+
+
+def _canonical(points: NDArray, action: Action) -> Canonical | None:
+    """A rope and action as they are learned; None for the rare rope whose image reads otherwise."""
+    try:
+        return canonicalise(points, action)
+    except (DegenerateCurveError, IllegalActionError):
+        return None

@@ -1,0 +1,75 @@
+"""Rope shapes by topological state: what self-play starts its trials from.
+
+Mirror and Reverse make up to four states one (Sec. V-A), so a shape of any of them is kept as a
+shape of the first, and what is learned about one is known about all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.topology import TopologicalState
+from knotflow.topology.symmetry import Symmetry
+
+
+@lru_cache(maxsize=None)
+def representative(state: TopologicalState) -> tuple[TopologicalState, Symmetry]:
+    """The state that stands for a state and its images, and a transformation that leads there."""
+    images = ((symmetry.of_state(state), symmetry) for symmetry in Symmetry.all())
+    return min(images, key=lambda image: image[0])
+
+
+def transformed(points: NDArray, symmetry: Symmetry) -> NDArray[np.float64]:
+    """Ropes (..., V, 3) mirrored at the x axis and told from the other end, as the symmetry is."""
+    points = np.asarray(points, dtype=np.float64)
+    if symmetry.mirror:
+        points = points * [1, -1, 1]
+    return np.ascontiguousarray(points[..., ::-1, :]) if symmetry.reverse else points
+
+
+class ShapeMemory:
+    """A bounded number of rope shapes in each state, of representative states alone."""
+
+    def __init__(self, capacity: int) -> None:
+        """Keep at most `capacity` shapes a state; a full state forgets a random one for a new."""
+        self.capacity = capacity
+        self._shapes: dict[TopologicalState, list[NDArray[np.float64]]] = {}
+
+    def __iter__(self) -> Iterator[TopologicalState]:
+        """The states that shapes are known of."""
+        return iter(self._shapes)
+
+    def __len__(self) -> int:
+        """The number of states that shapes are known of."""
+        return len(self._shapes)
+
+    def add(self, points: NDArray, state: TopologicalState, rng: np.random.Generator) -> None:
+        """Keep a rope (V, 3), metres, that lies at rest in a state."""
+        state, symmetry = representative(state)
+        shapes = self._shapes.setdefault(state, [])
+        shape = transformed(points, symmetry)
+        if len(shapes) < self.capacity:
+            shapes.append(shape)
+        else:
+            shapes[rng.integers(self.capacity)] = shape
+
+    def draw(self, state: TopologicalState, rng: np.random.Generator) -> NDArray[np.float64]:
+        """A shape (V, 3), metres, of a representative state."""
+        shapes = self._shapes[state]
+        return shapes[rng.integers(len(shapes))]
+
+    def state_dict(self) -> dict[str, Any]:
+        """All shapes, by the states' text."""
+        return {str(state): np.stack(shapes) for state, shapes in self._shapes.items()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a `state_dict`."""
+        self._shapes = {
+            TopologicalState.parse(name): list(np.asarray(shapes))
+            for name, shapes in state.items()
+        }
