@@ -22,7 +22,7 @@ from knotflow.demonstrations import SHIPPED, DemonstratorConfig, NoiseConfig
 from knotflow.planning import PlannerConfig
 from knotflow.primitives import PrimitiveConfig
 from knotflow.simulation import SimulationConfig, StartsConfig
-from knotflow.training import ImitationConfig, JointConfig, ReinforcementConfig
+from knotflow.training import ImitationConfig, ReinforcementConfig, SelfPlayConfig
 from knotflow.workflow import WorkersConfig
 
 SHIPPED_PRIMITIVES = Path(__file__).parent / "primitives" / "data"
@@ -96,15 +96,19 @@ class PlansBudget:
 
 
 @dataclass
-class JointBudget:
-    """Finetuning along one path, and the searches that tell what it brings (Sec. VII-B2)."""
+class SelfPlayBudget:
+    """All actions learned together (Sec. V-B c, and beyond)."""
 
-    path: str = "R1(0,1,1) C(0,1,1) C(2,0,1)"
-    """Actions from the untangled rope to the knot; trained on, and searched along."""
-    training: JointConfig = field(default_factory=JointConfig)
-    """Learning from episodes."""
+    training: SelfPlayConfig = field(default_factory=SelfPlayConfig)
+    """Learning from self-play."""
     seed: int = 40
-    """Of the episodes and batches; searches have ropes of their own."""
+    """Of the trials and batches; searches have ropes of their own."""
+
+
+@dataclass
+class JointBudget:
+    """The searches that tell what learning together brings (Sec. VII-B2)."""
+
     plans: PlansBudget = field(
         default_factory=lambda: PlansBudget(seeds=50, seed=41, planner=STEADY_SEARCH)
     )
@@ -201,8 +205,10 @@ class Config:
     causal_infogan: CausalInfoGanBudget = field(default_factory=CausalInfoGanBudget)
     tree_size: PlansBudget = field(default_factory=lambda: PlansBudget(planner=STEADY_SEARCH))
     """Trees for the overhand along one path."""
+    self_play: SelfPlayBudget = field(default_factory=SelfPlayBudget)
+    """Primitives trained together on all actions."""
     joint_finetuning: JointBudget = field(default_factory=JointBudget)
-    """Primitives trained together on the overhand."""
+    """Searches for the overhand before and after."""
     pentagram: PentagramBudget = field(default_factory=PentagramBudget)
     knots: PlansBudget = field(default_factory=lambda: PlansBudget(seeds=20, planner=FAST_SEARCH))
     """The overhand's four states and the figure eight from random ropes."""

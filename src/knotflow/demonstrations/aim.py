@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.simulation import clip_splines
-from knotflow.topology import R1, R2, Action, Cross, segment_intervals
+from knotflow.topology import R1, R2, Action, Cross, Undo, segment_intervals
 
 TIP = 0.15
 """Share of an end segment, counted from the rope's end, in which an end is grasped or covered."""
@@ -30,6 +30,8 @@ def aim(points: NDArray, action: Action, count: int, rng: np.random.Generator) -
         (count, 6) splines in range.
     """
     segments = segment_intervals(points)
+    if isinstance(action, Undo):
+        return _drag(points, segments[action.pulled_segment(len(segments))], count, rng)
     grasp, target = _places(action, segments, count, rng)
     passed = _at(points, target)
     along = _at(points, target + 0.01) - _at(points, target - 0.01)
@@ -105,6 +107,23 @@ def _at(points: NDArray, fraction: NDArray) -> NDArray:
     along = np.linspace(0, 1, len(points))
     fraction = np.clip(fraction, 0, 1)
     return np.stack([np.interp(fraction, along, points[:, k]) for k in (0, 1)], axis=1)
+
+
+def _drag(
+    points: NDArray, segment: NDArray, count: int, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Drags (count, 6) of a segment (2,) into any direction, to undo its crossings."""
+    inside = rng.uniform(0, 1, count)
+    if segment[0] <= 0:
+        inside *= TIP
+    elif segment[1] >= 1:
+        inside = 1 - TIP * inside
+    grasp = segment[0] + inside * (segment[1] - segment[0])
+    begin = _at(points, grasp)
+    angle, far = rng.uniform(-np.pi, np.pi, count), rng.uniform(0.1, 0.5, (count, 1))
+    end = begin + far * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    mid = (begin + end) / 2 + rng.normal(0, 0.03, (count, 2))
+    return clip_splines(np.column_stack([grasp, mid, rng.uniform(0.04, 0.2, count), end]))
 
 
 def nudge(points: NDArray, count: int, rng: np.random.Generator) -> NDArray:

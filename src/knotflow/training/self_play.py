@@ -54,6 +54,7 @@ from knotflow.topology import (
     DegenerateCurveError,
     IllegalActionError,
     TopologicalState,
+    parse_action,
 )
 from knotflow.training.buffer import TransitionBuffer
 from knotflow.training.config import SelfPlayConfig
