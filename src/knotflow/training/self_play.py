@@ -35,7 +35,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from knotflow.demonstrations import Task, Trials, aim, nudge
-from knotflow.primitives.canonical import ARRANGE, PRIMITIVES, UNDO, Canonical, canonicalise
+from knotflow.primitives.canonical import ARRANGE, PRIMITIVES, Canonical, canonicalise
 from knotflow.primitives.config import PrimitiveConfig
 from knotflow.primitives.encoding import KINDS, Encoded, encode_canonical
 from knotflow.primitives.library import PrimitiveLibrary
@@ -515,7 +515,7 @@ def _completed(library: PrimitiveLibrary, seed: int) -> PrimitiveLibrary:
         torch.manual_seed(seed)
         for number in set(PRIMITIVES) - set(primitives):
             config = PrimitiveConfig()
-            if number in (ARRANGE, UNDO):
+            if number == ARRANGE:
                 config.network.kinds = KINDS
             primitives[number], actions[number] = Primitive(config), ()
     return PrimitiveLibrary(primitives, actions, library.rope)
