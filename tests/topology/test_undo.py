@@ -72,8 +72,9 @@ def test_the_segments_are_those_of_the_crossings_taken_back(states_by_crossings)
             for undoing, previous in state.undoings():
                 taken = [c for c in state.crossings if c[0] in undoing.action.new_positions]
                 # A segment lies between the passages of its own number and of the next.
-                for segment, passage in zip((undoing.over_segment, undoing.under_segment), (0, 1)):
-                    assert {segment, segment + 1} & {crossing[passage] for crossing in taken}
+                over, under = undoing.over_segment, undoing.under_segment
+                assert {over, over + 1} & {crossing[0] for crossing in taken}
+                assert {under, under + 1} & {crossing[1] for crossing in taken}
                 ends = (0, state.num_segments - 1)
                 pulled = undoing.pulled_segment(state.num_segments)
                 assert (pulled in ends) == isinstance(undoing.action, Cross)
