@@ -36,6 +36,8 @@ ARRANGE = 5
 """The primitive of splines that keep the state and make room for the action wanted next."""
 UNDO = 6
 """The primitive of all undoings."""
+ALL_PRIMITIVES = (*PRIMITIVES, ARRANGE, UNDO)
+"""Those of the paper, and those beyond it."""
 
 
 def primitive_of(action: Action, num_segments: int) -> int:

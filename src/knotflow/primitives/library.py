@@ -23,7 +23,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from knotflow.primitives.canonical import ARRANGE, PRIMITIVES, canonicalise
+from knotflow.primitives.canonical import ALL_PRIMITIVES, ARRANGE, canonicalise
 from knotflow.primitives.config import PrimitiveConfig
 from knotflow.primitives.encoding import Encoded, encode_canonical
 from knotflow.primitives.primitive import Primitive
@@ -56,9 +56,10 @@ class PrimitiveLibrary:
         rope: RopeConfig,
     ) -> None:
         """Primitives by number, the actions each was trained on, and the rope."""
-        if not primitives or set(primitives) != set(trained_on) or set(primitives) - {*PRIMITIVES}:
+        known = {*ALL_PRIMITIVES}
+        if not primitives or set(primitives) != set(trained_on) or set(primitives) - known:
             raise ValueError(
-                f"a library has primitives out of {PRIMITIVES} and trained actions for each, got "
+                f"a library has primitives out of {ALL_PRIMITIVES} and trained actions for each, got "
                 f"{sorted(primitives)} and {sorted(trained_on)}"
             )
         self.primitives = {number: primitives[number].eval() for number in sorted(primitives)}

@@ -129,6 +129,8 @@ class SelfPlayConfig:
     """Rounds of trials and gradient steps."""
     ropes: int = 384
     """Trials in a round, each on a rope of its own."""
+    crossings_shares: list[float] = field(default_factory=lambda: [1.0, 3.0, 5.0, 3.0, 0.5])
+    """How often trials begin with 0, 1, 2, ... crossings, relative to each other."""
     undo_share: float = 0.15
     """Share of the trials that undo an action."""
     arranging_share: float = 0.35
@@ -151,7 +153,7 @@ class SelfPlayConfig:
     """Splines among which the best value of a shape is sought."""
     refreshed: int = 256
     """Stored trials of each primitive whose next value is worked out anew in a round."""
-    steps: int = 40
+    steps: int = 24
     """Gradient steps of each primitive in a round."""
     decay_steps: int = 1500
     """Gradient steps after the last round, in which the learning rate falls evenly to 0."""

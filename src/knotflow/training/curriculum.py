@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -56,9 +56,18 @@ class Record:
 class Curriculum:
     """Counts trials of every pair, and draws pairs by their need."""
 
-    def __init__(self, most_crossings: int, undo_share: float) -> None:
-        """Of pairs that lead to at most so many crossings; `undo_share` of the draws undo."""
+    def __init__(
+        self, most_crossings: int, crossings_shares: Sequence[float], undo_share: float
+    ) -> None:
+        """Of pairs between states of at most so many crossings.
+
+        Args:
+            most_crossings: of both states.
+            crossings_shares: how often states of 0, 1, 2, ... crossings are drawn, relatively.
+            undo_share: share of the draws that undo an action.
+        """
         self.most_crossings, self.undo_share = most_crossings, undo_share
+        self.crossings_shares = crossings_shares
         self.records: dict[Pair, Record] = {}
 
     def record(self, state: TopologicalState, action: Action) -> Record:
@@ -68,14 +77,15 @@ class Curriculum:
     def draw(self, states: Iterable[TopologicalState], rng: np.random.Generator) -> Pair:
         """A state out of those given, and an action.
 
-        Even over the number of crossings, then over the kinds of actions that any state with so
-        many allows; among the pairs left, by need.
+        First the number of crossings by its share, then evenly the kind of action; among the pairs
+        left, by need.
         """
         by_crossings: dict[int, list[TopologicalState]] = {}
         for state in states:
-            if state.num_crossings <= self.most_crossings:
+            if state.num_crossings < len(self.crossings_shares):
                 by_crossings.setdefault(state.num_crossings, []).append(state)
-        crossings = sorted(by_crossings)[rng.integers(len(by_crossings))]
+        shares = np.array([self.crossings_shares[count] for count in sorted(by_crossings)])
+        crossings = sorted(by_crossings)[rng.choice(len(shares), p=shares / shares.sum())]
         some = by_crossings[crossings]
         # A few states, not all: there are thousands of pairs.
         some = [some[row] for row in rng.integers(len(some), size=8)]

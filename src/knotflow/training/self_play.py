@@ -35,7 +35,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from knotflow.demonstrations import Task, Trials, aim, nudge
-from knotflow.primitives.canonical import ARRANGE, PRIMITIVES, Canonical, canonicalise
+from knotflow.primitives.canonical import ALL_PRIMITIVES, ARRANGE, Canonical, canonicalise
 from knotflow.primitives.config import PrimitiveConfig
 from knotflow.primitives.encoding import KINDS, Encoded, encode_canonical
 from knotflow.primitives.library import PrimitiveLibrary
@@ -145,7 +145,9 @@ class SelfPlay(Resumable):
         self.library = _completed(library, seed)
         self._starts = starts or StartsConfig()
         self._rng = np.random.default_rng([seed, 0])
-        self._curriculum = Curriculum(config.most_crossings, config.undo_share)
+        self._curriculum = Curriculum(
+            config.most_crossings, config.crossings_shares, config.undo_share
+        )
         self._shapes = ShapeMemory(config.shapes)
         self._hindsight: dict[tuple[TopologicalState, Action], Counter[Action]] = {}
         self._learners = {
@@ -513,7 +515,7 @@ def _completed(library: PrimitiveLibrary, seed: int) -> PrimitiveLibrary:
             )
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        for number in set(PRIMITIVES) - set(primitives):
+        for number in set(ALL_PRIMITIVES) - set(primitives):
             config = PrimitiveConfig()
             if number == ARRANGE:
                 config.network.kinds = KINDS
