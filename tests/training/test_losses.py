@@ -8,6 +8,7 @@ from knotflow.primitives import Actor, Critic, NetworkConfig
 from knotflow.training import ActorLoss, CriticLoss
 from knotflow.training.buffer import TrialBuffer, mixed
 from knotflow.training.learner import demonstration_buffer
+from knotflow.training.losses import returns
 
 NETWORK = NetworkConfig(lstm=8, attention=4, stream=8, feature=8, head=8)
 
@@ -22,28 +23,37 @@ def batch(trials):
 
 def test_the_critic_loss_is_the_cross_entropy_with_the_reward(batch):
     critic = Critic(NETWORK)
-    logit = critic(batch["states"], batch["spline"], batch["owner"])
-    expected = binary_cross_entropy_with_logits(logit, batch["reward"])
+    success, _ = critic(batch["states"], batch["spline"], batch["owner"]).unbind(-1)
+    expected = binary_cross_entropy_with_logits(success, batch["reward"])
     torch.testing.assert_close(CriticLoss(critic)(batch)["loss_critic"], expected)
 
 
-def test_the_next_value_enters_the_target_as_in_q_learning(batch):
+def test_what_is_left_is_learned_from_successes_that_were_valued(batch):
     critic = Critic(NETWORK)
+    alone = CriticLoss(critic)(batch)["loss_critic"]
+    hits = torch.nonzero(batch["reward"] > 0)[:, 0]
+    assert len(hits) > 1
     batch["next_value"] = torch.full_like(batch["reward"], 0.8)
-    batch["reward"] = torch.zeros_like(batch["reward"])
-    logit = critic(batch["states"], batch["spline"], batch["owner"])
-    expected = binary_cross_entropy_with_logits(logit, torch.full_like(logit, 0.8))
-    torch.testing.assert_close(CriticLoss(critic)(batch)["loss_critic"], expected)
+    batch["next_value"][hits[0]] = torch.nan
+    _, onward = critic(batch["states"], batch["spline"], batch["owner"]).unbind(-1)
+    valued = onward[hits[1:]]
+    expected = binary_cross_entropy_with_logits(
+        valued, torch.full_like(valued, 0.8), reduction="sum"
+    ) / len(batch["reward"])
+    loss = CriticLoss(critic)(batch)["loss_critic"]
+    torch.testing.assert_close(loss, alone + expected)
+    loss.backward()
+    assert all(p.grad is None or p.grad.isfinite().all() for p in critic.parameters())
 
 
-def test_the_next_value_rewards_the_actor(batch):
-    actor = Actor(NETWORK)
-    loss = ActorLoss(actor)(batch)["loss_actor"]
-    batch["next_value"] = batch["reward"].clone()
-    batch["reward"] = torch.zeros_like(batch["reward"])
-    torch.testing.assert_close(ActorLoss(actor)(batch)["loss_actor"], loss)
+def test_the_actor_is_pulled_less_towards_what_leaves_no_room(batch):
+    batch["next_value"] = torch.full_like(batch["reward"], torch.nan)
+    assert returns(batch, 0.5).tolist() == batch["reward"].tolist()
     batch["next_value"] = torch.zeros_like(batch["reward"])
-    assert ActorLoss(actor)(batch)["loss_actor"] == 0
+    assert returns(batch, 0.25).tolist() == (0.25 * batch["reward"]).tolist()
+    assert returns(batch, 0.0).sum() == 0
+    batch["next_value"] = torch.ones_like(batch["reward"])
+    assert returns(batch, 0.25).tolist() == batch["reward"].tolist()
 
 
 def test_without_a_baseline_the_actor_loss_is_the_likelihood_of_the_successes(batch):

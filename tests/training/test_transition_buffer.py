@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from tensordict import TensorDict
 
 from knotflow.primitives import Primitive, PrimitiveLibrary, encode
 from knotflow.simulation import RopeConfig
@@ -23,48 +24,70 @@ def states(curves):
 @pytest.fixture
 def buffer(states):
     made = TransitionBuffer(10, torch.Generator().manual_seed(0))
-    splines = torch.arange(6.0)[:, None].expand(6, 6)
-    rewards = torch.tensor([1.0, 0, 0, 0, 0, 0])
-    leads_to = torch.tensor([-1, -1, 1, 1, 2, 2])
-    made.add(states, splines, rewards, states.flip(0), leads_to)
+    follower = torch.tensor([-1, -1, 1, 1, 2, 2])
+    made.extend(
+        TensorDict(
+            {
+                "states": states,
+                "following": states.flip(0),
+                "follower": follower,
+                "spline": torch.arange(6.0)[:, None].expand(6, 6),
+                "reward": torch.tensor([1.0, 0, 1, 1, 1, 1]),
+                "baseline": torch.zeros(6),
+                "weight": torch.ones(6),
+                "next_value": torch.where(follower < 0, torch.nan, 0.0),
+            },
+            batch_size=[6],
+        )
+    )
     return made
 
 
-def by_item(batch):
-    """Next values and baselines in the order in which items were added."""
-    order = batch["spline"][:, 0].argsort()
-    return batch["next_value"][order], batch["baseline"][order]
+def next_values(batch):
+    """In the order in which trials were added."""
+    return batch["next_value"][batch["spline"][:, 0].argsort()]
 
 
 def test_next_values_are_those_of_the_last_refresh(buffer, states):
-    assert by_item(buffer.sample(6, 1))[0].tolist() == [0] * 6
+    assert next_values(buffer.sample(6, 1))[2:].tolist() == [0] * 4
     asked = {}
 
-    def value(step, some):
-        asked[step] = some["streams"]
-        return torch.tensor([0.1, 0.2]) * step
+    def value(primitive, some):
+        asked[primitive] = some["streams"]
+        return some["streams"][:, 0, 0] * 0 + 0.1 * primitive
 
-    means = buffer.refresh(value)
-    assert means == pytest.approx({1: 0.15, 2: 0.3})
-    # Steps are asked about the ropes that they begin with, not those the trials were made on.
-    torch.testing.assert_close(asked[1], states["streams"][[3, 2]])
-    torch.testing.assert_close(asked[2], states["streams"][[1, 0]])
-    values, baselines = by_item(buffer.sample(6, 1))
-    torch.testing.assert_close(values, torch.tensor([0, 0, 0.1, 0.2, 0.2, 0.4]))
-    torch.testing.assert_close(baselines, torch.tensor([1, 0, 0.1, 0.2, 0.2, 0.4]))
+    buffer.refresh(value, 6)
+    # Primitives are asked about the ropes that they would begin with, not those tried on.
+    expected = {one.tobytes() for one in states["streams"][[3, 2]].numpy()}
+    assert {one.tobytes() for one in asked[1].numpy()} == expected
+    values = next_values(buffer.sample(6, 1))
+    torch.testing.assert_close(values[2:], torch.tensor([0.1, 0.1, 0.2, 0.2]))
+    assert values[:2].isnan().all()
     assert len(buffer.sample(3, 1)["next_value"]) == 3
     other = TransitionBuffer(10, torch.Generator().manual_seed(0))
     other.load_state_dict(buffer.state_dict())
-    torch.testing.assert_close(by_item(other.sample(6, 1))[0], values)
+    torch.testing.assert_close(next_values(other.sample(6, 1)), values, equal_nan=True)
 
 
-def test_single_step_trials_mixed_in_are_followed_by_nothing(buffer, states):
-    buffer.refresh(lambda step, some: torch.full((len(some),), 0.5))
+def test_a_refresh_may_be_of_some_trials_only(buffer):
+    buffer.refresh(lambda primitive, some: torch.ones(len(some)), 1)
+    assert next_values(buffer.sample(6, 1))[2:].sum() <= 1
+
+
+def test_the_oldest_trials_give_way(buffer):
+    again = buffer._replay[:].clone()
+    again["spline"] = again["spline"] + 10
+    buffer.extend(again)
+    kept = buffer.sample(20, 1)["spline"][:, 0].sort().values
+    assert kept.tolist() == [2, 3, 4, 5, 10, 11, 12, 13, 14, 15]
+
+
+def test_of_demonstrations_mixed_in_nobody_knows_what_follows(buffer, states):
     single = TrialBuffer(2, 1, torch.Generator().manual_seed(0))
     single.extend(states[:2], [torch.zeros(1, 6)] * 2, [torch.ones(1), torch.zeros(1)])
     both = mixed([single.sample(2, 1), buffer.sample(6, 1)], [0.5, 0.5])
-    assert both["next_value"][:2].tolist() == [0, 0]
-    assert both["next_value"].sum() == 2
+    assert both["next_value"][:2].isnan().all()
+    assert both["next_value"].isnan().sum() == 4
     alone = mixed([single.sample(2, 1)], [1.0])
     assert "next_value" not in alone.keys()  # noqa: SIM118  a TensorDict
 

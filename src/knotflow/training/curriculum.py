@@ -53,6 +53,9 @@ class Record:
         return (1.1 - self.rate) / 1.1 / np.sqrt(1 + self.trials / 20)
 
 
+_UNTRIED = Record()
+
+
 class Curriculum:
     """Counts trials of every pair, and draws pairs by their need."""
 
@@ -98,7 +101,7 @@ class Curriculum:
             chosen = undoing
         else:
             chosen = pairs[sorted(pairs)[rng.integers(len(pairs))]]
-        need = np.array([self.record(*pair).need for pair in chosen])
+        need = np.array([self.records.get(pair, _UNTRIED).need for pair in chosen])
         return chosen[rng.choice(len(chosen), p=need / need.sum())]
 
     def next_action(self, state: TopologicalState, rng: np.random.Generator) -> Action | None:

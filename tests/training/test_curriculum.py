@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from knotflow.topology import TopologicalState, Undo, parse_action
+from knotflow.training.curriculum import Curriculum, Record, outcomes
+
+TRIVIAL = TopologicalState.trivial()
+LOOP = TRIVIAL.apply(parse_action("R1(0,1,1)"))
+
+
+def test_the_outcomes_of_a_state_are_its_actions_and_their_inverses():
+    found = outcomes(LOOP, 3)
+    assert all(LOOP.apply(action) == onward for action, onward in found.items())
+    assert found[Undo(parse_action("R1(0,1,1)"))] == TRIVIAL
+    assert max(onward.num_crossings for onward in found.values()) == 3
+    assert max(onward.num_crossings for onward in outcomes(LOOP, 2).values()) == 2
+
+
+def test_need_falls_with_trials_and_with_success():
+    never, often, solved = Record(), Record(), Record()
+    for _ in range(200):
+        often.add(False)
+        solved.add(True)
+    assert never.need == 1
+    assert never.need > often.need > solved.need > 0
+    assert (often.trials, often.successes, often.rate) == (200, 0, 0.0)
+    assert solved.rate == 1.0
+    for _ in range(300):
+        solved.add(False)
+    assert solved.rate < 0.1  # what counts is what happens now
+
+
+def test_rarely_solved_pairs_are_drawn_more_often():
+    curriculum, rng = Curriculum(1, [1.0], 0.0), np.random.default_rng(0)
+    solved = parse_action("R1(0,1,1)")
+    for _ in range(1000):
+        curriculum.record(TRIVIAL, solved).add(True)
+    drawn = [curriculum.draw([TRIVIAL], rng)[1] for _ in range(400)]
+    assert 0 < drawn.count(solved) < 40 < drawn.count(parse_action("R1(0,-1,1)"))
+
+
+def test_draws_respect_the_shares_of_crossings_and_of_undoing():
+    curriculum, rng = Curriculum(3, [1.0, 3.0], 0.25), np.random.default_rng(0)
+    beyond = LOOP.apply(parse_action("C(0,1,1)"))
+    drawn = [curriculum.draw([TRIVIAL, LOOP, beyond], rng) for _ in range(800)]
+    assert beyond not in {state for state, _ in drawn}
+    looped = [action for state, action in drawn if state == LOOP]
+    assert len(looped) / len(drawn) == pytest.approx(0.75, abs=0.05)
+    undone = sum(isinstance(action, Undo) for action in looped)
+    assert undone / len(looped) == pytest.approx(0.25, abs=0.06)
+
+
+def test_next_actions_are_legal_and_never_beyond_the_most_crossings():
+    curriculum, rng = Curriculum(1, [1.0, 1.0], 0.5), np.random.default_rng(0)
+    following = curriculum.next_action(TRIVIAL, rng)
+    assert following is not None
+    assert TRIVIAL.apply(following).num_crossings == 1
+    assert curriculum.next_action(LOOP, rng) is None
+
+
+def test_what_was_counted_can_be_saved_and_loaded():
+    curriculum = Curriculum(3, [1.0], 0.0)
+    undo = Undo(parse_action("R1(0,1,1)"))
+    curriculum.record(LOOP, undo).add(True)
+    curriculum.record(TRIVIAL, parse_action("R1(0,1,1)"))
+    other = Curriculum(3, [1.0], 0.0)
+    other.load_state_dict(curriculum.state_dict())
+    assert other.records == {(LOOP, undo): Record(1, 1, 1.0)}

@@ -1,0 +1,146 @@
+"""Self-play with networks so small that they learn little; its laws do not depend on that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from knotflow.primitives import (
+    CemConfig,
+    NetworkConfig,
+    Primitive,
+    PrimitiveConfig,
+    PrimitiveLibrary,
+)
+from knotflow.primitives.canonical import ALL_PRIMITIVES, ARRANGE
+from knotflow.simulation import Rollouts, SimulationConfig, straight
+from knotflow.topology import TopologicalState, parse_action
+from knotflow.training import LearnerConfig, SelfPlay, SelfPlayConfig, Transitions
+from knotflow.training.curriculum import outcomes
+
+NETWORK = NetworkConfig(lstm=8, attention=4, stream=8, feature=16, head=16)
+SMALL = PrimitiveConfig("actor_critic", NETWORK, CemConfig(population=16, elites=4))
+CONFIG = SelfPlayConfig(
+    LearnerConfig(rollout_ropes=16, rollout_trials=1),
+    rounds=2, ropes=24, steps=1, decay_steps=1, population=8, capacity=200, refreshed=8,
+)  # fmt: skip
+
+
+def library():
+    torch.manual_seed(0)
+    numbers = (1, 2, 3, 4)
+    return PrimitiveLibrary(
+        {number: Primitive(SMALL) for number in numbers},
+        {number: [] for number in numbers},
+        SimulationConfig().rope,
+    )
+
+
+def training(simulator, **changes):
+    return SelfPlay(library(), {}, [], simulator, replace(CONFIG, **changes), 7)
+
+
+class Still:
+    """A simulator in which nothing ever moves."""
+
+    config = SimulationConfig()
+
+    def execute(self, points, splines):
+        times = np.zeros(1)
+        return Rollouts(
+            times, points[:, None].astype(np.float32), np.zeros((len(points), 1, 3), np.float32),
+            points.copy(), np.zeros(len(points), bool),
+        )  # fmt: skip
+
+
+def weights(some):
+    return {
+        f"{number}.{name}": value.clone()
+        for number, primitive in some.library.primitives.items()
+        for name, value in primitive.state_dict().items()
+    }
+
+
+def test_primitives_that_a_library_lacks_are_added():
+    found = training(Still())
+    assert set(found.library.primitives) == set(ALL_PRIMITIVES)
+    given = library().primitives[3].state_dict()
+    torch.testing.assert_close(found.library.primitives[3].state_dict(), given)
+
+
+def test_a_rope_that_never_moves_teaches_that_nothing_succeeds_and_its_state_is_kept():
+    some = training(Still())
+    rounds = list(some)
+    assert [one.index for one in rounds] == [0, 1]
+    records = some.curriculum.records
+    assert sum(record.trials for record in records.values()) > 0
+    assert sum(record.successes for record in records.values()) == 0
+    acting, arranging = some._buffers[1], some._buffers[ARRANGE]
+    assert acting.sample(1000, 1)["reward"].sum() == 0
+    kept = arranging.sample(1000, 1)
+    assert (kept["reward"] == 1).all()
+    assert not kept["next_value"].isnan().any()  # the wanted action is valued after arranging
+
+
+def test_shapes_are_remembered_in_the_states_they_read_as(simulator):
+    some = training(simulator, guess_fraction=1.0, guess_below_value=1.0, ropes=48)
+    list(some)
+    assert TopologicalState.trivial() in set(some._shapes)
+    rng = np.random.default_rng(0)
+    for state in some._shapes:
+        assert TopologicalState.from_curve(some._shapes.draw(state, rng)) == state
+
+
+def test_a_trial_that_did_something_else_is_a_success_of_that_in_hindsight():
+    some = training(Still())
+    trivial, rope = TopologicalState.trivial(), straight(SimulationConfig().rope)
+    meant, done = parse_action("R1(0,1,1)"), parse_action("R1(0,-1,1)")
+    end = outcomes(trivial, 4)[done]
+    one = (rope, np.full(6, 0.1), rope, trivial, meant)
+    (lesson,) = some._in_hindsight(*one, end, True)
+    assert (lesson.action, lesson.reward, lesson.weight) == (done, 1.0, 1.0)
+    # From then on a trial for the same action that ends elsewhere is a failure of that one.
+    (lesson,) = some._in_hindsight(*one, trivial, True)
+    assert (lesson.action, lesson.reward) == (done, 0.0)
+    # Success at what was meant is not told twice.
+    assert [lesson.reward for lesson in some._in_hindsight(*one, outcomes(trivial, 4)[meant], True)] == [0.0]
+    assert not list(training(Still(), hindsight=False)._in_hindsight(*one, end, True))
+
+
+@pytest.mark.slow
+def test_an_interrupted_training_goes_on_and_ends_the_same(simulator, tmp_path):
+    whole = training(simulator)
+    list(whole)
+    begun = training(simulator)
+    next(iter(begun))
+    begun.save(tmp_path / "checkpoint")
+    going_on = training(simulator)
+    going_on.load(tmp_path / "checkpoint")
+    assert going_on.rounds_done == 1
+    list(going_on)
+    torch.testing.assert_close(weights(going_on), weights(whole), atol=0, rtol=0)
+    assert going_on.curriculum.records == whole.curriculum.records
+
+
+def test_what_independent_training_collected_is_remembered():
+    trivial, rope = TopologicalState.trivial(), straight(SimulationConfig().rope)
+    action = parse_action("R1(0,1,1)")
+    earlier = Transitions(
+        action, trivial, np.stack([rope] * 3), np.full((3, 6), 0.1), np.zeros(3, bool),
+        np.stack([rope] * 3),
+    )  # fmt: skip
+    some = SelfPlay(library(), {}, [earlier], Still(), CONFIG, 7)
+    assert len(some._buffers[1]) == 3
+    assert sum(record.trials for record in some.curriculum.records.values()) == 3
+
+
+def test_primitives_without_actor_or_critic_are_refused():
+    torch.manual_seed(0)
+    lacking = PrimitiveLibrary(
+        {1: Primitive(replace(SMALL, variant="critic_only"))}, {1: []}, SimulationConfig().rope
+    )
+    with pytest.raises(ValueError, match="primitive 1 is critic_only"):
+        SelfPlay(lacking, {}, [], Still(), CONFIG, 7)
