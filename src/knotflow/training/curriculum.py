@@ -49,8 +49,11 @@ class Record:
 
     @property
     def need(self) -> float:
-        """How much there is to learn; 1 for a pair that was never tried."""
-        return (1.1 - self.rate) / 1.1 / np.sqrt(1 + self.trials / 20)
+        """How much there is to learn, in 0..0.4: most where it is not known whether it can be done
+        or where it sometimes succeeds, little where it nearly always or never does."""
+        recent = min(self.trials, 100)
+        rate = (recent * self.rate + 1) / (recent + 2)
+        return float((1 - rate) * np.sqrt(rate))
 
 
 _UNTRIED = Record()
