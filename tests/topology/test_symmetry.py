@@ -8,9 +8,17 @@ import random
 import numpy as np
 import pytest
 
-from knotflow.topology import R1, R2, Cross, IllegalActionError, TopologicalState
+from knotflow.topology import R1, R2, Cross, IllegalActionError, TopologicalState, all_states
 from knotflow.topology.draw import draw
-from knotflow.topology.symmetry import Symmetry, mirror, mirror_action, reverse, reverse_action
+from knotflow.topology.symmetry import (
+    Symmetry,
+    distinct_actions,
+    mirror,
+    mirror_action,
+    representative,
+    reverse,
+    reverse_action,
+)
 
 
 def test_mirror_and_reverse_are_involutions_that_commute(states_by_crossings):
@@ -71,3 +79,23 @@ def test_four_symmetries_make_all_r1_actions_from_one():
 def test_reversing_on_a_rope_without_that_segment_is_refused():
     with pytest.raises(IllegalActionError, match="no segment 4 among 3"):
         reverse_action(Cross(4, 2, 1), 3)
+
+
+def test_a_state_and_its_images_have_one_representative():
+    for state in all_states(2):
+        first, symmetry = representative(state)
+        assert symmetry.of_state(state) == first
+        assert {representative(one.of_state(state))[0] for one in Symmetry.all()} == {first}
+
+
+def test_there_are_394_actions_up_to_symmetry_that_lead_to_at_most_three_crossings():
+    """Of 1,576 pairs of state and action: no action is its own image, so a quarter of them."""
+    pairs = [
+        (state, action)
+        for crossings in range(3)
+        for state in all_states(crossings)
+        if representative(state)[0] == state
+        for action, onward in distinct_actions(state)
+        if onward.num_crossings <= 3
+    ]
+    assert len(pairs) == 394

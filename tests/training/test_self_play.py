@@ -106,7 +106,9 @@ def test_a_trial_that_did_something_else_is_a_success_of_that_in_hindsight():
     (lesson,) = some._in_hindsight(*one, trivial, True)
     assert (lesson.action, lesson.reward) == (done, 0.0)
     # Success at what was meant is not told twice.
-    assert [lesson.reward for lesson in some._in_hindsight(*one, outcomes(trivial, 4)[meant], True)] == [0.0]
+    assert [
+        lesson.reward for lesson in some._in_hindsight(*one, outcomes(trivial, 4)[meant], True)
+    ] == [0.0]
     assert not list(training(Still(), hindsight=False)._in_hindsight(*one, end, True))
 
 

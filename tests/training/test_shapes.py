@@ -4,30 +4,15 @@ import numpy as np
 import pytest
 
 from knotflow.simulation import RopeConfig, resample, state_or_none
-from knotflow.topology import TopologicalState
+from knotflow.topology import TopologicalState, all_states
 from knotflow.topology.draw import draw
-from knotflow.topology.symmetry import Symmetry
-from knotflow.training.shapes import ShapeMemory, representative, transformed
-
-
-def states(crossings):
-    """All states with so many crossings."""
-    found = {TopologicalState.trivial()}
-    for _ in range(crossings):
-        found |= {onward for state in found for _, onward in state.actions()}
-    return sorted(state for state in found if state.num_crossings == crossings)
-
-
-def test_a_state_and_its_images_have_one_representative():
-    for state in states(2):
-        first, symmetry = representative(state)
-        assert symmetry.of_state(state) == first
-        assert {representative(one.of_state(state))[0] for one in Symmetry.all()} == {first}
+from knotflow.topology.symmetry import Symmetry, representative
+from knotflow.training.shapes import ShapeMemory, transformed
 
 
 @pytest.mark.parametrize("symmetry", Symmetry.all())
 def test_shapes_are_transformed_as_states_are(symmetry):
-    for state in states(2)[::7]:
+    for state in all_states(2)[::7]:
         points = resample(draw(state, samples=40), RopeConfig())
         if state_or_none(points) == state:  # resampling may cut a corner
             assert state_or_none(transformed(points, symmetry)) == symmetry.of_state(state)

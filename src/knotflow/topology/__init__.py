@@ -9,7 +9,7 @@ immutable and hashable; numpy comes in with rope shapes only, which are read by
 from knotflow.topology.action import Action, ForwardAction, IllegalActionError
 from knotflow.topology.actions import R1, R2, Cross
 from knotflow.topology.curve import CurveCrossings, DegenerateCurveError, project, segment_intervals
-from knotflow.topology.graph import solution_graph, solution_paths
+from knotflow.topology.graph import all_states, solution_graph, solution_paths
 from knotflow.topology.knots import KNOT_NAMES, knot
 from knotflow.topology.parse import parse_action
 from knotflow.topology.state import InvalidStateError, TopologicalState
@@ -28,6 +28,7 @@ __all__ = [
     "InvalidStateError",
     "TopologicalState",
     "Undo",
+    "all_states",
     "knot",
     "parse_action",
     "project",

@@ -7,6 +7,7 @@ Both are involutions, they commute, and they commute with applying actions:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 from knotflow.topology.action import Action
 from knotflow.topology.state import TopologicalState
@@ -65,3 +66,22 @@ class Symmetry:
         if self.mirror:
             action = action.mirrored()
         return action.reversed(num_segments) if self.reverse else action
+
+
+@cache
+def representative(state: TopologicalState) -> tuple[TopologicalState, Symmetry]:
+    """The state that stands for a state and its images, and a transformation that leads there."""
+    images = ((symmetry.of_state(state), symmetry) for symmetry in Symmetry.all())
+    return min(images, key=lambda image: image[0])
+
+
+def distinct_actions(state: TopologicalState) -> list[tuple[Action, TopologicalState]]:
+    """The actions of a state with the states they lead to, one of each class that symmetries of
+    the state turn into each other."""
+    kept = [symmetry for symmetry in Symmetry.all() if symmetry.of_state(state) == state]
+    return [
+        (action, onward)
+        for action, onward in state.actions()
+        if str(action)
+        == min(str(symmetry.of_action(action, state.num_segments)) for symmetry in kept)
+    ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ Pair = tuple[TopologicalState, Action]
 """A state, and an action that it allows."""
 
 
-@lru_cache(maxsize=None)
+@cache
 def outcomes(state: TopologicalState, most_crossings: int) -> Mapping[Action, TopologicalState]:
     """Every action that a state allows, undoing ones included, with the state it leads to, as far
     as that has no more than so many crossings."""

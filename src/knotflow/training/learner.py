@@ -29,7 +29,9 @@ class Learner:
         if primitive.critic is not None:
             self.losses.append(CriticLoss(primitive.critic))
         if primitive.actor is not None:
-            self.losses.append(ActorLoss(primitive.actor, config.failure_weight, config.success_share))
+            self.losses.append(
+                ActorLoss(primitive.actor, config.failure_weight, config.success_share)
+            )
         self.optimizer = torch.optim.AdamW(
             primitive.parameters(), config.learning_rate, weight_decay=config.weight_decay
         )

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -41,7 +41,6 @@ from knotflow.primitives.encoding import KINDS, Encoded, encode_canonical
 from knotflow.primitives.library import PrimitiveLibrary
 from knotflow.primitives.primitive import Primitive
 from knotflow.simulation import (
-    Attempts,
     RopeSimulator,
     StartsConfig,
     end_states,
@@ -56,6 +55,7 @@ from knotflow.topology import (
     TopologicalState,
     parse_action,
 )
+from knotflow.topology.symmetry import representative
 from knotflow.training.buffer import TransitionBuffer
 from knotflow.training.config import SelfPlayConfig
 from knotflow.training.curriculum import Curriculum, outcomes
@@ -63,7 +63,7 @@ from knotflow.training.exploration import POLICY, explore
 from knotflow.training.fitting import fit_each
 from knotflow.training.learner import Learner, demonstration_buffer
 from knotflow.training.resumable import Resumable
-from knotflow.training.shapes import ShapeMemory, representative, transformed
+from knotflow.training.shapes import ShapeMemory, transformed
 from knotflow.training.transitions import Transitions
 from knotflow.training.values import best_values
 
@@ -239,9 +239,7 @@ class SelfPlay(Resumable):
         self._remember(play, rollouts.end_points, ends)
         return self._measure(play, rollouts.end_points, ends)
 
-    def _draw(
-        self, count: int
-    ) -> tuple[NDArray[np.float64], list[TopologicalState], list[Action]]:
+    def _draw(self, count: int) -> tuple[NDArray[np.float64], list[TopologicalState], list[Action]]:
         """Ropes, their states, and an action for each."""
         rope, rng = self.simulator.config.rope, self._rng
         trivial = TopologicalState.trivial()
@@ -289,7 +287,9 @@ class SelfPlay(Resumable):
             splines[rows] = encoded.frames.to_world(network.numpy())[:, 0]
         for row in np.flatnonzero(guessed):
             guess = (
-                nudge(points[row], 1, rng) if arranging[row] else aim(points[row], actions[row], 1, rng)
+                nudge(points[row], 1, rng)
+                if arranging[row]
+                else aim(points[row], actions[row], 1, rng)
             )
             splines[row], ways[row] = guess[0], GUESS
         return _Play(points, states, actions, values, arranging, splines, ways)
@@ -315,10 +315,14 @@ class SelfPlay(Resumable):
             if not success and (not meant or self._rng.random() < self.config.arranging_share):
                 lessons.append(
                     _Lesson(
-                        one[0], action, one[1], float(end == state),
+                        one[0],
+                        action,
+                        one[1],
+                        float(end == state),
                         after=one[2] if end == state else None,
                         following=action if end == state else None,
-                        arranging=True, baseline=play.values[row],
+                        arranging=True,
+                        baseline=play.values[row],
                     )  # fmt: skip
                 )
             lessons += self._in_hindsight(*one, state, action, end, meant)

@@ -7,21 +7,13 @@ shape of the first, and what is learned about one is known about all.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.topology import TopologicalState
-from knotflow.topology.symmetry import Symmetry
-
-
-@lru_cache(maxsize=None)
-def representative(state: TopologicalState) -> tuple[TopologicalState, Symmetry]:
-    """The state that stands for a state and its images, and a transformation that leads there."""
-    images = ((symmetry.of_state(state), symmetry) for symmetry in Symmetry.all())
-    return min(images, key=lambda image: image[0])
+from knotflow.topology.symmetry import Symmetry, representative
 
 
 def transformed(points: NDArray, symmetry: Symmetry) -> NDArray[np.float64]:
@@ -70,6 +62,5 @@ class ShapeMemory:
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a `state_dict`."""
         self._shapes = {
-            TopologicalState.parse(name): list(np.asarray(shapes))
-            for name, shapes in state.items()
+            TopologicalState.parse(name): list(np.asarray(shapes)) for name, shapes in state.items()
         }

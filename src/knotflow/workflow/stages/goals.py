@@ -1,0 +1,118 @@
+"""Stage `goals`: searches for states drawn at random among all with so many crossings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from knotflow.planning import Goal, PlannerConfig, plan_knot
+from knotflow.recording import write_index
+from knotflow.samplers import SamplerConfig, build_sampler
+from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, random_curve
+from knotflow.topology import TopologicalState, all_states
+from knotflow.workflow.context import StageContext
+from knotflow.workflow.stage import stage
+from knotflow.workflow.stages.plans import read_searches, search_row
+from knotflow.workflow.stages.recorder import Recorder
+from knotflow.workflow.workers import WorkersConfig
+
+TABLE = "goals.csv"
+
+
+@dataclass
+class GoalSet:
+    """States with equally many crossings."""
+
+    name: str
+    """What the table calls it."""
+    crossings: int
+    """Of every state of the set."""
+    count: int
+    """Goals that are drawn, none twice."""
+
+
+@dataclass(kw_only=True)
+class GoalsConfig:
+    """Which goals are drawn, and how each is searched for."""
+
+    simulation: SimulationConfig = field(default_factory=SimulationConfig)
+    """The simulator the search plans in."""
+    starts: StartsConfig = field(default_factory=StartsConfig)
+    """What a random rope looks like."""
+    sampler: SamplerConfig = field(default_factory=SamplerConfig)
+    """The method; the stages it learns from are inputs of this one."""
+    planner: PlannerConfig = field(default_factory=PlannerConfig)
+    """How the tree grows, and when a search gives up."""
+    sets: list[GoalSet]
+    """Each of its goals is searched for once, from a random rope of its own."""
+    seed: int
+    """Of goals, ropes and searches; used for nothing else."""
+
+
+@stage("goals")
+def search_goals(config: GoalsConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
+    """Makes goals.csv, plans/*.json of the plans found, and recordings/*.mcap of all branches.
+
+    One shard a goal. Searches run one after the other: the seconds they take on all cores are a
+    result.
+    """
+    goals = drawn_goals(config.sets, config.seed)
+    pending = [Path(row).name for row in context.pending([f"rows/{one}" for one in goals], ".csv")]
+    alone = replace(context, workers=WorkersConfig(jobs=1))
+    alone.each(partial(_search, config, dict(inputs), goals), pending, "goals")
+    with context.atomic(TABLE) as path:
+        rows = [read_searches(context.out / "rows" / f"{name}.csv") for name in goals]
+        pd.concat(rows).to_csv(path, index=False)
+    write_index(context.out / "recordings")
+
+
+def drawn_goals(sets: list[GoalSet], seed: int) -> dict[str, tuple[str, int, TopologicalState]]:
+    """Each search's name, its set, the seed of its rope, and its goal."""
+    drawn = {}
+    for one in sets:
+        states = all_states(one.crossings)
+        rng = np.random.default_rng([seed, one.crossings])
+        for number, row in enumerate(rng.permutation(len(states))[: one.count]):
+            drawn[f"{one.name}-{number:03d}"] = (one.name, number, states[row])
+    return drawn
+
+
+def _search(
+    config: GoalsConfig,
+    inputs: Mapping[str, Path],
+    goals: Mapping[str, tuple[str, int, TopologicalState]],
+    context: StageContext,
+    name: str,
+) -> None:
+    chosen, number, state = goals[name]
+    rope, crossings = config.simulation.rope, state.num_crossings
+    recorder = Recorder(
+        context, config.sampler.name, rope, [*goals].index(name) * config.planner.max_branches
+    )
+    recorder.extra = {"plan": name}
+    plan = plan_knot(
+        random_curve(
+            rope, np.random.default_rng([config.seed, crossings, number, 0]), config.starts
+        ),
+        Goal.state(state),
+        build_sampler(config.sampler, inputs),
+        RopeSimulator(config.simulation),
+        np.random.default_rng([config.seed, crossings, number, 1]),
+        config.planner,
+        observe=recorder,
+    )
+    recorder.save(f"recordings/{name}.mcap")
+    with context.atomic(f"plans/{name}.json") as path:
+        path.write_text(plan.to_json(trajectories=False), "utf-8")
+    row = search_row(plan, str(state), "random", number)
+    columns = ["solved", "branches", "seconds", "nodes", "path", "knot_type", "confirmed", "reason"]
+    with context.atomic(f"rows/{name}.csv") as path:
+        pd.DataFrame(
+            [{"set": chosen, "goal": row["goal"], "rope_seed": number}
+             | {column: row[column] for column in columns}]
+        ).to_csv(path, index=False)  # fmt: skip
