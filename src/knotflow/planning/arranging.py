@@ -61,7 +61,7 @@ def attempt_arranged(
     values, arranged_values = ability(sampler, "values"), ability(sampler, "arranged_values")
     if arrange is None or values is None or arranged_values is None:
         raise ValueError(f"a {type(sampler).__name__} cannot arrange a rope; take `primitives`")
-    goal = start.apply(action)
+    start.apply(action)
     points = np.array(points, dtype=np.float64)
     used = np.zeros(len(points), np.intp)
     alive = np.ones(len(points), bool)

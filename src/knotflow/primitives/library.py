@@ -58,8 +58,8 @@ class PrimitiveLibrary:
         known = {*ALL_PRIMITIVES}
         if not primitives or set(primitives) != set(trained_on) or set(primitives) - known:
             raise ValueError(
-                f"a library has primitives out of {ALL_PRIMITIVES} and trained actions for each, got "
-                f"{sorted(primitives)} and {sorted(trained_on)}"
+                f"a library has primitives out of {ALL_PRIMITIVES} and trained actions for each, "
+                f"got {sorted(primitives)} and {sorted(trained_on)}"
             )
         self.primitives = {number: primitives[number].eval() for number in sorted(primitives)}
         self.trained_on = {number: tuple(trained_on[number]) for number in sorted(trained_on)}
