@@ -131,12 +131,13 @@ def test_the_streams_tell_every_kind_of_undoing_apart(text, undoing):
 
 
 @pytest.mark.parametrize(("text", "undoing"), CASES)
-def test_network_zero_grasps_the_piece(text, undoing):
+def test_the_grasp_counts_from_the_piece_in_shares_of_the_rope(text, undoing):
     rope = canonicalise(shape(text), parse_action(undoing))
     piece, _ = streams_of(rope)
     frames = encode(rope.points[None], [rope.action]).frames
-    grasp = frames.to_world(np.zeros((1, 1, 6)))[0, 0, 0]
-    assert piece[0] < grasp < piece[1]
+    zero, unit = (frames.to_world(np.full((1, 1, 6), one))[0, 0, 0] for one in (0.0, 0.1))
+    at = piece[1] if piece[0] == 0 else piece.mean()
+    assert zero == pytest.approx(at) and unit - zero == pytest.approx(0.03)
     anywhere = encode(rope.points[None], [rope.action], arranging=True).frames
     assert anywhere.to_world(np.zeros((1, 1, 6)))[0, 0, 0] == 0.5
 

@@ -17,8 +17,9 @@ from its tip where that is the rope's end (primitive 3), which is where ends are
 Undoing (primitive 6) pulls a piece of rope off a strand. The first stream is that piece, from
 crossing to crossing or to its tip, the second the strand, from the crossing before those that are
 taken back to the one after; which of the two is over is told by the channels of that name. The
-frame's origin is the crossing (of R2, the middle between the two) on the strand, its x axis runs
-along the strand, and the grasp counts along the piece. R1's strand is its under passage.
+frame's origin is the crossing (of R2, the middle between the two) on the strand, and its x axis
+runs along the strand; R1's strand is its under passage. Any part of the rope may be grasped: the
+grasp counts from the piece's middle or, where it is the rope's end, from its crossing.
 
 Arranging (primitive 5) sees what the action that is wanted next would see, and may grasp anywhere:
 its grasp counts along the whole rope.

@@ -12,7 +12,8 @@ from knotflow.primitives.canonical import UNDO, Canonical
 from knotflow.topology import R1, R2, Cross, Undo
 
 GRASP_SCALE = 0.3
-"""Share of the over segment a unit of the grasp; its middle is 0. Of the whole rope, arranging."""
+"""Share of the over segment a unit of the grasp; its middle is 0. Of the whole rope where any part
+of it may be grasped: arranging and undoing."""
 TIP_GRASP, TIP_GRASP_SCALE = 0.04, 0.04
 """Where the over segment is the rope's head (primitive 3) the grasp counts from its tip: shares of
 the rope's length that are 0 and a unit."""
@@ -73,7 +74,11 @@ def grasp_of(rope: Canonical, arranging: bool) -> NDArray[np.float64]:
     """(2,) the grasp that is 0 in network space, and a unit of it, fractions of the length."""
     if arranging:
         return np.array([0.5, GRASP_SCALE])
-    grasped, _ = streams_of(rope)
-    if rope.primitive == 3 or (rope.primitive == UNDO and grasped[0] == 0):
+    if rope.primitive == 3:
         return np.array([TIP_GRASP, TIP_GRASP_SCALE])
+    grasped, _ = streams_of(rope)
+    if rope.primitive == UNDO:
+        # Counted in pieces, most drags that undo would be tens of units away: an end beyond its
+        # crossing is a twentieth of the rope, and it is pulled back from behind the crossing.
+        return np.array([grasped[1] if grasped[0] == 0 else grasped.mean(), GRASP_SCALE])
     return np.array([grasped.mean(), GRASP_SCALE * (grasped[1] - grasped[0])])
