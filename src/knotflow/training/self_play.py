@@ -2,9 +2,10 @@
 
 Joint finetuning (Sec. V-B c), over all paths of all solution DAGs instead of along one. Rope shapes
 are remembered by their topological state, beginning with random untangled ones. A trial takes a
-shape and an action that its state allows (`curriculum`), and either does the action or arranges the
-rope for it: a spline that keeps the state and shall raise the action's value. The shape it leaves is
-remembered, and so the states fill up, towards more crossings by actions and back by undoing them.
+shape and an action that its state allows (`curriculum`), and either does the action or arranges
+the rope for it: a spline that keeps the state and shall raise the action's value. The shape it
+leaves is remembered, and so the states fill up, towards more crossings by actions and back by
+undoing them.
 
 What is learned from a trial:
 
