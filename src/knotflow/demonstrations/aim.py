@@ -16,6 +16,9 @@ from knotflow.topology import R1, R2, Action, Cross, Undo, segment_intervals
 TIP = 0.15
 """Share of an end segment, counted from the rope's end, in which an end is grasped or covered."""
 
+BESIDE = 0.1
+"""Share of the rope's length beyond a segment where it is grasped, too, to be pulled out."""
+
 
 def aim(points: NDArray, action: Action, count: int, rng: np.random.Generator) -> NDArray:
     """Guesses at splines that instantiate an action, as a sampler.
@@ -112,13 +115,10 @@ def _at(points: NDArray, fraction: NDArray) -> NDArray:
 def _drag(
     points: NDArray, segment: NDArray, count: int, rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Drags (count, 6) of a segment (2,) into any direction, to undo its crossings."""
-    inside = rng.uniform(0, 1, count)
-    if segment[0] <= 0:
-        inside *= TIP
-    elif segment[1] >= 1:
-        inside = 1 - TIP * inside
-    grasp = segment[0] + inside * (segment[1] - segment[0])
+    """Drags (count, 6) of a segment (2,), or of what lies just beyond it, into any direction: from
+    there crossings are taken back more often than from the segment itself."""
+    low, high = max(segment[0] - BESIDE, 0.0), min(segment[1] + BESIDE, 1.0)
+    grasp = rng.uniform(low, high, count)
     begin = _at(points, grasp)
     angle, far = rng.uniform(-np.pi, np.pi, count), rng.uniform(0.1, 0.5, (count, 1))
     end = begin + far * np.stack([np.cos(angle), np.sin(angle)], axis=1)
