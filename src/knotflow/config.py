@@ -116,6 +116,32 @@ class JointBudget:
 
 
 @dataclass
+class GoalsBudget:
+    """States drawn at random among all of three and of four crossings."""
+
+    three: int = 60
+    """Goals of three crossings."""
+    four: int = 40
+    """Goals of four crossings."""
+    seed: int = 2_000_003
+    """Of goals, ropes and searches; used for nothing else."""
+    planner: PlannerConfig = field(default_factory=lambda: replace(FAST_SEARCH))
+    """How a tree grows, and when it is given up."""
+
+
+@dataclass
+class ActionsBudget:
+    """All actions that lead to at most three crossings."""
+
+    count: int = 20
+    """Start shapes in each state, and trials of each action."""
+    seed: int = 3_000_017
+    """Of start shapes and trials; used for nothing else."""
+    planner: PlannerConfig = field(default_factory=lambda: replace(FAST_SEARCH, max_seconds=20.0))
+    """The search that ties the start shapes."""
+
+
+@dataclass
 class PentagramBudget:
     """The pentagram, with and without a hand that helps (Sec. VII-E)."""
 
@@ -212,6 +238,10 @@ class Config:
     pentagram: PentagramBudget = field(default_factory=PentagramBudget)
     knots: PlansBudget = field(default_factory=lambda: PlansBudget(seeds=20, planner=FAST_SEARCH))
     """The overhand's four states and the figure eight from random ropes."""
+    goals: GoalsBudget = field(default_factory=GoalsBudget)
+    """Searches for states drawn at random."""
+    actions: ActionsBudget = field(default_factory=ActionsBudget)
+    """Trials of all actions."""
     plan: PlanRequest = field(default_factory=PlanRequest)
     workflow: dict[str, Any] = field(default_factory=dict)
     """The stages of the experiment, from workflows/."""

@@ -4,6 +4,7 @@ Importing this package registers them all.
 """
 
 from knotflow.workflow.stages import (
+    actions,
     benchmark,
     causal_infogan,
     causal_infogan_ends,
@@ -12,7 +13,9 @@ from knotflow.workflow.stages import (
     demonstrator,
     evaluation,
     exemplars,
+    goals,
     imitation,
+    library,
     overhand,
     plans,
     plans_pull,
@@ -29,6 +32,7 @@ from knotflow.workflow.stages import (
 )
 
 __all__ = [
+    "actions",
     "benchmark",
     "causal_infogan",
     "causal_infogan_ends",
@@ -37,7 +41,9 @@ __all__ = [
     "demonstrator",
     "evaluation",
     "exemplars",
+    "goals",
     "imitation",
+    "library",
     "overhand",
     "plans",
     "plans_pull",
