@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from knotflow.primitives import FILE, PrimitiveLibrary
 from knotflow.workflow.context import StageContext
+from knotflow.workflow.signature import runtime
 from knotflow.workflow.stage import stage
 
 
@@ -15,7 +16,7 @@ from knotflow.workflow.stage import stage
 class LibraryConfig:
     """Which library."""
 
-    file: str = field(metadata={"affects_result": False})
+    file: str = runtime("")
     """A library's file, or a folder of files; what counts is `contents`."""
     contents: str
     """Digest of what the file or folder holds."""
