@@ -101,6 +101,12 @@ class PrimitiveLibrary:
         """
         return self.propose(np.asarray(points)[None], [action], count, rng)[0]
 
+    @property
+    def lacks(self) -> frozenset[str]:
+        """What this library cannot do, see `samplers.ability`: without critics it has no values."""
+        critics = all(primitive.critic is not None for primitive in self.primitives.values())
+        return frozenset() if critics else frozenset({"values"})
+
     @one_thread()
     def propose(
         self, points: NDArray, actions: Sequence[Action], count: int, rng: np.random.Generator

@@ -6,7 +6,15 @@ hashable; numpy comes in with rope shapes only, which are read by `knotflow.topo
 made by `knotflow.topology.draw`.
 """
 
-from knotflow.topology.actions import R1, R2, Action, Cross, IllegalActionError, parse_action
+from knotflow.topology.actions import (
+    R1,
+    R2,
+    Action,
+    Arrange,
+    Cross,
+    IllegalActionError,
+    parse_action,
+)
 from knotflow.topology.curve import CurveCrossings, DegenerateCurveError, project, segment_intervals
 from knotflow.topology.graph import solution_graph, solution_paths
 from knotflow.topology.knots import KNOT_NAMES, knot
@@ -17,6 +25,7 @@ __all__ = [
     "R1",
     "R2",
     "Action",
+    "Arrange",
     "Cross",
     "CurveCrossings",
     "DegenerateCurveError",

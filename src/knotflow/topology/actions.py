@@ -367,19 +367,72 @@ def _neighbours(planar_map: PlanarMap, segment: int) -> list[int]:
     ]
 
 
+@dataclass(frozen=True, order=True)
+class Arrange(Action):
+    """Keep the state and make room for an action, which is not done yet (Sec. VIII).
+
+    It changes no crossing, so `apply` returns the state it is given; no list of actions has it.
+
+    Attributes:
+        wanted: the action that shall succeed afterwards.
+    """
+
+    symbol = "arrange for"
+    segment_fields = ()
+
+    wanted: Action
+
+    def __post_init__(self) -> None:
+        """Refuse to arrange for arranging."""
+        if isinstance(self.wanted, Arrange):
+            raise IllegalActionError(f"{self}: arranging needs an action that changes the state")
+
+    def __str__(self) -> str:
+        return f"{self.symbol} {self.wanted}"
+
+    @property
+    def segments(self) -> tuple[int, ...]:
+        return self.wanted.segments
+
+    @property
+    def touched(self) -> tuple[int, ...]:
+        return ()
+
+    def new_crossings(self, planar_map: PlanarMap) -> tuple[tuple[NewPoint, NewPoint, int], ...]:
+        self.wanted.new_crossings(planar_map)  # what is not legal cannot be wanted
+        return ()
+
+    def mirrored(self) -> Arrange:
+        return Arrange(self.wanted.mirrored())
+
+    def reversed(self, num_segments: int) -> Arrange:
+        return Arrange(self.wanted.reversed(num_segments))
+
+    @classmethod
+    def legal(cls, planar_map: PlanarMap) -> Iterator[Action]:
+        return iter(())
+
+    @classmethod
+    def last_candidates(cls, crossings: Sequence[Crossing]) -> Iterator[Action]:
+        return iter(())
+
+
 ACTION_KINDS: tuple[type[Action], ...] = (R1, R2, Cross)
+"""Those that change the state."""
 
 _FORM = re.compile(r"\s*(\w+)\s*\(([^()]*)\)\s*")
 
 
 def parse_action(text: str) -> Action:
-    """Read an action from its `str`, e.g. "R1(0,1,1)", "R2(0,0,1,1)" or "C(2,0,1)".
+    """Read an action from its `str`: "R2(0,0,1,1)", "C(2,0,1)" or "arrange for C(2,0,1)".
 
     Raises:
         IllegalActionError: not an action; the message lists the forms there are.
     """
     forms = {kind.symbol: [field.name for field in fields(kind)] for kind in ACTION_KINDS}
     valid = ", ".join(f"{symbol}({','.join(names)})" for symbol, names in forms.items())
+    if (wanted := text.strip().removeprefix(Arrange.symbol)) != text.strip():
+        return Arrange(parse_action(wanted))
     match = _FORM.fullmatch(text)
     kinds = {kind.symbol: kind for kind in ACTION_KINDS}
     if match is None or match[1] not in kinds:
