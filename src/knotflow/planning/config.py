@@ -18,8 +18,8 @@ class PlannerConfig:
     """At most so many splines in a row that keep the state and make room, before one that acts; 0
     is the paper. The paper's rule has none."""
     bias: float = 10.0
-    """The paper's rule: how many times likelier a node is chosen than one that is one edge farther from the goal;
-    1 is no bias."""
+    """The paper's rule: how many times likelier a node is chosen than one that is one edge farther
+    from the goal; 1 is no bias."""
     batch: int = 1
     """Splines simulated at once; 1 is the paper's search."""
     max_branches: int = 2000
@@ -27,11 +27,13 @@ class PlannerConfig:
     max_seconds: float = 600.0
     """Give up after this time, seconds of wall clock; a batch that has begun is finished."""
     value_bias: float = 0.0
-    """The paper's rule: exponent of the value of a branch, the probability of success that the sampler's critic gives
-    it, on its chance to be grown; 0 is the paper's rule. Without a critic every value is 1."""
+    """The paper's rule: exponent of the value of a branch, the probability of success that the
+    sampler's critic gives it, on its chance to be grown; 0 is what the paper has. Without a critic
+    every value is 1."""
     failure_discount: float = 1.0
-    """The paper's rule: factor on a node's weight for every branch that failed from it; 1 is the paper's rule. Below
-    1 the search leaves nodes from which nothing succeeds, such as loops that are too tight."""
+    """The paper's rule: factor on a node's weight for every branch that failed from it; 1 is what
+    the paper has. Below 1 the search leaves nodes from which nothing succeeds, such as loops that
+    are too tight."""
 
     def __post_init__(self) -> None:
         """Refuse values that make no search."""

@@ -10,9 +10,9 @@ A try with chance p succeeds after 1/p branches. So each edge of the solution DA
 branches that a fresh shape of its state needs, and each state a cost, the length of its shortest
 path to the goal. A branch that acts from a shape costs 1/p and then what its end's state costs. An
 arranging branch costs itself, and may leave a better shape than the best there is: what it saves is
-the mean over what arranging brought so far. The cheapest branch is grown. From a tight shape p falls
-with every failure, until it is cheaper to arrange it, to take another shape, or to go back and grow
-a roomier one from its parent.
+the mean over what arranging brought so far. The cheapest branch is grown. From a tight shape p
+falls with every failure, until it is cheaper to arrange it, to take another shape, or to go back
+and grow a roomier one from its parent.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ ends when a goal state is reached. Which branch is grown is a rule's business: t
 
 Beyond the paper, a branch may also be for a spline that keeps the state and makes room for the
 edge's action (Sec. VIII). And where a branch fails, its end is kept all the same if it is of use:
-in the state at the end of another edge, or in the state it began in, which is a further shape of it.
+in the state at the end of another edge, or in the state it began in, as a further shape of it.
 
 With `batch` above 1 as many expansions are chosen by the same rule from the tree as it stands, and
 simulated at once. Every plan found is as valid as one found one by one; the tree is somewhat
