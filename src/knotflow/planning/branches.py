@@ -42,7 +42,7 @@ class Node:
         parent: the node it was reached from; None for the root.
         step: what was executed there; None for the root.
         failures: branches from this node that did not become nodes.
-        values: (E,) probability of success along each edge, as far as a critic told; else 1.
+        values: (E,) probability of success along each edge, as far as one is known; else 1.
         arranged_values: (E,) the same after an arranging spline, as far as the sampler told; else
             `values`.
         tries: (2, E) branches from here, those that act (`ACT`) and those that arrange (`ARRANGE`).

@@ -12,6 +12,7 @@ from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal
 from knotflow.samplers import Sampler, ability
 from knotflow.simulation import clip_splines
+from knotflow.topology import Action, segment_intervals
 
 FARTHEST = 0.12
 """Of the small moves: from grasp to end, metres."""
@@ -22,8 +23,8 @@ HIGHEST = 0.08
 class Proposals:
     """Splines for branches, and values for nodes, from one sampler.
 
-    A sampler that cannot arrange gets `small_moves`; one without a critic values nothing, so every
-    node keeps the value 1.
+    A sampler that cannot arrange gets `small_moves`; for one without a critic a shape is worth its
+    `room`, whatever the action.
     """
 
     def __init__(
@@ -33,9 +34,12 @@ class Proposals:
         self._onward = ability(sampler, "sample_onward") or sampler.sample
         self._arrange = ability(sampler, "arrange")
         # The paper's rule takes a critic into account only where its value bias is set.
-        counts = config.rule != "paper" or config.value_bias > 0
-        arranging = config.rule != "paper" and config.arranging > 0
-        self._values = ability(sampler, "values") if counts else None
+        paper = config.rule == "paper"
+        arranging = not paper and config.arranging > 0
+        blind = None if paper else _rooms
+        self._values = ability(sampler, "values") or blind
+        if paper and config.value_bias == 0:
+            self._values = None
         self._arranged_values = ability(sampler, "arranged_values") if arranging else None
 
     def splines(self, branches: Sequence[Branch]) -> NDArray[np.float64]:
@@ -58,7 +62,7 @@ class Proposals:
         return propose(points, branch.wanted, count, rng)
 
     def appraise(self, nodes: Sequence[Node]) -> None:
-        """Let the sampler's critic, if it has one and it counts, value the edges of new nodes."""
+        """Value the edges of new nodes, if values count."""
         pairs = [(node, action) for node in nodes for action, _ in node.edges]
         if self._values is None or not pairs:
             return
@@ -72,6 +76,21 @@ class Proposals:
             nodes, np.split(values, ends), np.split(arranged, ends), strict=True
         ):
             node.values, node.arranged_values = own, after
+
+
+def room(points: NDArray) -> float:
+    """How long the two shortest segments of a rope (V, 3) are, as a share of an even division.
+
+    Between 0 and 1: ranking by it is arranging's critic where there is no other.
+    """
+    lengths = np.diff(segment_intervals(points), axis=1).ravel()
+    return float(np.sort(lengths)[:2].mean() * len(lengths))
+
+
+def _rooms(
+    points: NDArray, actions: Sequence[Action], rng: np.random.Generator
+) -> NDArray[np.float64]:
+    return np.array([room(rope) for rope in points])
 
 
 def small_moves(points: NDArray, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
