@@ -73,13 +73,11 @@ class TrainingBudget:
 
 
 STEADY_SEARCH = PlannerConfig(
-    bias=100.0, failure_discount=0.5, max_branches=500, max_seconds=3600.0
+    rule="paper", bias=100.0, failure_discount=0.5, max_branches=500, max_seconds=3600.0
 )
 """One branch after the other (Sec. V-B d), straight on towards the goal, but soon elsewhere where
 nothing succeeds, such as at loops that are too tight. What counts is the number of branches."""
-FAST_SEARCH = PlannerConfig(
-    batch=16, value_bias=1.0, failure_discount=0.9, max_branches=20_000, max_seconds=60.0
-)
+FAST_SEARCH = PlannerConfig(batch=16, max_branches=20_000, max_seconds=60.0)
 """In batches, to use all cores; what counts is the time."""
 
 

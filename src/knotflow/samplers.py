@@ -12,7 +12,7 @@ A sampler is one file that registers a factory under a name, and one line of a w
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -30,13 +30,65 @@ MODULES = ("knotflow.baselines", "knotflow.primitives.library")
 
 
 class Sampler(Protocol):
-    """Proposes splines; all that planning, evaluation and training know of a method."""
+    """Proposes splines; all that planning, evaluation and training know of a method.
+
+    `sample` is enough. A method that can do more has further methods, which a search looks up with
+    `ability` and does without where they are missing: those of `Foresight`, `Critic` and
+    `Arranger`.
+    """
 
     def sample(
         self, points: NDArray, action: Action, count: int, rng: np.random.Generator
     ) -> NDArray[np.float64]:
         """Splines (count, 6) in range for a rope (V, 3) in a state that allows the action."""
         ...
+
+
+class Foresight(Protocol):
+    """Proposes splines whose ends are good to go on from."""
+
+    def sample_onward(
+        self, points: NDArray, action: Action, count: int, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """As `Sampler.sample`, preferring ends that leave room for the actions that follow."""
+        ...
+
+
+class Critic(Protocol):
+    """Tells how well an action can be done from a shape."""
+
+    def values(
+        self, points: NDArray, actions: Sequence[Action], rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """(S,) probability that its best spline succeeds, for ropes (S, V, 3), an action each."""
+        ...
+
+
+class Arranger(Protocol):
+    """Makes room for an action by splines that keep the state."""
+
+    def arrange(
+        self, points: NDArray, action: Action, count: int, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Splines (count, 6) that keep the state of a rope (V, 3) and make room for the action."""
+        ...
+
+    def arranged_values(
+        self, points: NDArray, actions: Sequence[Action], rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """(S,) expected value of each action after the best arranging spline; as `values`."""
+        ...
+
+
+def ability(sampler: Sampler, name: str) -> Callable[..., NDArray[np.float64]] | None:
+    """An optional method of a sampler; None where it has none, or names it in its `lacks`.
+
+    A sampler whose class has a method that this one cannot do, such as `values` without a critic,
+    says so in an attribute `lacks`, a collection of such names.
+    """
+    if name in getattr(sampler, "lacks", ()):
+        return None
+    return getattr(sampler, name, None)
 
 
 @dataclass

@@ -1,3 +1,4 @@
+from .arranging import ArrangedAttempts, attempt_arranged
 from .branches import SearchUpdate
 from .check import KnotMismatchError, confirm, expected_type, knot_type
 from .config import PlannerConfig
@@ -12,6 +13,7 @@ from .waypoints import GripperConfig, Waypoints
 
 __all__ = [
     "ROPE_NAMES",
+    "ArrangedAttempts",
     "Goal",
     "GripperConfig",
     "KnotMismatchError",
@@ -28,6 +30,7 @@ __all__ = [
     "Tried",
     "UnreachableGoalError",
     "Waypoints",
+    "attempt_arranged",
     "confirm",
     "expected_type",
     "knot_type",

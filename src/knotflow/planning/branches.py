@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from knotflow.planning.dag import Edge
 from knotflow.planning.plan_step import PlanStep
 from knotflow.simulation import Rollouts, SimulationConfig
-from knotflow.topology import TopologicalState
+from knotflow.topology import Action, Arrange, TopologicalState
 
 DIVERGED = "diverged"
 UNREADABLE = "unreadable"
@@ -42,7 +42,11 @@ class Node:
         parent: the node it was reached from; None for the root.
         step: what was executed there; None for the root.
         failures: branches from this node that did not become nodes.
-        values: (E,) probability of success along each edge, as far as a critic told; else 1.
+        values: (E,) probability of success along each edge, as far as one is known; else 1.
+        arranged_values: (E,) the same after an arranging spline, as far as the sampler told; else
+            `values`.
+        tries: (2, E) branches from here, those that act (`ACT`) and those that arrange (`ARRANGE`).
+        successes: (2, E) those that reached the edge's state, or kept this one.
     """
 
     points: NDArray[np.float64]
@@ -53,10 +57,21 @@ class Node:
     step: PlanStep | None = None
     failures: int = 0
     values: NDArray[np.float64] = field(init=False)
+    arranged_values: NDArray[np.float64] = field(init=False)
+    tries: NDArray[np.float64] = field(init=False)
+    successes: NDArray[np.float64] = field(init=False)
 
     def __post_init__(self) -> None:
         """Every edge is as promising as any, until a critic tells."""
-        self.values = np.ones(len(self.edges))
+        self.values = self.arranged_values = np.ones(len(self.edges))
+        self.tries, self.successes = np.zeros((2, 2, len(self.edges)))
+
+    @property
+    def arranged(self) -> int:
+        """How many arranging steps in a row led here."""
+        if self.parent is None or self.step is None or not isinstance(self.step.action, Arrange):
+            return 0
+        return 1 + self.parent.arranged
 
     def steps(self) -> tuple[PlanStep, ...]:
         """What was executed from the root to here."""
@@ -66,6 +81,56 @@ class Node:
             steps.append(node.step)
             node = node.parent
         return tuple(reversed(steps))
+
+
+ACT, ARRANGE = 0, 1
+"""The two kinds of a branch: for the action of an edge, or to make room for it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """A spline that is to be executed from a node.
+
+    Attributes:
+        node: where it begins.
+        edge: index of the node's edge it is for.
+        kind: ACT or ARRANGE.
+    """
+
+    node: Node
+    edge: int
+    kind: int = ACT
+
+    @property
+    def wanted(self) -> Action:
+        """The action of the edge."""
+        return self.node.edges[self.edge][0]
+
+    @property
+    def action(self) -> Action:
+        """What the branch does: the edge's action, or arranging for it."""
+        return Arrange(self.wanted) if self.kind == ARRANGE else self.wanted
+
+    @property
+    def goal(self) -> TopologicalState:
+        """The state in which it succeeds."""
+        return self.node.state if self.kind == ARRANGE else self.node.edges[self.edge][1]
+
+
+class Rule(Protocol):
+    """Where a tree grows next."""
+
+    def choose(self, count: int) -> list[Branch]:
+        """The next branches, from the nodes added so far."""
+        ...
+
+    def learn(self, branch: Branch, child: Node | None) -> None:
+        """Take the outcome of a branch into account; `child` is None where nothing was kept."""
+        ...
+
+    def add(self, node: Node) -> None:
+        """Take a new node, valued, into account; after the branches of its batch were learnt."""
+        ...
 
 
 @dataclass(frozen=True)

@@ -4,14 +4,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+RULES = ("posterior", "paper")
+
 
 @dataclass
 class PlannerConfig:
     """How the tree grows, and when to give up."""
 
+    rule: str = "posterior"
+    """Where the tree grows next: posterior, where the fewest further branches are expected
+    (`planning.posterior`), or paper, at random as in Sec. V-B d (`planning.growth`)."""
+    arranging: int = 3
+    """At most so many splines in a row that keep the state and make room, before one that acts; 0
+    is the paper. The paper's rule has none."""
+    undoing: bool = False
+    """Whether crossings may be taken back (`planning.search_graph`): from every rope then leads a
+    way to every goal. The sampler has to know `Undo`."""
     bias: float = 10.0
-    """How many times likelier a node is chosen than one that is one edge farther from the goal;
-    1 is no bias."""
+    """The paper's rule: how many times likelier a node is chosen than one that is one edge farther
+    from the goal; 1 is no bias."""
     batch: int = 1
     """Splines simulated at once; 1 is the paper's search."""
     max_branches: int = 2000
@@ -19,14 +30,20 @@ class PlannerConfig:
     max_seconds: float = 600.0
     """Give up after this time, seconds of wall clock; a batch that has begun is finished."""
     value_bias: float = 0.0
-    """Exponent of the value of a branch, the probability of success that the sampler's critic gives
-    it, on its chance to be grown; 0 is the paper's rule. Without a critic every value is 1."""
+    """The paper's rule: exponent of the value of a branch, the probability of success that the
+    sampler's critic gives it, on its chance to be grown; 0 is what the paper has. Without a critic
+    every value is 1."""
     failure_discount: float = 1.0
-    """Factor on a node's weight for every branch that failed from it; 1 is the paper's rule. Below
-    1 the search leaves nodes from which nothing succeeds, such as loops that are too tight."""
+    """The paper's rule: factor on a node's weight for every branch that failed from it; 1 is what
+    the paper has. Below 1 the search leaves nodes from which nothing succeeds, such as loops that
+    are too tight."""
 
     def __post_init__(self) -> None:
         """Refuse values that make no search."""
+        if self.rule not in RULES:
+            raise ValueError(f"unknown planner.rule {self.rule!r}; it is one of {', '.join(RULES)}")
+        if self.arranging < 0:
+            raise ValueError(f"planner.arranging must be 0 or more, got {self.arranging}")
         if not self.bias >= 1.0:
             raise ValueError(f"planner.bias must be 1 or more, got {self.bias}")
         if not self.value_bias >= 0.0:

@@ -152,7 +152,7 @@ def _caption(axes: Axes, state: str, width: float, scale: float, *, first: bool)
 def _title(figure: Figure, plan: KnotPlan, index: int, x: float, y: float) -> None:
     """The action that comes next, or how the plan ends; place in shares of the figure."""
     if index < len(plan.steps):
-        title, colour = f"{index + 1}.  {plan.actions[index]}", SPLINE
+        title, colour = f"{index + 1}.  {plan.steps[index].action}", SPLINE
     else:
         title, colour = ("tied" if plan.solved else "search stopped here"), INK
     figure.text(x, y, title, ha="center", color=colour, weight="bold")

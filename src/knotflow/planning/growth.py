@@ -1,4 +1,4 @@
-"""Where a tree grows next: a node, then one of its outgoing edges (Sec. V-B d).
+"""The paper's rule where a tree grows next: a node, then one of its outgoing edges (Sec. V-B d).
 
 The paper chooses a node at random, biased towards states nearer to the goal, and an edge of its
 state at random. Beyond it, a critic may say how promising each edge is from the shape of the node:
@@ -13,12 +13,37 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.planning.branches import Node
+from knotflow.planning.branches import Branch, Node
 from knotflow.planning.config import PlannerConfig
-from knotflow.samplers import Sampler
 
 LEAST_VALUE = 0.02
 """Added to every value: critics err, and a branch must not be given up for good."""
+
+
+class PaperRule:
+    """Independent draws of a node, then of one of its outgoing edges."""
+
+    def __init__(self, config: PlannerConfig, rng: np.random.Generator) -> None:
+        self._config, self._rng = config, rng
+        self._nodes: list[Node] = []
+
+    def choose(self, count: int) -> list[Branch]:
+        """Branches drawn from the tree as it stands."""
+        chances = node_probabilities(self._nodes, self._config)
+        chosen = []
+        for row in self._rng.choice(len(self._nodes), size=count, p=chances):
+            node = self._nodes[row]
+            edge = self._rng.choice(len(node.edges), p=edge_probabilities(node, self._config))
+            chosen.append(Branch(node, int(edge)))
+        return chosen
+
+    def add(self, node: Node) -> None:
+        """Draw it, too, from now on."""
+        self._nodes.append(node)
+
+    def learn(self, branch: Branch, child: Node | None) -> None:
+        """Count a failure."""
+        branch.node.failures += child is None
 
 
 def node_probabilities(nodes: Sequence[Node], config: PlannerConfig) -> NDArray[np.float64]:
@@ -40,21 +65,6 @@ def edge_probabilities(node: Node, config: PlannerConfig) -> NDArray[np.float64]
     """(E,) chance of each outgoing edge of a node that was chosen."""
     promise = _promise(node, config)
     return promise / promise.sum()
-
-
-def appraise(
-    nodes: Sequence[Node], sampler: Sampler, config: PlannerConfig, rng: np.random.Generator
-) -> None:
-    """Let the sampler's critic, if it has one and it counts, value the edges of new nodes."""
-    values = getattr(sampler, "values", None)
-    pairs = [(node, action) for node in nodes for action, _ in node.edges]
-    if values is None or config.value_bias == 0 or not pairs:
-        return
-    found = values(np.stack([node.points for node, _ in pairs]), [edge for _, edge in pairs], rng)
-    begin = 0
-    for node in nodes:
-        node.values = np.asarray(found[begin : begin + len(node.edges)])
-        begin += len(node.edges)
 
 
 def _promise(node: Node, config: PlannerConfig) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from knotflow.planning import plan_file
 from knotflow.planning.plan_step import PlanStep, Tried
 from knotflow.planning.waypoints import GripperConfig, Waypoints, trace_waypoints
-from knotflow.topology import Action, TopologicalState
+from knotflow.topology import Action, Arrange, TopologicalState
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +53,8 @@ class KnotPlan:
 
     @property
     def actions(self) -> tuple[Action, ...]:
-        """The topological path."""
-        return tuple(step.action for step in self.steps)
+        """The topological path: what the steps do, arranging left out."""
+        return tuple(step.action for step in self.steps if not isinstance(step.action, Arrange))
 
     @property
     def splines(self) -> NDArray[np.float64]:
@@ -78,8 +78,10 @@ class KnotPlan:
 
     def summary(self) -> str:
         """A line a state: the topological path with the tree's size, for printing."""
-        lines = [f"start      {self.start_state}"]
-        lines += [f"{step.action!s:<10} {step.end_state}" for step in self.steps]
+        steps = [("start", self.start_state)]
+        steps += [(str(step.action), step.end_state) for step in self.steps]
+        width = max(10, *(len(action) for action, _ in steps))
+        lines = [f"{action:<{width}} {state}" for action, state in steps]
         outcome = f"{self.goal}: tied" if self.solved else f"{self.goal}: NOT tied"
         lines.append(
             f"{outcome} ({self.reason}); {self.branches} branches, {self.nodes} nodes, "

@@ -16,7 +16,7 @@ class PlanStep:
     """One executed spline; metres and seconds, world frame.
 
     Attributes:
-        action: the topological action it instantiates.
+        action: the topological action it instantiates, or `Arrange`, which keeps the state.
         spline: (6,) see `simulation.spline`.
         start: (V, 3) the rope at rest before.
         start_state: its topological state.
@@ -48,7 +48,7 @@ class Tried:
 
     Attributes:
         state: where the branches began.
-        action: what they were for.
+        action: what they were for, `Arrange` included.
         outcome: `str` of the state they ended in, "diverged" or "unreadable".
         success: whether that is the action's state.
         branches: how many there were.

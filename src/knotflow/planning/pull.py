@@ -12,7 +12,7 @@ the next action succeed most often. What ties the rope has no say in how it is p
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,14 +25,12 @@ from knotflow.planning.tree import plan_knot
 from knotflow.samplers import Sampler
 from knotflow.simulation import (
     Observer,
-    Pulls,
     RopeSimulator,
     attempt,
     clip_splines,
-    state_or_none,
     straight,
 )
-from knotflow.topology import TopologicalState, parse_action, segment_intervals
+from knotflow.topology import Arrange, TopologicalState, parse_action, segment_intervals
 
 
 @dataclass
@@ -86,7 +84,7 @@ class HeadPuller:
         sampler: Sampler,
         simulator: RopeSimulator,
         observe: Observer | None = None,
-        observe_pulls: Callable[[Pulls], None] | None = None,
+        observe_pulls: Observer | None = None,
     ) -> None:
         self._config, self._sampler, self._simulator = config, sampler, simulator
         self._observe, self._observe_pulls = observe, observe_pulls
@@ -120,7 +118,7 @@ class HeadPuller:
             self._sampler,
             self._simulator,
             self._rng,
-            PlannerConfig(batch=16, failure_discount=0.9),
+            PlannerConfig(rule="paper", batch=16, failure_discount=0.9),
             observe=self._observe,
         )
         if not plan.solved:
@@ -130,17 +128,10 @@ class HeadPuller:
     def _pulled(self, points: NDArray, state: TopologicalState) -> NDArray[np.float64]:
         """The rope (V, 3) after the best of some random pulls, or as it was if none is any good."""
         splines = random_pulls(points, self._config.pulls, self._rng)
-        ropes = np.broadcast_to(points, (len(splines), *points.shape))
-        rollouts = self._simulator.execute(ropes, splines)
-        ends = tuple(
-            None if diverged else state_or_none(end)
-            for end, diverged in zip(rollouts.end_points, rollouts.diverged, strict=True)
-        )
-        pulls = Pulls(state, ropes, splines, rollouts, ends)
-        if self._observe_pulls is not None:
-            self._observe_pulls(pulls)
+        arranging = Arrange(self._onward)
+        pulls = attempt(self._simulator, points, splines, arranging, state, self._observe_pulls)
         # The rope as it was stands first, and so stays where no pull betters it.
-        return max([points, *rollouts.end_points[pulls.success]], key=self._head)
+        return max([points, *pulls.rollouts.end_points[pulls.success]], key=self._head)
 
     def _head(self, points: NDArray) -> float:
         """Length from the head to the first crossing, metres; 0 where a segment is too short."""

@@ -1,10 +1,14 @@
 """Tree search over rope shapes and their topological states (paper Sec. V-B d).
 
-At each expansion a node of the tree is chosen at random, leaf or not, biased towards states that
-are nearer to the goal in the solution DAG; then an outgoing edge of its state at random. The
-sampler proposes a spline for the edge's action, the simulator executes it, and the end shape
-becomes a node only if it has exactly the state that the action leads to. The search ends when a
-goal state is reached.
+At each expansion a node of the tree is chosen, leaf or not, and an outgoing edge of its state in
+the solution DAG. The sampler proposes a spline for the edge's action, the simulator executes it,
+and the end shape becomes a node if it has exactly the state that the action leads to. The search
+ends when a goal state is reached. Which branch is grown is a rule's business: the paper's is in
+`planning.growth`, the default one in `planning.posterior`.
+
+Beyond the paper, a branch may also be for a spline that keeps the state and makes room for the
+edge's action (Sec. VIII). And where a branch fails, its end is kept all the same if it is of use:
+in the state at the end of another edge, or in the state it began in, as a further shape of it.
 
 With `batch` above 1 as many expansions are chosen by the same rule from the tree as it stands, and
 simulated at once. Every plan found is as valid as one found one by one; the tree is somewhat
@@ -24,23 +28,23 @@ from numpy.typing import NDArray
 from knotflow.planning.branches import (
     DIVERGED,
     UNREADABLE,
+    Branch,
     Node,
     Progress,
+    Rule,
     SearchUpdate,
     Simulator,
 )
 from knotflow.planning.config import PlannerConfig
-from knotflow.planning.dag import Edge
 from knotflow.planning.goals import Goal
-from knotflow.planning.growth import (
-    appraise,
-    edge_probabilities,
-    node_probabilities,
-)
+from knotflow.planning.growth import PaperRule
 from knotflow.planning.plan import KnotPlan, PlanStep, Tried
+from knotflow.planning.posterior import PosteriorRule
+from knotflow.planning.proposals import Proposals
+from knotflow.planning.search_graph import SearchGraph
 from knotflow.samplers import Sampler
 from knotflow.simulation import Attempts, Observer, Rollouts, check_points, end_states
-from knotflow.topology import Action, TopologicalState
+from knotflow.topology import Action, Arrange, TopologicalState
 
 
 @dataclass(eq=False)
@@ -70,31 +74,41 @@ class TreeSearch:
         observe: Observer | None = None,
     ) -> None:
         """Plant the root: see `plan_knot` for the arguments and errors."""
-        self.goal, self.sampler, self.simulator, self.rng = goal, sampler, simulator, rng
+        self.goal, self.simulator = goal, simulator
         self.config, self.observe = config or PlannerConfig(), observe
         points = check_points(points, simulator.config.rope)
         state = TopologicalState.from_curve(points)
+        self._dag = SearchGraph(goal.dag, state) if self.config.undoing else goal.dag
+        self._proposals = Proposals(sampler, goal, self.config, rng)
+        self._paper = self.config.rule == "paper"
+        self._rule: Rule = (
+            PaperRule(self.config, rng) if self._paper else PosteriorRule(self.config, self._dag)
+        )
         self.nodes = [self._node(points, state)]
         self.branches = 0
         self.tried: Counter[tuple[TopologicalState, Action, str, bool]] = Counter()
         self._clock = _Clock()
 
     def expand(self, count: int) -> SearchUpdate:
-        """Choose, sample and simulate `count` branches, and add those that succeed."""
-        chosen = self._choose(count)
+        """Choose, sample and simulate `count` branches, and add those whose ends are kept."""
+        chosen = self._rule.choose(count)
         clock = time.perf_counter()
-        splines = self._sample(chosen)
+        splines = self._proposals.splines(chosen)
         self._clock.sampling += time.perf_counter() - clock
         clock = time.perf_counter()
-        rollouts = self.simulator.execute(np.stack([node.points for node, _ in chosen]), splines)
+        starts = np.stack([branch.node.points for branch in chosen])
+        rollouts = self.simulator.execute(starts, splines)
         self._clock.simulation += time.perf_counter() - clock
         ends = end_states(rollouts)
-        known = len(self.nodes)
-        for row, (node, edge) in enumerate(chosen):
-            self._add(node, edge, splines[row], rollouts, row, ends[row])
-        clock = time.perf_counter()
-        appraise(self.nodes[known:], self.sampler, self.config, self.rng)
-        self._clock.sampling += time.perf_counter() - clock
+        children = [
+            self._judge(branch, splines[row], rollouts, row, ends[row])
+            for row, branch in enumerate(chosen)
+        ]
+        new = [child for child in children if child is not None]
+        self._appraise(new)
+        for branch, child in zip(chosen, children, strict=True):
+            self._rule.learn(branch, child)
+        self._add(new)
         self.branches += count
         if self.observe is not None:
             for attempts in _by_action(chosen, splines, rollouts, ends):
@@ -106,7 +120,8 @@ class TreeSearch:
         """Grow the tree; see `plan_knot`."""
         config = self.config
         self._clock = _Clock()
-        appraise(self.nodes[:1], self.sampler, self.config, self.rng)
+        self._appraise(self.nodes)
+        self._add([self.nodes.pop()])
         reason = ""
         while not reason:
             if any(node.distance == 0 for node in self.nodes):
@@ -122,16 +137,6 @@ class TreeSearch:
                     progress(update)
         return self._plan(solved=False, reason=reason)
 
-    def _choose(self, count: int) -> list[tuple[Node, Edge]]:
-        """Independent draws of a node, then of one of its outgoing edges."""
-        chances = node_probabilities(self.nodes, self.config)
-        chosen = []
-        for row in self.rng.choice(len(self.nodes), size=count, p=chances):
-            node = self.nodes[row]
-            edge = self.rng.choice(len(node.edges), p=edge_probabilities(node, self.config))
-            chosen.append((node, node.edges[edge]))
-        return chosen
-
     def _node(
         self,
         points: NDArray,
@@ -139,55 +144,60 @@ class TreeSearch:
         parent: Node | None = None,
         step: PlanStep | None = None,
     ) -> Node:
-        dag = self.goal.dag
+        dag = self._dag
         return Node(points, state, dag.distance(state), dag.edges_from(state), parent, step)
 
-    def _sample(self, chosen: list[tuple[Node, Edge]]) -> NDArray[np.float64]:
-        """Splines (B, 6), asking the sampler once for all branches of one node and action."""
-        rows: dict[tuple[int, Action], list[int]] = {}
-        for row, (node, (action, _)) in enumerate(chosen):
-            rows.setdefault((id(node), action), []).append(row)
-        splines = np.empty((len(chosen), 6))
-        for (_, action), same in rows.items():
-            points = chosen[same[0]][0].points
-            splines[same] = self.sampler.sample(points, action, len(same), self.rng)
-        return splines
+    def _appraise(self, nodes: Sequence[Node]) -> None:
+        clock = time.perf_counter()
+        self._proposals.appraise(nodes)
+        self._clock.sampling += time.perf_counter() - clock
 
-    def _add(
+    def _add(self, nodes: Sequence[Node]) -> None:
+        self.nodes.extend(nodes)
+        for node in nodes:
+            self._rule.add(node)
+
+    def _judge(
         self,
-        node: Node,
-        edge: Edge,
+        branch: Branch,
         spline: NDArray,
         rollouts: Rollouts,
         row: int,
         state: TopologicalState | None,
-    ) -> None:
-        """Judge one branch, and add its end to the tree if it has exactly the action's state."""
-        action, goal_state = edge
-        end = rollouts.end_points[row]
-        success = state == goal_state
-        if success:
-            step = PlanStep(
-                action=action,
-                spline=spline.copy(),
-                start=node.points,
-                start_state=node.state,
-                end=end.copy(),
-                end_state=goal_state,
-                times=rollouts.times,
-                trajectory=rollouts.trajectory[row].copy(),
-                gripper=rollouts.gripper[row].copy(),
-            )
-            self.nodes.append(self._node(step.end, goal_state, node, step))
-        else:
-            node.failures += 1
+    ) -> Node | None:
+        """Count one branch; the node that its end is worth, if any."""
+        node, success = branch.node, state == branch.goal
         lost = DIVERGED if rollouts.diverged[row] else UNREADABLE
         outcome = lost if state is None else str(state)
-        self.tried[node.state, action, outcome, success] += 1
+        self.tried[node.state, branch.action, outcome, success] += 1
+        action = branch.action if success else self._done(branch, state)
+        if state is None or action is None:
+            return None
+        step = PlanStep(
+            action=action,
+            spline=spline.copy(),
+            start=node.points,
+            start_state=node.state,
+            end=rollouts.end_points[row].copy(),
+            end_state=state,
+            times=rollouts.times,
+            trajectory=rollouts.trajectory[row].copy(),
+            gripper=rollouts.gripper[row].copy(),
+        )
+        return self._node(step.end, state, node, step)
+
+    def _done(self, branch: Branch, state: TopologicalState | None) -> Action | None:
+        """What a branch that failed did instead, if that is of use; never by the paper's rule."""
+        if self._paper:
+            return None
+        if state == branch.node.state:
+            room = branch.node.arranged < self.config.arranging
+            return Arrange(branch.wanted) if room else None
+        return next((action for action, end in branch.node.edges if end == state), None)
 
     def _plan(self, solved: bool, reason: str) -> KnotPlan:
-        # The first of the nearest nodes: the goal's, or the farthest that a failed search came.
-        best = min(self.nodes, key=lambda node: node.distance)
+        # The goal's node, or the farthest that a failed search came; the first with fewest steps.
+        best = min(self.nodes, key=lambda node: (node.distance, len(node.steps())))
         root, simulation = self.nodes[0], self.simulator.config
         return KnotPlan(
             goal=self.goal.name,
@@ -212,17 +222,17 @@ class TreeSearch:
 
 
 def _by_action(
-    chosen: list[tuple[Node, Edge]],
+    chosen: Sequence[Branch],
     splines: NDArray,
     rollouts: Rollouts,
     ends: Sequence[TopologicalState | None],
 ) -> Iterator[Attempts]:
     """A batch of branches, sorted by the state they began in and the action they were for."""
     rows: dict[tuple[TopologicalState, Action], list[int]] = {}
-    for row, (node, (action, _)) in enumerate(chosen):
-        rows.setdefault((node.state, action), []).append(row)
+    for row, branch in enumerate(chosen):
+        rows.setdefault((branch.node.state, branch.action), []).append(row)
     for (state, action), same in rows.items():
-        points = np.stack([chosen[row][0].points for row in same])
+        points = np.stack([chosen[row].node.points for row in same])
         outcome = tuple(ends[row] for row in same)
         yield Attempts(action, state, points, splines[same], rollouts[same], outcome)
 
@@ -242,12 +252,13 @@ def plan_knot(
     The same rng gives the same plan for the same batch size, unless `max_seconds` ends it.
 
     Args:
-        points: (V, 3) the rope at rest, metres; its state may be any of the goal's solution DAG.
+        points: (V, 3) the rope at rest, metres; its state may be any of the goal's solution DAG,
+            or any at all where the configuration allows undoing.
         goal: what to tie.
         sampler: proposes splines.
         simulator: executes them.
         rng: everything random comes from it.
-        config: bias, batch size and budgets.
+        config: rule, batch size and budgets.
         progress: called after every batch.
         observe: called with every batch's attempts, one action and start state at a time; their
             rollouts are all that the search simulates.

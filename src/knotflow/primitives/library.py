@@ -119,6 +119,16 @@ class PrimitiveLibrary:
         ropes = np.asarray(points)[None]
         return self.propose(ropes, [action], count, rng, onward=True, arranging=True)[0]
 
+    @property
+    def lacks(self) -> frozenset[str]:
+        """What this library cannot do, see `samplers.ability`: without critics it has no values."""
+        missing = set()
+        if any(primitive.critic is None for primitive in self.primitives.values()):
+            missing |= {"values", "sample_onward"}
+        if ARRANGE not in self.primitives:
+            missing |= {"arrange", "arranged_values"}
+        return frozenset(missing)
+
     @one_thread()
     def propose(
         self,

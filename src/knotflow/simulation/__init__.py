@@ -1,10 +1,8 @@
 """The rope in MuJoCo: its model, the 6-D spline, batched execution, and start shapes."""
 
 from knotflow.simulation.attempt import (
-    PULL,
     Attempts,
     Observer,
-    Pulls,
     attempt,
     end_states,
     state_or_none,
@@ -42,14 +40,12 @@ from knotflow.simulation.starts import (
 )
 
 __all__ = [
-    "PULL",
     "ROOTS",
     "SPLINE_HIGH",
     "SPLINE_LOW",
     "SPLINE_NAMES",
     "Attempts",
     "Observer",
-    "Pulls",
     "Rollouts",
     "RopeConfig",
     "RopeSimulator",

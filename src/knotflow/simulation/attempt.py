@@ -17,6 +17,7 @@ class Attempts:
     """A batch of attempts at one action from one topological state."""
 
     action: Action
+    """What they are for; an `Arrange` succeeds where the state is kept."""
     start: TopologicalState
     """The state of every rope before."""
     points: NDArray[np.float64]
@@ -50,40 +51,6 @@ class Attempts:
         """(B,) whether the rope at rest has exactly the state the action leads to."""
         goal = self.goal
         return np.array([end == goal for end in self.ends], dtype=bool)
-
-    def __len__(self) -> int:
-        return len(self.splines)
-
-
-PULL = "pull"
-"""Stands where a topological action's name stands; a pull is none."""
-
-
-@dataclass(frozen=True)
-class Pulls:
-    """Executed pulls at the head of a rope; to be recorded as `simulation.Attempts` are."""
-
-    start: TopologicalState
-    """The state before, which a pull shall keep."""
-    points: NDArray[np.float64]
-    """(B, V, 3) the rope before, metres."""
-    splines: NDArray[np.float64]
-    """(B, 6) splines."""
-    rollouts: Rollouts
-    """What the simulator made of them."""
-    ends: tuple[TopologicalState | None, ...]
-    """(B,) states at rest; None where the projection cannot be read or the simulation diverged."""
-    action: str = PULL
-
-    @property
-    def goal(self) -> TopologicalState:
-        """The state that a pull keeps."""
-        return self.start
-
-    @property
-    def success(self) -> NDArray[np.bool_]:
-        """(B,) whether the state was kept."""
-        return np.array([end == self.start for end in self.ends], dtype=bool)
 
     def __len__(self) -> int:
         return len(self.splines)

@@ -8,6 +8,7 @@ immutable and hashable; numpy comes in with rope shapes only, which are read by
 
 from knotflow.topology.action import Action, ForwardAction, IllegalActionError
 from knotflow.topology.actions import R1, R2, Cross
+from knotflow.topology.arrange import Arrange
 from knotflow.topology.curve import CurveCrossings, DegenerateCurveError, project, segment_intervals
 from knotflow.topology.graph import all_states, solution_graph, solution_paths
 from knotflow.topology.knots import KNOT_NAMES, knot
@@ -20,6 +21,7 @@ __all__ = [
     "R1",
     "R2",
     "Action",
+    "Arrange",
     "Cross",
     "CurveCrossings",
     "DegenerateCurveError",

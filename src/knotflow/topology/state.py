@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from knotflow.topology.action import Action, ForwardAction, IllegalActionError, NewPoint
 from knotflow.topology.actions import ACTION_KINDS
+from knotflow.topology.arrange import Arrange
 from knotflow.topology.faces import Crossing, PlanarMap, trace_faces
 from knotflow.topology.undo import Undo
 
@@ -130,6 +131,9 @@ class TopologicalState:
         Raises:
             IllegalActionError: the state does not allow the action; says which rule it breaks.
         """
+        if isinstance(action, Arrange):
+            self.apply(action.wanted)  # what is not legal cannot be wanted
+            return self
         if isinstance(action, Undo):
             return self.undo(action.action)
         assert isinstance(action, ForwardAction)

@@ -12,12 +12,14 @@ import pandas as pd
 from knotflow.planning.pull import HeadPuller, PullConfig, readiest
 from knotflow.recording import write_index
 from knotflow.samplers import SamplerConfig, build_sampler
-from knotflow.simulation import PULL, RopeSimulator, SimulationConfig
+from knotflow.simulation import RopeSimulator, SimulationConfig
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.plans import START_FILE
 from knotflow.workflow.stages.recorder import Recorder
 
+PULL = "pull"
+"""The source of splines that pull a head out."""
 FIRST_PULL = 1_000_000
 """Number of the first pull; branches of the searches that tie are numbered from 0 on."""
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from knotflow.recording import Outcome, RecordedRollout, write_recording
-from knotflow.simulation import Attempts, Pulls, RopeConfig, control_points
+from knotflow.simulation import Attempts, RopeConfig, control_points
 from knotflow.workflow.context import StageContext
 
 
 class Recorder:
-    """Collects attempts, or pulls (it is an `Observer`) until they are saved as one recording.
+    """Collects attempts (it is an `Observer`) until they are saved as one recording.
 
     Args:
         context: of the stage that simulates.
@@ -24,11 +24,11 @@ class Recorder:
     ) -> None:
         self._context, self._source, self._rope = context, source, rope
         self._number = first_number
-        self._batches: list[tuple[Attempts | Pulls, Mapping[str, str]]] = []
+        self._batches: list[tuple[Attempts, Mapping[str, str]]] = []
         self.extra: Mapping[str, str] = {}
         """Kept with each attempt that is seen from now on."""
 
-    def __call__(self, attempts: Attempts | Pulls) -> None:
+    def __call__(self, attempts: Attempts) -> None:
         """Take a batch."""
         self._batches.append((attempts, self.extra))
 
@@ -53,7 +53,7 @@ class Recorder:
 
 
 def recorded(
-    attempts: Attempts | Pulls,
+    attempts: Attempts,
     rope: RopeConfig,
     source: str,
     signature: str,

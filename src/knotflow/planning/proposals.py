@@ -1,0 +1,108 @@
+"""What a search asks of a sampler, and how it does without what the sampler cannot do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.planning.branches import ARRANGE, Branch, Node
+from knotflow.planning.config import PlannerConfig
+from knotflow.planning.goals import Goal
+from knotflow.samplers import Sampler, ability
+from knotflow.simulation import clip_splines
+from knotflow.topology import Action, segment_intervals
+
+FARTHEST = 0.12
+"""Of the small moves: from grasp to end, metres."""
+HIGHEST = 0.08
+"""Of the small moves: the middle control point, metres above the table."""
+
+
+class Proposals:
+    """Splines for branches, and values for nodes, from one sampler.
+
+    A sampler that cannot arrange gets `small_moves`; for one without a critic a shape is worth its
+    `room`, whatever the action.
+    """
+
+    def __init__(
+        self, sampler: Sampler, goal: Goal, config: PlannerConfig, rng: np.random.Generator
+    ) -> None:
+        self._sampler, self._goals, self._rng = sampler, goal.states, rng
+        self._onward = ability(sampler, "sample_onward") or sampler.sample
+        self._arrange = ability(sampler, "arrange")
+        # The paper's rule takes a critic into account only where its value bias is set.
+        paper = config.rule == "paper"
+        arranging = not paper and config.arranging > 0
+        blind = None if paper else _rooms
+        self._values = ability(sampler, "values") or blind
+        if paper and config.value_bias == 0:
+            self._values = None
+        self._arranged_values = ability(sampler, "arranged_values") if arranging else None
+
+    def splines(self, branches: Sequence[Branch]) -> NDArray[np.float64]:
+        """Splines (B, 6), asking once for all branches of one node, edge and kind."""
+        rows: dict[tuple[int, int, int], list[int]] = {}
+        for row, branch in enumerate(branches):
+            rows.setdefault((id(branch.node), branch.edge, branch.kind), []).append(row)
+        splines = np.empty((len(branches), 6))
+        for same in rows.values():
+            splines[same] = self._ask(branches[same[0]], len(same))
+        return splines
+
+    def _ask(self, branch: Branch, count: int) -> NDArray[np.float64]:
+        points, rng = branch.node.points, self._rng
+        if branch.kind == ARRANGE:
+            if self._arrange is None:
+                return small_moves(points, count, rng)
+            return self._arrange(points, branch.wanted, count, rng)
+        propose = self._sampler.sample if branch.goal in self._goals else self._onward
+        return propose(points, branch.wanted, count, rng)
+
+    def appraise(self, nodes: Sequence[Node]) -> None:
+        """Value the edges of new nodes, if values count."""
+        pairs = [(node, action) for node in nodes for action, _ in node.edges]
+        if self._values is None or not pairs:
+            return
+        points, actions = np.stack([node.points for node, _ in pairs]), [edge for _, edge in pairs]
+        values = np.asarray(self._values(points, actions, self._rng))
+        arranged = values
+        if self._arranged_values is not None:
+            arranged = np.asarray(self._arranged_values(points, actions, self._rng))
+        ends = np.cumsum([len(node.edges) for node in nodes])[:-1]
+        for node, own, after in zip(
+            nodes, np.split(values, ends), np.split(arranged, ends), strict=True
+        ):
+            node.values, node.arranged_values = own, after
+
+
+def room(points: NDArray) -> float:
+    """How long the two shortest segments of a rope (V, 3) are, as a share of an even division.
+
+    Between 0 and 1: ranking by it is arranging's critic where there is no other.
+    """
+    lengths = np.diff(segment_intervals(points), axis=1).ravel()
+    return float(np.sort(lengths)[:2].mean() * len(lengths))
+
+
+def _rooms(
+    points: NDArray, actions: Sequence[Action], rng: np.random.Generator
+) -> NDArray[np.float64]:
+    return np.array([room(rope) for rope in points])
+
+
+def small_moves(points: NDArray, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Splines (count, 6) that move a rope (V, 3) a little anywhere, low over the table.
+
+    Many keep the state, and some of these leave more room: arranging without knowledge.
+    """
+    grasp = rng.uniform(0.0, 1.0, count)
+    along = np.linspace(0.0, 1.0, len(points))
+    begin = np.stack([np.interp(grasp, along, points[:, axis]) for axis in (0, 1)], axis=1)
+    angle = rng.uniform(-np.pi, np.pi, count)
+    distance = rng.uniform(0.02, FARTHEST, count)[:, None]
+    end = begin + distance * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    height = rng.uniform(0.02, HIGHEST, count)
+    return clip_splines(np.column_stack([grasp, (begin + end) / 2, height, end]))
