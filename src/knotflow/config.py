@@ -50,6 +50,8 @@ class EvaluationBudget:
     """Starts of each action."""
     trials_per_start: int = 8
     """Splines sampled for each start: 400 rollouts a bar at budget=paper."""
+    arranging: int = 3
+    """Most arranging splines of a trial by the method that arranges."""
     starts_seed: int = 1_000_003
     """Of the evaluation starts."""
     seed: int = 3

@@ -41,6 +41,8 @@ ICP = Arm("icp", "ICP", "#e69f00")
 IMITATION = Arm("imitation", "imitation", "#56b4e9")
 REINFORCEMENT = Arm("reinforcement", "imitation + RL", "#0072b2")
 
+ARRANGED = Arm("reinforcement_arranged", "+ arranging", "#009e73")
+
 SINGLE_STAGE = (RANDOM, ICP, IMITATION, REINFORCEMENT)
 TREE_SIZE = (ICP, IMITATION, REINFORCEMENT)
 ABLATION = (

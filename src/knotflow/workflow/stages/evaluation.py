@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
-from knotflow.demonstrations import TASKS
+from knotflow.demonstrations import TASKS, Task
+from knotflow.planning import attempt_arranged
 from knotflow.recording import write_index
-from knotflow.samplers import SamplerConfig, build_sampler
-from knotflow.simulation import RopeSimulator, SimulationConfig, attempt
+from knotflow.samplers import Sampler, SamplerConfig, build_sampler
+from knotflow.simulation import Observer, RopeSimulator, SimulationConfig, attempt
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.recorder import Recorder
@@ -30,6 +32,8 @@ class EvaluationConfig:
     """The method; the stages it learns from are inputs of this one."""
     trials_per_start: int
     """Splines sampled for each start."""
+    arranging: int = 0
+    """Most splines of a trial that arrange the rope before the one that acts; 0 is the paper."""
     seed: int
     """Of the sampling."""
 
@@ -59,14 +63,35 @@ def _evaluate(
     task = TASKS[number]
     starts = load_starts(inputs["starts"], task)
     rng = np.random.default_rng([config.seed, number])
-    first = number * len(starts) * config.trials_per_start
+    each = config.trials_per_start * (1 + config.arranging)
+    first = number * len(starts) * each
     recorder = Recorder(context, config.sampler.name, config.simulation.rope, first)
     rows = []
     for start, points in enumerate(context.progress(starts, desc=f"evaluation of {task.action}")):
-        splines = sampler.sample(points, task.action, config.trials_per_start, rng)
         recorder.extra = {"start": str(start)}
-        tried = attempt(simulator, points, splines, task.action, task.start_state, recorder)
-        rows += [(str(task.action), start, int(hit)) for hit in tried.success]
+        success = _tried(points, task, config, sampler, simulator, rng, recorder)
+        rows += [(str(task.action), start, int(hit)) for hit in success]
     recorder.save(f"recordings/{name}.mcap")
     with context.atomic(f"outcomes/{name}.csv") as path:
         pd.DataFrame(rows, columns=["action", "start", "success"]).to_csv(path, index=False)
+
+
+def _tried(
+    points: NDArray,
+    task: Task,
+    config: EvaluationConfig,
+    sampler: Sampler,
+    simulator: RopeSimulator,
+    rng: np.random.Generator,
+    observe: Observer,
+) -> NDArray[np.bool_]:
+    """The outcomes (trials,) of one start."""
+    count, most = config.trials_per_start, config.arranging
+    if not most:
+        splines = sampler.sample(points, task.action, count, rng)
+        return attempt(simulator, points, splines, task.action, task.start_state, observe).success
+    ropes = np.repeat(points[None], count, axis=0)
+    state = task.start_state
+    return attempt_arranged(
+        ropes, task.action, state, sampler, simulator, rng, most, observe
+    ).success
