@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from knotflow.topology import Action, TopologicalState, Undo, parse_action
+from knotflow.topology import Action, ForwardAction, TopologicalState, Undo, parse_action
 
 Pair = tuple[TopologicalState, Action]
 """A state, and an action that it allows."""
@@ -29,7 +29,7 @@ def outcomes(state: TopologicalState, most_crossings: int) -> Mapping[Action, To
 
 def kind(action: Action) -> str:
     """R1, R2 or C, or undo: what a draw is even over."""
-    return "undo" if isinstance(action, Undo) else action.symbol
+    return action.symbol if isinstance(action, ForwardAction) else "undo"
 
 
 @dataclass

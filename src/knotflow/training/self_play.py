@@ -245,7 +245,9 @@ class SelfPlay(Resumable):
         rope, rng = self.simulator.config.rope, self._rng
         trivial = TopologicalState.trivial()
         known = [trivial, *(state for state in self._shapes if state != trivial)]
-        points, states, actions = [], [], []
+        points: list[NDArray[np.float64]] = []
+        states: list[TopologicalState] = []
+        actions: list[Action] = []
         while len(points) < count:
             state, action = self._curriculum.draw(known, rng)
             if state == trivial and (state not in self._shapes or rng.random() < 0.5):
@@ -458,7 +460,7 @@ class SelfPlay(Resumable):
         numbers = np.array([rope.primitive for rope in ropes])
         for number in sorted(set(numbers.tolist())):
             rows = np.flatnonzero(numbers == number)
-            encoded = encode_canonical([ropes[row] for row in rows])
+            encoded = encode_canonical([ropes[row] for row in rows.tolist()])
             values[rows] = self._value(number, encoded.states).numpy()
         return values
 
