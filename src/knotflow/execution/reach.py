@@ -32,9 +32,10 @@ CLEARANCE = 1e-3
 # Metres per radian: what these weigh against a missed point.
 _TILT_COST, _TURN_COST = 0.01, 0.02
 _HOME_COST = 2e-4  # from home; settles what the tip leaves free
+_HOMING = 0.03  # share of the way home an iteration; a faster one would keep the arm moving
 _LONGEST_STEP = 0.15  # rad (m) an iteration; near a stretched arm longer ones leap about
 _LARGEST_MOVE = 0.2  # rad (m) a waypoint; more would take the tip off its path in between
-_CLOSE_ENOUGH = 1e-4
+_CLOSE_ENOUGH, _SETTLED = 1e-4, 2e-3  # metres, radians an iteration
 _ITERATIONS = 25
 _TRIES = 12
 
@@ -131,7 +132,7 @@ class _Solver:
         # The first joint turns the arm to its work: there is no best angle for it.
         cost = np.full(self.model.nv, _HOME_COST)
         cost[self.model.jnt_dofadr[self.model.joint(names[0]).id]] = 0.0
-        self.posture = mink.PostureTask(self.model, cost)
+        self.posture = mink.PostureTask(self.model, cost, gain=_HOMING)
         self.posture.set_target(self.rest)
         self.ranges = mink.ConfigurationLimit(self.model)
         self.low, self.high = self.ranges.lower.copy(), self.ranges.upper.copy()
@@ -217,6 +218,7 @@ class _Solver:
         import mink
 
         self.tip.set_target(mink.SE3.from_rotation_and_translation(_down(yaw), position))
+        tilt, turn = self._off(yaw)
         for _ in range(iterations):
             try:
                 step = mink.solve_ik(
@@ -230,10 +232,10 @@ class _Solver:
             except mink.NoSolutionFound:
                 break
             self.configuration.integrate_inplace(step, 1.0)
-            error = np.linalg.norm(self._position() - position)
-            if error < _CLOSE_ENOUGH and np.abs(step).max() < 1e-3:
+            before, (tilt, turn) = tilt + turn, self._off(yaw)
+            missed = np.linalg.norm(self._position() - position)
+            if missed < _CLOSE_ENOUGH and abs(tilt + turn - before) < _SETTLED:
                 break
-        tilt, turn = self._off(yaw)
         missed = np.linalg.norm(self._position() - position)
         return bool(missed <= TOLERANCE and tilt <= MAX_TILT and turn <= MAX_TURN)
 

@@ -12,6 +12,7 @@ from .library import (
     LibraryError,
     PrimitiveLibrary,
     PrimitivesConfig,
+    UnlikeRopeWarning,
 )
 from .networks import Actor, Critic
 from .primitive import Primitive
@@ -32,6 +33,7 @@ __all__ = [
     "PrimitiveConfig",
     "PrimitiveLibrary",
     "PrimitivesConfig",
+    "UnlikeRopeWarning",
     "canonicalise",
     "cross_entropy",
     "encode",
