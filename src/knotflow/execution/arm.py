@@ -193,8 +193,8 @@ def _joints_to(model: mujoco.MjModel, body: int) -> list[int]:
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         found = [*range(first, first + count), *found]
         body = int(model.body_parentid[body])
-    moving = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-    return [joint for joint in found if model.jnt_type[joint] in moving]
+    moving = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    return [joint for joint in found if int(model.jnt_type[joint]) in moving]
 
 
 def _middle(model: mujoco.MjModel) -> NDArray[np.float64]:

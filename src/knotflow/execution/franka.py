@@ -41,6 +41,7 @@ _MAX_ACCELERATION = (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0)
 _HOMES = (
     (0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, np.pi / 4),  # Franka's ready pose
     (0.0, -1.5, 0.0, -1.0, 0.0, np.pi - 0.5, np.pi / 4),  # hanging: the elbow back and up
+    (0.0, -0.3, 0.0, -1.9, 0.0, np.pi / 2 + 1.6, np.pi / 4),  # from a wall: the forearm down
 )
 
 FINGER_END = 0.1114
@@ -71,7 +72,11 @@ _CAPSULES = (
 
 
 def panda() -> Arm:
-    """The Panda at the place from which it reaches most of the ropes that knotflow plans for."""
+    """The Panda on a wall, 0.6 m above the table and 0.55 m from the middle of the rope.
+
+    Upright on the table it cannot fold enough to reach the near end of a rope 1 m long and stretch
+    enough to reach the far end; hanging over the rope it cannot pass below its own base.
+    """
     return Arm(
         name="panda",
         spec=_spec,
@@ -80,7 +85,7 @@ def panda() -> Arm:
         homes=np.array(_HOMES),
         max_speed=np.array(_MAX_SPEED),
         max_acceleration=np.array(_MAX_ACCELERATION),
-        base=Base([0.0, 0.0, 1.1], [180.0, 0.0, 0.0]),
+        base=Base([-0.55, 0.0, 0.6], [0.0, 90.0, 0.0]),
         gripper="panda_finger_joint1",
         opening=(0.012, 0.008),
     )

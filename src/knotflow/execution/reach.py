@@ -29,10 +29,10 @@ MAX_TURN = np.deg2rad(15.0)
 CLEARANCE = 1e-3
 """Least distance between arm and table, and between links that are not neighbours, metres."""
 
-# Metres per radian: what these weigh against a missed point.
-_TILT_COST, _TURN_COST = 0.01, 0.02
-_HOME_COST = 2e-4  # from home; settles what the tip leaves free
-_HOMING = 0.03  # share of the way home an iteration; a faster one would keep the arm moving
+# Weights of a metre missed and of a radian tilted, turned or away from home. The last settles what
+# the tip leaves free; much smaller ones get lost in the solver's tolerance.
+_MISS_COST, _TILT_COST, _TURN_COST, _HOME_COST = 200.0, 2.0, 4.0, 0.05
+_HOMING = 0.1  # share of the way home an iteration; a faster one would keep the arm moving
 _LONGEST_STEP = 0.15  # rad (m) an iteration; near a stretched arm longer ones leap about
 _LARGEST_MOVE = 0.2  # rad (m) a waypoint; more would take the tip off its path in between
 _CLOSE_ENOUGH, _SETTLED = 1e-4, 2e-3  # metres, radians an iteration
@@ -127,13 +127,9 @@ class _Solver:
         self.columns = np.array([self.model.jnt_qposadr[self.model.joint(n).id] for n in names])
         self.site = self.model.site(PREFIX + arm.tip).id
         turning = [_TILT_COST, _TILT_COST, _TURN_COST]
-        self.tip = mink.FrameTask(PREFIX + arm.tip, "site", 1.0, turning)
+        self.tip = mink.FrameTask(PREFIX + arm.tip, "site", _MISS_COST, turning)
         self.rest = self._home()
-        # The first joint turns the arm to its work: there is no best angle for it.
-        cost = np.full(self.model.nv, _HOME_COST)
-        cost[self.model.jnt_dofadr[self.model.joint(names[0]).id]] = 0.0
-        self.posture = mink.PostureTask(self.model, cost, gain=_HOMING)
-        self.posture.set_target(self.rest)
+        self.posture = mink.PostureTask(self.model, _HOME_COST, gain=_HOMING)
         self.ranges = mink.ConfigurationLimit(self.model)
         self.low, self.high = self.ranges.lower.copy(), self.ranges.upper.copy()
         self.limits = [
@@ -143,7 +139,10 @@ class _Solver:
         ]
         self.configuration.update(self.rest)
         x, y, _ = self._rotation()[:, 0]
-        self.home_yaw = float(np.arctan2(y, x)) - self._azimuth(self._position())
+        self.home_azimuth = self._azimuth(self._position())
+        self.home_yaw = float(np.arctan2(y, x)) - self.home_azimuth
+        # About the vertical, upward (+1) or downward (-1)? Then the first joint faces the work.
+        self.swing = float(np.round(self.configuration.data.xaxis[self._first_joint()][2]))
 
     def nearest_yaw(self, strand: float, place: NDArray) -> float:
         """The direction along a strand, of two, that lies nearer to the gripper's at home."""
@@ -208,7 +207,7 @@ class _Solver:
     def _starts(
         self, position: NDArray, rng: np.random.Generator, low: NDArray, high: NDArray
     ) -> Iterator[NDArray[np.float64]]:
-        home = self.rest[self.columns]
+        home = self._rest_towards(position)[self.columns]
         yield home
         for _ in range(_TRIES):
             yield home + 0.3 * (rng.uniform(low, high) - home)
@@ -218,7 +217,8 @@ class _Solver:
         import mink
 
         self.tip.set_target(mink.SE3.from_rotation_and_translation(_down(yaw), position))
-        tilt, turn = self._off(yaw)
+        self.posture.set_target(self._rest_towards(position))
+        tilt, turn, missed = *self._off(yaw), np.inf
         for _ in range(iterations):
             try:
                 step = mink.solve_ik(
@@ -226,17 +226,17 @@ class _Solver:
                     [self.tip, self.posture],
                     1.0,
                     "daqp",
-                    damping=1e-8,
+                    damping=1e-5,
                     limits=self.limits,
                 )
             except mink.NoSolutionFound:
                 break
             self.configuration.integrate_inplace(step, 1.0)
             before, (tilt, turn) = tilt + turn, self._off(yaw)
-            missed = np.linalg.norm(self._position() - position)
-            if missed < _CLOSE_ENOUGH and abs(tilt + turn - before) < _SETTLED:
+            nearer, missed = missed, float(np.linalg.norm(self._position() - position))
+            there = missed < _CLOSE_ENOUGH or abs(missed - nearer) < 0.1 * _CLOSE_ENOUGH
+            if there and abs(tilt + turn - before) < _SETTLED:
                 break
-        missed = np.linalg.norm(self._position() - position)
         return bool(missed <= TOLERANCE and tilt <= MAX_TILT and turn <= MAX_TURN)
 
     def _off(self, yaw: float) -> tuple[float, float]:
@@ -286,6 +286,16 @@ class _Solver:
             if self._rotation()[2, 2] < lowest:
                 best, lowest = q, self._rotation()[2, 2]
         return best
+
+    def _rest_towards(self, place: NDArray) -> NDArray[np.float64]:
+        """Home, turned by the first joint to face a place."""
+        turn = self._azimuth(place) - self.home_azimuth
+        rest = self.rest.copy()
+        rest[self.columns[0]] += self.swing * ((turn + np.pi) % (2 * np.pi) - np.pi)
+        return np.clip(rest, self.low, self.high)
+
+    def _first_joint(self) -> int:
+        return int(self.model.joint(PREFIX + self.arm.joints[0]).id)
 
     def _azimuth(self, place: NDArray) -> float:
         x, y = np.asarray(place)[:2] - np.asarray(self.base.position)[:2]
