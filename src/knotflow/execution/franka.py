@@ -72,10 +72,11 @@ _CAPSULES = (
 
 
 def panda() -> Arm:
-    """The Panda on a wall, 0.7 m above the table and 0.55 m from the middle of the rope.
+    """The Panda hanging 1 m above the table, its base 0.2 m beside the middle of the rope.
 
-    Upright on the table it cannot fold enough to reach the near end of a rope 1 m long and stretch
-    enough to reach the far end; hanging over the rope it cannot pass below its own base.
+    Of the places tried (upright beside the rope, on a wall, hanging) it misses fewest waypoints
+    from there. Upright it cannot fold to the near end of a rope 1 m long and stretch to the far
+    end too.
     """
     return Arm(
         name="panda",
@@ -85,7 +86,7 @@ def panda() -> Arm:
         homes=np.array(_HOMES),
         max_speed=np.array(_MAX_SPEED),
         max_acceleration=np.array(_MAX_ACCELERATION),
-        base=Base([-0.55, 0.0, 0.7], [0.0, 90.0, 0.0]),
+        base=Base([-0.2, 0.0, 1.0], [180.0, 0.0, 0.0]),
         gripper="panda_finger_joint1",
         opening=(0.012, 0.008),
     )

@@ -50,7 +50,8 @@ class Reached:
         quaternions: (N, 4) of the tip, w x y z.
         error: (N,) distance from the waypoints, metres.
         tilt: (N,) of the gripper from pointing down, radians.
-        turn: (N,) of the fingers from the direction in which they should close, radians.
+        turn: (N,) of the fingers from the direction in which they should close, radians; 0 where
+            they do not come down on a strand or close on it.
     """
 
     joints: NDArray[np.float64]
@@ -183,6 +184,7 @@ class _Solver:
             quaternions.append(quaternion)
             off.append(self._off(yaw))
         tilt, turn = np.array(off).T
+        turn[~np.isin(waypoints.phases, ("descend", "close"))] = 0.0
         error = np.linalg.norm(np.array(positions) - waypoints.positions, axis=1)
         return Reached(joints, np.array(positions), np.array(quaternions), error, tilt, turn)
 
