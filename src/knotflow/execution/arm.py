@@ -162,7 +162,7 @@ def load_arm(
     sites = [model.site(i).name for i in range(model.nsite)]
     if tip is None and len(sites) == 1:
         tip = sites[0]
-    if tip not in sites:
+    if tip is None or tip not in sites:
         raise ArmError(
             f"{path}: which site is between the fingers? {tip!r} is none of "
             f"{', '.join(sites) or 'the model, which has no sites'}"

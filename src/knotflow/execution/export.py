@@ -175,8 +175,8 @@ def _csv(trajectory: JointTrajectory, space: str) -> str:
     for i, time in enumerate(trajectory.times):
         numbers = (f"{number:.6f}" for number in (time, *values[i], opening[i]))
         flags = int(waypoints.closed[i]), int(reached.ok[i])
-        ending = (waypoints.step[i], waypoints.actions[i], waypoints.phases[i])
-        writer.writerow((*numbers, *flags, *ending))
+        where = (waypoints.step[i], waypoints.actions[i], waypoints.phases[i])
+        writer.writerow((*numbers, *flags, *where))
     return file.getvalue()
 
 
