@@ -25,6 +25,7 @@ KNOWS = {
     "primitives": {"samplers", "threads"},
     "training": {"primitives"},
     "planning": {"samplers", "drawing"},
+    "execution": {"planning"},
     "recording": {"simulation"},
     "workflow": {"versions", "baselines", "training", "planning", "recording"},
     "report": {"drawing"},

@@ -1,0 +1,9 @@
+"""Execution: from a plan to a robot's hands (Sec. VI, VII-D).
+
+A name is loaded when it is used, from the file that `__init__.pyi` gives: MuJoCo and mink take
+seconds.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
