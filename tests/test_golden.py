@@ -226,9 +226,7 @@ def perception() -> dict[str, Any]:
         "depth": view.image.depth[::30, ::40],
         "noise": [np.isnan(image.depth).mean(), np.nanstd(image.depth - view.image.depth)],
         "colour": image.rgb.reshape(-1, 3).mean(0) / 255,
-        "shares": [
-            np.bincount(one.ravel(), minlength=4) / one.size for one in (view.labels, labels)
-        ],
+        "shares": [np.bincount(one.ravel(), minlength=4) / one.size for one in labels],
     }
 
 
