@@ -27,6 +27,7 @@ KNOWS = {
     "planning": {"samplers", "drawing"},
     "execution": {"planning"},
     "recording": {"simulation"},
+    "perception": {"simulation"},
     "workflow": {"versions", "baselines", "training", "planning", "recording"},
     "report": {"drawing"},
     "config": {"workflow"},
