@@ -208,7 +208,7 @@ def planning() -> dict[str, Any]:
         steps.append([str(state), dag.distance(state), len(edges)])
         nodes.append(Node(loop(), state, dag.distance(state), edges, failures=len(nodes)))
         state = state.apply(parse_action(text))
-    config = PlannerConfig(bias=10.0, failure_discount=0.5)
+    config = PlannerConfig(rule="paper", bias=10.0, failure_discount=0.5)
     return {"dag": steps, "probabilities": node_probabilities(nodes, config)}
 
 
