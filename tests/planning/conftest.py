@@ -20,7 +20,7 @@ from knotflow.simulation import (
     spline_path,
     straight,
 )
-from knotflow.topology import TopologicalState
+from knotflow.topology import Arrange, TopologicalState
 from knotflow.topology.draw import draw
 
 # Fine links, so that every drawing of a state reads back as it.
@@ -51,6 +51,12 @@ class World:
         self.requests: list[tuple[str, str, int]] = []
 
     def sample(self, points, action, count, rng):
+        return self._splines(points, action, count, rng)
+
+    def arrange(self, points, action, count, rng):
+        return self._splines(points, Arrange(action), count, rng)
+
+    def _splines(self, points, action, count, rng):
         state = TopologicalState.from_curve(points)
         self.requests.append((str(state), str(action), count))
         splines = rng.uniform(SPLINE_LOW, SPLINE_HIGH, (count, 6))

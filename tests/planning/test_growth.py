@@ -1,15 +1,16 @@
-"""Where a tree grows next: nearer nodes, edges with promise, and the paper's rule without."""
+"""The paper's rule, what values nodes, and what is asked of a sampler."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from knotflow.planning import Goal, PlannerConfig
+from knotflow.planning import Goal, PlannerConfig, plan_knot
 from knotflow.planning.branches import Node
-from knotflow.planning.growth import appraise, edge_probabilities, node_probabilities
-from knotflow.simulation import straight
-from knotflow.topology import TopologicalState
+from knotflow.planning.growth import edge_probabilities, node_probabilities
+from knotflow.planning.proposals import FARTHEST, HIGHEST, Proposals, room, small_moves
+from knotflow.simulation import check_splines, control_points, straight
+from knotflow.topology import TopologicalState, segment_intervals
 
 TRIVIAL = TopologicalState.trivial()
 
@@ -55,7 +56,16 @@ def test_many_failures_do_not_underflow(world, path_goal):
     assert chances.sum() == pytest.approx(1.0)
 
 
-class Critic:
+class Blind:
+    def sample(self, points, action, count, rng):
+        raise AssertionError("nobody asked for splines")
+
+
+def appraise(nodes, goal, sampler, config):
+    Proposals(sampler, goal, config, np.random.default_rng(0)).appraise(nodes)
+
+
+class Critic(Blind):
     """Values the first edge it is asked for highest."""
 
     def __init__(self):
@@ -69,8 +79,8 @@ class Critic:
 def test_edges_and_nodes_with_more_promise_are_likelier(world):
     goal = Goal.named("overhand")
     nodes = tree(goal, world(), [(TRIVIAL, 0)])
-    config, critic = PlannerConfig(value_bias=2.0), Critic()
-    appraise(nodes, critic, config, np.random.default_rng(0))
+    config, critic = PlannerConfig(rule="paper", value_bias=2.0), Critic()
+    appraise(nodes, goal, critic, config)
     (asked,) = critic.asked
     assert asked == [str(action) for node in nodes for action, _ in node.edges]
     chances = edge_probabilities(nodes[0], config)
@@ -82,15 +92,57 @@ def test_edges_and_nodes_with_more_promise_are_likelier(world):
 def test_the_papers_rule_asks_no_critic_and_chooses_evenly(world):
     goal, critic = Goal.named("overhand"), Critic()
     nodes = tree(goal, world(), [])
-    appraise(nodes, critic, PlannerConfig(), np.random.default_rng(0))
+    appraise(nodes, goal, critic, PlannerConfig(rule="paper"))
     assert not critic.asked
     chances = edge_probabilities(nodes[0], PlannerConfig())
     np.testing.assert_allclose(chances, 1 / len(chances))
 
 
 def test_without_a_critic_every_edge_is_as_good_as_any(world):
-    goal, config = Goal.named("overhand"), PlannerConfig(value_bias=2.0)
+    goal, config = Goal.named("overhand"), PlannerConfig(rule="paper", value_bias=2.0)
     nodes = tree(goal, world(), [])
-    appraise(nodes, object(), config, np.random.default_rng(0))
+    appraise(nodes, goal, Blind(), config)
     chances = edge_probabilities(nodes[0], config)
     np.testing.assert_allclose(chances, 1 / len(chances))
+
+
+def test_what_a_sampler_lacks_is_not_asked_of_it(world):
+    goal, critic = Goal.named("overhand"), Critic()
+    critic.lacks = {"values"}
+    nodes = tree(goal, world(), [])
+    appraise(nodes, goal, critic, PlannerConfig())
+    assert not critic.asked
+    np.testing.assert_allclose(nodes[0].values, 1.0)  # one segment has all the room there is
+
+
+def test_room_is_the_share_of_the_two_shortest_segments(world, shape_of):
+    assert room(straight(world.config.rope)) == pytest.approx(1.0)
+    rope = shape_of(TopologicalState.parse("1o3+4o2+"))
+    lengths = np.sort(np.diff(segment_intervals(rope), axis=1).ravel())
+    assert 0.0 < room(rope) == pytest.approx((lengths[0] + lengths[1]) / 2 * 5) < 1.0
+
+
+def test_small_moves_are_short_and_low(world):
+    rope = straight(world.config.rope)
+    splines = small_moves(rope, 200, np.random.default_rng(0))
+    controls = control_points(rope, check_splines(splines), world.config.rope.radius)
+    moved = np.linalg.norm(controls[:, 2, :2] - controls[:, 0, :2], axis=1)
+    assert moved.max() < FARTHEST + world.config.rope.link_length
+    assert splines[:, 3].max() <= HIGHEST
+
+
+def test_ends_that_are_gone_on_from_are_asked_for_with_foresight(world, path_goal):
+    class Foreseeing(world):
+        def __init__(self):
+            super().__init__()
+            self.foreseen = []
+
+        def sample_onward(self, points, action, count, rng):
+            self.foreseen.append(str(action))
+            return self.sample(points, action, count, rng)
+
+    sampler = Foreseeing()
+    rng = np.random.default_rng(0)
+    plan_knot(straight(world.config.rope), path_goal, sampler, sampler, rng)
+    assert sampler.foreseen == ["R1(0,1,1)", "C(0,1,1)"]
+    assert [action for _, action, _ in sampler.requests] == [*sampler.foreseen, "C(2,0,1)"]

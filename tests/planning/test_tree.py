@@ -5,13 +5,15 @@ from knotflow.demonstrations.aim import aim
 from knotflow.planning import (
     Goal,
     PlannerConfig,
+    TreeSearch,
     UnreachableGoalError,
     parse_goal,
     plan_knot,
 )
 from knotflow.planning.branches import DIVERGED
+from knotflow.planning.config import RULES
 from knotflow.simulation import RopeSimulator, SimulationConfig, spline_path, straight
-from knotflow.topology import TopologicalState, parse_action
+from knotflow.topology import Arrange, TopologicalState, Undo, parse_action
 
 TRIVIAL = TopologicalState.trivial()
 OVERHAND = TopologicalState.parse("4o1+2o5+6o3+")
@@ -29,15 +31,19 @@ def assert_valid(plan, goal):
     for step in plan.steps:
         np.testing.assert_array_equal(step.start, shape)
         assert step.start_state == state
-        assert (step.action, step.end_state) in goal.dag.edges_from(state)
+        if isinstance(step.action, Arrange):
+            assert step.end_state == state
+        else:
+            assert (step.action, step.end_state) in goal.dag.edges_from(state)
         assert TopologicalState.from_curve(step.end) == step.end_state
         shape, state = step.end, step.end_state
     assert plan.solved
     assert state in goal.states
 
 
-def test_a_perfect_sampler_and_a_strong_bias_need_as_many_branches_as_actions(world, path_goal):
-    plan = search(path_goal, world(), bias=1e6)
+@pytest.mark.parametrize("rule", RULES)
+def test_a_perfect_sampler_needs_as_many_branches_as_actions(world, path_goal, rule):
+    plan = search(path_goal, world(), rule=rule, bias=1e6)
     assert_valid(plan, path_goal)
     assert plan.branches == 3
     assert plan.nodes == 4
@@ -47,7 +53,7 @@ def test_a_perfect_sampler_and_a_strong_bias_need_as_many_branches_as_actions(wo
 def test_outgoing_edges_are_chosen_evenly(world):
     goal = Goal.named("overhand")
     sampler = world(chance=0.0)
-    search(goal, sampler, batch=50, max_branches=2000)
+    search(goal, sampler, rule="paper", batch=50, max_branches=2000)
     counts: dict[str, int] = {}
     for _, action, count in sampler.requests:
         counts[action] = counts.get(action, 0) + count
@@ -65,11 +71,13 @@ def test_every_simulated_spline_is_a_branch(world, path_goal, batch):
     assert updates[-1].distance == 0
 
 
-def test_an_observer_sees_every_branch_once(world):
+@pytest.mark.parametrize("rule", RULES)
+def test_an_observer_sees_every_branch_once(world, rule):
     seen = []
-    plan = search(Goal.named("overhand"), world(chance=0.3), batch=16, observe=seen.append)
+    goal = Goal.named("overhand")
+    plan = search(goal, world(chance=0.3), batch=16, observe=seen.append, rule=rule, arranging=0)
     assert sum(len(attempts) for attempts in seen) == plan.branches
-    # Success as the simulation room judges it is what makes a node.
+    # Success as the simulation package judges it is what makes a node.
     assert sum(attempts.success.sum() for attempts in seen) == plan.nodes - 1
     for attempts in seen:
         assert len(attempts.points) == len(attempts.rollouts) == len(attempts.ends)
@@ -86,11 +94,12 @@ def test_a_batch_asks_the_sampler_once_for_each_node_and_action(world, path_goal
     assert sampler.requests[0] == ("trivial", "R1(0,1,1)", 16)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("batch", [1, 16])
-def test_plans_are_valid_whatever_the_batch(world, batch, seed):
+@pytest.mark.parametrize("rule", RULES)
+def test_plans_are_valid_whatever_the_batch(world, rule, batch, seed):
     goal = Goal.named("overhand")
-    assert_valid(search(goal, world(chance=0.3), seed, batch=batch), goal)
+    assert_valid(search(goal, world(chance=0.3), seed, batch=batch, rule=rule), goal)
 
 
 @pytest.mark.parametrize("batch", [1, 8])
@@ -110,7 +119,7 @@ def test_only_the_given_path_is_followed(world, path_goal):
 
 
 def test_a_failed_search_tells_what_it_tried_and_why_it_stopped(world, path_goal):
-    plan = search(path_goal, world(chance=0.0), batch=8, max_branches=30)
+    plan = search(path_goal, world(chance=0.0), batch=8, max_branches=30, arranging=0)
     assert not plan.solved
     assert plan.branches == 30  # the last batch is cut short
     assert "30 branches" in plan.reason
@@ -131,6 +140,55 @@ def test_a_failed_search_returns_how_far_it_came(world):
     plan = search(goal, Half(), max_branches=20)
     assert not plan.solved
     assert [str(action) for action in plan.actions] == ["R1(0,1,1)"]
+
+
+def test_arranging_steps_are_branches_and_few_in_a_row(world, path_goal):
+    class Slipping(world):
+        def sample(self, points, action, count, rng):
+            return self._splines(points, Arrange(action), count, rng)  # nothing is ever reached
+
+    plan = search(path_goal, Slipping(), max_branches=60, arranging=2)
+    assert {str(tried.outcome) for tried in plan.tried} == {"trivial"}
+    assert sum(tried.branches for tried in plan.tried) == plan.branches == 60
+    tree = TreeSearch(
+        straight(world.config.rope),
+        path_goal,
+        sampler := Slipping(),
+        sampler,
+        np.random.default_rng(0),
+        PlannerConfig(arranging=2, max_branches=60),
+    )
+    tree.run()
+    assert {node.arranged for node in tree.nodes} == {0, 1, 2}
+    assert all(len(node.steps()) == node.arranged for node in tree.nodes)
+
+
+def test_an_end_in_the_state_of_another_edge_is_kept_as_that(world, shape_of):
+    goal = Goal.named("overhand")
+    meant, done = (parse_action(text) for text in ("C(2,0,1)", "C(2,4,1)"))
+    start = TopologicalState.parse("1o3+4o2+")
+    edges = dict(goal.dag.edges_from(start))
+    assert meant in edges and done in edges
+
+    class Mistaken(world):
+        def sample(self, points, action, count, rng):
+            return super().sample(points, done, count, rng)
+
+    plan = search(goal, Mistaken(), start=shape_of(start), max_branches=1)
+    assert plan.solved and plan.actions == (done,)
+    (tried,) = plan.tried
+    assert not tried.success or tried.action == done
+
+
+def test_with_undoing_a_rope_in_any_state_has_a_plan(world, shape_of):
+    goal = Goal.named("overhand")
+    start = TopologicalState.trivial().apply(parse_action("R2(0,0,1,1)"))
+    points = shape_of(start)
+    with pytest.raises(UnreachableGoalError):
+        search(goal, world(), start=points)
+    plan = search(goal, world(), start=points, undoing=True, batch=4)
+    assert plan.solved and plan.states[-1] in goal.states
+    assert isinstance(plan.actions[0], Undo)
 
 
 def test_seconds_end_a_search(world, path_goal):
@@ -166,7 +224,15 @@ def test_a_rope_tangled_otherwise_is_refused(world, shape_of):
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("bias", 0.5), ("batch", 0), ("max_branches", 0), ("max_seconds", 0), ("failure_discount", 0)],
+    [
+        ("rule", "mine"),
+        ("arranging", -1),
+        ("bias", 0.5),
+        ("batch", 0),
+        ("max_branches", 0),
+        ("max_seconds", 0),
+        ("failure_discount", 0),
+    ],
 )
 def test_senseless_settings_are_refused(field, value):
     with pytest.raises(ValueError, match=f"planner.{field}"):

@@ -10,8 +10,8 @@ from knotflow.primitives.encoding import (
     PLANE_SCALE,
     STREAM_POINTS,
     control_features,
-    streams_of,
 )
+from knotflow.primitives.places import streams_of
 from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW, control_points
 from knotflow.topology import parse_action, segment_intervals
 

@@ -6,6 +6,7 @@ from .goals import Goal, NoRoomError, most_crossings, parse_goal
 from .plan import KnotPlan, PlanStep, Tried
 from .plan_file import PlanFormatError
 from .ropes import ROPE_NAMES, RopeInputError, lay_down, parse_rope, read_rope
+from .search_graph import SearchGraph
 from .tree import TreeSearch, plan_knot
 from .waypoints import GripperConfig, Waypoints
 
@@ -20,6 +21,7 @@ __all__ = [
     "PlanStep",
     "PlannerConfig",
     "RopeInputError",
+    "SearchGraph",
     "SearchUpdate",
     "SolutionDag",
     "TreeSearch",

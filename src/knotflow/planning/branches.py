@@ -124,12 +124,12 @@ class Rule(Protocol):
         """The next branches, from the nodes added so far."""
         ...
 
-    def add(self, node: Node) -> None:
-        """Take a new node, valued, into account."""
-        ...
-
     def learn(self, branch: Branch, child: Node | None) -> None:
         """Take the outcome of a branch into account; `child` is None where nothing was kept."""
+        ...
+
+    def add(self, node: Node) -> None:
+        """Take a new node, valued, into account; after the branches of its batch were learnt."""
         ...
 
 

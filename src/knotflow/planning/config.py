@@ -17,6 +17,9 @@ class PlannerConfig:
     arranging: int = 3
     """At most so many splines in a row that keep the state and make room, before one that acts; 0
     is the paper. The paper's rule has none."""
+    undoing: bool = False
+    """Whether crossings may be taken back (`planning.search_graph`): from every rope then leads a
+    way to every goal. The sampler has to know `Undo`."""
     bias: float = 10.0
     """The paper's rule: how many times likelier a node is chosen than one that is one edge farther
     from the goal; 1 is no bias."""

@@ -74,6 +74,10 @@ class SolutionDag:
             state = onward
         return cls(graph, [state])
 
+    @property
+    def _goal_names(self) -> str:
+        return ", ".join(sorted(map(str, self.goals)))
+
     def __contains__(self, state: TopologicalState) -> bool:
         return state in self._distance
 
@@ -110,11 +114,10 @@ class SolutionDag:
             )
         else:
             why = f"{rule}, and no sequence of them completes these crossings to the goal"
-        goals = ", ".join(sorted(map(str, self.goals)))
         raise UnreachableGoalError(
             f"the rope lies in the state {state}, which is none of the {len(self)} states of the "
-            f"solution DAG of {goals}: {why}. Lay the rope without these crossings, or choose a "
-            "goal that contains them"
+            f"solution DAG of {self._goal_names}: {why}. Lay the rope without these crossings, or "
+            "choose a goal that contains them"
         )
 
     def after(self, start: TopologicalState) -> SolutionDag:

@@ -21,7 +21,7 @@ from knotflow.topology import (
 SEGMENT_RADII = 4.0
 """Least length of a segment in rope radii: see `most_crossings`."""
 
-_ACTION = re.compile(r"[A-Z]\w*\s*\([^()]*\)")
+_ACTION = re.compile(r"(?:undo\s+)?[A-Z]\w*\s*\([^()]*\)")
 _SEPARATORS = re.compile(r"[\s,;]*")
 
 
@@ -80,7 +80,8 @@ def parse_goal(text: str, rope: RopeConfig | None = None) -> Goal:
             a knot's name: "overhand", "figure_eight", "pentagram", ...;
             crossings, as a state's `str` "4o1+2o5+6o3+" or as (over, under, sign) triples
             "[(4,1,1),(2,5,1),(6,3,1)]", positions counted from head to tail;
-            one topological path from the untangled rope: "R1(0,1,1) C(0,1,1) C(2,0,1)".
+            one topological path from the untangled rope: "R1(0,1,1) C(0,1,1) C(2,0,1)"; it may
+            undo: "undo C(2,0,1)".
         rope: refuse a goal that this rope has no room for; not checked if None.
 
     Raises:

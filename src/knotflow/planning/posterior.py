@@ -34,8 +34,6 @@ LEAST_VALUE, MOST_VALUE = 0.01, 0.98
 """No prior is surer than this: critics err, and a branch must not be given up for good."""
 UNKNOWN = 0.5
 """Prior mean of acting along an edge from a state that was not met yet, and of keeping a state."""
-INHERITED = 0.5
-"""Share of its parent's tries that speak for an arranged shape: it is much alike."""
 GAINS = (0.5, 1.0, 2.0)
 """Values after arranging, relative to what was promised, until it was seen."""
 REMEMBERED = 24
@@ -112,10 +110,9 @@ class Pool:
         kept /= self.tries[ARRANGE].sum() + TRUST
         keeps = _posterior(kept, tries[:, ARRANGE], successes[:, ARRANGE])
         promise = np.array([node.arranged_values for node in self.nodes])
-        evidence = INHERITED * tries[:, ACT], INHERITED * successes[:, ACT]
-        arranged = [
-            self._acting(onward, ratio, gain * promise, *evidence) for gain in sorted(self.gains)
-        ]
+        # What was tried from a shape speaks for those arranged from it, which are much alike.
+        evidence = tries[:, ACT], successes[:, ACT]
+        arranged = [self._acting(onward, ratio, gain * promise, *evidence) for gain in self.gains]
         arrange = _indices(np.stack(arranged, axis=-1), 1.0 / keeps)
         arrange[[node.arranged >= arranging for node in self.nodes]] = np.inf
         self.costs = np.stack([act, arrange])
@@ -163,13 +160,13 @@ class PosteriorRule:
         return chosen
 
     def add(self, node: Node) -> None:
-        """Put a node into the pool of its state, with part of its parent's evidence if arranged."""
+        """Put a node into the pool of its state, with its parent's evidence if it was arranged."""
         if not node.edges:
             return
         self._pools.setdefault(node.state, Pool(node.edges)).nodes.append(node)
         if node.arranged and node.parent is not None:
-            node.tries[ACT] = INHERITED * node.parent.tries[ACT]
-            node.successes[ACT] = INHERITED * node.parent.successes[ACT]
+            node.tries[ACT] = node.parent.tries[ACT]
+            node.successes[ACT] = node.parent.successes[ACT]
 
     def learn(self, branch: Branch, child: Node | None) -> None:
         """Hold the outcome of a branch against what was promised."""

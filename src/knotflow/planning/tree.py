@@ -41,6 +41,7 @@ from knotflow.planning.growth import PaperRule
 from knotflow.planning.plan import KnotPlan, PlanStep, Tried
 from knotflow.planning.posterior import PosteriorRule
 from knotflow.planning.proposals import Proposals
+from knotflow.planning.search_graph import SearchGraph
 from knotflow.samplers import Sampler
 from knotflow.simulation import Attempts, Observer, Rollouts, check_points, end_states
 from knotflow.topology import Action, Arrange, TopologicalState
@@ -75,13 +76,15 @@ class TreeSearch:
         """Plant the root: see `plan_knot` for the arguments and errors."""
         self.goal, self.simulator = goal, simulator
         self.config, self.observe = config or PlannerConfig(), observe
+        points = check_points(points, simulator.config.rope)
+        state = TopologicalState.from_curve(points)
+        self._dag = SearchGraph(goal.dag, state) if self.config.undoing else goal.dag
         self._proposals = Proposals(sampler, goal, self.config, rng)
         self._paper = self.config.rule == "paper"
         self._rule: Rule = (
-            PaperRule(self.config, rng) if self._paper else PosteriorRule(self.config, goal.dag)
+            PaperRule(self.config, rng) if self._paper else PosteriorRule(self.config, self._dag)
         )
-        points = check_points(points, simulator.config.rope)
-        self.nodes = [self._node(points, TopologicalState.from_curve(points))]
+        self.nodes = [self._node(points, state)]
         self.branches = 0
         self.tried: Counter[tuple[TopologicalState, Action, str, bool]] = Counter()
         self._clock = _Clock()
@@ -101,9 +104,11 @@ class TreeSearch:
             self._judge(branch, splines[row], rollouts, row, ends[row])
             for row, branch in enumerate(chosen)
         ]
-        self._grow([child for child in children if child is not None])
+        new = [child for child in children if child is not None]
+        self._appraise(new)
         for branch, child in zip(chosen, children, strict=True):
             self._rule.learn(branch, child)
+        self._add(new)
         self.branches += count
         if self.observe is not None:
             for attempts in _by_action(chosen, splines, rollouts, ends):
@@ -115,7 +120,8 @@ class TreeSearch:
         """Grow the tree; see `plan_knot`."""
         config = self.config
         self._clock = _Clock()
-        self._grow([self.nodes.pop()])
+        self._appraise(self.nodes)
+        self._add([self.nodes.pop()])
         reason = ""
         while not reason:
             if any(node.distance == 0 for node in self.nodes):
@@ -138,14 +144,15 @@ class TreeSearch:
         parent: Node | None = None,
         step: PlanStep | None = None,
     ) -> Node:
-        dag = self.goal.dag
+        dag = self._dag
         return Node(points, state, dag.distance(state), dag.edges_from(state), parent, step)
 
-    def _grow(self, nodes: Sequence[Node]) -> None:
-        """Value nodes and add them to the tree."""
+    def _appraise(self, nodes: Sequence[Node]) -> None:
         clock = time.perf_counter()
         self._proposals.appraise(nodes)
         self._clock.sampling += time.perf_counter() - clock
+
+    def _add(self, nodes: Sequence[Node]) -> None:
         self.nodes.extend(nodes)
         for node in nodes:
             self._rule.add(node)
@@ -245,7 +252,8 @@ def plan_knot(
     The same rng gives the same plan for the same batch size, unless `max_seconds` ends it.
 
     Args:
-        points: (V, 3) the rope at rest, metres; its state may be any of the goal's solution DAG.
+        points: (V, 3) the rope at rest, metres; its state may be any of the goal's solution DAG,
+            or any at all where the configuration allows undoing.
         goal: what to tie.
         sampler: proposes splines.
         simulator: executes them.

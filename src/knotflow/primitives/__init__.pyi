@@ -1,7 +1,10 @@
 from .canonical import (
+    ARRANGE,
     PRIMITIVES,
+    UNDO,
     Canonical,
     canonicalise,
+    kinds_of,
     primitive_of,
 )
 from .cem import cross_entropy
@@ -17,8 +20,10 @@ from .networks import Actor, Critic
 from .primitive import Primitive
 
 __all__ = [
+    "ARRANGE",
     "FILE",
     "PRIMITIVES",
+    "UNDO",
     "VARIANTS",
     "Actor",
     "Canonical",
@@ -35,5 +40,6 @@ __all__ = [
     "canonicalise",
     "cross_entropy",
     "encode",
+    "kinds_of",
     "primitive_of",
 ]

@@ -9,10 +9,14 @@ is learned, the canonical one:
 | 2: R2                 | left = +1; the over strand is the one nearer to the head        |
 | 3: Cross, end over    | sign = +1; the over segment is the head                         |
 | 4: the other Cross    | sign = +1; the under segment is the head                        |
+| 5: arranging          | that of the action which is wanted next                         |
+| 6: undoing            | the action that is taken back is canonical                      |
 
 No action is its own counterpart, so the choice is unique, and a rope and action give bit for bit
 the same canonical rope as their mirrored or reversed selves. Everything after this point
 (encoding, networks, random numbers) happens there, which makes the symmetry of proposals exact.
+Arranging, which keeps the state and makes room for an action, is no topological action: it knows
+ropes and actions by the same counterparts as the primitive of the action that is wanted.
 """
 
 from __future__ import annotations
@@ -23,22 +27,36 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.topology import R1, R2, Action, Cross, IllegalActionError, segment_intervals
+from knotflow.topology import R1, R2, Action, Cross, IllegalActionError, Undo, segment_intervals
 from knotflow.topology.symmetry import Symmetry
 
 PRIMITIVES = (1, 2, 3, 4)
 """The sets of actions of Sec. V-A, each with networks of its own."""
+ARRANGE = 5
+"""The primitive of splines that keep the state and make room for the action wanted next."""
+UNDO = 6
+"""The primitive of all undoings."""
 
 
 def primitive_of(action: Action, num_segments: int) -> int:
-    """The primitive, 1 to 4, that instantiates an action on a rope with so many segments."""
+    """The primitive, 1 to 4 or `UNDO`, for an action on a rope with so many segments."""
     if isinstance(action, R1):
         return 1
     if isinstance(action, R2):
         return 2
     if isinstance(action, Cross):
         return 3 if action.over in (0, num_segments - 1) else 4
-    raise IllegalActionError(f"no primitive instantiates {action}; they know R1, R2 and Cross")
+    if isinstance(action, Undo):
+        return UNDO
+    raise IllegalActionError(f"no primitive instantiates {action}; they know R1, R2, Cross, Undo")
+
+
+def kinds_of(action: Action, num_segments: int) -> tuple[int, ...]:
+    """The primitive of an action, and of an undoing also that of the action it takes back."""
+    if isinstance(action, Undo):
+        before = action.num_segments_after(num_segments)
+        return (UNDO, primitive_of(action.action, before))
+    return (primitive_of(action, num_segments),)
 
 
 def is_canonical(action: Action, num_segments: int) -> bool:
@@ -46,17 +64,12 @@ def is_canonical(action: Action, num_segments: int) -> bool:
     if isinstance(action, R1):
         return action.left == 1 and action.sign == 1
     if isinstance(action, R2):
-        return action.left == 1 and over_first(action)
+        return action.left == 1 and action.is_over_first
+    if isinstance(action, Undo):
+        return is_canonical(action.action, action.num_segments_after(num_segments))
     primitive = primitive_of(action, num_segments)
     assert isinstance(action, Cross)
     return action.sign == 1 and (action.over if primitive == 3 else action.under) == 0
-
-
-def over_first(action: R2) -> bool:
-    """Whether the strand of an R2 that will be over is the one nearer to the head."""
-    if action.over == action.under:
-        return action.over_first == 1
-    return action.over < action.under
 
 
 @lru_cache(maxsize=4096)
@@ -66,11 +79,7 @@ def canonical_symmetry(action: Action, num_segments: int) -> Symmetry:
     Raises:
         IllegalActionError: the action names a segment beyond the last.
     """
-    if max(action.segments) >= num_segments:
-        raise IllegalActionError(
-            f"{action}: there is no segment {max(action.segments)}; this rope has segments 0 to "
-            f"{num_segments - 1}"
-        )
+    action.check_segments(num_segments)
     for symmetry in Symmetry.all():
         if is_canonical(symmetry.of_action(action, num_segments), num_segments):
             return symmetry

@@ -13,6 +13,15 @@ segment of an R2(i,i) are over and under according to `over_first`.
 
 Splines are normalised: x and y lie in this frame, and the grasp counts along the over segment, or
 from its tip where that is the rope's end (primitive 3), which is where ends are grasped.
+
+Undoing (primitive 6) pulls a piece of rope off a strand. The first stream is that piece, from
+crossing to crossing or to its tip, the second the strand, from the crossing before those that are
+taken back to the one after; which of the two is over is told by the channels of that name. The
+frame's origin is the crossing (of R2, the middle between the two) on the strand, its x axis runs
+along the strand, and the grasp counts along the piece. R1's strand is its under passage.
+
+Arranging (primitive 5) sees what the action that is wanted next would see, and may grasp anywhere:
+its grasp counts along the whole rope.
 """
 
 from __future__ import annotations
@@ -26,31 +35,27 @@ from numpy.typing import NDArray
 from tensordict import TensorDict
 from torch import Tensor
 
-from knotflow.primitives.canonical import Canonical, canonicalise
+from knotflow.primitives.canonical import UNDO, Canonical, canonicalise, kinds_of
+from knotflow.primitives.places import anchor_of, grasp_of, marks_of, streams_of
 from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW
-from knotflow.topology import R1, R2, Action
+from knotflow.topology import Action
 
 STREAM_POINTS = (10, 10, 24)
 """Points of the over, the under and the whole stream."""
 CHANNELS = 8
 """Of each stream point: x, y, z, position along the rope, direction x and y, and whether it is on
 the over and on the under segment."""
+KINDS = UNDO + 1
+"""Length of "kind", which tells arranging what is wanted: 1 at the number of each of `kinds_of`."""
 
 PLANE_SCALE = 0.2
 """Metres a unit of x and y in network space."""
 HEIGHT_CENTRE, HEIGHT_SCALE = 0.14, 0.07
 """Height of the middle control point that is 0 in network space, and metres a unit."""
-GRASP_SCALE = 0.3
-"""Share of the over segment a unit of the grasp; its middle is 0."""
-TIP_GRASP, TIP_GRASP_SCALE = 0.04, 0.04
-"""Where the over segment is the rope's head (primitive 3) the grasp counts from its tip: shares of
-the rope's length that are 0 and a unit."""
 POINT_HEIGHT_SCALE = 0.02
 """Metres a unit of a rope point's z; about the thickness of the rope."""
 
 _TANGENT = 0.03  # of the rope's length to each side, over which a point's direction is taken
-_AXIS = 0.05  # the same for the x axis, which should not follow every ripple
-_WIDE_AXIS = 0.15  # of the segment's length, where a segment is laid over itself
 
 
 @dataclass(frozen=True)
@@ -125,24 +130,28 @@ class Encoded:
     """S ropes with an action each, as the networks of one primitive see them."""
 
     states: TensorDict
-    """[S] with "streams" (S, sum of STREAM_POINTS, CHANNELS) and "grasp" (S, 2), float32."""
+    """[S] with "streams" (S, sum of STREAM_POINTS, CHANNELS) and "grasp" (S, 2), float32; for
+    arranging also "kind" (S, KINDS), what is wanted next."""
     frames: Frames
     """Where their splines lie."""
 
 
-def encode(points: Sequence[NDArray] | NDArray, actions: Sequence[Action]) -> Encoded:
-    """Encode S ropes (V, 3) with an action each.
+def encode(
+    points: Sequence[NDArray] | NDArray, actions: Sequence[Action], arranging: bool = False
+) -> Encoded:
+    """Encode S ropes (V, 3) with an action each, for its primitive, or for arranging before it.
 
     Raises:
         IllegalActionError: an action names a segment that its rope does not have.
         DegenerateCurveError: the segments of a rope cannot be read.
     """
-    return encode_canonical([canonicalise(p, a) for p, a in zip(points, actions, strict=True)])
+    ropes = [canonicalise(p, a) for p, a in zip(points, actions, strict=True)]
+    return encode_canonical(ropes, arranging)
 
 
-def encode_canonical(ropes: Sequence[Canonical]) -> Encoded:
-    """Encode ropes that were brought to the learned counterpart."""
-    seen = [_look(rope) for rope in ropes]
+def encode_canonical(ropes: Sequence[Canonical], arranging: bool = False) -> Encoded:
+    """Encode ropes that were brought to the learned counterpart; see `encode`."""
+    seen = [_look(rope, arranging) for rope in ropes]
     frames = Frames(
         origin=np.stack([one[1] for one in seen]),
         axis=np.stack([one[2] for one in seen]),
@@ -157,17 +166,22 @@ def encode_canonical(ropes: Sequence[Canonical]) -> Encoded:
         },
         batch_size=[len(seen)],
     )
+    if arranging:
+        kind = torch.zeros(len(ropes), KINDS)
+        for row, rope in enumerate(ropes):
+            kind[row, list(kinds_of(rope.action, len(rope.segments)))] = 1
+        states["kind"] = kind
     return Encoded(states, frames)
 
 
-def _look(rope: Canonical) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+def _look(rope: Canonical, arranging: bool) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """Streams (P, CHANNELS), origin (2,), axis (2,) and grasp (2,), as in `Frames`."""
-    over, under = streams_of(rope)
-    anchor, reach = _anchor(rope)
+    over, under = marks_of(rope)
+    anchor, reach = anchor_of(rope)
     vertices = rope.points
     along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(vertices, axis=0), axis=1))))
     along /= along[-1]
-    ends = [over, under, np.array([0.0, 1.0])]
+    ends = [*streams_of(rope), np.array([0.0, 1.0])]
     at = np.concatenate(
         [
             np.linspace(span[0], span[1], count)
@@ -196,35 +210,7 @@ def _look(rope: Canonical) -> tuple[NDArray, NDArray, NDArray, NDArray]:
         ],
         axis=1,
     )
-    return streams, origin, np.array([cos, sin]), _grasp(rope, over)
-
-
-def _anchor(rope: Canonical) -> tuple[float, float]:
-    """Where on the rope the frame's origin is, and how far to each side its direction is taken."""
-    begin, end = rope.segments[rope.action.under_segment]
-    if rope.action.over_segment == rope.action.under_segment:
-        # Canonical: R1's first passage is under, and of an R2(i,i) the half nearer to the tail.
-        third = 1 / 6 if isinstance(rope.action, R1) else 5 / 6
-        return begin + third * (end - begin), _WIDE_AXIS * (end - begin)
-    return (begin if rope.primitive == 4 else (begin + end) / 2), _AXIS
-
-
-def _grasp(rope: Canonical, over: NDArray) -> NDArray[np.float64]:
-    """The grasp that is 0 in network space, and a unit of it."""
-    if rope.primitive == 3:
-        return np.array([TIP_GRASP, TIP_GRASP_SCALE])
-    return np.array([over.mean(), GRASP_SCALE * (over[1] - over[0])])
-
-
-def streams_of(rope: Canonical) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where the over and the under stream begin and end, (2,) fractions of the rope's length."""
-    action, segments = rope.action, rope.segments
-    over, under = segments[action.over_segment], segments[action.under_segment]
-    if isinstance(action, R2) and action.over == action.under:
-        middle = over.mean()
-        # Canonical: the half nearer to the head is over.
-        over, under = np.array([over[0], middle]), np.array([middle, over[1]])
-    return over, under
+    return streams, origin, np.array([cos, sin]), grasp_of(rope, arranging)
 
 
 def _unit(x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:

@@ -1,24 +1,20 @@
 """Topology of an open rope: states, actions, their graph, and reading states off rope shapes.
 
 Paper Sec. IV and the symmetries of Sec. V-A. A state is the signed Gauss code of the rope's
-projection onto the table; R1, R2 and Cross add crossings to it. Pure Python, immutable and
-hashable; numpy comes in with rope shapes only, which are read by `knotflow.topology.projection` and
-made by `knotflow.topology.draw`.
+projection onto the table; R1, R2 and Cross add crossings to it, Undo takes them back. Pure Python,
+immutable and hashable; numpy comes in with rope shapes only, which are read by
+`knotflow.topology.projection` and made by `knotflow.topology.draw`.
 """
 
-from knotflow.topology.actions import (
-    R1,
-    R2,
-    Action,
-    Arrange,
-    Cross,
-    IllegalActionError,
-    parse_action,
-)
+from knotflow.topology.action import Action, ForwardAction, IllegalActionError
+from knotflow.topology.actions import R1, R2, Cross
+from knotflow.topology.arrange import Arrange
 from knotflow.topology.curve import CurveCrossings, DegenerateCurveError, project, segment_intervals
 from knotflow.topology.graph import solution_graph, solution_paths
 from knotflow.topology.knots import KNOT_NAMES, knot
+from knotflow.topology.parse import parse_action
 from knotflow.topology.state import InvalidStateError, TopologicalState
+from knotflow.topology.undo import Undo
 
 __all__ = [
     "KNOT_NAMES",
@@ -29,9 +25,11 @@ __all__ = [
     "Cross",
     "CurveCrossings",
     "DegenerateCurveError",
+    "ForwardAction",
     "IllegalActionError",
     "InvalidStateError",
     "TopologicalState",
+    "Undo",
     "knot",
     "parse_action",
     "project",

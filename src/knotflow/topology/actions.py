@@ -2,10 +2,9 @@
 
 Segment indices speak of the state before the action. An action says where it adds points to the
 rope (`touched`), which crossings it makes there (`new_crossings`, which is also where its legality
-is decided, from the faces of the planar map), and which actions of its kind could have been the
-last one before a state (`last_candidates`). Putting points in and taking them out is the
-business of `state`. The file is over 300 lines because the conventions of the three kinds lean on
-each other and want to be read side by side.
+is decided, from the faces of the planar map), which actions of its kind could have been the last
+one before a state (`last_candidates`), and by which segments it is taken back (`segments_after`).
+Putting points in and taking them out is the business of `state`.
 
 Conventions where the geometry of an open curve leaves a choice:
 
@@ -22,123 +21,15 @@ Conventions where the geometry of an open curve leaves a choice:
 
 from __future__ import annotations
 
-import re
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import astuple, dataclass, fields, replace
-from operator import index
-from typing import ClassVar
+from dataclasses import dataclass, replace
 
+from knotflow.topology.action import SIGNS, ForwardAction, IllegalActionError, NewPoint
 from knotflow.topology.faces import LEFT, Crossing, PlanarMap
 
-SIGNS = (1, -1)
-
-NewPoint = tuple[int, int]
-"""(segment, rank): the rank-th point, counted from the head, that an action adds to a segment."""
-
-
-class IllegalActionError(ValueError):
-    """An action that does not exist, or that the state it was applied to does not allow."""
-
 
 @dataclass(frozen=True, order=True)
-class Action(ABC):
-    """What R1, R2 and Cross have in common; `str` gives the compact form `parse_action` reads."""
-
-    symbol: ClassVar[str]
-    segment_fields: ClassVar[tuple[str, ...]]
-
-    def __post_init__(self) -> None:
-        """Refuse parameters that no state could give a meaning to."""
-        for field in fields(self):
-            try:
-                value = index(getattr(self, field.name))
-            except TypeError:
-                raise IllegalActionError(
-                    f"{self}: {field.name} must be a whole number, "
-                    f"got {getattr(self, field.name)!r}"
-                ) from None
-            object.__setattr__(self, field.name, value)  # numpy's integers become int
-            if field.name in self.segment_fields:
-                if value < 0:
-                    raise IllegalActionError(f"{self}: {field.name} must be 0 or more, got {value}")
-            elif value not in SIGNS:
-                raise IllegalActionError(f"{self}: {field.name} must be +1 or -1, got {value}")
-
-    def __str__(self) -> str:
-        return f"{self.symbol}({','.join(map(str, astuple(self)))})"
-
-    @property
-    def segments(self) -> tuple[int, ...]:
-        """The segments the action names, over before under."""
-        return tuple(getattr(self, name) for name in self.segment_fields)
-
-    @property
-    def over_segment(self) -> int:
-        """The segment that will be over; the one to grasp (Sec. V-A)."""
-        return self.segments[0]
-
-    @property
-    def under_segment(self) -> int:
-        """The segment that will be under; the one to move toward (Sec. V-A)."""
-        return self.segments[-1]
-
-    def check_segments(self, planar_map: PlanarMap) -> None:
-        """Raise IllegalActionError when a named segment is not there."""
-        for segment in self.segments:
-            if segment > planar_map.tail:
-                raise IllegalActionError(
-                    f"{self}: there is no segment {segment}; this state has segments "
-                    f"0 to {planar_map.tail}"
-                )
-
-    @property
-    @abstractmethod
-    def touched(self) -> tuple[int, ...]:
-        """The segment of every new point on the rope, in rising order."""
-
-    @abstractmethod
-    def new_crossings(self, planar_map: PlanarMap) -> tuple[tuple[NewPoint, NewPoint, int], ...]:
-        """The (over point, under point, sign) made in a state with this planar map.
-
-        Raises:
-            IllegalActionError: the state does not allow the action; says which rule it breaks.
-        """
-
-    @abstractmethod
-    def mirrored(self) -> Action:
-        """The action seen in a mirror that stands on the table (Sec. V-A)."""
-
-    @abstractmethod
-    def reversed(self, num_segments: int) -> Action:
-        """The action told from the other end of a rope with `num_segments` segments (Sec. V-A).
-
-        Raises:
-            IllegalActionError: the action names a segment that such a rope does not have.
-        """
-
-    def _from_tail(self, segment: int, num_segments: int) -> int:
-        """The number of a segment when they are counted from the other end."""
-        if segment >= num_segments:
-            raise IllegalActionError(
-                f"{self}: there is no segment {segment} among {num_segments}, 0 to "
-                f"{num_segments - 1}"
-            )
-        return num_segments - 1 - segment
-
-    @classmethod
-    @abstractmethod
-    def legal(cls, planar_map: PlanarMap) -> Iterator[Action]:
-        """Every action of this kind that a state with this planar map allows."""
-
-    @classmethod
-    @abstractmethod
-    def last_candidates(cls, crossings: Sequence[Crossing]) -> Iterator[Action]:
-        """Every action of this kind that may have been the last; only R2 may offer false ones."""
-
-
-@dataclass(frozen=True, order=True)
-class R1(Action):
+class R1(ForwardAction):
     """Reidemeister I: twist a loop into one segment.
 
     Attributes:
@@ -158,8 +49,12 @@ class R1(Action):
     def touched(self) -> tuple[int, ...]:
         return (self.index, self.index)
 
+    @property
+    def segments_after(self) -> tuple[int, ...]:
+        return (self.index + 1,)  # the loop
+
     def new_crossings(self, planar_map: PlanarMap) -> tuple[tuple[NewPoint, NewPoint, int], ...]:
-        self.check_segments(planar_map)
+        self.check_segments(planar_map.num_segments)
         first, second = (self.index, 0), (self.index, 1)
         # A counter-clockwise loop whose second passage is over has sign +1.
         over, under = (second, first) if self.left == self.sign else (first, second)
@@ -186,7 +81,7 @@ class R1(Action):
 
 
 @dataclass(frozen=True, order=True)
-class R2(Action):
+class R2(ForwardAction):
     """Reidemeister II: lay a finger of one segment over another segment.
 
     Attributes:
@@ -209,8 +104,19 @@ class R2(Action):
     def touched(self) -> tuple[int, ...]:
         return tuple(sorted((self.over, self.over, self.under, self.under)))
 
+    @property
+    def is_over_first(self) -> bool:
+        """Whether the over strand is the one closer to the head."""
+        return self.over_first == 1 if self.over == self.under else self.over < self.under
+
+    @property
+    def segments_after(self) -> tuple[int, ...]:
+        # The two sides of the bigon: the tip of the finger, and what it lies on.
+        first, _, second, _ = self.new_positions
+        return (first, second) if self.is_over_first else (second, first)
+
     def new_crossings(self, planar_map: PlanarMap) -> tuple[tuple[NewPoint, NewPoint, int], ...]:
-        self.check_segments(planar_map)
+        self.check_segments(planar_map.num_segments)
         face = planar_map.face(self.over, self.left)
         sides = planar_map.sides_towards(self.under, face)
         if not sides:
@@ -276,7 +182,7 @@ class R2(Action):
 
 
 @dataclass(frozen=True, order=True)
-class Cross(Action):
+class Cross(ForwardAction):
     """Cross: lead the rope's head or tail over or under another segment.
 
     Attributes:
@@ -296,8 +202,14 @@ class Cross(Action):
     def touched(self) -> tuple[int, ...]:
         return tuple(sorted((self.over, self.under)))
 
+    @property
+    def segments_after(self) -> tuple[int, ...]:
+        # Those beyond the crossing, as seen from between its passages: one is the rope's end.
+        first, second = self.new_positions
+        return (first - 1, second) if self.over < self.under else (second, first - 1)
+
     def new_crossings(self, planar_map: PlanarMap) -> tuple[tuple[NewPoint, NewPoint, int], ...]:
-        self.check_segments(planar_map)
+        self.check_segments(planar_map.num_segments)
         if self.over == self.under:
             raise IllegalActionError(
                 f"{self}: a segment that crosses itself makes a loop: R1({self.over},left,sign)"
@@ -367,83 +279,4 @@ def _neighbours(planar_map: PlanarMap, segment: int) -> list[int]:
     ]
 
 
-@dataclass(frozen=True, order=True)
-class Arrange(Action):
-    """Keep the state and make room for an action, which is not done yet (Sec. VIII).
-
-    It changes no crossing, so `apply` returns the state it is given; no list of actions has it.
-
-    Attributes:
-        wanted: the action that shall succeed afterwards.
-    """
-
-    symbol = "arrange for"
-    segment_fields = ()
-
-    wanted: Action
-
-    def __post_init__(self) -> None:
-        """Refuse to arrange for arranging."""
-        if isinstance(self.wanted, Arrange):
-            raise IllegalActionError(f"{self}: arranging needs an action that changes the state")
-
-    def __str__(self) -> str:
-        return f"{self.symbol} {self.wanted}"
-
-    @property
-    def segments(self) -> tuple[int, ...]:
-        return self.wanted.segments
-
-    @property
-    def touched(self) -> tuple[int, ...]:
-        return ()
-
-    def new_crossings(self, planar_map: PlanarMap) -> tuple[tuple[NewPoint, NewPoint, int], ...]:
-        self.wanted.new_crossings(planar_map)  # what is not legal cannot be wanted
-        return ()
-
-    def mirrored(self) -> Arrange:
-        return Arrange(self.wanted.mirrored())
-
-    def reversed(self, num_segments: int) -> Arrange:
-        return Arrange(self.wanted.reversed(num_segments))
-
-    @classmethod
-    def legal(cls, planar_map: PlanarMap) -> Iterator[Action]:
-        return iter(())
-
-    @classmethod
-    def last_candidates(cls, crossings: Sequence[Crossing]) -> Iterator[Action]:
-        return iter(())
-
-
-ACTION_KINDS: tuple[type[Action], ...] = (R1, R2, Cross)
-"""Those that change the state."""
-
-_FORM = re.compile(r"\s*(\w+)\s*\(([^()]*)\)\s*")
-
-
-def parse_action(text: str) -> Action:
-    """Read an action from its `str`: "R2(0,0,1,1)", "C(2,0,1)" or "arrange for C(2,0,1)".
-
-    Raises:
-        IllegalActionError: not an action; the message lists the forms there are.
-    """
-    forms = {kind.symbol: [field.name for field in fields(kind)] for kind in ACTION_KINDS}
-    valid = ", ".join(f"{symbol}({','.join(names)})" for symbol, names in forms.items())
-    if (wanted := text.strip().removeprefix(Arrange.symbol)) != text.strip():
-        return Arrange(parse_action(wanted))
-    match = _FORM.fullmatch(text)
-    kinds = {kind.symbol: kind for kind in ACTION_KINDS}
-    if match is None or match[1] not in kinds:
-        raise IllegalActionError(f"{text!r} is not an action; valid forms: {valid}")
-    try:
-        values = [int(word) for word in match[2].split(",")]
-    except ValueError:
-        raise IllegalActionError(f"{text!r}: parameters must be whole numbers: {valid}") from None
-    if len(values) != len(forms[match[1]]):
-        raise IllegalActionError(
-            f"{text!r}: {match[1]} takes {len(forms[match[1]])} parameters, got {len(values)}; "
-            f"valid forms: {valid}"
-        )
-    return kinds[match[1]](*values)
+ACTION_KINDS: tuple[type[ForwardAction], ...] = (R1, R2, Cross)

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from knotflow.topology.actions import Action
+from knotflow.topology.action import Action
 from knotflow.topology.state import TopologicalState
 
 if TYPE_CHECKING:

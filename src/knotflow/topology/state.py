@@ -9,8 +9,11 @@ from functools import cached_property
 from operator import index
 from typing import TYPE_CHECKING
 
-from knotflow.topology.actions import ACTION_KINDS, Action, IllegalActionError, NewPoint
+from knotflow.topology.action import Action, ForwardAction, IllegalActionError, NewPoint
+from knotflow.topology.actions import ACTION_KINDS
+from knotflow.topology.arrange import Arrange
 from knotflow.topology.faces import Crossing, PlanarMap, trace_faces
+from knotflow.topology.undo import Undo
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -128,6 +131,15 @@ class TopologicalState:
         Raises:
             IllegalActionError: the state does not allow the action; says which rule it breaks.
         """
+        if isinstance(action, Arrange):
+            self.apply(action.wanted)  # what is not legal cannot be wanted
+            return self
+        if isinstance(action, Undo):
+            return self.undo(action.action)
+        assert isinstance(action, ForwardAction)
+        return self._after(action)
+
+    def _after(self, action: ForwardAction) -> TopologicalState:
         made = action.new_crossings(self.planar_map)
         touched = action.touched
         shift = [0] * (self.num_segments + 1)
@@ -150,13 +162,20 @@ class TopologicalState:
         Raises:
             IllegalActionError: the action does not lead to this state from anywhere.
         """
+        if isinstance(action, Undo):
+            return self.apply(action.action)
+        assert isinstance(action, ForwardAction)
         previous = self._before(action)
         if previous is None:
-            raise IllegalActionError(f"{action} does not lead to the state {self} from any state")
+            last = ", ".join(str(candidate) for candidate, _ in self.predecessors()) or "none"
+            raise IllegalActionError(
+                f"{action} does not lead to the state {self} from any state; actions that do: "
+                f"{last}"
+            )
         return previous
 
-    def _before(self, action: Action) -> TopologicalState | None:
-        removed = {segment + rank + 1 for rank, segment in enumerate(action.touched)}
+    def _before(self, action: ForwardAction) -> TopologicalState | None:
+        removed = set(action.new_positions)
         rank_of: dict[int, int] = {}
         for position in range(1, self.num_segments):
             if position not in removed:
@@ -168,18 +187,23 @@ class TopologicalState:
         # undrawable one: when the action leads from here to `self`, this state is valid.
         previous = TopologicalState._trusted((rank_of[o], rank_of[u], s) for o, u, s in kept)
         try:
-            return previous if previous.apply(action) == self else None
+            return previous if previous._after(action) == self else None
         except IllegalActionError:
             return None
 
-    def actions(self) -> Iterator[tuple[Action, TopologicalState]]:
-        """Every legal action with the state it leads to, each action once."""
+    def actions(self) -> Iterator[tuple[ForwardAction, TopologicalState]]:
+        """Every legal action that adds crossings with the state it leads to, each action once."""
         for kind in ACTION_KINDS:
             for action in kind.legal(self.planar_map):
-                yield action, self.apply(action)
+                yield action, self._after(action)
 
-    def predecessors(self) -> Iterator[tuple[Action, TopologicalState]]:
-        """Every action that leads here, with the state it leads from."""
+    def undoings(self) -> Iterator[tuple[Undo, TopologicalState]]:
+        """Every legal undoing with the state it leads to, each once."""
+        for action, previous in self.predecessors():
+            yield Undo(action), previous
+
+    def predecessors(self) -> Iterator[tuple[ForwardAction, TopologicalState]]:
+        """Every action that leads here by adding crossings, with the state it leads from."""
         for kind in ACTION_KINDS:
             for action in kind.last_candidates(self.crossings):
                 previous = self._before(action)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from knotflow.topology.actions import Action
+from knotflow.topology.action import Action
 from knotflow.topology.state import TopologicalState
 
 
