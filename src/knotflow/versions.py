@@ -14,7 +14,7 @@ VERSIONS = {
     "baselines.causal_infogan": 1,
     "primitives": 1,
     "training": 1,
-    "planning": 1,
+    "planning": 2,
 }
 """Package below knotflow -> its version. One inside another, with a number of its own, is not
 covered by that of the outer one."""

@@ -10,12 +10,12 @@ import pytest
 from knotflow.planning import KnotPlan, PlannerConfig, SolutionDag, shown
 from knotflow.recording import load
 from knotflow.samplers import SamplerConfig
-from knotflow.simulation import PULL, SimulationConfig
+from knotflow.simulation import SimulationConfig
 from knotflow.topology import TopologicalState, segment_intervals
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages import overhand, plans, plans_tables
 from knotflow.workflow.stages.plans import PlanCase, PlansConfig, make_plans, read_searches
-from knotflow.workflow.stages.plans_pull import PlansPullConfig, make_pulled
+from knotflow.workflow.stages.plans_pull import PULL, PlansPullConfig, make_pulled
 from knotflow.workflow.stages.plans_shown import (
     PlansDagConfig,
     PlansExemplarConfig,
@@ -223,8 +223,9 @@ def test_a_head_is_pulled_out_and_the_knot_stays(tmp_path):
     assert rollouts["number"].is_unique
     tied = rollouts[rollouts["action"] == LOOP]
     assert (tied["outcome"] == "success").any()
-    pulls = rollouts[rollouts["action"] == PULL]
+    pulls = rollouts[rollouts["source"] == PULL]
     assert (pulls["goal_state"] == "2o1+").all()
+    assert (pulls["action"] == "arrange for C(0,1,1)").all()
     assert (rollouts["action"] == "C(0,1,1)").sum() in {4, 8, 12}
 
 
