@@ -30,6 +30,7 @@ from knotflow.perception import NoiseConfig as SensorNoise
 from knotflow.planning import PlannerConfig, SolutionDag
 from knotflow.planning.branches import Node
 from knotflow.planning.growth import node_probabilities
+from knotflow.planning.posterior import PosteriorRule
 from knotflow.primitives import Actor, Critic, NetworkConfig, cross_entropy, encode
 from knotflow.simulation import (
     RopeConfig,
@@ -211,7 +212,15 @@ def planning() -> dict[str, Any]:
         nodes.append(Node(loop(), state, dag.distance(state), edges, failures=len(nodes)))
         state = state.apply(parse_action(text))
     config = PlannerConfig(rule="paper", bias=10.0, failure_discount=0.5)
-    return {"dag": steps, "probabilities": node_probabilities(nodes, config)}
+    rule = PosteriorRule(PlannerConfig(), dag)
+    for node in nodes:
+        rule.add(node)
+    branches = [[str(one.node.state), str(one.action)] for one in rule.choose(12)]
+    return {
+        "dag": steps,
+        "probabilities": node_probabilities(nodes, config),
+        "branches": branches,
+    }
 
 
 def perception() -> dict[str, Any]:

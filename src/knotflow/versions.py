@@ -12,8 +12,8 @@ VERSIONS = {
     "demonstrations": 1,
     "baselines": 1,
     "baselines.causal_infogan": 1,
-    "primitives": 1,
-    "training": 1,
+    "primitives": 2,
+    "training": 2,
     "planning": 2,
     "perception": 1,
 }
