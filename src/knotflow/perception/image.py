@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,17 @@ from knotflow.perception.camera import Camera
 
 FAR = 20.0
 """A depth beyond this, metres, is one of another unit: a rope's camera stands at its table."""
+
+
+class Label(IntEnum):
+    """What a pixel shows."""
+
+    UNKNOWN = 0
+    """Nothing that can be told: no depth, or nothing that belongs here."""
+    TABLE = 1
+    ROPE = 2
+    GRIPPER = 3
+    """The gripper, which may hide rope."""
 
 
 class ImageError(ValueError):
