@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from knotflow.perception.camera import Camera
 from knotflow.perception.certainty import CrossingEvidence, weigh_crossings
+from knotflow.perception.coverage import coverage
 from knotflow.perception.fitting import FitConfig, fit
 from knotflow.perception.image import Label, RgbdImage
 from knotflow.perception.lift import lift
@@ -101,9 +102,10 @@ def estimate(
     segmentation = segment(image, camera, rope.radius)
     mask = segmentation.rope
     known = mask | (segmentation.labels == Label.TABLE)
-    target = Target.of(mask, known, np.where(known, image.depth, np.nan))
+    share = coverage(image, segmentation)
+    target = Target.of(mask, known, np.where(known, image.depth, np.nan), share)
 
-    guesses = _guesses(mask, image, camera, rope, config) if initial is None else [initial]
+    guesses = _guesses(mask, share, image, camera, rope, config) if initial is None else [initial]
     shapes = [fit(guess, target, camera, rope, config.fit) for guess in guesses]
     shares = [_explained(shape, target, camera, rope) for shape in shapes]
     best = int(np.argmax(shares))
@@ -133,6 +135,7 @@ def estimate(
 
 def _guesses(
     mask: NDArray[np.bool_],
+    share: Floats,
     image: RgbdImage,
     camera: Camera,
     rope: RopeConfig,
@@ -142,7 +145,7 @@ def _guesses(
     visible = image.depth[mask]
     distance = float(np.nanmedian(visible)) if np.isfinite(visible).any() else 1.0
     pixels = camera.fx / distance  # of a metre at the rope
-    paths = trace(mask, 2 * rope.radius * pixels, rope.length * pixels)
+    paths = trace(share, 2 * rope.radius * pixels, rope.length * pixels)
     return [lift(path, mask, image.depth, camera, rope) for path in paths[: config.candidates]]
 
 
@@ -150,9 +153,8 @@ def _explained(shape: Floats, target: Target, camera: Camera, rope: RopeConfig) 
     """Intersection over union of the rope in the image and the shape's, where it is known."""
     with torch.no_grad():
         _, occupancy = render(torch.as_tensor(shape), rope.radius, camera)
-    drawn = (occupancy > 0.5) & target.known
-    union = int((drawn | target.rope).sum())
-    return int((drawn & target.rope).sum()) / max(1, union)
+    drawn, there = (share[target.known] for share in (occupancy, target.coverage))
+    return float(drawn.minimum(there).sum() / drawn.maximum(there).sum().clamp(min=1e-9))
 
 
 def _head_first(

@@ -24,25 +24,30 @@ class Target:
         known: (H, W) bool, pixels of which it is known whether they are on the rope; False where
             something hides the table.
         depth: (H, W) metres along the optical axis, NaN where unknown.
+        coverage: (H, W) share of each pixel that is rope, 0..1.
     """
 
     rope: Tensor
     known: Tensor
     depth: Tensor
+    coverage: Tensor
 
     @classmethod
-    def of(cls, rope: NDArray, known: NDArray, depth: NDArray) -> Target:
-        """From arrays of the same contents."""
+    def of(
+        cls, rope: NDArray, known: NDArray, depth: NDArray, coverage: NDArray | None = None
+    ) -> Target:
+        """From arrays of the same contents; without `coverage` pixels are rope or not."""
         return cls(
             torch.as_tensor(rope.copy()),
             torch.as_tensor(known.copy()),
             torch.as_tensor(depth).double(),
+            torch.as_tensor(rope if coverage is None else coverage).double(),
         )
 
 
 def silhouette_loss(occupancy: Tensor, target: Target) -> Tensor:
     """Squared difference of the share of each known pixel that is rope, per pixel of rope."""
-    difference = (occupancy - target.rope.to(occupancy))[target.known]
+    difference = (occupancy - target.coverage.to(occupancy))[target.known]
     return difference.square().sum() / target.rope.sum().clamp(min=1)
 
 

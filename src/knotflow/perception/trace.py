@@ -11,6 +11,7 @@ learned.
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,12 +20,16 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 _ZOOM = 3  # a mask is smoothed on a grid this much finer, or its skeleton is ragged
+_SMOOTH = 0.3  # pixels
 _JUNCTION = 0.75  # rope widths around a branching point that belong to its junction
 _TANGENT = 1.5  # rope widths along an arm that tell its direction
+_SIDE_BY_SIDE = 0.75  # rope widths from an arm's middle to its edge that make it two strands
+_SHARED = 8.0  # rope widths: two strands that cross do not share more
 _LEFT_OUT = 30.0  # cost of leaving out all of the skeleton, in squared radians of turning
 _RAGGED = 1.04  # a path of pixels is about this much longer than the line it follows
 _TOLERANCE = 0.05  # of the length, that a rope seen at an angle or raised may be off
 _MOST_PAIRINGS = 3000
+_MOST_PATHS = 60
 _PAIRINGS_EACH = 4  # of a junction, the straightest
 
 ArmEnd = tuple[int, int]
@@ -52,11 +57,11 @@ class Trace:
     covered: float
 
 
-def trace(mask: NDArray[np.bool_], width: float, length: float | None = None) -> list[Trace]:
+def trace(mask: NDArray, width: float, length: float | None = None) -> list[Trace]:
     """Follow the rope in its mask.
 
     Args:
-        mask: (H, W), where the rope is seen.
+        mask: (H, W) share of each pixel that is rope, 0..1, or whether it is.
         width: of the rope in the image, pixels.
         length: of the rope in the image, pixels, if it is known: the path shall have it.
 
@@ -70,7 +75,7 @@ def trace(mask: NDArray[np.bool_], width: float, length: float | None = None) ->
     arms, junctions = _skeleton(mask, width)
     if not arms:
         raise TraceError(
-            f"nothing in the mask ({int(mask.sum())} pixels) is longer than a rope is wide "
+            f"nothing in the mask ({float(mask.sum()):.0f} pixels) is longer than a rope is wide "
             f"({width / _ZOOM:.1f} pixels)"
         )
     total = sum(_length(arm) for arm in arms)
@@ -91,16 +96,21 @@ def trace(mask: NDArray[np.bool_], width: float, length: float | None = None) ->
                 cost += _LEFT_OUT * max(0.0, misfit - _TOLERANCE)
             if cost < path.cost:
                 found[walk] = replace(path, cost=cost)
-    return sorted(found.values(), key=lambda one: one.cost)
+    likeliest = sorted(found.values(), key=lambda one: one.cost)[:_MOST_PATHS]
+    distinct: list[Trace] = []
+    for path in likeliest:
+        if all(_apart(path, other) > 0.5 * width / _ZOOM for other in distinct):
+            distinct.append(path)
+    return distinct
 
 
-def _skeleton(mask: NDArray[np.bool_], width: float) -> tuple[list[Floats], list[list[ArmEnd]]]:
+def _skeleton(mask: NDArray, width: float) -> tuple[list[Floats], list[list[ArmEnd]]]:
     """Arms (N, 2) of row and column on the finer grid, and the arm ends at each junction."""
     from scipy import ndimage
     from skimage.morphology import remove_small_objects, skeletonize
 
     fine = ndimage.zoom(mask.astype(float), _ZOOM, order=1, grid_mode=True, mode="grid-constant")
-    fine = ndimage.gaussian_filter(fine, _ZOOM / 2) > 0.5
+    fine = ndimage.gaussian_filter(fine, _SMOOTH * _ZOOM) > 0.5
     fine = remove_small_objects(fine, max_size=int(width**2), connectivity=2)
     bones = skeletonize(fine)
     around = np.ones((3, 3))
@@ -113,21 +123,54 @@ def _skeleton(mask: NDArray[np.bool_], width: float) -> tuple[list[Floats], list
     places, _ = ndimage.label(near, around)
     pieces, count = ndimage.label(bones & ~near, around)
     boxes = ndimage.find_objects(pieces)
-    arms: list[Floats] = []
-    at: dict[int, list[ArmEnd]] = {}
+    thickness = ndimage.distance_transform_edt(fine)
     touching = ndimage.grey_dilation(places, size=(3, 3))
+    paths: list[tuple[NDArray[np.intp], list[int]]] = []  # with the junction at either end, or 0
     for index in range(1, count + 1):
         corner = np.array([axis.start for axis in boxes[index - 1]])
-        pixels = np.argwhere(pieces[boxes[index - 1]] == index) + corner
-        arm = _ordered(pixels)
-        ends = [int(touching[tuple(arm[end])]) for end in (0, -1)]
-        if 0 in ends and _length(arm) < width:
-            continue  # a spur, or nothing that can be told from one
-        for end, place in zip((0, -1), ends, strict=True):
-            if place:
-                at.setdefault(place, []).append((len(arms), end))
-        arms.append(arm.astype(float))
+        path = _ordered(np.argwhere(pieces[boxes[index - 1]] == index) + corner)
+        ends = [int(touching[tuple(path[end])]) for end in (0, -1)]
+        if 0 not in ends or _length(path) > width:  # no spur
+            paths.append((path, ends))
+    arms: list[Floats] = []
+    at: dict[int, list[ArmEnd]] = {}
+    strands = [_strands(path, thickness, width) for path, _ in paths]
+    for index in _shared([ends for _, ends in paths], strands, width):
+        strands[index] = 2 * strands[index]
+    for (_, ends), sides in zip(paths, strands, strict=True):
+        for side in sides:
+            for end, place in zip((0, -1), ends, strict=True):
+                if place:
+                    at.setdefault(place, []).append((len(arms), end))
+            arms.append(side)
     return arms, list(at.values())
+
+
+def _shared(places: list[list[int]], strands: list[list[Floats]], width: float) -> list[int]:
+    """Arms that two strands share, crossing at an acute angle: without them an odd number of
+    strands would meet at both of their junctions, and one would have to end at each."""
+    degree = Counter(
+        place for ends, sides in zip(places, strands, strict=True) for place in ends for _ in sides
+    )
+    found = []
+    for index in sorted(range(len(places)), key=lambda k: len(strands[k][0])):
+        one, other = places[index]
+        odd = one and other and one != other and degree[one] % 2 and degree[other] % 2
+        if odd and _length(strands[index][0]) < _SHARED * width:
+            found.append(index)
+            degree.update((one, other))
+    return found
+
+
+def _strands(arm: NDArray[np.intp], thickness: Floats, width: float) -> list[Floats]:
+    """The strands that an arm (N, 2) shows: itself, or two side by side where it is wide."""
+    path = arm.astype(float)
+    if np.median(thickness[tuple(arm.T)]) < _SIDE_BY_SIDE * width or len(arm) < 3:
+        return [path]
+    along = path[np.minimum(np.arange(len(arm)) + 3, len(arm) - 1)]
+    along = along - path[np.maximum(np.arange(len(arm)) - 3, 0)]
+    aside = along[:, ::-1] * [1.0, -1.0] / np.linalg.norm(along, axis=1, keepdims=True)
+    return [path + 0.5 * width * aside, path - 0.5 * width * aside]
 
 
 def _ordered(pixels: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -220,6 +263,20 @@ def _follow(walk: tuple[ArmEnd, ...], arms: list[Floats], covered: float) -> Tra
         bridged.append(np.zeros(len(path), bool))
     pixels = (np.concatenate(parts)[:, ::-1] + 0.5) / _ZOOM - 0.5
     return Trace(pixels, np.concatenate(bridged), np.inf, covered)
+
+
+def _apart(one: Trace, other: Trace) -> float:
+    """Mean distance of two paths, pixels, in whichever direction they are nearer."""
+    even = np.linspace(0, 1, 60)
+    first, second = (
+        np.stack(
+            [np.interp(even, np.linspace(0, 1, len(path)), path[:, k]) for k in (0, 1)], axis=1
+        )
+        for path in (one.pixels, other.pixels)
+    )
+    return float(
+        min(np.linalg.norm(first - turned, axis=1).mean() for turned in (second, second[::-1]))
+    )
 
 
 def _length(path: NDArray) -> float:
