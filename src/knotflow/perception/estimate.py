@@ -43,6 +43,8 @@ class EstimateConfig:
     """A crossing whose certainty is lower is in doubt."""
     explained: float = 0.85
     """A shape that accounts for less of the rope's image is in doubt."""
+    rival: float = 0.02
+    """A path of another state that accounts for this much less of the rope's image is a rival."""
     head_contrast: float = 0.15
     """Distance in RGB (0..1) from the rope's colour that marks a head."""
 
@@ -117,9 +119,9 @@ def estimate(
     explained = _explained(shape, target, camera, rope)
     state = state_or_none(shape)
     rivals = {
-        state_or_none(one)
+        _undirected(state_or_none(one))
         for one, share in zip(shapes, shares, strict=True)
-        if share > shares[best] - 0.02
+        if share > shares[best] - config.rival
     }
     return RopeEstimate(
         shape,
@@ -193,6 +195,11 @@ def _head_first(
     return shape, crossings, head_known
 
 
+def _undirected(state: TopologicalState | None) -> frozenset[TopologicalState] | None:
+    """A state and what it is with head and tail exchanged: paths are followed from either end."""
+    return None if state is None else frozenset((state, state.reversed()))
+
+
 def _seen(
     shape: Floats, mask: NDArray[np.bool_], image: RgbdImage, camera: Camera, rope: RopeConfig
 ) -> NDArray[np.bool_]:
@@ -211,7 +218,7 @@ def _doubts(
     state: TopologicalState | None,
     crossings: tuple[CrossingEvidence, ...],
     explained: float,
-    rivals: set[TopologicalState | None],
+    rivals: set[frozenset[TopologicalState] | None],
     config: EstimateConfig,
 ) -> list[str]:
     doubts = []
