@@ -30,6 +30,8 @@ from knotflow.topology import TopologicalState
 
 Floats = NDArray[np.float64]
 
+_CLEARLY = 0.7  # difference in the share of a pixel that is rope, which is no matter of edges
+
 
 @dataclass
 class EstimateConfig:
@@ -41,7 +43,7 @@ class EstimateConfig:
     """First guesses that are fitted, of which the one that accounts best for the image is taken."""
     certain: float = 0.95
     """A crossing whose certainty is lower is in doubt."""
-    explained: float = 0.85
+    explained: float = 0.97
     """A shape that accounts for less of the rope's image is in doubt."""
     rival: float = 0.02
     """A path of another state that accounts for this much less of the rope's image is a rival."""
@@ -58,7 +60,7 @@ class RopeEstimate:
         seen: (V,) bool, vertices that the image shows.
         state: the topological state of `points`; None where their projection cannot be read.
         crossings: each with its certainty, in the order met.
-        explained: intersection over union of the rope in the image and of `points` rendered, 0..1.
+        explained: share of the rope in the image that `points` account for, 0..1.
         spread: (V,) metres, standard deviation of each vertex's distance, were the crossings right.
         head_known: whether a colour or an earlier shape told head from tail.
         doubts: what is in doubt, in words; empty for an estimate to rely on.
@@ -152,11 +154,15 @@ def _guesses(
 
 
 def _explained(shape: Floats, target: Target, camera: Camera, rope: RopeConfig) -> float:
-    """Intersection over union of the rope in the image and the shape's, where it is known."""
+    """Share of the rope's image that a shape accounts for, 0..1.
+
+    Rope where the shape has none, and shape where there is none, both count against it; pixels at
+    the rope's edges, which are rope in part, for neither.
+    """
     with torch.no_grad():
         _, occupancy = render(torch.as_tensor(shape), rope.radius, camera)
-    drawn, there = (share[target.known] for share in (occupancy, target.coverage))
-    return float(drawn.minimum(there).sum() / drawn.maximum(there).sum().clamp(min=1e-9))
+    wrong = ((occupancy - target.coverage).abs() > _CLEARLY) & target.known
+    return max(0.0, 1 - float(wrong.sum() / target.coverage.sum().clamp(min=1)))
 
 
 def _head_first(
