@@ -2,9 +2,12 @@ from .appearance import Appearance
 from .camera import Camera, CameraError
 from .image import ImageError, Label, RgbdImage
 from .noise import NoiseConfig, add_noise
+from .sample import SAMPLE
+from .segmentation import Segmentation, segment
 from .simulated import SimulatedCamera, View
 
 __all__ = [
+    "SAMPLE",
     "Appearance",
     "Camera",
     "CameraError",
@@ -12,7 +15,9 @@ __all__ = [
     "Label",
     "NoiseConfig",
     "RgbdImage",
+    "Segmentation",
     "SimulatedCamera",
     "View",
     "add_noise",
+    "segment",
 ]

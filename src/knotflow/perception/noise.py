@@ -122,5 +122,7 @@ def shadow(depth: NDArray[np.float32], focal_baseline: float) -> NDArray[np.bool
         focal_baseline: focal length times distance of the projector, pixels times metres.
     """
     place = np.arange(depth.shape[1]) - focal_baseline / depth
-    leftmost = np.minimum.accumulate(np.where(np.isnan(place), np.inf, place)[:, ::-1], axis=1)
-    return place > leftmost[:, ::-1] + 0.5
+    leftmost = np.full_like(place, np.inf)  # of the pixels to the right of each
+    places = np.where(np.isnan(place), np.inf, place)[:, :0:-1]
+    leftmost[:, :-1] = np.minimum.accumulate(places, axis=1)[:, ::-1]
+    return place > leftmost - 0.5

@@ -108,9 +108,9 @@ class SimulatedCamera:
         import mujoco
 
         self._place(check_points(points, self.rope), gripper, closed)
-        count = self.camera.width * self.camera.height
-        geom, distance = np.empty(count, np.int32), np.empty(count)
-        normal = np.empty(3 * count)
+        height, width = self.camera.height, self.camera.width
+        geom = np.empty((height, width), np.int32)
+        distance, normals = np.empty((height, width)), np.empty((height, width, 3))
         mujoco.mj_multiRay(
             self._model,
             self._data,
@@ -119,20 +119,18 @@ class SimulatedCamera:
             np.array([1, gripper is not None, 0, 0, 0, 0], np.uint8),
             True,
             -1,
-            geom,
-            distance,
-            normal,
-            count,
+            geom.ravel(),
+            distance.ravel(),
+            normals.ravel(),
+            width * height,
             mujoco.mjMAXVAL,
         )
-        shape = self._rays.shape[:2]
-        geom, distance = geom.reshape(shape), distance.reshape(shape)
         seen = geom >= 0
         labels = np.where(seen, self._labels[geom], Label.UNKNOWN).astype(np.uint8)
         rgb = self.appearance.shade(
             labels,
             seen & self._head[geom],
-            normal.reshape(*shape, 3),
+            normals,
             self.camera.position + distance[..., None] * self._rays,
         )
         depth = np.where(seen, distance * self._depth_per_distance, np.nan).astype(np.float32)
