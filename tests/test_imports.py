@@ -26,7 +26,7 @@ KNOWS = {
     "training": {"primitives"},
     "planning": {"samplers", "drawing"},
     "recording": {"simulation"},
-    "perception": {"simulation"},
+    "perception": {"simulation", "threads"},
     "workflow": {"versions", "baselines", "training", "planning", "recording"},
     "report": {"drawing"},
     "config": {"workflow"},

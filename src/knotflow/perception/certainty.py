@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from knotflow.perception.camera import Camera
 from knotflow.perception.fitting import FitConfig, fit, image_loss
 from knotflow.perception.losses import Target
-from knotflow.perception.spread import CORRELATED
+from knotflow.perception.uncertainty import CORRELATED
 from knotflow.simulation import RopeConfig
 from knotflow.topology import DegenerateCurveError, project
 

@@ -25,7 +25,7 @@ from knotflow.perception.losses import (
     silhouette_loss,
     table_loss,
 )
-from knotflow.perception.render import render
+from knotflow.perception.rendering import render
 from knotflow.simulation import RopeConfig
 from knotflow.threads import one_thread
 

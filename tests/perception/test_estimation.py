@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from knotflow.perception.certainty import weigh_crossings
-from knotflow.perception.estimate import EstimateConfig, estimate
+from knotflow.perception.estimation import EstimateConfig, estimate
 from knotflow.perception.fitting import FitConfig
 from knotflow.perception.image import ImageError, RgbdImage
-from knotflow.perception.trace import TraceError
+from knotflow.perception.tracing import TraceError
 from knotflow.topology import TopologicalState
 
 from .shapes import CAMERA, ROPE, image, loop, s_curve, target

@@ -4,7 +4,8 @@ The fit's loss is taken for the negative logarithm of the shape's probability, a
 the fitted shape for that of a Gaussian. A vertex is coupled by the loss to three neighbours on
 either side, so vertices seven apart are moved at once and 21 pairs of gradients make the whole
 Hessian (Curtis, Powell and Reid, On the Estimation of Sparse Jacobian Matrices, 1974); what couples
-strands at a crossing is left out.
+strands at a crossing is left out. A rope does not stretch: only directions in which its links keep
+their lengths count.
 """
 
 from __future__ import annotations
@@ -23,8 +24,7 @@ CORRELATED = 4.0
 """Neighbouring pixels share their error: so many count as one."""
 
 _BAND = 3  # vertices on either side that the loss couples one to
-_STEP = 5e-4  # metres
-_LARGEST = 0.05  # metres, where neither image nor neighbours hold a vertex
+_LARGEST = 0.03  # metres, where neither image nor neighbours hold a vertex
 
 
 @one_thread()
@@ -46,17 +46,34 @@ def spread(
         (slope,) = torch.autograd.grad(pixels * loss, moved)
         return slope.numpy()
 
+    # Half a pixel: the ends of a rope, which alone keep it from sliding along itself, are seen in
+    # whole pixels only.
+    size = 0.5 * float(camera.project(points)[:, 2].mean()) / camera.fx
     stride = 2 * _BAND + 1
     hessian = np.zeros((count, 3, count, 3))
     for first in range(min(stride, count)):
         for axis in range(3):
             step = np.zeros((count, 3))
-            step[first::stride, axis] = _STEP
-            column = (gradient(points + step) - gradient(points - step)) / (2 * _STEP)
+            step[first::stride, axis] = size
+            column = (gradient(points + step) - gradient(points - step)) / (2 * size)
             for vertex in range(first, count, stride):
                 near = slice(max(0, vertex - _BAND), vertex + _BAND + 1)
                 hessian[near, :, vertex, axis] = column[near]
     flat = hessian.reshape(3 * count, 3 * count)
-    values, vectors = np.linalg.eigh(0.5 * (flat + flat.T))
-    variance = (vectors**2 / np.maximum(values, _LARGEST**-2)).sum(axis=1)
+    # Between the steps of pixels the loss may curve downwards, though it rises further away.
+    free = _keeping_lengths(points)  # (3 V, n)
+    values, vectors = np.linalg.eigh(free.T @ (0.5 * (flat + flat.T)) @ free)
+    variance = ((free @ vectors) ** 2 / np.maximum(np.abs(values), _LARGEST**-2)).sum(axis=1)
     return np.sqrt(variance.reshape(count, 3).sum(axis=1))
+
+
+def _keeping_lengths(points: NDArray) -> NDArray[np.float64]:
+    """Orthonormal directions (3 V, 2 V + 1) in which a shape (V, 3) keeps its links' lengths."""
+    links = len(points) - 1
+    unit = np.diff(points, axis=0)
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    change = np.zeros((links, links + 1, 3))
+    change[range(links), range(links)] = -unit
+    change[range(links), range(1, links + 1)] = unit
+    *_, directions = np.linalg.svd(change.reshape(links, -1))
+    return directions[links:].T

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from knotflow.perception.camera import Camera
 from knotflow.perception.fitting import project_lengths
-from knotflow.perception.trace import Trace
+from knotflow.perception.tracing import Trace
 from knotflow.simulation import RopeConfig
 
 Floats = NDArray[np.float64]

@@ -16,19 +16,20 @@ from numpy.typing import NDArray
 
 from knotflow.perception.camera import Camera
 from knotflow.perception.certainty import CrossingEvidence, weigh_crossings
-from knotflow.perception.coverage import coverage
 from knotflow.perception.fitting import FitConfig, fit
 from knotflow.perception.image import Label, RgbdImage
-from knotflow.perception.lift import lift
+from knotflow.perception.lifting import lift
 from knotflow.perception.losses import Target
-from knotflow.perception.render import render
+from knotflow.perception.rendering import render
 from knotflow.perception.segmentation import segment
-from knotflow.perception.spread import spread
-from knotflow.perception.trace import trace
+from knotflow.perception.tracing import trace
+from knotflow.perception.uncertainty import spread
+from knotflow.perception.unmixing import coverage
 from knotflow.simulation import RopeConfig, state_or_none
 from knotflow.topology import TopologicalState
 
 Floats = NDArray[np.float64]
+Pairs = frozenset[tuple[int, int]]
 
 _CLEARLY = 0.7  # difference in the share of a pixel that is rope, which is no matter of edges
 
@@ -45,8 +46,8 @@ class EstimateConfig:
     """A crossing whose certainty is lower is in doubt."""
     explained: float = 0.97
     """A shape that accounts for less of the rope's image is in doubt."""
-    rival: float = 0.02
-    """A path of another state that accounts for this much less of the rope's image is a rival."""
+    rival: float = 0.01
+    """A path with other crossings that accounts for at most this much less of the rope's image is a rival."""
     head_contrast: float = 0.15
     """Distance in RGB (0..1) from the rope's colour that marks a head."""
 
@@ -121,7 +122,7 @@ def estimate(
     explained = _explained(shape, target, camera, rope)
     state = state_or_none(shape)
     rivals = {
-        _undirected(state_or_none(one))
+        _shadow(one)
         for one, share in zip(shapes, shares, strict=True)
         if share > shares[best] - config.rival
     }
@@ -201,9 +202,15 @@ def _head_first(
     return shape, crossings, head_known
 
 
-def _undirected(state: TopologicalState | None) -> frozenset[TopologicalState] | None:
-    """A state and what it is with head and tail exchanged: paths are followed from either end."""
-    return None if state is None else frozenset((state, state.reversed()))
+def _shadow(shape: Floats) -> frozenset[Pairs] | None:
+    """Which positions along a shape (V, 3) meet at crossings, whatever is on top, from either end;
+    None where it cannot be read."""
+    state = state_or_none(shape)
+    if state is None:
+        return None
+    pairs = [(min(over, under), max(over, under)) for over, under, _ in state.crossings]
+    last = 2 * state.num_crossings + 1
+    return frozenset((frozenset(pairs), frozenset((last - b, last - a) for a, b in pairs)))
 
 
 def _seen(
@@ -224,7 +231,7 @@ def _doubts(
     state: TopologicalState | None,
     crossings: tuple[CrossingEvidence, ...],
     explained: float,
-    rivals: set[frozenset[TopologicalState] | None],
+    rivals: set[frozenset[Pairs] | None],
     config: EstimateConfig,
 ) -> list[str]:
     doubts = []

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from knotflow.perception.camera import Camera
-from knotflow.perception.render import render
+from knotflow.perception.rendering import render
 
 from .shapes import CAMERA, ROPE, loop, s_curve, seen_exactly
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from knotflow.perception.coverage import coverage
-from knotflow.perception.lift import lift
+from knotflow.perception.lifting import lift
 from knotflow.perception.segmentation import segment
-from knotflow.perception.trace import TraceError, trace
+from knotflow.perception.tracing import TraceError, trace
+from knotflow.perception.unmixing import coverage
 from knotflow.topology import TopologicalState
 
 from .shapes import CAMERA, ROPE, image, loop, s_curve, seen_exactly
