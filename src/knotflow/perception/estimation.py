@@ -47,7 +47,7 @@ class EstimateConfig:
     explained: float = 0.97
     """A shape that accounts for less of the rope's image is in doubt."""
     rival: float = 0.01
-    """A path with other crossings that accounts for at most this much less of the rope's image is a rival."""
+    """A path with other crossings is a rival if it accounts for at most this much less."""
     head_contrast: float = 0.15
     """Distance in RGB (0..1) from the rope's colour that marks a head."""
 
