@@ -28,7 +28,7 @@ def test_the_upper_strand_hides_the_lower_one_entirely():
     rope = rope.double().requires_grad_()
     camera = Camera.overhead(81, 61)
     depth, _ = render(rope, 0.02, camera)
-    assert float(depth[30, 40]) == pytest.approx(camera.position[2] - 0.12, abs=1e-6)
+    assert depth[30, 40].item() == pytest.approx(camera.position[2] - 0.12, abs=1e-6)
     depth[30, 40].backward()
     assert rope.grad is not None and rope.grad[3:].abs().max() < 1e-6
     assert rope.grad[:2].abs().max() > 0.1
