@@ -65,6 +65,13 @@ def test_a_shape_that_does_not_account_for_the_image_is_in_doubt():
     assert found.doubtful and found.explained < 0.5
 
 
+def test_a_rope_that_leaves_the_image_is_in_doubt():
+    points = s_curve() + [0.75, 0, 0]
+    found = estimate(image(points), CAMERA, ROPE, initial=points, config=QUICK)
+    assert "the rope leaves the image" in found.doubts
+    assert not found.seen[-5:].any() and found.seen[:20].all()
+
+
 def test_an_image_without_rope_holds_none():
     bare = image(s_curve())
     depth = np.full_like(bare.depth, CAMERA.position[2])

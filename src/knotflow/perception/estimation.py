@@ -134,7 +134,7 @@ def estimate(
         explained,
         spread(shape, target, camera, rope, config.fit),
         head_known,
-        tuple(_doubts(state, crossings, explained, rivals, config)),
+        tuple(_doubts(state, crossings, explained, rivals, _leaves(mask), config)),
     )
 
 
@@ -227,14 +227,22 @@ def _seen(
     return inside & mask[v, u] & (off < 1.5 * rope.radius)
 
 
+def _leaves(mask: NDArray[np.bool_]) -> bool:
+    """Whether the rope reaches the image's border."""
+    return bool(mask[[0, -1]].any() or mask[:, [0, -1]].any())
+
+
 def _doubts(
     state: TopologicalState | None,
     crossings: tuple[CrossingEvidence, ...],
     explained: float,
     rivals: set[frozenset[Pairs] | None],
+    leaves: bool,
     config: EstimateConfig,
 ) -> list[str]:
     doubts = []
+    if leaves:
+        doubts.append("the rope leaves the image")
     if state is None:
         doubts.append("the shape's projection does not determine its state")
     if explained < config.explained:

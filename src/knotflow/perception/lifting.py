@@ -9,6 +9,7 @@ from knotflow.perception.camera import Camera
 from knotflow.perception.fitting import project_lengths
 from knotflow.perception.tracing import Trace
 from knotflow.simulation import RopeConfig
+from knotflow.topology.polyline import planar_crossings
 
 Floats = NDArray[np.float64]
 
@@ -63,8 +64,6 @@ def _part_strands(shape: Floats, rope: RopeConfig) -> Floats:
     At a crossing the image shows the upper strand only. Beside it, the upper strand is still
     above where the lower one is back on its own height.
     """
-    from knotflow.topology.polyline import planar_crossings
-
     meetings = planar_crossings(shape[:, :2])
     along = _reached(shape[:, :2])
     lifted = shape.copy()
@@ -77,9 +76,8 @@ def _part_strands(shape: Floats, rope: RopeConfig) -> Floats:
         ]
         heights = [float(np.interp(one, along, shape[:, 2]).mean()) for one in beside]
         over, under = (0, 1) if heights[0] > heights[1] else (1, 0)
-        own = np.array([min(heights[under], 2 * rope.radius), 0.0])
-        own[1] = own[0] + 2.2 * rope.radius
-        for strand, height in ((under, own[0]), (over, own[1])):
+        lower = min(heights[under], 2 * rope.radius)
+        for strand, height in ((under, lower), (over, lower + 2.2 * rope.radius)):
             near = np.abs(along - places[strand]) < _BESIDE[1] * rope.radius
             lifted[near, 2] = height
     return lifted

@@ -46,13 +46,11 @@ class Trace:
 
     Attributes:
         pixels: (N, 2) u, v along the rope, from either end.
-        bridged: (N,) bool, where the path passes a junction and does not follow the skeleton.
         cost: squared turning at junctions, radians, and what was left out.
         covered: share of the skeleton's length that the path follows.
     """
 
     pixels: Floats
-    bridged: NDArray[np.bool_]
     cost: float
     covered: float
 
@@ -250,7 +248,6 @@ def _walks(count: int, onward: dict[ArmEnd, ArmEnd]) -> list[tuple[ArmEnd, ...]]
 def _follow(walk: tuple[ArmEnd, ...], arms: list[Floats], covered: float) -> Trace:
     """The path through arms, with straight bridges between them."""
     parts: list[Floats] = []
-    bridged: list[NDArray[np.bool_]] = []
     for arm, entered in walk:
         path = arms[arm] if entered == 0 else arms[arm][::-1]
         if parts:
@@ -258,11 +255,9 @@ def _follow(walk: tuple[ArmEnd, ...], arms: list[Floats], covered: float) -> Tra
             steps = max(2, round(float(np.hypot(*gap))))
             share = np.arange(1, steps)[:, None] / steps
             parts.append(parts[-1][-1] + share * gap)
-            bridged.append(np.ones(steps - 1, bool))
         parts.append(path)
-        bridged.append(np.zeros(len(path), bool))
     pixels = (np.concatenate(parts)[:, ::-1] + 0.5) / _ZOOM - 0.5
-    return Trace(pixels, np.concatenate(bridged), np.inf, covered)
+    return Trace(pixels, np.inf, covered)
 
 
 def _apart(one: Trace, other: Trace) -> float:
