@@ -15,6 +15,7 @@ VERSIONS = {
     "primitives": 1,
     "training": 1,
     "planning": 1,
+    "perception": 1,
 }
 """Package below knotflow -> its version. One inside another, with a number of its own, is not
 covered by that of the outer one."""

@@ -71,7 +71,7 @@ def segment(image: RgbdImage, camera: Camera, radius: float) -> Segmentation:
     """The image's pixels as rope, gripper, table or unknown; without a rope, no pixel is rope.
 
     Args:
-        image: of this camera; most of it shows the table.
+        image: of this camera; most of it shows the table, and a rope is two pixels wide or more.
         camera: errors of its pose of a few millimetres and degrees are taken out.
         radius: the rope's, metres.
 
