@@ -27,7 +27,7 @@ KNOWS = {
     "planning": {"samplers", "drawing"},
     "execution": {"planning"},
     "recording": {"simulation"},
-    "perception": {"simulation"},
+    "perception": {"simulation", "threads"},
     "workflow": {"versions", "baselines", "training", "planning", "recording"},
     "report": {"drawing"},
     "config": {"workflow"},
