@@ -1,0 +1,199 @@
+"""The points of a measured rope in a CSV or NPY file.
+
+A CSV has a row a point. Commas, semicolons (with decimal commas, too), tabs and blanks separate;
+`#` begins a comment. A header row may name the columns: x, y and z are then found among others, and
+a unit in brackets, such as `x [mm]`, counts.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from io import StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+MIN_VERTICES = 5
+"""A curve of fewer points says too little of how the rope bends."""
+MAX_VERTICES = 1001
+"""Of a curve with more, as many points evenly along it are kept: a millimetre apart on a rope of a
+metre, where its crossings are a diameter apart. Reading them takes memory with the square."""
+
+METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+"""What the units of a file are worth."""
+
+Floats = NDArray[np.float64]
+
+_AXES = ("x", "y", "z")
+_NAME = re.compile(r"\s*([a-z]\w*?)[\s_]*(?:[\[(]?\s*(mm|cm|m)\s*[\])]?)?\s*", re.IGNORECASE)
+
+
+class RopeInputError(ValueError):
+    """A rope file that cannot be read as a rope that lies on the table."""
+
+
+def read_points(path: Path, unit: str | None = None) -> Floats:
+    """The file's points (N, 3), metres, each apart from the one before, `MAX_VERTICES` at most.
+
+    Args:
+        path: of a *.csv or *.npy file.
+        unit: of its numbers, one of `METRES`; None takes the header's, else metres.
+
+    Raises:
+        RopeInputError: no such file, or not (V, 3) finite numbers; names the line and the cure.
+    """
+    if unit is not None and unit not in METRES:
+        raise RopeInputError(f"unknown unit {unit!r} of a rope; there are {', '.join(METRES)}")
+    if path.suffix.lower() not in _READERS:
+        raise RopeInputError(f"{path}: a rope is a file *{' or *'.join(SUFFIXES)}")
+    if not path.is_file():
+        raise RopeInputError(f"{path}: there is no such rope file")
+    try:
+        points, stated = _READERS[path.suffix.lower()](path)
+    except (OSError, EOFError) as error:
+        raise RopeInputError(f"{path}: cannot be read: {error}") from error
+    if unit is not None and stated is not None and unit != stated:
+        raise RopeInputError(f"{path}: its header says {stated}, but {unit} was asked for")
+    points = points * METRES[unit or stated or "m"]
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise RopeInputError(
+            f"{path}: a rope has rows of x, y, z, shape (V, 3); the file has shape {points.shape}"
+        )
+    if len(points) < MIN_VERTICES:
+        raise RopeInputError(
+            f"{path}: {len(points)} points are too few for a rope, at least {MIN_VERTICES} are "
+            "needed"
+        )
+    finite = np.isfinite(points).all(axis=1)
+    if not finite.all():
+        vertex = int(np.argmin(finite))
+        raise RopeInputError(
+            f"{path}: point {vertex} (counted from 0) is {points[vertex].tolist()}; all numbers "
+            "must be finite, so leave out points that were not measured"
+        )
+    apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 0.0
+    if not apart.any():
+        raise RopeInputError(f"{path}: all points are the same")
+    return _thinned(points[np.r_[True, apart]])
+
+
+def _thinned(points: Floats) -> Floats:
+    if len(points) <= MAX_VERTICES:
+        return points
+    along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+    at = np.linspace(0.0, along[-1], MAX_VERTICES)
+    return np.column_stack([np.interp(at, along, column) for column in points.T])
+
+
+def _read_npy(path: Path) -> tuple[Floats, None]:
+    cure = "save the points with numpy.save(path, points), an array (V, 3) of numbers"
+    try:
+        loaded = np.load(path, allow_pickle=False)
+    except ValueError as error:
+        what = "holds Python objects, which could run code" if "pickle" in str(error) else error
+        raise RopeInputError(f"{path}: not an array of numbers ({what}); {cure}") from None
+    if not isinstance(loaded, np.ndarray) or loaded.dtype.kind not in "iuf":
+        kind = loaded.dtype if isinstance(loaded, np.ndarray) else type(loaded).__name__
+        raise RopeInputError(f"{path}: holds {kind}, not an array of numbers; {cure}")
+    return loaded.astype(np.float64), None
+
+
+def _read_csv(path: Path) -> tuple[Floats, str | None]:
+    import pandas as pd  # slow to import
+
+    try:
+        text = path.read_text("utf-8-sig")
+    except UnicodeDecodeError:
+        raise RopeInputError(f"{path}: not UTF-8 text; save it as CSV in UTF-8") from None
+    separator, decimal = _dialect(text)
+    lines = [line.split("#")[0].strip() for line in text.splitlines()]
+    if not any(lines):
+        raise RopeInputError(f"{path}: holds no points; a row a point: x, y, z")
+    widest = max(len(re.split(separator, line)) for line in lines)
+    table = pd.read_csv(
+        StringIO("\n".join(lines)),
+        sep=separator,
+        header=None,
+        names=range(widest),
+        dtype=str,
+        keep_default_na=False,
+        skip_blank_lines=False,
+        engine="python",  # the other knows no patterns as separators
+        quoting=3,  # a stray quotation mark is no reason to swallow lines
+    )
+    table.index += 1  # lines of the file
+    table = table[[bool(line) for line in lines]]
+    names = _header(table.iloc[0].tolist())
+    if names:
+        table = table.iloc[1:]
+    found = [index for axis in _AXES for index, (name, _) in enumerate(names) if name == axis]
+    chosen = found if len(found) == 3 else [0, 1, 2]
+    if widest > 3 and len(found) != 3:
+        raise RopeInputError(
+            f"{path}: rows have up to {widest} values; a rope's have 3, or a header row that says "
+            "which are x, y and z"
+        )
+    stated = {names[index][1] for index in found} - {None}
+    if len(stated) > 1:
+        raise RopeInputError(f"{path}: its header gives different units: {', '.join(stated)}")
+    return _numbers(path, table, chosen, decimal), next(iter(stated), None)
+
+
+def _dialect(text: str) -> tuple[str, str]:
+    """The pattern that separates columns, and the decimal mark."""
+    body = "\n".join(line.split("#")[0] for line in text.splitlines())
+    if ";" in body:
+        return r"\s*;\s*", "," if "," in body else "."
+    if "," in body:
+        return r"\s*,\s*", "."
+    return r"\s+", "."
+
+
+def _header(cells: list[str]) -> list[tuple[str, str | None]]:
+    """Names and units of the columns; none where the first row has a number."""
+    if any(_is_number(cell) for cell in cells if isinstance(cell, str)):
+        return []
+    matches = [_NAME.fullmatch(str(cell)) for cell in cells]
+    return [(one[1].lower(), one[2] and one[2].lower()) if one else ("", None) for one in matches]
+
+
+def _numbers(path: Path, table: pd.DataFrame, chosen: list[int], decimal: str) -> Floats:
+    """The chosen columns (N, 3) as numbers."""
+    rows = []
+    for line, cells in zip(table.index, table.to_numpy().tolist(), strict=True):
+        given = [cell.strip().replace(decimal, ".") for cell in cells if isinstance(cell, str)]
+        if len(given) <= max(chosen) or not all(given[index] for index in chosen):
+            raise RopeInputError(
+                f"{path}, line {line}: has {sum(map(bool, given))} values, x, y, z are needed; "
+                "complete the row or delete it"
+            )
+        row = [given[index] for index in chosen]
+        for axis, cell in zip(_AXES, row, strict=True):
+            if not _is_number(cell):
+                raise RopeInputError(
+                    f"{path}, line {line}: {axis} is {cell!r}, which is no number; only one header "
+                    "row may come before the points, other words begin with #"
+                )
+        rows.append([float(cell) for cell in row])
+    return np.array(rows).reshape(-1, 3)
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+_READERS: dict[str, Callable[[Path], tuple[Floats, str | None]]] = {
+    ".csv": _read_csv,
+    ".npy": _read_npy,
+}
+SUFFIXES = tuple(_READERS)
