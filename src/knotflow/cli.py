@@ -21,16 +21,16 @@ from cyclopts import App, CycloptsError, Parameter
 
 EXAMPLES = """\
 Examples:
-  knotflow plan overhand                                a plan for a random rope
-  knotflow plan figure_eight --rope measured.csv        ... for yours: x, y, z in metres, head first
-  knotflow next overhand --rope measured.csv            only the next action, and how sure it is
-  knotflow explain                                      R1, R2, C and states in one picture
-  knotflow explain "C(0,2,-1)" --state 3o1-2o4-         one action, before and after
-  knotflow explain overhand                             every way to a knot
-  knotflow view plans/overhand-random-0/plan.mcap       in Rerun
+  knotflow plan overhand                               for a random rope
+  knotflow plan figure_eight --rope measured.csv       for yours: x, y, z rows
+  knotflow next overhand --rope measured.csv           only the next action
+  knotflow explain                                     the notation, in a picture
+  knotflow explain "C(0,2,-1)" --state 3o1-2o4-        one action in a state
+  knotflow explain overhand                            every way to a knot
+  knotflow view plans/overhand-random-0/plan.mcap      in Rerun
 
 Exit codes: 0 tied, 1 not tied, 2 wrong input.
-`python -m knotflow +experiment=NAME` runs the experiments."""
+Experiments: python -m knotflow +experiment=NAME"""
 
 
 def _version() -> str:
@@ -42,7 +42,7 @@ def _version() -> str:
 
 app = App(
     name="knotflow",
-    help="Robots that tie knots: plan how a rope as it lies becomes a knot, and look at it.",
+    help="Robots that tie knots: from a rope as it lies to a knot.",
     help_epilogue=EXAMPLES,
     help_format="plaintext",
     version=_version,
@@ -69,13 +69,12 @@ def plan(
     max_seconds: float = 60.0,
     overwrite: bool = False,
 ) -> int:
-    """Plan how to tie a knot into a rope as it lies, and write the plan's folder.
+    """Plan how to tie a knot into a rope as it lies.
 
     Parameters
     ----------
     knot
-        overhand, figure_eight, pentagram, three_twist; crossings such as 4o1+2o5+6o3+; or a path
-        of actions such as "R1(0,1,1) C(0,1,1)".
+        overhand, figure_eight, ...; crossings (4o1+2o5+6o3+); or actions ("R1(0,1,1) C(0,1,1)").
     rope_unit
         Of the numbers in the rope's file; the one in its header, such as "x [mm]", or metres.
     out
@@ -117,7 +116,7 @@ def next_step(
     seed: int = 0,
     max_seconds: float = 60.0,
 ) -> int:
-    """The next action for a rope as it lies: what to do, how sure it is, what to check after.
+    """The next action, how sure it is, what to check.
 
     Parameters
     ----------
@@ -167,7 +166,7 @@ def next_step(
 def explain(
     what: str = "", /, *, state: str = "trivial", out: Path | None = None, overwrite: bool = False
 ) -> int:
-    """Draw the notation: an action before and after, a state, or every way to a knot.
+    """Draw an action, a state, or the ways to a knot.
 
     Parameters
     ----------
@@ -195,10 +194,7 @@ def explain(
 
         states = sorted(knot(what))
         draw_dag(SolutionDag.to(states[-1]), [path])
-        others = len(states) - 1
-        print(
-            f"every way to {states[-1]}" + (f", and {others} more states are {what}" * bool(others))
-        )
+        print(f"every way to {states[-1]}, one of {len(states)} states of {what}")
     elif not what:
         from knotflow.planning.draw_action import draw_notation
 
@@ -259,7 +255,7 @@ def view(
 
 @app.command
 def report(*, results: Path = Path("results"), out: Path = Path("reports")) -> int:
-    """Make the report again from the results folder alone.
+    """Make the report from the results folder alone.
 
     Parameters
     ----------

@@ -7,17 +7,13 @@ a unit in brackets, such as `x [mm]`, counts.
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Callable
-from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 MIN_VERTICES = 5
 """A curve of fewer points says too little of how the rope bends."""
@@ -56,7 +52,7 @@ def read_points(path: Path, unit: str | None = None) -> Floats:
         raise RopeInputError(f"{path}: there is no such rope file")
     try:
         points, stated = _READERS[path.suffix.lower()](path)
-    except (OSError, EOFError) as error:
+    except (OSError, EOFError, csv.Error) as error:
         raise RopeInputError(f"{path}: cannot be read: {error}") from error
     if unit is not None and stated is not None and unit != stated:
         raise RopeInputError(f"{path}: its header says {stated}, but {unit} was asked for")
@@ -96,7 +92,7 @@ def _read_npy(path: Path) -> tuple[Floats, None]:
     try:
         loaded = np.load(path, allow_pickle=False)
     except ValueError as error:
-        what = "holds Python objects, which could run code" if "pickle" in str(error) else error
+        what = "Python objects, or no NumPy file" if "pickle" in str(error) else error
         raise RopeInputError(f"{path}: not an array of numbers ({what}); {cure}") from None
     if not isinstance(loaded, np.ndarray) or loaded.dtype.kind not in "iuf":
         kind = loaded.dtype if isinstance(loaded, np.ndarray) else type(loaded).__name__
@@ -105,88 +101,73 @@ def _read_npy(path: Path) -> tuple[Floats, None]:
 
 
 def _read_csv(path: Path) -> tuple[Floats, str | None]:
-    import pandas as pd  # slow to import
-
     try:
         text = path.read_text("utf-8-sig")
     except UnicodeDecodeError:
         raise RopeInputError(f"{path}: not UTF-8 text; save it as CSV in UTF-8") from None
-    separator, decimal = _dialect(text)
-    lines = [line.split("#")[0].strip() for line in text.splitlines()]
-    if not any(lines):
-        raise RopeInputError(f"{path}: holds no points; a row a point: x, y, z")
-    widest = max(len(re.split(separator, line)) for line in lines)
-    table = pd.read_csv(
-        StringIO("\n".join(lines)),
-        sep=separator,
-        header=None,
-        names=range(widest),
-        dtype=str,
-        keep_default_na=False,
-        skip_blank_lines=False,
-        engine="python",  # the other knows no patterns as separators
-        quoting=3,  # a stray quotation mark is no reason to swallow lines
-    )
-    table.index += 1  # lines of the file
-    table = table[[bool(line) for line in lines]]
-    names = _header(table.iloc[0].tolist())
+    bare = [line.split("#")[0].strip() for line in text.splitlines()]
+    decimal, rows = _cells({number: line for number, line in enumerate(bare, 1) if line})
+    if not rows:
+        raise RopeInputError(f"{path}: holds no points; write x, y, z of a point in a row")
+    first = next(iter(rows))
+    names = _header(rows[first])
     if names:
-        table = table.iloc[1:]
+        del rows[first]
     found = [index for axis in _AXES for index, (name, _) in enumerate(names) if name == axis]
-    chosen = found if len(found) == 3 else [0, 1, 2]
-    if widest > 3 and len(found) != 3:
-        raise RopeInputError(
-            f"{path}: rows have up to {widest} values; a rope's have 3, or a header row that says "
-            "which are x, y and z"
-        )
-    stated = {names[index][1] for index in found} - {None}
-    if len(stated) > 1:
-        raise RopeInputError(f"{path}: its header gives different units: {', '.join(stated)}")
-    return _numbers(path, table, chosen, decimal), next(iter(stated), None)
+    named = len(found) == len(_AXES)
+    chosen = found if named else [0, 1, 2]
+    points = []
+    for line, cells in rows.items():
+        if len(cells) > 3 and not named:
+            raise RopeInputError(
+                f"{path}, line {line}: has {len(cells)} values, a point has x, y, z; delete the "
+                "others, or say in a header row which columns are x, y and z"
+            )
+        points.append(_point(f"{path}, line {line}", cells, chosen, decimal))
+    units = {names[index][1] for index in found} - {None}
+    if len(units) > 1:
+        raise RopeInputError(f"{path}: its header gives different units: {', '.join(units)}")
+    return np.array(points).reshape(-1, 3), next(iter(units), None)
 
 
-def _dialect(text: str) -> tuple[str, str]:
-    """The pattern that separates columns, and the decimal mark."""
-    body = "\n".join(line.split("#")[0] for line in text.splitlines())
-    if ";" in body:
-        return r"\s*;\s*", "," if "," in body else "."
-    if "," in body:
-        return r"\s*,\s*", "."
-    return r"\s+", "."
+def _cells(lines: dict[int, str]) -> tuple[str, dict[int, list[str]]]:
+    """The decimal mark, and of each line its cells; what separates them stands in the lines."""
+    text = "\n".join(lines.values())
+    separator = next((mark for mark in ";,\t" if mark in text), None)
+    decimal = "," if separator == ";" else "."
+    if separator is None:
+        return decimal, {number: line.split() for number, line in lines.items()}
+    return decimal, {  # each by itself: a stray quotation mark swallows no other line
+        number: next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+        for number, line in lines.items()
+    }
 
 
 def _header(cells: list[str]) -> list[tuple[str, str | None]]:
     """Names and units of the columns; none where the first row has a number."""
-    if any(_is_number(cell) for cell in cells if isinstance(cell, str)):
+    if any(_is_number(cell.replace(",", ".")) for cell in cells):
         return []
-    matches = [_NAME.fullmatch(str(cell)) for cell in cells]
+    matches = [_NAME.fullmatch(cell) for cell in cells]
     return [(one[1].lower(), one[2] and one[2].lower()) if one else ("", None) for one in matches]
 
 
-def _numbers(path: Path, table: pd.DataFrame, chosen: list[int], decimal: str) -> Floats:
-    """The chosen columns (N, 3) as numbers."""
-    rows = []
-    for line, cells in zip(table.index, table.to_numpy().tolist(), strict=True):
-        given = [cell.strip().replace(decimal, ".") for cell in cells if isinstance(cell, str)]
-        if len(given) <= max(chosen) or not all(given[index] for index in chosen):
+def _point(where: str, cells: list[str], chosen: list[int], decimal: str) -> list[float]:
+    """The numbers in the chosen columns of a row."""
+    given = [cells[index].strip() if index < len(cells) else "" for index in chosen]
+    for axis, cell in zip(_AXES, given, strict=True):
+        if not cell:
+            raise RopeInputError(f"{where}: has no {axis}; complete the row or delete it")
+        if not _is_number(cell.replace(decimal, ".")):
             raise RopeInputError(
-                f"{path}, line {line}: has {sum(map(bool, given))} values, x, y, z are needed; "
-                "complete the row or delete it"
+                f"{where}: {axis} is {cell!r}, which is no number; only one header row may come "
+                "before the points, and # begins a comment"
             )
-        row = [given[index] for index in chosen]
-        for axis, cell in zip(_AXES, row, strict=True):
-            if not _is_number(cell):
-                raise RopeInputError(
-                    f"{path}, line {line}: {axis} is {cell!r}, which is no number; only one header "
-                    "row may come before the points, other words begin with #"
-                )
-        rows.append([float(cell) for cell in row])
-    return np.array(rows).reshape(-1, 3)
+    return [float(cell.replace(decimal, ".")) for cell in given]
 
 
 def _is_number(word: str) -> bool:
     try:
-        float(word.replace(",", "."))
+        float(word)
     except ValueError:
         return False
     return True
