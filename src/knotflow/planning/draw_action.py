@@ -93,8 +93,7 @@ def _figure(rows: Sequence[tuple[Action, TopologicalState]]) -> Figure:
         figure.text(middle, (bottom + _PANEL / 2 - 0.2) / height, "→", ha="center", size=20)
         words = textwrap.fill(describe(action, state), 112)
         figure.text(0.5, (bottom - 0.08) / height, words, ha="center", va="top", color=INK)
-    key = {"ha": "center", "va": "bottom", "color": MUTED, "size": 7.5}
-    figure.text(0.5, _MARGIN / height, _KEY, **key)
+    figure.text(0.5, _MARGIN / height, _KEY, ha="center", va="bottom", color=MUTED, size=7.5)
     return figure
 
 
@@ -145,7 +144,8 @@ def _number(axes: Axes, points: NDArray, side: float, lit: Sequence[int]) -> Non
         middle = at((begin + end) / 2)
         taken.append(middle[None])
         axes.text(
-            *middle,
+            float(middle[0]),
+            float(middle[1]),
             str(segment),
             ha="center",
             va="center",
@@ -169,7 +169,16 @@ def _number(axes: Axes, points: NDArray, side: float, lit: Sequence[int]) -> Non
         apart = np.linalg.norm(places[:, None] - np.concatenate(taken)[None], axis=-1)
         place = places[apart.min(axis=1).argmax()]
         taken.append(place[None])
-        axes.text(*place, str(position), ha="center", va="center", size=6.5, color=MUTED, zorder=7)
+        axes.text(
+            float(place[0]),
+            float(place[1]),
+            str(position),
+            ha="center",
+            va="center",
+            size=6.5,
+            color=MUTED,
+            zorder=7,
+        )
 
 
 def _save(figure: Figure, path: Path) -> None:

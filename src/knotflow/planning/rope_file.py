@@ -124,7 +124,7 @@ def _read_csv(path: Path) -> tuple[Floats, str | None]:
                 "others, or say in a header row which columns are x, y and z"
             )
         points.append(_point(f"{path}, line {line}", cells, chosen, decimal))
-    units = {names[index][1] for index in found} - {None}
+    units = {unit for index in found if (unit := names[index][1]) is not None}
     if len(units) > 1:
         raise RopeInputError(f"{path}: its header gives different units: {', '.join(units)}")
     return np.array(points).reshape(-1, 3), next(iter(units), None)
