@@ -1,9 +1,8 @@
 """The `knotflow` command, for people with a rope; `python -m knotflow` runs the experiments.
 
 Cyclopts reads the commands off the functions' types and docstrings, suggests what was meant, and
-completes in bash, zsh and fish (`knotflow --install-completion`); it loads in a tenth of a second
-where typer and tyro take longer. Everything heavy is imported inside the commands: help and errors
-are there at once.
+completes in bash, zsh and fish (`knotflow --install-completion`). Everything heavy is imported
+inside the commands: help and errors are there at once.
 
 Exit codes: 0 done, or tied; 1 not tied, or the viewer found problems; 2 wrong input.
 """
