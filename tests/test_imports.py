@@ -32,7 +32,10 @@ KNOWS = {
     "report": {"drawing"},
     "config": {"workflow"},
     "view": {"recording"},
-    "__main__": {"config"},
+    "overrides": {"config"},
+    "tie": {"config"},
+    "cli": {"tie", "view", "report"},
+    "__main__": {"overrides"},
 }
 """Each package and what it may import, beside what that one may: the floor plan as a graph."""
 
