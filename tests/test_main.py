@@ -29,11 +29,11 @@ def knotflow(*arguments, cwd=None):
     [
         (
             [],
-            "choose one with +experiment=NAME; experiments are: ablation_actor_critic, benchmark, ",
+            "choose one with +experiment=NAME; experiments are: ablation_actor_critic, actions, benchmark, ",
         ),
         (
             ["+experiment=single"],
-            "no experiment 'single'; experiments are: ablation_actor_critic, benchmark, ",
+            "no experiment 'single'; experiments are: ablation_actor_critic, actions, benchmark, ",
         ),
         (["+experiment=benchmark", "budget=huge"], "paper"),
         (["+experiment=benchmark", "simulation.rope.lenght=2"], "lenght"),
