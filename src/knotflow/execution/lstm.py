@@ -1,0 +1,130 @@
+"""The learned dynamics of a rope: a bidirectional LSTM over its vertices, as in [15] (Sec. VI).
+
+Where a vertex goes depends on the whole rope, and mostly along it: from the grasp to both ends. So
+an LSTM reads the vertices in both directions, and each vertex's states say how far it moves in the
+next step. Predicted links are then brought back towards their length, which a long rollout would
+lose otherwise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from knotflow.execution.rope_motions import FREE, STEP
+
+SHIPPED = Path(__file__).parent / "data" / "dynamics.safetensors"
+"""The weights that come with the package."""
+
+
+@dataclass(frozen=True)
+class LstmConfig:
+    """The network, and the rope it is for."""
+
+    hidden: int = 64
+    """Size of each direction's state."""
+    layers: int = 2
+    """LSTMs on top of each other."""
+    links: int = 40
+    """Of the rope."""
+    length: float = 1.0
+    """Of the rope, metres."""
+    straightening: int = 4
+    """Passes over the links that bring them back towards their length."""
+
+
+class LstmDynamics(nn.Module):
+    """See `RopeDynamics`."""
+
+    def __init__(self, config: LstmConfig | None = None) -> None:
+        super().__init__()
+        self.config = config = config or LstmConfig()
+        self.read = nn.Sequential(nn.Linear(_FEATURES, config.hidden), nn.SiLU())
+        self.lstm = nn.LSTM(
+            config.hidden, config.hidden, config.layers, batch_first=True, bidirectional=True
+        )
+        self.out = nn.Linear(2 * config.hidden, 3)
+        nn.init.zeros_(self.out.weight)
+        nn.init.zeros_(self.out.bias)
+
+    def forward(
+        self, points: Tensor, velocities: Tensor, grasped: Tensor, gripper: Tensor
+    ) -> Tensor:
+        """Vertices (B, V, 3) after one step, at whose end the gripper is at `gripper` (B, 3)."""
+        held = (grasped != FREE).float()[:, None]  # (B, 1)
+        link = grasped.clamp(min=0)[:, None]
+        place = torch.arange(points.shape[1], device=points.device)
+        flag = ((place == link) | (place == link + 1)).float() * held  # (B, V)
+        centre = (flag[..., None] * points).sum(1, keepdim=True) / 2  # (B, 1, 3)
+        pull = (gripper[:, None] - centre) * held[..., None]
+        middle = points.mean(1, keepdim=True) * points.new_tensor([1.0, 1.0, 0.0])
+        features = [
+            (points - middle) / _POSITION,
+            points[..., 2:] / _HEIGHT,
+            velocities * STEP / _DISPLACEMENT,
+            (points - centre) * held[..., None] / _POSITION,
+            (pull / _DISPLACEMENT).expand_as(points),
+            flag[..., None],
+            held[..., None].expand(-1, points.shape[1], 1),
+        ]
+        states, _ = self.lstm(self.read(torch.cat(features, -1)))
+        return self._with_links(points + _DISPLACEMENT * self.out(states))
+
+    def predict(
+        self, points: Tensor, velocities: Tensor, grasped: Tensor, gripper: Tensor
+    ) -> Tensor:
+        """See `RopeDynamics`."""
+        points, velocities, gripper = points.float(), velocities.float(), gripper.float()
+        ahead = []
+        for step in range(gripper.shape[1]):
+            moved = self(points, velocities, grasped, gripper[:, step])
+            points, velocities = moved, (moved - points) / STEP
+            ahead.append(points)
+        return torch.stack(ahead, 1)
+
+    def _with_links(self, points: Tensor) -> Tensor:
+        """Vertices (B, V, 3) whose links are closer to their length; both ends give way alike."""
+        length = self.config.length / self.config.links
+        for _ in range(self.config.straightening):
+            link = points.diff(dim=1)
+            size = link.norm(dim=-1, keepdim=True).clamp(min=1e-6)
+            half = 0.5 * link * (1 - length / size)
+            points = points + 0.5 * (
+                nn.functional.pad(half, (0, 0, 0, 1)) - nn.functional.pad(half, (0, 0, 1, 0))
+            ) * 2 * _RELAXATION
+        return points
+
+    def save(self, path: Path) -> None:
+        """Write weights and configuration as safetensors, in half precision."""
+        from safetensors.torch import save_file
+
+        config = {name: str(value) for name, value in asdict(self.config).items()}
+        save_file({k: v.half().contiguous() for k, v in self.state_dict().items()}, path, config)
+
+    @classmethod
+    def load(cls, path: Path = SHIPPED) -> LstmDynamics:
+        """Read what `save` wrote."""
+        from safetensors import safe_open
+
+        with safe_open(path, "pt") as file:
+            written = file.metadata()
+            weights = {name: file.get_tensor(name).float() for name in file.keys()}
+        config = LstmConfig(
+            **{
+                name: type(default)(written[name])
+                for name, default in asdict(LstmConfig()).items()
+            }
+        )
+        model = cls(config)
+        model.load_state_dict(weights)
+        return model.eval().requires_grad_(False)
+
+
+_FEATURES = 15
+_POSITION = 0.2  # metres; features are of size 1 or so
+_HEIGHT = 0.02
+_DISPLACEMENT = 0.05
+_RELAXATION = 0.5  # of a link's error per pass, at each end

@@ -1,0 +1,197 @@
+"""The stand-in for reality: a rope that differs from the planner's, behind the `Robot` protocol."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.execution.perturbation import ERRORS, Errors, perturb_rope
+from knotflow.execution.robot import Robot
+from knotflow.simulation import RopeConfig, build_model, check_points, pose
+
+if TYPE_CHECKING:
+    from knotflow.perception import RgbdImage, SimulatedCamera
+
+
+@dataclass
+class TwinConfig:
+    """A twin, but for what is drawn."""
+
+    level: int = 1
+    """How far it is from the planner's model, see `perturbation`."""
+    rope: RopeConfig = field(default_factory=RopeConfig)
+    """The rope around which the twin's is drawn."""
+    timestep: float = 0.005
+    """Simulation time step, seconds: finer than the planner's."""
+    contact_time: float = 0.02
+    """Time constant of contacts and grasp, seconds."""
+    reach: float = 0.02
+    """Farthest that the rope's centre line may lie from the fingers when they close, metres; a
+    grasp farther off catches nothing."""
+    home: tuple[float, float, float] = (0.0, 0.0, 0.3)
+    """Where the gripper is at first, metres."""
+
+
+class Twin:
+    """A simulated robot and rope, with parameters drawn from stated ranges.
+
+    Whoever plays with it has the truth (`points`); whoever executes a plan gets `robot()`, from
+    which nothing but the `Robot` protocol is reached.
+    """
+
+    def __init__(
+        self,
+        points: NDArray,
+        config: TwinConfig,
+        rng: np.random.Generator,
+        camera: SimulatedCamera | None = None,
+    ) -> None:
+        """Lay the rope down at points (V, 3), metres, and let it come to rest.
+
+        Args:
+            points: a shape of the nominal rope.
+            config: the level, and what is not drawn.
+            rng: draws the rope, and every error from then on.
+            camera: takes the images; without one there are none.
+
+        Raises:
+            ShapeError: for points that are not a shape of the rope.
+            ValueError: for a level that is none.
+        """
+        import mujoco
+
+        self.config, self._rng, self._camera = config, rng, camera
+        self.rope = perturb_rope(config.rope, config.level, rng)
+        errors = ERRORS[config.level]
+        self._errors: Errors = errors
+        points = check_points(points, config.rope).copy()
+        points[:, 2] += self.rope.radius - config.rope.radius
+        self._model = build_model(self.rope, config.timestep, config.contact_time)
+        self._data = mujoco.MjData(self._model)
+        self._data.qpos[:] = pose(points[None], self.rope)[0]
+        self._vertices = [
+            self._model.site(f"vertex_{i}").id for i in range(self.rope.num_vertices)
+        ]
+        self._sway = _Sway(errors.actuation, rng)
+        self._commanded = np.array(config.home)
+        self._held: NDArray | None = None
+        self.times: list[float] = []
+        self.trajectory: list[NDArray[np.float64]] = []
+        self._advance(self._commanded, REST)
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """(V, 3) the rope as it truly lies, metres."""
+        return self._data.site_xpos[self._vertices].copy()
+
+    @property
+    def grasped(self) -> bool:
+        """Whether the fingers truly hold the rope."""
+        return self._held is not None
+
+    def robot(self) -> Robot:
+        """All that whoever executes a plan may have."""
+        hand = _Hand()
+        _TWINS[hand] = self
+        return hand
+
+    def observe(self) -> RgbdImage:
+        """See `Robot`; raises a RuntimeError for a twin without a camera."""
+        if self._camera is None:
+            raise RuntimeError("this twin has no camera: give Twin(..., camera=) one")
+        raise NotImplementedError
+
+    def move_to(self, position: NDArray, seconds: float) -> None:
+        """See `Robot`."""
+        position = np.asarray(position, np.float64)
+        if position.shape != (3,) or not np.isfinite(position).all():
+            raise ValueError(f"a position is three finite numbers in metres, got {position}")
+        self._advance(position, seconds)
+        self.times.append(float(self._data.time))
+        self.trajectory.append(self.points)
+
+    def grasp(self) -> None:
+        """See `Robot`. The fingers close off the mark, and hold the rope where they caught it."""
+        points, fingers = self.points, self.position
+        fingers[:2] += self._rng.normal(0.0, self._errors.grasp, 2)
+        along = np.diff(points, axis=0)
+        share = ((fingers - points[:-1]) * along).sum(1) / (along**2).sum(1)
+        nearest = points[:-1] + np.clip(share, 0, 1)[:, None] * along
+        distance = np.linalg.norm(nearest - fingers, axis=1)
+        link = int(distance.argmin())
+        if self._held is None and distance[link] <= self.config.reach:
+            self._held = (points[link] + points[link + 1]) / 2 - self.position
+            self._data.mocap_pos[0] = self.position + self._held
+            self._data.eq_active[link] = 1
+
+    def release(self) -> None:
+        """See `Robot`."""
+        self._held = None
+        self._data.eq_active[:] = 0
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """See `Robot`: as the joints tell it, with all that moving it does wrong."""
+        return self._commanded + self._sway.at(self._data.time)
+
+    def _advance(self, target: NDArray, seconds: float) -> None:
+        """Simulate a straight move of the command to `target` (3,)."""
+        import mujoco
+
+        begin, steps = self._commanded, max(1, round(seconds / self.config.timestep))
+        for step in range(1, steps + 1):
+            self._commanded = begin + (target - begin) * step / steps
+            place = self.position if self._held is None else self.position + self._held
+            self._data.mocap_pos[0] = np.maximum(place, [-np.inf, -np.inf, self.rope.radius])
+            mujoco.mj_step(self._model, self._data)
+        mujoco.mj_kinematics(self._model, self._data)
+
+
+REST = 0.3
+"""Seconds in which a rope that was laid down comes to rest."""
+
+
+class _Sway:
+    """A smooth error in x and y: a normal draw every half second, and a smooth step between."""
+
+    PERIOD = 0.5
+
+    def __init__(self, size: float, rng: np.random.Generator) -> None:
+        self._size, self._rng = size, rng
+        self._knots = [np.zeros(3)]
+
+    def at(self, time: float) -> NDArray[np.float64]:
+        knot, share = divmod(time / self.PERIOD, 1.0)
+        while len(self._knots) < knot + 2:
+            self._knots.append(np.r_[self._rng.normal(0.0, self._size, 2), 0.0])
+        begin, end = self._knots[int(knot) : int(knot) + 2]
+        return begin + (end - begin) * share**2 * (3 - 2 * share)
+
+
+class _Hand:
+    """The five words, and no attribute that leads to the twin."""
+
+    __slots__ = ("__weakref__",)
+
+    def observe(self) -> RgbdImage:
+        return _TWINS[self].observe()
+
+    def move_to(self, position: NDArray, seconds: float) -> None:
+        _TWINS[self].move_to(position, seconds)
+
+    def grasp(self) -> None:
+        _TWINS[self].grasp()
+
+    def release(self) -> None:
+        _TWINS[self].release()
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        return _TWINS[self].position
+
+
+_TWINS: WeakKeyDictionary[_Hand, Twin] = WeakKeyDictionary()
