@@ -26,6 +26,7 @@ KNOWS = {
     "training": {"primitives"},
     "planning": {"samplers", "drawing"},
     "recording": {"simulation"},
+    "perception": {"simulation"},
     "workflow": {"versions", "baselines", "training", "planning", "recording"},
     "report": {"drawing"},
     "config": {"workflow"},
