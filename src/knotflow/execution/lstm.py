@@ -2,8 +2,10 @@
 
 Where a vertex goes depends on the whole rope, and mostly along it: from the grasp to both ends. So
 an LSTM reads the vertices in both directions, and each vertex's states say how far it moves in the
-next step. Predicted links are then brought back towards their length, which a long rollout would
-lose otherwise.
+next step: a share of the gripper's displacement, a share of its own velocity, and a residual. All
+is seen from the grasped link, along its direction, so that the prediction turns with the rope.
+Predicted links are then brought back towards their length, which a long rollout would lose
+otherwise.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ class LstmConfig:
 
     hidden: int = 64
     """Size of each direction's state."""
-    layers: int = 2
+    layers: int = 1
     """LSTMs on top of each other."""
     links: int = 40
     """Of the rope."""
@@ -46,7 +48,7 @@ class LstmDynamics(nn.Module):
         self.lstm = nn.LSTM(
             config.hidden, config.hidden, config.layers, batch_first=True, bidirectional=True
         )
-        self.out = nn.Linear(2 * config.hidden, 3)
+        self.out = nn.Linear(2 * config.hidden, 5)
         nn.init.zeros_(self.out.weight)
         nn.init.zeros_(self.out.bias)
 
@@ -55,23 +57,29 @@ class LstmDynamics(nn.Module):
     ) -> Tensor:
         """Vertices (B, V, 3) after one step, at whose end the gripper is at `gripper` (B, 3)."""
         held = (grasped != FREE).float()[:, None]  # (B, 1)
-        link = grasped.clamp(min=0)[:, None]
-        place = torch.arange(points.shape[1], device=points.device)
-        flag = ((place == link) | (place == link + 1)).float() * held  # (B, V)
+        count = points.shape[1]
+        link = torch.where(grasped == FREE, (count - 1) // 2, grasped)[:, None]
+        place = torch.arange(count, device=points.device)
+        flag = ((place == link) | (place == link + 1)).float()  # (B, V)
         centre = (flag[..., None] * points).sum(1, keepdim=True) / 2  # (B, 1, 3)
-        pull = (gripper[:, None] - centre) * held[..., None]
-        middle = points.mean(1, keepdim=True) * points.new_tensor([1.0, 1.0, 0.0])
+        tangents = points.diff(dim=1)
+        turn = _heading(tangents.gather(1, link[..., None].expand(-1, -1, 3))[:, 0])
+        pull = ((gripper[:, None] - centre) * held[..., None]) @ turn
+        velocities = velocities @ turn
         features = [
-            (points - middle) / _POSITION,
+            (points - centre) @ turn / _POSITION,
             points[..., 2:] / _HEIGHT,
+            nn.functional.pad(tangents @ turn, (0, 0, 0, 1)) * self.config.links,
             velocities * STEP / _DISPLACEMENT,
-            (points - centre) * held[..., None] / _POSITION,
             (pull / _DISPLACEMENT).expand_as(points),
+            (place - link)[..., None] / count,
             flag[..., None],
-            held[..., None].expand(-1, points.shape[1], 1),
+            held[..., None].expand(-1, count, 1),
         ]
-        states, _ = self.lstm(self.read(torch.cat(features, -1)))
-        return self._with_links(points + _DISPLACEMENT * self.out(states))
+        out = self.out(self.lstm(self.read(torch.cat(features, -1)))[0])
+        moved = _DISPLACEMENT * out[..., :3] + out[..., 3:4] * pull
+        moved = moved + out[..., 4:] * velocities * STEP
+        return self._with_links(points + moved @ turn.transpose(1, 2))
 
     def predict(
         self, points: Tensor, velocities: Tensor, grasped: Tensor, gripper: Tensor
@@ -91,10 +99,9 @@ class LstmDynamics(nn.Module):
         for _ in range(self.config.straightening):
             link = points.diff(dim=1)
             size = link.norm(dim=-1, keepdim=True).clamp(min=1e-6)
-            half = 0.5 * link * (1 - length / size)
-            points = points + 0.5 * (
-                nn.functional.pad(half, (0, 0, 0, 1)) - nn.functional.pad(half, (0, 0, 1, 0))
-            ) * 2 * _RELAXATION
+            excess = link * (1 - length / size)
+            back = nn.functional.pad(excess, (0, 0, 0, 1)) - nn.functional.pad(excess, (0, 0, 1, 0))
+            points = points + _RELAXATION * back
         return points
 
     def save(self, path: Path) -> None:
@@ -123,8 +130,17 @@ class LstmDynamics(nn.Module):
         return model.eval().requires_grad_(False)
 
 
-_FEATURES = 15
+def _heading(direction: Tensor) -> Tensor:
+    """Rotations (B, 3, 3) about z; their columns are the axes of a frame whose x axis points along
+    directions (B, 3) as seen from above."""
+    across = direction[:, :2]
+    x, y = (across / across.norm(dim=-1, keepdim=True).clamp(min=1e-6)).unbind(-1)
+    zero = torch.zeros_like(x)
+    return torch.stack([x, -y, zero, y, x, zero, zero, zero, zero + 1], -1).view(-1, 3, 3)
+
+
+_FEATURES = 16
 _POSITION = 0.2  # metres; features are of size 1 or so
 _HEIGHT = 0.02
 _DISPLACEMENT = 0.05
-_RELAXATION = 0.5  # of a link's error per pass, at each end
+_RELAXATION = 0.25  # of a link's excess per pass, at each end

@@ -35,12 +35,14 @@ class Errors:
     """Largest error of the camera's position along each axis, metres."""
     camera_turn: float
     """Largest error of its orientation about each axis, radians."""
+    camera_noise: float
+    """`NoiseConfig.level` of its images."""
 
 
 ERRORS = (
-    Errors(0.0, 0.0, 0.0, 0.0),
-    Errors(0.006, 0.006, 0.002, np.deg2rad(0.2)),
-    Errors(0.010, 0.010, 0.004, np.deg2rad(0.4)),
+    Errors(0.0, 0.0, 0.0, 0.0, 0.0),
+    Errors(0.006, 0.006, 0.002, np.deg2rad(0.2), 1.0),
+    Errors(0.010, 0.010, 0.002, np.deg2rad(0.2), 1.0),
 )
 """Of each level."""
 

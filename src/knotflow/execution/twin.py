@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
@@ -14,7 +14,7 @@ from knotflow.execution.robot import Robot
 from knotflow.simulation import RopeConfig, build_model, check_points, pose
 
 if TYPE_CHECKING:
-    from knotflow.perception import RgbdImage, SimulatedCamera
+    from knotflow.perception import Camera, RgbdImage, SimulatedCamera
 
 
 @dataclass
@@ -48,15 +48,16 @@ class Twin:
         points: NDArray,
         config: TwinConfig,
         rng: np.random.Generator,
-        camera: SimulatedCamera | None = None,
+        camera: Camera | None = None,
     ) -> None:
         """Lay the rope down at points (V, 3), metres, and let it come to rest.
 
         Args:
             points: a shape of the nominal rope.
             config: the level, and what is not drawn.
-            rng: draws the rope, and every error from then on.
-            camera: takes the images; without one there are none.
+            rng: draws the rope, and every error from then on; twins of generators with the same
+                seed err alike, whatever is done with them.
+            camera: where the camera is believed to be; without one there are no images.
 
         Raises:
             ShapeError: for points that are not a shape of the rope.
@@ -64,10 +65,12 @@ class Twin:
         """
         import mujoco
 
-        self.config, self._rng, self._camera = config, rng, camera
-        self.rope = perturb_rope(config.rope, config.level, rng)
-        errors = ERRORS[config.level]
-        self._errors: Errors = errors
+        drawn, swaying, grasping, seeing = rng.spawn(4)
+        self.config = config
+        self.rope = perturb_rope(config.rope, config.level, drawn)
+        self._errors: Errors = ERRORS[config.level]
+        self._grasping, self._seeing = grasping, seeing
+        self._camera = camera and _camera(camera, self.rope, self._errors, seeing)
         points = check_points(points, config.rope).copy()
         points[:, 2] += self.rope.radius - config.rope.radius
         self._model = build_model(self.rope, config.timestep, config.contact_time)
@@ -76,12 +79,14 @@ class Twin:
         self._vertices = [
             self._model.site(f"vertex_{i}").id for i in range(self.rope.num_vertices)
         ]
-        self._sway = _Sway(errors.actuation, rng)
+        self._sway = _Sway(self._errors.actuation, swaying)
         self._commanded = np.array(config.home)
         self._held: NDArray | None = None
+        self._closed = False
         self.times: list[float] = []
         self.trajectory: list[NDArray[np.float64]] = []
-        self._advance(self._commanded, REST)
+        self._time, self._loose = 0.0, LAID
+        self._advance(self._commanded, LAID)
 
     @property
     def points(self) -> NDArray[np.float64]:
@@ -103,7 +108,9 @@ class Twin:
         """See `Robot`; raises a RuntimeError for a twin without a camera."""
         if self._camera is None:
             raise RuntimeError("this twin has no camera: give Twin(..., camera=) one")
-        raise NotImplementedError
+        return self._camera.capture(
+            self.points, self._seeing, self.position, self._closed, self._time
+        )
 
     def move_to(self, position: NDArray, seconds: float) -> None:
         """See `Robot`."""
@@ -111,18 +118,19 @@ class Twin:
         if position.shape != (3,) or not np.isfinite(position).all():
             raise ValueError(f"a position is three finite numbers in metres, got {position}")
         self._advance(position, seconds)
-        self.times.append(float(self._data.time))
+        self.times.append(self._time)
         self.trajectory.append(self.points)
 
     def grasp(self) -> None:
         """See `Robot`. The fingers close off the mark, and hold the rope where they caught it."""
         points, fingers = self.points, self.position
-        fingers[:2] += self._rng.normal(0.0, self._errors.grasp, 2)
+        fingers[:2] += self._grasping.normal(0.0, self._errors.grasp, 2)
         along = np.diff(points, axis=0)
         share = ((fingers - points[:-1]) * along).sum(1) / (along**2).sum(1)
         nearest = points[:-1] + np.clip(share, 0, 1)[:, None] * along
         distance = np.linalg.norm(nearest - fingers, axis=1)
         link = int(distance.argmin())
+        self._closed = True
         if self._held is None and distance[link] <= self.config.reach:
             self._held = (points[link] + points[link + 1]) / 2 - self.position
             self._data.mocap_pos[0] = self.position + self._held
@@ -130,13 +138,15 @@ class Twin:
 
     def release(self) -> None:
         """See `Robot`."""
-        self._held = None
+        if self._held is not None:
+            self._loose = SETTLED
+        self._held, self._closed = None, False
         self._data.eq_active[:] = 0
 
     @property
     def position(self) -> NDArray[np.float64]:
         """See `Robot`: as the joints tell it, with all that moving it does wrong."""
-        return self._commanded + self._sway.at(self._data.time)
+        return self._commanded + self._sway.at(self._time)
 
     def _advance(self, target: NDArray, seconds: float) -> None:
         """Simulate a straight move of the command to `target` (3,)."""
@@ -147,12 +157,46 @@ class Twin:
             self._commanded = begin + (target - begin) * step / steps
             place = self.position if self._held is None else self.position + self._held
             self._data.mocap_pos[0] = np.maximum(place, [-np.inf, -np.inf, self.rope.radius])
-            mujoco.mj_step(self._model, self._data)
+            if self._held is not None or self._loose > 0:
+                mujoco.mj_step(self._model, self._data)
+                self._loose -= self.config.timestep
+            self._time += self.config.timestep
         mujoco.mj_kinematics(self._model, self._data)
 
 
-REST = 0.3
-"""Seconds in which a rope that was laid down comes to rest."""
+@dataclass(frozen=True)
+class TrueState:
+    """A source of the rope's true state, in place of vision: a yardstick that no lab has."""
+
+    twin: Twin
+
+    def points(self, robot: Robot, grasped: bool) -> NDArray[np.float64]:
+        """See `RopeSource`."""
+        return self.twin.points
+
+
+LAID = 0.1
+"""Seconds that a rope moves after it was laid down at rest."""
+
+SETTLED = 0.7
+"""Seconds that it moves after it was let go; then it lies still until it is grasped again. MuJoCo's
+friction yields a little to any force, so that a bent rope would creep by centimetres while the
+gripper travels; a real one does not."""
+
+
+def _camera(
+    camera: Camera, rope: RopeConfig, errors: Errors, rng: np.random.Generator
+) -> SimulatedCamera:
+    """A camera that is not quite where it is believed to be, in a light of its own."""
+    from scipy.spatial.transform import Rotation
+
+    from knotflow.perception import Appearance, NoiseConfig, SimulatedCamera
+
+    shift = rng.uniform(-1, 1, 3) * errors.camera_shift
+    turn = Rotation.from_rotvec(rng.uniform(-1, 1, 3) * errors.camera_turn).as_matrix()
+    moved = replace(camera, position=camera.position + shift, rotation=turn @ camera.rotation)
+    noise = NoiseConfig(level=errors.camera_noise)
+    return SimulatedCamera(moved, rope, noise, Appearance.draw(rng, noise))
 
 
 class _Sway:
