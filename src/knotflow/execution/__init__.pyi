@@ -1,4 +1,5 @@
 from .dynamics import MujocoDynamics, RopeDynamics, Still
+from .errors import STEPS, predict_motions, prediction_errors
 from .execute import (
     Controller,
     Estimator,
@@ -22,6 +23,7 @@ __all__ = [
     "FREE",
     "LEVELS",
     "STEP",
+    "STEPS",
     "Controller",
     "DynamicsTraining",
     "DynamicsTrainingConfig",
@@ -46,4 +48,6 @@ __all__ = [
     "draw_motions",
     "execute",
     "perturb_rope",
+    "predict_motions",
+    "prediction_errors",
 ]

@@ -85,9 +85,7 @@ class MujocoDynamics:
         qpos, earlier = pose(now, rope), pose(before, rope)
         qvel = np.zeros((count, self._model.nv))
         for row in range(count):
-            mujoco.mj_differentiatePos(
-                self._model, qvel[row], DIFFERENCE, earlier[row], qpos[row]
-            )
+            mujoco.mj_differentiatePos(self._model, qvel[row], DIFFERENCE, earlier[row], qpos[row])
         substeps = round(STEP / self.config.timestep)
         share = np.arange(1, substeps + 1)[:, None] / substeps
         held = np.flatnonzero(grasped != FREE)

@@ -82,9 +82,13 @@ class ExecutionConfig:
     gripper: GripperConfig = field(default_factory=GripperConfig)
     """Heights and speeds between splines."""
     crossing_width: float = 0.08
-    """Share of the rope around each new crossing within which vertices matter most."""
+    """Share of the rope around each crossing of a step's end within which vertices matter most."""
     crossing_weight: float = 4.0
-    """How much more a vertex at a new crossing matters than one far from it."""
+    """How much more a vertex at a crossing matters than one far from it."""
+    slip: float = 0.04
+    """Distance of the held link from the gripper from which on it counts as lost, metres."""
+    attempts: int = 3
+    """How often a step is begun, in closed loop, whose grasp misses or slips."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +150,11 @@ def execute(
     steps, number, reason = list(plan.steps), 0, "every step was executed"
     try:
         while steps:
-            run.execute(steps.pop(0), plan, number)
+            step = steps.pop(0)
+            attempts = range(run.config.attempts)
+            if not any(run.execute(step, plan, number) for _ in attempts):
+                reason = f"the rope was lost in all {len(attempts)} attempts at step {number}"
+                break
             number += 1
             if replan is not None and run.points is not None and steps:
                 plan = replan(run.points)
@@ -173,14 +181,16 @@ class _Run:
     """The rope as it was seen a move earlier."""
     closed: bool = False
     commanded: NDArray = field(default_factory=lambda: np.zeros(3))
-    """Where the gripper was sent last."""
+    """Where the gripper should have come last."""
+    error: NDArray = field(default_factory=lambda: np.zeros(3))
+    """How far off the robot is from where it is sent, metres."""
     frames: list[tuple[NDArray, bool, int, NDArray | None, NDArray | None]] = field(
         default_factory=list
     )
     ticks: list[float] = field(default_factory=list)
 
-    def execute(self, step: PlanStep, plan: KnotPlan, number: int) -> None:
-        """Grasp, drag, let go and rise."""
+    def execute(self, step: PlanStep, plan: KnotPlan, number: int) -> bool:
+        """Grasp, drag, let go and rise; whether the rope was held until it was let go."""
         self._look()
         rope = step.start if self.points is None else self.points
         link = int(grasped_link(step.spline, len(rope) - 1))
@@ -195,9 +205,7 @@ class _Run:
         )
         drag = np.flatnonzero([phase == "drag" for phase in waypoints.phases])
         before, after = waypoints.positions[: drag[0]], waypoints.positions[drag[-1] + 1 :]
-        for place in _straight(
-            self.robot.position, before[0], self.config.gripper.travel_speed
-        ):
+        for place in _straight(self.robot.position, before[0], self.config.gripper.travel_speed):
             self._move(place, number)
         for place, phase in zip(before, waypoints.phases, strict=False):
             if phase == "close" and not self.closed:
@@ -205,34 +213,43 @@ class _Run:
                 self.closed = True
             self._move(place, number)
         planned = np.concatenate([before[-1:], waypoints.positions[drag]])
-        released = self._drag(step, planned, number)
+        held = self._drag(step, planned, number)
         self.robot.release()
         self.closed = False
+        released = self.commanded
         for place in after + released - planned[-1]:
-            self._move(place, number)
+            self._move(np.maximum(place, [-np.inf, -np.inf, planned[-1, 2]]), number)
+        return held
 
-    def _drag(self, step: PlanStep, path: NDArray, number: int) -> NDArray:
-        """Drag the rope along path (T + 1, 3) or as the controller says; where it ends (3,)."""
+    def _drag(self, step: PlanStep, path: NDArray, number: int) -> bool:
+        """Drag the rope along path (T + 1, 3) or as the controller says, unless it gets lost."""
         reference = rope_at(step, STEP * np.arange(len(path)))
+        link = int(self._distances().argmin())
         if self.controller is not None:
-            assert self.points is not None
-            centres = (self.points[1:] + self.points[:-1]) / 2
-            held = int(np.linalg.norm(centres - self.robot.position, axis=1).argmin())
-            self.controller.begin(reference, path, self._weights(step), held)
+            self.controller.begin(reference, path, self._weights(step), link)
         for place, rope in zip(path[1:], reference[1:], strict=True):
             if self.controller is not None:
                 place = self._controlled(self.controller)
             self._move(place, number, rope)
-        return self.commanded
+            if self._distances()[link] > self.config.slip:
+                return False
+        return True
+
+    def _distances(self) -> NDArray[np.float64]:
+        """(V - 1,) of the links' centres from the gripper, metres; 0 where no rope is seen."""
+        if self.points is None:
+            return np.zeros(1)
+        centres = (self.points[1:] + self.points[:-1]) / 2
+        return np.linalg.norm(centres - self.robot.position, axis=1)
 
     def _controlled(self, controller: Controller) -> NDArray:
-        """The controller's next place, less what the robot was off the mark at the last."""
+        """The controller's next place (3,)."""
         assert self.points is not None and self.before is not None
         began = time.perf_counter()
-        here = self.robot.position
-        there = controller.act(self.points, (self.points - self.before) / STEP, here)
+        velocities = (self.points - self.before) / STEP
+        there = controller.act(self.points, velocities, self.robot.position)
         self.ticks.append(time.perf_counter() - began)
-        return there - (here - self.commanded)
+        return there
 
     def _weights(self, step: PlanStep) -> NDArray[np.float64]:
         """(V,) with the strands at the crossings of the step's end weighing most."""
@@ -246,7 +263,10 @@ class _Run:
     def _move(self, place: NDArray, number: int, reference: NDArray | None = None) -> None:
         """Move for a tick, look, and note it down."""
         self.commanded = place
-        self.robot.move_to(place, STEP)
+        self.robot.move_to(place - self.error, STEP)
+        if self.source is not None:  # in closed loop: what was off the mark is made up for
+            self.error = self.error + self.robot.position - place
+            self.error = np.clip(self.error, -MOST_ERROR, MOST_ERROR)
         self._look()
         self.frames.append((place, self.closed, number, reference, self.points))
 
@@ -270,6 +290,10 @@ class _Run:
             tick_seconds=np.array(self.ticks),
             reason=reason,
         )
+
+
+MOST_ERROR = 0.03
+"""Largest error of the robot along each axis that is made up for, metres; more is a fault."""
 
 
 def from_grasp(step: PlanStep, grasp: NDArray, move_time: float) -> NDArray[np.float64]:

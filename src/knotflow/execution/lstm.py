@@ -120,10 +120,7 @@ class LstmDynamics(nn.Module):
             written = file.metadata()
             weights = {name: file.get_tensor(name).float() for name in file.keys()}
         config = LstmConfig(
-            **{
-                name: type(default)(written[name])
-                for name, default in asdict(LstmConfig()).items()
-            }
+            **{name: type(default)(written[name]) for name, default in asdict(LstmConfig()).items()}
         )
         model = cls(config)
         model.load_state_dict(weights)

@@ -63,7 +63,9 @@ class Motions:
     @classmethod
     def join(cls, parts: Sequence[Motions]) -> Motions:
         """All motions of several sets."""
-        return cls(*(np.concatenate(values) for values in zip(*(vars(p).values() for p in parts))))
+        return cls(
+            **{name: np.concatenate([vars(p)[name] for p in parts]) for name in vars(parts[0])}
+        )
 
 
 def draw_motions(

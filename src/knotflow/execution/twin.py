@@ -29,9 +29,9 @@ class TwinConfig:
     """Simulation time step, seconds: finer than the planner's."""
     contact_time: float = 0.02
     """Time constant of contacts and grasp, seconds."""
-    reach: float = 0.02
-    """Farthest that the rope's centre line may lie from the fingers when they close, metres; a
-    grasp farther off catches nothing."""
+    reach: float = 0.025
+    """Farthest that the rope's centre line may lie from the fingers when they close, metres: half
+    their opening. A grasp farther off catches nothing."""
     home: tuple[float, float, float] = (0.0, 0.0, 0.3)
     """Where the gripper is at first, metres."""
 
@@ -76,9 +76,7 @@ class Twin:
         self._model = build_model(self.rope, config.timestep, config.contact_time)
         self._data = mujoco.MjData(self._model)
         self._data.qpos[:] = pose(points[None], self.rope)[0]
-        self._vertices = [
-            self._model.site(f"vertex_{i}").id for i in range(self.rope.num_vertices)
-        ]
+        self._vertices = [self._model.site(f"vertex_{i}").id for i in range(self.rope.num_vertices)]
         self._sway = _Sway(self._errors.actuation, swaying)
         self._commanded = np.array(config.home)
         self._held: NDArray | None = None
