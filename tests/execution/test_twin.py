@@ -73,7 +73,7 @@ def test_a_rope_is_lifted_by_the_link_that_was_grasped(points, level):
     assert heights[20:22].max() > 0.03 + heights[0]
     robot.release()
     robot.move_to(UP * 4, 1.0)
-    assert twin.points[:, 2].max() < 0.02
+    assert twin.points[:, 2].max() < 0.8 * heights.max()
 
 
 def test_a_grasp_that_misses_the_rope_catches_nothing(points):

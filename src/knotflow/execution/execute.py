@@ -85,8 +85,8 @@ class ExecutionConfig:
     """Share of the rope around each crossing of a step's end within which vertices matter most."""
     crossing_weight: float = 4.0
     """How much more a vertex at a crossing matters than one far from it."""
-    slip: float = 0.04
-    """Distance of the held link from the gripper from which on it counts as lost, metres."""
+    slip: float = 0.03
+    """How far the held link may come away from the gripper before it counts as lost, metres."""
     attempts: int = 3
     """How often a step is begun, in closed loop, whose grasp misses or slips."""
 
@@ -224,14 +224,15 @@ class _Run:
     def _drag(self, step: PlanStep, path: NDArray, number: int) -> bool:
         """Drag the rope along path (T + 1, 3) or as the controller says, unless it gets lost."""
         reference = rope_at(step, STEP * np.arange(len(path)))
-        link = int(self._distances().argmin())
+        caught = self._distances()
+        link = int(caught.argmin())
         if self.controller is not None:
             self.controller.begin(reference, path, self._weights(step), link)
         for place, rope in zip(path[1:], reference[1:], strict=True):
             if self.controller is not None:
                 place = self._controlled(self.controller)
             self._move(place, number, rope)
-            if self._distances()[link] > self.config.slip:
+            if self._distances()[link] > caught[link] + self.config.slip:
                 return False
         return True
 

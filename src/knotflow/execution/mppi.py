@@ -3,7 +3,8 @@
 The paper tracks a simulated rope trajectory with MPPI (Williams et al., 2017) on learned dynamics,
 with actions "initialized by the planned spline". Here an action is what is added to the planned
 displacement of a tick, so the planned spline is the zero action. The sampling, weighting and
-averaging of action sequences is pytorch-mppi's.
+averaging of action sequences is pytorch-mppi's. Sequences are drawn at a few knots and run smoothly
+between them: of as many samples independent in every tick, most only shake the rope.
 """
 
 from __future__ import annotations
@@ -26,15 +27,17 @@ if TYPE_CHECKING:
 class MppiConfig:
     """What is sampled, and what it costs."""
 
-    samples: int = 48
+    samples: int = 64
     """Action sequences of a tick."""
-    horizon: int = 8
+    horizon: int = 6
     """Ticks looked ahead."""
-    spread: tuple[float, float, float] = (0.006, 0.006, 0.002)
+    knots: int = 2
+    """Ticks among them at which actions are drawn."""
+    spread: tuple[float, float, float] = (0.003, 0.003, 0.001)
     """Standard deviation of the actions in x, y and z, metres a tick."""
     bound: float = 0.015
     """Largest action along each axis, metres a tick."""
-    temperature: float = 0.05
+    temperature: float = 1.0
     """Of the weights; costs are in square centimetres, summed over the horizon."""
     effort: float = 0.02
     """Cost of an action, relative to the same deviation of the rope."""
@@ -57,7 +60,7 @@ class Mppi:
     def begin(self, reference: NDArray, path: NDArray, weights: NDArray, grasped: int) -> None:
         """See `Controller`."""
         import torch
-        from pytorch_mppi import MPPI
+        from pytorch_mppi.mppi import KMPPI, RBFKernel
 
         config = self.config
         self._reference = torch.from_numpy(np.asarray(reference, np.float32))
@@ -66,7 +69,7 @@ class Mppi:
         self._grasped, self._tick = grasped, 0
         self._vertices = len(weights)
         bound = torch.full((3,), config.bound)
-        self._planner = MPPI(
+        self._planner = KMPPI(
             self._next,
             self._cost,
             nx=6 * self._vertices + 3,
@@ -79,6 +82,8 @@ class Mppi:
             u_max=bound,
             U_init=torch.zeros(config.horizon, 3),
             step_dependent_dynamics=True,
+            num_support_pts=config.knots,
+            kernel=RBFKernel(config.horizon / config.knots),
         )
 
     def act(self, points: NDArray, velocities: NDArray, gripper: NDArray) -> NDArray:
@@ -91,6 +96,7 @@ class Mppi:
         with torch.no_grad(), torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.config.seed + self._tick)
             action = self._planner.command(state.float(), self._tick > 0)
+        action = action.clamp(-self.config.bound, self.config.bound)  # knots overshoot
         planned = self._path[self._at(1)] - self._path[self._at(0)]
         self._tick += 1
         there = gripper + (planned + action).numpy().astype(np.float64)
