@@ -68,10 +68,10 @@ class MujocoDynamics:
         stays where it was last."""
         import torch
 
-        shapes = [np.asarray(one.double()) for one in (points, velocities, gripper)]
+        start, speed, path = (np.asarray(one.double()) for one in (points, velocities, gripper))
         held = np.asarray(grasped)
         rows = np.array_split(np.arange(len(held)), -(-len(held) // CHUNK) or 1)
-        parts = [self._predict(*(one[r] for one in shapes), held[r]) for r in rows]
+        parts = [self._predict(start[r], speed[r], path[r], held[r]) for r in rows]
         return torch.from_numpy(np.concatenate(parts)).float()
 
     def _predict(

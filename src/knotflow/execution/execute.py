@@ -282,7 +282,7 @@ class _Run:
         unknown = np.full(shape, np.nan)
         places, closed, numbers, references, points = zip(*self.frames, strict=True)
         return Execution(
-            times=STEP * np.arange(1, len(places) + 1),
+            times=STEP * np.arange(1, len(places) + 1, dtype=np.float64),
             gripper=np.stack(places),
             closed=np.array(closed),
             step=np.array(numbers),

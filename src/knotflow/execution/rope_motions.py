@@ -109,7 +109,7 @@ def _pair(
     rng: np.random.Generator,
 ) -> tuple[NDArray, NDArray]:
     """A start (V, 3) and a spline (6,)."""
-    shown = demonstrations[rng.integers(len(demonstrations))]
+    shown = demonstrations[int(rng.integers(len(demonstrations)))]
     if kind == 0:
         return shown.points, noisy_copies(shown.spline, 1, rng, NoiseConfig())[0]
     points = shown.points if kind == 1 else random_curve(config.rope, rng)

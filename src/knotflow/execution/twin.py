@@ -70,7 +70,7 @@ class Twin:
         self.rope = perturb_rope(config.rope, config.level, drawn)
         self._errors: Errors = ERRORS[config.level]
         self._grasping, self._seeing = grasping, seeing
-        self._camera = camera and _camera(camera, self.rope, self._errors, seeing)
+        self._camera = _camera(camera, self.rope, self._errors, seeing) if camera else None
         points = check_points(points, config.rope).copy()
         points[:, 2] += self.rope.radius - config.rope.radius
         self._model = build_model(self.rope, config.timestep, config.contact_time)
