@@ -76,10 +76,12 @@ def test_mujoco_predicts_what_the_simulator_does(simulator, plan):
     gripper = torch.from_numpy(step.gripper[1:11])[None]
     model = MujocoDynamics(SimulationConfig(threads=1))
     ahead = model.predict(points, torch.zeros_like(points), torch.tensor([link]), gripper)
-    away = (ahead[0] - torch.from_numpy(step.trajectory[1:11])).norm(dim=-1)
-    # Within a tick the gripper is taken to move evenly, which in the first it does not.
-    assert away[0].max() < 0.008
-    assert away.mean() < 0.01
+    truth = torch.from_numpy(step.trajectory[1:11])
+    # Within a tick the gripper is taken to move evenly, which it does not when it starts and stops.
+    away = (ahead[0] - truth).norm(dim=-1).mean(1)
+    moved = (truth - points[0]).norm(dim=-1).mean(1)
+    assert away[0] < 0.008
+    assert (away[3:] < 0.35 * moved[3:]).all(), (away, moved)
 
 
 def test_a_saved_model_predicts_the_same(tmp_path, rng):
