@@ -29,7 +29,7 @@ def knotflow(*arguments, cwd=None):
     [
         (
             [],
-            "choose one with +experiment=NAME; experiments are: ablation_actor_critic, actions, benchmark, ",
+            "choose one with +experiment=NAME; experiments are: ablation_actor_critic, actions, ",
         ),
         (
             ["+experiment=single"],
