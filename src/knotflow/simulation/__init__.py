@@ -38,6 +38,7 @@ from knotflow.simulation.starts import (
     random_curve,
     reached,
     resample,
+    shortest_segment,
     straight,
 )
 
@@ -72,6 +73,7 @@ __all__ = [
     "reached",
     "end_states",
     "resample",
+    "shortest_segment",
     "spline_basis",
     "spline_path",
     "state_or_none",
