@@ -1,0 +1,72 @@
+"""What an end leaves room for."""
+
+import numpy as np
+import pytest
+
+from knotflow.demonstrations import TASKS, task
+from knotflow.demonstrations.room import next_actions, room
+from knotflow.demonstrations.scripted import DemonstratorConfig, _best, _Candidate, _roomier_half
+from knotflow.simulation import RopeConfig, resample, shortest_segment
+from knotflow.topology import TopologicalState, parse_action
+
+ROPE = RopeConfig()
+R1 = task("R1(0,1,1)")
+
+
+def loop(circumference):
+    """A rope (V, 3) after R1(0,1,1), its loop about `circumference` metres long."""
+    along = np.linspace(0, 1, 400)
+    first, last = 0.5 - circumference / 2, 0.5 + circumference / 2
+    turned = np.clip((along - first) / circumference, 0, 1)
+    heading = 0.3 + (2 * np.pi - 0.3) * turned
+    curve = np.cumsum(np.stack([np.cos(heading), np.sin(heading), 0 * heading], 1), 0) / 400
+    curve[:, 2] = 0.008 + 0.016 * np.exp(-(((along - last) / 0.04) ** 2))
+    return resample(curve, ROPE)
+
+
+WIDE, TIGHT = loop(0.4), loop(0.16)
+
+
+def candidate(grasp, end, share=0.8):
+    spline = np.array([grasp, 0, 0, 0.1, 0.1, 0.1])
+    return _Candidate(spline, end, share, end[None], shortest_segment(end, ROPE))
+
+
+def test_the_constructed_pair_differs_in_its_loop_alone():
+    assert all(TopologicalState.from_curve(end) == R1.goal_state for end in (WIDE, TIGHT))
+    assert shortest_segment(TIGHT, ROPE) < 0.6 * shortest_segment(WIDE, ROPE)
+
+
+def test_what_may_follow_is_legal_and_on_the_way_to_a_knot(rng):
+    assert {str(action) for action in next_actions(R1, rng)} == {"C(0,1,1)", "C(0,2,1)", "C(1,2,1)"}
+    for one in TASKS:
+        actions = next_actions(one, rng)
+        assert actions
+        for action in actions:
+            assert one.goal_state.apply(action).num_crossings == one.goal_state.num_crossings + 1
+
+
+@pytest.mark.slow
+def test_a_wider_loop_leaves_more_room_and_scores_higher(simulator):
+    action = (parse_action("C(0,1,1)"),)
+    wide, tight = (
+        room(end[None], R1.goal_state, action, 24, simulator, np.random.default_rng(0))
+        for end in (WIDE, TIGHT)
+    )
+    assert 0 < tight < wide < 1
+    finalists = [candidate(0.9, TIGHT), candidate(0.8, WIDE)]
+    config = DemonstratorConfig(room_guesses=16)
+    best = _best(finalists, R1, simulator, np.random.default_rng(0), config, None)
+    assert best is not None
+    assert best.spline[0] == 0.8
+    assert best.score == pytest.approx(0.8 * best.room)
+
+
+def test_the_filter_keeps_the_ends_with_longer_segments():
+    splines = np.arange(12)[:, None] * np.ones(6)
+    ends = np.stack([WIDE if i % 2 else TIGHT for i in range(12)])
+    assert sorted(_roomier_half(splines, ends, ROPE)[:, 0]) == [1, 3, 5, 7, 9, 11]
+
+
+def test_without_a_finalist_there_is_nothing_to_show(simulator, rng):
+    assert _best([], R1, simulator, rng, DemonstratorConfig(), None) is None
