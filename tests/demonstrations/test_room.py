@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from knotflow.demonstrations import TASKS, task
-from knotflow.demonstrations.room import next_actions, room
+from knotflow.demonstrations.room import loop_size, next_actions, room
 from knotflow.demonstrations.scripted import DemonstratorConfig, _best, _Candidate, _roomier_half
-from knotflow.simulation import RopeConfig, resample, shortest_segment
+from knotflow.simulation import RopeConfig, resample
 from knotflow.topology import TopologicalState, parse_action
 
 ROPE = RopeConfig()
@@ -29,12 +29,12 @@ WIDE, TIGHT = loop(0.4), loop(0.16)
 
 def candidate(grasp, end, share=0.8):
     spline = np.array([grasp, 0, 0, 0.1, 0.1, 0.1])
-    return _Candidate(spline, end, share, end[None], shortest_segment(end, ROPE))
+    return _Candidate(spline, end, share, end[None], loop_size(end, ROPE))
 
 
 def test_the_constructed_pair_differs_in_its_loop_alone():
     assert all(TopologicalState.from_curve(end) == R1.goal_state for end in (WIDE, TIGHT))
-    assert shortest_segment(TIGHT, ROPE) < 0.6 * shortest_segment(WIDE, ROPE)
+    assert loop_size(TIGHT, ROPE) < 0.6 * loop_size(WIDE, ROPE)
 
 
 def test_what_may_follow_is_legal_and_on_the_way_to_a_knot(rng):
@@ -62,7 +62,7 @@ def test_a_wider_loop_leaves_more_room_and_scores_higher(simulator):
     assert best.score == pytest.approx(0.8 * best.room)
 
 
-def test_the_filter_keeps_the_ends_with_longer_segments():
+def test_the_filter_keeps_the_ends_with_larger_loops():
     splines = np.arange(12)[:, None] * np.ones(6)
     ends = np.stack([WIDE if i % 2 else TIGHT for i in range(12)])
     assert sorted(_roomier_half(splines, ends, ROPE)[:, 0]) == [1, 3, 5, 7, 9, 11]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +52,10 @@ def demonstrate_task(
     Raises:
         RuntimeError: no start was any good.
     """
-    count = config.starts_per_task if task.start_actions else config.straight_searches
+    count = config.starts_per_task
+    if not task.start_actions:
+        count = config.straight_searches
+        config = replace(config, room_guesses=config.room_guesses * count)
     candidates = _starts(task, count, simulator, rng, starts, observe)
     found = []
     for _ in range(count):

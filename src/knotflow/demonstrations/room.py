@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from knotflow.demonstrations.aim import aim
 from knotflow.demonstrations.tasks import TASKS, Task
-from knotflow.simulation import Observer, RopeSimulator, attempt
-from knotflow.topology import Action, Cross, TopologicalState
+from knotflow.simulation import Observer, RopeConfig, RopeSimulator, attempt
+from knotflow.topology import Action, Cross, TopologicalState, segment_intervals
 
 MOST_ACTIONS = 2
 """Actions drawn where no task begins in the reached state."""
@@ -32,6 +32,19 @@ def next_actions(task: Task, rng: np.random.Generator) -> tuple[Action, ...]:
     legal = [action for action, _ in state.actions() if isinstance(action, Cross)]
     drawn = rng.choice(len(legal), min(MOST_ACTIONS, len(legal)), replace=False)
     return tuple(legal[i] for i in drawn)
+
+
+def loop_size(points: NDArray, rope: RopeConfig) -> float:
+    """How long the shortest loop of a rope (V, 3) is, metres: a measure without a simulation.
+
+    A loop is a segment between neighbouring crossings; an end counts twice, for it is led through
+    once and a loop's strand goes there and back. It says a little: over 216 guesses at what follows
+    R1 from the straight rope its correlation with success was 0.10 (0.19 for C(0,1,1), 0.27 for
+    C(1,2,1)), that of the shortest segment -0.03.
+    """
+    lengths = np.diff(segment_intervals(points), axis=1)[:, 0] * rope.length
+    lengths[[0, -1]] *= 2
+    return float(lengths.min())
 
 
 def room(

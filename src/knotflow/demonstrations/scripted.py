@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from knotflow.demonstrations.aim import aim
 from knotflow.demonstrations.noise import NoiseConfig, noisy_copies
-from knotflow.demonstrations.room import next_actions, room
+from knotflow.demonstrations.room import loop_size, next_actions, room
 from knotflow.demonstrations.tasks import Task
 from knotflow.simulation import (
     Attempts,
@@ -24,7 +24,6 @@ from knotflow.simulation import (
     RopeSimulator,
     attempt,
     clip_splines,
-    shortest_segment,
 )
 
 
@@ -48,8 +47,10 @@ class DemonstratorConfig:
     """Iterations of the search, each with one candidate."""
     finalists: int = 2
     """Candidates whose room is measured."""
-    room_guesses: int = 9
-    """Aimed guesses at each action that may follow, from the ends of a finalist's copies."""
+    room_guesses: int = 12
+    """Aimed guesses at each action that may follow, from the ends of a finalist's copies; from the
+    straight rope as many times more as there are searches, since the best of many measured roughly
+    is the luckiest of them."""
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     """The noise a demonstrated spline has to bear."""
     least_share: float = 0.4
@@ -84,12 +85,12 @@ class _Candidate:
     end: NDArray[np.float64]
     share: float
     ends: NDArray[np.float64]
-    shortest: float  # metres: the mean of the ends' shortest segments
+    size: float  # metres: the mean of the ends' loop sizes
 
     @property
     def promise(self) -> float:
         """A guess at its score that takes no simulation."""
-        return self.share * self.shortest
+        return self.share * self.size
 
 
 def demonstrate(
@@ -102,9 +103,9 @@ def demonstrate(
 ) -> Scored | None:
     """The spline with the best score found for a task on a rope.
 
-    A filter that costs nothing comes before the score: the length of the shortest segment, be it
-    a loop or a free end, that a success leaves. The search follows the roomier half of the
-    successes, and the room of its most promising candidates is then measured.
+    A filter that costs nothing comes before the score: the size of the loops and free ends that a
+    success leaves (`room.loop_size`). The search follows the roomier half of the successes, and
+    the room of its most promising candidates is then measured.
 
     Args:
         points: (V, 3) rope vertices in the task's start state, metres.
@@ -139,8 +140,8 @@ def demonstrate(
         of_copies = 1 + np.flatnonzero(success[1 : 1 + config.samples])
         if success[0] and len(of_copies):
             share = len(of_copies) / config.samples
-            shortest = np.mean([shortest_segment(end, rope) for end in ends[of_copies]])
-            candidates.append(_Candidate(spline, ends[0], share, ends[of_copies], float(shortest)))
+            size = np.mean([loop_size(end, rope) for end in ends[of_copies]])
+            candidates.append(_Candidate(spline, ends[0], share, ends[of_copies], float(size)))
         if not success.any():
             # The successes form no single cloud; go on from one of them.
             mean = first[rng.integers(len(first))]
@@ -209,9 +210,9 @@ def _best(
 
 
 def _roomier_half(splines: NDArray, ends: NDArray, rope: RopeConfig) -> NDArray:
-    """Of splines (N, 6), those whose ends (N, V, 3) have the longer shortest segments."""
+    """Of splines (N, 6), those whose ends (N, V, 3) have the larger loops."""
     keep = max(4, (len(splines) + 1) // 2)
-    order = np.argsort([-shortest_segment(end, rope) for end in ends], kind="stable")[:keep]
+    order = np.argsort([-loop_size(end, rope) for end in ends], kind="stable")[:keep]
     return splines[order]
 
 

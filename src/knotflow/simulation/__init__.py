@@ -38,7 +38,6 @@ from knotflow.simulation.starts import (
     random_curve,
     reached,
     resample,
-    shortest_segment,
     straight,
 )
 
@@ -73,7 +72,6 @@ __all__ = [
     "reached",
     "end_states",
     "resample",
-    "shortest_segment",
     "spline_basis",
     "spline_path",
     "state_or_none",

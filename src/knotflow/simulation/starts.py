@@ -200,14 +200,7 @@ def _nearest_strands(points: NDArray, rope: RopeConfig) -> float:
     return float(distance[np.triu_indices(len(points), apart)].min())
 
 
-def shortest_segment(points: NDArray, rope: RopeConfig) -> float:
-    """Length of the shortest segment of a rope (V, 3), metres.
-
-    Segments lie between neighbouring crossings, and from an end to the next crossing.
-    """
-    return float(np.diff(segment_intervals(points), axis=1).min() * rope.length)
-
-
 def is_roomy(points: NDArray, rope: RopeConfig, config: StartsConfig) -> bool:
     """Whether every segment of a rope (V, 3) is long enough to work with."""
-    return shortest_segment(points, rope) >= config.shortest_segment
+    segments = segment_intervals(points)
+    return bool((np.diff(segments, axis=1) * rope.length >= config.shortest_segment).all())
