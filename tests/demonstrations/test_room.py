@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from knotflow.demonstrations import TASKS, task
+from knotflow.demonstrations import TASKS, scripted, task
 from knotflow.demonstrations.room import loop_size, next_actions, room
 from knotflow.demonstrations.scripted import DemonstratorConfig, _best, _Candidate, _roomier_half
 from knotflow.simulation import RopeConfig, resample
@@ -27,9 +27,8 @@ def loop(circumference):
 WIDE, TIGHT = loop(0.4), loop(0.16)
 
 
-def candidate(grasp, end, share=0.8):
-    spline = np.array([grasp, 0, 0, 0.1, 0.1, 0.1])
-    return _Candidate(spline, end, share, end[None], loop_size(end, ROPE))
+def candidate(end, share):
+    return _Candidate(np.full(6, 0.1), end, share, end[None], loop_size(end, ROPE))
 
 
 def test_the_constructed_pair_differs_in_its_loop_alone():
@@ -47,19 +46,25 @@ def test_what_may_follow_is_legal_and_on_the_way_to_a_knot(rng):
 
 
 @pytest.mark.slow
-def test_a_wider_loop_leaves_more_room_and_scores_higher(simulator):
+def test_a_wider_loop_leaves_more_room(simulator):
     action = (parse_action("C(0,1,1)"),)
     wide, tight = (
-        room(end[None], R1.goal_state, action, 24, simulator, np.random.default_rng(0))
+        room(end[None], R1.goal_state, action, 16, simulator, np.random.default_rng(0))
         for end in (WIDE, TIGHT)
     )
     assert 0 < tight < wide < 1
-    finalists = [candidate(0.9, TIGHT), candidate(0.8, WIDE)]
-    config = DemonstratorConfig(room_guesses=16)
-    best = _best(finalists, R1, simulator, np.random.default_rng(0), config, None)
-    assert best is not None
-    assert best.spline[0] == 0.8
-    assert best.score == pytest.approx(0.8 * best.room)
+
+
+@pytest.mark.parametrize(("share_of_tight", "best"), [(0.8, WIDE), (0.9, WIDE), (1.0, TIGHT)])
+def test_the_score_weighs_share_and_room(simulator, rng, monkeypatch, share_of_tight, best):
+    """The wide loop leaves 1.5 times the room, so it may succeed that much less often."""
+    rooms = {id(WIDE): 0.3, id(TIGHT): 0.2}
+    monkeypatch.setattr(scripted, "room", lambda ends, *_: rooms[id(ends.base)])
+    finalists = [candidate(TIGHT, share_of_tight), candidate(WIDE, 0.62)]
+    found = _best(finalists, R1, simulator, rng, DemonstratorConfig(), None)
+    assert found is not None
+    assert found.end is best
+    assert found.score == found.share * found.room
 
 
 def test_the_filter_keeps_the_ends_with_larger_loops():
