@@ -46,6 +46,20 @@ def test_no_hit_is_no_demonstration(simulator, rng, monkeypatch):
     assert demonstrate(points, task("R1(0,1,1)"), simulator, rng, config) is None
 
 
+@pytest.mark.slow
+def test_shipped_demonstrations_work_as_they_are(simulator):
+    """Physics and demonstrations belong together.
+
+    A rope makes much of the last bits in which machines differ: two of fifty may fail.
+    """
+    failed = [
+        number
+        for number, one in enumerate(load_demonstrations())
+        if not succeed(one.points, one.spline[None], one.task, simulator).all()
+    ]
+    assert len(failed) <= 2, f"demonstrations {failed} fail (counted from 0)"
+
+
 @pytest.mark.parametrize("action", ["R1(0,1,1)", "R2(0,0,1,1)"])
 def test_shipped_demonstrations_from_the_straight_rope_work(simulator, action, rng):
     (one,) = (d for d in load_demonstrations() if str(d.task.action) == action)
