@@ -325,7 +325,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return app(arguments, exit_on_error=False, result_action="return_value") or 0
     except CycloptsError:
-        return 2  # told by cyclopts already
+        return 2  # reported by cyclopts already
     except (ValueError, OSError, ImportError) as error:
         print(f"knotflow: {error}", file=sys.stderr)
         return 2

@@ -25,8 +25,8 @@ def fit(
     for step in range(steps):
         if stop is not None and stop.is_set():
             break
-        told = learner.update(1 - step / steps if decaying else 1.0)
-        for key, value in told.items():
+        losses = learner.update(1 - step / steps if decaying else 1.0)
+        for key, value in losses.items():
             means[key] = means.get(key, 0.0) + value / steps
     return means
 
