@@ -12,8 +12,10 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from knotflow.report import (
     ablation_actor_critic,
+    actions,
     benchmark,
     causal_infogan,
+    goals,
     joint_finetuning,
     knots,
     overhand,
@@ -47,6 +49,8 @@ SECTIONS: tuple[Section, ...] = (
     ),
     pentagram.SECTION,
     knots.SECTION,
+    goals.SECTION,
+    actions.SECTION,
     benchmark.SECTION,
 )
 CLAIMS = [(section.experiment, claim) for section in SECTIONS for claim in section.claims]
