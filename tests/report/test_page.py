@@ -52,7 +52,7 @@ def test_everything_run_is_everything_shown(reports):
     assert "Of 10 claims: 7 hold" in text
     for name in (
         *("single_stage", "ablation_actor_critic", "tree_size", "joint_finetuning"),
-        *("throughput", "stages"),
+        *("goals", "actions", "throughput", "stages"),
     ):
         assert f"(figures/{name}.png)" in text
         assert (reports / "figures" / f"{name}.png").is_file()

@@ -91,7 +91,7 @@ SECTION = Section(
     EXPERIMENT,
     "All actions",
     "Not in the paper",
-    "Which actions the primitives can do, among all that lead to at most three crossings: one of "
-    "each class under Mirror and Reverse, from ropes that searches brought into the start state.",
+    "Which actions the primitives can do, among all that lead to at most three crossings, from "
+    "ropes that searches brought into the start state.",
     values,
 )

@@ -85,7 +85,7 @@ def tied_over_time(sets: dict[str, pd.DataFrame], name: str) -> Picture:
         figure = new_figure(2.7)
         axes = figure.add_subplot()
         axes.set_xscale("log")
-        axes.set_xlim(first * stretch**-0.02, last * stretch**0.16)
+        axes.set_xlim(first * stretch**-0.02, last * stretch**0.14)
         for place, (label, own) in enumerate(sets.items()):
             colour, rate = COLOURS[place % len(COLOURS)], share_tied(own)
             seconds = sorted(own["seconds"][own["solved"]])
@@ -95,7 +95,7 @@ def tied_over_time(sets: dict[str, pd.DataFrame], name: str) -> Picture:
                 steps, [*shares, shares[-1]], color=colour, where="post",
                 linewidth=1.6, label=f"{label} crossings",
             )  # fmt: skip
-            end = last * stretch ** (0.015 + 0.075 * place)
+            end = last * stretch ** (0.015 + 0.06 * place)
             axes.plot([end, end], [rate.low, rate.high], color=colour, linewidth=1.2)
             axes.plot(end, rate.estimate, "o", color=colour, markersize=4)
             axes.annotate(
