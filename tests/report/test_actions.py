@@ -50,7 +50,9 @@ def test_totals_say_what_arranging_brings(write):
         found["worst"].splitlines()[2].startswith("| `2o1+` | `C(0,1,1)` | Cross, end over | 0 %")
     )
     text = compose(Results(write.root), "results").markdown
-    assert "with one spline\n1 succeed in more than 70\u00a0% of their trials and 1 never did" in text
+    assert (
+        "with one spline\n1 succeed in more than 70\u00a0% of their trials and 1 never did" in text
+    )
 
 
 def test_a_run_without_arranging_has_single_bars(write):
