@@ -25,9 +25,12 @@ from knotflow.baselines import RandomSampler
 from knotflow.baselines.causal_infogan import Frame, measure
 from knotflow.baselines.icp import align
 from knotflow.demonstrations import TASKS, NoiseConfig, aim, noisy_copies
+from knotflow.perception import Appearance, Camera, SimulatedCamera, add_noise, segment
+from knotflow.perception import NoiseConfig as SensorNoise
 from knotflow.planning import PlannerConfig, SolutionDag
 from knotflow.planning.branches import Node
 from knotflow.planning.growth import node_probabilities
+from knotflow.planning.posterior import PosteriorRule
 from knotflow.primitives import Actor, Critic, NetworkConfig, cross_entropy, encode
 from knotflow.simulation import (
     RopeConfig,
@@ -209,7 +212,31 @@ def planning() -> dict[str, Any]:
         nodes.append(Node(loop(), state, dag.distance(state), edges, failures=len(nodes)))
         state = state.apply(parse_action(text))
     config = PlannerConfig(rule="paper", bias=10.0, failure_discount=0.5)
-    return {"dag": steps, "probabilities": node_probabilities(nodes, config)}
+    rule = PosteriorRule(PlannerConfig(), dag)
+    for node in nodes:
+        rule.add(node)
+    branches = [[str(one.node.state), str(one.action)] for one in rule.choose(12)]
+    return {
+        "dag": steps,
+        "probabilities": node_probabilities(nodes, config),
+        "branches": branches,
+    }
+
+
+def perception() -> dict[str, Any]:
+    """A noisy image of a held rope, and what its pixels are taken for."""
+    camera, rng = Camera.overhead(), np.random.default_rng(0)
+    noise = SensorNoise()
+    simulated = SimulatedCamera(camera, ROPE, noise, Appearance.draw(rng, noise))
+    view = simulated.view(loop(), gripper=loop()[5])
+    image = add_noise(view.image, camera, noise, rng)
+    labels = (view.labels, segment(image, camera, ROPE.radius).labels)
+    return {
+        "depth": view.image.depth[::30, ::40],
+        "noise": [np.isnan(image.depth).mean(), np.nanstd(image.depth - view.image.depth)],
+        "colour": image.rgb.reshape(-1, 3).mean(0) / 255,
+        "shares": [np.bincount(one.ravel(), minlength=4) / one.size for one in labels],
+    }
 
 
 CASES: dict[str, Callable[[], dict[str, Any]]] = {
@@ -221,6 +248,7 @@ CASES: dict[str, Callable[[], dict[str, Any]]] = {
     "primitives": primitives,
     "training": training,
     "planning": planning,
+    "perception": perception,
 }
 
 

@@ -12,9 +12,10 @@ VERSIONS = {
     "demonstrations": 1,
     "baselines": 1,
     "baselines.causal_infogan": 1,
-    "primitives": 1,
-    "training": 1,
+    "primitives": 2,
+    "training": 2,
     "planning": 2,
+    "perception": 1,
 }
 """Package below knotflow -> its version. One inside another, with a number of its own, is not
 covered by that of the outer one."""

@@ -1,9 +1,11 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from knotflow.planning import KnotPlan, PlanFormatError
+from knotflow.topology import Arrange
 
 
 def test_shapes_and_states_go_from_start_to_goal(plan):
@@ -34,6 +36,19 @@ def test_json_gives_the_plan_back(plan):
         np.testing.assert_allclose(one.trajectory, other.trajectory, atol=1e-6)
         np.testing.assert_allclose(one.gripper, other.gripper, atol=1e-6)
     assert again.to_json() == plan.to_json()
+
+
+def test_an_arranging_step_says_what_for_but_is_no_part_of_the_path(plan):
+    first = plan.steps[0]
+    arranging = replace(
+        first, action=Arrange(first.action), end=first.start, end_state=first.start_state
+    )
+    longer = replace(plan, steps=(arranging, *plan.steps))
+    assert longer.actions == plan.actions
+    assert f"arrange for {first.action} {first.start_state}" in longer.summary()
+    again = KnotPlan.from_json(longer.to_json())
+    assert [step.action for step in again.steps] == [step.action for step in longer.steps]
+    assert longer.waypoints().actions[0] == f"arrange for {first.action}"
 
 
 def test_json_without_trajectories_still_gives_waypoints(plan):

@@ -104,3 +104,19 @@ def test_the_csv_holds_every_waypoint(plan, tmp_path):
     np.testing.assert_allclose(read, waypoints.positions, atol=1e-6)
     assert [row["closed"] == "1" for row in rows] == waypoints.closed.tolist()
     assert [row["action"] for row in rows] == list(waypoints.actions)
+
+
+@pytest.mark.parametrize("speed", [0.1, 0.25])
+def test_a_slower_drag_keeps_the_path_and_its_speed_limit(plan, speed):
+    waypoints = plan.waypoints(50.0, GripperConfig(drag_speed=speed))
+    fast = plan.waypoints(400.0)
+    for step in range(len(plan.steps)):
+        slow, quick = (
+            one.positions[(np.array(one.phases) == "drag") & (one.step == step)]
+            for one in (waypoints, fast)
+        )
+        assert np.linalg.norm(np.diff(slow, axis=0), axis=1).max() * 50.0 <= speed * (1 + 1e-9)
+        assert len(slow) > plan.move_time * 50.0
+        off = np.linalg.norm(slow[:, None] - quick[None], axis=-1).min(axis=1)
+        assert off.max() < 5e-3  # the quick one's points are up to a centimetre apart
+        np.testing.assert_array_equal(slow[-1], quick[-1])

@@ -1,11 +1,13 @@
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-from knotflow.primitives import FILE, LibraryError, PrimitiveLibrary, encode
+from knotflow.primitives import FILE, LibraryError, PrimitiveLibrary, UnlikeRopeWarning, encode
 from knotflow.samplers import SamplerConfig, build_sampler
 from knotflow.simulation import RopeConfig
 from knotflow.topology import parse_action
@@ -87,6 +89,14 @@ def test_some_other_safetensors_file_is_refused(path):
 def test_another_rope_is_refused_by_what_differs(path):
     with pytest.raises(LibraryError, match="links 40, not 30"):
         PrimitiveLibrary.load(path, RopeConfig(links=30))
+
+
+def test_a_rope_of_another_size_is_warned_of_with_the_numbers(library):
+    with pytest.warns(UnlikeRopeWarning, match=r"length 2 m \(trained with 1 m\), links 60 "):
+        library.warn_if_unlike(RopeConfig(length=2.0, links=60))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        library.warn_if_unlike(RopeConfig(root="head", density=400.0))
 
 
 def test_libraries_merge_and_do_not_overwrite_each_other(library):

@@ -7,6 +7,7 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from knotflow.recording import scene
+from knotflow.simulation import RopeConfig, control_points, straight
 
 
 def test_spline_curve_is_a_clamped_quadratic_b_spline():
@@ -38,7 +39,7 @@ def test_the_cloud_fades_from_a_blue_head_to_an_orange_tail(make_rollout):
 @pytest.mark.parametrize("vertices", [2, 5, 41])
 def test_the_line_passes_all_vertices_once_in_order(make_rollout, vertices):
     points = make_rollout(3, vertices=vertices).points[4]
-    message = SceneUpdate.FromString(scene.RopeLine(vertices).frame(5, points))
+    message = SceneUpdate.FromString(scene.RopeLine(vertices, 0.008).frame(5, points))
     pieces = [
         np.array([[point.x, point.y, point.z] for point in line.points])
         for line in message.entities[0].lines
@@ -56,3 +57,14 @@ def test_logs_say_what_was_meant_and_reached(make_rollout):
     failure = Log.FromString(scene.end_message(5, make_rollout(4)))
     assert "SUCCESS" in success.message and success.level == Log.INFO
     assert "no readable state" in failure.message and failure.level == Log.WARNING
+
+
+@pytest.mark.parametrize("radius", [0.002, 0.008, 0.03])
+def test_the_rope_is_as_thick_as_the_one_that_its_spline_was_made_for(radius):
+    rope = RopeConfig(radius=radius)
+    spline = np.array([0.3, 0.1, 0.0, 0.2, 0.1, 0.1])
+    found = scene.rope_radius(control_points(straight(rope), spline, radius))
+    assert found == pytest.approx(radius)
+    points = straight(rope).astype(np.float32)
+    message = SceneUpdate.FromString(scene.RopeLine(len(points), found).frame(5, points))
+    assert {line.thickness for line in message.entities[0].lines} == {2 * radius}

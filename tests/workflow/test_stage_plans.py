@@ -230,7 +230,7 @@ def test_a_head_is_pulled_out_and_the_knot_stays(tmp_path):
 
 
 def test_a_head_that_is_longer_than_the_rope_is_not_to_be_had(tmp_path):
-    few = {"pulls": 1, "rounds": 1, "knots": 1}
+    few = {"onward": "C(0,1,1)", "pulls": 1, "rounds": 1, "knots": 1}
     config = PlansPullConfig(simulation=SIMULATION, path=LOOP, head=2.0, **few)
     with pytest.raises(RuntimeError, match="no head could be pulled out to 2 m in 1 knots"):
         make_pulled(config, {}, StageContext(tmp_path))

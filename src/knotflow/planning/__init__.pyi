@@ -4,9 +4,11 @@ from .check import KnotMismatchError, confirm, expected_type, knot_type
 from .config import PlannerConfig
 from .dag import SolutionDag, UnreachableGoalError
 from .goals import Goal, NoRoomError, most_crossings, parse_goal
+from .passing import Passage, find_passages
 from .plan import KnotPlan, PlanStep, Tried
 from .plan_file import PlanFormatError
-from .ropes import ROPE_NAMES, RopeInputError, lay_down, parse_rope, read_rope
+from .rope_file import RopeInputError
+from .ropes import ROPE_NAMES, lay_down, parse_rope, read_rope
 from .search_graph import SearchGraph
 from .tree import TreeSearch, plan_knot
 from .waypoints import GripperConfig, Waypoints
@@ -19,6 +21,7 @@ __all__ = [
     "KnotMismatchError",
     "KnotPlan",
     "NoRoomError",
+    "Passage",
     "PlanFormatError",
     "PlanStep",
     "PlannerConfig",
@@ -33,6 +36,7 @@ __all__ = [
     "attempt_arranged",
     "confirm",
     "expected_type",
+    "find_passages",
     "knot_type",
     "lay_down",
     "most_crossings",

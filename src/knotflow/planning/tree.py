@@ -271,5 +271,11 @@ def plan_knot(
         UnreachableGoalError: no actions lead from the rope's state to the goal.
         ShapeError: points that are not a shape of the simulator's rope.
         DegenerateCurveError: the projection of the rope does not determine its state.
+
+    Warns:
+        UnlikeRopeWarning: a trained sampler has learned with a rope of another size.
     """
-    return TreeSearch(points, goal, sampler, simulator, rng, config, observe).run(progress)
+    search = TreeSearch(points, goal, sampler, simulator, rng, config, observe)
+    if (warn := getattr(sampler, "warn_if_unlike", None)) is not None:
+        warn(simulator.config.rope)
+    return search.run(progress)

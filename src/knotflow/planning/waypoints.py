@@ -5,7 +5,7 @@ Between splines the gripper is open and moves above the rope. For each spline it
     travel   goes above the grasp point,
     descend  comes straight down on it,
     close    closes,
-    drag     moves along the spline with the rope, timed as it was simulated,
+    drag     moves along the spline with the rope, timed as it was simulated or slower,
     open     lets go on the table,
     rise     goes straight up.
 
@@ -41,6 +41,9 @@ class GripperConfig:
     """Highest speed between splines, metres per second."""
     vertical_speed: float = 0.10
     """Highest speed down to the rope and up from it, metres per second."""
+    drag_speed: float = np.inf
+    """Highest speed while it holds the rope, metres per second: where the simulated motion is
+    faster, it is slowed as a whole. The default keeps the simulated timing."""
     close_time: float = 0.5
     """Time to close on the rope, seconds."""
     open_time: float = 0.5
@@ -48,7 +51,7 @@ class GripperConfig:
 
     def __post_init__(self) -> None:
         """Refuse speeds at which nothing moves and times that run backward."""
-        for name in ("travel_speed", "vertical_speed"):
+        for name in ("travel_speed", "vertical_speed", "drag_speed"):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"gripper.{name} must be above 0 m/s, got {getattr(self, name)}")
         for name in ("close_time", "open_time"):
@@ -134,7 +137,8 @@ def trace_waypoints(
     rows: list[tuple[NDArray, bool, int, str, str]] = []
     here: NDArray | None = None
     for step, (times, gripper, action) in enumerate(grippers):
-        drag = _drag(np.asarray(times), np.asarray(gripper, np.float64), move_time, rate_hz)
+        path = np.asarray(gripper, np.float64)
+        drag = _drag(np.asarray(times), path, move_time, rate_hz, config.drag_speed)
         for phase in _phases(here, drag, rate_hz, config):
             rows.extend(
                 (place, phase.closed, step, action, phase.name) for place in phase.positions
@@ -171,26 +175,42 @@ def _phases(
     ]
 
 
-def _drag(times: NDArray, gripper: NDArray, move_time: float, rate_hz: float) -> NDArray:
+def _drag(
+    times: NDArray, gripper: NDArray, move_time: float, rate_hz: float, speed: float
+) -> NDArray:
     """The recorded gripper path (T, 3) from grasp to release at (n + 1, 3) even times.
+
+    It is slowed as a whole so that no interval is faster than `speed`.
+    """
+    seconds = move_time
+    for _ in range(3):  # a finer look may find a slightly higher peak
+        count = _intervals(seconds, rate_hz)
+        path = _interpolate(times, gripper, np.linspace(0.0, move_time, count + 1))
+        path[-1] = gripper[-1]  # where it lets go, whether or not a frame falls on that moment
+        peak = float(np.linalg.norm(np.diff(path, axis=0), axis=1).max()) * rate_hz
+        if peak <= speed:
+            break
+        seconds = count / rate_hz * peak / speed
+    return path
+
+
+def _interpolate(times: NDArray, gripper: NDArray, at: NDArray) -> NDArray:
+    """The gripper (N, 3) at times `at` (N,).
 
     A cubic with the slopes of the neighbouring frames runs through them: ten frames per second
     stay within about a millimetre of the spline, where straight lines would cut its corners.
     """
-    count = _intervals(move_time, rate_hz)
-    at = np.linspace(0.0, move_time, count + 1)
     slope = np.gradient(gripper, times, axis=0)
     slope[[0, -1]] = 0.0  # it starts and ends at rest
     frame = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
     span = (times[frame + 1] - times[frame])[:, None]
     u = (at[:, None] - times[frame, None]) / span
-    path = (
+    path: NDArray = (
         (1 + 2 * u) * (1 - u) ** 2 * gripper[frame]
         + u * (1 - u) ** 2 * span * slope[frame]
         + u**2 * (3 - 2 * u) * gripper[frame + 1]
         + u**2 * (u - 1) * span * slope[frame + 1]
     )
-    path[-1] = gripper[-1]  # where it lets go, whether or not a frame falls on that moment
     return path
 
 

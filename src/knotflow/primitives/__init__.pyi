@@ -15,6 +15,7 @@ from .library import (
     LibraryError,
     PrimitiveLibrary,
     PrimitivesConfig,
+    UnlikeRopeWarning,
 )
 from .networks import Actor, Critic
 from .primitive import Primitive
@@ -37,6 +38,7 @@ __all__ = [
     "PrimitiveConfig",
     "PrimitiveLibrary",
     "PrimitivesConfig",
+    "UnlikeRopeWarning",
     "canonicalise",
     "cross_entropy",
     "encode",

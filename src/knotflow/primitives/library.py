@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -34,12 +35,17 @@ from knotflow.topology import Action, parse_action
 FORMAT = "knotflow primitives"
 VERSION = "3"
 """Raised when the encoding or the networks change, so that older weights mean something else."""
+_SIZE_TOLERANCE = 0.01
 FILE = "primitives.safetensors"
 """A library's name in the output of a stage."""
 
 
 class LibraryError(ValueError):
     """A file that is no library of primitives, or not one that can be used here."""
+
+
+class UnlikeRopeWarning(UserWarning):
+    """A rope that differs from the one that the primitives were trained with."""
 
 
 class PrimitiveLibrary:
@@ -87,6 +93,24 @@ class PrimitiveLibrary:
             trained_on |= one.trained_on
         return cls(primitives, trained_on, libraries[0].rope)
 
+    def warn_if_unlike(self, rope: RopeConfig) -> None:
+        """Warn (`UnlikeRopeWarning`) of a rope of another size than the one trained with.
+
+        Proposals for it are still made; how often they succeed was not measured.
+        """
+        unlike = []
+        for name, unit in (("length", " m"), ("radius", " m"), ("links", "")):
+            now, trained = getattr(rope, name), getattr(self.rope, name)
+            if not np.isclose(now, trained, rtol=_SIZE_TOLERANCE):
+                unlike.append(f"{name} {now:g}{unit} (trained with {trained:g}{unit})")
+        if unlike:
+            warnings.warn(
+                f"the rope is out of the primitives' range: {', '.join(unlike)}; expect more "
+                "branches, or none that succeeds",
+                UnlikeRopeWarning,
+                stacklevel=3,
+            )
+
     def sample(
         self, points: NDArray, action: Action, count: int, rng: np.random.Generator
     ) -> NDArray[np.float64]:
@@ -121,12 +145,16 @@ class PrimitiveLibrary:
 
     @property
     def lacks(self) -> frozenset[str]:
-        """What this library cannot do, see `samplers.ability`: without critics it has no values."""
+        """What this library cannot do, see `samplers.ability`.
+
+        Without critics it has no values. What an action leaves for the next one is learned by
+        self-play, as arranging is: before it, the critics have not learned their second output.
+        """
         missing = set()
         if any(primitive.critic is None for primitive in self.primitives.values()):
-            missing |= {"values", "sample_onward"}
+            missing |= {"values"}
         if ARRANGE not in self.primitives:
-            missing |= {"arrange", "arranged_values"}
+            missing |= {"sample_onward", "arrange", "arranged_values"}
         return frozenset(missing)
 
     @one_thread()

@@ -23,14 +23,13 @@ _LINES = ".entities[].lines[].points | map(pack(.x!, .y!, .z!))"
 _SPHERES = ".entities[].spheres[].pose.position | pack(.x!, .y!, .z!)"
 
 
-def blueprint() -> rrb.Blueprint:
-    """The layout of every recording; it names topics only, so one fits all."""
+def blueprint(rope_radius: float) -> rrb.Blueprint:
+    """The layout of every recording of a rope with that radius, m; else it names topics only."""
     import rerun as rr
     import rerun.blueprint as rrb
     from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
     pieces = scene.gradient(scene.LINE_PIECES)
-    rope_radius = scene.ROPE_DIAMETER / 2
     overrides: dict[EntityPathLike, list[Visualizer]] = {
         topics.ROPE: [rr.Points3D.from_fields(radii=rope_radius).visualizer()],
         topics.ROPE_LINE: [

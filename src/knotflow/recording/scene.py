@@ -24,7 +24,7 @@ from knotflow.simulation import spline_path
 from . import topics
 from .schema import NANOSECONDS, RecordedRollout
 
-ROPE_DIAMETER = 0.016  # m, as drawn
+THINNEST = 0.001  # m; thinner ropes are drawn with this radius, or nothing would be seen
 HEAD_RGB, TAIL_RGB = (30, 100, 255), (255, 140, 20)  # blue head, orange tail
 SPLINE_RGB = (60, 200, 90)
 CONTROL_RGB = (235, 60, 160)
@@ -43,6 +43,14 @@ def gradient(count: int) -> NDArray[np.uint8]:
 def spline_curve(control_points: NDArray[np.float64], count: int = CURVE_POINTS) -> NDArray:
     """Points (count, 3) m of the clamped quadratic B-spline with control points (3, 3) m."""
     return spline_path(control_points, np.linspace(0.0, 1.0, count))
+
+
+def rope_radius(control_points: NDArray[np.float64]) -> float:
+    """Radius of the rope, m, that a spline with control points (3, 3) m was made for.
+
+    A spline ends at the height of a resting rope's centre line, so every recording tells it.
+    """
+    return max(float(control_points[2, 2]), THINNEST)
 
 
 def _stamp(timestamp: Any, log_time: int) -> None:
@@ -88,7 +96,8 @@ def cloud_points(data: bytes) -> NDArray[np.float32]:
 class RopeLine:
     """The rope as a thick line in a few pieces that fade from the head's colour to the tail's."""
 
-    def __init__(self, vertices: int) -> None:
+    def __init__(self, vertices: int, radius: float) -> None:
+        """Of so many vertices and a radius in metres."""
         self._message = SceneUpdate()
         entity = self._message.entities.add(id="rope", frame_id=topics.WORLD)
         self._stamp = entity.timestamp
@@ -96,7 +105,7 @@ class RopeLine:
         self._points: list[tuple[int, Any]] = []
         for first, last, rgb in zip(cuts, cuts[1:], gradient(len(cuts) - 1), strict=False):
             line = entity.lines.add(
-                type=LinePrimitive.LINE_STRIP, thickness=ROPE_DIAMETER, color=_color(rgb)
+                type=LinePrimitive.LINE_STRIP, thickness=2 * radius, color=_color(rgb)
             )
             line.pose.orientation.w = 1.0
             self._points += [(vertex, line.points.add()) for vertex in range(first, last + 1)]

@@ -13,6 +13,7 @@ from pathlib import Path
 from .blueprint import APPLICATION, blueprint
 from .index import recordings_in
 from .reader import existing_recording, read_metadata, read_recording
+from .scene import rope_radius
 from .schema import RecordedRollout
 from .table import load
 from .writer import write_recording
@@ -66,14 +67,16 @@ def save_rerun(
     with tempfile.TemporaryDirectory(prefix="knotflow-view-") as temporary:
         folder = Path(temporary)
         mcap, plain, layout = folder / "view.mcap", folder / "view.rrd", folder / "view.rbl"
-        write_recording(mcap, _chosen(source, number), read_metadata(source), rope_line=True)
+        radii: list[float] = []
+        chosen = _measured(_chosen(source, number), radii)
+        write_recording(mcap, chosen, read_metadata(source), rope_line=True)
         _rerun(
             *("mcap", "convert", str(mcap), "-o", str(plain)),
             *("--application-id", APPLICATION),
             *("--recording-id", source.stem if number is None else f"{source.stem}#{number}"),
             *("--timeline-type", "duration"),  # rollouts start at 0 s, not in 1970
         )
-        blueprint().save(APPLICATION, layout)
+        blueprint(radii[0]).save(APPLICATION, layout)
         _rerun("rrd", "merge", str(plain), str(layout), "-o", str(target))
     return Path(target)
 
@@ -125,6 +128,13 @@ def _chosen(source: Path, number: int | None) -> Iterator[RecordedRollout]:
             yield rollout
     if not found and number is not None:
         raise ValueError(_no_such_number(source, number, seen))
+
+
+def _measured(rollouts: Iterator[RecordedRollout], radii: list[float]) -> Iterator[RecordedRollout]:
+    """The same rollouts, while the radii of their ropes, m, are noted."""
+    for rollout in rollouts:
+        radii.append(rope_radius(rollout.control_points))
+        yield rollout
 
 
 def _no_such_number(place: Path, number: int, numbers: list[int]) -> str:

@@ -126,8 +126,8 @@ class _Timeline:
             if name not in schemas:
                 schemas[name] = register_schema(self.writer, kind)
             self._channels[topic] = self.writer.register_channel(topic, "protobuf", schemas[name])
-        self._clouds: dict[int, scene.RopeCloud] = {}  # by vertex count
-        self._lines: dict[int, scene.RopeLine] = {}
+        self._clouds: dict[tuple[int], scene.RopeCloud] = {}  # by vertex count
+        self._lines: dict[tuple[int, float], scene.RopeLine] = {}  # and radius
         self._gripper = scene.GripperPose()
         self._rope_line = rope_line
         self._now = 0
@@ -148,7 +148,8 @@ class _Timeline:
     def _trajectory(self, start: int, rollout: RecordedRollout) -> None:
         vertices = rollout.points.shape[1]
         cloud = self._painter(self._clouds, scene.RopeCloud, vertices)
-        line = self._painter(self._lines, scene.RopeLine, vertices)
+        radius = scene.rope_radius(rollout.control_points)
+        line = self._painter(self._lines, scene.RopeLine, vertices, radius)
         self._log(topics.SPLINE, start, scene.spline_message(start, rollout.control_points))
         self._log(topics.TOPOLOGY, start, scene.start_message(start, rollout))
         log_times = (rollout.times_ns - rollout.times_ns[0] + start).tolist()
@@ -163,10 +164,10 @@ class _Timeline:
         self._log(topics.TOPOLOGY, end, scene.end_message(end, rollout))
 
     @staticmethod
-    def _painter(known: dict[int, Any], kind: Any, vertices: int) -> Any:
-        if vertices not in known:
-            known[vertices] = kind(vertices)
-        return known[vertices]
+    def _painter(known: dict[Any, Any], kind: Any, *looks: float) -> Any:
+        if looks not in known:
+            known[looks] = kind(*looks)
+        return known[looks]
 
     def _log(self, topic: str, log_time: int, data: bytes) -> None:
         self.writer.add_message(self._channels[topic], log_time, data, publish_time=log_time)

@@ -173,7 +173,7 @@ class Reinforcement(Resumable):
     def _remember(self, encoded: Encoded, splines: NDArray, success: NDArray) -> None:
         # Splines were clipped into range: what was tried is what is remembered.
         tried = torch.from_numpy(encoded.frames.to_network(splines)).float()
-        assert self.learner.rollouts is not None
+        assert isinstance(self.learner.rollouts, TrialBuffer)
         self.learner.rollouts.extend(
             encoded.states, list(tried), list(torch.from_numpy(success.astype(np.float32)))
         )

@@ -1,0 +1,205 @@
+"""An arm that executes plans: its MuJoCo model, its limits, and where it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+if TYPE_CHECKING:
+    import mujoco
+
+TABLE = "table"
+"""The geom that no part of the arm may touch."""
+
+PREFIX = "arm/"
+"""Before the names of the arm's own elements where it stands at a table."""
+
+
+class ArmError(ValueError):
+    """An arm or a base that cannot be used."""
+
+
+@dataclass
+class Base:
+    """Where an arm stands, in the world frame of the rope: z up, the table at z = 0."""
+
+    position: Sequence[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    """Of the arm's base frame, metres."""
+    rpy_deg: Sequence[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    """Roll, pitch and yaw about the world's x, y and z, in this order: at 0 the arm stands upright
+    and its x axis is the world's; roll 180 hangs it from above."""
+
+    def __post_init__(self) -> None:
+        """Refuse what is no place."""
+        try:
+            place = np.array([self.position, self.rpy_deg], float)
+        except (TypeError, ValueError):
+            place = np.empty(0)
+        if place.shape != (2, 3) or not np.isfinite(place).all():
+            raise ArmError(
+                "a base has a position of three numbers in metres and rpy_deg, three in degrees, "
+                f"got {self.position!r} and {self.rpy_deg!r}"
+            )
+
+    @classmethod
+    def load(cls, path: Path) -> Base:
+        """Read a YAML file with `position: [x, y, z]` and, if not 0, `rpy_deg: [r, p, y]`.
+
+        Raises:
+            ArmError: no such file, no YAML mapping, other keys, or values that are no place.
+        """
+        try:
+            data = yaml.safe_load(Path(path).read_text("utf-8"))
+        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+            raise ArmError(f"{path}: the arm's base cannot be read: {error}") from None
+        known = [one.name for one in fields(cls)]
+        if not isinstance(data, dict) or set(data) - {*known} or "position" not in data:
+            raise ArmError(
+                f"{path}: an arm's base is a YAML mapping with position: [x, y, z] in metres and "
+                f"rpy_deg: [roll, pitch, yaw] in degrees, got {data!r}"
+            )
+        try:
+            return cls(**data)
+        except ArmError as error:
+            raise ArmError(f"{path}: {error}") from None
+
+
+@dataclass(frozen=True)
+class Arm:
+    """An arm as MuJoCo sees it, and what its model does not say.
+
+    Attributes:
+        name: of the arm.
+        spec: makes its model, base frame at the origin; hinges and slides have their ranges.
+        tip: site between the fingers, at the grasped point of the rope's centre line; its z axis
+            points out of the gripper, its y axis is the one along which the fingers close.
+        joints: those that move the tip, from the base on.
+        homes: (k, n) comfortable configurations, radians (metres for slides). The one in which the
+            gripper points down most, as the arm stands, is its home.
+        max_speed: (n,) of each joint, rad/s (m/s).
+        max_acceleration: (n,) of each joint, rad/s^2 (m/s^2).
+        base: where it stands unless told otherwise.
+        gripper: name of the gripper's joint in trajectories.
+        opening: its position when open and when closed.
+    """
+
+    name: str
+    spec: Callable[[], mujoco.MjSpec]
+    tip: str
+    joints: tuple[str, ...]
+    homes: NDArray[np.float64]
+    max_speed: NDArray[np.float64]
+    max_acceleration: NDArray[np.float64]
+    base: Base = field(default_factory=Base)
+    gripper: str = "gripper"
+    opening: tuple[float, float] = (1.0, 0.0)
+
+    def __post_init__(self) -> None:
+        """Refuse limits at which nothing moves."""
+        for name in ("homes", "max_speed", "max_acceleration"):
+            values = np.asarray(getattr(self, name), float)
+            if values.shape[-1:] != (len(self.joints),) or not np.isfinite(values).all():
+                raise ArmError(
+                    f"arm {self.name}: {name} has a finite number for each of the "
+                    f"{len(self.joints)} joints {', '.join(self.joints)}, got {values.tolist()}"
+                )
+            if name != "homes" and not (values > 0.0).all():
+                raise ArmError(f"arm {self.name}: {name} must be above 0, got {values.tolist()}")
+
+    def model(self, base: Base | None = None) -> mujoco.MjModel:
+        """The arm on its base at the table; the arm's names have `PREFIX` before them."""
+        import mujoco
+
+        base = base or self.base
+        scene = mujoco.MjSpec()
+        scene.worldbody.add_geom(name=TABLE, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2.0, 2.0, 0.1])
+        turn = Rotation.from_euler("xyz", base.rpy_deg, degrees=True)
+        frame = scene.worldbody.add_frame(
+            pos=list(base.position), quat=turn.as_quat(scalar_first=True)
+        )
+        scene.attach(self.spec(), prefix=PREFIX, frame=frame)
+        return scene.compile()
+
+
+def load_arm(
+    path: Path,
+    tip: str | None = None,
+    base: Base | None = None,
+    max_speed: float = 1.0,
+    max_acceleration: float = 5.0,
+) -> Arm:
+    """Any arm from an MJCF file, which says nothing of speeds.
+
+    Args:
+        path: the MJCF file.
+        tip: a site, see `Arm.tip`; not needed where the model has a single one.
+        base: where it stands.
+        max_speed: of every joint, rad/s (m/s for slides).
+        max_acceleration: of every joint, rad/s^2 (m/s^2).
+
+    Returns:
+        The arm; its homes are the model's keyframes, or the middle of every joint's range.
+
+    Raises:
+        ArmError: no such file, no model, no such site, or nothing that moves it.
+    """
+    import mujoco
+
+    path = Path(path)
+    if not path.is_file():
+        raise ArmError(f"{path}: there is no such arm; give `panda` or an MJCF file")
+    try:
+        model = mujoco.MjSpec.from_file(str(path)).compile()
+    except (ValueError, RuntimeError) as error:
+        raise ArmError(f"{path}: MuJoCo cannot read this arm: {error}") from None
+    sites = [model.site(i).name for i in range(model.nsite)]
+    if tip is None and len(sites) == 1:
+        tip = sites[0]
+    if tip is None or tip not in sites:
+        raise ArmError(
+            f"{path}: which site is between the fingers? {tip!r} is none of "
+            f"{', '.join(sites) or 'the model, which has no sites'}"
+        )
+    chain = _joints_to(model, int(model.site(tip).bodyid[0]))
+    if not chain:
+        raise ArmError(f"{path}: no hinge or slide moves the site {tip!r}")
+    where = model.jnt_qposadr[chain]
+    homes = model.key_qpos if model.nkey else _middle(model)[None]
+    return Arm(
+        name=path.stem,
+        spec=lambda: mujoco.MjSpec.from_file(str(path)),
+        tip=tip,
+        joints=tuple(model.joint(one).name for one in chain),
+        homes=homes[:, where].copy(),
+        max_speed=np.full(len(chain), max_speed),
+        max_acceleration=np.full(len(chain), max_acceleration),
+        base=base or Base(),
+    )
+
+
+def _joints_to(model: mujoco.MjModel, body: int) -> list[int]:
+    """Hinges and slides between the world and a body, from the base on."""
+    import mujoco
+
+    found: list[int] = []
+    while body:
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        found = [*range(first, first + count), *found]
+        body = int(model.body_parentid[body])
+    moving = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    return [joint for joint in found if int(model.jnt_type[joint]) in moving]
+
+
+def _middle(model: mujoco.MjModel) -> NDArray[np.float64]:
+    middle = model.qpos0.copy()
+    for joint in range(model.njnt):
+        if model.jnt_limited[joint]:
+            middle[model.jnt_qposadr[joint]] = model.jnt_range[joint].mean()
+    return middle

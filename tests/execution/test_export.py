@@ -1,0 +1,124 @@
+import csv
+import io
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+import yaml
+
+from knotflow.execution import ArmError, Base, export_plan, load_arm, panda
+from knotflow.execution.arm import PREFIX, TABLE
+from knotflow.execution.reach import TOLERANCE
+
+UPRIGHT = Base([-0.5, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def exported(still):
+    return export_plan(still, "panda", UPRIGHT)
+
+
+def rows(text):
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def columns(text, names):
+    return np.array([[float(row[name]) for name in names] for row in rows(text)])
+
+
+def test_forward_kinematics_of_what_is_written_meets_every_waypoint(exported):
+    arm, waypoints = panda(), exported.trajectory.waypoints
+    model = arm.model(UPRIGHT)
+    data = mujoco.MjData(model)
+    joints = columns(exported.text, arm.joints)
+    names = [PREFIX + name for name in arm.joints]
+    ranges = model.jnt_range[[model.joint(name).id for name in names]]
+    assert exported.reachable
+    assert (joints >= ranges[:, 0]).all() and (joints <= ranges[:, 1]).all()
+    for configuration, wanted in zip(joints, waypoints.positions, strict=True):
+        data.qpos[[model.jnt_qposadr[model.joint(name).id] for name in names]] = configuration
+        mujoco.mj_forward(model, data)
+        tip = data.site(PREFIX + arm.tip)
+        assert np.linalg.norm(tip.xpos - wanted) < TOLERANCE
+        touching = {model.geom(geom).name for pair in data.contact.geom for geom in pair}
+        assert TABLE not in touching
+
+
+@pytest.mark.parametrize("max_speed", [0.1, 0.25])
+def test_speed_limits_hold_between_all_points(still, max_speed):
+    arm = panda()
+    exported = export_plan(still, arm, UPRIGHT, max_speed, rate_hz=10.0)
+    seconds = np.diff(columns(exported.text, ["time_s"]), axis=0)
+    assert (seconds > 0).all()
+    places = exported.trajectory.reached.positions
+    speed = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    assert (speed <= max_speed * seconds[:, 0] + 3e-6).all()  # what rounding adds
+    turning = np.abs(np.diff(columns(exported.text, arm.joints), axis=0))
+    assert (turning <= arm.max_speed * seconds + 3e-6).all()
+    peaks = exported.trajectory.peaks()
+    assert peaks["tip_speed"] <= max_speed * (1 + 1e-9)
+    assert max(peaks["joint_speed"], peaks["joint_acceleration"]) <= 1 + 1e-6
+
+
+def test_the_fingers_close_across_the_strand(exported, still):
+    trajectory = exported.trajectory
+    for index in range(len(still.steps)):
+        grasp = np.flatnonzero(
+            (trajectory.waypoints.step == index)
+            & (np.array(trajectory.waypoints.phases) == "close")
+        )[0]
+        w, x, y, z = trajectory.reached.quaternions[grasp]
+        along, across = 2 * (x * y - w * z), w * w - x * x + y * y - z * z
+        assert abs(along) < 0.05  # the rope lies along x
+        assert abs(across) > 0.99
+
+
+def test_what_is_out_of_reach_is_named(still):
+    far = export_plan(still, "panda", Base([-1.1, 0.0, 0.0]), rate_hz=2.0)
+    missed = far.trajectory.unreachable
+    assert not far.reachable and len(missed)
+    assert f"{len(missed)} waypoints cannot be reached" in far.summary()
+    assert f"  {missed[0]} to " in far.summary()
+    assert [i for i, row in enumerate(rows(far.text)) if row["reached"] == "0"] == missed.tolist()
+
+
+def test_ros2_messages_have_the_fields_of_their_types(still):
+    csv_like = export_plan(still, "panda", UPRIGHT, rate_hz=5.0).trajectory
+    joint = yaml.safe_load(export_plan(still, "panda", UPRIGHT, format="ros2", rate_hz=5.0).text)
+    assert set(joint) == {"header", "joint_names", "points"}
+    assert len(joint["joint_names"]) == 8
+    stamps = [one["time_from_start"] for one in joint["points"]]
+    times = np.array([stamp["sec"] + stamp["nanosec"] * 1e-9 for stamp in stamps])
+    np.testing.assert_allclose(times, csv_like.times, atol=1e-8)
+    arm_joints = np.array([one["positions"][:7] for one in joint["points"]])
+    np.testing.assert_allclose(arm_joints, csv_like.reached.joints, atol=1e-6)
+    text = export_plan(still, "panda", UPRIGHT, format="ros2", space="cartesian", rate_hz=5.0).text
+    place = yaml.safe_load(text)["points"][-1]["transforms"][0]["translation"]
+    last = csv_like.reached.positions[-1]
+    np.testing.assert_allclose([place["x"], place["y"], place["z"]], last, atol=1e-6)
+
+
+def test_the_gripper_opens_and_closes_while_it_stands(exported):
+    opening = columns(exported.text, ["panda_finger_joint1"])[:, 0]
+    phases = np.array([row["phase"] for row in rows(exported.text)])
+    wide, narrow = panda().opening
+    assert set(opening[np.isin(phases, ["travel", "descend", "rise"])]) == {wide}
+    assert set(opening[phases == "drag"]) == {narrow}
+
+
+def test_an_arm_from_a_file_executes_a_plan(still, scara):
+    exported = export_plan(still, load_arm(scara), Base([-0.4, -0.3, 0.0]), rate_hz=10.0)
+    assert exported.reachable, exported.summary()
+    assert exported.trajectory.peaks()["joint_speed"] <= 1 + 1e-6
+
+
+def test_what_cannot_be_exported_is_refused(still):
+    with pytest.raises(ArmError, match="csv or ros2"):
+        export_plan(still, format="urscript")
+    with pytest.raises(ArmError, match="joint or cartesian"):
+        export_plan(still, space="tool")
+    with pytest.raises(ArmError, match="above 0 m/s"):
+        export_plan(still, max_speed=0.0)
+    with pytest.raises(ArmError, match="no steps"):
+        export_plan(replace(still, steps=()))

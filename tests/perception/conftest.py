@@ -1,0 +1,20 @@
+import numpy as np
+import pytest
+
+from knotflow.perception import SAMPLE, Camera, SimulatedCamera
+from knotflow.simulation import RopeConfig
+
+
+@pytest.fixture(scope="session")
+def camera() -> Camera:
+    return Camera.overhead()
+
+
+@pytest.fixture
+def simulated(camera) -> SimulatedCamera:
+    return SimulatedCamera(camera, RopeConfig())
+
+
+@pytest.fixture(scope="session")
+def overhand():
+    return np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)

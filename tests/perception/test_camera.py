@@ -1,0 +1,104 @@
+"""The camera's geometry, and its file."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+from knotflow.perception import Camera, CameraError
+
+
+@pytest.fixture
+def oblique() -> Camera:
+    down = Rotation.from_euler("x", 215, degrees=True) * Rotation.from_euler("z", 20, degrees=True)
+    return Camera(
+        320, 200, 300.0, 310.0, 150.0, 111.0, np.array([0.1, -0.8, 1.1]), down.as_matrix()
+    )
+
+
+def test_unproject_inverts_project(oblique, rng):
+    points = rng.uniform([-0.6, -0.6, 0.0], [0.6, 0.6, 0.3], (5, 7, 3))
+    seen = oblique.project(points)
+    assert seen.shape == (5, 7, 3)
+    np.testing.assert_allclose(oblique.unproject(seen[..., :2], seen[..., 2]), points, atol=1e-12)
+
+
+def test_rays_pass_through_what_their_pixels_show(oblique):
+    rays = oblique.rays()
+    np.testing.assert_allclose(np.linalg.norm(rays, axis=-1), 1.0)
+    seen = oblique.project(oblique.position + 1.7 * rays)
+    np.testing.assert_allclose(seen[40, 123, :2], [123, 40], atol=1e-9)
+    np.testing.assert_allclose(seen[-1, -1, :2], [319, 199], atol=1e-9)
+
+
+def test_what_is_behind_the_camera_has_no_pixel(oblique):
+    u, v, depth = oblique.project(oblique.position - 0.5 * oblique.rotation[:, 2])
+    assert np.isnan([u, v]).all() and depth == pytest.approx(-0.5)
+
+
+@pytest.mark.parametrize("size", [(320, 240), (640, 480), (240, 240)])
+def test_the_overhead_camera_sees_all_that_splines_reach(size):
+    camera = Camera.overhead(*size)
+    corners = np.array(list(product([-0.6, 0.6], [-0.6, 0.6], [0.0, 0.15])))
+    u, v, _ = camera.project(corners).T
+    assert (u > -0.5).all() and (u < size[0] - 0.5).all()
+    assert (v > -0.5).all() and (v < size[1] - 0.5).all()
+
+
+def test_the_overhead_camera_shows_x_to_the_right_and_y_upwards():
+    camera = Camera.overhead()
+    middle, right, up = camera.project([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]])
+    np.testing.assert_allclose(middle, [159.5, 119.5, 1.2])
+    assert right[0] > middle[0] and right[1] == pytest.approx(middle[1])
+    assert up[1] < middle[1] and up[0] == pytest.approx(middle[0])
+
+
+def test_a_camera_file_is_read_as_it_was_written(oblique, tmp_path):
+    oblique.save(tmp_path / "camera.yaml")
+    again = Camera.load(tmp_path / "camera.yaml")
+    for name, value in vars(oblique).items():
+        np.testing.assert_array_equal(getattr(again, name), value)
+
+
+def change(tmp_path, **values):
+    path = tmp_path / "camera.yaml"
+    Camera.overhead().save(path)
+    content = yaml.safe_load(path.read_text()) | values
+    path.write_text(yaml.safe_dump({k: v for k, v in content.items() if v != "left out"}))
+    return path
+
+
+@pytest.mark.parametrize("name", ["width", "fx", "cy", "position", "rotation"])
+def test_a_camera_file_that_lacks_a_value_is_refused_by_its_name(name, tmp_path):
+    for absent in ("left out", None):
+        with pytest.raises(CameraError, match=f"lacks {name};"):
+            Camera.load(change(tmp_path, **{name: absent}))
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"fx": "wide"}, "fx must be numeric"),
+        ({"fx": [200, 200]}, "fx is one number"),
+        ({"fy": -200.0}, "fy is positive"),
+        ({"width": 320.5}, "width is a whole number"),
+        ({"position": [0, 0]}, r"position has shape \(3,\)"),
+        ({"position": [0, 0, float("nan")]}, "position must be finite"),
+        ({"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}, "rotation has orthogonal columns"),
+        ({"k1": 0.1}, "unknown k1"),
+    ],
+)
+def test_a_camera_file_with_a_wrong_value_is_refused(values, message, tmp_path):
+    with pytest.raises(CameraError, match=message):
+        Camera.load(change(tmp_path, **values))
+
+
+def test_a_file_that_is_no_camera_is_refused(tmp_path):
+    (tmp_path / "list.yaml").write_text("- 1\n- 2\n")
+    for name in ("list.yaml", "absent.yaml"):
+        with pytest.raises(CameraError, match=name):
+            Camera.load(tmp_path / name)

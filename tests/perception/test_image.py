@@ -1,0 +1,84 @@
+"""Images and their files."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from knotflow.perception import SAMPLE, Camera, ImageError, RgbdImage
+from knotflow.perception.sample import write_sample
+
+
+@pytest.fixture
+def image(rng) -> RgbdImage:
+    depth = rng.uniform(0.5, 2.0, (20, 30)).astype(np.float32)
+    depth[3, 4] = np.nan
+    return RgbdImage(rng.integers(0, 256, (20, 30, 3), np.uint8), depth)
+
+
+def test_an_image_is_read_as_it_was_written(image, tmp_path):
+    for depth, tolerance in (("depth.npy", 0.0), ("depth.png", 0.5001e-3)):
+        image.write(tmp_path / "rgb.png", tmp_path / depth)
+        again = RgbdImage.read(tmp_path / "rgb.png", tmp_path / depth, time=1.5)
+        np.testing.assert_array_equal(again.rgb, image.rgb)
+        np.testing.assert_allclose(again.depth, image.depth, atol=tolerance, rtol=0)
+        assert np.isnan(again.depth[3, 4]) and again.depth.dtype == np.float32
+        assert again.time == 1.5
+
+
+def test_whole_numbers_are_millimetres_and_zero_is_unknown(image, tmp_path):
+    image.write(tmp_path / "rgb.png", tmp_path / "unused.npy")
+    raw = np.full((20, 30), 1234, np.uint16)
+    raw[0, 0] = 0
+    np.save(tmp_path / "depth.npy", raw)
+    depth = RgbdImage.read(tmp_path / "rgb.png", tmp_path / "depth.npy").depth
+    assert depth[1, 1] == pytest.approx(1.234) and np.isnan(depth[0, 0])
+
+
+def test_an_image_of_another_size_than_the_cameras_is_refused(image, tmp_path):
+    image.write(tmp_path / "rgb.png", tmp_path / "depth.png")
+    with pytest.raises(ImageError, match="30x20 pixels, but the camera's are 320x240"):
+        RgbdImage.read(tmp_path / "rgb.png", tmp_path / "depth.png", Camera.overhead())
+
+
+def test_colour_and_depth_of_different_sizes_are_refused(image):
+    with pytest.raises(ImageError, match="colour is 30x20 pixels but depth 29x20"):
+        RgbdImage(image.rgb, image.depth[:, 1:])
+
+
+@pytest.mark.parametrize("unknown", [np.nan, 0.0, np.inf])
+def test_depth_that_is_unknown_everywhere_is_refused(unknown, image, tmp_path):
+    image.write(tmp_path / "rgb.png", tmp_path / "unused.npy")
+    np.save(tmp_path / "depth.npy", np.full((20, 30), unknown, np.float32))
+    with pytest.raises(ImageError, match="depth.npy: no pixel has a depth"):
+        RgbdImage.read(tmp_path / "rgb.png", tmp_path / "depth.npy")
+
+
+def test_depth_in_another_unit_or_form_is_refused(image, tmp_path):
+    image.write(tmp_path / "rgb.png", tmp_path / "unused.npy")
+    Image.fromarray(image.rgb[..., 0]).save(tmp_path / "eight-bit.png")
+    np.save(tmp_path / "millimetres.npy", 1000.0 * image.depth)
+    np.save(tmp_path / "cloud.npy", np.ones((20, 30, 3)))
+    (tmp_path / "text.png").write_text("no image")
+    for name, message in (
+        ("eight-bit.png", "16-bit whole millimetres"),
+        ("millimetres.npy", "must be in metres"),
+        ("cloud.npy", r"the file has \(20, 30, 3\)"),
+        ("text.png", "cannot be read as a depth image"),
+        ("absent.npy", "cannot be read as a depth image"),
+    ):
+        with pytest.raises(ImageError, match=message) as caught:
+            RgbdImage.read(tmp_path / "rgb.png", tmp_path / name)
+        assert name in str(caught.value)
+
+
+def test_the_shipped_sample_is_an_image_of_its_rope_that_can_be_reproduced(tmp_path):
+    write_sample(tmp_path)
+    shipped = RgbdImage.read(
+        SAMPLE / "overhand.png", SAMPLE / "overhand-depth.png", Camera.load(SAMPLE / "camera.yaml")
+    )
+    again = RgbdImage.read(tmp_path / "overhand.png", tmp_path / "overhand-depth.png")
+    # Last digits differ between machines.
+    assert (shipped.rgb == again.rgb).mean() > 0.99
+    assert np.isclose(shipped.depth, again.depth, equal_nan=True).mean() > 0.99

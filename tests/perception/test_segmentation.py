@@ -1,0 +1,99 @@
+"""Segmentation against the simulator's true labels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from knotflow.perception import (
+    SAMPLE,
+    Appearance,
+    Camera,
+    ImageError,
+    Label,
+    NoiseConfig,
+    RgbdImage,
+    SimulatedCamera,
+    add_noise,
+    segment,
+)
+from knotflow.simulation import RopeConfig, straight
+
+ROPE = RopeConfig()
+
+
+def iou(one, other):
+    return (one & other).sum() / (one | other).sum()
+
+
+def seen(camera, points, level, rng, gripper=None, look=None):
+    """A noisy image and its true labels, unknown where the noise left no depth."""
+    noise = NoiseConfig(level=level)
+    simulated = SimulatedCamera(camera, ROPE, noise, look or Appearance.draw(rng, noise))
+    view = simulated.view(points, gripper)
+    image = add_noise(view.image, camera, noise, rng)
+    return image, np.where(np.isnan(image.depth), Label.UNKNOWN, view.labels)
+
+
+@pytest.mark.parametrize(("level", "least"), [(0, 0.85), (1, 0.85), (2, 0.5)])
+def test_rope_and_gripper_are_found_in_any_colours(level, least, camera, overhand, rng):
+    for gripper in (None, overhand[20], overhand[30] + [0.0, 0.0, 0.1]):
+        image, true = seen(camera, overhand, level, rng, gripper)
+        found = segment(image, camera, ROPE.radius)
+        assert iou(found.rope, true == Label.ROPE) > least
+        if gripper is not None:
+            assert iou(found.gripper, true == Label.GRIPPER) > 0.7
+        else:
+            assert not found.gripper.any()
+
+
+def test_a_rope_of_the_tables_colour_is_found_by_its_height(camera, overhand, rng):
+    look = Appearance(rope=(0.4, 0.4, 0.4), table=(0.4, 0.4, 0.4))
+    image, true = seen(camera, overhand, 1, rng, look=look)
+    assert iou(segment(image, camera, ROPE.radius).rope, true == Label.ROPE) > 0.5
+
+
+def test_what_has_no_depth_is_unknown(camera, overhand, rng):
+    image, _ = seen(camera, overhand, 1, rng)
+    image.depth[60:80, 200:240] = np.nan
+    found = segment(image, camera, ROPE.radius)
+    assert found.unknown[np.isnan(image.depth)].all()
+    assert np.isnan(found.height[60:80, 200:240]).all()
+
+
+@pytest.mark.parametrize("level", [0, 1, 2])
+def test_an_image_without_rope_has_no_rope(level, camera, rng):
+    for _ in range(3):
+        image, _ = seen(camera, straight(ROPE) + [5.0, 0.0, 0.0], level, rng)
+        found = segment(image, camera, ROPE.radius)
+        assert not found.rope.any() and not found.gripper.any()
+        assert found.table.mean() > 0.9
+
+
+def test_a_small_error_of_the_cameras_pose_is_taken_out(camera, overhand, rng):
+    image, true = seen(camera, overhand, 1, rng)
+    tilt = Rotation.from_euler("xy", [1.0, -1.0], degrees=True).as_matrix()
+    off = Camera(
+        **{
+            **vars(camera),
+            "rotation": tilt @ camera.rotation,
+            "position": camera.position + [0.0, 0.0, 0.008],
+        }
+    )
+    found = segment(image, off, ROPE.radius)
+    assert iou(found.rope, true == Label.ROPE) > 0.8
+    assert abs(np.median(found.height[found.table])) < 2e-3
+
+
+def test_the_shipped_sample_is_segmented(camera, overhand):
+    image = RgbdImage.read(SAMPLE / "overhand.png", SAMPLE / "overhand-depth.png", camera)
+    true = SimulatedCamera(camera, ROPE).view(overhand).labels == Label.ROPE
+    found = segment(image, camera, ROPE.radius)
+    assert iou(found.rope, true & ~found.unknown) > 0.85
+
+
+def test_an_image_of_another_size_is_refused(overhand, camera, rng):
+    image, _ = seen(camera, overhand, 0, rng)
+    with pytest.raises(ImageError, match="320x240 pixels, but the camera's are 640x480"):
+        segment(image, Camera.overhead(640, 480), ROPE.radius)
