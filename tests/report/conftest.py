@@ -50,6 +50,7 @@ class Writer:
 
     def __init__(self, root: Path) -> None:
         self.root = root
+        root.mkdir(parents=True, exist_ok=True)
 
     def table(
         self,
