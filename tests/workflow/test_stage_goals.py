@@ -61,6 +61,7 @@ def test_every_goal_has_a_row_a_plan_and_its_branches_recorded(searched):
         *("knot_type", "confirmed", "reason"),
     ]
     assert table["set"].tolist() == ["one", "one", "two"]
+    assert table["solved"].tolist()[:2] == [True, True]
     rollouts = load(searched / "recordings")
     assert rollouts["number"].is_unique and len(rollouts) == table["branches"].sum()
     drawn = goals.drawn_goals(GOALS.sets, GOALS.seed)
