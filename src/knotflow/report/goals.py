@@ -88,6 +88,7 @@ def tied_over_time(sets: dict[str, pd.DataFrame], name: str) -> Picture:
         axes.set_xlim(first * stretch**-0.02, last * stretch**0.14)
         for place, (label, own) in enumerate(sets.items()):
             colour, rate = COLOURS[place % len(COLOURS)], share_tied(own)
+            assert rate.low is not None and rate.high is not None
             seconds = sorted(own["seconds"][own["solved"]])
             steps = [first, *seconds, last]
             shares = [number / len(own) for number in range(len(seconds) + 1)]
