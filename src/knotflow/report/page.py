@@ -12,9 +12,11 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from knotflow.report import (
     ablation_actor_critic,
+    actions,
     benchmark,
     causal_infogan,
     demonstrator,
+    goals,
     joint_finetuning,
     knots,
     overhand,
@@ -49,6 +51,8 @@ SECTIONS: tuple[Section, ...] = (
     ),
     pentagram.SECTION,
     knots.SECTION,
+    goals.SECTION,
+    actions.SECTION,
     benchmark.SECTION,
 )
 CLAIMS = [(section.experiment, claim) for section in SECTIONS for claim in section.claims]
