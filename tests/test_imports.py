@@ -26,6 +26,7 @@ KNOWS = {
     "training": {"primitives"},
     "planning": {"samplers", "drawing"},
     "execution": {"planning"},
+    "tasks": {"planning", "baselines", "primitives", "report"},
     "recording": {"simulation"},
     "perception": {"simulation"},
     "workflow": {"versions", "baselines", "training", "planning", "recording"},
