@@ -1,0 +1,45 @@
+"""The share of each pixel that is rope, finer than pixels: from colours between rope and table."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.perception.image import Label, RgbdImage
+from knotflow.perception.segmentation import Segmentation
+
+_CONTRAST = 5.0  # standard deviations of the table's colour, by which the rope's must differ
+_ALIEN = 0.5  # of the contrast: a colour so far off the line between both is neither's
+
+
+def coverage(image: RgbdImage, segmentation: Segmentation) -> NDArray[np.float64]:
+    """Share (H, W) of each pixel that the rope covers, 0..1.
+
+    A rope a few pixels wide covers many of them in part, and their colour lies between the table's
+    and the rope's: that tells apart two strands with a gap of less than a pixel. Colour is known
+    where depth is not, too. Where rope and table look alike, and where neither has such a colour,
+    such as on a coloured head, it is the segmentation's yes or no.
+    """
+    from scipy.ndimage import binary_dilation, uniform_filter
+
+    mask = segmentation.rope
+    table = segmentation.labels == Label.TABLE
+    unknown = segmentation.labels == Label.UNKNOWN
+    # Lost pixels within the rope are rope, if they look like nothing at all.
+    share = uniform_filter(mask.astype(float), 3) / np.maximum(
+        uniform_filter(1.0 - unknown, 3), 0.1
+    )
+    whole = np.where(unknown, share > 0.5, mask).astype(float)
+    if not mask.any() or not table.any():
+        return whole
+    rgb = image.rgb.astype(float)
+    background, rope = np.median(rgb[table], axis=0), np.median(rgb[mask], axis=0)
+    line = rope - background
+    contrast = float(np.linalg.norm(line))
+    grain = float(np.median(np.abs((rgb[table] - background) @ line))) / max(contrast, 1e-9)
+    if contrast < _CONTRAST * 1.5 * grain or contrast < 20:
+        return whole
+    along = (rgb - background) @ line / contrast**2
+    off = np.linalg.norm(rgb - background - along[..., None] * line, axis=-1)
+    mixed = binary_dilation(mask, iterations=1) & (off < _ALIEN * contrast)
+    return np.where(mixed, along.clip(0, 1), whole)

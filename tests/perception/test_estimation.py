@@ -1,0 +1,85 @@
+"""From one image to shape, state and doubts."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from knotflow.perception.certainty import weigh_crossings
+from knotflow.perception.estimation import EstimateConfig, estimate
+from knotflow.perception.fitting import FitConfig
+from knotflow.perception.image import ImageError, RgbdImage
+from knotflow.perception.tracing import TraceError
+from knotflow.topology import TopologicalState
+
+from .shapes import CAMERA, ROPE, image, loop, s_curve, target
+
+QUICK = EstimateConfig(fit=FitConfig(steps=30), candidates=1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("points", [s_curve(), loop(1), loop(-1)], ids=["flat", "over", "under"])
+def test_shape_state_and_head_are_read_off_an_image(points):
+    found = estimate(image(points, head=True), CAMERA, ROPE, config=QUICK)
+    assert found.head_known
+    assert np.linalg.norm(found.points - points, axis=1).mean() < 4e-3
+    assert found.state == TopologicalState.from_curve(points)
+    assert not found.doubtful, found.doubts
+    assert found.seen.mean() > 0.85
+    assert (found.spread > 0).all()
+
+
+def test_a_rope_whose_ends_look_alike_keeps_the_direction_it_had():
+    points = s_curve()
+    for last in (points, points[::-1]):
+        found = estimate(image(points), CAMERA, ROPE, initial=last + [0, 0.004, 0], config=QUICK)
+        assert found.head_known
+        assert np.linalg.norm(found.points - last, axis=1).mean() < 4e-3
+
+
+def test_without_colour_and_past_the_head_is_unknown():
+    assert not estimate(image(s_curve()), CAMERA, ROPE, config=QUICK).head_known
+
+
+@pytest.mark.slow
+def test_a_crossing_the_wrong_way_round_is_turned():
+    truth, wrong = loop(1), loop(-1)
+    wrong[:, :2] = truth[:, :2]
+    shape, (crossing,) = weigh_crossings(wrong, target(truth), CAMERA, ROPE)
+    assert not crossing.first_over and crossing.certainty > 0.95
+    assert crossing.gap > ROPE.radius
+    assert TopologicalState.from_curve(shape) == TopologicalState.from_curve(truth)
+
+
+@pytest.mark.slow
+def test_a_crossing_that_the_image_does_not_tell_is_in_doubt():
+    points = loop(1)
+    blind = replace(target(points), depth=target(points).depth * np.nan)
+    _, (crossing,) = weigh_crossings(points, blind, CAMERA, ROPE)
+    assert crossing.certainty < 0.95
+
+
+def test_a_shape_that_does_not_account_for_the_image_is_in_doubt():
+    away = s_curve() + [0, 0.3, 0]
+    found = estimate(image(s_curve()), CAMERA, ROPE, initial=away, config=QUICK)
+    assert found.doubtful and found.explained < 0.5
+
+
+def test_a_rope_that_leaves_the_image_is_in_doubt():
+    points = s_curve() + [0.75, 0, 0]
+    found = estimate(image(points), CAMERA, ROPE, initial=points, config=QUICK)
+    assert "the rope leaves the image" in found.doubts
+    assert not found.seen[-5:].any() and found.seen[:20].all()
+
+
+def test_an_image_without_rope_holds_none():
+    bare = image(s_curve())
+    depth = np.full_like(bare.depth, CAMERA.position[2])
+    with pytest.raises(TraceError):
+        estimate(RgbdImage(np.full_like(bare.rgb, 60), depth), CAMERA, ROPE)
+
+
+def test_an_image_of_another_size_is_refused():
+    small = image(s_curve())
+    with pytest.raises(ImageError, match="the camera's are"):
+        estimate(RgbdImage(small.rgb[::2], small.depth[::2]), CAMERA, ROPE)

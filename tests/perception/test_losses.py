@@ -1,0 +1,66 @@
+"""Each loss vanishes where nothing is wrong, and its gradient mends what is."""
+
+import numpy as np
+import pytest
+import torch
+
+from knotflow.perception.losses import (
+    Target,
+    bending_loss,
+    depth_loss,
+    length_loss,
+    overlap_loss,
+    segment_distance,
+    silhouette_loss,
+    table_loss,
+)
+
+from .shapes import ROPE, s_curve
+
+
+def test_a_straight_rope_on_the_table_is_not_held_against():
+    points = torch.tensor([[0.025 * i, 0, ROPE.radius] for i in range(41)])
+    assert length_loss(points, 0.025) == pytest.approx(0, abs=1e-6)
+    assert bending_loss(points, 0.025) == pytest.approx(0, abs=1e-6)
+    assert table_loss(points, ROPE.radius) == overlap_loss(points, ROPE.radius) == 0
+
+
+def test_a_rope_in_the_table_is_pushed_out():
+    points = torch.tensor(s_curve() - [0, 0, 0.01]).requires_grad_()
+    table_loss(points, ROPE.radius).backward()
+    assert (points.grad[:, 2] < 0).all()
+
+
+def test_strands_in_each_other_are_pushed_apart():
+    points = torch.tensor(
+        [[-0.1, 0, 0.02], [0.1, 0, 0.02], [0.3, 0.3, 0.02], [0, 0.1, 0.01], [0, -0.1, 0.01]]
+    ).requires_grad_()
+    overlap_loss(points, 0.01).backward()
+    assert points.grad[:2, 2].max() < 0 < points.grad[3:, 2].min()
+
+
+def test_segment_distance_is_the_least_over_both_segments(rng):
+    points = torch.tensor(rng.normal(size=(30, 2, 2, 3)))
+    t = torch.linspace(0, 1, 60, dtype=torch.float64)
+    for (a, b), (c, d) in points:
+        rope = torch.stack([a, b, c, d])
+        found = segment_distance(rope, torch.tensor([0]), torch.tensor([2]))
+        one, other = a + t[:, None] * (b - a), c + t[:, None] * (d - c)
+        assert float(found) == pytest.approx(float(torch.cdist(one, other).min()), abs=0.02)
+        assert float(found) <= float(torch.cdist(one, other).min()) + 1e-6
+
+
+def test_unknown_pixels_count_for_nothing():
+    rope, known = np.zeros((2, 4, 5), bool)
+    rope[1, 1:4] = known[1] = True
+    depth = np.full((4, 5), np.nan)
+    depth[1, 1] = 1.0
+    target = Target.of(rope, known, depth)
+    occupancy = torch.ones(4, 5).double().requires_grad_()
+    drawn = torch.full((4, 5), 1.1).double().requires_grad_()
+    silhouette_loss(occupancy, target).backward()
+    depth_loss(drawn, occupancy, target, 0.01).backward()
+    wrong = torch.zeros(4, 5, dtype=torch.bool)
+    wrong[1, [0, 4]] = True  # table that is known
+    assert ((occupancy.grad != 0) == wrong).all()
+    assert torch.nonzero(drawn.grad).tolist() == [[1, 1]]
