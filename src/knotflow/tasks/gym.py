@@ -77,9 +77,7 @@ class TieEnv(gymnasium.Env[dict[str, NDArray], NDArray]):
         self._episodes.reset(0, self.np_random, index)
         return self._observation(), self._info(False, False)
 
-    def step(
-        self, action: NDArray
-    ) -> tuple[dict[str, NDArray], float, bool, bool, dict[str, Any]]:
+    def step(self, action: NDArray) -> tuple[dict[str, NDArray], float, bool, bool, dict[str, Any]]:
         """Execute one spline, given as 6 numbers of [-1, 1]."""
         outcome = self._episodes.step(to_splines(action)[None])
         success = bool(outcome.success[0])

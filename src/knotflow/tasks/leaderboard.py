@@ -15,6 +15,7 @@ import pandas as pd
 from knotflow.report.statistics import wilson
 from knotflow.samplers import Sampler, SamplerConfig, build_sampler
 from knotflow.tasks.evaluation import COLUMNS, evaluate
+from knotflow.tasks.public import public_tasks
 
 TRACKS = ("actions", "knots")
 COPIES = 12
@@ -36,7 +37,8 @@ def page(rows: pd.DataFrame) -> str:
     parts = [_INTRODUCTION.read_text("utf-8").rstrip()]
     for track in TRACKS:
         some = rows[rows["track"] == track]
-        parts += [f"## Track: {track}", _ranking(some), _by_task(some)]
+        if len(some):
+            parts += [f"## Track: {track}", _ranking(some), _by_task(some)]
     return "\n\n".join(parts) + "\n"
 
 
@@ -50,7 +52,9 @@ def _ranking(rows: pd.DataFrame) -> str:
             f"| {method} | {some['success'].sum()} of {len(some)} | {rate.estimate:.2f} "
             f"({rate.low:.2f} to {rate.high:.2f}) | {some['splines'].sum()} |"
         )
-    return "\n".join(["| method | successes | rate (95 %) | splines |", "|---|---|---|---|", *table])
+    return "\n".join(
+        ["| method | successes | rate (95 %) | splines |", "|---|---|---|---|", *table]
+    )
 
 
 def _by_task(rows: pd.DataFrame) -> str:
@@ -94,9 +98,7 @@ def _icp() -> Sampler:
         action, start = one.task.action, one.task.start_state
         success = attempt(simulator, points, splines, action, start).success
         index = np.zeros(COPIES, np.intp)
-        trials.setdefault(action, []).append(
-            Trials(action, points[None], index, splines, success)
-        )
+        trials.setdefault(action, []).append(Trials(action, points[None], index, splines, success))
     merged = [Trials.concatenate(some) for some in trials.values()]
     return IcpSampler({some.action: some for some in merged}, IcpConfig())
 
@@ -105,14 +107,18 @@ def main(words: list[str] | None = None) -> None:
     """Read the command line, measure where asked to, and write the page."""
     parser = argparse.ArgumentParser(prog="knotflow.tasks.leaderboard", description=__doc__)
     parser.add_argument("--measure", nargs="+", default=[], metavar="SAMPLER")
+    parser.add_argument("--tracks", nargs="+", default=TRACKS, choices=TRACKS)
     parser.add_argument("--table", type=Path, default=Path("docs/leaderboard.csv"))
     asked = parser.parse_args(words)
     rows = pd.DataFrame(columns=list(COLUMNS))
     if asked.table.is_file():
         rows = pd.read_csv(asked.table)
     for name in asked.measure:
-        measured = evaluate(known_sampler(name), name)
-        rows = pd.concat([rows[rows["method"] != name], measured], ignore_index=True)
+        method = known_sampler(name)
+        for track in asked.tracks:
+            measured = evaluate(method, name, public_tasks(track))
+            older = (rows["method"] == name) & (rows["track"] == track)
+            rows = pd.concat([rows[~older], measured], ignore_index=True)
         rows.to_csv(asked.table, index=False)
     if rows.empty:
         parser.error(f"{asked.table} has no rows; --measure random measures some")

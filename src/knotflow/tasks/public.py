@@ -1,9 +1,10 @@
 """The public set: ropes and goals on which methods are compared, fixed once and for all.
 
-Two tracks. `actions`: each of the eight topological actions of Fig. 6 from eight ropes, one spline
-a rope. `knots`: overhand and figure eight from sixteen random ropes each, at most ten splines a
-rope. The ropes were drawn with a seed of their own by `draw`, those in tangled states by aimed
-splines that no learned method has touched. Nothing else in knotflow uses them.
+Two tracks. `actions`: each of the eight topological actions of Fig. 6 from four ropes, one spline a
+rope; actions from the same state share their ropes. `knots`: overhand and figure eight from sixteen
+random ropes, at most ten splines a rope. The ropes were drawn with a seed of their own by `draw`,
+those in tangled states by aimed splines that no learned method has touched. Nothing else in
+knotflow uses them.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ from numpy.typing import NDArray
 from knotflow.demonstrations import TASKS, aim
 from knotflow.simulation import RopeSimulator, reached
 from knotflow.tasks.task import TieTask
+from knotflow.topology import Action
 
 KNOTS = ("overhand", "figure_eight")
-ACTION_STARTS = 8
+ACTION_STARTS = 4
 KNOT_STARTS = 16
 SPLINES = 10
 SEED = 20_201_025
@@ -38,28 +40,33 @@ def public_tasks(track: str | None = None) -> dict[str, TieTask]:
     tasks: dict[str, TieTask] = {}
     with np.load(_FILE) as starts:
         if track != "knots":
-            actions = [str(one.action) for one in TASKS]
-            tasks |= {name: TieTask.single(name, starts[name]) for name in actions}
+            for one in TASKS:
+                name = str(one.action)
+                tasks[name] = TieTask.single(one.action, starts[_key(one.start_actions)])
         if track != "actions":
-            tasks |= {name: TieTask.tie(name, starts[name], SPLINES) for name in KNOTS}
+            tasks |= {name: TieTask.tie(name, starts[_KNOTS_KEY], SPLINES) for name in KNOTS}
     return tasks
 
 
+_KNOTS_KEY = "knots"
+
+
+def _key(start_actions: tuple[Action, ...]) -> str:
+    return " ".join(map(str, start_actions)) or "trivial"
+
+
 def draw(simulator: RopeSimulator) -> dict[str, NDArray[np.float32]]:
-    """The starts (N, V, 3) of every public task: what the file with them was made from.
+    """The starts (N, V, 3) by the actions that lead to their state: what is in the file.
 
     Other versions of MuJoCo may draw others; the file counts.
     """
+    wanted = {_key(task.start_actions): (task.start_actions, ACTION_STARTS) for task in TASKS}
+    wanted[_KNOTS_KEY] = ((), KNOT_STARTS)
     drawn = {}
-    for number, task in enumerate(TASKS):
+    for number, (key, (actions, count)) in enumerate(wanted.items()):
         rng = np.random.default_rng([SEED, number])
-        drawn[str(task.action)] = reached(
-            task.start_actions, ACTION_STARTS, simulator, aim, rng
-        ).points
-    for number, name in enumerate(KNOTS, len(TASKS)):
-        rng = np.random.default_rng([SEED, number])
-        drawn[name] = reached((), KNOT_STARTS, simulator, aim, rng).points
-    return {name: points.astype(np.float32) for name, points in drawn.items()}
+        drawn[key] = reached(actions, count, simulator, aim, rng).points.astype(np.float32)
+    return drawn
 
 
 if __name__ == "__main__":

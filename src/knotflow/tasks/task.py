@@ -77,8 +77,9 @@ class TieTask:
             raise ValueError(f"there is no start {index}: the task {has}")
         if self.starts is None:
             return random_curve(rope, rng, StartsConfig())
-        return check_points(self.starts[rng.integers(len(self.starts)) if index is None else index],
-                            rope)
+        return check_points(
+            self.starts[rng.integers(len(self.starts)) if index is None else index], rope
+        )
 
     def actions(self, state: TopologicalState | None) -> tuple[Action, ...]:
         """What leads on towards the goal from a state; nothing from a goal or off the DAG."""
