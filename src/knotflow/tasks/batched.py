@@ -38,13 +38,14 @@ class BatchedTieEnv(EnvBase):
             raise ValueError(f"a batch has at least 1 rope, got {batch}")
         super().__init__(device="cpu", batch_size=torch.Size([batch]))
         self.task = TieTask.tie(task) if isinstance(task, str) else task
-        self._episodes = Episodes(self.task, batch, RopeSimulator(simulation or SimulationConfig()))
+        self.episodes = Episodes(self.task, batch, RopeSimulator(simulation or SimulationConfig()))
+        """The game itself, for what the tensors do not say."""
         self._goals = torch.from_numpy(goal_codes(self.task)).expand(batch, -1, -1, -1)
         self._code = torch.from_numpy(action_code(self.task.action)).expand(batch, -1)
         self._rng = np.random.default_rng(seed)
         flag = Binary(1, shape=(batch, 1), dtype=torch.bool)
         self.observation_spec = Composite(
-            points=Unbounded(shape=self._episodes.points.shape, dtype=torch.float32),
+            points=Unbounded(shape=self.episodes.points.shape, dtype=torch.float32),
             goals=Bounded(-1, 127, shape=self._goals.shape, dtype=torch.int8),
             action_code=Bounded(-1, 127, shape=(batch, ACTION_SIZE), dtype=torch.int8),
             success=flag.clone(),
@@ -57,17 +58,17 @@ class BatchedTieEnv(EnvBase):
         )
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: object) -> TensorDictBase:
-        rows = torch.ones(len(self._episodes), dtype=torch.bool)
+        rows = torch.ones(len(self.episodes), dtype=torch.bool)
         if tensordict is not None and "_reset" in tensordict.keys():
             rows = tensordict["_reset"].reshape(-1)
         for row in torch.nonzero(rows)[:, 0].tolist():
-            self._episodes.reset(row, self._rng)
-        none = np.zeros(len(self._episodes), bool)
+            self.episodes.reset(row, self._rng)
+        none = np.zeros(len(self.episodes), bool)
         return self._tensors(success=none, done=none, terminated=none, truncated=none)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         actions = tensordict["action"].detach().cpu().numpy()
-        outcome = self._episodes.step(to_splines(actions))
+        outcome = self.episodes.step(to_splines(actions))
         out = self._tensors(
             success=outcome.success,
             done=outcome.terminated | outcome.truncated,
@@ -83,7 +84,7 @@ class BatchedTieEnv(EnvBase):
     def _tensors(self, **flags: np.ndarray) -> TensorDict:
         return TensorDict(
             {
-                "points": torch.from_numpy(self._episodes.points.astype(np.float32)),
+                "points": torch.from_numpy(self.episodes.points.astype(np.float32)),
                 "goals": self._goals.clone(),
                 "action_code": self._code.clone(),
                 **{name: torch.from_numpy(flag)[:, None] for name, flag in flags.items()},

@@ -51,11 +51,12 @@ class TieEnv(gymnasium.Env[dict[str, NDArray], NDArray]):
         self.render_mode = render_mode
         # A single rope gains nothing from threads.
         simulator = RopeSimulator(simulation or SimulationConfig(threads=1))
-        self._episodes = Episodes(self.task, 1, simulator)
+        self.episodes = Episodes(self.task, 1, simulator)
+        """The game itself, for what the observation does not say."""
         self._goals = goal_codes(self.task)
         self._action = action_code(self.task.action)
         self.observation_space = Dict(
-            points=Box(-REACH, REACH, self._episodes.points.shape[1:], np.float32),
+            points=Box(-REACH, REACH, self.episodes.points.shape[1:], np.float32),
             goals=Box(-1, 127, self._goals.shape, np.int8),
             action=Box(-1, 127, (ACTION_SIZE,), np.int8),
         )
@@ -74,12 +75,12 @@ class TieEnv(gymnasium.Env[dict[str, NDArray], NDArray]):
         index = options.pop("start", None)
         if options:
             raise ValueError(f"unknown options {sorted(options)}; there is: start")
-        self._episodes.reset(0, self.np_random, index)
+        self.episodes.reset(0, self.np_random, index)
         return self._observation(), self._info(False, False)
 
     def step(self, action: NDArray) -> tuple[dict[str, NDArray], float, bool, bool, dict[str, Any]]:
         """Execute one spline, given as 6 numbers of [-1, 1]."""
-        outcome = self._episodes.step(to_splines(action)[None])
+        outcome = self.episodes.step(to_splines(action)[None])
         success = bool(outcome.success[0])
         return (
             self._observation(),
@@ -95,17 +96,17 @@ class TieEnv(gymnasium.Env[dict[str, NDArray], NDArray]):
             return None
         from knotflow.tasks.picture import picture
 
-        return picture(self._episodes.points[0], self._episodes.simulator.config.rope.radius)
+        return picture(self.episodes.points[0], self.episodes.simulator.config.rope.radius)
 
     def _observation(self) -> dict[str, NDArray]:
         return {
-            "points": self._episodes.points[0].astype(np.float32),
+            "points": self.episodes.points[0].astype(np.float32),
             "goals": self._goals.copy(),
             "action": self._action.copy(),
         }
 
     def _info(self, success: bool, diverged: bool) -> dict[str, Any]:
-        state = self._episodes.states[0]
+        state = self.episodes.states[0]
         return {
             "state": None if state is None else str(state),
             "actions": tuple(str(action) for action in self.task.actions(state)),

@@ -37,8 +37,8 @@ def page(rows: pd.DataFrame) -> str:
     parts = [_INTRODUCTION.read_text("utf-8").rstrip()]
     for track in TRACKS:
         some = rows[rows["track"] == track]
-        if len(some):
-            parts += [f"## Track: {track}", _ranking(some), _by_task(some)]
+        tables = [_ranking(some), _by_task(some)] if len(some) else ["No method yet."]
+        parts += [f"## Track: {track}", *tables]
     return "\n\n".join(parts) + "\n"
 
 

@@ -10,7 +10,8 @@ ENV_ID = "knotflow/Tie-v0"
 
 def register_envs() -> None:
     """Register the environment, where it is not yet; its episodes end by themselves."""
-    import gymnasium
+    # Not from `gymnasium` itself, which is still being imported when it asks its entry points.
+    from gymnasium.envs.registration import register, registry
 
-    if ENV_ID not in gymnasium.registry:
-        gymnasium.register(ENV_ID, entry_point="knotflow.tasks.gym:TieEnv")
+    if ENV_ID not in registry:
+        register(ENV_ID, entry_point="knotflow.tasks.gym:TieEnv")

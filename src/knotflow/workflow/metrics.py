@@ -119,7 +119,8 @@ def _wandb(folder: Path, name: str, closing: ExitStack) -> Any:
     from torchrl.record.loggers.wandb import WandbLogger
 
     folder.mkdir(parents=True, exist_ok=True)
-    offline = os.environ.get("WANDB_MODE", "offline") == "offline"
+    # TorchRL writes "dryrun", the older word for offline, into the variable.
+    offline = os.environ.get("WANDB_MODE", "offline") in ("offline", "dryrun")
     logger = WandbLogger(
         exp_name=name,
         offline=offline,
