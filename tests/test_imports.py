@@ -26,6 +26,7 @@ KNOWS = {
     "training": {"primitives"},
     "planning": {"samplers", "drawing"},
     "execution": {"planning", "perception", "demonstrations"},
+    "tasks": {"planning", "baselines", "primitives", "report"},
     "recording": {"simulation"},
     "perception": {"simulation", "threads"},
     "workflow": {"versions", "baselines", "training", "planning", "recording", "execution"},

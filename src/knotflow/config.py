@@ -212,7 +212,7 @@ class Config:
     overwrite: bool = False
     """Replace the results of another configuration."""
     metrics: str = "csv+tensorboard"
-    """Loggers of training curves: csv, tensorboard, csv+tensorboard, mlflow or none."""
+    """Loggers of training curves: csv, tensorboard, csv+tensorboard, mlflow, wandb or none."""
     workers: WorkersConfig = field(default_factory=WorkersConfig)
     """Where stages run their shards: the cores of this machine, or a Ray cluster."""
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
