@@ -90,7 +90,7 @@ def test_the_shipped_file_is_what_saving_it_writes(shipped, tmp_path):
 
 @pytest.mark.parametrize(
     ("start", "action"),
-    [((), "R1(0,-1,1)"), (("R1(0,1,1)",), "R2(1,1,1,1)"), (("R2(0,0,1,1)",), "C(0,1,1)")],
+    [((), "R1(0,-1,1)"), (("R1(0,1,1)",), "R2(1,1,1,1)"), (("R2(0,0,1,1)",), "C(0,2,1)")],
 )
 def test_any_legal_action_can_be_demonstrated_and_signed(shipped, tmp_path, start, action):
     state = TopologicalState.trivial()

@@ -36,7 +36,7 @@ def test_a_file_from_the_browser_is_laid(session, tmp_path):
     rows = "\n".join(",".join(map(str, row)) for row in straight(session.simulation.rope)[::-1])
     session.load_upload("mine.csv", rows.encode())
     assert session.points[0, 0] > 0
-    with pytest.raises(RopeInputError, match="points"):
+    with pytest.raises(RopeInputError, match="^other.csv, line 1: has no z"):
         session.load_upload("../other.csv", b"1,2\n")
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from knotflow.drawing.palette import SPLINE
+from knotflow.drawing.palette import rope_colour
 from knotflow.studio.compare_tab import CompareTab
 from knotflow.studio.demonstrate_tab import DemonstrateTab
 from knotflow.studio.plan_tab import PlanTab
@@ -40,7 +40,9 @@ class Page:
         self.session = session
         self.server = viser.ViserServer(host, port, label="knotflow studio", verbose=False)
         gui = self.server.gui
-        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=rgb(SPLINE))
+        gui.configure_theme(
+            show_logo=False, show_share_button=False, brand_color=rgb(rope_colour(0.0))
+        )
         gui.main_panel.dock_right()
         gui.main_panel.set_width(WIDTH)
         self.scene = Scene(self.server, session.simulation.rope)

@@ -27,13 +27,16 @@ class RopeTab:
         self._named = gui.add_dropdown("Rope", ROPES, initial_value="random")
         gui.add_button("Lay it").on_click(page.guarded(self._load))
         gui.add_upload_button(
-            "From a file", hint="CSV or NPY, rows of x, y, z, head first", mime_type=".csv,.npy"
+            "From a file",
+            color="gray",
+            hint="CSV or NPY, rows of x, y, z, head first",
+            mime_type=".csv,.npy",
         ).on_upload(page.guarded(self._upload))
-        self._draw = gui.add_button("Draw it with the mouse")
+        self._draw = gui.add_button("Draw it with the mouse", color="gray")
         self._draw.on_click(page.guarded(self._begin_or_finish))
         with gui.add_folder("From an image", expand_by_default=False):
             for name, label in _IMAGES.items():
-                button = gui.add_upload_button(label)
+                button = gui.add_upload_button(label, color="gray")
                 button.on_upload(page.guarded(lambda event, name=name: self._image(event, name)))
 
     def _load(self, event: viser.GuiEvent) -> None:

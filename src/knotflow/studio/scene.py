@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 Colour = tuple[int, int, int]
 
-EYE = (0.0, -0.75, 1.25)
+EYE = (0.0, -0.55, 1.05)
 """Where one looks from at first, metres: almost from above, as on the paper's images."""
 _FADED = 0.75  # towards paper: the segments that an action does not name
 _POINT = 0.012  # metres, radius of a control point
@@ -151,7 +151,7 @@ class Scene:
             mesh.faces,
             batched_wxyzs=turn,
             batched_positions=middles,
-            batched_colors=_colours(points, None) if colours is None else colours,
+            batched_colors=_linear(_colours(points, None) if colours is None else colours),
             lod="off",
         )
 
@@ -193,6 +193,13 @@ def _colours(points: NDArray, action: Action | None) -> NDArray[np.uint8]:
             low, high = intervals[segment]
             colours[(along >= low) & (along <= high)] = rgb(colour)
     return colours.astype(np.uint8)
+
+
+def _linear(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """sRGB (N, 3) as linear light: what viser takes the colours of batched meshes for."""
+    share = colours / 255.0
+    light = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    return np.rint(255.0 * light).astype(np.uint8)
 
 
 def rgb(colour: str) -> Colour:

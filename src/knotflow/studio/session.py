@@ -29,6 +29,7 @@ from knotflow.demonstrations import (
 from knotflow.planning import (
     ROPE_NAMES,
     KnotPlan,
+    RopeInputError,
     SearchUpdate,
     parse_goal,
     parse_rope,
@@ -142,7 +143,10 @@ class Session:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / Path(name).name
             path.write_bytes(content)
-            self.load(str(path))
+            try:
+                self.load(str(path))
+            except RopeInputError as error:  # the person knows the file by its name
+                raise RopeInputError(str(error).replace(f"{folder}/", "")) from None
 
     def draw(self, clicked: NDArray) -> None:
         """Lay a rope along points (N, 2) clicked on the table, head first; see `lay_drawn`."""

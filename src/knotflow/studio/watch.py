@@ -25,7 +25,7 @@ class Watch:
         self._folder = gui.add_folder("Watch", visible=False)
         with self._folder:
             self._caption = gui.add_markdown("")
-            self._play = gui.add_button("Play")
+            self._play = gui.add_button("Play", color="gray")
             self._play.on_click(page.guarded(self._run))
         self._slider: viser.GuiInputHandle[int] | None = None
 
