@@ -35,7 +35,8 @@ KNOWS = {
     "view": {"recording"},
     "overrides": {"config"},
     "tie": {"config"},
-    "cli": {"tie", "view", "report"},
+    "studio": {"tie"},
+    "cli": {"tie", "view", "report", "studio"},
     "__main__": {"overrides"},
 }
 """Each package and what it may import, beside what that one may: the floor plan as a graph."""

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import App, CycloptsError, Parameter
+from cyclopts.validators import Number
 
 EXAMPLES = """\
 Examples:
@@ -27,7 +28,8 @@ Examples:
   knotflow explain                                     the notation, in a picture
   knotflow explain "C(0,2,-1)" --state 3o1-2o4-        one action in a state
   knotflow explain overhand                            every way to a knot
-  knotflow view plans/overhand-random-0/plan.mcap      in Rerun
+  knotflow view plans/overhand-random-0/plan.mcap      in Rerun; --web: in a browser
+  knotflow studio                                      plan and demonstrate in a browser
   knotflow export plans/overhand-random-0 --arm panda  joint trajectories
 
 Exit codes: 0 tied, 1 not tied, 2 wrong input.
@@ -229,6 +231,7 @@ def view(
     number: int | None = None,
     save: Path | None = None,
     headless_check: Path | None = None,
+    web: bool = False,
 ) -> int:
     """Show recorded rollouts in Rerun.
 
@@ -242,13 +245,15 @@ def view(
         Write a Rerun file (.rrd) instead of opening it.
     headless_check
         Open it without a window, report what Rerun complains about, keep a screenshot (PNG).
+    web
+        Serve it to web browsers instead of opening a window, until Ctrl-C; prints the address.
     """
     from knotflow.recording import ViewerError
     from knotflow.view import show
 
     picture = None if headless_check is None else str(headless_check)
     try:
-        return show(recording, number, save, picture)
+        return show(recording, number, save, picture, web)
     except ViewerError as error:
         print(f"knotflow: {error}", file=sys.stderr)
         return 1
@@ -300,6 +305,66 @@ def export(
     path.write_text(exported.text, encoding="utf-8")
     print(f"{exported.summary()}\n{path}")
     return 0 if exported.reachable else 1
+
+
+@app.command
+def studio(
+    *,
+    rope: Rope = "random",
+    demonstrations: Path = Path("demonstrations.jsonl"),
+    host: str = "localhost",
+    port: Annotated[int, Parameter(validator=Number(gte=1, lte=65535))] = 8080,
+) -> int:
+    """Lay ropes, plan, watch and demonstrate in the browser.
+
+    Parameters
+    ----------
+    rope
+        On the table at first.
+    demonstrations
+        File that kept demonstrations are added to.
+    host
+        Address to listen on; 0.0.0.0 lets other machines in.
+    port
+        Port of the page. Over ssh: ssh -L 8080:localhost:8080 MACHINE.
+    """
+    _check_writable(demonstrations)
+    try:
+        from knotflow.studio.page import Page
+    except ModuleNotFoundError as error:
+        raise ImportError(
+            f"the studio needs {error.name}: pip install 'knotflow[studio]'"
+        ) from error
+    from knotflow.studio.session import Session
+
+    page = Page(Session(rope, demonstrations), host, port)
+    print(f"{page.url} (Ctrl-C ends it)")
+    try:
+        page.serve()
+    finally:
+        page.close()
+    return 0
+
+
+@app.command
+def merge(files: list[Path], /, *, out: Path) -> int:
+    """Make one file of several people's demonstrations.
+
+    Parameters
+    ----------
+    files
+        JSON lines, as the studio keeps them; none may hold the same demonstration as another.
+    out
+        File to write.
+    """
+    from knotflow.demonstrations import merge_demonstrations, save_demonstrations
+
+    _check_free(out)
+    merged = merge_demonstrations(files)
+    save_demonstrations(out, merged)
+    people = sorted({one.who or one.source for one in merged})
+    print(f"{out}: {len(merged)} demonstrations by {', '.join(people)}")
+    return 0
 
 
 @app.command

@@ -60,7 +60,10 @@ def blueprint(rope_radius: float) -> rrb.Blueprint:
         rrb.Vertical(
             rrb.Spatial3DView(
                 origin="/",
-                name="Rope (head blue, tail orange), gripper (yellow), spline (green)",
+                name=(
+                    "Rope (head blue, tail orange), gripper (yellow), spline (green) and its "
+                    "control points (pink), table (10 cm grid)"
+                ),
                 contents=[topics.ROPE, topics.ROPE_LINE, topics.GRIPPER, topics.SPLINE],
                 overrides=overrides,
                 background=rrb.Background(color=(24, 26, 30)),
