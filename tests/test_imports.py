@@ -27,7 +27,7 @@ KNOWS = {
     "planning": {"samplers", "drawing"},
     "execution": {"planning", "perception", "demonstrations"},
     "recording": {"simulation"},
-    "perception": {"simulation", "threads"},
+    "perception": {"simulation", "drawing", "threads"},
     "workflow": {"versions", "baselines", "training", "planning", "recording", "execution"},
     "report": {"drawing"},
     "config": {"workflow"},
