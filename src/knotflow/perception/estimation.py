@@ -127,7 +127,7 @@ def estimate(
         doubts.append("another path through the image accounts for it as well")
     return RopeEstimate(
         shape,
-        seen(shape, target, image, camera, rope),
+        seen(shape, target.rope.numpy(), image, camera, rope),
         state,
         crossings,
         share,

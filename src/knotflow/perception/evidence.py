@@ -42,9 +42,10 @@ def explained(shape: NDArray, target: Target, camera: Camera, rope: RopeConfig) 
 
 
 def seen(
-    shape: NDArray, target: Target, image: RgbdImage, camera: Camera, rope: RopeConfig
+    shape: NDArray, mask: NDArray, image: RgbdImage, camera: Camera, rope: RopeConfig
 ) -> NDArray[np.bool_]:
-    """(V,) whether the image shows the rope where the vertex is, and no other strand above it."""
+    """(V,) whether the image shows the rope, its `mask` (H, W), where the vertex is, and no other
+    strand above it."""
     column, row, depth = camera.project(shape).T
     inside = (np.abs(column - (camera.width - 1) / 2) < camera.width / 2) & (
         np.abs(row - (camera.height - 1) / 2) < camera.height / 2
@@ -52,4 +53,4 @@ def seen(
     u = np.clip(np.nan_to_num(np.round(column)), 0, camera.width - 1).astype(int)
     v = np.clip(np.nan_to_num(np.round(row)), 0, camera.height - 1).astype(int)
     off = np.abs(image.depth[v, u] - (depth - rope.radius))
-    return inside & target.rope.numpy()[v, u] & (off < 1.5 * rope.radius)
+    return np.asarray(inside & mask[v, u] & (off < 1.5 * rope.radius))

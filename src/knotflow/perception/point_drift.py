@@ -80,7 +80,7 @@ class PointDriftTracker:
             self._velocities = (shape - self.points) / seconds
         self.points = shape
         share = explained(shape, target, self.camera, self.rope)
-        shown = seen(shape, target, image, self.camera, self.rope)
+        shown = seen(shape, target.rope.numpy(), image, self.camera, self.rope)
         unknown = np.full(len(shape), np.nan)
         return RopeEstimate(shape.copy(), shown, state_or_none(shape), (), share, unknown, True, ())
 

@@ -135,7 +135,7 @@ class Tracker:
         if seconds > 0:
             self.velocities = (shape - self.points) / seconds
         self.points = shape
-        shown = seen(shape, target, image, self.camera, self.rope)
+        shown = seen(shape, target.rope.numpy(), image, self.camera, self.rope)
         self._spread = self._spreads(shape, predicted, shown)
         return self._estimate(shape, crossings, share, shown, target)
 
