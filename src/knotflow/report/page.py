@@ -18,8 +18,10 @@ from knotflow.report import (
     knots,
     overhand,
     pentagram,
+    perception,
     single_stage,
     tables,
+    tracking,
     tree_size,
 )
 from knotflow.report.claims import Verdict
@@ -39,6 +41,8 @@ SECTIONS: tuple[Section, ...] = (
     ablation_actor_critic.SECTION,
     joint_finetuning.SECTION,
     causal_infogan.SECTION,
+    perception.SECTION,
+    tracking.SECTION,
     plain(
         "closed_loop",
         "Execution in closed loop",
