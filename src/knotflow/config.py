@@ -199,9 +199,9 @@ class RootsBudget:
 class PerceptionBudget:
     """The ropes that are estimated from one image each (Sec. VI)."""
 
-    shards: int = 48
+    shards: int = 24
     """Of 32 ropes, moved by eight splines each, among whose shapes ropes are chosen."""
-    ropes: int = 40
+    ropes: int = 20
     """Ropes of each number of crossings."""
     crossings: list[int] = field(default_factory=lambda: [0, 1, 2, 3, 4, 5])
     """Numbers of crossings."""

@@ -71,11 +71,12 @@ class CrossingMemory:
         for pair in pairs:
             over = _height(shape, pair[0]) > _height(shape, pair[1])
             other = exchange(shape, *pair, rope)
-            favours = np.clip(misfit(other) - loss, -_MOST_EACH, _MOST_EACH)
-            odds = _FADING * self._earlier(pair) + (1 if over else -1) * float(favours)
+            worse = misfit(other) - loss
+            favours = float(np.clip(worse, -_MOST_EACH, _MOST_EACH))
+            odds = _FADING * self._earlier(pair) + (1 if over else -1) * favours
             odds = float(np.clip(odds, -_MOST, _MOST))
             if odds and (odds > 0) != over:
-                shape, over = other, not over
+                shape, loss, over = other, loss + worse, not over
             known.append(_Known(pair, odds))
             gap = abs(_height(shape, pair[0]) - _height(shape, pair[1]))
             evidence.append(CrossingEvidence(pair, bool(over), gap, _probability(abs(odds))))

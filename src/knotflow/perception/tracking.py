@@ -122,7 +122,8 @@ class Tracker:
         self._time = image.time
         predicted = self._predict(self.points, self.velocities, seconds, held, grasped)
         target = observe(image, self.camera, self.rope)
-        shape = self._fit(predicted, target, held, grasped)
+        nothing = not bool(target.rope.any())
+        shape = predicted if nothing else self._fit(predicted, target, held, grasped)
         coarse, camera = target.binned(self.config.grid), self.camera.binned(self.config.grid)
         shape, crossings = self._crossings.update(shape, coarse, camera, self.rope, self.config.fit)
         share = explained(shape, target, self.camera, self.rope)
