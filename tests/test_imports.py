@@ -28,7 +28,7 @@ KNOWS = {
     "execution": {"planning", "perception", "demonstrations"},
     "tasks": {"planning", "baselines", "primitives", "report"},
     "recording": {"simulation"},
-    "perception": {"simulation", "threads"},
+    "perception": {"simulation", "drawing", "threads"},
     "workflow": {"versions", "baselines", "training", "planning", "recording", "execution"},
     "report": {"drawing"},
     "config": {"workflow"},

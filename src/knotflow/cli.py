@@ -30,6 +30,7 @@ Examples:
   knotflow explain overhand                            every way to a knot
   knotflow view plans/overhand-random-0/plan.mcap      in Rerun; --web: in a browser
   knotflow studio                                      plan and demonstrate in a browser
+  knotflow see image.png depth.png --camera camera.yaml --out rope.csv
   knotflow export plans/overhand-random-0 --arm panda  joint trajectories
 
 Exit codes: 0 tied, 1 not tied, 2 wrong input.
@@ -365,6 +366,58 @@ def merge(files: list[Path], /, *, out: Path) -> int:
     people = sorted({one.who or one.source for one in merged})
     print(f"{out}: {len(merged)} demonstrations by {', '.join(people)}")
     return 0
+
+
+@app.command
+def see(
+    image: Path,
+    depth: Path,
+    /,
+    *,
+    camera: Path,
+    out: Path,
+    picture: Path | None = None,
+    length: float | None = None,
+    radius: float | None = None,
+    overwrite: bool = False,
+) -> int:
+    """The rope in an RGB-D image, as a file for `--rope`.
+
+    Parameters
+    ----------
+    image
+        Colours, as PNG.
+    depth
+        PNG of 16-bit millimetres, or NPY of metres; registered to the colours.
+    camera
+        YAML with intrinsics and pose; the table is at z = 0.
+    out
+        CSV of the rope's points, head first.
+    picture
+        Of the image with the rope drawn over it; beside the CSV by default.
+    length
+        Of the rope, metres; the model's by default.
+    radius
+        Of the rope, metres; the model's by default.
+    overwrite
+        Replace files of those names.
+    """
+    from dataclasses import replace
+
+    drawing = picture if picture is not None else out.with_suffix(".png")
+    for path in (out, drawing):
+        (_check_writable if overwrite else _check_free)(path)
+
+    from knotflow.perception import seeing  # slow to import
+    from knotflow.simulation import RopeConfig
+
+    given = {"length": length, "radius": radius}
+    rope = replace(RopeConfig(), **{k: value for k, value in given.items() if value is not None})
+    found, seen, pinhole = seeing.see(image, depth, camera, rope)
+    seeing.write_rope(out, found.points)
+    seeing.draw_overlay(drawing, seen, pinhole, rope, found)
+    print(f"{seeing.describe(found)}\n{out}, {drawing}")
+    return 1 if found.doubtful else 0
 
 
 @app.command

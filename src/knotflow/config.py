@@ -196,6 +196,34 @@ class RootsBudget:
 
 
 @dataclass
+class PerceptionBudget:
+    """The ropes that are estimated from one image each (Sec. VI)."""
+
+    shards: int = 24
+    """Of 32 ropes, moved by eight splines each, among whose shapes ropes are chosen."""
+    ropes: int = 20
+    """Ropes of each number of crossings."""
+    crossings: list[int] = field(default_factory=lambda: [0, 1, 2, 3, 4, 5])
+    """Numbers of crossings."""
+    levels: list[float] = field(default_factory=lambda: [0.0, 1.0, 2.0])
+    """Of the camera's noise; 1 is nominal."""
+    seed: int = 4_000_037
+    """Of ropes and noise; used for nothing else."""
+
+
+@dataclass
+class TrackingBudget:
+    """The rollouts that are followed image by image (Sec. VI)."""
+
+    levels: list[int] = field(default_factory=lambda: [0, 1, 2])
+    """How far the ropes are from the planner's."""
+    rollouts: int = 10
+    """Of each action at each level."""
+    seed: int = 5_000_011
+    """Of ropes, cameras and noise; used for nothing else."""
+
+
+@dataclass
 class Config:
     """Everything that `python -m knotflow` takes as `key=value`."""
 
@@ -242,6 +270,8 @@ class Config:
     """Searches for states drawn at random."""
     actions: ActionsBudget = field(default_factory=ActionsBudget)
     """Trials of all actions."""
+    perception: PerceptionBudget = field(default_factory=PerceptionBudget)
+    tracking: TrackingBudget = field(default_factory=TrackingBudget)
     plan: PlanRequest = field(default_factory=PlanRequest)
     workflow: dict[str, Any] = field(default_factory=dict)
     """The stages of the experiment, from workflows/."""

@@ -21,8 +21,10 @@ from knotflow.report import (
     knots,
     overhand,
     pentagram,
+    perception,
     single_stage,
     tables,
+    tracking,
     tree_size,
 )
 from knotflow.report.claims import Verdict
@@ -43,6 +45,8 @@ SECTIONS: tuple[Section, ...] = (
     ablation_actor_critic.SECTION,
     joint_finetuning.SECTION,
     causal_infogan.SECTION,
+    perception.SECTION,
+    tracking.SECTION,
     plain(
         "closed_loop",
         "Execution in closed loop",

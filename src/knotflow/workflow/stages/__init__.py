@@ -17,6 +17,7 @@ from knotflow.workflow.stages import (
     imitation,
     library,
     overhand,
+    perception,
     plans,
     plans_pull,
     plans_shown,
@@ -25,10 +26,12 @@ from knotflow.workflow.stages import (
     proposals,
     reinforcement,
     roots,
+    ropes,
     self_play,
     shipped,
     starts,
     success_rates,
+    tracking,
 )
 
 __all__ = [
@@ -45,6 +48,7 @@ __all__ = [
     "imitation",
     "library",
     "overhand",
+    "perception",
     "plans",
     "plans_pull",
     "plans_shown",
@@ -53,8 +57,10 @@ __all__ = [
     "proposals",
     "reinforcement",
     "roots",
+    "ropes",
     "self_play",
     "shipped",
     "starts",
     "success_rates",
+    "tracking",
 ]
