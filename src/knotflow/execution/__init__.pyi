@@ -1,32 +1,24 @@
 from .arm import Arm, ArmError, Base, load_arm
 from .dynamics import MujocoDynamics, RopeDynamics, Still
 from .errors import STEPS, predict_motions, prediction_errors
-from .execute import (
-    Controller,
-    Estimator,
-    Execution,
-    ExecutionConfig,
-    RopeSource,
-    Seen,
-    execute,
-)
+from .execute import Execution, Outcome, Replan, execute
 from .export import Export, export_plan
+from .follow import Controller, ExecutionConfig
 from .franka import panda
 from .lstm import LstmConfig, LstmDynamics
 from .mppi import Mppi, MppiConfig
-from .perturbation import ERRORS, EXPONENTS, LEVELS, Errors, perturb_rope
+from .perturbation import ERRORS, Errors
 from .reach import Reached, follow_waypoints
 from .robot import Robot
 from .rope_motions import FREE, STEP, Motions, draw_motions
+from .sight import Estimated, Estimator, Look, RopeSource, Seen, Sight
 from .timing import JointTrajectory, time_joints
 from .training import DynamicsTraining, DynamicsTrainingConfig
 from .twin import TrueState, Twin, TwinConfig
 
 __all__ = [
     "ERRORS",
-    "EXPONENTS",
     "FREE",
-    "LEVELS",
     "STEP",
     "STEPS",
     "Arm",
@@ -36,22 +28,27 @@ __all__ = [
     "DynamicsTraining",
     "DynamicsTrainingConfig",
     "Errors",
+    "Estimated",
     "Estimator",
     "Execution",
     "ExecutionConfig",
     "Export",
     "JointTrajectory",
+    "Look",
     "LstmConfig",
     "LstmDynamics",
     "Motions",
     "Mppi",
     "MppiConfig",
     "MujocoDynamics",
+    "Outcome",
     "Reached",
+    "Replan",
     "Robot",
     "RopeDynamics",
     "RopeSource",
     "Seen",
+    "Sight",
     "Still",
     "TrueState",
     "Twin",
@@ -62,7 +59,6 @@ __all__ = [
     "follow_waypoints",
     "load_arm",
     "panda",
-    "perturb_rope",
     "predict_motions",
     "prediction_errors",
     "time_joints",
