@@ -14,9 +14,11 @@ from .rope_motions import FREE, STEP, Motions, draw_motions
 from .sight import Estimated, Estimator, Look, RopeSource, Seen, Sight
 from .timing import JointTrajectory, time_joints
 from .training import DynamicsTraining, DynamicsTrainingConfig
+from .trial import CONTROLS, Control, Trial, failure, try_plan
 from .twin import TrueState, Twin, TwinConfig
 
 __all__ = [
+    "CONTROLS",
     "ERRORS",
     "FREE",
     "STEP",
@@ -24,6 +26,7 @@ __all__ = [
     "Arm",
     "ArmError",
     "Base",
+    "Control",
     "Controller",
     "DynamicsTraining",
     "DynamicsTrainingConfig",
@@ -50,16 +53,19 @@ __all__ = [
     "Seen",
     "Sight",
     "Still",
+    "Trial",
     "TrueState",
     "Twin",
     "TwinConfig",
     "draw_motions",
     "execute",
     "export_plan",
+    "failure",
     "follow_waypoints",
     "load_arm",
     "panda",
     "predict_motions",
     "prediction_errors",
     "time_joints",
+    "try_plan",
 ]

@@ -147,7 +147,8 @@ class _Knot:
         assert self.look is not None
         config, lost = self.run.config, 0
         sight = self.sight = self.run.see(self.look, 0)
-        plan = self.plan if sight.state == self.plan.start_state else None
+        begins = self.plan.solved and sight.state == self.plan.start_state
+        plan = self.plan if begins else None
         while sight.points is not None and sight.state not in self.plan.goal_states:
             done = len(self.outcomes)
             if done == config.max_actions:
