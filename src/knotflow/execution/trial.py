@@ -34,7 +34,7 @@ CONTROLS = {
     "mppi_true_state": Control("true", tracks=True),
     "mppi_replan_true_state": Control("true", tracks=True, replans=True),
 }
-"""By the names that tables give them. MPPI by vision needs a tracker that keeps up with the drag."""
+"""By the names that tables give them. MPPI by vision needs a tracker that follows the drag."""
 
 
 @dataclass(frozen=True)
