@@ -21,7 +21,7 @@ class PlannerConfig:
     is the paper. The paper's rule has none."""
     undoing: bool = False
     """Whether crossings may be taken back (`planning.search_graph`): from every rope then leads a
-    way to every goal. The sampler has to know `Undo`."""
+    way to every goal. For a sampler that does not know `Undo`, drags are aimed."""
     bias: float = 10.0
     """The paper's rule: how many times likelier a node is chosen than one that is one edge farther
     from the goal; 1 is no bias."""
