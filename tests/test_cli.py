@@ -206,3 +206,30 @@ def test_a_request_is_known_by_what_is_in_its_file(here):
     same = [tie._identity(tie.Request("overhand", name)) for name in ("rope.csv", "./rope.csv")]
     assert same[0] == same[1]
     assert parse_goal("overhand").states
+
+
+def test_a_plan_is_exported_for_an_arm_beside_it(found, here, capsys):
+    (here / "plan.json").write_text(found[1].to_json())
+    code = main(["export", "plan.json", "--max-speed", "0.2", "--format", "ros2"])
+    told = capsys.readouterr().out
+    assert code == (1 if "cannot be reached" in told else 0)
+    assert "peak at the tip" in told
+    assert (here / "panda-joint.yaml").read_text().startswith("#")
+    assert main(["export", "plan.json", "--format", "ros2"]) == 2
+    assert "panda-joint.yaml exists already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["nothing.json"], "nothing.json"),
+        (["plan.json", "--arm", "nothing.xml"], "nothing.xml"),
+        (["plan.json", "--max-speed", "0"], "max_speed must be above 0"),
+        (["plan.json", "--base", "nothing.yaml"], "nothing.yaml"),
+    ],
+)
+def test_what_cannot_be_exported_is_2_and_leaves_nothing(words, message, found, here, capsys):
+    (here / "plan.json").write_text(found[1].to_json())
+    assert main(["export", *words]) == 2
+    assert message in capsys.readouterr().err
+    assert [path.name for path in here.iterdir()] == ["plan.json"]

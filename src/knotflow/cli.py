@@ -4,7 +4,8 @@ Cyclopts reads the commands off the functions' types and docstrings, suggests wh
 completes in bash, zsh and fish (`knotflow --install-completion`). Everything heavy is imported
 inside the commands: help and errors are there at once.
 
-Exit codes: 0 done, or tied; 1 not tied, or the viewer found problems; 2 wrong input.
+Exit codes: 0 done, or tied; 1 not tied, out of the arm's reach, or the viewer found problems;
+2 wrong input.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ Examples:
   knotflow explain "C(0,2,-1)" --state 3o1-2o4-        one action in a state
   knotflow explain overhand                            every way to a knot
   knotflow view plans/overhand-random-0/plan.mcap      in Rerun
+  knotflow export plans/overhand-random-0 --arm panda  joint trajectories
 
 Exit codes: 0 tied, 1 not tied, 2 wrong input.
 Experiments: python -m knotflow +experiment=NAME"""
@@ -250,6 +252,54 @@ def view(
     except ViewerError as error:
         print(f"knotflow: {error}", file=sys.stderr)
         return 1
+
+
+@app.command
+def export(
+    plan: Path,
+    /,
+    *,
+    arm: str = "panda",
+    base: Path | None = None,
+    tip: str | None = None,
+    max_speed: float = 0.25,
+    format: Literal["csv", "ros2"] = "csv",
+    space: Literal["joint", "cartesian"] = "joint",
+    out: Path | None = None,
+) -> int:
+    """A plan as a trajectory for an arm.
+
+    Parameters
+    ----------
+    plan
+        A plan's folder, or its plan.json.
+    arm
+        panda, or an MJCF file.
+    base
+        YAML with position (metres) and rpy_deg of the arm's base in the rope's frame.
+    tip
+        Site between the fingers of an arm from a file.
+    max_speed
+        Of the tip, metres per second.
+    format
+        Rows of numbers, or a ROS 2 trajectory_msgs message as YAML.
+    space
+        Of the arm's joints, or of its tip.
+    out
+        File to write; beside the plan by default.
+    """
+    from knotflow.execution import export_plan
+    from knotflow.planning import KnotPlan
+
+    source = plan / "plan.json" if plan.is_dir() else plan
+    suffix = "csv" if format == "csv" else "yaml"
+    path = out if out is not None else source.with_name(f"{Path(arm).stem}-{space}.{suffix}")
+    _check_free(path)
+    found = KnotPlan.from_json(source.read_text(encoding="utf-8"))
+    exported = export_plan(found, arm, base, max_speed, format, space, tip=tip)
+    path.write_text(exported.text, encoding="utf-8")
+    print(f"{exported.summary()}\n{path}")
+    return 0 if exported.reachable else 1
 
 
 @app.command

@@ -2,7 +2,7 @@
 
 import pytest
 
-from knotflow.topology import IllegalActionError, TopologicalState, parse_action
+from knotflow.topology import Arrange, IllegalActionError, TopologicalState, parse_action
 from knotflow.topology.words import describe
 
 STATES = [TopologicalState.parse(text) for text in ("trivial", "2o1+", "3o1-2o4-")]
@@ -14,6 +14,16 @@ def test_every_action_has_a_sentence_that_names_both_states(state):
         sentence = describe(action, state)
         assert sentence.startswith(f"{action}: ")
         assert sentence.endswith(f"; {state} becomes {after}.")
+
+
+@pytest.mark.parametrize("state", STATES, ids=str)
+def test_undoing_and_arranging_have_sentences(state):
+    for undo, before in state.undoings():
+        assert describe(undo, state).endswith(f" back; {state} becomes {before}.")
+    for action, _ in state.actions():
+        sentence = describe(Arrange(action), state)
+        assert describe(action, state).partition(";")[0].partition(": ")[2] in sentence
+        assert sentence.endswith(f"; {state} stays.")
 
 
 @pytest.mark.parametrize("state", STATES, ids=str)

@@ -15,6 +15,7 @@ from knotflow.report import (
     benchmark,
     causal_infogan,
     closed_loop,
+    demonstrator,
     dynamics,
     joint_finetuning,
     knots,
@@ -36,6 +37,7 @@ from knotflow.report.timing import timing
 #: `templates/<experiment>.md.j2` with its words, and put it here.
 SECTIONS: tuple[Section, ...] = (
     overhand.SECTION,
+    demonstrator.SECTION,
     single_stage.SECTION,
     tree_size.SECTION,
     ablation_actor_critic.SECTION,

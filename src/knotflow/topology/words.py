@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from knotflow.topology.actions import R1, R2, Action, Cross
+from knotflow.topology.action import Action
+from knotflow.topology.actions import R1, R2, Cross
+from knotflow.topology.arrange import Arrange
 from knotflow.topology.state import TopologicalState
+from knotflow.topology.undo import Undo
 
 _SIDES = {1: "left", -1: "right"}
 _SIGNS = {1: "+", -1: "-"}
@@ -18,6 +21,11 @@ def describe(action: Action, state: TopologicalState) -> str:
         IllegalActionError: the state does not allow the action; says which rule it breaks.
     """
     after = state.apply(action)
+    if isinstance(action, Arrange):
+        return (
+            f"{action}: move the rope without changing its crossings, so that there is room to "
+            + (_deed(action.wanted, state) + f"; {state} stays.")
+        )
     return f"{action}: {_deed(action, state)}; {state} becomes {after}."
 
 
@@ -56,4 +64,13 @@ def _deed(action: Action, state: TopologicalState) -> str:
                 f"lay {over} over {under}, which makes a crossing of sign {_SIGNS[sign]}: along "
                 f"the upper strand, the lower one runs to the {_SIDES[sign]}"
             )
+        case Undo(action=R1()):
+            return f"pull {over} straight, which takes its crossing back"
+        case Undo():
+            ends = state.num_segments
+            pulled = segment_name(action.pulled_segment(ends), state)
+            other = segment_name(action.other_segment(ends), state)
+            way = "from under" if pulled == under else "off"
+            made = "crossing" if isinstance(action.action, Cross) else "two crossings"
+            return f"pull {pulled} {way} {other}, which takes their {made} back"
     raise TypeError(f"no words for the action {action!r}")
