@@ -53,7 +53,10 @@ class ExecutionConfig:
     crossing_weight: float = 4.0
     """How much more a vertex at a crossing matters than one far from it."""
     slip: float = 0.03
-    """How far the held link may come away from the gripper before it counts as lost, metres."""
+    """How far the held link may come away from the gripper before it counts as lost, metres,"""
+    lag: float = 0.05
+    """and by how much more where it trails a moving gripper, seconds: a simulated grip yields, so
+    that its link is 0.04 s behind."""
     attempts: int = 3
     """How often a step is begun, in closed loop, whose grasp misses or slips."""
     aside: tuple[float, float, float] = (0.0, 0.45, 0.3)
@@ -141,10 +144,12 @@ class Run:
         for place, rope in zip(path[1:], reference[1:], strict=True):
             if self.controller is not None:
                 place = self._controlled(self.controller)
+            before = self.commanded
             self._move(place, number, rope)
-            if self.source is not None:
-                if self._distances()[link] > caught[link] + self.config.slip:
-                    return False
+            trailing = self.config.lag * float(np.linalg.norm(place - before)) / STEP
+            allowed = caught[link] + self.config.slip + trailing
+            if self.source is not None and self._distances()[link] > allowed:
+                return False
         return True
 
     def see(self, look: Look, number: int) -> Sight:
