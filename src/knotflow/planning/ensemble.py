@@ -43,7 +43,7 @@ class Ensemble:
     ) -> None:
         """Draw the ropes and the gripper's errors; `simulators` takes the place of the ropes'."""
         level, ropes = config.ensemble_level, config.ensemble
-        self._simulators = simulators or [
+        self._simulators: Sequence[Simulator] = simulators or [
             RopeSimulator(replace(simulation, rope=perturb_rope(simulation.rope, level, rng)))
             for _ in range(ropes)
         ]
@@ -65,11 +65,15 @@ class Ensemble:
         """
         shapes: list[list[NDArray | None]] = [[None] * len(self._simulators) for _ in nodes]
         for number, simulator in enumerate(self._simulators):
-            rows, starts, splines = [], [], []
+            rows: list[int] = []
+            starts: list[NDArray] = []
+            splines: list[NDArray] = []
             for row, node in enumerate(nodes):
                 assert node.parent is not None and node.step is not None
                 rope = node.parent.ensemble[number]
-                spline = None if rope is None else self._spline(node.step.spline, node, rope)
+                if rope is None:
+                    continue
+                spline = self._sent(node.step.spline, node.parent.points, rope)
                 if spline is not None:
                     rows.append(row)
                     starts.append(rope)
@@ -88,11 +92,9 @@ class Ensemble:
                 kept.append(node)
         return kept
 
-    def _spline(self, spline: NDArray, node: Node, rope: NDArray) -> NDArray[np.float64] | None:
-        """What a gripper does to a rope (V, 3) that was sent along the planner's spline (6,); None
-        where it grasps beside the rope."""
-        assert node.parent is not None
-        planned = node.parent.points
+    def _sent(self, spline: NDArray, planned: NDArray, rope: NDArray) -> NDArray[np.float64] | None:
+        """What a gripper that is sent along the spline (6,) for the planner's rope (V, 3) does to
+        another one; None where it grasps beside it."""
         link = int(grasped_link(spline, len(planned) - 1))
         error = self._rng.normal(0.0, self._sway, (3, 2)) if self._sway else np.zeros((3, 2))
         fingers = (planned[link] + planned[link + 1])[:2] / 2 + error[0]
