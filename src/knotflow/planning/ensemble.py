@@ -97,8 +97,8 @@ class Ensemble:
         another one; None where it grasps beside it."""
         link = int(grasped_link(spline, len(planned) - 1))
         error = self._rng.normal(0.0, self._sway, (3, 2)) if self._sway else np.zeros((3, 2))
-        fingers = (planned[link] + planned[link + 1])[:2] / 2 + error[0]
-        centres = (rope[1:] + rope[:-1])[:, :2] / 2
+        fingers = (planned[link] + planned[link + 1]) / 2 + [*error[0], 0.0]
+        centres = (rope[1:] + rope[:-1]) / 2
         distance = np.linalg.norm(centres - fingers, axis=1)
         caught = int(distance.argmin())
         if distance[caught] > REACH:
