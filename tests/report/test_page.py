@@ -126,18 +126,18 @@ def test_an_experiment_of_ones_own_is_shown_with_its_tables(write, tmp_path):
 
 
 def test_an_experiment_nobody_wrote_a_section_for_shows_its_tables(write, tmp_path):
-    write.table("closed_loop", "branches.csv", ("seed", "branches"), [(0, 12)])
+    write.table("soft_rope", "branches.csv", ("seed", "branches"), [(0, 12)])
     make(write.root, tmp_path / "reports")
     text = (tmp_path / "reports" / "report.md").read_text()
     assert "**branches.csv**" in text and "| 0 | 12 |" in text
 
 
 def test_recordings_are_linked(write, tmp_path):
-    write.table("closed_loop", "plan.csv", ("x",), [(1,)])
-    (write.root / "closed_loop" / "plan.mcap").touch()
+    write.table("soft_rope", "plan.csv", ("x",), [(1,)])
+    (write.root / "soft_rope" / "plan.mcap").touch()
     make(write.root, tmp_path / "reports")
     text = (tmp_path / "reports" / "report.md").read_text()
-    assert "[`results/closed_loop/plan.mcap`](../results/closed_loop/plan.mcap)" in text
+    assert "[`results/soft_rope/plan.mcap`](../results/soft_rope/plan.mcap)" in text
 
 
 def test_a_broken_table_leaves_the_earlier_report_as_it_was(everything, tmp_path, capsys):
