@@ -411,8 +411,8 @@ def see(
     from knotflow.perception import seeing  # slow to import
     from knotflow.simulation import RopeConfig
 
-    given = {"length": length, "radius": radius}
-    rope = replace(RopeConfig(), **{k: value for k, value in given.items() if value is not None})
+    rope = RopeConfig()
+    rope = replace(rope, length=length or rope.length, radius=radius or rope.radius)
     found, seen, pinhole = seeing.see(image, depth, camera, rope)
     seeing.write_rope(out, found.points)
     seeing.draw_overlay(drawing, seen, pinhole, rope, found)

@@ -61,10 +61,10 @@ def make_ropes(config: RopesConfig, inputs: Mapping[str, Path], context: StageCo
     context.each(work, context.pending(shards, ".npz"), "ropes")
     parts = [np.load(context.out / f"{shard}.npz") for shard in shards]
     with context.atomic(FILE) as path:
-        merged = {
-            name: np.concatenate([part[name] for part in parts]) for name in ("points", "crossings")
-        }
-        np.savez(path, **merged)
+        points, crossings = (
+            np.concatenate([part[name] for part in parts]) for name in ("points", "crossings")
+        )
+        np.savez(path, points=points, crossings=crossings)
     for shard in shards:
         (context.out / f"{shard}.npz").unlink()
 
