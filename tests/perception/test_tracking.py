@@ -5,12 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from knotflow.perception import EstimateConfig, FitConfig, RgbdImage, Tracker, TrackerConfig
+from knotflow.perception import (
+    EstimateConfig,
+    FitConfig,
+    RgbdImage,
+    TraceError,
+    Tracker,
+    TrackerConfig,
+    tracking,
+)
 
 from .shapes import CAMERA, ROPE, image, s_curve
 
 QUICK = TrackerConfig(estimate=EstimateConfig(fit=FitConfig(steps=25), candidates=1))
-NEVER = replace(QUICK, patience=10**9)
 LINK = 20
 
 
@@ -44,18 +51,27 @@ def test_hidden_vertices_move_by_the_prediction():
     points, shift = s_curve(), np.array([0.0, 0.02, 0.0])
     seen = image(points + shift)
     seen.depth[:, CAMERA.width // 2 :] = np.nan
-    tracker = Tracker(CAMERA, ROPE, points, NEVER, predict=lambda now, *_: now + shift)
+    tracker = Tracker(CAMERA, ROPE, points, QUICK, predict=lambda now, *_: now + shift)
     found = tracker.update(seen)
     assert not found.seen[-8:].any() and found.seen[:15].all()
     assert np.linalg.norm(found.points - points - shift, axis=1)[-8:].max() < 6e-3
     assert found.spread[-8:].min() > found.spread[:15].max()
 
 
-def test_a_rope_that_jumped_is_lost_and_said_to_be():
+def test_a_rope_that_jumped_and_is_not_found_is_said_to_be_lost(monkeypatch):
+    asked = []
+
+    def in_vain(*arguments, **named):
+        asked.append(arguments)
+        raise TraceError("no rope")
+
+    monkeypatch.setattr(tracking, "estimate", in_vain)
     points = s_curve()
-    tracker = Tracker(CAMERA, ROPE, points - [0, 0.3, 0], NEVER)
-    found = tracker.update(image(points))
-    assert found.doubts[0] == "the track is lost" and found.explained < 0.8
+    tracker = Tracker(CAMERA, ROPE, points - [0, 0.3, 0], replace(QUICK, patience=2))
+    for _ in range(3):
+        found = tracker.update(image(points))
+        assert found.doubts[0] == "the track is lost" and found.explained < 0.8
+    assert len(asked) == 2  # at once, and when patience is over
 
 
 @pytest.mark.slow

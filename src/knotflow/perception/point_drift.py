@@ -20,6 +20,7 @@ from knotflow.perception.estimation import RopeEstimate
 from knotflow.perception.evidence import explained, observe, seen
 from knotflow.perception.fitting import project_lengths
 from knotflow.perception.image import RgbdImage
+from knotflow.perception.losses import Target
 from knotflow.perception.motion import go_on
 from knotflow.simulation import RopeConfig, state_or_none
 
@@ -74,8 +75,8 @@ class PointDriftTracker:
         if self.config.predict:
             start = go_on(start, self._velocities, seconds, gripper, grasped)
         target = observe(image, self.camera, self.rope)
-        cloud = self._cloud(image, target.rope.numpy())
-        shape = drift(start, cloud, self.rope, self.config) if len(cloud) else start
+        cloud = rope_points(image, target, self.camera, self.rope, self.config.points)
+        shape = drift(start, cloud, self.rope, self.config)
         if seconds > 0:
             self._velocities = (shape - self.points) / seconds
         self.points = shape
@@ -84,21 +85,27 @@ class PointDriftTracker:
         unknown = np.full(len(shape), np.nan)
         return RopeEstimate(shape.copy(), shown, state_or_none(shape), (), share, unknown, True, ())
 
-    def _cloud(self, image: RgbdImage, mask: NDArray[np.bool_]) -> Floats:
-        """Points (N, 3) of the rope's axis: the rope's surface in the image, a radius lower."""
-        row, column = np.nonzero(mask & np.isfinite(image.depth))
-        chosen = np.linspace(0, len(row) - 1, min(self.config.points, len(row))).astype(int)
-        row, column = row[chosen], column[chosen]
-        depth = image.depth[row, column].astype(np.float64) + self.rope.radius
-        return self.camera.unproject(np.stack([column, row], axis=1), depth)
+
+def rope_points(
+    image: RgbdImage, target: Target, camera: Camera, rope: RopeConfig, count: int
+) -> Floats:
+    """At most `count` points (N, 3) of the rope's axis, metres: a radius below its surface in the
+    image."""
+    row, column = np.nonzero(target.rope.numpy() & np.isfinite(image.depth))
+    chosen = np.linspace(0, len(row) - 1, min(count, len(row))).astype(int)
+    row, column = row[chosen], column[chosen]
+    depth = image.depth[row, column].astype(np.float64) + rope.radius
+    return camera.unproject(np.stack([column, row], axis=1), depth)
 
 
 def drift(start: Floats, cloud: Floats, rope: RopeConfig, config: PointDriftConfig) -> Floats:
     """The rope near `start` (V, 3) that points (N, 3) belong to, metres.
 
     Moves are G W with the kernel G; W solves (P1 G + lambda sigma^2) W = P X - P1 Y0 (Myronenko and
-    Song, Eq. 22), where P (V, N) are the points' shares in each vertex.
+    Song, Eq. 22), where P (V, N) are the points' shares in each vertex. Without points it stays.
     """
+    if len(cloud) == 0:
+        return start
     count = len(start)
     along = np.arange(count) * rope.link_length
     kernel = np.exp(-((along[:, None] - along) ** 2) / (2 * config.coherence**2))  # (V, V)

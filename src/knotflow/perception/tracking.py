@@ -1,10 +1,11 @@
 """A rope followed from image to image (Sec. VI).
 
 Each image begins with a prediction: the rope goes on as it moved, drawn along by the gripper that
-holds it. A few gradient steps in image space, on a grid coarser than the image, make it account for
-what is seen; what is hidden stays where the prediction put it. Over and under do not change while
-strands stay on each other, so what images say of a crossing is gathered from frame to frame. A
-shape that no longer accounts for the image is lost, and the rope is estimated anew.
+holds it. Coherent point drift brings it near the rope's points, and a few gradient steps in image
+space, on a grid coarser than the image, make it account for what is seen; what is hidden stays
+where the prediction put it. Over and under do not change while strands stay on each other, so what
+images say of a crossing is gathered from image to image. A shape that no longer accounts for the
+image is lost, and the rope is estimated anew.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from knotflow.perception.fitting import FitConfig, fit
 from knotflow.perception.image import RgbdImage
 from knotflow.perception.losses import Target
 from knotflow.perception.motion import go_on
+from knotflow.perception.point_drift import PointDriftConfig, drift, rope_points
 from knotflow.perception.tracing import TraceError
 from knotflow.simulation import RopeConfig, state_or_none
 
@@ -42,6 +44,10 @@ _UNIT = 0.01  # metres, by which distances from the prediction are measured
 class TrackerConfig:
     """How a rope is tracked."""
 
+    drift: PointDriftConfig | None = field(
+        default_factory=lambda: PointDriftConfig(iterations=10, deviation=0.015)
+    )
+    """Brings the prediction near enough for gradients; None trusts the prediction."""
     fit: FitConfig = field(
         default_factory=lambda: FitConfig(steps=5, step_size=8e-3, softness=(5e-3, 3e-3))
     )
@@ -123,7 +129,7 @@ class Tracker:
         predicted = self._predict(self.points, self.velocities, seconds, held, grasped)
         target = observe(image, self.camera, self.rope)
         nothing = not bool(target.rope.any())
-        shape = predicted if nothing else self._fit(predicted, target, held, grasped)
+        shape = predicted if nothing else self._fit(predicted, image, target, held, grasped)
         coarse, camera = target.binned(self.config.grid), self.camera.binned(self.config.grid)
         shape, crossings = self._crossings.update(shape, coarse, camera, self.rope, self.config.fit)
         share = explained(shape, target, self.camera, self.rope)
@@ -131,10 +137,11 @@ class Tracker:
             found = self._find(image, share, predicted)
             if found is not None:
                 return found
+            self.velocities = np.zeros_like(shape)  # those of a lost rope say nothing
         else:
             self._waited = self.config.patience
-        if seconds > 0:
-            self.velocities = (shape - self.points) / seconds
+            if seconds > 0:
+                self.velocities = (shape - self.points) / seconds
         self.points = shape
         shown = seen(shape, target.rope.numpy(), image, self.camera, self.rope)
         self._spread = self._spreads(shape, predicted, shown)
@@ -154,10 +161,18 @@ class Tracker:
         return found
 
     def _fit(
-        self, predicted: Floats, target: Target, gripper: Floats | None, grasped: int | None
+        self,
+        predicted: Floats,
+        image: RgbdImage,
+        target: Target,
+        gripper: Floats | None,
+        grasped: int | None,
     ) -> Floats:
         """The shape near the prediction that accounts for the image."""
-        config = self.config
+        config, start = self.config, predicted
+        if config.drift is not None:
+            cloud = rope_points(image, target, self.camera, self.rope, config.drift.points)
+            start = drift(predicted, cloud, self.rope, config.drift)
         row, column = self._pixels(predicted)
         trust = np.where(target.known.numpy()[row, column], config.shown, config.hidden)
         weight, expected = torch.as_tensor(trust), torch.as_tensor(predicted)
@@ -171,7 +186,7 @@ class Tracker:
             return loss
 
         return fit(
-            predicted,
+            start,
             target.binned(config.grid),
             self.camera.binned(config.grid),
             self.rope,
