@@ -167,6 +167,8 @@ class ClosedLoopBudget:
     """Twins of level 1."""
     figure_eight: int = 30
     """Twins of level 1 on which a figure eight is tied."""
+    ensemble: int = 8
+    """Perturbed ropes that judge the plans that are to be robust."""
     seed: int = 5_000_011
     """Of ropes, plans and twins; used for nothing else."""
     planner: PlannerConfig = field(default_factory=lambda: replace(FAST_SEARCH))

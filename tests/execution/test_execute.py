@@ -228,11 +228,21 @@ class Clumsy:
         self.twin.move_to(position, seconds)
 
 
+def test_a_rope_that_is_lost_time_and_again_is_given_up(plan):
+    twin = twin_of(plan, reach=0.0)
+    true, config = TrueState(twin), ExecutionConfig(attempts=2)
+    _, replan = replanned(plan)
+    execution = execute(plan, twin.robot(), config, true, look=true, replan=replan)
+    assert execution.reason.startswith("the rope was lost in 2 actions one after the other")
+    assert execution.tied is False
+
+
 def test_a_rope_that_is_dropped_midway_is_noticed_and_taken_up_again(plan):
     twin = twin_of(plan)
     true = TrueState(twin)
     _, replan = replanned(plan)
-    execution = execute(plan, Clumsy(twin, 14), source=true, look=true, replan=replan)
+    config = ExecutionConfig(max_actions=3)
+    execution = execute(plan, Clumsy(twin, 14), config, true, look=true, replan=replan)
     assert not execution.outcomes[0].held
     assert execution.outcomes[0].found != execution.outcomes[0].expected
     assert execution.tied == (state_or_none(twin.points) in plan.goal_states)

@@ -38,7 +38,7 @@ class Filmed:
             if self.silent:
                 raise TimeoutError("no frame")
             time = self.lost[0]
-        depth = np.full((60, 80), CAMERA.position[2])
+        depth = np.full((60, 80), CAMERA.position[2], np.float32)
         return RgbdImage(np.full((60, 80, 3), 120, np.uint8), depth, time)
 
     def move_to(self, position, seconds):

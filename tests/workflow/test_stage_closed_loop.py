@@ -9,7 +9,7 @@ from knotflow.planning import PlannerConfig
 from knotflow.samplers import SamplerConfig
 from knotflow.simulation import SimulationConfig
 from knotflow.workflow import StageContext
-from knotflow.workflow.stages.closed_loop import ClosedLoopConfig, ExecutionCase, execute_all
+from knotflow.workflow.stages.closed_loop import ClosedLoopConfig, ExecutionCase, execute_plans
 from knotflow.workflow.stages.dynamics import DynamicsConfig, measure
 
 pytestmark = pytest.mark.slow
@@ -23,13 +23,14 @@ def test_controllers_meet_the_same_twins_and_go_on_where_they_were(tmp_path):
         sampler=SamplerConfig("aimed"),  # has no undo, so it plans along the DAG alone
         planner=PlannerConfig(batch=8, max_branches=64),
         execution=ExecutionConfig(max_actions=2),
+        ensemble=2,
         cases=[
             ExecutionCase("open_loop", level=1, twins=2, knot="R1(0,1,1)"),
             ExecutionCase("replan_true_state", level=1, twins=1, knot="R1(0,1,1)"),
         ],
         seed=3,
     )
-    execute_all(config, {}, StageContext(tmp_path))
+    execute_plans(config, {}, StageContext(tmp_path))
     table = pd.read_csv(tmp_path / "executions.csv", keep_default_na=False)
     assert list(zip(table["controller"], table["twin"], strict=True)) == [
         ("open_loop", 0),
@@ -40,7 +41,7 @@ def test_controllers_meet_the_same_twins_and_go_on_where_they_were(tmp_path):
     assert ((table["cause"] == "") == table["tied"]).all()
     first = sorted((tmp_path / "rows").iterdir())
     before = {path: path.stat().st_mtime_ns for path in first}
-    execute_all(config, {}, StageContext(tmp_path))
+    execute_plans(config, {}, StageContext(tmp_path))
     assert {path: path.stat().st_mtime_ns for path in first} == before
 
 

@@ -108,7 +108,7 @@ def execute(
         raise ValueError("planning anew needs a look at the rope after each action")
     if any(len(step.trajectory) == 0 for step in plan.steps):
         raise ValueError("the plan was saved without trajectories, so there is nothing to follow")
-    corrects = source is not None or look is not None
+    corrects = source is not None or replan is not None
     run = Run(robot, config or ExecutionConfig(), source, controller, corrects)
     knot = _Knot(run, plan, look)
     try:
@@ -151,6 +151,8 @@ class _Knot:
         plan = self.plan if begins else None
         while sight.points is not None and sight.state not in self.plan.goal_states:
             done = len(self.outcomes)
+            if lost == config.attempts:
+                return f"the rope was lost in {lost} actions one after the other: {self._seen()}"
             if done == config.max_actions:
                 return f"the knot is not tied after {done} actions: {self._seen()}"
             try:
@@ -160,8 +162,6 @@ class _Knot:
             if not plan.solved or not plan.steps:
                 return f"no plan was found after {done} actions: {plan.reason}"
             lost = 0 if self._step(plan.steps[0], plan) else lost + 1
-            if lost == config.attempts:
-                return f"the rope was lost in {lost} actions one after the other"
             sight = self.sight = self.run.see(self.look, len(self.outcomes))
             self.outcomes[-1] = replace(self.outcomes[-1], found=sight.state)
             plan = None
@@ -186,7 +186,8 @@ class _Knot:
             return "the knot is seen to be tied"
         if sight.points is None:
             return f"the rope is not seen: {doubts}"
-        seen = f"the rope is seen in the state {sight.state or 'unreadable'}"
+        state = "that cannot be read" if sight.state is None else sight.state
+        seen = f"the rope is seen in the state {state}"
         return f"{seen}, in doubt: {doubts}" if doubts else seen
 
     def record(self, reason: str) -> Execution:

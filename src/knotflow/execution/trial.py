@@ -25,10 +25,13 @@ class Control:
     """Whether MPPI corrects the drag."""
     replans: bool = False
     """Whether it is planned anew after each action."""
+    robust: bool = False
+    """Whether the plan was judged by an ensemble of ropes, see `planning.ensemble`."""
 
 
 CONTROLS = {
     "open_loop": Control(),
+    "open_loop_robust": Control(robust=True),
     "replan": Control("vision", replans=True),
     "replan_true_state": Control("true", replans=True),
     "mppi_true_state": Control("true", tracks=True),

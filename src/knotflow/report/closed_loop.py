@@ -17,6 +17,7 @@ BASE = "open_loop"
 #: Controllers in the order shown: what they are called, and their colour.
 CONTROLLERS = {
     BASE: ("open loop", "#8a8f98"),
+    "open_loop_robust": ("open loop, robust plan", "#24292f"),
     "mppi": ("MPPI", "#e69f00"),
     "mppi_true_state": ("MPPI, true state", "#f0b25a"),
     "replan": ("planned anew", "#0072b2"),

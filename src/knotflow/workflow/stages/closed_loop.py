@@ -57,6 +57,8 @@ class ClosedLoopConfig:
     """Who proposes splines; the stages it learns from are inputs of this one."""
     planner: PlannerConfig = field(default_factory=PlannerConfig)
     """How is planned before an execution, and with `undoing` after each action."""
+    ensemble: int
+    """Perturbed ropes that judge the plans that are to be robust."""
     execution: ExecutionConfig = field(default_factory=ExecutionConfig)
     """Heights, speeds, and when an execution is given up."""
     cases: list[ExecutionCase]
@@ -102,15 +104,16 @@ def _shard(
     planner = _Planner(config, goal, build_sampler(config.sampler, inputs))
     rope = np.random.default_rng([config.seed, number, 0])
     points = random_curve(config.simulation.rope, rope, config.starts)
-    plan = planner.first(points, number)
     controllers = [
         one.controller
         for one in config.cases
         if (one.knot, one.level) == (knot, level) and number < one.twins
     ]
+    robust = {CONTROLS[controller].robust for controller in controllers}
+    plans = {one: planner.first(points, number, one) for one in sorted(robust)}
     rows = [
         {"controller": controller, "level": level, "twin": number, "knot": knot}
-        | _row(config, plan, goal, controller, level, number, planner)
+        | _row(config, plans[CONTROLS[controller].robust], goal, controller, level, number, planner)
         for controller in controllers
     ]
     with context.atomic(f"rows/{name}.csv") as path:
@@ -129,10 +132,11 @@ class _Planner:
         self.simulator = RopeSimulator(self.config.simulation)
         self.seconds = 0.0
 
-    def first(self, points: NDArray, number: int) -> KnotPlan:
-        """The plan that all controllers begin with."""
+    def first(self, points: NDArray, number: int, robust: bool) -> KnotPlan:
+        """The plan that controllers begin with, the same for all that want it robust or not."""
+        planner = replace(self.config.planner, ensemble=self.config.ensemble * robust)
         rng = np.random.default_rng([self.config.seed, number, 1])
-        return plan_knot(points, self.goal, self.sampler, self.simulator, rng, self.config.planner)
+        return plan_knot(points, self.goal, self.sampler, self.simulator, rng, planner)
 
     def anew(self, rng: np.random.Generator, points: NDArray) -> KnotPlan:
         """The plan of the rest, which may undo what went wrong."""
