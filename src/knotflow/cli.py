@@ -327,7 +327,7 @@ def studio(
     host
         Address to listen on; 0.0.0.0 lets other machines in.
     port
-        Port of the page. Over ssh: ssh -L 8080:localhost:8080 MACHINE.
+        Port of the page, or the next that is free. Over ssh: ssh -L 8080:localhost:8080 MACHINE.
     """
     _check_writable(demonstrations)
     try:

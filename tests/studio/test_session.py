@@ -71,6 +71,9 @@ def test_what_cannot_be_kept_is_refused(session):
     demonstrate(session, SHOWN.spline, "R1(0,1,1)")
     with pytest.raises(StudioError, match="write your name"):
         session.keep("  ")
+    session.draft.height = 0.3
+    with pytest.raises(StudioError, match="have changed since"):
+        session.keep("Ada")
     assert session.kept() == []
 
 

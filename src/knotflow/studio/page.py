@@ -32,11 +32,7 @@ class Page:
     """The studio in the browser; `serve` blocks, `close` ends it."""
 
     def __init__(self, session: Session, host: str = "localhost", port: int = 8080) -> None:
-        """Open the page.
-
-        Raises:
-            OSError: the port is taken.
-        """
+        """Open the page; on the next free port (`url` says which) where this one is taken."""
         self.session = session
         self.server = viser.ViserServer(host, port, label="knotflow studio", verbose=False)
         gui = self.server.gui

@@ -105,8 +105,11 @@ class Scene:
 
     def gripper(self, place: NDArray | None) -> None:
         """The gripper at a place (3,), metres, or none."""
-        self._clear("gripper")
-        if place is not None:
+        if place is None:
+            self._clear("gripper")
+        elif "gripper" in self._handles:
+            self._handles["gripper"][0].position = np.asarray(place, float)
+        else:
             ball = self._scene.add_icosphere(
                 "/gripper", radius=0.018, color=rgb("#d4a72c"), position=place, opacity=0.8
             )

@@ -118,7 +118,10 @@ class Session:
 
         Raises:
             DegenerateCurveError: its state cannot be read.
+            StudioError: the one before is being worked on.
         """
+        if self._busy.locked():
+            raise StudioError("a search or a simulation is running: wait for it, or stop it")
         self.state = TopologicalState.from_curve(points)
         self.points: NDArray[np.float64] = np.array(points, np.float64)
         self.plan: KnotPlan | None = None
@@ -264,6 +267,8 @@ class Session:
         """
         if self.draft is None or self.tried is None:
             raise StudioError("simulate a demonstration before you keep it")
+        if not np.array_equal(self.tried.splines[0], self.draft.spline):
+            raise StudioError("the clicks have changed since: simulate them again")
         if not self.tried.success[0]:
             raise StudioError("it did not reach its state, so nothing can be learnt from it: redo")
         if not who.strip():

@@ -21,6 +21,7 @@ class Watch:
         """In the page's current container."""
         self._page, gui = page, page.server.gui
         self._playback: Playback | None = None
+        self._step: int | None = None  # whose spline is drawn
         self._playing = threading.Lock()
         self._folder = gui.add_folder("Watch", visible=False)
         with self._folder:
@@ -31,7 +32,7 @@ class Watch:
 
     def show(self, playback: Playback) -> None:
         """Offer frames to watch, and show the last."""
-        self._playback = playback
+        self._playback, self._step = playback, None
         if self._slider is not None:
             self._slider.remove()
         last = len(playback) - 1
@@ -56,7 +57,9 @@ class Watch:
         scene = self._page.scene
         scene.move(shown.ropes[frame])
         scene.gripper(shown.grippers[frame])
-        scene.spline(shown.controls[shown.step[frame]])
+        if (step := int(shown.step[frame])) != self._step:
+            scene.spline(shown.controls[step])
+            self._step = step
         self._caption.content = shown.caption(frame)
 
     def _run(self, event: viser.GuiEvent) -> None:
