@@ -301,7 +301,7 @@ class Config:
     """Searches for the overhand before and after."""
     pentagram: PentagramBudget = field(default_factory=PentagramBudget)
     knots: PlansBudget = field(default_factory=lambda: PlansBudget(seeds=20, planner=FAST_SEARCH))
-    """The overhand's four states and the figure eight from random ropes."""
+    """Named knots from random ropes, and the overhand from tangled ones."""
     goals: GoalsBudget = field(default_factory=GoalsBudget)
     """Searches for states drawn at random."""
     actions: ActionsBudget = field(default_factory=ActionsBudget)
