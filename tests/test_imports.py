@@ -28,14 +28,15 @@ KNOWS = {
     "execution": {"planning", "perception", "demonstrations"},
     "tasks": {"planning", "baselines", "primitives", "report"},
     "recording": {"simulation"},
-    "perception": {"simulation", "threads"},
+    "perception": {"simulation", "drawing", "threads"},
     "workflow": {"versions", "baselines", "training", "planning", "recording", "execution"},
     "report": {"drawing"},
     "config": {"workflow"},
     "view": {"recording"},
     "overrides": {"config"},
     "tie": {"config"},
-    "cli": {"tie", "view", "report"},
+    "studio": {"tie"},
+    "cli": {"tie", "view", "report", "studio"},
     "__main__": {"overrides"},
 }
 """Each package and what it may import, beside what that one may: the floor plan as a graph."""

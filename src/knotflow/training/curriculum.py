@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from knotflow.topology import Action, ForwardAction, TopologicalState, Undo, parse_action
 
 KIND_SHARES = {"R1": 2.0, "R2": 1.0, "C": 3.0}
-"""How often kinds of actions are drawn, relative to each other. R2 least: Cross, and R1 on a segment
-with an end, lead to every state of up to three crossings."""
+"""How often kinds of actions are drawn, relative to each other. R2 least: Cross, and R1 on a
+segment with an end, lead to every state of up to three crossings."""
 
 Pair = tuple[TopologicalState, Action]
 """A state, and an action that it allows."""
