@@ -28,6 +28,7 @@ from knotflow.workflow import WorkersConfig
 
 SHIPPED_DYNAMICS = Path(__file__).parent / "execution" / "data" / "dynamics.safetensors"
 
+
 @dataclass
 class DemonstrationsBudget:
     """The demonstrations that are copied, and how often."""
