@@ -21,12 +21,11 @@ from knotflow.baselines.causal_infogan import CausalInfoGanBudget
 from knotflow.demonstrations import SHIPPED, DemonstratorConfig, NoiseConfig
 from knotflow.execution import ExecutionConfig
 from knotflow.planning import PlannerConfig
-from knotflow.primitives import PrimitiveConfig
+from knotflow.primitives import SHIPPED_PRIMITIVES, PrimitiveConfig
 from knotflow.simulation import SimulationConfig, StartsConfig
 from knotflow.training import ImitationConfig, ReinforcementConfig, SelfPlayConfig
 from knotflow.workflow import WorkersConfig
 
-SHIPPED_PRIMITIVES = Path(__file__).parent / "primitives" / "data"
 SHIPPED_DYNAMICS = Path(__file__).parent / "execution" / "data" / "dynamics.safetensors"
 
 
