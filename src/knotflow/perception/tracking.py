@@ -44,17 +44,17 @@ class TrackerConfig:
 
     fit: FitConfig = field(
         default_factory=lambda: FitConfig(
-            steps=5, step_size=1.5e-2, softness=(5e-3, 3e-3), uniform=True
+            steps=5, step_size=1.5e-2, softness=(5e-3, 3e-3), smoothing=10.0, uniform=True
         )
     )
     """The gradient steps of each image."""
     grid: int = 2
     """Pixels of the image along each side of one that the steps look at."""
-    hidden: float = 1.0
+    hidden: float = 0.2
     """Weight of the prediction where the image shows nothing."""
     shown: float = 0.02
     """Weight of the prediction elsewhere; it keeps the rope from sliding along itself."""
-    held: float = 2.0
+    held: float = 0.1
     """Weight of the held link's place in the gripper."""
     lost: float = 0.8
     """A shape that accounts for less of the rope's image is lost."""
