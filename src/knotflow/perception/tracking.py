@@ -26,6 +26,8 @@ from knotflow.perception.fitting import FitConfig, fit
 from knotflow.perception.image import RgbdImage
 from knotflow.perception.losses import Target
 from knotflow.perception.motion import go_on
+from knotflow.perception.point_drift import rope_points
+from knotflow.perception.registration import register
 from knotflow.perception.tracing import TraceError
 from knotflow.simulation import RopeConfig, state_or_none
 
@@ -43,11 +45,11 @@ class TrackerConfig:
     """How a rope is tracked."""
 
     fit: FitConfig = field(
-        default_factory=lambda: FitConfig(
-            steps=5, step_size=1.5e-2, softness=(5e-3, 3e-3), smoothing=10.0, uniform=True
-        )
+        default_factory=lambda: FitConfig(steps=4, step_size=3e-3, softness=(4e-3, 3e-3))
     )
     """The gradient steps of each image."""
+    points: int = 400
+    """Points of the rope's image that the prediction is laid onto before."""
     grid: int = 2
     """Pixels of the image along each side of one that the steps look at."""
     hidden: float = 0.2
@@ -125,8 +127,10 @@ class Tracker:
         self._time = image.time
         predicted = self._predict(self.points, self.velocities, seconds, held, grasped)
         target = observe(image, self.camera, self.rope)
-        nothing = not bool(target.rope.any())
-        shape = predicted if nothing else self._fit(predicted, target, held, grasped)
+        shape = predicted
+        if bool(target.rope.any()):
+            cloud = rope_points(image, target, self.camera, self.rope, self.config.points)
+            shape = self._fit(register(predicted, cloud, self.rope), target, held, grasped)
         coarse, camera = target.binned(self.config.grid), self.camera.binned(self.config.grid)
         shape, crossings = self._crossings.update(shape, coarse, camera, self.rope, self.config.fit)
         share = explained(shape, target, self.camera, self.rope)
