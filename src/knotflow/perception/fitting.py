@@ -46,9 +46,6 @@ class FitConfig:
     smoothing: float = 3.0
     """How far a vertex takes its neighbours along, links squared: without, vertices hardly slide
     along the rope to where its ends are seen."""
-    uniform: bool = False
-    """Whether Adam divides all coordinates by the same (Nicolet's AdamUniform): what is right
-    already then stays while the rest is put right, which matters where steps are few."""
     silhouette: float = 1.0
     """Weight of the silhouette in the image."""
     depth: float = 1.0
@@ -114,8 +111,7 @@ def fit(
     smooth = _smoothing(len(points), config.smoothing)
     start = torch.tensor(np.asarray(points, np.float64))
     moves = torch.zeros_like(start, requires_grad=True)
-    kind = _UniformAdam if config.uniform else torch.optim.Adam
-    optimiser = kind([moves], lr=config.step_size, betas=(0.8, 0.95))
+    optimiser = torch.optim.Adam([moves], lr=config.step_size, betas=(0.8, 0.95))
     schedule = torch.optim.lr_scheduler.ExponentialLR(optimiser, 0.1 ** (1 / config.steps))
     soft, sharp = config.softness
     for step in range(config.steps):
@@ -130,22 +126,6 @@ def fit(
         optimiser.step()
         schedule.step()
     return project_lengths((start + smooth @ moves).detach().numpy(), rope.link_length)
-
-
-class _UniformAdam(torch.optim.Adam):
-    """Adam with the largest of its second moments for all coordinates (Nicolet et al., Sec. 4)."""
-
-    def step(self, closure: None = None) -> None:  # type: ignore[override]
-        with torch.no_grad():
-            for group in self.param_groups:
-                (fast, slow), (moves,) = group["betas"], group["params"]
-                kept = self.state[moves]
-                kept["step"] = kept.get("step", 0) + 1
-                kept["mean"] = fast * kept.get("mean", 0.0) + (1 - fast) * moves.grad
-                kept["square"] = slow * kept.get("square", 0.0) + (1 - slow) * moves.grad**2
-                mean = kept["mean"] / (1 - fast ** kept["step"])
-                square = kept["square"] / (1 - slow ** kept["step"])
-                moves -= group["lr"] * mean / (square.max().sqrt() + 1e-12)
 
 
 def _smoothing(vertices: int, amount: float) -> Tensor:

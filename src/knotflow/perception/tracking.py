@@ -1,10 +1,11 @@
 """A rope followed from image to image (Sec. VI).
 
 Each image begins with a prediction: the rope goes on as it moved, drawn along by the gripper that
-holds it. A few gradient steps in image space, on a grid coarser than the image, make it account for
-what is seen; what is hidden stays where the prediction put it. Over and under do not change while
-strands stay on each other, so what images say of a crossing is gathered from image to image. A
-shape that no longer accounts for the image is lost, and the rope is estimated anew.
+holds it. It is laid onto the rope's points, and a few gradient steps in image space, on a grid
+coarser than the image, make it account for what is seen; what is hidden goes along with the rest.
+Over and under do not change while strands stay on each other, so what images say of a crossing is
+gathered from image to image. A shape that no longer accounts for the image is lost, and the rope is
+estimated anew.
 """
 
 from __future__ import annotations
