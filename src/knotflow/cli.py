@@ -346,8 +346,12 @@ def see(
     from knotflow.perception import seeing  # slow to import
     from knotflow.simulation import RopeConfig
 
-    given = {"length": length, "radius": radius}
-    rope = replace(RopeConfig(), **{k: value for k, value in given.items() if value is not None})
+    model = RopeConfig()
+    rope = replace(
+        model,
+        length=model.length if length is None else length,
+        radius=model.radius if radius is None else radius,
+    )
     found, seen, pinhole = seeing.see(image, depth, camera, rope)
     seeing.write_rope(out, found.points)
     seeing.draw_overlay(drawing, seen, pinhole, rope, found)
