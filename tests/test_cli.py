@@ -11,6 +11,7 @@ import pytest
 
 from knotflow import tie
 from knotflow.cli import main
+from knotflow.demonstrations import load_demonstrations, save_demonstrations
 from knotflow.planning import KnotPlan, PlannerConfig, parse_goal, plan_knot
 from knotflow.samplers import SamplerConfig, build_sampler
 from knotflow.simulation import RopeSimulator
@@ -254,3 +255,24 @@ def test_what_cannot_be_exported_is_2_and_leaves_nothing(words, message, found, 
     assert main(["export", *words]) == 2
     assert message in capsys.readouterr().err
     assert [path.name for path in here.iterdir()] == ["plan.json"]
+
+
+def test_two_files_of_demonstrations_merge_into_one(here, capsys):
+    shipped = load_demonstrations()
+    save_demonstrations(here / "ada.jsonl", shipped[:2])
+    save_demonstrations(here / "ben.jsonl", shipped[2:3])
+    files = ["merge", "ada.jsonl", "ben.jsonl", "--out"]
+    assert main([*files, "both.jsonl"]) == 0
+    assert "both.jsonl: 3 demonstrations by scripted" in capsys.readouterr().out
+    assert len(load_demonstrations(here / "both.jsonl")) == 3
+    assert main([*files, "both.jsonl"]) == 2
+    assert main(["merge", "ada.jsonl", "ada.jsonl", "--out", "double.jsonl"]) == 2
+    assert "is the same demonstration as ada.jsonl, line 1" in capsys.readouterr().err
+    assert not (here / "double.jsonl").exists()
+
+
+def test_the_studio_without_its_extra_names_it(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    monkeypatch.delitem(sys.modules, "knotflow.studio.page", raising=False)
+    assert main(["studio"]) == 2
+    assert "pip install 'knotflow[studio]'" in capsys.readouterr().err

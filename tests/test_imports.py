@@ -26,6 +26,7 @@ KNOWS = {
     "training": {"primitives"},
     "planning": {"samplers", "drawing"},
     "execution": {"planning", "perception", "demonstrations"},
+    "tasks": {"planning", "baselines", "primitives", "report"},
     "recording": {"simulation"},
     "perception": {"simulation", "drawing", "threads"},
     "workflow": {"versions", "baselines", "training", "planning", "recording", "execution"},
@@ -34,7 +35,8 @@ KNOWS = {
     "view": {"recording"},
     "overrides": {"config"},
     "tie": {"config"},
-    "cli": {"tie", "view", "report"},
+    "studio": {"tie"},
+    "cli": {"tie", "view", "report", "studio"},
     "__main__": {"overrides"},
 }
 """Each package and what it may import, beside what that one may: the floor plan as a graph."""

@@ -16,7 +16,7 @@ from .reader import (
 )
 from .schema import OUTCOMES, Outcome, RecordedRollout, Sight
 from .table import load
-from .viewer import ViewerError, find_recording, open_recording, save_rerun
+from .viewer import ViewerError, find_recording, open_recording, save_rerun, serve_recording
 from .writer import write_recording
 
 __all__ = [
@@ -34,6 +34,7 @@ __all__ = [
     "read_recording",
     "recorded",
     "save_rerun",
+    "serve_recording",
     "write_index",
     "write_recording",
 ]

@@ -60,7 +60,10 @@ def blueprint(rope_radius: float, sight: bool = False) -> rrb.Blueprint:
         ],
     }
     shown = [topics.ROPE, topics.ROPE_LINE, topics.GRIPPER, topics.SPLINE]
-    name = "Rope (head blue, tail orange), gripper (yellow), spline (green)"
+    name = (
+        "Rope (head blue, tail orange), gripper (yellow), spline (green) and its control points "
+        "(pink), table (10 cm grid)"
+    )
     if sight:
         shown.append(topics.ESTIMATE)
         name += ", estimate (white)"

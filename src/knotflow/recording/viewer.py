@@ -46,6 +46,31 @@ def open_recording(path: str | os.PathLike[str], *, number: int | None = None) -
             ) from error
 
 
+def serve_recording(
+    path: str | os.PathLike[str], *, number: int | None = None, port: int = 9090
+) -> None:
+    """Serve a recording to web browsers with Rerun's web viewer, until interrupted.
+
+    Rerun prints the address. Over ssh two ports are to be forwarded: `port`, where the page is, and
+    the next one, from which it takes the data.
+
+    Args:
+        path, number: as for ``open_recording``.
+        port: of the page.
+
+    Raises:
+        FileNotFoundError, ValueError: as for ``save_rerun``.
+        ViewerError: it could not be served, such as on a port that is taken.
+    """
+    with tempfile.TemporaryDirectory(prefix="knotflow-view-") as folder:
+        rrd = save_rerun(path, Path(folder) / "recording.rrd", number=number)
+        command = [rerun_program(), "--serve-web", str(rrd), "--bind", "127.0.0.1"]
+        command += ["--web-viewer-port", str(port), "--port", str(port + 1)]
+        code = subprocess.run(command, check=False).returncode
+        if code:
+            raise ViewerError(f"rerun could not serve on the ports {port} and {port + 1}")
+
+
 def save_rerun(
     path: str | os.PathLike[str], target: str | os.PathLike[str], *, number: int | None = None
 ) -> Path:

@@ -20,7 +20,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from knotflow.demonstrations import SHIPPED, TASKS, load_demonstrations
-from knotflow.execution.perturbation import ERRORS, perturb_rope
+from knotflow.execution.perturbation import ERRORS
 from knotflow.perception import (
     Appearance,
     Camera,
@@ -43,6 +43,7 @@ from knotflow.simulation import (
     SimulationConfig,
     attempt,
     grasped_link,
+    perturb_rope,
     state_or_none,
 )
 from knotflow.workflow.context import StageContext
