@@ -235,7 +235,9 @@ class PerceptionBudget:
     """The ropes that are estimated from one image each (Sec. VI)."""
 
     shards: int = 24
-    """Of 32 ropes, moved by eight splines each, among whose shapes ropes are chosen."""
+    """Of 32 ropes, among whose shapes ropes are chosen."""
+    rounds: int = 8
+    """Splines that each of these is moved by, one after the other."""
     ropes: int = 20
     """Ropes of each number of crossings."""
     crossings: list[int] = field(default_factory=lambda: [0, 1, 2, 3, 4, 5])
