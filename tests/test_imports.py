@@ -28,7 +28,7 @@ KNOWS = {
     "execution": {"planning"},
     "recording": {"simulation"},
     "perception": {"simulation", "threads"},
-    "workflow": {"versions", "baselines", "training", "planning", "recording"},
+    "workflow": {"versions", "baselines", "training", "planning", "recording", "perception"},
     "report": {"drawing"},
     "config": {"workflow"},
     "view": {"recording"},

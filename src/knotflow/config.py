@@ -19,6 +19,7 @@ from omegaconf import II, MISSING, OmegaConf
 from knotflow.baselines import IcpConfig
 from knotflow.baselines.causal_infogan import CausalInfoGanBudget
 from knotflow.demonstrations import SHIPPED, DemonstratorConfig, NoiseConfig
+from knotflow.perception.training_config import TrainingConfig
 from knotflow.planning import PlannerConfig
 from knotflow.primitives import PrimitiveConfig
 from knotflow.simulation import SimulationConfig, StartsConfig
@@ -196,6 +197,18 @@ class RootsBudget:
 
 
 @dataclass
+class PerceptionTrainingBudget:
+    """The network that sees ropes."""
+
+    shards: int = 200
+    """Shards of 32 ropes, which eight splines each turn into some 200 shapes a shard."""
+    training: TrainingConfig = field(default_factory=TrainingConfig)
+    """Learning from drawings of these shapes."""
+    seed: int = 4_000_037
+    """Of shapes, weights and drawings; used for nothing else."""
+
+
+@dataclass
 class Config:
     """Everything that `python -m knotflow` takes as `key=value`."""
 
@@ -242,6 +255,8 @@ class Config:
     """Searches for states drawn at random."""
     actions: ActionsBudget = field(default_factory=ActionsBudget)
     """Trials of all actions."""
+    perception_training: PerceptionTrainingBudget = field(default_factory=PerceptionTrainingBudget)
+    """The network that sees ropes."""
     plan: PlanRequest = field(default_factory=PlanRequest)
     workflow: dict[str, Any] = field(default_factory=dict)
     """The stages of the experiment, from workflows/."""

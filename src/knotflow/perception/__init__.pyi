@@ -6,12 +6,16 @@ from .fitting import FitConfig, fit, image_loss, project_lengths, shape_loss
 from .image import ImageError, Label, RgbdImage
 from .lifting import lift
 from .losses import Target
+from .network import Network, NetworkError
 from .noise import NoiseConfig, add_noise
 from .rendering import render
 from .sample import SAMPLE
 from .segmentation import Segmentation, segment
+from .self_supervision import SelfSupervision, SelfSupervisionConfig
 from .simulated import SimulatedCamera, View
 from .tracing import Trace, TraceError, trace
+from .training import Training
+from .training_config import ExamplesConfig, LossConfig, NetworkConfig, TrainingConfig
 from .uncertainty import spread
 from .unmixing import coverage
 
@@ -22,17 +26,26 @@ __all__ = [
     "CameraError",
     "CrossingEvidence",
     "EstimateConfig",
+    "ExamplesConfig",
     "FitConfig",
     "ImageError",
     "Label",
+    "LossConfig",
+    "Network",
+    "NetworkConfig",
+    "NetworkError",
     "NoiseConfig",
     "RgbdImage",
     "RopeEstimate",
     "Segmentation",
+    "SelfSupervision",
+    "SelfSupervisionConfig",
     "SimulatedCamera",
     "Target",
     "Trace",
     "TraceError",
+    "Training",
+    "TrainingConfig",
     "View",
     "add_noise",
     "coverage",
