@@ -201,7 +201,9 @@ class PerceptionTrainingBudget:
     """The network that sees ropes."""
 
     shards: int = 200
-    """Shards of 32 ropes, which eight splines each turn into some 200 shapes a shard."""
+    """Shards of 32 ropes, each of which is moved by splines."""
+    rounds: int = 8
+    """Splines that each rope is moved by; what every one leaves behind is a shape to learn from."""
     training: TrainingConfig = field(default_factory=TrainingConfig)
     """Learning from drawings of these shapes."""
     seed: int = 4_000_037

@@ -26,7 +26,7 @@ def test_a_drawn_rope_is_the_one_that_the_camera_sees(points):
     assert covered.sum().item() == pytest.approx(crop[0].sum(), rel=0.15)
     assert np.abs(covered[0].numpy() - crop[0]).mean() < 0.25 * crop[0].mean()
     inside = (covered[0].numpy() > 0.9) & (crop[0] > 0.9)
-    assert inside.sum() > 20
+    assert inside.sum() > 10
     assert np.median(np.abs(height[0].numpy() - crop[1])[inside]) < 0.3
 
 

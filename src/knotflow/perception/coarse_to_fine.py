@@ -36,14 +36,14 @@ class CoarseToFine(nn.Module):
             self.encoder.append(_halving(before, channels, residuals=min(level, 2)))
             before = channels
         side = config.size // 2 ** len(config.channels)
-        squeezed, self._coarse = config.channels[-1] // 2, config.nodes[0]
+        squeezed, self._coarse = config.channels[-1] // 4, config.nodes[0]
         self.coarse = nn.Sequential(
             nn.Conv2d(before, squeezed, 1),
             nn.Flatten(),
             nn.ReLU(),
-            nn.Linear(squeezed * side**2, 256),
+            nn.Linear(squeezed * side**2, 3 * config.width),
             nn.ReLU(),
-            nn.Linear(256, self._coarse * (3 + config.width)),
+            nn.Linear(3 * config.width, self._coarse * (3 + config.width)),
         )
         self.levels = nn.ModuleList(
             _Level(count, sum(config.channels), config.width, config.layers)

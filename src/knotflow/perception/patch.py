@@ -56,7 +56,7 @@ class Patch:
         """
         middle = places.mean(axis=0)
         _, axes = np.linalg.eigh(np.cov((places - middle).T))
-        axes = axes[:, ::-1]
+        axes = axes[:, ::-1].copy()  # torch knows no negative strides
         along = (places - middle) @ axes
         low, high = along.min(axis=0), along.max(axis=0)
         half = max(0.5 * MARGIN * float((high - low).max()), 0.5 * SMALLEST * length)

@@ -42,9 +42,9 @@ class RopesConfig:
     starts: StartsConfig = field(default_factory=StartsConfig)
     """The random curves that are moved."""
     shards: int
-    """Shards of 32 ropes, each moved by so many splines:"""
-    rounds: int = 8
-    """Splines that a rope is moved by."""
+    """Shards of 32 ropes."""
+    rounds: int
+    """Splines that a rope is moved by, one after the other."""
     random_share: float = 0.25
     """Share of the splines that are random, not aimed at an action."""
     most_crossings: int = 5
