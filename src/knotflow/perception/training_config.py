@@ -40,7 +40,7 @@ class ExamplesConfig:
     """Camera's height above the table, rope lengths."""
     aside: float = 0.5
     """Farthest that the rope lies from below the camera, in x and y, rope lengths."""
-    turn: float = 0.15
+    turn: float = 0.25
     """Standard deviation of the patch's direction, radians."""
     shift: float = 0.03
     """Standard deviation of the patch's middle and size, half patches."""
