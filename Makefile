@@ -15,7 +15,7 @@ $(VENV)/.installed: pyproject.toml
 PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 run: $(VENV)/.installed  ## a plan for the overhand in a random rope, with the shipped primitives
-	$(BIN)/python -m knotflow +experiment=overhand
+	$(BIN)/knotflow plan overhand
 
 smoke: $(VENV)/.installed  ## in small: demonstrations, training, baselines, evaluation, report
 	$(BIN)/python -m knotflow +experiment=single_stage budget=smoke

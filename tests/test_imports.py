@@ -25,14 +25,17 @@ KNOWS = {
     "primitives": {"samplers", "threads"},
     "training": {"primitives"},
     "planning": {"samplers", "drawing"},
-    "execution": {"planning"},
+    "execution": {"planning", "perception", "demonstrations"},
     "recording": {"simulation"},
     "perception": {"simulation", "threads"},
-    "workflow": {"versions", "baselines", "training", "planning", "recording", "perception"},
+    "workflow": {"versions", "baselines", "training", "planning", "recording", "execution"},
     "report": {"drawing"},
     "config": {"workflow"},
     "view": {"recording"},
-    "__main__": {"config"},
+    "overrides": {"config"},
+    "tie": {"config"},
+    "cli": {"tie", "view", "report"},
+    "__main__": {"overrides"},
 }
 """Each package and what it may import, beside what that one may: the floor plan as a graph."""
 

@@ -1,13 +1,15 @@
 """The command: what it says when asked for something it does not have."""
 
 import json
+import re
 import subprocess
 import sys
 
 import pytest
 import yaml
 
-from knotflow.__main__ import HOME, PACKAGE
+from knotflow.__main__ import HOME, PACKAGE, main
+from knotflow.config import register
 from knotflow.workflow import code_state
 
 
@@ -27,16 +29,17 @@ def knotflow(*arguments, cwd=None):
     [
         (
             [],
-            "choose one with +experiment=NAME; experiments are: ablation_actor_critic, benchmark, ",
+            "choose one with +experiment=NAME; experiments are: ablation_actor_critic, actions, ",
         ),
         (
             ["+experiment=single"],
-            "no experiment 'single'; experiments are: ablation_actor_critic, benchmark, ",
+            "no experiment 'single'; experiments are: ablation_actor_critic, actions, benchmark, ",
         ),
         (["+experiment=benchmark", "budget=huge"], "paper"),
         (["+experiment=benchmark", "simulation.rope.lenght=2"], "lenght"),
         (["+experiment=benchmark", "simulation.timestep=fast"], "timestep"),
         (["+experiment=benchmark", "metrics=paper"], "csv+tensorboard"),
+        (["+experiment=overhand", "sampler=icp"], "without it there are aimed, primitives, random"),
         (["+experiment=single_stage", "demonstrations.file=nowhere.jsonl"], "nowhere.jsonl"),
         (["+experiment=benchmark", "workers.backend=dask"], "there are loky, ray"),
         (["+experiment=paper", "knot=pentagram"], "the experiment paper takes nothing of that"),
@@ -48,6 +51,24 @@ def test_errors_name_what_is_wrong_and_what_is_valid(arguments, message, tmp_pat
     assert done.returncode != 0
     assert message in done.stderr
     assert not list(tmp_path.rglob("*.csv"))
+
+
+def test_a_package_that_is_missing_is_named_without_a_traceback(monkeypatch, tmp_path):
+    monkeypatch.setattr("knotflow.workflow.metrics.importlib.util.find_spec", lambda name: None)
+    monkeypatch.setenv("KNOTFLOW_HOME", str(HOME))
+    monkeypatch.setattr(
+        "sys.argv",
+        ["knotflow", "+experiment=benchmark", "metrics=mlflow", f"results_dir={tmp_path}"],
+    )
+    register()
+    with pytest.raises(SystemExit, match="'mlflow' need the package mlflow: pip install mlflow"):
+        main()
+
+
+def test_version_is_ours(tmp_path):
+    done = knotflow("--version", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert re.fullmatch(r"knotflow (\d+\.\d+\.\d+|unknown)\n", done.stdout)
 
 
 @pytest.mark.slow

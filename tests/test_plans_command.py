@@ -74,6 +74,8 @@ def test_a_failed_search_says_so_and_a_bad_rope_is_named(tmp_path):
     assert bad.returncode == 1
     assert "point 7 (counted from 0)" in bad.stderr
     assert not list(tmp_path.glob("plan-overhand-nan*"))
+    assert "goes on" not in bad.stderr
+    assert not list(tmp_path.rglob("*.partial"))
 
 
 @pytest.mark.slow
@@ -101,6 +103,32 @@ def test_the_plan_of_the_report_has_the_experiments_folder_and_others_their_own(
     ]
     assert len(set(others)) == len(others)
     assert all(name.startswith("plan-") and "/" not in name for name in others)
+
+
+def test_files_of_one_name_and_other_points_have_folders_of_their_own(tmp_path):
+    for name in ("one", "two", "copy"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "measured.csv").write_text("two" if name == "two" else "one")
+    names = {
+        name: plan_folder("overhand", str(tmp_path / name / "measured.csv"), 0)
+        for name in ("one", "two", "copy")
+    }
+    assert names["one"] == names["copy"] != names["two"]
+
+
+@pytest.mark.slow
+def test_a_plan_of_another_search_takes_no_place(tmp_path):
+    (tmp_path / "overhand").mkdir()
+    (tmp_path / "overhand" / "config.yaml").write_text(
+        (HOME / "results" / "overhand" / "config.yaml").read_text("utf-8")
+    )
+    done = knotflow(
+        "+experiment=overhand", "sampler=random", "planner.max_seconds=1", results=tmp_path
+    )
+    assert done.returncode == 1
+    assert "sampler: 'primitives' there, 'random' now" in done.stderr
+    assert "overwrite=true" in done.stderr
+    assert [path.name for path in (tmp_path / "overhand").iterdir()] == ["config.yaml"]
 
 
 @pytest.mark.parametrize("name", ["random", "nowhere.npy"])

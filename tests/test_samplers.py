@@ -1,5 +1,7 @@
 """One contract for every registered sampler, and what a wrong configuration is told."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -32,10 +34,10 @@ SMALL = PrimitiveConfig(
 
 
 def registered():
-    """The names of all samplers: an unknown one is answered with them."""
+    """The names of all samplers: an unknown one is answered with those whose inputs are there."""
     with pytest.raises(ValueError) as error:
-        build_sampler(SamplerConfig(""), {})
-    return str(error.value).rpartition("registered are ")[2].split(", ")
+        build_sampler(SamplerConfig(""), {"demonstrations": Path()})
+    return str(error.value).rpartition("there are ")[2].split(", ")
 
 
 @pytest.fixture(scope="module")
@@ -101,12 +103,19 @@ def test_random_covers_the_whole_space(starts):
 
 
 def test_unknown_names_and_settings_are_answered_with_the_valid_ones():
-    with pytest.raises(ValueError, match="unknown sampler 'best'; registered are .*icp.*random"):
-        build_sampler(SamplerConfig("best"), {})
+    with pytest.raises(ValueError, match="unknown sampler 'best'; here there are .*icp.*random"):
+        build_sampler(SamplerConfig("best"), {"demonstrations": Path()})
     with pytest.raises(ValueError, match="'icp'.*length_scale, align"):
-        build_sampler(SamplerConfig("icp", {"scale": 1}), {})
-    with pytest.raises(ValueError, match="needs the input 'demonstrations'"):
+        build_sampler(SamplerConfig("icp", {"scale": 1}), {"demonstrations": Path()})
+
+
+def test_a_sampler_without_its_inputs_is_not_offered():
+    with pytest.raises(ValueError) as error:
         build_sampler(SamplerConfig("icp"), {})
+    reason, _, offered = str(error.value).partition("without it there are ")
+    assert "'icp' needs the output of the stage demonstrations" in reason
+    assert {"aimed", "primitives", "random"} <= set(offered.split(", "))
+    assert "icp" not in offered
 
 
 def test_a_sampler_of_ones_own_is_one_function(monkeypatch):

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import sys
-from dataclasses import fields
 from pathlib import Path
 
 import hydra
@@ -14,8 +12,10 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig
 
-from knotflow.config import PlanRequest, register
+from knotflow.config import register
+from knotflow.overrides import OverrideError, checked
 from knotflow.workflow import Experiment, WorkersConfig, Workflow, code_state, run_all
+from knotflow.workflow.provenance import library_versions
 
 PACKAGE = Path(__file__).parent
 HOME = PACKAGE if (PACKAGE / "conf").is_dir() else PACKAGE.parents[1]
@@ -37,7 +37,7 @@ def main(config: DictConfig) -> None:
             metrics=config.metrics,
             workers=WorkersConfig(**config.workers),
         )
-    except (ValueError, RuntimeError, OSError) as error:
+    except (ValueError, RuntimeError, OSError, ModuleNotFoundError) as error:
         notes = getattr(error, "__notes__", ())  # there only once something was noted
         sys.exit(f"error: {error}" + "".join(f"\n{note}" for note in notes))
     for folder in folders:
@@ -67,47 +67,14 @@ def _tell(outcome: Path) -> None:
             sys.exit(1)
 
 
-def _check_experiment() -> None:
-    """Name the experiments, where none or an unknown one is asked for.
-
-    Hydra's own message speaks of config groups; people ask for experiments.
-    """
-    names = sorted(path.stem for path in (HOME / "conf" / "experiment").glob("*.yaml"))
-    asked = [word.partition("=")[2] for word in sys.argv[1:] if word.startswith("+experiment=")]
-    options = {"--help", "-h", "--hydra-help", "--version", "--cfg", "-c", "--info", "-i"}
-    if options & set(sys.argv[1:]):
-        return
-    known = f"experiments are: {', '.join(names)}"
-    if not asked:
-        sys.exit(f"error: choose one with +experiment=NAME; {known}")
-    for name in asked[0].split(","):
-        if name not in names:
-            sys.exit(f"error: there is no experiment {name!r}; {known}")
-        _check_asked(name)
-
-
-def _check_asked(experiment: str) -> None:
-    """Refuse what says what to plan where the experiment has no use for it, else write it in full.
-
-    People ask for `knot=...`; in the configuration it is `plan.knot`.
-    """
-    workflow = HOME / "workflows" / f"{experiment}.yaml"
-    text = workflow.read_text("utf-8") if workflow.is_file() else ""  # paper has none of its own
-    keys = [one.name for one in fields(PlanRequest)]
-    takes = [key for key in keys if f"${{plan.{key}}}" in text]
-    for i, word in enumerate(sys.argv):
-        key = re.split(r"[.=]", word.removeprefix("plan."))[0]
-        if i and key in keys and "=" in word and key not in takes:
-            sys.exit(
-                f"error: {word!r} says what to plan, but the experiment {experiment} takes "
-                f"{', '.join(takes) or 'nothing of that kind'}; +experiment=overhand plans one"
-            )
-        if i and key in keys and "=" in word:
-            sys.argv[i] = f"plan.{word.removeprefix('plan.')}"
-
-
 if __name__ == "__main__":
+    if "--version" in sys.argv[1:]:
+        print(f"knotflow {library_versions().get('knotflow', 'unknown')}")
+        sys.exit()
     os.environ["KNOTFLOW_HOME"] = str(HOME)
     register()
-    _check_experiment()
+    try:
+        sys.argv[1:] = checked(sys.argv[1:], HOME)
+    except OverrideError as error:
+        sys.exit(f"error: {error}")
     main()

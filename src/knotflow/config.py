@@ -288,9 +288,15 @@ def plan_folder(knot: str, rope: str, seed: int) -> str:
     """
     if (knot, rope, seed) == (PlanRequest.knot, PlanRequest.rope, PlanRequest.seed):
         return "overhand"
+    return f"plan-{plan_name(knot, rope, seed)}"
+
+
+def plan_name(knot: str, rope: str, seed: int) -> str:
+    """What is planned, as a folder's name; files of one name and different points have two."""
     signs = knot.replace("+", "p").replace("-", "m")
-    words = f"{signs}-{Path(rope).stem}-{seed}"
-    return "plan-" + re.sub(r"[^A-Za-z0-9.-]+", "_", words)
+    path = Path(rope)
+    lies = f"{path.stem}-{digest(rope)[:8]}" if path.is_file() else path.stem
+    return re.sub(r"[^A-Za-z0-9.-]+", "_", f"{signs}-{lies}-{seed}")
 
 
 def shipped_primitives() -> str:

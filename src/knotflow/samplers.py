@@ -104,13 +104,17 @@ class SamplerConfig:
 Factory = Callable[[Any, Mapping[str, Path]], Sampler]
 Function = TypeVar("Function", bound=Callable[..., Any])
 _FACTORIES: dict[str, Factory] = {}
+_NEEDS: dict[str, tuple[str, ...]] = {}
 
 
-def sampler(name: str) -> Callable[[Function], Function]:
-    """Register a factory `(config, inputs) -> Sampler`; its config type is its annotation."""
+def sampler(name: str, needs: tuple[str, ...] = ()) -> Callable[[Function], Function]:
+    """Register a factory `(config, inputs) -> Sampler`; its config type is its annotation.
+
+    `needs` are the inputs without which it cannot be made.
+    """
 
     def register(factory: Function) -> Function:
-        _FACTORIES[name] = factory
+        _FACTORIES[name], _NEEDS[name] = factory, needs
         return factory
 
     return register
@@ -120,13 +124,18 @@ def build_sampler(config: SamplerConfig, inputs: Mapping[str, Path]) -> Sampler:
     """The sampler that a configuration names.
 
     Raises:
-        ValueError: for an unknown name or unknown settings, naming the valid ones.
+        ValueError: for an unknown name, one whose inputs are missing, or unknown settings, naming
+            the valid ones.
     """
     for module in MODULES:
         import_module(module)
+    usable = ", ".join(sorted(name for name in _FACTORIES if set(_NEEDS[name]) <= set(inputs)))
     if config.name not in _FACTORIES:
+        raise ValueError(f"unknown sampler {config.name!r}; here there are {usable}")
+    if missing := sorted(set(_NEEDS[config.name]) - set(inputs)):
         raise ValueError(
-            f"unknown sampler {config.name!r}; registered are {', '.join(sorted(_FACTORIES))}"
+            f"the sampler {config.name!r} needs the output of the stage {', '.join(missing)}, "
+            f"which is no input here; without it there are {usable}"
         )
     factory = _FACTORIES[config.name]
     first = next(iter(inspect.signature(factory).parameters))

@@ -9,7 +9,7 @@ fails when behaviour changed and the number did not. Changes of speed, names or 
 VERSIONS = {
     "topology": 1,
     "simulation": 2,
-    "demonstrations": 1,
+    "demonstrations": 2,
     "baselines": 1,
     "baselines.causal_infogan": 1,
     "primitives": 2,

@@ -21,19 +21,34 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; 0 when all went well, 1 when the recording could not be shown."""
     options = _parser().parse_args(arguments)
     try:
-        source = find_recording(options.recording, options.number)
-        _say_which(options.recording, source)
-        if options.save is not None:
-            print(f"saved {save_rerun(source, options.save, number=options.number)}")
-        if options.headless_check is not None:
-            return _check(source, options.number, options.headless_check)
-        if options.save is None:
-            open_recording(source, number=options.number)
+        return show(options.recording, options.number, options.save, options.headless_check)
     except (OSError, ValueError, ViewerError) as error:
         print(f"knotflow.view: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         return 130  # the usual way to close what was opened from a terminal
+
+
+def show(
+    recording: Path,
+    number: int | None = None,
+    save: Path | None = None,
+    headless_check: str | None = None,
+) -> int:
+    """Show a recording; the arguments are the command's. 1 when Rerun complains about it, else 0.
+
+    Raises:
+        OSError, ValueError: no such recording, or a damaged one.
+        ViewerError: no viewer can be opened.
+    """
+    source = find_recording(recording, number)
+    _say_which(recording, source)
+    if save is not None:
+        print(f"saved {save_rerun(source, save, number=number)}")
+    if headless_check is not None:
+        return _check(source, number, headless_check)
+    if save is None:
+        open_recording(source, number=number)
     return 0
 
 

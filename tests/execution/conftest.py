@@ -1,4 +1,5 @@
-"""A plan that was not simulated: two splines on a straight rope, and an arm from a file."""
+"""Plans: one that was not simulated, two splines on a straight rope; one that makes a loop. An arm
+from a file."""
 
 from __future__ import annotations
 
@@ -7,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from knotflow.demonstrations import load_demonstrations
 from knotflow.planning import KnotPlan, PlanStep
-from knotflow.simulation import RopeConfig, control_points, spline_path, straight
+from knotflow.simulation import RopeConfig, control_points, spline_path, state_or_none, straight
 from knotflow.topology import TopologicalState, parse_action
 
 ROPE = RopeConfig()
@@ -85,7 +87,7 @@ def plan_of(splines) -> KnotPlan:
 
 
 @pytest.fixture(scope="session")
-def plan() -> KnotPlan:
+def still() -> KnotPlan:
     return plan_of(SPLINES)
 
 
@@ -94,3 +96,44 @@ def scara(tmp_path: Path) -> Path:
     path = tmp_path / "scara.xml"
     path.write_text(SCARA)
     return path
+
+
+@pytest.fixture(scope="session")
+def plan(simulator):
+    """A plan of one step, R1(0,1,1), that works in the planner's simulator."""
+    shown = load_demonstrations()[0]
+    rollouts = simulator.execute(shown.points[None], shown.spline[None])
+    end = rollouts.end_points[0]
+    step = PlanStep(
+        action=shown.task.action,
+        spline=shown.spline,
+        start=shown.points,
+        start_state=shown.task.start_state,
+        end=end,
+        end_state=state_or_none(end),
+        times=rollouts.times,
+        trajectory=rollouts.trajectory[0],
+        gripper=rollouts.gripper[0],
+    )
+    return KnotPlan(
+        goal="a loop",
+        goal_states=(step.end_state,),
+        solved=True,
+        reason="the goal was reached",
+        start=step.start,
+        start_state=step.start_state,
+        steps=(step,),
+        tried=(),
+        branches=1,
+        nodes=2,
+        seconds=0.0,
+        sampling_seconds=0.0,
+        simulation_seconds=0.0,
+        radius=simulator.config.rope.radius,
+        move_time=simulator.config.move_time,
+    )
+
+
+@pytest.fixture
+def points(plan):
+    return np.array(plan.start)

@@ -15,8 +15,8 @@ UPRIGHT = Base([-0.5, 0.0, 0.0])
 
 
 @pytest.fixture(scope="module")
-def exported(plan):
-    return export_plan(plan, "panda", UPRIGHT)
+def exported(still):
+    return export_plan(still, "panda", UPRIGHT)
 
 
 def rows(text):
@@ -46,9 +46,9 @@ def test_forward_kinematics_of_what_is_written_meets_every_waypoint(exported):
 
 
 @pytest.mark.parametrize("max_speed", [0.1, 0.25])
-def test_speed_limits_hold_between_all_points(plan, max_speed):
+def test_speed_limits_hold_between_all_points(still, max_speed):
     arm = panda()
-    exported = export_plan(plan, arm, UPRIGHT, max_speed, rate_hz=10.0)
+    exported = export_plan(still, arm, UPRIGHT, max_speed, rate_hz=10.0)
     seconds = np.diff(columns(exported.text, ["time_s"]), axis=0)
     assert (seconds > 0).all()
     places = exported.trajectory.reached.positions
@@ -61,9 +61,9 @@ def test_speed_limits_hold_between_all_points(plan, max_speed):
     assert max(peaks["joint_speed"], peaks["joint_acceleration"]) <= 1 + 1e-6
 
 
-def test_the_fingers_close_across_the_strand(exported, plan):
+def test_the_fingers_close_across_the_strand(exported, still):
     trajectory = exported.trajectory
-    for index in range(len(plan.steps)):
+    for index in range(len(still.steps)):
         grasp = np.flatnonzero(
             (trajectory.waypoints.step == index)
             & (np.array(trajectory.waypoints.phases) == "close")
@@ -74,8 +74,8 @@ def test_the_fingers_close_across_the_strand(exported, plan):
         assert abs(across) > 0.99
 
 
-def test_what_is_out_of_reach_is_named(plan):
-    far = export_plan(plan, "panda", Base([-1.1, 0.0, 0.0]), rate_hz=2.0)
+def test_what_is_out_of_reach_is_named(still):
+    far = export_plan(still, "panda", Base([-1.1, 0.0, 0.0]), rate_hz=2.0)
     missed = far.trajectory.unreachable
     assert not far.reachable and len(missed)
     assert f"{len(missed)} waypoints cannot be reached" in far.summary()
@@ -83,9 +83,9 @@ def test_what_is_out_of_reach_is_named(plan):
     assert [i for i, row in enumerate(rows(far.text)) if row["reached"] == "0"] == missed.tolist()
 
 
-def test_ros2_messages_have_the_fields_of_their_types(plan):
-    csv_like = export_plan(plan, "panda", UPRIGHT, rate_hz=5.0).trajectory
-    joint = yaml.safe_load(export_plan(plan, "panda", UPRIGHT, format="ros2", rate_hz=5.0).text)
+def test_ros2_messages_have_the_fields_of_their_types(still):
+    csv_like = export_plan(still, "panda", UPRIGHT, rate_hz=5.0).trajectory
+    joint = yaml.safe_load(export_plan(still, "panda", UPRIGHT, format="ros2", rate_hz=5.0).text)
     assert set(joint) == {"header", "joint_names", "points"}
     assert len(joint["joint_names"]) == 8
     stamps = [one["time_from_start"] for one in joint["points"]]
@@ -93,7 +93,7 @@ def test_ros2_messages_have_the_fields_of_their_types(plan):
     np.testing.assert_allclose(times, csv_like.times, atol=1e-8)
     arm_joints = np.array([one["positions"][:7] for one in joint["points"]])
     np.testing.assert_allclose(arm_joints, csv_like.reached.joints, atol=1e-6)
-    text = export_plan(plan, "panda", UPRIGHT, format="ros2", space="cartesian", rate_hz=5.0).text
+    text = export_plan(still, "panda", UPRIGHT, format="ros2", space="cartesian", rate_hz=5.0).text
     place = yaml.safe_load(text)["points"][-1]["transforms"][0]["translation"]
     last = csv_like.reached.positions[-1]
     np.testing.assert_allclose([place["x"], place["y"], place["z"]], last, atol=1e-6)
@@ -107,18 +107,18 @@ def test_the_gripper_opens_and_closes_while_it_stands(exported):
     assert set(opening[phases == "drag"]) == {narrow}
 
 
-def test_an_arm_from_a_file_executes_a_plan(plan, scara):
-    exported = export_plan(plan, load_arm(scara), Base([-0.4, -0.3, 0.0]), rate_hz=10.0)
+def test_an_arm_from_a_file_executes_a_plan(still, scara):
+    exported = export_plan(still, load_arm(scara), Base([-0.4, -0.3, 0.0]), rate_hz=10.0)
     assert exported.reachable, exported.summary()
     assert exported.trajectory.peaks()["joint_speed"] <= 1 + 1e-6
 
 
-def test_what_cannot_be_exported_is_refused(plan):
+def test_what_cannot_be_exported_is_refused(still):
     with pytest.raises(ArmError, match="csv or ros2"):
-        export_plan(plan, format="urscript")
+        export_plan(still, format="urscript")
     with pytest.raises(ArmError, match="joint or cartesian"):
-        export_plan(plan, space="tool")
+        export_plan(still, space="tool")
     with pytest.raises(ArmError, match="above 0 m/s"):
-        export_plan(plan, max_speed=0.0)
+        export_plan(still, max_speed=0.0)
     with pytest.raises(ArmError, match="no steps"):
-        export_plan(replace(plan, steps=()))
+        export_plan(replace(still, steps=()))

@@ -58,7 +58,7 @@ def test_a_rope_that_heads_backwards_and_up_is_posed(root):
 
 def test_roots_are_coordinates_of_one_rope(rng):
     """Same links in the same places with the same masses, grasps and feet, whatever the root."""
-    middle, head = RopeConfig(links=9, root="middle"), RopeConfig(links=9)
+    middle, head = RopeConfig(links=9, root="middle"), RopeConfig(links=9, root="head")
     points = spatial_curve(middle, rng)[None] + [0.1, 0, 0]  # none where the table's centre is
     models = [build_model(rope) for rope in (middle, head)]
     assert models[0].nv == models[1].nv

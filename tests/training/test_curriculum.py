@@ -3,8 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from knotflow.topology import TopologicalState, Undo, parse_action
-from knotflow.training.curriculum import Curriculum, Record, outcomes
+from knotflow.topology import R1, Cross, TopologicalState, Undo, parse_action
+from knotflow.training.curriculum import (
+    KIND_SHARES,
+    Curriculum,
+    Record,
+    kind,
+    need,
+    outcomes,
+)
 
 TRIVIAL = TopologicalState.trivial()
 LOOP = TRIVIAL.apply(parse_action("R1(0,1,1)"))
@@ -25,6 +32,7 @@ def test_need_is_least_where_everything_or_nothing_succeeds():
         sometimes.add(trial % 4 == 0)
         solved.add(True)
     assert min(never.need, sometimes.need) > often.need > solved.need > 0
+    assert 0 == need(np.array(0.0)) == need(np.array(1.0))
     assert (often.trials, often.successes, often.rate) == (200, 0, 0.0)
     assert solved.rate == 1.0
     for _ in range(300):
@@ -68,3 +76,21 @@ def test_what_was_counted_can_be_saved_and_loaded():
     other = Curriculum(3, [1.0], 0.0)
     other.load_state_dict(curriculum.state_dict())
     assert other.records == {(LOOP, undo): Record(1, 1, 1.0)}
+
+
+def test_kinds_are_drawn_by_their_shares():
+    """As R1 on end segments and Cross reach every state of three crossings, R2 may be rare."""
+    reached = {TRIVIAL}
+    for _ in range(3):
+        reached |= {
+            onward
+            for state in reached
+            for action, onward in state.actions()
+            if isinstance(action, Cross)
+            or (isinstance(action, R1) and action.index in (0, state.num_segments - 1))
+        }
+    assert sum(state.num_crossings == 3 for state in reached) == 528
+    curriculum, rng = Curriculum(3, [0.0, 1.0], 0.0), np.random.default_rng(0)
+    drawn = [kind(curriculum.draw([LOOP], rng)[1]) for _ in range(600)]
+    shares = {name: share / sum(KIND_SHARES.values()) for name, share in KIND_SHARES.items()}
+    assert {name: drawn.count(name) / 600 for name in shares} == pytest.approx(shares, abs=0.06)

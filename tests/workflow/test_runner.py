@@ -180,6 +180,19 @@ def test_plan_and_summary(
     assert shared[-1].endswith("shared")
 
 
+def test_a_stage_that_refuses_its_input_leaves_nothing_and_promises_nothing(
+    go: Go, mapping: dict[str, Any], between: Callable[..., None], tmp_path: Path
+) -> None:
+    def refuse() -> None:
+        raise ValueError("no such rope")
+
+    between(refuse)
+    with pytest.raises(ValueError, match="no such rope") as caught:
+        go(mapping)
+    assert not getattr(caught.value, "__notes__", ())
+    assert not list(tmp_path.glob("results/stages/toy_count/*.partial"))
+
+
 def test_damage_is_refused_before_any_work(
     go: Go, mapping: dict[str, Any], calls: list[str], tmp_path: Path
 ) -> None:

@@ -141,13 +141,7 @@ def _carry(gaussian: _Gaussian, motion: NDArray) -> tuple[NDArray, NDArray]:
     return turn @ gaussian.mean + shift, turn @ gaussian.covariance @ turn.T
 
 
-@sampler("icp")
+@sampler("icp", needs=("demonstrations",))
 def build(config: IcpConfig, inputs: Mapping[str, Path]) -> IcpSampler:
-    """Needs the output of a `demonstrations` stage.
-
-    Raises:
-        ValueError: if there is none.
-    """
-    if "demonstrations" not in inputs:
-        raise ValueError("the icp sampler needs the input 'demonstrations'")
+    """From the output of a `demonstrations` stage."""
     return IcpSampler(load_trials(inputs["demonstrations"]), config)

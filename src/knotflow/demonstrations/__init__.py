@@ -9,7 +9,7 @@ from knotflow.demonstrations.dataset import (
     save_demonstrations,
 )
 from knotflow.demonstrations.noise import NoiseConfig, noisy_copies
-from knotflow.demonstrations.scripted import DemonstratorConfig, demonstrate, succeed
+from knotflow.demonstrations.scripted import DemonstratorConfig, Scored, demonstrate, succeed
 from knotflow.demonstrations.tasks import TASKS, Task, task
 from knotflow.demonstrations.trials import Trials, load_trials
 
@@ -20,6 +20,7 @@ __all__ = [
     "DemonstrationError",
     "DemonstratorConfig",
     "NoiseConfig",
+    "Scored",
     "Task",
     "Trials",
     "aim",

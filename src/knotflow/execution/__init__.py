@@ -1,7 +1,10 @@
 """Execution: from a plan to a robot's hands (Sec. VI, VII-D).
 
-A name is loaded when it is used, from the file that `__init__.pyi` gives: MuJoCo and mink take
-seconds.
+A lab implements `Robot`; `Twin` is one in simulation. `execute` runs a plan on either, open loop or
+tracked with MPPI; `export_plan` makes trajectories for an arm.
+
+A name is loaded when it is used, from the file that `__init__.pyi` gives: PyTorch, MuJoCo and mink
+take seconds.
 """
 
 import lazy_loader

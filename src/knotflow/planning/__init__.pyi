@@ -7,7 +7,8 @@ from .goals import Goal, NoRoomError, most_crossings, parse_goal
 from .passing import Passage, find_passages
 from .plan import KnotPlan, PlanStep, Tried
 from .plan_file import PlanFormatError
-from .ropes import ROPE_NAMES, RopeInputError, lay_down, parse_rope, read_rope
+from .rope_file import RopeInputError
+from .ropes import ROPE_NAMES, lay_down, parse_rope, read_rope
 from .search_graph import SearchGraph
 from .tree import TreeSearch, plan_knot
 from .waypoints import GripperConfig, Waypoints

@@ -17,6 +17,9 @@ class PlannerConfig:
     arranging: int = 3
     """At most so many splines in a row that keep the state and make room, before one that acts; 0
     is the paper. The paper's rule has none."""
+    onward: bool = True
+    """Whether splines are sampled for what they leave as well, where the sampler can and another
+    action follows; by the paper's rule never."""
     undoing: bool = False
     """Whether crossings may be taken back (`planning.search_graph`): from every rope then leads a
     way to every goal. The sampler has to know `Undo`."""

@@ -31,7 +31,8 @@ class Proposals:
         self, sampler: Sampler, goal: Goal, config: PlannerConfig, rng: np.random.Generator
     ) -> None:
         self._sampler, self._goals, self._rng = sampler, goal.states, rng
-        self._onward = ability(sampler, "sample_onward") or sampler.sample
+        foresight = config.onward and config.rule != "paper"
+        self._onward = (foresight and ability(sampler, "sample_onward")) or sampler.sample
         self._arrange = ability(sampler, "arrange")
         # The paper's rule takes a critic into account only where its value bias is set.
         paper = config.rule == "paper"

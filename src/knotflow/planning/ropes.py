@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from knotflow.planning.rope_file import SUFFIXES, RopeInputError, read_points
 from knotflow.simulation import (
     SPLINE_HIGH,
     RopeConfig,
@@ -19,8 +20,8 @@ from knotflow.simulation import (
 )
 from knotflow.topology import DegenerateCurveError, TopologicalState, project
 
-MIN_VERTICES = 5
-"""A curve of fewer points says too little of how the rope bends."""
+LEAST_LYING = 0.5
+"""Of a rope's length, what is to be seen from above: one that lies on a table shows nearly all."""
 
 LENGTH_TOLERANCE = 0.05
 """Relative difference of a file's rope length from the model's that counts as measuring error."""
@@ -34,15 +35,12 @@ _GENERATORS: dict[str, Callable[[RopeConfig, np.random.Generator, StartsConfig],
 ROPE_NAMES = tuple(_GENERATORS)
 
 
-class RopeInputError(ValueError):
-    """A rope file that cannot be read as a rope that lies on the table."""
-
-
 def parse_rope(
     text: str,
     rope: RopeConfig,
     rng: np.random.Generator,
     starts: StartsConfig | None = None,
+    unit: str | None = None,
 ) -> NDArray[np.float64]:
     """The rope shape (V, 3), metres, that a text names.
 
@@ -51,20 +49,27 @@ def parse_rope(
         rope: the model's rope, which gives V.
         rng: draws the random curve.
         starts: how random curves look.
+        unit: of a file's numbers, see `read_rope`.
 
     Raises:
         RopeInputError: neither a valid name nor a usable file.
     """
     if text in _GENERATORS:
         return _GENERATORS[text](rope, rng, starts or StartsConfig())
-    return read_rope(Path(text), rope)
+    if Path(text).suffix.lower() not in SUFFIXES:
+        raise RopeInputError(
+            f"unknown rope {text!r}: give one of {', '.join(ROPE_NAMES)}, or a file "
+            f"*{' or *'.join(SUFFIXES)} of points (V, 3)"
+        )
+    return read_rope(Path(text), rope, unit)
 
 
-def read_rope(path: Path, rope: RopeConfig) -> NDArray[np.float64]:
+def read_rope(path: Path, rope: RopeConfig, unit: str | None = None) -> NDArray[np.float64]:
     """A measured rope from a file, resampled to the model's links and laid on the table.
 
-    The file has the points of the rope's centre line, one a row: x, y, z in metres, world frame
-    (z up, any table height), head first, at least `MIN_VERTICES`; a CSV may have one header row.
+    The file has the points of the rope's centre line, one a row: x, y, z, world frame (z up, any
+    table height), head first, at least `MIN_VERTICES`; see `rope_file` for what a CSV may look like
+    and for units.
     Where the rope does not cross itself its heights are not used. Where it does, z tells which
     strand is on top; a rope whose heights are not those of a rope at rest is lifted at its over
     strands by what its diameter takes.
@@ -77,7 +82,8 @@ def read_rope(path: Path, rope: RopeConfig) -> NDArray[np.float64]:
             model's rope, out of the splines' reach, bent sharper than the model can, or crossings
             that cannot be told or are lost between the model's links.
     """
-    curve = _read_points(path)
+    curve = read_points(path, unit)
+    _check_lies(path, curve)
     try:
         state = TopologicalState.from_curve(curve)
     except DegenerateCurveError as error:
@@ -155,62 +161,16 @@ def _lift(points: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
     return lifted
 
 
-def _read_points(path: Path) -> NDArray[np.float64]:
-    """The file's points (N, 3), checked one by one."""
-    if path.suffix.lower() not in _READERS:
+def _check_lies(path: Path, curve: NDArray) -> None:
+    steps = np.diff(curve, axis=0)
+    length = float(np.linalg.norm(steps, axis=1).sum())
+    above = float(np.linalg.norm(steps[:, :2], axis=1).sum())
+    if above < LEAST_LYING * length:
         raise RopeInputError(
-            f"unknown rope {str(path)!r}: give one of {', '.join(ROPE_NAMES)}, or a file "
-            f"*{' or *'.join(_READERS)} of points (V, 3) in metres"
+            f"{path}: this rope stands or hangs rather than lies: of its {length:.3g} m, "
+            f"{above:.3g} m are seen from above. Columns are x, y, z with z up, and the rope lies "
+            "on a table"
         )
-    if not path.is_file():
-        raise RopeInputError(f"{path}: there is no such rope file")
-    try:
-        points = np.asarray(_READERS[path.suffix.lower()](path), np.float64)
-    except (ValueError, TypeError, OSError, EOFError) as error:
-        raise RopeInputError(f"{path}: not a table of numbers: {error}") from error
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise RopeInputError(
-            f"{path}: a rope has rows of x, y, z in metres, shape (V, 3); the file has shape "
-            f"{points.shape}"
-        )
-    if len(points) < MIN_VERTICES:
-        raise RopeInputError(
-            f"{path}: {len(points)} points are too few for a rope, at least {MIN_VERTICES} are "
-            "needed"
-        )
-    finite = np.isfinite(points).all(axis=1)
-    if not finite.all():
-        vertex = int(np.argmin(finite))
-        raise RopeInputError(
-            f"{path}: point {vertex} (counted from 0) is {points[vertex].tolist()}; all numbers "
-            "must be finite, so leave out points that were not measured"
-        )
-    apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 0.0
-    if not apart.any():
-        raise RopeInputError(f"{path}: all points are the same")
-    return points[np.r_[True, apart]]
-
-
-def _read_csv(path: Path) -> NDArray[np.float64]:
-    lines = path.read_text().splitlines()
-    # A first row without a single number is a header.
-    header = bool(lines) and not any(_is_number(word) for word in lines[0].split(","))
-    rows = [line for line in lines[header:] if line.strip()]
-    return np.array([[float(word) for word in row.split(",")] for row in rows])
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
-
-
-_READERS: dict[str, Callable[[Path], NDArray]] = {
-    ".csv": _read_csv,
-    ".npy": lambda path: np.load(path, allow_pickle=False),
-}
 
 
 def _check_bends(path: Path, points: NDArray, rope: RopeConfig) -> None:

@@ -145,12 +145,16 @@ class PrimitiveLibrary:
 
     @property
     def lacks(self) -> frozenset[str]:
-        """What this library cannot do, see `samplers.ability`: without critics it has no values."""
+        """What this library cannot do, see `samplers.ability`.
+
+        Without critics it has no values. What an action leaves for the next one is learned by
+        self-play, as arranging is: before it, the critics have not learned their second output.
+        """
         missing = set()
         if any(primitive.critic is None for primitive in self.primitives.values()):
-            missing |= {"values", "sample_onward"}
+            missing |= {"values"}
         if ARRANGE not in self.primitives:
-            missing |= {"arrange", "arranged_values"}
+            missing |= {"sample_onward", "arrange", "arranged_values"}
         return frozenset(missing)
 
     @one_thread()

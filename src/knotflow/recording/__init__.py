@@ -6,6 +6,7 @@ is, and one ``knotflow.Rollout`` message a rollout with its action, spline and o
 
 from __future__ import annotations
 
+from .attempts import recorded
 from .index import write_index
 from .reader import (
     DamagedRecordingError,
@@ -30,6 +31,7 @@ __all__ = [
     "open_recording",
     "read_metadata",
     "read_recording",
+    "recorded",
     "save_rerun",
     "write_index",
     "write_recording",

@@ -14,6 +14,7 @@ from knotflow.report import (
     ablation_actor_critic,
     benchmark,
     causal_infogan,
+    demonstrator,
     joint_finetuning,
     knots,
     overhand,
@@ -34,6 +35,7 @@ from knotflow.report.timing import timing
 #: `templates/<experiment>.md.j2` with its words, and put it here.
 SECTIONS: tuple[Section, ...] = (
     overhand.SECTION,
+    demonstrator.SECTION,
     single_stage.SECTION,
     tree_size.SECTION,
     ablation_actor_critic.SECTION,

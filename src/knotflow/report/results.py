@@ -234,12 +234,15 @@ class Results:
     """Everything the report is made from.
 
     Raises:
-        ResultsError: on loading, where run.json or config.yaml cannot be read.
+        ResultsError: on loading, where the folder does not exist, run.json or config.yaml cannot
+            be read, or a table was cut.
     """
 
     def __init__(self, root: Path) -> None:
         self.root = root
-        folders = sorted(root.iterdir()) if root.is_dir() else []
+        if not root.is_dir():
+            raise ResultsError(f"{root}: there is no such results folder")
+        folders = sorted(root.iterdir())
         self.experiments = {
             folder.name: _experiment(folder)
             for folder in folders
@@ -273,7 +276,19 @@ def _experiment(folder: Path) -> Experiment:
         config = yaml.safe_load(config_file.read_text("utf-8")) if config_file.is_file() else {}
     except (ValueError, yaml.YAMLError) as problem:
         raise ResultsError(f"{config_file}: not YAML ({problem})") from None
+    _check_whole(folder, _mapping(run, run_file))
     return Experiment(folder, _mapping(run, run_file), _mapping(config, config_file))
+
+
+def _check_whole(folder: Path, run: Mapping[str, Any]) -> None:
+    """Refuse a table of another size than run.json says: one that was cut reads like a whole."""
+    for name, size in _mapping(run.get("bytes"), folder / "run.json").items():
+        path = folder / name
+        if path.suffix == ".csv" and path.is_file() and path.stat().st_size != size:
+            raise ResultsError(
+                f"{path}: has {path.stat().st_size} bytes, but {size} when it was made: it was cut "
+                f"or edited; take it from the repository, or run +experiment={folder.name} again"
+            )
 
 
 def _mapping(value: Any, path: Path) -> dict[str, Any]:

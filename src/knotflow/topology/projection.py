@@ -92,7 +92,8 @@ def read_crossings(points: ArrayLike, min_gap: float = DEFAULT_MIN_GAP) -> Proje
     if len(codes) > 1:
         raise DegenerateCurveError(
             f"the projected rope is degenerate: {meetings.degenerate}; moving its vertices by "
-            f"{_NUDGE * extent:.0e} m gives different crossings: {codes}"
+            f"{_NUDGE * extent:.0e} m gives {len(codes)} different states, of "
+            f"{' or '.join(map(str, sorted({len(code) for code in codes})))} crossings"
         )
     return readings[0]
 

@@ -129,8 +129,11 @@ class SelfPlayConfig:
     """Rounds of trials and gradient steps."""
     ropes: int = 384
     """Trials in a round, each on a rope of its own."""
-    crossings_shares: list[float] = field(default_factory=lambda: [1.0, 3.0, 5.0, 3.0, 0.5])
+    crossings_shares: list[float] = field(default_factory=lambda: [1.0, 4.0, 5.0, 1.0, 0.2])
     """How often trials begin with 0, 1, 2, ... crossings, relative to each other."""
+    candidates: int = 4
+    """Ropes and actions that are drawn for each trial; tried are rather those of which the critic
+    thinks that they sometimes succeed."""
     undo_share: float = 0.15
     """Share of the trials that undo an action."""
     arranging_share: float = 0.35

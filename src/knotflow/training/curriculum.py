@@ -8,8 +8,13 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from knotflow.topology import Action, ForwardAction, TopologicalState, Undo, parse_action
+
+KIND_SHARES = {"R1": 2.0, "R2": 1.0, "C": 3.0}
+"""How often kinds of actions are drawn, relative to each other. R2 least: Cross, and R1 on a
+segment with an end, lead to every state of up to three crossings."""
 
 Pair = tuple[TopologicalState, Action]
 """A state, and an action that it allows."""
@@ -32,6 +37,12 @@ def kind(action: Action) -> str:
     return action.symbol if isinstance(action, ForwardAction) else "undo"
 
 
+def need(rate: NDArray) -> NDArray:
+    """How much there is to learn, in 0..0.4, where success has this probability: most where it is
+    rare, little where it nearly always or never succeeds."""
+    return (1 - rate) * np.sqrt(rate)
+
+
 @dataclass
 class Record:
     """What became of the trials of a pair."""
@@ -49,14 +60,18 @@ class Record:
 
     @property
     def need(self) -> float:
-        """How much there is to learn, in 0..0.4: most where it is not known whether it can be done
-        or where it sometimes succeeds, little where it nearly always or never does."""
+        """How much there is to learn, see `need`; success is taken to be rare until it is seen."""
         recent = min(self.trials, 100)
-        rate = (recent * self.rate + 1) / (recent + 2)
-        return float((1 - rate) * np.sqrt(rate))
+        return float(need(np.array((recent * self.rate + 0.5) / (recent + 2.5))))
 
 
 _UNTRIED = Record()
+
+
+def _drawn_kind(kinds: Iterable[str], rng: np.random.Generator) -> str:
+    names = sorted(kinds)
+    shares = np.array([KIND_SHARES[name] for name in names])
+    return names[rng.choice(len(names), p=shares / shares.sum())]
 
 
 class Curriculum:
@@ -83,8 +98,8 @@ class Curriculum:
     def draw(self, states: Iterable[TopologicalState], rng: np.random.Generator) -> Pair:
         """A state out of those given, and an action.
 
-        First the number of crossings by its share, then evenly the kind of action; among the pairs
-        left, by need.
+        First the number of crossings by its share, then the kind of action by its share; among the
+        pairs left, by need.
         """
         by_crossings: dict[int, list[TopologicalState]] = {}
         for state in states:
@@ -103,19 +118,19 @@ class Curriculum:
         if undoing and (not pairs or rng.random() < self.undo_share):
             chosen = undoing
         else:
-            chosen = pairs[sorted(pairs)[rng.integers(len(pairs))]]
-        need = np.array([self.records.get(pair, _UNTRIED).need for pair in chosen])
-        return chosen[rng.choice(len(chosen), p=need / need.sum())]
+            chosen = pairs[_drawn_kind(pairs, rng)]
+        needs = np.array([self.records.get(pair, _UNTRIED).need for pair in chosen])
+        return chosen[rng.choice(len(chosen), p=needs / needs.sum())]
 
     def next_action(self, state: TopologicalState, rng: np.random.Generator) -> Action | None:
-        """An action that may follow: even over kinds, then over actions; None where none may."""
+        """An action that may follow: a kind by its share, then any; None where none may."""
         by_kind: dict[str, list[Action]] = {}
         for action in outcomes(state, self.most_crossings):
             if not isinstance(action, Undo):
                 by_kind.setdefault(kind(action), []).append(action)
         if not by_kind:
             return None
-        some = by_kind[sorted(by_kind)[rng.integers(len(by_kind))]]
+        some = by_kind[_drawn_kind(by_kind, rng)]
         return some[rng.integers(len(some))]
 
     def state_dict(self) -> dict[str, Any]:

@@ -59,7 +59,7 @@ from knotflow.topology import (
 from knotflow.topology.symmetry import representative
 from knotflow.training.buffer import TransitionBuffer
 from knotflow.training.config import SelfPlayConfig
-from knotflow.training.curriculum import Curriculum, outcomes
+from knotflow.training.curriculum import Curriculum, need, outcomes
 from knotflow.training.exploration import POLICY, explore
 from knotflow.training.fitting import fit_each
 from knotflow.training.learner import Learner, demonstration_buffer
@@ -234,14 +234,17 @@ class SelfPlay(Resumable):
     @one_thread()
     def _play(self) -> dict[int, dict[str, float]]:
         """One batch of trials, and what they teach."""
-        play = self._propose(*self._draw(self.config.ropes))
+        play = self._propose(*self._draw())
         rollouts = self.simulator.execute(play.points, play.splines)
         ends = end_states(rollouts)
         self._remember(play, rollouts.end_points, ends)
         return self._measure(play, rollouts.end_points, ends)
 
-    def _draw(self, count: int) -> tuple[NDArray[np.float64], list[TopologicalState], list[Action]]:
-        """Ropes, their states, and an action for each."""
+    def _draw(
+        self,
+    ) -> tuple[NDArray[np.float64], list[TopologicalState], list[Action], NDArray[np.float64]]:
+        """Ropes, their states, an action for each, and its value there."""
+        count = self.config.ropes * self.config.candidates
         rope, rng = self.simulator.config.rope, self._rng
         trivial = TopologicalState.trivial()
         known = [trivial, *(state for state in self._shapes if state != trivial)]
@@ -258,16 +261,30 @@ class SelfPlay(Resumable):
                 points.append(shape)
                 states.append(state)
                 actions.append(action)
-        return np.stack(points), states, actions
+        values = self._values(
+            [canonicalise(one, action) for one, action in zip(points, actions, strict=True)]
+        )
+        # The least weight lets the critic's errors be found out.
+        weight = need(values) + 0.05
+        rows = rng.choice(count, self.config.ropes, replace=False, p=weight / weight.sum())
+        return (
+            np.stack([points[row] for row in rows]),
+            [states[row] for row in rows],
+            [actions[row] for row in rows],
+            values[rows],
+        )
 
     def _propose(
-        self, points: NDArray, states: list[TopologicalState], actions: list[Action]
+        self,
+        points: NDArray,
+        states: list[TopologicalState],
+        actions: list[Action],
+        values: NDArray,
     ) -> _Play:
         """A spline for each rope: by policy, exploration or guess; to act or to arrange."""
         config, rng = self.config, self._rng
         progress = self._done / max(1, config.rounds - 1)
         ropes = [canonicalise(one, action) for one, action in zip(points, actions, strict=True)]
-        values = self._values(ropes)
         arranging = (values < config.arrange_below_value) & (
             rng.random(len(ropes)) < config.arranging_share
         )

@@ -20,6 +20,8 @@ from .errors import DiskFullError
 
 TEMPORARY = ".tmp-"
 FULL = {errno.ENOSPC, errno.EDQUOT}
+UNWRITABLE = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOENT, errno.ENOTDIR}
+"""A folder that cannot be written to; the free bytes of some, such as /proc, are 0 as well."""
 NO_ROOM = 64 * 1024  # bytes; less than that free is a full disk to any file format used here
 
 
@@ -108,7 +110,7 @@ def explain_full_disk(folder: Path, work: str) -> Iterator[None]:
     except DiskFullError:
         raise
     except Exception as error:
-        if not _caused_by_full_disk(error) and not _is_full(folder):
+        if not _caused_by(error, FULL) and (_caused_by(error, UNWRITABLE) or not _is_full(folder)):
             raise
         raise DiskFullError(
             f"the disk is full: {work} could not write to {folder}. Nothing half-written is taken "
@@ -117,9 +119,9 @@ def explain_full_disk(folder: Path, work: str) -> Iterator[None]:
         ) from error
 
 
-def _caused_by_full_disk(error: BaseException | None) -> bool:
+def _caused_by(error: BaseException | None, numbers: set[int]) -> bool:
     while error is not None:
-        if isinstance(error, OSError) and error.errno in FULL:
+        if isinstance(error, OSError) and error.errno in numbers:
             return True
         error = error.__cause__ or error.__context__
     return False

@@ -128,7 +128,14 @@ def publish(
         _copy(outputs[node] / path, folder / target)
     with durable.atomic(folder / CONFIG) as temporary:
         temporary.write_text(yaml.safe_dump(dict(config), sort_keys=False), "utf-8")
-    durable.write_json(folder / RUN, _keep_origins(record, earlier))
+    sizes = {name: size(folder / name) for name in workflow.results}
+    durable.write_json(folder / RUN, _keep_origins(record, earlier) | {"bytes": sizes})
+
+
+def size(path: Path) -> int:
+    """Bytes of a file, or of all files in a folder."""
+    files = path.rglob("*") if path.is_dir() else [path]
+    return sum(file.stat().st_size for file in files if file.is_file())
 
 
 def _copy(source: Path, target: Path) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 from knotflow.threads import one_thread
 
-from . import publish
+from . import durable, publish
 from .context import StageContext
 from .definition import Node, Workflow
 from .durable import explain_full_disk, remove_temporaries
@@ -192,12 +192,15 @@ def _call(
         with one_thread():
             get_stage(folder.stage).function(step.config, inputs, context)
     except BaseException as error:
-        error.add_note(
-            f"Stage {step.name!r} stopped. What it finished is kept in {folder.partial}; the same "
-            "command goes on from there."
-        )
         with suppress(OSError):  # a full disk: this attempt's seconds are all that is lost
-            clock.save()
+            if folder.began() or not isinstance(error, Exception):
+                clock.save()
+                error.add_note(
+                    f"Stage {step.name!r} stopped. What it finished is kept in {folder.partial}; "
+                    "the same command goes on from there."
+                )
+            else:  # a wrong input, most often: nothing is there to go on from
+                durable.remove(folder.partial)
         raise
     finally:
         context.close()

@@ -59,6 +59,10 @@ class StageFolder:
             return "done"
         return "resume" if self.partial.exists() else "run"
 
+    def began(self) -> bool:
+        """Whether the partial output holds anything to go on from."""
+        return bool(_sizes(self.partial))
+
     def record(self) -> dict[str, Any]:
         """The stage.json of the finished output, after a look whether the output is still whole.
 

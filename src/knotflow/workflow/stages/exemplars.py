@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from knotflow.demonstrations import TASKS
-from knotflow.recording import load, write_recording
+from knotflow.recording import load, recorded, write_recording
 from knotflow.simulation import RopeSimulator, SimulationConfig, attempt
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
-from knotflow.workflow.stages.recorder import recorded
 from knotflow.workflow.stages.starts import load_starts
 
 

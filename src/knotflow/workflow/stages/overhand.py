@@ -26,10 +26,10 @@ from knotflow.recording import write_index
 from knotflow.samplers import SamplerConfig, build_sampler
 from knotflow.simulation import Attempts, RopeSimulator, SimulationConfig, StartsConfig
 from knotflow.workflow.context import StageContext
+from knotflow.workflow.plan_folder import write_plan
 from knotflow.workflow.signature import runtime
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.plans import search_row
-from knotflow.workflow.stages.plans_shown import write_plan
 from knotflow.workflow.stages.recorder import Recorder
 
 TRAINED = "primitives"
@@ -64,7 +64,7 @@ class OverhandConfig:
 
 @stage("overhand", inputs=())
 def plan_one(config: OverhandConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
-    """Makes plan/ (see `plans_shown.write_plan`), branches.csv, outcome.json, and recordings/.
+    """Makes plan/ (see `plan_folder.write_plan`), branches.csv, outcome.json, and recordings/.
 
     A search that ends without a knot makes the same files of how far it came; outcome.json says
     which, and what was tried.

@@ -1,0 +1,150 @@
+"""Model predictive path integral control of the gripper that drags a rope (Sec. VI).
+
+The paper tracks a simulated rope trajectory with MPPI (Williams et al., 2017) on learned dynamics,
+with actions "initialized by the planned spline". Here an action is what is added to the planned
+displacement of a tick, so the planned spline is the zero action. The sampling, weighting and
+averaging of action sequences is pytorch-mppi's. Sequences are drawn at a few knots and run smoothly
+between them: of as many samples independent in every tick, most only shake the rope.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.execution.rope_motions import STEP
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from knotflow.execution.dynamics import RopeDynamics
+
+
+@dataclass(frozen=True)
+class MppiConfig:
+    """What is sampled, and what it costs."""
+
+    samples: int = 64
+    """Action sequences of a tick."""
+    horizon: int = 6
+    """Ticks looked ahead."""
+    knots: int = 2
+    """Ticks among them at which actions are drawn."""
+    spread: tuple[float, float, float] = (0.003, 0.003, 0.001)
+    """Standard deviation of the actions in x, y and z, metres a tick."""
+    bound: float = 0.015
+    """Largest action along each axis, metres a tick."""
+    temperature: float = 1.0
+    """Of the weights; costs are in square centimetres, summed over the horizon."""
+    effort: float = 0.02
+    """Cost of an action, relative to the same deviation of the rope."""
+    terminal: float = 2.0
+    """How much more the last tick's deviation costs."""
+    reach: float = 0.65
+    """The gripper stays within this distance of the middle along x and y, metres."""
+    table: float = 0.008
+    """The gripper stays above this height, metres."""
+    seed: int = 0
+    """Of the sampled actions."""
+
+
+class Mppi:
+    """A `Controller`: keeps the rope near the plan's, vertex by vertex as they matter."""
+
+    def __init__(self, dynamics: RopeDynamics, config: MppiConfig | None = None) -> None:
+        self.dynamics, self.config = dynamics, config or MppiConfig()
+
+    def begin(self, reference: NDArray, path: NDArray, weights: NDArray, grasped: int) -> None:
+        """See `Controller`."""
+        import torch
+        from pytorch_mppi.mppi import KMPPI, RBFKernel
+
+        config = self.config
+        self._reference = torch.from_numpy(np.asarray(reference, np.float32))
+        self._path = torch.from_numpy(np.asarray(path, np.float32))
+        self._weights = torch.from_numpy(np.asarray(weights, np.float32))
+        self._grasped, self._tick = grasped, 0
+        self._vertices = len(weights)
+        bound = torch.full((3,), config.bound)
+        self._planner = KMPPI(
+            self._next,
+            self._cost,
+            nx=6 * self._vertices + 3,
+            noise_sigma=torch.diag(torch.tensor(config.spread) ** 2),
+            num_samples=config.samples,
+            horizon=config.horizon,
+            terminal_state_cost=self._terminal,
+            lambda_=config.temperature,
+            u_min=-bound,
+            u_max=bound,
+            U_init=torch.zeros(config.horizon, 3),
+            step_dependent_dynamics=True,
+            num_support_pts=config.knots,
+            kernel=RBFKernel(config.horizon / config.knots),
+        )
+
+    def act(self, points: NDArray, velocities: NDArray, gripper: NDArray) -> NDArray:
+        """See `Controller`."""
+        import torch
+
+        # The rope hangs where it was caught: what is dragged is the link, not the fingertips.
+        centre = (points[self._grasped] + points[self._grasped + 1]) / 2
+        state = torch.from_numpy(np.concatenate([points.ravel(), velocities.ravel(), centre]))
+        with torch.no_grad(), torch.random.fork_rng(devices=[]):
+            torch.manual_seed(self.config.seed + self._tick)
+            action = self._planner.command(state.float(), self._tick > 0)
+        action = action.clamp(-self.config.bound, self.config.bound)  # knots overshoot
+        planned = self._path[self._at(1)] - self._path[self._at(0)]
+        self._tick += 1
+        there = gripper + (planned + action).numpy().astype(np.float64)
+        low = [-self.config.reach, -self.config.reach, self.config.table]
+        return np.clip(there, low, [self.config.reach, self.config.reach, np.inf])
+
+    def _at(self, ahead: int) -> int:
+        """Index of the planned frame that many ticks ahead; the last one stays."""
+        return min(self._tick + ahead, len(self._path) - 1)
+
+    def _next(self, states: Tensor, actions: Tensor, step: int) -> Tensor:
+        import torch
+
+        points, velocities, gripper = self._split(states)
+        planned = self._path[self._at(step + 1)] - self._path[self._at(step)]
+        gripper = gripper + planned + actions
+        grasped = torch.full((len(states),), self._grasped)
+        moved = self.dynamics.predict(points, velocities, grasped, gripper[:, None])[:, 0]
+        velocities = (moved - points) / STEP
+        return torch.cat([moved.flatten(1), velocities.flatten(1), gripper], 1)
+
+    def _cost(self, states: Tensor, actions: Tensor, step: int) -> Tensor:
+        config = self.config
+        points, _, gripper = self._split(states)
+        outside = (gripper[:, :2].abs() - config.reach).clamp(min=0).sum(1)
+        below = (config.table - gripper[:, 2]).clamp(min=0)
+        return (
+            self._deviation(points, step + 1)
+            + config.effort * actions.square().sum(1) * _CM2
+            + (outside + below).square() * _CM2 * _FORBIDDEN
+        )
+
+    def _terminal(self, states: Tensor, actions: Tensor) -> Tensor:
+        """States (1, K, H, nx) -> (K,)."""
+        points, _, _ = self._split(states[0, :, -1])
+        return self.config.terminal * self._deviation(points, self.config.horizon)
+
+    def _deviation(self, points: Tensor, ahead: int) -> Tensor:
+        """Weighted mean square distance (K,) from the planned rope, square centimetres."""
+        square = (points - self._reference[self._at(ahead)]).square().sum(-1)
+        return (square * self._weights).mean(1) * _CM2
+
+    def _split(self, states: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Vertices and velocities (K, V, 3), and the dragged link's centre (K, 3)."""
+        size = 3 * self._vertices
+        points, velocities, gripper = states.split([size, size, 3], dim=1)
+        return points.unflatten(1, (-1, 3)), velocities.unflatten(1, (-1, 3)), gripper
+
+
+_CM2 = 1e4  # square centimetres of a square metre
+_FORBIDDEN = 100.0

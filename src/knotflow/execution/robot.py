@@ -1,0 +1,49 @@
+"""What a robot must be able to do to execute a plan: five words, for a lab to implement."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from knotflow.perception import RgbdImage
+
+
+class Robot(Protocol):
+    """A gripper above a table, and a camera that sees both.
+
+    Positions are (3,) in metres in the world frame, in which the table is z = 0, z points up and
+    the rope lies around the origin. They are of the point between the fingertips that is on the
+    rope's centre line when the gripper holds it. Nothing else of the hand is commanded: yaw across
+    the strand, joints and the avoidance of collisions are the implementation's business.
+
+    Every method returns when it is done, so the caller's clock is the robot's. A command that
+    cannot be carried out (out of reach, stopped by the hardware) raises; an exception of any kind
+    ends the execution after a `release()`.
+    """
+
+    def observe(self) -> RgbdImage:
+        """The newest image of the camera."""
+        ...
+
+    def move_to(self, position: NDArray, seconds: float) -> None:
+        """Move the gripper in a straight line to a position, to arrive after that time.
+
+        Called every 0.1 s with the next short move while the rope is dragged, so an implementation
+        that streams set points blends one move into the next. The fingers stay as they are.
+        """
+        ...
+
+    def grasp(self) -> None:
+        """Close the fingers where the gripper is. They may close on nothing."""
+        ...
+
+    def release(self) -> None:
+        """Open the fingers. Does nothing when they are open."""
+        ...
+
+    @property
+    def position(self) -> NDArray:
+        """(3,) where the gripper is, as the robot measures it."""
+        ...

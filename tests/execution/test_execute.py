@@ -1,0 +1,146 @@
+"""Plans are executed with five words, and a lost rope is noticed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from knotflow.execution import STEP, ExecutionConfig, Seen, TrueState, Twin, TwinConfig, execute
+from knotflow.execution.execute import from_grasp, rope_at
+from knotflow.simulation import state_or_none
+
+
+class Recorded:
+    """A robot of five words that writes down what it is told."""
+
+    def __init__(self, fails_at=None):
+        self.words, self.at, self.fails_at = [], np.array([0.0, 0.0, 0.3]), fails_at
+
+    def observe(self):
+        self.words.append("observe")
+        return "an image"
+
+    def move_to(self, position, seconds):
+        self.words.append("move_to")
+        if len(self.words) == self.fails_at:
+            raise ConnectionError("the arm stopped")
+        assert seconds == pytest.approx(STEP)
+        self.at = np.array(position)
+
+    def grasp(self):
+        self.words.append("grasp")
+
+    def release(self):
+        self.words.append("release")
+
+    @property
+    def position(self):
+        return self.at.copy()
+
+
+def twin_of(plan, level=0, **config):
+    return Twin(plan.start, TwinConfig(level=level, **config), np.random.default_rng(1))
+
+
+def test_open_loop_goes_where_the_plan_says_and_looks_at_nothing(plan):
+    robot = Recorded()
+    execution = execute(plan, robot)
+    assert "observe" not in robot.words
+    assert [word for word in robot.words if word != "move_to"] == ["grasp", "release", "release"]
+    dragged = ~np.isnan(execution.reference[:, 0, 0])
+    np.testing.assert_allclose(execution.gripper[dragged], plan.steps[0].gripper[1:19], atol=1e-3)
+    assert execution.closed[dragged].all()
+    assert np.isnan(execution.points).all() and len(execution.tick_seconds) == 0
+    travel = plan.waypoints(1 / STEP)
+    np.testing.assert_allclose(execution.gripper[-len(travel) :], travel.positions, atol=1e-3)
+
+
+def test_the_nominal_twin_does_what_was_planned(plan):
+    for source in (False, True):
+        twin = twin_of(plan)
+        execute(plan, twin.robot(), source=TrueState(twin) if source else None)
+        assert state_or_none(twin.points) in plan.goal_states
+
+
+def test_in_closed_loop_the_rope_is_grasped_where_it_lies(plan):
+    moved = plan.start + [0.0, 0.04, 0.0]
+    twin = Twin(moved, TwinConfig(level=0), np.random.default_rng(1))
+    execution = execute(plan, twin.robot(), source=TrueState(twin))
+    assert execution.reason == "every step was executed"
+    twin = Twin(moved, TwinConfig(level=0), np.random.default_rng(1))
+    execute(plan, twin.robot())  # open loop grasps air, and does not know
+    np.testing.assert_allclose(twin.points, moved, atol=1e-3)
+
+
+def test_a_robots_error_is_made_up_for_in_closed_loop(plan):
+    twin = twin_of(plan, level=2)
+    execution = execute(plan, twin.robot(), source=TrueState(twin))
+    assert execution.reason == "every step was executed"
+    held = np.flatnonzero(execution.closed)
+    assert np.linalg.norm(execution.gripper[held[-1]] - plan.steps[0].gripper[-1]) < 1e-3
+
+
+def test_a_rope_that_cannot_be_held_is_given_up_and_said(plan):
+    twin = twin_of(plan, reach=0.0)
+    config = ExecutionConfig(attempts=2)
+    execution = execute(plan, twin.robot(), config, TrueState(twin))
+    assert execution.reason == "the rope was lost in all 2 attempts at step 0"
+    np.testing.assert_allclose(twin.points, plan.start, atol=1e-3)
+
+
+def test_an_estimator_gets_images_gripper_and_fingers(plan):
+    seen = []
+
+    class Estimator:
+        def update(self, image, gripper, grasped):
+            seen.append((image, gripper.shape, grasped))
+            return plan.start
+
+    execute(plan, Recorded(), ExecutionConfig(slip=10.0), Seen(Estimator()))
+    assert {one[:2] for one in seen} == {("an image", (3,))}
+    assert {one[2] for one in seen} == {False, True}
+
+
+def test_a_robot_that_fails_lets_go(plan):
+    robot = Recorded(fails_at=40)
+    with pytest.raises(ConnectionError):
+        execute(plan, robot)
+    assert robot.words[-1] == "release"
+
+
+def test_the_rest_is_planned_anew_after_each_action(plan):
+    asked = []
+
+    def replan(points):
+        asked.append(points)
+        return replace(plan, steps=(), solved=False, reason="no way")
+
+    twin = twin_of(plan)
+    two = replace(plan, steps=plan.steps * 2)
+    execution = execute(two, twin.robot(), source=TrueState(twin), replan=replan)
+    assert len(asked) == 1
+    assert execution.reason == "no plan was found after step 1: no way"
+
+
+def test_what_cannot_be_done_is_refused(plan):
+    with pytest.raises(ValueError, match="source"):
+        execute(plan, Recorded(), replan=lambda points: plan)
+    step = replace(plan.steps[0], trajectory=plan.steps[0].trajectory[:0])
+    with pytest.raises(ValueError, match="trajectories"):
+        execute(replace(plan, steps=(step,)), Recorded())
+
+
+def test_a_path_from_another_grasp_ends_where_it_was_planned(plan):
+    step = plan.steps[0]
+    path = from_grasp(step, step.gripper[0] + [0.0, 0.02, 0.0], plan.move_time)
+    np.testing.assert_allclose(path[0] - step.gripper[0], [0.0, 0.02, 0.0], atol=1e-6)
+    np.testing.assert_allclose(path[-1], step.gripper[-1], atol=1e-6)
+
+
+def test_a_rope_between_frames_is_interpolated(plan):
+    step = plan.steps[0]
+    middle = (step.times[3] + step.times[4]) / 2
+    wanted = (step.trajectory[3] + step.trajectory[4]) / 2
+    ropes = rope_at(step, np.array([middle, step.times[-1]]))
+    np.testing.assert_allclose(ropes[0], wanted, atol=1e-6)
+    np.testing.assert_allclose(ropes[1], step.trajectory[-1], atol=1e-6)

@@ -1,0 +1,69 @@
+"""MPPI on a rope that is easy to predict: it moves as a whole with the gripper."""
+
+import numpy as np
+import pytest
+
+from knotflow.execution import Mppi, MppiConfig, Still
+
+FRAMES, VERTICES, LINK = 19, 41, 20
+
+
+class Rigid:
+    """Every vertex moves as the held link's centre does."""
+
+    def predict(self, points, velocities, grasped, gripper):
+        centre = (points[:, LINK] + points[:, LINK + 1]) / 2
+        return points[:, None] + (gripper - centre[:, None])[:, :, None]
+
+
+def begin(config, off=(0.03, -0.02, 0.0), dynamics=None):
+    """A controller, and the rope, which is off the reference by some metres."""
+    controller = Mppi(dynamics or Rigid(), config)
+    rope = np.zeros((VERTICES, 3))
+    rope[:, 0] = np.linspace(-0.5, 0.5, VERTICES)
+    rope[:, 2] = 0.05
+    path = np.array([0.0, 0.0, 0.05]) + np.linspace(0, 1, FRAMES)[:, None] * [0.1, 0.2, 0.0]
+    reference = rope + (path - path[0])[:, None]
+    controller.begin(reference, path, np.ones(VERTICES), LINK)
+    return controller, rope + off, reference
+
+
+def follow(controller, points, reference):
+    """The mean distance from the reference after each tick, metres."""
+    off = []
+    for wanted in reference[1:]:
+        centre = (points[LINK] + points[LINK + 1]) / 2
+        points = points + controller.act(points, np.zeros_like(points), centre) - centre
+        off.append(np.linalg.norm(points - wanted, axis=1).mean())
+    return np.array(off)
+
+
+def test_a_rope_off_the_plan_is_brought_back():
+    off = follow(*begin(MppiConfig()))
+    assert off[0] > 0.015
+    assert off[-5:].max() < 0.006
+
+
+def test_a_rope_on_the_plan_stays_there():
+    assert follow(*begin(MppiConfig(), off=(0.0, 0.0, 0.0))).max() < 0.006
+
+
+def test_the_same_seed_chooses_the_same_moves():
+    one, other = (follow(*begin(MppiConfig(seed=5))) for _ in range(2))
+    np.testing.assert_array_equal(one, other)
+
+
+def test_an_action_stays_within_its_bound_and_above_the_table():
+    config = MppiConfig(bound=0.004)
+    controller, points, reference = begin(config, off=(0.2, 0.2, -0.1))
+    centre = (points[LINK] + points[LINK + 1]) / 2
+    there = controller.act(points, np.zeros_like(points), centre)
+    planned = reference[1, LINK] - reference[0, LINK]
+    assert np.abs((there - centre - planned)[:2]).max() <= 0.004 + 1e-6
+    assert there[2] >= config.table
+
+
+def test_where_actions_change_nothing_the_planned_path_is_kept():
+    controller, points, reference = begin(MppiConfig(), dynamics=Still())
+    off = follow(controller, points, reference)
+    assert off[-1] == pytest.approx(np.hypot(0.03, 0.02), abs=0.02)

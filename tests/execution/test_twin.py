@@ -1,0 +1,122 @@
+"""The twin keeps its secrets, and does to a rope what a gripper does."""
+
+import gc
+
+import numpy as np
+import pytest
+
+from knotflow.execution import LEVELS, Twin, TwinConfig
+from knotflow.perception import Camera
+
+WORDS = {"observe", "move_to", "grasp", "release", "position"}
+UP = np.array([0.0, 0.0, 0.05])
+
+
+def centre(points, link):
+    return (points[link] + points[link + 1]) / 2
+
+
+def twin_of(points, level=0, seed=3, **config):
+    return Twin(points, TwinConfig(level=level, **config), np.random.default_rng(seed))
+
+
+def test_only_the_five_words_lead_from_the_robot(points):
+    robot = twin_of(points, level=2).robot()
+    public = {name for name in dir(robot) if not name.startswith("__")}
+    assert public == WORDS
+    assert not hasattr(robot, "__dict__")
+    with pytest.raises(AttributeError):
+        robot.points = points
+    # What the words themselves give are numbers and images, nothing that was drawn.
+    assert type(robot.position) is np.ndarray
+    assert robot.move_to(robot.position, 0.1) is None
+    assert robot.grasp() is None and robot.release() is None
+
+
+def test_nothing_that_a_robot_refers_to_is_its_twin(points):
+    twin = twin_of(points, level=2)
+    robot = twin.robot()
+    assert [one for one in gc.get_referents(robot) if one is not type(robot)] == []
+
+
+def test_a_robot_keeps_its_twin_alive_and_no_longer(points):
+    import weakref
+
+    robot = twin_of(points).robot()
+    robot.move_to(robot.position, 0.1)
+    twin = twin_of(points)
+    robot, alive = twin.robot(), weakref.ref(twin)
+    del twin, robot
+    gc.collect()
+    assert alive() is None
+
+
+def test_the_draw_does_not_depend_on_what_is_done(points):
+    one, other = twin_of(points, level=2), twin_of(points, level=2)
+    one.robot().move_to(UP, 1.0)
+    other.grasp()
+    other.release()
+    other.robot().move_to(UP, 1.0)
+    assert one.rope == other.rope
+    np.testing.assert_array_equal(one.position, other.position)
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_a_rope_is_lifted_by_the_link_that_was_grasped(points, level):
+    twin = twin_of(points, level=level, reach=0.05)
+    robot = twin.robot()
+    robot.move_to(centre(twin.points, 20), 0.5)
+    robot.grasp()
+    assert twin.grasped
+    robot.move_to(centre(twin.points, 20) + UP, 1.0)
+    heights = twin.points[:, 2]
+    assert heights[20:22].max() > 0.03 + heights[0]
+    robot.release()
+    robot.move_to(UP * 4, 1.0)
+    assert twin.points[:, 2].max() < 0.8 * heights.max()
+
+
+def test_a_grasp_that_misses_the_rope_catches_nothing(points):
+    twin = twin_of(points)
+    robot = twin.robot()
+    before = twin.points
+    robot.move_to(centre(points, 20) + [0.0, 0.03, 0.0], 0.5)
+    robot.grasp()
+    assert not twin.grasped
+    robot.move_to(robot.position + UP, 0.5)
+    np.testing.assert_allclose(twin.points, before, atol=1e-3)
+
+
+def test_a_rope_that_nobody_holds_lies_still(points):
+    twin = twin_of(points, level=2)
+    before = twin.points
+    for _ in range(20):
+        twin.move_to(UP, 0.5)
+    np.testing.assert_array_equal(twin.points, before)
+
+
+def test_without_errors_the_robot_goes_where_it_is_sent(points):
+    exact, swaying = twin_of(points, level=0), twin_of(points, level=2)
+    for twin in (exact, swaying):
+        twin.move_to(UP, 1.3)
+    np.testing.assert_allclose(exact.position, UP, atol=1e-9)
+    assert 0 < np.linalg.norm(swaying.position - UP) < 0.06
+
+
+def test_images_need_a_camera_and_have_its_size(points):
+    twin = twin_of(points)
+    with pytest.raises(RuntimeError, match="camera"):
+        twin.robot().observe()
+    camera = Camera.overhead(80, 60)
+    seeing = Twin(points, TwinConfig(level=1), np.random.default_rng(0), camera)
+    seeing.robot().move_to(UP, 0.1)
+    image = seeing.robot().observe()
+    assert image.depth.shape == (60, 80)
+    assert np.nanmedian(image.depth) == pytest.approx(camera.position[2], abs=0.02)
+
+
+def test_senseless_commands_are_refused(points):
+    with pytest.raises(ValueError, match="position"):
+        twin_of(points).robot().move_to([0.0, np.nan, 0.1], 0.1)
+    with pytest.raises(ValueError, match="level"):
+        twin_of(points, level=4)
