@@ -60,11 +60,11 @@ def make_ropes(config: RopesConfig, inputs: Mapping[str, Path], context: StageCo
     work = partial(_move, config)
     context.each(work, context.pending(shards, ".npz"), "ropes")
     parts = [np.load(context.out / f"{shard}.npz") for shard in shards]
+    points, crossings = (
+        np.concatenate([part[name] for part in parts]) for name in ("points", "crossings")
+    )
     with context.atomic(FILE) as path:
-        merged = {
-            name: np.concatenate([part[name] for part in parts]) for name in ("points", "crossings")
-        }
-        np.savez(path, **merged)
+        np.savez(path, points=points, crossings=crossings)
     for shard in shards:
         (context.out / f"{shard}.npz").unlink()
 
