@@ -82,7 +82,7 @@ class TrainingConfig:
     """How the ropes are seen."""
     loss: LossConfig = field(default_factory=LossConfig)
     """What counts."""
-    validations: int = 200
+    validations: int = 100
     """Validations, and checkpoints, until the end."""
     steps: int = 200
     """Gradient steps between two of them."""
