@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from knotflow.perception.examples import draw, rasterise
-from knotflow.perception.network import see
+from knotflow.perception.network import look
 from knotflow.perception.training_config import ExamplesConfig
 
 from .shapes import CAMERA, ROPE, loop, s_curve
@@ -20,7 +20,7 @@ def batch(*shapes: np.ndarray) -> torch.Tensor:
 
 @pytest.mark.parametrize("points", [s_curve(), loop(1), loop(-1)], ids=["flat", "over", "under"])
 def test_a_drawn_rope_is_the_one_that_the_camera_sees(points):
-    patch, crop = see(*exact(points), CAMERA, ROPE, 64)
+    patch, crop = look(*exact(points), CAMERA, ROPE, 64)
     nodes = batch(patch.from_world(points, CAMERA))
     covered, height = rasterise(nodes, torch.tensor([ROPE.radius / patch.half]), 64)
     assert covered.sum().item() == pytest.approx(crop[0].sum(), rel=0.15)

@@ -13,7 +13,7 @@ from knotflow.perception.tracing import TraceError
 from knotflow.simulation import RopeConfig
 
 from .shapes import CAMERA, ROPE, image, loop, s_curve
-from .test_patch import exact, see
+from .test_patch import exact, look
 from .test_training import TINY
 
 
@@ -23,7 +23,7 @@ def knowing(points: np.ndarray, off: float = 0.0, looks: bool = False) -> Networ
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
         network = Network(CoarseToFine(TINY))
-    patch, _ = see(*exact(points), CAMERA, ROPE, TINY.size)
+    patch, _ = look(*exact(points), CAMERA, ROPE, TINY.size)
     nodes = torch.as_tensor(patch.from_world(points, CAMERA), dtype=torch.float32)
     nodes[:, 1] += off / patch.half
     nodes[:, 2] -= 1

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from knotflow.perception.image import Label
-from knotflow.perception.network import see
+from knotflow.perception.network import look
 from knotflow.perception.patch import Patch, on_plane, seen_places
 from knotflow.perception.segmentation import Segmentation
 from knotflow.perception.tracing import TraceError
@@ -32,7 +32,7 @@ def mirror_images(crop: np.ndarray) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("points", [s_curve(), loop(1)], ids=["flat", "crossing"])
 def test_nodes_and_points_are_each_others_inverse(points):
-    patch, _ = see(*exact(points), CAMERA, ROPE, SIZE)
+    patch, _ = look(*exact(points), CAMERA, ROPE, SIZE)
     nodes = patch.from_world(points, CAMERA)
     assert np.abs(nodes[:, :2]).max() < 1
     assert nodes[:, 2] == pytest.approx(points[:, 2] / ROPE.radius)
@@ -59,8 +59,8 @@ def test_the_patch_turns_with_the_rope(angle):
 
 @pytest.mark.parametrize("angle", [0.5, np.pi])
 def test_what_is_seen_does_not_depend_on_how_the_rope_is_turned(angle):
-    _, crop = see(*exact(loop(1)), CAMERA, ROPE, SIZE)
-    _, other = see(*exact(turned(loop(1), angle) + [0.05, -0.03, 0]), CAMERA, ROPE, SIZE)
+    _, crop = look(*exact(loop(1)), CAMERA, ROPE, SIZE)
+    _, other = look(*exact(turned(loop(1), angle) + [0.05, -0.03, 0]), CAMERA, ROPE, SIZE)
     nearest = min(np.abs(crop - one)[0].sum() for one in mirror_images(other))
     assert nearest < 0.4 * crop[0].sum()  # pixels fall otherwise
     assert np.abs(crop - np.rot90(crop, axes=(1, 2)))[0].sum() > crop[0].sum()  # were it not so
@@ -70,7 +70,7 @@ def test_hidden_and_lost_pixels_are_unknown_not_bare():
     segmentation, share = exact(s_curve())
     row, column = np.argwhere(segmentation.rope)[40]
     segmentation.labels[row - 6 : row + 7, column - 6 : column + 7] = Label.GRIPPER
-    _, crop = see(segmentation, share, CAMERA, ROPE, SIZE)
+    _, crop = look(segmentation, share, CAMERA, ROPE, SIZE)
     assert crop[2].min() < 0.1 < 0.9 < np.median(crop[2])
 
 
@@ -85,4 +85,4 @@ def test_without_rope_there_is_nothing_to_look_at():
     segmentation, share = exact(s_curve())
     segmentation.labels[:] = Label.TABLE
     with pytest.raises(TraceError, match="no rope"):
-        see(segmentation, share, CAMERA, ROPE, SIZE)
+        look(segmentation, share, CAMERA, ROPE, SIZE)

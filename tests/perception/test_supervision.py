@@ -8,11 +8,11 @@ from knotflow.perception.supervision import crossings, crossings_right, nodes_lo
 from knotflow.topology import TopologicalState
 
 from .shapes import CAMERA, ROPE, loop, s_curve
-from .test_patch import exact, see
+from .test_patch import exact, look
 
 
 def nodes_of(points):
-    patch, _ = see(*exact(points), CAMERA, ROPE, 32)
+    patch, _ = look(*exact(points), CAMERA, ROPE, 32)
     return torch.as_tensor(patch.from_world(points, CAMERA))[None]
 
 

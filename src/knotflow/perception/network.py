@@ -76,7 +76,7 @@ class Network:
             TraceError: there is no rope in the segmentation.
         """
         share = coverage(image, segmentation)
-        patch, crop = see(segmentation, share, camera, rope, self.model.config.size)
+        patch, crop = look(segmentation, share, camera, rope, self.model.config.size)
         self.model.eval()
         mirrored = torch.stack(list(_mirrored(torch.as_tensor(crop))))
         nodes = self.model(mirrored)[-1]
@@ -140,7 +140,7 @@ class Network:
         return cls(model)
 
 
-def see(
+def look(
     segmentation: Segmentation, share: NDArray, camera: Camera, rope: RopeConfig, size: int
 ) -> tuple[Patch, NDArray[np.float32]]:
     """The rope's patch, and what is seen of it (3, size, size), see `Patch.crop`.

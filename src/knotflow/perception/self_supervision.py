@@ -18,7 +18,7 @@ from knotflow.perception.camera import Camera
 from knotflow.perception.fitting import FitConfig, image_loss, shape_loss
 from knotflow.perception.image import Label, RgbdImage
 from knotflow.perception.losses import Target
-from knotflow.perception.network import FLIPS, Network, see
+from knotflow.perception.network import FLIPS, Network, look
 from knotflow.perception.patch import Patch
 from knotflow.perception.segmentation import segment
 from knotflow.perception.unmixing import coverage
@@ -120,7 +120,7 @@ class SelfSupervision:
         segmentation = segment(image, self.camera, self.rope.radius)
         share = coverage(image, segmentation)
         size = self.network.model.config.size
-        patch, crop = see(segmentation, share, self.camera, self.rope, size)
+        patch, crop = look(segmentation, share, self.camera, self.rope, size)
         known = segmentation.rope | (segmentation.labels == Label.TABLE)
         depth = np.where(known, image.depth, np.nan)
         target = Target.of(segmentation.rope, known, depth, share)

@@ -23,7 +23,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from knotflow.primitives.canonical import ALL_PRIMITIVES, ARRANGE, canonicalise
+from knotflow.primitives.canonical import ALL_PRIMITIVES, ARRANGE, UNDO, canonicalise
 from knotflow.primitives.config import PrimitiveConfig
 from knotflow.primitives.encoding import Encoded, encode_canonical
 from knotflow.primitives.primitive import Primitive
@@ -155,6 +155,8 @@ class PrimitiveLibrary:
             missing |= {"values"}
         if ARRANGE not in self.primitives:
             missing |= {"sample_onward", "arrange", "arranged_values"}
+        if UNDO not in self.primitives:
+            missing.add("undo")
         return frozenset(missing)
 
     @one_thread()
@@ -182,6 +184,17 @@ class PrimitiveLibrary:
             found, _ = self.primitives[number].search(encoded, count, rng, onward)
             out[rows] = encoded.frames.to_world(found.numpy())
         return out
+
+    @one_thread()
+    def valued(
+        self, points: NDArray, action: Action, count: int, rng: np.random.Generator
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """`sample` and the critic's value (count,) of each spline; NaN without a critic."""
+        ropes = np.asarray(points)[None]
+        ((number, _, encoded),) = self._encoded(ropes, [action], arranging=False)
+        found, best = self.primitives[number].search(encoded, count, rng)
+        values = np.full(count, np.nan) if best is None else best[0].double().numpy()
+        return encoded.frames.to_world(found.numpy())[0], values
 
     def value(self, points: NDArray, action: Action, rng: np.random.Generator) -> float:
         """max Q: the critic's probability that the best spline found succeeds (Sec. V-B c).
