@@ -20,6 +20,7 @@ from knotflow.baselines import IcpConfig
 from knotflow.baselines.causal_infogan import CausalInfoGanBudget
 from knotflow.demonstrations import SHIPPED, DemonstratorConfig, NoiseConfig
 from knotflow.execution import ExecutionConfig
+from knotflow.perception.training_config import TrainingConfig
 from knotflow.planning import PlannerConfig
 from knotflow.primitives import SHIPPED_PRIMITIVES, PrimitiveConfig
 from knotflow.simulation import SimulationConfig, StartsConfig
@@ -261,6 +262,18 @@ class TrackingBudget:
 
 
 @dataclass
+class PerceptionTrainingBudget:
+    """The network that sees ropes."""
+
+    shards: int = 200
+    """Of 32 ropes, moved by eight splines each, whose shapes are learned from."""
+    training: TrainingConfig = field(default_factory=TrainingConfig)
+    """Learning from drawings of these shapes."""
+    seed: int = 4_500_007
+    """Of shapes, weights and drawings; used for nothing else."""
+
+
+@dataclass
 class Config:
     """Everything that `python -m knotflow` takes as `key=value`."""
 
@@ -307,6 +320,8 @@ class Config:
     """Searches for states drawn at random."""
     actions: ActionsBudget = field(default_factory=ActionsBudget)
     """Trials of all actions."""
+    perception_training: PerceptionTrainingBudget = field(default_factory=PerceptionTrainingBudget)
+    """The network that sees ropes."""
     perception: PerceptionBudget = field(default_factory=PerceptionBudget)
     tracking: TrackingBudget = field(default_factory=TrackingBudget)
     dynamics: DynamicsBudget = field(default_factory=DynamicsBudget)
