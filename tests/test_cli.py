@@ -11,6 +11,7 @@ import pytest
 
 from knotflow import tie
 from knotflow.cli import main
+from knotflow.demonstrations import load_demonstrations, save_demonstrations
 from knotflow.planning import KnotPlan, PlannerConfig, parse_goal, plan_knot
 from knotflow.samplers import SamplerConfig, build_sampler
 from knotflow.simulation import RopeSimulator
@@ -78,6 +79,8 @@ def _write_little(context, folder, plan, *others):
         (["explain", "3o1-"], "position 3 is out of range"),
         (["explain", "--out", "picture.doc"], ".png, .svg or .pdf"),
         (["view", "none.mcap"], "none.mcap"),
+        (["see", "a.png", "b.png", "--out", "r.csv"], "--camera"),
+        (["see", "a.png", "b.png", "--camera", "no.yaml", "--out", "r.csv"], "no.yaml: cannot be"),
         (["report", "--results", "nowhere"], "there is no such results folder"),
     ],
 )
@@ -178,6 +181,25 @@ def test_what_is_written_can_be_read_and_looked_at(found, here):
     }
 
 
+def test_a_rope_that_is_seen_can_be_planned_from(here, capsys, monkeypatch):
+    from knotflow.perception import SAMPLE, RopeEstimate, seeing
+    from knotflow.planning.ropes import parse_rope
+    from knotflow.simulation import RopeConfig, state_or_none
+
+    truth = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
+    spread = np.full(len(truth), 1e-3)
+    known = RopeEstimate(truth, spread > 0, state_or_none(truth), (), 1.0, spread, True, ())
+    monkeypatch.setattr(seeing, "estimate", lambda *_: known)
+    files = [str(SAMPLE / name) for name in ("overhand.png", "overhand-depth.png", "camera.yaml")]
+    words = ["see", *files[:2], "--camera", files[2], "--out", "rope.csv"]
+    assert main(words) == 0
+    assert f"state     {known.state}" in capsys.readouterr().out
+    read = parse_rope("rope.csv", RopeConfig(), np.random.default_rng(0))
+    assert np.linalg.norm(read - truth, axis=1).max() < 2e-3
+    assert (here / "rope.png").stat().st_size > 10_000
+    assert main(words) == 2 and "exists already" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [
@@ -233,3 +255,24 @@ def test_what_cannot_be_exported_is_2_and_leaves_nothing(words, message, found, 
     assert main(["export", *words]) == 2
     assert message in capsys.readouterr().err
     assert [path.name for path in here.iterdir()] == ["plan.json"]
+
+
+def test_two_files_of_demonstrations_merge_into_one(here, capsys):
+    shipped = load_demonstrations()
+    save_demonstrations(here / "ada.jsonl", shipped[:2])
+    save_demonstrations(here / "ben.jsonl", shipped[2:3])
+    files = ["merge", "ada.jsonl", "ben.jsonl", "--out"]
+    assert main([*files, "both.jsonl"]) == 0
+    assert "both.jsonl: 3 demonstrations by scripted" in capsys.readouterr().out
+    assert len(load_demonstrations(here / "both.jsonl")) == 3
+    assert main([*files, "both.jsonl"]) == 2
+    assert main(["merge", "ada.jsonl", "ada.jsonl", "--out", "double.jsonl"]) == 2
+    assert "is the same demonstration as ada.jsonl, line 1" in capsys.readouterr().err
+    assert not (here / "double.jsonl").exists()
+
+
+def test_the_studio_without_its_extra_names_it(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    monkeypatch.delitem(sys.modules, "knotflow.studio.page", raising=False)
+    assert main(["studio"]) == 2
+    assert "pip install 'knotflow[studio]'" in capsys.readouterr().err

@@ -51,6 +51,13 @@ def test_it_opens_what_was_asked(folder, opened, capsys):
     assert opened == [(folder / "b.mcap", None), (folder / "b.mcap", 3), (folder / "a.mcap", None)]
 
 
+def test_web_serves_instead_of_opening(folder, opened, monkeypatch):
+    served = []
+    monkeypatch.setattr(view, "serve_recording", lambda path, number: served.append((path, number)))
+    assert view.main([str(folder), "--number", "3", "--web"]) == 0
+    assert served == [(folder / "b.mcap", 3)] and opened == []
+
+
 @pytest.mark.slow
 def test_save_writes_a_rerun_file_and_opens_nothing(folder, opened, capsys):
     pytest.importorskip("rerun")

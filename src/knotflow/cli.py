@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import App, CycloptsError, Parameter
+from cyclopts.validators import Number
 
 EXAMPLES = """\
 Examples:
@@ -27,7 +28,9 @@ Examples:
   knotflow explain                                     the notation, in a picture
   knotflow explain "C(0,2,-1)" --state 3o1-2o4-        one action in a state
   knotflow explain overhand                            every way to a knot
-  knotflow view plans/overhand-random-0/plan.mcap      in Rerun
+  knotflow view plans/overhand-random-0/plan.mcap      in Rerun; --web: in a browser
+  knotflow studio                                      plan and demonstrate in a browser
+  knotflow see image.png depth.png --camera camera.yaml --out rope.csv
   knotflow export plans/overhand-random-0 --arm panda  joint trajectories
 
 Exit codes: 0 tied, 1 not tied, 2 wrong input.
@@ -229,6 +232,7 @@ def view(
     number: int | None = None,
     save: Path | None = None,
     headless_check: Path | None = None,
+    web: bool = False,
 ) -> int:
     """Show recorded rollouts in Rerun.
 
@@ -242,13 +246,15 @@ def view(
         Write a Rerun file (.rrd) instead of opening it.
     headless_check
         Open it without a window, report what Rerun complains about, keep a screenshot (PNG).
+    web
+        Serve it to web browsers instead of opening a window, until Ctrl-C; prints the address.
     """
     from knotflow.recording import ViewerError
     from knotflow.view import show
 
     picture = None if headless_check is None else str(headless_check)
     try:
-        return show(recording, number, save, picture)
+        return show(recording, number, save, picture, web)
     except ViewerError as error:
         print(f"knotflow: {error}", file=sys.stderr)
         return 1
@@ -303,6 +309,118 @@ def export(
 
 
 @app.command
+def studio(
+    *,
+    rope: Rope = "random",
+    demonstrations: Path = Path("demonstrations.jsonl"),
+    host: str = "localhost",
+    port: Annotated[int, Parameter(validator=Number(gte=1, lte=65535))] = 8080,
+) -> int:
+    """Lay ropes, plan, watch and demonstrate in the browser.
+
+    Parameters
+    ----------
+    rope
+        On the table at first.
+    demonstrations
+        File that kept demonstrations are added to.
+    host
+        Address to listen on; 0.0.0.0 lets other machines in.
+    port
+        Port of the page, or the next that is free. Over ssh: ssh -L 8080:localhost:8080 MACHINE.
+    """
+    _check_writable(demonstrations)
+    try:
+        from knotflow.studio.page import Page
+    except ModuleNotFoundError as error:
+        raise ImportError(
+            f"the studio needs {error.name}: pip install 'knotflow[studio]'"
+        ) from error
+    from knotflow.studio.session import Session
+
+    page = Page(Session(rope, demonstrations), host, port)
+    print(f"{page.url} (Ctrl-C ends it)")
+    try:
+        page.serve()
+    finally:
+        page.close()
+    return 0
+
+
+@app.command
+def merge(files: list[Path], /, *, out: Path) -> int:
+    """Make one file of several people's demonstrations.
+
+    Parameters
+    ----------
+    files
+        JSON lines, as the studio keeps them; none may hold the same demonstration as another.
+    out
+        File to write.
+    """
+    from knotflow.demonstrations import merge_demonstrations, save_demonstrations
+
+    _check_free(out)
+    merged = merge_demonstrations(files)
+    save_demonstrations(out, merged)
+    people = sorted({one.who or one.source for one in merged})
+    print(f"{out}: {len(merged)} demonstrations by {', '.join(people)}")
+    return 0
+
+
+@app.command
+def see(
+    image: Path,
+    depth: Path,
+    /,
+    *,
+    camera: Path,
+    out: Path,
+    picture: Path | None = None,
+    length: float | None = None,
+    radius: float | None = None,
+    overwrite: bool = False,
+) -> int:
+    """The rope in an RGB-D image, as a file for `--rope`.
+
+    Parameters
+    ----------
+    image
+        Colours, as PNG.
+    depth
+        PNG of 16-bit millimetres, or NPY of metres; registered to the colours.
+    camera
+        YAML with intrinsics and pose; the table is at z = 0.
+    out
+        CSV of the rope's points, head first.
+    picture
+        Of the image with the rope drawn over it; beside the CSV by default.
+    length
+        Of the rope, metres; the model's by default.
+    radius
+        Of the rope, metres; the model's by default.
+    overwrite
+        Replace files of those names.
+    """
+    from dataclasses import replace
+
+    drawing = picture if picture is not None else out.with_suffix(".png")
+    for path in (out, drawing):
+        (_check_writable if overwrite else _check_free)(path)
+
+    from knotflow.perception import seeing  # slow to import
+    from knotflow.simulation import RopeConfig
+
+    rope = RopeConfig()
+    rope = replace(rope, length=length or rope.length, radius=radius or rope.radius)
+    found, seen, pinhole = seeing.see(image, depth, camera, rope)
+    seeing.write_rope(out, found.points)
+    seeing.draw_overlay(drawing, seen, pinhole, rope, found)
+    print(f"{seeing.describe(found)}\n{out}, {drawing}")
+    return 1 if found.doubtful else 0
+
+
+@app.command
 def report(*, results: Path = Path("results"), out: Path = Path("reports")) -> int:
     """Make the report from the results folder alone.
 
@@ -325,7 +443,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return app(arguments, exit_on_error=False, result_action="return_value") or 0
     except CycloptsError:
-        return 2  # told by cyclopts already
+        return 2  # reported by cyclopts already
     except (ValueError, OSError, ImportError) as error:
         print(f"knotflow: {error}", file=sys.stderr)
         return 2

@@ -232,6 +232,34 @@ class RootsBudget:
 
 
 @dataclass
+class PerceptionBudget:
+    """The ropes that are estimated from one image each (Sec. VI)."""
+
+    shards: int = 24
+    """Of 32 ropes, moved by eight splines each, among whose shapes ropes are chosen."""
+    ropes: int = 20
+    """Ropes of each number of crossings."""
+    crossings: list[int] = field(default_factory=lambda: [0, 1, 2, 3, 4, 5])
+    """Numbers of crossings."""
+    levels: list[float] = field(default_factory=lambda: [0.0, 1.0, 2.0])
+    """Of the camera's noise; 1 is nominal."""
+    seed: int = 4_000_037
+    """Of ropes and noise; used for nothing else."""
+
+
+@dataclass
+class TrackingBudget:
+    """The rollouts that are followed image by image (Sec. VI)."""
+
+    levels: list[int] = field(default_factory=lambda: [0, 1, 2])
+    """How far the ropes are from the planner's."""
+    rollouts: int = 10
+    """Of each action at each level."""
+    seed: int = 5_000_011
+    """Of ropes, cameras and noise; used for nothing else."""
+
+
+@dataclass
 class Config:
     """Everything that `python -m knotflow` takes as `key=value`."""
 
@@ -248,7 +276,7 @@ class Config:
     overwrite: bool = False
     """Replace the results of another configuration."""
     metrics: str = "csv+tensorboard"
-    """Loggers of training curves: csv, tensorboard, csv+tensorboard, mlflow or none."""
+    """Loggers of training curves: csv, tensorboard, csv+tensorboard, mlflow, wandb or none."""
     workers: WorkersConfig = field(default_factory=WorkersConfig)
     """Where stages run their shards: the cores of this machine, or a Ray cluster."""
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
@@ -273,11 +301,13 @@ class Config:
     """Searches for the overhand before and after."""
     pentagram: PentagramBudget = field(default_factory=PentagramBudget)
     knots: PlansBudget = field(default_factory=lambda: PlansBudget(seeds=20, planner=FAST_SEARCH))
-    """The overhand's four states and the figure eight from random ropes."""
+    """Named knots from random ropes, and the overhand from tangled ones."""
     goals: GoalsBudget = field(default_factory=GoalsBudget)
     """Searches for states drawn at random."""
     actions: ActionsBudget = field(default_factory=ActionsBudget)
     """Trials of all actions."""
+    perception: PerceptionBudget = field(default_factory=PerceptionBudget)
+    tracking: TrackingBudget = field(default_factory=TrackingBudget)
     dynamics: DynamicsBudget = field(default_factory=DynamicsBudget)
     """Predictions of ropes that are dragged."""
     closed_loop: ClosedLoopBudget = field(default_factory=ClosedLoopBudget)

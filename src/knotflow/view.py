@@ -12,6 +12,7 @@ from knotflow.recording import (
     find_recording,
     open_recording,
     save_rerun,
+    serve_recording,
 )
 
 PICTURE_SETTLE_S = 6.0  # Rerun's greeting notices are gone from the screenshot after that
@@ -21,7 +22,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; 0 when all went well, 1 when the recording could not be shown."""
     options = _parser().parse_args(arguments)
     try:
-        return show(options.recording, options.number, options.save, options.headless_check)
+        return show(
+            options.recording, options.number, options.save, options.headless_check, options.web
+        )
     except (OSError, ValueError, ViewerError) as error:
         print(f"knotflow.view: {error}", file=sys.stderr)
         return 1
@@ -34,6 +37,7 @@ def show(
     number: int | None = None,
     save: Path | None = None,
     headless_check: str | None = None,
+    web: bool = False,
 ) -> int:
     """Show a recording; the arguments are the command's. 1 when Rerun complains about it, else 0.
 
@@ -47,7 +51,9 @@ def show(
         print(f"saved {save_rerun(source, save, number=number)}")
     if headless_check is not None:
         return _check(source, number, headless_check)
-    if save is None:
+    if web:
+        serve_recording(source, number=number)
+    elif save is None:
         open_recording(source, number=number)
     return 0
 
@@ -62,6 +68,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--number", type=int, help="show only the rollout of this number")
     parser.add_argument(
         "--save", type=Path, metavar="OUT.rrd", help="write a Rerun file instead of opening it"
+    )
+    parser.add_argument(
+        "--web", action="store_true", help="serve it to web browsers instead of opening a window"
     )
     parser.add_argument(
         "--headless-check",

@@ -9,12 +9,16 @@ import pytest
 from knotflow.demonstrations import (
     SHIPPED,
     TASKS,
+    Demonstration,
     DemonstrationError,
+    add_demonstration,
     load_demonstrations,
+    merge_demonstrations,
     save_demonstrations,
+    task_at,
 )
 from knotflow.simulation import RopeConfig, check_points, check_splines, resample
-from knotflow.topology import TopologicalState
+from knotflow.topology import TopologicalState, parse_action
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +62,9 @@ def test_what_is_saved_is_read_back(shipped, tmp_path):
         ({"points": [[0, 0]]}, r"line 1: points must be finite and \(V, 3\)"),
         ({"points": "here"}, r"line 1"),
         ({"source": None}, r"line 1: 'source' is missing"),
+        ({"start": ["C(0,1,1)"]}, r"line 1: "),
+        ({"who": 7}, r"line 1: who must be a name, got 7"),
+        ({"when": "yesterday"}, r"line 1: .*'yesterday'"),
     ],
 )
 def test_a_wrong_line_is_named(tmp_path, change, message):
@@ -74,3 +81,43 @@ def test_a_line_that_is_no_json_is_named(tmp_path):
     path.write_text(SHIPPED.read_text().splitlines()[0] + "\n{oops\n")
     with pytest.raises(DemonstrationError, match="line 2"):
         load_demonstrations(path)
+
+
+def test_the_shipped_file_is_what_saving_it_writes(shipped, tmp_path):
+    save_demonstrations(tmp_path / "again.jsonl", shipped)
+    assert (tmp_path / "again.jsonl").read_text() == SHIPPED.read_text()
+
+
+@pytest.mark.parametrize(
+    ("start", "action"),
+    [((), "R1(0,-1,1)"), (("R1(0,1,1)",), "R2(1,1,1,1)"), (("R2(0,0,1,1)",), "C(0,2,1)")],
+)
+def test_any_legal_action_can_be_demonstrated_and_signed(shipped, tmp_path, start, action):
+    state = TopologicalState.trivial()
+    for one in start:
+        state = state.apply(parse_action(one))
+    try:
+        one = task_at(state, parse_action(action))
+    except ValueError:
+        pytest.fail(f"{action} is legal in {state}: {[str(a) for a, _ in state.actions()]}")
+    human = Demonstration(
+        one, shipped[0].points, shipped[0].spline, "human", "Ada", "2026-11-21T17:00:00+00:00"
+    )
+    path = tmp_path / "mine.jsonl"
+    add_demonstration(path, human)
+    add_demonstration(path, shipped[0])
+    again, other = load_demonstrations(path)
+    assert again.task.action == parse_action(action) and again.task.start_state == state
+    assert (again.who, again.when) == (human.who, human.when)
+    assert (other.who, other.task) == ("", shipped[0].task)
+
+
+def test_files_of_two_people_merge_and_doubles_are_refused(shipped, tmp_path):
+    one, two = tmp_path / "one.jsonl", tmp_path / "two.jsonl"
+    save_demonstrations(one, shipped[:2])
+    save_demonstrations(two, shipped[2:4])
+    merged = merge_demonstrations([one, two])
+    assert [item.task for item in merged] == [item.task for item in shipped[:4]]
+    add_demonstration(two, shipped[1])
+    with pytest.raises(DemonstrationError, match=r"two.jsonl, line 3 is the same .*one.jsonl, l"):
+        merge_demonstrations([one, two])

@@ -52,7 +52,7 @@ def test_everything_run_is_everything_shown(reports):
     assert "Of 10 claims: 7 hold" in text
     for name in (
         *("single_stage", "ablation_actor_critic", "tree_size", "joint_finetuning"),
-        *("throughput", "stages"),
+        *("goals", "actions", "throughput", "stages"),
     ):
         assert f"(figures/{name}.png)" in text
         assert (reports / "figures" / f"{name}.png").is_file()
@@ -89,7 +89,8 @@ def test_a_shared_stage_is_counted_once(reports):
     assert text.count("16,320 noisy copies, simulated") == 1
 
 
-def test_no_results_folder_says_how_to_run(tmp_path):
+def test_an_empty_results_folder_says_how_to_run(tmp_path):
+    (tmp_path / "results").mkdir()
     make(tmp_path / "results", tmp_path / "reports")
     text = (tmp_path / "reports" / "report.md").read_text()
     assert "Nothing has been run yet" in text
@@ -160,6 +161,7 @@ def test_figures_of_what_is_gone_are_removed(write, rate_counts, tmp_path, capsy
     assert "index.html" in capsys.readouterr().out
     assert (out / "figures" / "single_stage.png").is_file()
     shutil.rmtree(write.root)
+    write.root.mkdir()
     make(write.root, out)
     assert list((out / "figures").iterdir()) == []
 

@@ -3,7 +3,7 @@
 from knotflow.report.page import compose
 from knotflow.report.rates import read_rates
 from knotflow.report.results import Results
-from knotflow.report.single_stage import feasible, searches
+from knotflow.report.single_stage import SECTION, feasible, searches
 
 
 def read(write):
@@ -39,3 +39,17 @@ def test_the_page_names_the_actions_that_reach_the_aim(write, rate_counts):
 def test_without_reinforcement_there_is_nothing_to_say(write, rate_counts):
     write.rates("single_stage", rate_counts(("random",)))
     assert feasible(*read(write)) is None
+
+
+def test_arranging_is_a_further_method_that_changes_no_claim(write, rate_counts):
+    paper = ("random", "icp", "imitation", "reinforcement")
+    write.rates("single_stage", rate_counts(paper))
+    results = Results(write.root)
+    claims = [claim.outcome(results) for claim in SECTION.claims]
+    assert "arranging" not in compose(results, "results").markdown.split("## Tree size")[0]
+    write.rates("single_stage", rate_counts((*paper, "reinforcement_arranged")))
+    text = compose(results, "results").markdown
+    assert "| action | random | ICP | imitation | imitation + RL | RL + arranging |" in text
+    assert "RL + arranging / imitation + RL" in text
+    assert "Here the aim of 90\u00a0% is reached on all 8 actions." in text
+    assert [claim.outcome(results) for claim in SECTION.claims] == claims

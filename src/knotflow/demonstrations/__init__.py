@@ -5,12 +5,14 @@ from knotflow.demonstrations.dataset import (
     SHIPPED,
     Demonstration,
     DemonstrationError,
+    add_demonstration,
     load_demonstrations,
+    merge_demonstrations,
     save_demonstrations,
 )
 from knotflow.demonstrations.noise import NoiseConfig, noisy_copies
 from knotflow.demonstrations.scripted import DemonstratorConfig, Scored, demonstrate, succeed
-from knotflow.demonstrations.tasks import TASKS, Task, task
+from knotflow.demonstrations.tasks import TASKS, Task, task, task_at
 from knotflow.demonstrations.trials import Trials, load_trials
 
 __all__ = [
@@ -23,13 +25,16 @@ __all__ = [
     "Scored",
     "Task",
     "Trials",
+    "add_demonstration",
     "aim",
     "demonstrate",
     "load_demonstrations",
     "load_trials",
+    "merge_demonstrations",
     "noisy_copies",
     "nudge",
     "save_demonstrations",
     "succeed",
     "task",
+    "task_at",
 ]

@@ -1,11 +1,13 @@
-"""The eight topological actions of Fig. 6, with the states they start from and their primitives."""
+"""Tasks: an action from a start state; the eight topological actions of Fig. 6, and any others."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass
 
-from knotflow.topology import Action, TopologicalState, parse_action
+import networkx as nx
+
+from knotflow.topology import Action, TopologicalState, parse_action, solution_graph
 
 
 @dataclass(frozen=True)
@@ -66,3 +68,20 @@ def task(action: str) -> Task:
             return candidate
     names = ", ".join(str(candidate.action) for candidate in TASKS)
     raise ValueError(f"no demonstrated action is called {action!r}; the eight are {names}")
+
+
+def task_at(state: TopologicalState, action: Action) -> Task:
+    """The task of an action in a state: one of the eight, or one whose start state is reached on a
+    shortest way from the trivial one.
+
+    Raises:
+        IllegalActionError: the state does not allow the action.
+    """
+    state.apply(action)
+    for candidate in TASKS:
+        if candidate.action == action and candidate.start_state == state:
+            return candidate
+    graph = solution_graph(state)
+    path = nx.shortest_path(graph, TopologicalState.trivial(), state)
+    steps = [next(iter(graph[a][b].values()))["action"] for a, b in nx.utils.pairwise(path)]
+    return Task(action, tuple(steps))

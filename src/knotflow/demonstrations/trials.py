@@ -30,6 +30,17 @@ class Trials:
     def __len__(self) -> int:
         return len(self.splines)
 
+    def from_starts(self, chosen: NDArray[np.intp]) -> Trials:
+        """The trials from some of the start shapes, by ascending index."""
+        rows = np.isin(self.start, chosen)
+        return Trials(
+            self.action,
+            self.starts[chosen],
+            np.searchsorted(chosen, self.start[rows]),
+            self.splines[rows],
+            self.success[rows],
+        )
+
     def save(self, path: Path) -> None:
         """Write to an .npz file."""
         np.savez_compressed(

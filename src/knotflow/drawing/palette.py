@@ -14,6 +14,10 @@ BAD = "#d1242f"
 SPLINE = GOOD
 """Of what the gripper does, where success and failure need no telling apart."""
 
+OVER = GOOD
+UNDER = "#8250df"
+"""Of segments that an action lays over and under; the colour-blind tell them apart, too."""
+
 _ROPE = ("#0b5cad", "#2f9bd6", "#8fb8c4", "#f0b25a", "#e8710a")
 
 

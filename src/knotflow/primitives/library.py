@@ -185,6 +185,17 @@ class PrimitiveLibrary:
             out[rows] = encoded.frames.to_world(found.numpy())
         return out
 
+    @one_thread()
+    def valued(
+        self, points: NDArray, action: Action, count: int, rng: np.random.Generator
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """`sample` and the critic's value (count,) of each spline; NaN without a critic."""
+        ropes = np.asarray(points)[None]
+        ((number, _, encoded),) = self._encoded(ropes, [action], arranging=False)
+        found, best = self.primitives[number].search(encoded, count, rng)
+        values = np.full(count, np.nan) if best is None else best[0].double().numpy()
+        return encoded.frames.to_world(found.numpy())[0], values
+
     def value(self, points: NDArray, action: Action, rng: np.random.Generator) -> float:
         """max Q: the critic's probability that the best spline found succeeds (Sec. V-B c).
 

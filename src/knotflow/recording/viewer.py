@@ -46,6 +46,31 @@ def open_recording(path: str | os.PathLike[str], *, number: int | None = None) -
             ) from error
 
 
+def serve_recording(
+    path: str | os.PathLike[str], *, number: int | None = None, port: int = 9090
+) -> None:
+    """Serve a recording to web browsers with Rerun's web viewer, until interrupted.
+
+    Rerun prints the address. Over ssh two ports are to be forwarded: `port`, where the page is, and
+    the next one, from which it takes the data.
+
+    Args:
+        path, number: as for ``open_recording``.
+        port: of the page.
+
+    Raises:
+        FileNotFoundError, ValueError: as for ``save_rerun``.
+        ViewerError: it could not be served, such as on a port that is taken.
+    """
+    with tempfile.TemporaryDirectory(prefix="knotflow-view-") as folder:
+        rrd = save_rerun(path, Path(folder) / "recording.rrd", number=number)
+        command = [rerun_program(), "--serve-web", str(rrd), "--bind", "127.0.0.1"]
+        command += ["--web-viewer-port", str(port), "--port", str(port + 1)]
+        code = subprocess.run(command, check=False).returncode
+        if code:
+            raise ViewerError(f"rerun could not serve on the ports {port} and {port + 1}")
+
+
 def save_rerun(
     path: str | os.PathLike[str], target: str | os.PathLike[str], *, number: int | None = None
 ) -> Path:
@@ -68,7 +93,8 @@ def save_rerun(
         folder = Path(temporary)
         mcap, plain, layout = folder / "view.mcap", folder / "view.rrd", folder / "view.rbl"
         radii: list[float] = []
-        chosen = _measured(_chosen(source, number), radii)
+        sights: list[bool] = []
+        chosen = _measured(_chosen(source, number), radii, sights)
         write_recording(mcap, chosen, read_metadata(source), rope_line=True)
         _rerun(
             *("mcap", "convert", str(mcap), "-o", str(plain)),
@@ -76,7 +102,7 @@ def save_rerun(
             *("--recording-id", source.stem if number is None else f"{source.stem}#{number}"),
             *("--timeline-type", "duration"),  # rollouts start at 0 s, not in 1970
         )
-        blueprint(radii[0]).save(APPLICATION, layout)
+        blueprint(radii[0], sight=any(sights)).save(APPLICATION, layout)
         _rerun("rrd", "merge", str(plain), str(layout), "-o", str(target))
     return Path(target)
 
@@ -130,10 +156,13 @@ def _chosen(source: Path, number: int | None) -> Iterator[RecordedRollout]:
         raise ValueError(_no_such_number(source, number, seen))
 
 
-def _measured(rollouts: Iterator[RecordedRollout], radii: list[float]) -> Iterator[RecordedRollout]:
-    """The same rollouts, while the radii of their ropes, m, are noted."""
+def _measured(
+    rollouts: Iterator[RecordedRollout], radii: list[float], sights: list[bool]
+) -> Iterator[RecordedRollout]:
+    """The same rollouts, while the radii of their ropes, m, and who was seen are noted."""
     for rollout in rollouts:
         radii.append(rope_radius(rollout.control_points))
+        sights.append(rollout.sight is not None)
         yield rollout
 
 

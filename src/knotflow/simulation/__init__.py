@@ -44,6 +44,7 @@ from knotflow.simulation.starts import (
     reached,
     resample,
     straight,
+    tangled,
 )
 
 __all__ = [
@@ -84,4 +85,5 @@ __all__ = [
     "spline_path",
     "state_or_none",
     "straight",
+    "tangled",
 ]

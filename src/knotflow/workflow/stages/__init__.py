@@ -19,6 +19,7 @@ from knotflow.workflow.stages import (
     imitation,
     library,
     overhand,
+    perception,
     plans,
     plans_pull,
     plans_shown,
@@ -27,10 +28,12 @@ from knotflow.workflow.stages import (
     proposals,
     reinforcement,
     roots,
+    ropes,
     self_play,
     shipped,
     starts,
     success_rates,
+    tracking,
 )
 
 __all__ = [
@@ -49,6 +52,7 @@ __all__ = [
     "imitation",
     "library",
     "overhand",
+    "perception",
     "plans",
     "plans_pull",
     "plans_shown",
@@ -57,8 +61,10 @@ __all__ = [
     "proposals",
     "reinforcement",
     "roots",
+    "ropes",
     "self_play",
     "shipped",
     "starts",
     "success_rates",
+    "tracking",
 ]

@@ -14,6 +14,7 @@ from knotflow.execution import (
     LstmDynamics,
     Motions,
     MujocoDynamics,
+    RopeDynamics,
     Still,
     draw_motions,
     prediction_errors,
@@ -50,7 +51,7 @@ def measure(config: DynamicsConfig, inputs: Mapping[str, Path], context: StageCo
     names = [f"motions/{number:03d}.npz" for number in range(config.ropes)]
     context.each(partial(_draw, config), context.pending(names), "ropes")
     motions = Motions.join([Motions.load(context.out / name) for name in names])
-    models = {
+    models: dict[str, RopeDynamics] = {
         "still": Still(),
         "lstm": LstmDynamics.load(Path(config.weights)),
         "mujoco": MujocoDynamics(config.simulation),

@@ -7,9 +7,12 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from knotflow.demonstrations import TASKS, Task, load_trials
+import numpy as np
+
+from knotflow.demonstrations import SHIPPED, TASKS, Task, Trials, load_trials
 from knotflow.primitives import FILE, PRIMITIVES, PrimitiveConfig, PrimitiveLibrary, primitive_of
 from knotflow.simulation import RopeConfig
+from knotflow.topology import Action, segment_intervals
 from knotflow.training import Imitation, ImitationConfig
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
@@ -45,10 +48,9 @@ def _imitate(
     config: ImitationStageConfig, inputs: Mapping[str, Path], context: StageContext, part: str
 ) -> None:
     number = number_of(part)
-    tasks = tasks_of(number)
-    trials = load_trials(inputs["demonstrations"])
+    trials = demonstrated(number, load_trials(inputs["demonstrations"]))
     training = Imitation(
-        [trials[task.action] for task in tasks],
+        list(trials.values()),
         config.primitive,
         config.imitation,
         config.seed + number,
@@ -67,10 +69,32 @@ def _imitate(
                 with curves.saving() as folder:
                     training.save(folder)
     curves.save()
-    actions = [task.action for task in tasks]
-    library = PrimitiveLibrary({number: training.primitive}, {number: actions}, config.rope)
+    library = PrimitiveLibrary({number: training.primitive}, {number: list(trials)}, config.rope)
     with context.atomic(f"{part}.safetensors") as path:
         library.save(path)
+
+
+def demonstrated(number: int, trials: Mapping[Action, Trials]) -> dict[Action, Trials]:
+    """Of all trials those that a primitive, 1 to 4, learns from.
+
+    Actions beyond the eight tasks are among them, if somebody has demonstrated some.
+
+    Raises:
+        ValueError: there are none.
+    """
+    chosen: dict[Action, Trials] = {}
+    for action, some in trials.items():
+        segments = [len(segment_intervals(points)) for points in some.starts]
+        own = np.flatnonzero([primitive_of(action, count) == number for count in segments])
+        if len(own):
+            chosen[action] = some.from_starts(own)
+    if not chosen:
+        raise ValueError(
+            f"there is no demonstration for primitive {number}, which learns "
+            f"{', '.join(str(task.action) for task in tasks_of(number))} and the like; demonstrate "
+            f"one, or merge the file with the shipped demonstrations: knotflow merge FILE {SHIPPED}"
+        )
+    return chosen
 
 
 def number_of(part: str) -> int:

@@ -1,0 +1,173 @@
+"""The page in a real browser: Debian's chromium, headless, driven by playwright.
+
+    apt-get install chromium && pip install 'knotflow[test]'
+
+The scripted person presses the page's own buttons and clicks on its 3-D canvas, where the camera
+that the browser reports says that a place in the world is to be seen. Software rendering takes
+seconds a frame on a busy machine, so the waits are long.
+"""
+
+import shutil
+import time
+
+import numpy as np
+import pytest
+
+from knotflow.demonstrations import TASKS, load_demonstrations
+from knotflow.simulation import resample
+from knotflow.studio.session import Session
+
+viser = pytest.importorskip("viser", reason="the studio needs: pip install 'knotflow[studio]'")
+playwright = pytest.importorskip(
+    "playwright.sync_api", reason="browser tests need: pip install playwright"
+)
+CHROMIUM = shutil.which("chromium")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="browser tests need: apt-get install chromium"),
+]
+
+FLAGS = (
+    "--no-sandbox",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+)
+PATIENCE = 120.0
+"""Seconds for anything to happen."""
+
+
+class Person:
+    """Someone at the studio's page."""
+
+    def __init__(self, page, studio):
+        self.page, self.studio = page, studio
+
+    def tab(self, name):
+        self.page.get_by_role("tab", name=name).click()
+
+    def press(self, name):
+        self.page.get_by_role("button", name=name, exact=True).click()
+
+    def type(self, label, text):
+        self.page.get_by_label(label, exact=True).fill(text)
+        self.until(lambda: text in {handle.value for handle in self.texts()}, f"{label}: {text}")
+
+    def texts(self):
+        handles = self.studio.server.gui._gui_input_handle_from_uuid.values()
+        return [handle for handle in handles if isinstance(handle.value, str)]
+
+    def click_at(self, place):
+        """Click on the canvas where a place (3,) in the world is to be seen."""
+        camera = next(iter(self.studio.server.get_clients().values())).camera
+        turn = viser.transforms.SO3(np.asarray(camera.wxyz)).inverse()
+        x, y, z = turn.apply(np.asarray(place) - camera.position)
+        box = self.page.locator("canvas").first.bounding_box()
+        focal = box["height"] / 2 / np.tan(camera.fov / 2)
+        self.page.mouse.click(
+            box["x"] + box["width"] / 2 + focal * x / z,
+            box["y"] + box["height"] / 2 + focal * y / z,
+        )
+
+    def until(self, done, what):
+        """Wait for the studio to know."""
+        end = time.monotonic() + PATIENCE
+        while not done():
+            assert time.monotonic() < end, f"waited in vain for: {what}"
+            self.page.wait_for_timeout(100)
+
+    def demonstrate(self, spline):
+        """Three clicks for the action that is chosen, and simulate."""
+        session = self.studio.session
+        self.press("Demonstrate")
+        self.until(lambda: session.draft is not None, "a draft")
+        along = np.linspace(0, 1, len(session.points))
+        grasp = [np.interp(spline[0], along, column) for column in session.points.T]
+        radius = session.simulation.rope.radius
+        for count, place in enumerate([grasp, [*spline[1:3], radius], [*spline[4:], radius]], 1):
+            self.click_at(place)
+            self.until(lambda count=count: len(session.draft.places) == count, f"click {count}")
+        session.draft.height = float(spline[3])
+        self.press("Simulate")
+        self.until(lambda: session.tried is not None, "a simulation")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with playwright.sync_playwright() as driver:
+        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS, timeout=0)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def person(browser, tmp_path):
+    from knotflow.studio.page import Page
+
+    studio = Page(Session("straight", tmp_path / "mine.jsonl"), port=8391)
+    page = browser.new_page(viewport={"width": 1024, "height": 768})
+    page.set_default_timeout(1000 * PATIENCE)
+    page.goto(studio.url)
+    page.get_by_role("tab", name="Teach").wait_for()
+    someone = Person(page, studio)
+    someone.until(studio.server.get_clients, "the browser to connect")
+    yield someone
+    page.close()
+    studio.close()
+
+
+def test_ropes_are_laid_and_drawn(person):
+    session = person.studio.session
+    before = session.points
+    person.press("Lay it")
+    person.until(lambda: session.points is not before, "a random rope")
+    person.press("Draw it with the mouse")
+    person.until(lambda: person.studio.takes_click is not None, "drawing")
+    for place in ((-0.4, 0.0, 0.0), (0.2, 0.0, 0.0), (0.2, 0.3, 0.0), (0, 0.3, 0), (0, -0.3, 0)):
+        person.click_at(place)
+        person.page.wait_for_timeout(200)
+    person.press("Finish drawing")
+    person.until(lambda: session.state.num_crossings == 1, "the drawn loop")
+
+
+def test_three_clicks_are_a_demonstration(person):
+    session, shown = person.studio.session, load_demonstrations()[0]
+    person.tab("Teach")
+    person.type("Your name", "Ada")
+    person.demonstrate(shown.spline)
+    assert session.tried.success[0]
+    assert session.draft.spline == pytest.approx(shown.spline, abs=0.005)
+    person.press("Keep")
+    person.until(session.kept, "a kept demonstration")
+    (kept,) = session.kept()
+    assert (kept.task, kept.source, kept.who) == (TASKS[0], "human", "Ada")
+
+
+def test_a_plan_is_made_and_exported(person):
+    person.tab("Plan")
+    person.type("Or", "R1(0,1,1)")
+    person.press("Plan")
+    person.until(lambda: person.studio.session.plan is not None, "a plan")
+    assert person.studio.session.plan.solved
+    with person.page.expect_download() as download:
+        person.press("Export plan (JSON)")
+    assert download.value.suggested_filename == "plan.json"
+
+
+def test_clicks_beside_the_rope_are_explained(person):
+    person.tab("Teach")
+    person.press("Demonstrate")
+    person.until(lambda: person.studio.session.draft is not None, "a draft")
+    person.click_at((0.0, 0.3, 0.0))
+    person.page.get_by_text("grasp the rope: that was").wait_for()
+
+
+def test_the_start_of_any_task_can_be_laid(person):
+    session = person.studio.session
+    session.load("start of C(2,0,1)")
+    person.studio.rope_changed("Laid.")
+    person.page.get_by_text(str(session.state)).first.wait_for()
+    assert session.points == pytest.approx(resample(session.points, session.simulation.rope))
