@@ -486,11 +486,13 @@ class SelfPlay(Resumable):
         return best_values(primitive, states, self.config.population, self._rng)
 
     def _fit(self, steps: int, decaying: bool = False) -> dict[int, dict[str, float]]:
-        """Gradient steps of all primitives: as many as there are successes to learn from."""
-        buffers = self._buffers
+        """Gradient steps of all primitives; without demonstrations, as few as successes allow."""
+        buffers, each = self._buffers, self.config.successes_per_step
         most = {
-            number: min(steps, buffers[number].successes // self.config.successes_per_step)
-            for number in self._learners
+            number: min(steps, buffers[number].successes // each)
+            if learner.demonstrations is None
+            else steps
+            for number, learner in self._learners.items()
         }
         ready = {number: learner for number, learner in self._learners.items() if most[number]}
         return fit_each(ready, most, decaying)

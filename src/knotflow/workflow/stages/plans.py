@@ -48,9 +48,9 @@ class PlanCase:
     goal: str = "overhand"
     """A knot's name, crossings, or one topological path, see `planning.parse_goal`."""
     start: str = "straight"
-    """straight, arc, random (another curve for each seed), tangled (another for each seed, in a state
-    of one to three crossings from which no actions lead to the goal), or an input that holds a
-    start.npy."""
+    """straight, arc, random (another curve for each seed), tangled (another for each seed, in a
+    state of one to three crossings from which no actions lead to the goal), or an input that holds
+    a start.npy."""
 
 
 @dataclass(kw_only=True)
@@ -158,8 +158,8 @@ def read_searches(path: Path) -> pd.DataFrame:
 def _check_start(start: str, inputs: Mapping[str, Path]) -> None:
     if start not in (*ROPE_NAMES, TANGLED) and start not in inputs:
         raise ValueError(
-            f"unknown start {start!r}; it is one of {', '.join((*ROPE_NAMES, TANGLED))}, or an input of this "
-            f"stage that holds a {START_FILE}: {', '.join(inputs) or 'there is none'}"
+            f"unknown start {start!r}; it is one of {', '.join((*ROPE_NAMES, TANGLED))}, or an "
+            f"input of this stage that holds a {START_FILE}: {', '.join(inputs) or 'there is none'}"
         )
 
 
