@@ -79,6 +79,8 @@ def _write_little(context, folder, plan, *others):
         (["explain", "3o1-"], "position 3 is out of range"),
         (["explain", "--out", "picture.doc"], ".png, .svg or .pdf"),
         (["view", "none.mcap"], "none.mcap"),
+        (["see", "a.png", "b.png", "--out", "r.csv"], "--camera"),
+        (["see", "a.png", "b.png", "--camera", "no.yaml", "--out", "r.csv"], "no.yaml: cannot be"),
         (["report", "--results", "nowhere"], "there is no such results folder"),
     ],
 )
@@ -177,6 +179,25 @@ def test_what_is_written_can_be_read_and_looked_at(found, here):
         *("plan.mcap", "plan.png", "plan.svg", "plan.gif", "plan.json", "waypoints.csv"),
         *("dag.png", "dag.svg", "outcome.json", "request.json"),
     }
+
+
+def test_a_rope_that_is_seen_can_be_planned_from(here, capsys, monkeypatch):
+    from knotflow.perception import SAMPLE, RopeEstimate, seeing
+    from knotflow.planning.ropes import parse_rope
+    from knotflow.simulation import RopeConfig, state_or_none
+
+    truth = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
+    spread = np.full(len(truth), 1e-3)
+    known = RopeEstimate(truth, spread > 0, state_or_none(truth), (), 1.0, spread, True, ())
+    monkeypatch.setattr(seeing, "estimate", lambda *_: known)
+    files = [str(SAMPLE / name) for name in ("overhand.png", "overhand-depth.png", "camera.yaml")]
+    words = ["see", *files[:2], "--camera", files[2], "--out", "rope.csv"]
+    assert main(words) == 0
+    assert f"state     {known.state}" in capsys.readouterr().out
+    read = parse_rope("rope.csv", RopeConfig(), np.random.default_rng(0))
+    assert np.linalg.norm(read - truth, axis=1).max() < 2e-3
+    assert (here / "rope.png").stat().st_size > 10_000
+    assert main(words) == 2 and "exists already" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,8 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -25,9 +26,11 @@ from knotflow.baselines import RandomSampler
 from knotflow.baselines.causal_infogan import Frame, measure
 from knotflow.baselines.icp import align
 from knotflow.demonstrations import TASKS, NoiseConfig, aim, noisy_copies
+from knotflow.execution import ERRORS
+from knotflow.execution.follow import from_grasp
 from knotflow.perception import Appearance, Camera, SimulatedCamera, add_noise, segment
 from knotflow.perception import NoiseConfig as SensorNoise
-from knotflow.planning import PlannerConfig, SolutionDag
+from knotflow.planning import PlannerConfig, PlanStep, SolutionDag
 from knotflow.planning.branches import Node
 from knotflow.planning.growth import node_probabilities
 from knotflow.planning.posterior import PosteriorRule
@@ -239,6 +242,17 @@ def perception() -> dict[str, Any]:
     }
 
 
+def execution() -> dict[str, Any]:
+    """What robots do wrong, and the path of a gripper that begins beside its plan."""
+    times = np.linspace(0.0, 1.8, 7)
+    path = np.linspace([0.0, 0.0, 0.008], [0.3, 0.1, 0.008], 7)
+    step = SimpleNamespace(times=times, gripper=path)
+    return {
+        "errors": [list(vars(one).values()) for one in ERRORS],
+        "path": from_grasp(cast(PlanStep, step), np.array([0.02, -0.01, 0.008]), 1.8),
+    }
+
+
 CASES: dict[str, Callable[[], dict[str, Any]]] = {
     "topology": topology,
     "simulation": simulation,
@@ -249,6 +263,7 @@ CASES: dict[str, Callable[[], dict[str, Any]]] = {
     "training": training,
     "planning": planning,
     "perception": perception,
+    "execution": execution,
 }
 
 

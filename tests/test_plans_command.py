@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -12,8 +13,7 @@ from hydra import compose, initialize_config_dir
 import knotflow.workflow.stages  # noqa: F401  registers them
 from knotflow.__main__ import HOME
 from knotflow.config import STEADY_SEARCH, contents, plan_folder, register
-from knotflow.planning import KnotPlan, parse_goal
-from knotflow.simulation import random_curve
+from knotflow.planning import KnotPlan
 from knotflow.workflow import Workflow
 
 
@@ -149,8 +149,10 @@ def workflow_of():
         patch.setenv("KNOTFLOW_HOME", str(HOME))
         register()
         with initialize_config_dir(str(HOME / "conf"), version_base="1.3"):
-            yield lambda *overrides: Workflow.from_config(
-                compose("config", overrides=list(overrides)).workflow
+            yield cache(
+                lambda *overrides: Workflow.from_config(
+                    compose("config", overrides=list(overrides)).workflow
+                )
             )
 
 
@@ -180,29 +182,66 @@ def test_the_tree_size_is_measured_branch_by_branch_and_by_one_rule_for_all(work
         assert [case.start for case in config.cases] == ["straight", "arc"]
 
 
-def test_joint_finetuning_is_measured_on_the_path_it_trained_and_on_other_ropes(workflow_of):
+def test_joint_finetuning_is_measured_on_any_overhand_before_and_after(workflow_of):
     workflow = workflow_of("+experiment=joint_finetuning")
-    joint = workflow.config("joint")
     searches = [workflow.config(f"{name}_search") for name in ("independent", "joint")]
     assert searches[0] == searches[1]
-    assert [(case.goal, case.start) for case in searches[0].cases] == [(joint.path, "random")]
+    assert [(case.goal, case.start) for case in searches[0].cases] == [("overhand", "random")]
+    assert searches[0].seeds == 50
     tree_size = workflow_of("+experiment=tree_size").config("reinforcement_search")
     assert searches[0].planner == tree_size.planner
-    assert parse_goal(joint.path).name == joint.path
-    # Episodes begin with ropes from this generator, searches with one of each seed.
-    rope, starts = joint.simulation.rope, joint.starts
-    rng = np.random.default_rng([joint.seed, 0])
-    trained = [random_curve(rope, rng, starts) for _ in range(4)]
-    for seed in range(4):
-        rng = np.random.default_rng([searches[0].seed, seed, 0])
-        searched = random_curve(rope, rng, starts)
-        assert not any(np.array_equal(searched, one) for one in trained)
+    needs = [workflow.stages[f"{name}_search"].needs for name in ("independent", "joint")]
+    assert needs == [{"primitives": "reinforcement"}, {"primitives": "self_play"}]
 
 
-def test_what_single_stage_has_trained_is_not_trained_again(workflow_of):
-    single = workflow_of("+experiment=single_stage")
-    for experiment in ("tree_size", "joint_finetuning", "pentagram", "knots"):
-        own = workflow_of(f"+experiment={experiment}")
-        for name in ("demonstrations", "imitation", "pools", "reinforcement"):
-            assert own.config(name) == single.config(name)
-            assert own.stages[name].needs == single.stages[name].needs
+EXPERIMENTS = (
+    *("single_stage", "tree_size", "ablation_actor_critic", "joint_finetuning", "pentagram"),
+    *("knots", "goals", "actions"),
+)
+
+
+@pytest.mark.parametrize("budget", ["paper", "smoke"])
+def test_random_goals_are_searched_for_within_the_limit(workflow_of, budget):
+    config = workflow_of("+experiment=goals", f"budget={budget}").config("goals")
+    counts = {one.name: (one.crossings, one.count) for one in config.sets}
+    many = budget == "paper"
+    assert counts == {"three": (3, 60 if many else 1), "four": (4, 40 if many else 1)}
+    assert config.planner.max_seconds == 60
+    assert (
+        config.planner
+        == workflow_of("+experiment=knots", f"budget={budget}").config("searches").planner
+    )
+
+
+def test_what_is_drawn_to_measure_is_drawn_by_seeds_of_its_own(workflow_of):
+    seeds = {}
+    for experiment in EXPERIMENTS:
+        workflow = workflow_of(f"+experiment={experiment}")
+        for name, node in workflow.stages.items():
+            if (seed := getattr(workflow.config(name), "seed", None)) is not None:
+                seeds.setdefault(seed, set()).add(node.stage)
+    for stage in ("goals", "actions", "starts"):
+        assert [stages for stages in seeds.values() if stage in stages] == [{stage}]
+
+
+@pytest.mark.parametrize("experiment", ["tree_size", "joint_finetuning"])
+def test_what_single_stage_has_trained_is_not_trained_again(workflow_of, experiment):
+    single, own = workflow_of("+experiment=single_stage"), workflow_of(f"+experiment={experiment}")
+    for name in ("demonstrations", "imitation", "pools", "reinforcement"):
+        assert own.config(name) == single.config(name)
+        assert own.stages[name].needs == single.stages[name].needs
+
+
+@pytest.mark.parametrize("experiment", ["pentagram", "knots", "goals", "actions"])
+def test_what_goes_beyond_the_paper_is_measured_with_the_shipped_library(workflow_of, experiment):
+    own, single = workflow_of(f"+experiment={experiment}"), workflow_of("+experiment=single_stage")
+    assert own.config("library") == single.config("library")
+    assert not {"demonstrations", "imitation", "reinforcement", "self_play"} & set(own.stages)
+
+
+def test_arranging_is_measured_on_the_starts_of_the_papers_methods(workflow_of):
+    workflow = workflow_of("+experiment=single_stage")
+    paper, arranged = workflow.config("reinforcement_evaluation"), workflow.config("arranged")
+    assert (paper.arranging, arranged.arranging) == (0, 3)
+    assert (arranged.seed, arranged.trials_per_start) == (paper.seed, paper.trials_per_start)
+    assert workflow.stages["arranged"].needs["starts"] == "evaluation_starts"

@@ -30,6 +30,7 @@ Examples:
   knotflow explain overhand                            every way to a knot
   knotflow view plans/overhand-random-0/plan.mcap      in Rerun; --web: in a browser
   knotflow studio                                      plan and demonstrate in a browser
+  knotflow see image.png depth.png --camera camera.yaml --out rope.csv
   knotflow export plans/overhand-random-0 --arm panda  joint trajectories
 
 Exit codes: 0 tied, 1 not tied, 2 wrong input.
@@ -368,6 +369,58 @@ def merge(files: list[Path], /, *, out: Path) -> int:
 
 
 @app.command
+def see(
+    image: Path,
+    depth: Path,
+    /,
+    *,
+    camera: Path,
+    out: Path,
+    picture: Path | None = None,
+    length: float | None = None,
+    radius: float | None = None,
+    overwrite: bool = False,
+) -> int:
+    """The rope in an RGB-D image, as a file for `--rope`.
+
+    Parameters
+    ----------
+    image
+        Colours, as PNG.
+    depth
+        PNG of 16-bit millimetres, or NPY of metres; registered to the colours.
+    camera
+        YAML with intrinsics and pose; the table is at z = 0.
+    out
+        CSV of the rope's points, head first.
+    picture
+        Of the image with the rope drawn over it; beside the CSV by default.
+    length
+        Of the rope, metres; the model's by default.
+    radius
+        Of the rope, metres; the model's by default.
+    overwrite
+        Replace files of those names.
+    """
+    from dataclasses import replace
+
+    drawing = picture if picture is not None else out.with_suffix(".png")
+    for path in (out, drawing):
+        (_check_writable if overwrite else _check_free)(path)
+
+    from knotflow.perception import seeing  # slow to import
+    from knotflow.simulation import RopeConfig
+
+    rope = RopeConfig()
+    rope = replace(rope, length=length or rope.length, radius=radius or rope.radius)
+    found, seen, pinhole = seeing.see(image, depth, camera, rope)
+    seeing.write_rope(out, found.points)
+    seeing.draw_overlay(drawing, seen, pinhole, rope, found)
+    print(f"{seeing.describe(found)}\n{out}, {drawing}")
+    return 1 if found.doubtful else 0
+
+
+@app.command
 def report(*, results: Path = Path("results"), out: Path = Path("reports")) -> int:
     """Make the report from the results folder alone.
 
@@ -390,7 +443,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return app(arguments, exit_on_error=False, result_action="return_value") or 0
     except CycloptsError:
-        return 2  # told by cyclopts already
+        return 2  # reported by cyclopts already
     except (ValueError, OSError, ImportError) as error:
         print(f"knotflow: {error}", file=sys.stderr)
         return 2

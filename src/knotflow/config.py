@@ -19,6 +19,7 @@ from omegaconf import II, MISSING, OmegaConf
 from knotflow.baselines import IcpConfig
 from knotflow.baselines.causal_infogan import CausalInfoGanBudget
 from knotflow.demonstrations import SHIPPED, DemonstratorConfig, NoiseConfig
+from knotflow.execution import ExecutionConfig
 from knotflow.planning import PlannerConfig
 from knotflow.primitives import PrimitiveConfig
 from knotflow.simulation import SimulationConfig, StartsConfig
@@ -26,6 +27,7 @@ from knotflow.training import ImitationConfig, ReinforcementConfig, SelfPlayConf
 from knotflow.workflow import WorkersConfig
 
 SHIPPED_PRIMITIVES = Path(__file__).parent / "primitives" / "data"
+SHIPPED_DYNAMICS = Path(__file__).parent / "execution" / "data" / "dynamics.safetensors"
 
 
 @dataclass
@@ -142,6 +144,40 @@ class ActionsBudget:
 
 
 @dataclass
+class DynamicsBudget:
+    """The motions by which models of a rope are judged (Sec. VI)."""
+
+    weights: str = str(SHIPPED_DYNAMICS)
+    """File of the learned dynamics; yours may take its place."""
+    ropes: int = 60
+    """Perturbed ropes, levels in turn."""
+    per_rope: int = 16
+    """Motions of each."""
+    seed: int = 4_000_037
+    """Of ropes and motions; used for nothing else."""
+
+
+@dataclass
+class ClosedLoopBudget:
+    """Plans executed on perturbed twins (Sec. VI)."""
+
+    twins: int = 50
+    """Twins of levels 0 and 2, and those of a yardstick that knows the true state."""
+    twins_level_1: int = 100
+    """Twins of level 1."""
+    figure_eight: int = 30
+    """Twins of level 1 on which a figure eight is tied."""
+    ensemble: int = 8
+    """Perturbed ropes that judge the plans that are to be robust."""
+    seed: int = 5_000_011
+    """Of ropes, plans and twins; used for nothing else."""
+    planner: PlannerConfig = field(default_factory=lambda: replace(FAST_SEARCH))
+    """How a tree grows, and when it is given up."""
+    execution: ExecutionConfig = field(default_factory=ExecutionConfig)
+    """Heights, speeds, and when an execution is given up."""
+
+
+@dataclass
 class PentagramBudget:
     """The pentagram, with and without a hand that helps (Sec. VII-E)."""
 
@@ -196,6 +232,34 @@ class RootsBudget:
 
 
 @dataclass
+class PerceptionBudget:
+    """The ropes that are estimated from one image each (Sec. VI)."""
+
+    shards: int = 24
+    """Of 32 ropes, moved by eight splines each, among whose shapes ropes are chosen."""
+    ropes: int = 20
+    """Ropes of each number of crossings."""
+    crossings: list[int] = field(default_factory=lambda: [0, 1, 2, 3, 4, 5])
+    """Numbers of crossings."""
+    levels: list[float] = field(default_factory=lambda: [0.0, 1.0, 2.0])
+    """Of the camera's noise; 1 is nominal."""
+    seed: int = 4_000_037
+    """Of ropes and noise; used for nothing else."""
+
+
+@dataclass
+class TrackingBudget:
+    """The rollouts that are followed image by image (Sec. VI)."""
+
+    levels: list[int] = field(default_factory=lambda: [0, 1, 2])
+    """How far the ropes are from the planner's."""
+    rollouts: int = 10
+    """Of each action at each level."""
+    seed: int = 5_000_011
+    """Of ropes, cameras and noise; used for nothing else."""
+
+
+@dataclass
 class Config:
     """Everything that `python -m knotflow` takes as `key=value`."""
 
@@ -212,7 +276,7 @@ class Config:
     overwrite: bool = False
     """Replace the results of another configuration."""
     metrics: str = "csv+tensorboard"
-    """Loggers of training curves: csv, tensorboard, csv+tensorboard, mlflow or none."""
+    """Loggers of training curves: csv, tensorboard, csv+tensorboard, mlflow, wandb or none."""
     workers: WorkersConfig = field(default_factory=WorkersConfig)
     """Where stages run their shards: the cores of this machine, or a Ray cluster."""
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
@@ -237,11 +301,17 @@ class Config:
     """Searches for the overhand before and after."""
     pentagram: PentagramBudget = field(default_factory=PentagramBudget)
     knots: PlansBudget = field(default_factory=lambda: PlansBudget(seeds=20, planner=FAST_SEARCH))
-    """The overhand's four states and the figure eight from random ropes."""
+    """Named knots from random ropes, and the overhand from tangled ones."""
     goals: GoalsBudget = field(default_factory=GoalsBudget)
     """Searches for states drawn at random."""
     actions: ActionsBudget = field(default_factory=ActionsBudget)
     """Trials of all actions."""
+    perception: PerceptionBudget = field(default_factory=PerceptionBudget)
+    tracking: TrackingBudget = field(default_factory=TrackingBudget)
+    dynamics: DynamicsBudget = field(default_factory=DynamicsBudget)
+    """Predictions of ropes that are dragged."""
+    closed_loop: ClosedLoopBudget = field(default_factory=ClosedLoopBudget)
+    """Executions on twins."""
     plan: PlanRequest = field(default_factory=PlanRequest)
     workflow: dict[str, Any] = field(default_factory=dict)
     """The stages of the experiment, from workflows/."""

@@ -84,7 +84,8 @@ def ability(sampler: Sampler, name: str) -> Callable[..., NDArray[np.float64]] |
     """An optional method of a sampler; None where it has none, or names it in its `lacks`.
 
     A sampler whose class has a method that this one cannot do, such as `values` without a critic,
-    says so in an attribute `lacks`, a collection of such names.
+    says so in an attribute `lacks`, a collection of such names. "undo" among them means that it
+    does not know the action `Undo`.
     """
     if name in getattr(sampler, "lacks", ()):
         return None

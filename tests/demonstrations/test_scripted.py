@@ -16,21 +16,23 @@ from knotflow.demonstrations import (
     task,
 )
 from knotflow.simulation import SPLINE_HIGH, check_splines, straight
-from knotflow.topology import parse_action
+from knotflow.topology import TopologicalState, parse_action
 
 
 @pytest.mark.slow
 def test_a_demonstration_bears_its_noise(simulator, rng):
     points, one = straight(simulator.config.rope), task("R1(0,1,1)")
     seen = []
-    config = DemonstratorConfig(guesses=64, samples=24, iterations=3)
-    result = demonstrate(points, one, simulator, rng, config, seen.append)
-    assert result is not None
-    spline, share = result
-    assert share >= 0.5
-    copies = noisy_copies(spline, 48, np.random.default_rng(99), config.noise)
+    config = DemonstratorConfig(finalists=1)
+    found = demonstrate(points, one, simulator, rng, config, seen.append)
+    assert found is not None
+    assert 0 < found.room < 1 and found.share >= config.least_share
+    assert succeed(points, found.spline[None], one, simulator).all()
+    assert TopologicalState.from_curve(found.end) == one.goal_state
+    copies = noisy_copies(found.spline, 48, np.random.default_rng(99), config.noise)
     assert succeed(points, copies, one, simulator).mean() > 0.4
-    assert sum(map(len, seen)) == 64 + 3 * 2 * 24
+    followers = sum(len(tried) for tried in seen if tried.start == one.goal_state)
+    assert followers == 3 * config.room_guesses
 
 
 def test_no_hit_is_no_demonstration(simulator, rng, monkeypatch):
@@ -42,6 +44,20 @@ def test_no_hit_is_no_demonstration(simulator, rng, monkeypatch):
     )
     config = DemonstratorConfig(guesses=4)
     assert demonstrate(points, task("R1(0,1,1)"), simulator, rng, config) is None
+
+
+@pytest.mark.slow
+def test_shipped_demonstrations_work_as_they_are(simulator):
+    """Physics and demonstrations belong together.
+
+    A rope makes much of the last bits in which machines differ: two of fifty may fail.
+    """
+    failed = [
+        number
+        for number, one in enumerate(load_demonstrations())
+        if not succeed(one.points, one.spline[None], one.task, simulator).all()
+    ]
+    assert len(failed) <= 2, f"demonstrations {failed} fail (counted from 0)"
 
 
 @pytest.mark.parametrize("action", ["R1(0,1,1)", "R2(0,0,1,1)"])

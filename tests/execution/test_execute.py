@@ -5,8 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from knotflow.execution import STEP, ExecutionConfig, Seen, TrueState, Twin, TwinConfig, execute
-from knotflow.execution.execute import from_grasp, rope_at
+from knotflow.execution import (
+    STEP,
+    ExecutionConfig,
+    Seen,
+    Sight,
+    TrueState,
+    Twin,
+    TwinConfig,
+    execute,
+)
+from knotflow.execution.follow import from_grasp, rope_at
+from knotflow.planning import UnreachableGoalError
 from knotflow.simulation import state_or_none
 
 
@@ -108,23 +118,142 @@ def test_a_robot_that_fails_lets_go(plan):
     assert robot.words[-1] == "release"
 
 
-def test_the_rest_is_planned_anew_after_each_action(plan):
+def replanned(plan, **changes):
+    """A planner that always answers with the same plan, changed, and what it was asked."""
     asked = []
 
     def replan(points):
         asked.append(points)
-        return replace(plan, steps=(), solved=False, reason="no way")
+        return replace(plan, **changes)
 
+    return asked, replan
+
+
+class Scripted:
+    """A look that shows what it was told to, one sight after the other."""
+
+    def __init__(self, *sights):
+        self.sights = list(sights)
+
+    def look(self, robot):
+        return self.sights.pop(0)
+
+
+def test_in_open_loop_nobody_knows_whether_it_is_tied(plan):
+    assert execute(plan, Recorded()).tied is None
+
+
+def test_a_knot_that_is_seen_is_reported(plan):
     twin = twin_of(plan)
-    two = replace(plan, steps=plan.steps * 2)
-    execution = execute(two, twin.robot(), source=TrueState(twin), replan=replan)
-    assert len(asked) == 1
-    assert execution.reason == "no plan was found after step 1: no way"
+    asked, replan = replanned(plan)
+    true = TrueState(twin)
+    execution = execute(plan, twin.robot(), source=true, look=true, replan=replan)
+    assert execution.tied
+    assert execution.reason == "the knot is seen to be tied after 1 actions"
+    assert asked == []  # the rope lay as the plan begins
+    (outcome,) = execution.outcomes
+    assert outcome.found == outcome.expected == plan.steps[0].end_state and outcome.held
+
+
+def test_after_each_action_it_is_planned_anew_from_where_the_rope_lies(plan):
+    start, goal = Sight.of(plan.start), Sight.of(plan.steps[0].end)
+    asked, replan = replanned(plan)
+    look = Scripted(start, start, goal)
+    execution = execute(plan, Recorded(), look=look, replan=replan)
+    assert execution.tied and len(execution.outcomes) == 2
+    np.testing.assert_array_equal(asked, [plan.start])
+    assert [one.found for one in execution.outcomes] == [start.state, goal.state]
+
+
+def test_another_state_than_the_plans_first_is_planned_from(plan):
+    goal = Sight.of(plan.steps[0].end)
+    elsewhere = replace(plan, goal_states=(plan.start_state,))
+    asked, replan = replanned(elsewhere)
+    execution = execute(
+        elsewhere, Recorded(), look=Scripted(goal, Sight.of(plan.start)), replan=replan
+    )
+    np.testing.assert_array_equal(asked, [goal.points])
+    assert execution.tied
+
+
+def test_without_a_plan_it_stops_and_says_why(plan):
+    start = Sight.of(plan.start)
+    _, replan = replanned(plan, steps=(), solved=False, reason="no way")
+    execution = execute(plan, Recorded(), look=Scripted(start, start), replan=replan)
+    assert execution.reason == "no plan was found after 1 actions: no way"
+
+    def unreachable(points):
+        raise UnreachableGoalError("there is no way")
+
+    execution = execute(plan, Recorded(), look=Scripted(start, start), replan=unreachable)
+    assert execution.reason == "there is no plan after 1 actions: there is no way"
+    assert execution.tied is False
+
+
+def test_it_gives_up_after_so_many_actions(plan):
+    start = Sight.of(plan.start)
+    _, replan = replanned(plan)
+    config = ExecutionConfig(max_actions=3)
+    execution = execute(plan, Recorded(), config, look=Scripted(*[start] * 4), replan=replan)
+    assert len(execution.outcomes) == 3 and execution.tied is False
+    assert execution.reason.startswith("the knot is not tied after 3 actions: the rope is seen")
+
+
+def test_a_knot_in_doubt_is_looked_at_again_and_not_reported(plan):
+    unsure = Sight.of(plan.steps[0].end, ("a crossing is in doubt",))
+    start = Sight.of(plan.start)
+    _, replan = replanned(plan)
+    execution = execute(plan, Recorded(), look=Scripted(start, *[unsure] * 3), replan=replan)
+    assert execution.tied is False
+    assert "in doubt: a crossing is in doubt" in execution.reason
+    sure = Sight.of(plan.steps[0].end)
+    execution = execute(plan, Recorded(), look=Scripted(start, unsure, sure), replan=replan)
+    assert execution.tied
+
+
+class Clumsy:
+    """A robot whose fingers open by themselves at its n-th move with the rope, once."""
+
+    def __init__(self, twin, at):
+        self.twin, self.at, self.moves = twin, at, 0
+
+    def __getattr__(self, name):
+        return getattr(self.twin, name)
+
+    def move_to(self, position, seconds):
+        self.moves += self.twin.grasped
+        if self.moves == self.at:
+            self.moves += 1
+            self.twin.release()
+        self.twin.move_to(position, seconds)
+
+
+def test_a_rope_that_is_lost_time_and_again_is_given_up(plan):
+    twin = twin_of(plan, reach=0.0)
+    true, config = TrueState(twin), ExecutionConfig(attempts=2)
+    _, replan = replanned(plan)
+    execution = execute(plan, twin.robot(), config, true, look=true, replan=replan)
+    assert execution.reason.startswith("the rope was lost in 2 actions one after the other")
+    assert execution.tied is False
+
+
+def test_a_rope_that_is_dropped_midway_is_noticed_and_taken_up_again(plan):
+    twin = twin_of(plan)
+    true = TrueState(twin)
+    _, replan = replanned(plan)
+    config = ExecutionConfig(max_actions=3)
+    execution = execute(plan, Clumsy(twin, 14), config, true, look=true, replan=replan)
+    assert not execution.outcomes[0].held
+    assert execution.outcomes[0].found != execution.outcomes[0].expected
+    assert execution.tied == (state_or_none(twin.points) in plan.goal_states)
+    assert len(execution.outcomes) > 1
 
 
 def test_what_cannot_be_done_is_refused(plan):
-    with pytest.raises(ValueError, match="source"):
+    with pytest.raises(ValueError, match="look"):
         execute(plan, Recorded(), replan=lambda points: plan)
+    with pytest.raises(ValueError, match="source"):
+        execute(plan, Recorded(), controller=object())
     step = replace(plan.steps[0], trajectory=plan.steps[0].trajectory[:0])
     with pytest.raises(ValueError, match="trajectories"):
         execute(replace(plan, steps=(step,)), Recorded())

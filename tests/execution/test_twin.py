@@ -5,8 +5,9 @@ import gc
 import numpy as np
 import pytest
 
-from knotflow.execution import LEVELS, Twin, TwinConfig
+from knotflow.execution import Twin, TwinConfig
 from knotflow.perception import Camera
+from knotflow.simulation import LEVELS
 
 WORDS = {"observe", "move_to", "grasp", "release", "position"}
 UP = np.array([0.0, 0.0, 0.05])
@@ -82,7 +83,7 @@ def test_a_grasp_that_misses_the_rope_catches_nothing(points):
     before = twin.points
     robot.move_to(centre(points, 20) + [0.0, 0.03, 0.0], 0.5)
     robot.grasp()
-    assert not twin.grasped
+    assert not twin.grasped and twin.missed == 1
     robot.move_to(robot.position + UP, 0.5)
     np.testing.assert_allclose(twin.points, before, atol=1e-3)
 
@@ -93,6 +94,19 @@ def test_a_rope_that_nobody_holds_lies_still(points):
     for _ in range(20):
         twin.move_to(UP, 0.5)
     np.testing.assert_array_equal(twin.points, before)
+
+
+def test_a_rope_comes_to_rest_on_the_table_and_not_in_mid_air(points):
+    dropped = twin_of(points + UP)
+    assert dropped.points[:, 2].max() < 0.02
+    robot = dropped.robot()
+    robot.move_to(centre(dropped.points, 20), 0.5)
+    robot.grasp()
+    robot.move_to(centre(dropped.points, 20) + 4 * UP, 1.0)
+    assert dropped.points[:, 2].max() > 0.15
+    robot.release()
+    robot.move_to(4 * UP, 2.0)
+    assert dropped.points[:, 2].max() < 0.05
 
 
 def test_without_errors_the_robot_goes_where_it_is_sent(points):

@@ -102,3 +102,13 @@ def test_a_file_that_is_no_camera_is_refused(tmp_path):
     for name in ("list.yaml", "absent.yaml"):
         with pytest.raises(CameraError, match=name):
             Camera.load(tmp_path / name)
+
+
+def test_a_binned_camera_sees_squares_of_pixels():
+    camera = Camera.overhead()
+    coarse = camera.binned(2)
+    assert (coarse.width, coarse.height) == (160, 120)
+    points = np.random.default_rng(0).uniform([-0.5, -0.4, 0], [0.5, 0.4, 0.1], (20, 3))
+    fine, seen = camera.project(points), coarse.project(points)
+    assert np.allclose((fine[:, :2] + 0.5) / 2, seen[:, :2] + 0.5)
+    assert np.allclose(fine[:, 2], seen[:, 2])

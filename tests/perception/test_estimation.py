@@ -32,9 +32,19 @@ def test_shape_state_and_head_are_read_off_an_image(points):
 def test_a_rope_whose_ends_look_alike_keeps_the_direction_it_had():
     points = s_curve()
     for last in (points, points[::-1]):
-        found = estimate(image(points), CAMERA, ROPE, initial=last + [0, 0.004, 0], config=QUICK)
+        guess = points + [0, 0.004, 0]
+        found = estimate(image(points), CAMERA, ROPE, guess, QUICK, earlier=last)
         assert found.head_known
         assert np.linalg.norm(found.points - last, axis=1).mean() < 4e-3
+
+
+@pytest.mark.slow
+def test_a_guess_of_the_shape_still_has_its_head_looked_for():
+    points = s_curve()
+    found = estimate(image(points, head=True), CAMERA, ROPE, points[::-1], QUICK)
+    assert found.head_known
+    assert np.linalg.norm(found.points - points, axis=1).mean() < 4e-3
+    assert not estimate(image(points), CAMERA, ROPE, points, QUICK).head_known
 
 
 def test_without_colour_and_past_the_head_is_unknown():

@@ -15,7 +15,7 @@ from knotflow.perception.losses import (
     table_loss,
 )
 
-from .shapes import ROPE, s_curve
+from .shapes import ROPE, s_curve, target
 
 
 def test_a_straight_rope_on_the_table_is_not_held_against():
@@ -64,3 +64,13 @@ def test_unknown_pixels_count_for_nothing():
     wrong[1, [0, 4]] = True  # table that is known
     assert ((occupancy.grad != 0) == wrong).all()
     assert torch.nonzero(drawn.grad).tolist() == [[1, 1]]
+
+
+def test_a_binned_target_keeps_how_much_rope_there_is():
+    fine = target(s_curve())
+    coarse = fine.binned(2)
+    assert coarse.coverage.shape == (120, 160)
+    assert float(4 * coarse.coverage.sum()) == pytest.approx(float(fine.coverage.sum()))
+    assert coarse.known.all()
+    on_rope = coarse.depth[coarse.rope]
+    assert float(on_rope.nanmean()) == pytest.approx(float(fine.depth[fine.rope].mean()), abs=2e-3)

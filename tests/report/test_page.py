@@ -52,7 +52,7 @@ def test_everything_run_is_everything_shown(reports):
     assert "Of 10 claims: 7 hold" in text
     for name in (
         *("single_stage", "ablation_actor_critic", "tree_size", "joint_finetuning"),
-        *("throughput", "stages"),
+        *("goals", "actions", "throughput", "stages"),
     ):
         assert f"(figures/{name}.png)" in text
         assert (reports / "figures" / f"{name}.png").is_file()
@@ -89,7 +89,8 @@ def test_a_shared_stage_is_counted_once(reports):
     assert text.count("16,320 noisy copies, simulated") == 1
 
 
-def test_no_results_folder_says_how_to_run(tmp_path):
+def test_an_empty_results_folder_says_how_to_run(tmp_path):
+    (tmp_path / "results").mkdir()
     make(tmp_path / "results", tmp_path / "reports")
     text = (tmp_path / "reports" / "report.md").read_text()
     assert "Nothing has been run yet" in text
@@ -125,18 +126,18 @@ def test_an_experiment_of_ones_own_is_shown_with_its_tables(write, tmp_path):
 
 
 def test_an_experiment_nobody_wrote_a_section_for_shows_its_tables(write, tmp_path):
-    write.table("closed_loop", "branches.csv", ("seed", "branches"), [(0, 12)])
+    write.table("soft_rope", "branches.csv", ("seed", "branches"), [(0, 12)])
     make(write.root, tmp_path / "reports")
     text = (tmp_path / "reports" / "report.md").read_text()
     assert "**branches.csv**" in text and "| 0 | 12 |" in text
 
 
 def test_recordings_are_linked(write, tmp_path):
-    write.table("closed_loop", "plan.csv", ("x",), [(1,)])
-    (write.root / "closed_loop" / "plan.mcap").touch()
+    write.table("soft_rope", "plan.csv", ("x",), [(1,)])
+    (write.root / "soft_rope" / "plan.mcap").touch()
     make(write.root, tmp_path / "reports")
     text = (tmp_path / "reports" / "report.md").read_text()
-    assert "[`results/closed_loop/plan.mcap`](../results/closed_loop/plan.mcap)" in text
+    assert "[`results/soft_rope/plan.mcap`](../results/soft_rope/plan.mcap)" in text
 
 
 def test_a_broken_table_leaves_the_earlier_report_as_it_was(everything, tmp_path, capsys):
@@ -160,6 +161,7 @@ def test_figures_of_what_is_gone_are_removed(write, rate_counts, tmp_path, capsy
     assert "index.html" in capsys.readouterr().out
     assert (out / "figures" / "single_stage.png").is_file()
     shutil.rmtree(write.root)
+    write.root.mkdir()
     make(write.root, out)
     assert list((out / "figures").iterdir()) == []
 

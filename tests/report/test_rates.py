@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ElementTree
 import matplotlib
 import pytest
 
-from knotflow.report.paper import SINGLE_STAGE
+from knotflow.report.paper import SINGLE_STAGE, with_extras
 from knotflow.report.rates import read_rates, success_rates
 from knotflow.report.results import Results, ResultsError
 
@@ -99,6 +99,12 @@ def test_methods_not_run_are_named_and_have_no_bars(write, rate_counts):
     shown = set(words(drawn(write, rate_counts(("random",)))))
     assert {"random", "ICP (not run yet)", "imitation (not run yet)"} <= shown
     assert {"R1(0,1,1)", "C(2,4,1)", "3: Cross, an end goes over", "3.5"} <= shown
+
+
+def test_a_further_method_of_ours_has_its_own_name_and_others_theirs():
+    arms = with_extras(SINGLE_STAGE, ["reinforcement_arranged", "my_own", "icp"])[4:]
+    assert [arm.label for arm in arms] == ["RL + arranging", "my own"]
+    assert len({arm.colour for arm in (*SINGLE_STAGE, *arms)}) == 6
 
 
 def test_an_action_that_one_method_lacks_is_marked(write, rate_counts):

@@ -3,7 +3,7 @@
 from knotflow.report.page import compose
 from knotflow.report.rates import read_rates
 from knotflow.report.results import Results
-from knotflow.report.single_stage import feasible, searches
+from knotflow.report.single_stage import SECTION, feasible, searches
 
 
 def read(write):
@@ -11,11 +11,12 @@ def read(write):
     return results, read_rates(results, "single_stage")
 
 
-COLUMNS = ("action", "success_share", "starts_left_out")
+COLUMNS = ("action", "share", "room", "starts_left_out")
 
 
 def test_starts_that_were_left_out_count_as_searched(write):
-    rows = [("C(2,4,1)", 0.5, 0), ("C(2,4,1)", 0.7, 3), ("C(0,1,1)", 0.9, 1), ("R1(0,1,1)", 1.0, 0)]
+    actions = ("C(2,4,1)", "C(2,4,1)", "C(0,1,1)", "R1(0,1,1)")
+    rows = [(action, 0.5, 0.1, left) for action, left in zip(actions, (0, 3, 1, 0), strict=True)]
     write.table("demonstrator", "shares.csv", COLUMNS, rows)
     found = searches(Results(write.root))
     assert found["C(2,4,1)"] == (2, 5)
@@ -24,9 +25,8 @@ def test_starts_that_were_left_out_count_as_searched(write):
 
 def test_the_page_names_the_actions_that_reach_the_aim(write, rate_counts):
     write.rates("single_stage", rate_counts(("random", "reinforcement")))
-    write.table(
-        "demonstrator", "shares.csv", COLUMNS, [("C(2,4,1)", 0.5, 1), ("R1(0,1,1)", 1.0, 0)]
-    )
+    rows = [("C(2,4,1)", 0.5, 0.1, 1), ("R1(0,1,1)", 1.0, 0.2, 0)]
+    write.table("demonstrator", "shares.csv", COLUMNS, rows)
     told = feasible(*read(write))
     assert told["reached"] == "`R1(0,1,1)`" and told["missed"] == 7
     assert "50.0 %" in told["table"] and "`R1(0,1,1)`" not in told["table"]
@@ -39,3 +39,17 @@ def test_the_page_names_the_actions_that_reach_the_aim(write, rate_counts):
 def test_without_reinforcement_there_is_nothing_to_say(write, rate_counts):
     write.rates("single_stage", rate_counts(("random",)))
     assert feasible(*read(write)) is None
+
+
+def test_arranging_is_a_further_method_that_changes_no_claim(write, rate_counts):
+    paper = ("random", "icp", "imitation", "reinforcement")
+    write.rates("single_stage", rate_counts(paper))
+    results = Results(write.root)
+    claims = [claim.outcome(results) for claim in SECTION.claims]
+    assert "arranging" not in compose(results, "results").markdown.split("## Tree size")[0]
+    write.rates("single_stage", rate_counts((*paper, "reinforcement_arranged")))
+    text = compose(results, "results").markdown
+    assert "| action | random | ICP | imitation | imitation + RL | RL + arranging |" in text
+    assert "RL + arranging / imitation + RL" in text
+    assert "Here the aim of 90\u00a0% is reached on all 8 actions." in text
+    assert [claim.outcome(results) for claim in SECTION.claims] == claims

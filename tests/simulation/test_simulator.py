@@ -46,7 +46,7 @@ def test_random_splines_neither_explode_nor_stretch_nor_sink(simulator, rng):
     assert not rollouts.diverged.any()
     lengths = np.linalg.norm(np.diff(rollouts.trajectory, axis=2), axis=-1)
     np.testing.assert_allclose(lengths, simulator.config.rope.link_length, atol=1e-5)
-    # Contacts are soft, and only every other link has feet: in motion a vertex dips, by no more than
+    # Contacts are soft and only every other link has feet: in motion a vertex dips, by no more than
     # the rope's thickness; at rest all lie on the table.
     radius = simulator.config.rope.radius
     assert rollouts.trajectory[..., 2].min() > -radius

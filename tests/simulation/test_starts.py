@@ -14,6 +14,7 @@ from knotflow.simulation import (
     reached,
     resample,
     straight,
+    tangled,
 )
 from knotflow.topology import IllegalActionError, TopologicalState, parse_action
 
@@ -134,3 +135,16 @@ def test_resampling_a_rope_changes_nothing():
 def test_curves_that_are_none_are_refused(curve, message):
     with pytest.raises(ValueError, match=message):
         resample(curve, RopeConfig())
+
+
+def test_tangled_ropes_are_in_an_accepted_state_and_at_rest(simulator):
+    wanted = TopologicalState.parse("1o4+2o3-")
+
+    def outside(state):
+        return state.num_crossings == 2 and state != wanted
+
+    rng = np.random.default_rng(2)
+    points = tangled(outside, simulator, aim, rng, most_crossings=2)
+    assert outside(TopologicalState.from_curve(points))
+    again = tangled(outside, simulator, aim, np.random.default_rng(2), most_crossings=2)
+    np.testing.assert_array_equal(points, again)

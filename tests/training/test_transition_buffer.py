@@ -101,3 +101,8 @@ def test_values_are_those_of_the_library(primitive_config, curves, states):
     found = best_values(primitive, states, population, np.random.default_rng(1))
     np.testing.assert_allclose(found.numpy(), expected, atol=1e-6)
     assert best_values(primitive, states[:0], population, np.random.default_rng(1)).shape == (0,)
+
+
+def test_successes_are_counted(buffer):
+    assert buffer.successes == 5
+    assert TransitionBuffer(3, torch.Generator()).successes == 0

@@ -42,14 +42,15 @@ def test_none_writes_nothing(tmp_path: Path) -> None:
 
 
 def test_unknown_kind_lists_the_valid_ones(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"unknown metrics 'wandb'.*csv.*mlflow, none"):
-        open_metrics("wandb", tmp_path, "x")
+    with pytest.raises(ValueError, match=r"unknown metrics 'excel'.*csv.*mlflow, wandb, none"):
+        open_metrics("excel", tmp_path, "x")
 
 
 def test_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(ModuleNotFoundError, match="pip install mlflow"):
-        check_metrics("mlflow")
+    for kind in ("mlflow", "wandb"):
+        with pytest.raises(ValueError, match=rf"pip install 'knotflow\[{kind}\]'"):
+            check_metrics(kind)
     check_metrics("csv")
 
 
@@ -62,6 +63,18 @@ def test_mlflow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
     experiment = mlflow.get_experiment_by_name("train/abc")
     assert len(mlflow.search_runs([experiment.experiment_id])) == 2
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(importlib.util.find_spec("wandb") is None, reason="wandb is optional")
+def test_wandb_needs_no_account(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for variable in ("WANDB_MODE", "WANDB_API_KEY"):
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    write("wandb", tmp_path / "metrics")
+    write("wandb", tmp_path / "metrics")  # a second run must be able to start
+    runs = list((tmp_path / "metrics" / "wandb").glob("offline-run-*/*.wandb"))
+    assert len(runs) == 2 and all(run.stat().st_size for run in runs)
 
 
 def test_hyper_parameters_are_flat_scalars() -> None:

@@ -8,7 +8,7 @@ from knotflow.demonstrations import TASKS
 from knotflow.recording import RecordedRollout, load, write_recording
 from knotflow.topology import TopologicalState
 from knotflow.workflow import StageContext
-from knotflow.workflow.stages import proposals as room
+from knotflow.workflow.stages import proposals as stage_module
 from knotflow.workflow.stages.proposals import ProposalsConfig, propose
 
 TRIALS, STARTS, VERTICES = 4, 3, 41
@@ -75,7 +75,7 @@ def made(inputs, out, **settings):
 
 def test_it_says_what_the_recordings_say(inputs, tmp_path):
     table = made(inputs, tmp_path, ropes=2, splines=3)
-    assert list(table.columns) == list(room.COLUMNS)
+    assert list(table.columns) == list(stage_module.COLUMNS)
     rollouts = load(inputs["evaluation"] / "recordings", trajectories=True)
     rollouts["start"] = [int(extra["start"]) for extra in rollouts["extra"]]
     assert list(table["action"].unique()) == [str(task.action) for task in TASKS]
@@ -116,7 +116,7 @@ def test_the_table_of_full_size_is_small_enough_to_commit(inputs, tmp_path):
 def test_starts_and_evaluation_must_belong_together(inputs, tmp_path, monkeypatch):
     few = load(inputs["evaluation"] / "recordings", trajectories=True)
     few["extra"] = [{"start": "7"} for _ in range(len(few))]
-    monkeypatch.setattr(room, "load", lambda *_, **__: few)
+    monkeypatch.setattr(stage_module, "load", lambda *_, **__: few)
     with pytest.raises(ValueError, match=r"no rollout of R1\(0,1,1\) from start 0"):
         made(inputs, tmp_path)
 

@@ -93,10 +93,10 @@ def test_rates_have_wilson_intervals(tmp_path):
 
 
 def test_starts_are_in_the_state_of_their_task(tmp_path, monkeypatch):
-    from knotflow.workflow.stages import starts as room
+    from knotflow.workflow.stages import starts
 
-    monkeypatch.setattr(room, "TASKS", TASKS[:3])
-    room.make_starts(room.StartsStageConfig(count=2, seed=0), {}, StageContext(tmp_path))
+    monkeypatch.setattr(starts, "TASKS", TASKS[:3])
+    starts.make_starts(starts.StartsStageConfig(count=2, seed=0), {}, StageContext(tmp_path))
     for task in TASKS[:3]:
         shapes = load_starts(tmp_path, task)
         assert shapes.shape == (2, 41, 3)

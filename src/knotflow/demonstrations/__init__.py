@@ -11,7 +11,7 @@ from knotflow.demonstrations.dataset import (
     save_demonstrations,
 )
 from knotflow.demonstrations.noise import NoiseConfig, noisy_copies
-from knotflow.demonstrations.scripted import DemonstratorConfig, demonstrate, succeed
+from knotflow.demonstrations.scripted import DemonstratorConfig, Scored, demonstrate, succeed
 from knotflow.demonstrations.tasks import TASKS, Task, task, task_at
 from knotflow.demonstrations.trials import Trials, load_trials
 
@@ -22,6 +22,7 @@ __all__ = [
     "DemonstrationError",
     "DemonstratorConfig",
     "NoiseConfig",
+    "Scored",
     "Task",
     "Trials",
     "add_demonstration",

@@ -1,16 +1,17 @@
-"""The demonstrator's round: one demonstration of each task on each of its start shapes."""
+"""The demonstrator's round: the demonstrations of a task, each on a start shape of its own."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from knotflow.demonstrations.aim import aim
 from knotflow.demonstrations.dataset import Demonstration
-from knotflow.demonstrations.scripted import DemonstratorConfig, demonstrate
-from knotflow.demonstrations.tasks import TASKS, Task
+from knotflow.demonstrations.scripted import DemonstratorConfig, Scored, demonstrate
+from knotflow.demonstrations.tasks import Task
 from knotflow.simulation import Observer, RopeSimulator, StartsConfig, reached, straight
 
 MOST_STARTS = 20
@@ -22,33 +23,26 @@ class Demonstrated:
     """A demonstration, and what it took."""
 
     demonstration: Demonstration
-    share: float
-    """Of its noisy copies that succeed."""
+    scored: Scored
+    """Its spline, the shape it leaves, and how good it is."""
     starts_left_out: int
     """Starts given up before."""
 
 
-def wanted(config: DemonstratorConfig) -> Mapping[str, tuple[Task, list[int]]]:
-    """Each demonstration's name, task and seed."""
-    return {
-        f"{task.name}-{i}": (task, [config.seed, number, i])
-        for number, task in enumerate(TASKS)
-        for i in range(config.starts_per_task if task.start_actions else 1)
-    }
-
-
-def demonstrate_from_any_start(
+def demonstrate_task(
     task: Task,
     simulator: RopeSimulator,
     rng: np.random.Generator,
     config: DemonstratorConfig,
     starts: StartsConfig,
     observe: Observer | None = None,
-) -> Demonstrated:
-    """A robust demonstration of a task from the first start that allows one.
+) -> list[Demonstrated]:
+    """Demonstrations of a task, each from the first start that allows one.
+
+    An untangled task has one, for it begins with one shape, the straight rope: the best of a few.
 
     Args:
-        task: begins tangled, from a random start, or untangled, from a straight rope.
+        task: begins tangled, from random starts, or untangled.
         simulator: tells which splines succeed.
         rng: everything random comes from it.
         config: the effort to spend, and the least share that must succeed.
@@ -58,17 +52,43 @@ def demonstrate_from_any_start(
     Raises:
         RuntimeError: no start was any good.
     """
-    for left_out in range(MOST_STARTS):
-        if task.start_actions:
-            found = reached(task.start_actions, 1, simulator, aim, rng, starts, observe)
-            points = found.points[0]
+    count = config.starts_per_task
+    if not task.start_actions:
+        count = config.straight_searches
+        config = replace(config, room_guesses=config.room_guesses * count)
+    candidates = _starts(task, count, simulator, rng, starts, observe)
+    found = []
+    for _ in range(count):
+        for left_out in range(MOST_STARTS):
+            # To a micrometre, as a file holds them: what is tried is what will be read.
+            points = np.round(next(candidates), 6)
+            scored = demonstrate(points, task, simulator, rng, config, observe)
+            if scored is not None:
+                shown = Demonstration(task, points, scored.spline, "scripted")
+                found.append(Demonstrated(shown, scored, left_out))
+                break
         else:
-            points = straight(simulator.config.rope)
-        result = demonstrate(points, task, simulator, rng, config, observe)
-        if result is not None and result[1] >= config.least_share:
-            spline, share = result
-            return Demonstrated(Demonstration(task, points, spline, "scripted"), share, left_out)
-    raise RuntimeError(
-        f"no spline for {task.action} had {config.least_share:.0%} of its noisy copies succeed on "
-        f"any of {MOST_STARTS} starts; lower least_share or raise the demonstrator's effort"
-    )
+            raise RuntimeError(
+                f"no spline for {task.action} succeeded together with {config.least_share:.0%} of "
+                f"its noisy copies on any of {MOST_STARTS} starts; lower least_share or raise the "
+                "demonstrator's effort"
+            )
+    return found if task.start_actions else [max(found, key=lambda one: one.scored.score)]
+
+
+def _starts(
+    task: Task,
+    count: int,
+    simulator: RopeSimulator,
+    rng: np.random.Generator,
+    starts: StartsConfig,
+    observe: Observer | None,
+) -> Iterator[NDArray]:
+    """Start shapes (V, 3), made `count` at once since they descend from many ropes anyway."""
+    while True:
+        if not task.start_actions:
+            yield straight(simulator.config.rope)
+        else:
+            yield from reached(
+                task.start_actions, count, simulator, aim, rng, starts, observe
+            ).points

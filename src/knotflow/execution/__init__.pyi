@@ -1,69 +1,71 @@
 from .arm import Arm, ArmError, Base, load_arm
 from .dynamics import MujocoDynamics, RopeDynamics, Still
 from .errors import STEPS, predict_motions, prediction_errors
-from .execute import (
-    Controller,
-    Estimator,
-    Execution,
-    ExecutionConfig,
-    RopeSource,
-    Seen,
-    execute,
-)
+from .execute import Execution, Outcome, Replan, execute
 from .export import Export, export_plan
+from .follow import Controller, ExecutionConfig
 from .franka import panda
 from .lstm import LstmConfig, LstmDynamics
 from .mppi import Mppi, MppiConfig
-from .perturbation import ERRORS, EXPONENTS, LEVELS, Errors, perturb_rope
+from .perturbation import ERRORS, Errors
 from .reach import Reached, follow_waypoints
 from .robot import Robot
 from .rope_motions import FREE, STEP, Motions, draw_motions
+from .sight import Estimated, Estimator, Look, RopeSource, Seen, Sight
 from .timing import JointTrajectory, time_joints
 from .training import DynamicsTraining, DynamicsTrainingConfig
+from .trial import CONTROLS, Control, Trial, failure, try_plan
 from .twin import TrueState, Twin, TwinConfig
 
 __all__ = [
+    "CONTROLS",
     "ERRORS",
-    "EXPONENTS",
     "FREE",
-    "LEVELS",
     "STEP",
     "STEPS",
     "Arm",
     "ArmError",
     "Base",
+    "Control",
     "Controller",
     "DynamicsTraining",
     "DynamicsTrainingConfig",
     "Errors",
+    "Estimated",
     "Estimator",
     "Execution",
     "ExecutionConfig",
     "Export",
     "JointTrajectory",
+    "Look",
     "LstmConfig",
     "LstmDynamics",
     "Motions",
     "Mppi",
     "MppiConfig",
     "MujocoDynamics",
+    "Outcome",
     "Reached",
+    "Replan",
     "Robot",
     "RopeDynamics",
     "RopeSource",
     "Seen",
+    "Sight",
     "Still",
+    "Trial",
     "TrueState",
     "Twin",
     "TwinConfig",
     "draw_motions",
     "execute",
     "export_plan",
+    "failure",
     "follow_waypoints",
     "load_arm",
     "panda",
-    "perturb_rope",
     "predict_motions",
     "prediction_errors",
     "time_joints",
+    "try_plan",
 ]

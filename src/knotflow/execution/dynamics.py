@@ -50,7 +50,10 @@ class Still:
 
 
 class MujocoDynamics:
-    """The planner's simulator as a model: exact for the planner's rope, and slow."""
+    """The planner's simulator as a model: exact for the planner's rope, and slow.
+
+    Like `RopeSimulator`, it shows ropes as they were at the beginning of a frame's last time step.
+    """
 
     def __init__(self, config: SimulationConfig | None = None) -> None:
         from mujoco.batch import Batch

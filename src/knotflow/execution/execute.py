@@ -1,94 +1,45 @@
-"""A plan executed by a robot: as it was planned, or tracked and corrected while it moves (Sec. VI).
+"""A plan executed by a robot: step by step as planned, or planned anew after each (Sec. VI).
 
-Each step of the plan is a spline. Open loop, the gripper goes where the plan says, whatever the
-rope does. In closed loop it grasps the rope where it lies, and every tenth of a second a controller
-chooses the next move from the rope's state, so that it follows the rope of the plan.
+Between two actions the loop is closed by a look at the rope and a new plan from there: with splines
+for the rope as it lies, whether the action led to its state, to another one of the solution DAG, or
+outside of it, from where a planner that may undo has a way back.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from knotflow.execution.follow import Controller, ExecutionConfig, Run
 from knotflow.execution.robot import Robot
 from knotflow.execution.rope_motions import STEP
-from knotflow.planning import GripperConfig, KnotPlan, PlanStep
-from knotflow.planning.waypoints import trace_waypoints
-from knotflow.simulation import grasped_link, spline_basis
-from knotflow.topology import project
+from knotflow.execution.sight import Look, RopeSource, Sight
+from knotflow.planning import KnotPlan, PlanStep, UnreachableGoalError
+from knotflow.simulation import ShapeError
+from knotflow.topology import Action, DegenerateCurveError, TopologicalState
 
-if TYPE_CHECKING:
-    from knotflow.perception import RgbdImage
-
-
-class Estimator(Protocol):
-    """Follows the rope from image to image."""
-
-    def update(self, image: RgbdImage, gripper: NDArray, grasped: bool) -> NDArray:
-        """The rope (V, 3), metres, in the newest image.
-
-        `gripper` (3,) is where the gripper is, and `grasped` whether its fingers are closed.
-        """
-        ...
-
-
-class RopeSource(Protocol):
-    """Where the state of the rope comes from."""
-
-    def points(self, robot: Robot, grasped: bool) -> NDArray:
-        """The rope (V, 3), metres, now; asked for once after every move."""
-        ...
+Replan = Callable[[NDArray], KnotPlan]
+"""Plans the rest of a knot from a rope (V, 3) as it lies, such as `planning.plan_knot` does."""
 
 
 @dataclass(frozen=True)
-class Seen:
-    """The rope as an estimator finds it in the robot's images."""
+class Outcome:
+    """What became of one step.
 
-    estimator: Estimator
+    Attributes:
+        action: what it was for; an `Arrange` keeps the state.
+        expected: the state it leads to.
+        found: the state that was seen after it; None where nobody looked, or it cannot be told.
+        held: whether the rope was held until it was let go, as far as that was watched.
+    """
 
-    def points(self, robot: Robot, grasped: bool) -> NDArray:
-        """See `RopeSource`."""
-        return self.estimator.update(robot.observe(), robot.position, grasped)
-
-
-class Controller(Protocol):
-    """Chooses the gripper's moves while it drags the rope."""
-
-    def begin(self, reference: NDArray, path: NDArray, weights: NDArray, grasped: int) -> None:
-        """Take up a spline.
-
-        Args:
-            reference: (T + 1, V, 3) the rope that is wanted, at the grasp and after each move.
-            path: (T + 1, 3) the gripper's planned path.
-            weights: (V,) how much each vertex matters.
-            grasped: index of the link that is held.
-        """
-        ...
-
-    def act(self, points: NDArray, velocities: NDArray, gripper: NDArray) -> NDArray:
-        """Where the gripper shall be (3,) a tick from now, from the rope (V, 3) and where it is."""
-        ...
-
-
-@dataclass
-class ExecutionConfig:
-    """How a plan is executed."""
-
-    gripper: GripperConfig = field(default_factory=GripperConfig)
-    """Heights and speeds between splines."""
-    crossing_width: float = 0.08
-    """Share of the rope around each crossing of a step's end within which vertices matter most."""
-    crossing_weight: float = 4.0
-    """How much more a vertex at a crossing matters than one far from it."""
-    slip: float = 0.03
-    """How far the held link may come away from the gripper before it counts as lost, metres."""
-    attempts: int = 3
-    """How often a step is begun, in closed loop, whose grasp misses or slips."""
+    action: Action
+    expected: TopologicalState
+    found: TopologicalState | None
+    held: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,10 +50,13 @@ class Execution:
         times: (N,) seconds since the first move began.
         gripper: (N, 3) where it was commanded to be, metres.
         closed: (N,) whether the fingers were commanded to be closed.
-        step: (N,) index of the plan's step.
+        step: (N,) how many actions had been begun before.
         reference: (N, V, 3) the rope of the plan, metres; NaN where the gripper does not drag.
-        points: (N, V, 3) the rope as it was seen, metres; NaN in open loop.
+        points: (N, V, 3) the rope as it was followed, metres; NaN where it was not.
         tick_seconds: what the controller took for each move that it chose.
+        outcomes: of each step, in the order executed.
+        sight: the last look at the rope; None where nobody looked.
+        tied: whether that look shows a state of the goal, and no doubt; None where nobody looked.
         reason: why it ended.
     """
 
@@ -113,6 +67,9 @@ class Execution:
     reference: NDArray[np.float64]
     points: NDArray[np.float64]
     tick_seconds: NDArray[np.float64]
+    outcomes: tuple[Outcome, ...]
+    sight: Sight | None
+    tied: bool | None
     reason: str
 
 
@@ -122,202 +79,132 @@ def execute(
     config: ExecutionConfig | None = None,
     source: RopeSource | None = None,
     controller: Controller | None = None,
-    replan: Callable[[NDArray], KnotPlan] | None = None,
+    look: Look | None = None,
+    replan: Replan | None = None,
 ) -> Execution:
     """Tie the plan's knot.
 
     Args:
         plan: with the trajectories of its steps.
         robot: used by the words of `Robot` alone.
-        config: heights, speeds, and what matters.
-        source: tells the rope's state. Without one the plan is executed open loop.
+        config: heights, speeds, what matters, and when to give up.
+        source: follows the rope while it is dragged, so that a rope that is lost is noticed.
         controller: corrects the drag. Without one, but with a source, the spline begins where the
             rope is and is then followed blindly.
-        replan: plans the rest from the rope (V, 3) as it lies after each action.
+        look: tells the rope's state at the end, and with `replan` after each action.
+        replan: plans the rest after each action. Only the first step of each plan is executed; the
+            given plan's if the rope is seen to lie in the state it begins with.
 
     Returns:
-        What was done. It is not judged here whether the knot is tied: that takes a look at the
-        rope.
+        What was done, and whether the knot is seen to be tied.
 
     Raises:
-        ValueError: a controller or `replan` without a source, or a plan without trajectories.
+        ValueError: a controller without a source, `replan` without a look, or a plan without
+            trajectories.
     """
-    if source is None and (controller is not None or replan is not None):
-        raise ValueError("a controller and replanning need a source that tells the rope's state")
+    if controller is not None and source is None:
+        raise ValueError("a controller needs a source that follows the rope")
+    if replan is not None and look is None:
+        raise ValueError("planning anew needs a look at the rope after each action")
     if any(len(step.trajectory) == 0 for step in plan.steps):
         raise ValueError("the plan was saved without trajectories, so there is nothing to follow")
-    run = _Run(robot, config or ExecutionConfig(), source, controller)
-    steps, number, reason = list(plan.steps), 0, "every step was executed"
+    corrects = source is not None or replan is not None
+    run = Run(robot, config or ExecutionConfig(), source, controller, corrects)
+    knot = _Knot(run, plan, look)
     try:
-        while steps:
-            step = steps.pop(0)
-            attempts = range(run.config.attempts)
-            if not any(run.execute(step, plan, number) for _ in attempts):
-                reason = f"the rope was lost in all {len(attempts)} attempts at step {number}"
-                break
-            number += 1
-            if replan is not None and run.points is not None and steps:
-                plan = replan(run.points)
-                steps = list(plan.steps)
-                if not plan.solved:
-                    reason = f"no plan was found after step {number}: {plan.reason}"
-                    break
+        reason = knot.follow() if replan is None else knot.tie(replan)
     finally:
         robot.release()
-    return run.record(plan.start.shape, reason)
+    return knot.record(reason)
 
 
 @dataclass(eq=False)
-class _Run:
-    """An execution under way."""
+class _Knot:
+    """A knot in the making."""
 
-    robot: Robot
-    config: ExecutionConfig
-    source: RopeSource | None
-    controller: Controller | None
-    points: NDArray | None = None
-    """The rope as it was seen last."""
-    before: NDArray | None = None
-    """The rope as it was seen a move earlier."""
-    closed: bool = False
-    commanded: NDArray = field(default_factory=lambda: np.zeros(3))
-    """Where the gripper should have come last."""
-    error: NDArray = field(default_factory=lambda: np.zeros(3))
-    """How far off the robot is from where it is sent, metres."""
-    frames: list[tuple[NDArray, bool, int, NDArray | None, NDArray | None]] = field(
-        default_factory=list
-    )
-    ticks: list[float] = field(default_factory=list)
+    run: Run
+    plan: KnotPlan
+    look: Look | None
+    outcomes: list[Outcome] = field(default_factory=list)
+    sight: Sight | None = None
 
-    def execute(self, step: PlanStep, plan: KnotPlan, number: int) -> bool:
-        """Grasp, drag, let go and rise; whether the rope was held until it was let go."""
-        self._look()
-        rope = step.start if self.points is None else self.points
-        link = int(grasped_link(step.spline, len(rope) - 1))
-        path = from_grasp(step, (rope[link] + rope[link + 1]) / 2, plan.move_time)
-        waypoints = trace_waypoints(
-            [(step.times, path, str(step.action))],
-            np.stack([step.start, step.end]),
-            plan.radius,
-            plan.move_time,
-            1 / STEP,
-            self.config.gripper,
-        )
-        drag = np.flatnonzero([phase == "drag" for phase in waypoints.phases])
-        before, after = waypoints.positions[: drag[0]], waypoints.positions[drag[-1] + 1 :]
-        for place in _straight(self.robot.position, before[0], self.config.gripper.travel_speed):
-            self._move(place, number)
-        for place, phase in zip(before, waypoints.phases, strict=False):
-            if phase == "close" and not self.closed:
-                self.robot.grasp()
-                self.closed = True
-            self._move(place, number)
-        planned = np.concatenate([before[-1:], waypoints.positions[drag]])
-        held = self._drag(step, planned, number)
-        self.robot.release()
-        self.closed = False
-        released = self.commanded
-        for place in after + released - planned[-1]:
-            self._move(np.maximum(place, [-np.inf, -np.inf, planned[-1, 2]]), number)
+    def follow(self) -> str:
+        """Execute every step of the plan; why it ended."""
+        attempts = self.run.config.attempts
+        for number, step in enumerate(self.plan.steps):
+            if not any(self._step(step, self.plan) for _ in range(attempts)):
+                reason = f"the rope was lost in all {attempts} attempts at step {number}"
+                break
+        else:
+            reason = "every step was executed"
+        if self.look is None:
+            return reason
+        self.sight = self.run.see(self.look, len(self.outcomes))
+        return f"{reason}, and {self._seen()}"
+
+    def tie(self, replan: Replan) -> str:
+        """Plan, execute one step, look, and so on; why it ended."""
+        assert self.look is not None
+        config, lost = self.run.config, 0
+        sight = self.sight = self.run.see(self.look, 0)
+        begins = self.plan.solved and sight.state == self.plan.start_state
+        plan = self.plan if begins else None
+        while sight.points is not None and sight.state not in self.plan.goal_states:
+            done = len(self.outcomes)
+            if lost == config.attempts:
+                return f"the rope was lost in {lost} actions one after the other: {self._seen()}"
+            if done == config.max_actions:
+                return f"the knot is not tied after {done} actions: {self._seen()}"
+            try:
+                plan = plan or replan(sight.points)
+            except (UnreachableGoalError, DegenerateCurveError, ShapeError) as error:
+                return f"there is no plan after {done} actions: {error}"
+            if not plan.solved or not plan.steps:
+                return f"no plan was found after {done} actions: {plan.reason}"
+            lost = 0 if self._step(plan.steps[0], plan) else lost + 1
+            sight = self.sight = self.run.see(self.look, len(self.outcomes))
+            self.outcomes[-1] = replace(self.outcomes[-1], found=sight.state)
+            plan = None
+        return f"{self._seen()} after {len(self.outcomes)} actions"
+
+    def _step(self, step: PlanStep, plan: KnotPlan) -> bool:
+        held = self.run.execute(step, plan, len(self.outcomes))
+        self.outcomes.append(Outcome(step.action, step.end_state, None, held))
         return held
 
-    def _drag(self, step: PlanStep, path: NDArray, number: int) -> bool:
-        """Drag the rope along path (T + 1, 3) or as the controller says, unless it gets lost."""
-        reference = rope_at(step, STEP * np.arange(len(path)))
-        caught = self._distances()
-        link = int(caught.argmin())
-        if self.controller is not None:
-            self.controller.begin(reference, path, self._weights(step), link)
-        for place, rope in zip(path[1:], reference[1:], strict=True):
-            if self.controller is not None:
-                place = self._controlled(self.controller)
-            self._move(place, number, rope)
-            if self._distances()[link] > caught[link] + self.config.slip:
-                return False
-        return True
+    def _tied(self) -> bool | None:
+        if self.sight is None:
+            return None
+        return self.sight.state in self.plan.goal_states and not self.sight.doubts
 
-    def _distances(self) -> NDArray[np.float64]:
-        """(V - 1,) of the links' centres from the gripper, metres; 0 where no rope is seen."""
-        if self.points is None:
-            return np.zeros(1)
-        centres = (self.points[1:] + self.points[:-1]) / 2
-        return np.linalg.norm(centres - self.robot.position, axis=1)
+    def _seen(self) -> str:
+        """What the last look says, in words."""
+        sight = self.sight
+        assert sight is not None
+        doubts = "; ".join(sight.doubts)
+        if self._tied():
+            return "the knot is seen to be tied"
+        if sight.points is None:
+            return f"the rope is not seen: {doubts}"
+        state = "that cannot be read" if sight.state is None else sight.state
+        seen = f"the rope is seen in the state {state}"
+        return f"{seen}, in doubt: {doubts}" if doubts else seen
 
-    def _controlled(self, controller: Controller) -> NDArray:
-        """The controller's next place (3,)."""
-        assert self.points is not None and self.before is not None
-        began = time.perf_counter()
-        velocities = (self.points - self.before) / STEP
-        there = controller.act(self.points, velocities, self.robot.position)
-        self.ticks.append(time.perf_counter() - began)
-        return there
-
-    def _weights(self, step: PlanStep) -> NDArray[np.float64]:
-        """(V,) with the strands at the crossings of the step's end weighing most."""
-        along = np.linspace(0.0, 1.0, len(step.end))
-        weights = np.ones(len(along))
-        for fraction in project(step.end).fractions:
-            near = np.exp(-0.5 * ((along - fraction) / self.config.crossing_width) ** 2)
-            weights = np.maximum(weights, 1 + (self.config.crossing_weight - 1) * near)
-        return weights / weights.mean()
-
-    def _move(self, place: NDArray, number: int, reference: NDArray | None = None) -> None:
-        """Move for a tick, look, and note it down."""
-        self.commanded = place
-        self.robot.move_to(place - self.error, STEP)
-        if self.source is not None:  # in closed loop: what was off the mark is made up for
-            self.error = self.error + self.robot.position - place
-            self.error = np.clip(self.error, -MOST_ERROR, MOST_ERROR)
-        self._look()
-        self.frames.append((place, self.closed, number, reference, self.points))
-
-    def _look(self) -> None:
-        if self.source is not None:
-            now = self.source.points(self.robot, self.closed)
-            self.before = now if self.points is None else self.points
-            self.points = now
-
-    def record(self, shape: tuple[int, ...], reason: str) -> Execution:
-        """All frames, ropes of a shape (V, 3)."""
-        unknown = np.full(shape, np.nan)
-        places, closed, numbers, references, points = zip(*self.frames, strict=True)
+    def record(self, reason: str) -> Execution:
+        """All that was done."""
+        frames, unknown = self.run.frames, np.full(self.plan.start.shape, np.nan)
+        references = [unknown if one.reference is None else one.reference for one in frames]
+        points = [unknown if one.points is None else one.points for one in frames]
         return Execution(
-            times=STEP * np.arange(1, len(places) + 1, dtype=np.float64),
-            gripper=np.stack(places),
-            closed=np.array(closed),
-            step=np.array(numbers),
-            reference=np.stack([unknown if one is None else one for one in references]),
-            points=np.stack([unknown if one is None else one for one in points]),
-            tick_seconds=np.array(self.ticks),
+            times=STEP * np.arange(1, len(frames) + 1, dtype=np.float64),
+            gripper=np.reshape([one.gripper for one in frames], (-1, 3)),
+            closed=np.array([one.closed for one in frames], bool),
+            step=np.array([one.step for one in frames], np.int64),
+            reference=np.reshape(references, (-1, *unknown.shape)),
+            points=np.reshape(points, (-1, *unknown.shape)),
+            tick_seconds=np.array(self.run.ticks),
+            outcomes=tuple(self.outcomes),
+            sight=self.sight,
+            tied=self._tied(),
             reason=reason,
         )
-
-
-MOST_ERROR = 0.03
-"""Largest error of the robot along each axis that is made up for, metres; more is a fault."""
-
-
-def from_grasp(step: PlanStep, grasp: NDArray, move_time: float) -> NDArray[np.float64]:
-    """The gripper's path (T, 3) of a step, begun at another place (3,), metres.
-
-    What the beginning is off fades as the first control point's weight does.
-    """
-    share = np.clip(step.times / move_time, 0.0, 1.0)
-    weight = spline_basis(share)[:, :1]
-    return step.gripper + weight * (grasp - step.gripper[0])
-
-
-def rope_at(step: PlanStep, times: NDArray) -> NDArray[np.float64]:
-    """The rope (N, V, 3) of a step at times (N,), seconds since the grasp."""
-    at = np.interp(times, step.times, np.arange(len(step.times)))
-    frame = np.minimum(at.astype(int), len(step.times) - 2)
-    share = (at - frame)[:, None, None]
-    return (1 - share) * step.trajectory[frame] + share * step.trajectory[frame + 1]
-
-
-def _straight(begin: NDArray, end: NDArray, speed: float) -> NDArray[np.float64]:
-    """Places (N, 3), a tick apart, on a straight line from rest to rest; none if it is there."""
-    # The smooth step 3u^2 - 2u^3 is at most 1.5 times as fast as its mean.
-    count = int(np.ceil(1.5 * float(np.linalg.norm(end - begin)) / speed / STEP))
-    u = np.arange(1, count + 1)[:, None] / max(count, 1)
-    return begin + u**2 * (3.0 - 2.0 * u) * (end - begin)

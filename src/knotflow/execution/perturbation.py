@@ -1,26 +1,12 @@
-"""How far the stand-in for reality may lie from the planner's model, by level."""
+"""What the stand-in for a robot and its camera does wrong, by level."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from knotflow.simulation import RopeConfig
-
-LEVELS = (0, 1, 2)
-"""0 is the planner's rope, 1 a rope like it, 2 one that is quite different."""
-
-EXPONENTS = {
-    "table_friction": 0.4,
-    "rope_friction": 0.4,
-    "joint_damping": 0.4,
-    "joint_stiffness": 0.7,
-    "density": 0.3,
-    "radius": 0.1,
-}
-"""Fields of `RopeConfig` -> a: at level 1 the value is multiplied by e^u, u uniform in [-a, a], at
-level 2 in [-2a, 2a]."""
+from knotflow.simulation import ACTUATION
 
 
 @dataclass(frozen=True)
@@ -40,21 +26,8 @@ class Errors:
 
 
 ERRORS = (
-    Errors(0.0, 0.0, 0.0, 0.0, 0.0),
-    Errors(0.006, 0.006, 0.002, np.deg2rad(0.2), 1.0),
-    Errors(0.010, 0.010, 0.002, np.deg2rad(0.2), 1.0),
+    Errors(ACTUATION[0], ACTUATION[0], 0.0, 0.0, 0.0),
+    Errors(ACTUATION[1], ACTUATION[1], 0.002, np.deg2rad(0.2), 1.0),
+    Errors(ACTUATION[2], ACTUATION[2], 0.002, np.deg2rad(0.2), 1.0),
 )
-"""Of each level."""
-
-
-def perturb_rope(rope: RopeConfig, level: int, rng: np.random.Generator) -> RopeConfig:
-    """A rope whose `EXPONENTS` fields are drawn log-uniformly around those of `rope`."""
-    check_level(level)
-    factors = {name: np.exp(level * a * rng.uniform(-1, 1)) for name, a in EXPONENTS.items()}
-    return replace(rope, **{name: getattr(rope, name) * f for name, f in factors.items()})
-
-
-def check_level(level: int) -> None:
-    """Raise a ValueError for a level that is none."""
-    if level not in LEVELS:
-        raise ValueError(f"a level is {', '.join(map(str, LEVELS[:-1]))} or {LEVELS[-1]}: {level}")
+"""Of each level of `simulation.perturbation`."""

@@ -24,7 +24,11 @@ class Robot(Protocol):
     """
 
     def observe(self) -> RgbdImage:
-        """The newest image of the camera."""
+        """The newest image of the camera, with the time at which it was taken.
+
+        Raises:
+            TimeoutError: there is none; it is asked for again.
+        """
         ...
 
     def move_to(self, position: NDArray, seconds: float) -> None:

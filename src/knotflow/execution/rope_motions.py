@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.demonstrations import Demonstration, NoiseConfig, aim, noisy_copies
-from knotflow.execution.perturbation import LEVELS, perturb_rope
 from knotflow.simulation import (
+    LEVELS,
     SPLINE_HIGH,
     SPLINE_LOW,
     RopeSimulator,
     SimulationConfig,
     grasped_link,
+    perturb_rope,
     random_curve,
 )
 from knotflow.topology import TopologicalState

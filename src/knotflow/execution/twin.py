@@ -9,9 +9,10 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.execution.perturbation import ERRORS, Errors, perturb_rope
+from knotflow.execution.perturbation import ERRORS, Errors
 from knotflow.execution.robot import Robot
-from knotflow.simulation import RopeConfig, build_model, check_points, pose
+from knotflow.execution.sight import Sight
+from knotflow.simulation import RopeConfig, build_model, check_points, perturb_rope, pose
 
 if TYPE_CHECKING:
     from knotflow.perception import Camera, RgbdImage, SimulatedCamera
@@ -22,7 +23,7 @@ class TwinConfig:
     """A twin, but for what is drawn."""
 
     level: int = 1
-    """How far it is from the planner's model, see `perturbation`."""
+    """How far it is from the planner's model, see `simulation.perturbation`."""
     rope: RopeConfig = field(default_factory=RopeConfig)
     """The rope around which the twin's is drawn."""
     timestep: float = 0.005
@@ -41,6 +42,12 @@ class Twin:
 
     Whoever plays with it has the truth (`points`); whoever executes a plan gets `robot()`, from
     which nothing but the `Robot` protocol is reached.
+
+    Attributes:
+        rope: what was drawn.
+        times: (N,) seconds at the end of each move.
+        trajectory: (N, V, 3) the rope then.
+        missed: grasps that caught nothing.
     """
 
     def __init__(
@@ -81,10 +88,12 @@ class Twin:
         self._commanded = np.array(config.home)
         self._held: NDArray | None = None
         self._closed = False
+        self.missed = 0
         self.times: list[float] = []
         self.trajectory: list[NDArray[np.float64]] = []
         self._time, self._loose = 0.0, LAID
-        self._advance(self._commanded, LAID)
+        while self._time < MOST_LAID and not self._at_rest():
+            self._advance(self._commanded, LAID)
 
     @property
     def points(self) -> NDArray[np.float64]:
@@ -129,6 +138,7 @@ class Twin:
         distance = np.linalg.norm(nearest - fingers, axis=1)
         link = int(distance.argmin())
         self._closed = True
+        self.missed += bool(distance[link] > self.config.reach)
         if self._held is None and distance[link] <= self.config.reach:
             self._held = (points[link] + points[link + 1]) / 2 - self.position
             self._data.mocap_pos[0] = self.position + self._held
@@ -155,16 +165,30 @@ class Twin:
             self._commanded = begin + (target - begin) * step / steps
             place = self.position if self._held is None else self.position + self._held
             self._data.mocap_pos[0] = np.maximum(place, [-np.inf, -np.inf, self.rope.radius])
-            if self._held is not None or self._loose > 0:
+            if not self._at_rest():
                 mujoco.mj_step(self._model, self._data)
                 self._loose -= self.config.timestep
             self._time += self.config.timestep
         mujoco.mj_kinematics(self._model, self._data)
 
+    def _at_rest(self) -> bool:
+        """Whether the rope, let go long enough ago, hardly moves; then it stops altogether."""
+        import mujoco
+
+        if self._held is not None or self._loose > 0:
+            return False
+        if self._data.qvel.any():
+            mujoco.mj_energyVel(self._model, self._data)
+            speed = np.sqrt(2 * self._data.energy[1] / self._model.body_subtreemass[0])
+            if speed > RESTING:
+                return False
+            self._data.qvel[:] = 0.0
+        return True
+
 
 @dataclass(frozen=True)
 class TrueState:
-    """A source of the rope's true state, in place of vision: a yardstick that no lab has."""
+    """The rope's true state, in place of vision: a yardstick that no lab has."""
 
     twin: Twin
 
@@ -172,14 +196,22 @@ class TrueState:
         """See `RopeSource`."""
         return self.twin.points
 
+    def look(self, robot: Robot) -> Sight:
+        """See `Look`."""
+        return Sight.of(self.twin.points)
 
-LAID = 0.1
-"""Seconds that a rope moves after it was laid down at rest."""
+
+LAID, MOST_LAID = 0.1, 2.0
+"""Seconds that a rope moves at least and at most after it was laid down."""
 
 SETTLED = 0.7
-"""Seconds that it moves after it was let go; then it lies still until it is grasped again. MuJoCo's
-friction yields a little to any force, so that a bent rope would creep by centimetres while the
-gripper travels; a real one does not."""
+"""Seconds that it moves at least after it was let go. Once it is slow it then lies still until it
+is grasped again: MuJoCo's friction yields a little to any force, so that a bent rope would creep by
+centimetres while the gripper travels; a real one does not."""
+
+RESTING = 0.01
+"""Root mean square speed of the rope below which it comes to rest, metres per second. A millisecond
+of free fall; a rope creeps at a fifth of it."""
 
 
 def _camera(

@@ -2,16 +2,21 @@ from .appearance import Appearance
 from .camera import Camera, CameraError
 from .certainty import CrossingEvidence, weigh_crossings
 from .estimation import EstimateConfig, RopeEstimate, estimate
+from .evidence import explained, observe, seen
 from .fitting import FitConfig, fit, image_loss, project_lengths, shape_loss
 from .image import ImageError, Label, RgbdImage
 from .lifting import lift
 from .losses import Target
+from .motion import go_on
 from .noise import NoiseConfig, add_noise
+from .point_drift import PointDriftConfig, PointDriftTracker
 from .rendering import render
 from .sample import SAMPLE
+from .seeing import see
 from .segmentation import Segmentation, segment
 from .simulated import SimulatedCamera, View
 from .tracing import Trace, TraceError, trace
+from .tracking import Tracker, TrackerConfig
 from .uncertainty import spread
 from .unmixing import coverage
 
@@ -26,6 +31,8 @@ __all__ = [
     "ImageError",
     "Label",
     "NoiseConfig",
+    "PointDriftConfig",
+    "PointDriftTracker",
     "RgbdImage",
     "RopeEstimate",
     "Segmentation",
@@ -33,15 +40,22 @@ __all__ = [
     "Target",
     "Trace",
     "TraceError",
+    "Tracker",
+    "TrackerConfig",
     "View",
     "add_noise",
     "coverage",
     "estimate",
+    "explained",
     "fit",
+    "go_on",
     "image_loss",
     "lift",
+    "observe",
     "project_lengths",
     "render",
+    "see",
+    "seen",
     "segment",
     "shape_loss",
     "spread",

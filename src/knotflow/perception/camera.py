@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -97,6 +97,19 @@ class Camera:
             [(u - self.cx) / self.fx, (v - self.cy) / self.fy, np.ones_like(u)], axis=-1
         )
         return local @ self.rotation.T
+
+    def binned(self, factor: int) -> Camera:
+        """The camera whose pixels are squares of `factor` by `factor` of this one's; what is left
+        over at the right and at the bottom is cut off."""
+        return replace(
+            self,
+            width=self.width // factor,
+            height=self.height // factor,
+            fx=self.fx / factor,
+            fy=self.fy / factor,
+            cx=(self.cx + 0.5) / factor - 0.5,
+            cy=(self.cy + 0.5) / factor - 0.5,
+        )
 
     @classmethod
     def overhead(

@@ -44,6 +44,11 @@ class CrossingEvidence:
     gap: float
     certainty: float
 
+    def turned(self) -> CrossingEvidence:
+        """The same crossing of a rope whose head is the tail."""
+        first, second = self.fractions
+        return replace(self, fractions=(1 - second, 1 - first), first_over=not self.first_over)
+
 
 def weigh_crossings(
     points: NDArray,
@@ -71,17 +76,17 @@ def weigh_crossings(
 
     weighed: dict[int, float] = {}
     loss = misfit(shape)
-    for index in range(len(_meetings(shape))):
-        pairs = _meetings(shape)
+    for index in range(len(meetings(shape))):
+        pairs = meetings(shape)
         if index >= len(pairs):
             break
-        other = fit(_exchange(shape, *pairs[index], rope), target, camera, rope, brief)
+        other = fit(exchange(shape, *pairs[index], rope), target, camera, rope, brief)
         worse = misfit(other) - loss
-        if worse < 0 and len(_meetings(other)) == len(pairs):
+        if worse < 0 and len(meetings(other)) == len(pairs):
             shape, loss, worse = other, loss + worse, -worse
         weighed[index] = float(1 / (1 + np.exp(-min(abs(worse), 50.0))))
     evidence = []
-    for index, (first, second) in enumerate(_meetings(shape)):
+    for index, (first, second) in enumerate(meetings(shape)):
         heights = np.interp([first, second], np.linspace(0, 1, len(shape)), shape[:, 2])
         evidence.append(
             CrossingEvidence(
@@ -94,7 +99,7 @@ def weigh_crossings(
     return shape, tuple(evidence)
 
 
-def _meetings(shape: Floats) -> list[tuple[float, float]]:
+def meetings(shape: Floats) -> list[tuple[float, float]]:
     """The fractions of the rope's length at which each crossing is met, in the order met."""
     try:
         read = project(shape, min_gap=0.0)
@@ -106,7 +111,7 @@ def _meetings(shape: Floats) -> list[tuple[float, float]]:
     return sorted((float(min(pair)), float(max(pair))) for pair in met)
 
 
-def _exchange(shape: Floats, first: float, second: float, rope: RopeConfig) -> Floats:
+def exchange(shape: Floats, first: float, second: float, rope: RopeConfig) -> Floats:
     """The shape (V, 3) with the heights of its strands exchanged around a crossing."""
     along = np.linspace(0.0, 1.0, len(shape))
     reach = min(_EXCHANGED * rope.radius / rope.length, 0.5 * (second - first))

@@ -8,30 +8,25 @@ in doubt, makes the estimate doubtful.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from knotflow.perception.camera import Camera
 from knotflow.perception.certainty import CrossingEvidence, weigh_crossings
+from knotflow.perception.evidence import explained, observe, seen
 from knotflow.perception.fitting import FitConfig, fit
-from knotflow.perception.image import Label, RgbdImage
+from knotflow.perception.image import RgbdImage
 from knotflow.perception.lifting import lift
 from knotflow.perception.losses import Target
-from knotflow.perception.rendering import render
-from knotflow.perception.segmentation import segment
 from knotflow.perception.tracing import trace
 from knotflow.perception.uncertainty import spread
-from knotflow.perception.unmixing import coverage
 from knotflow.simulation import RopeConfig, state_or_none
 from knotflow.topology import TopologicalState
 
 Floats = NDArray[np.float64]
 Pairs = frozenset[tuple[int, int]]
-
-_CLEARLY = 0.7  # difference in the share of a pixel that is rope, which is no matter of edges
 
 
 @dataclass
@@ -88,6 +83,7 @@ def estimate(
     rope: RopeConfig,
     initial: NDArray | None = None,
     config: EstimateConfig | None = None,
+    earlier: NDArray | None = None,
 ) -> RopeEstimate:
     """The rope of an image.
 
@@ -95,89 +91,75 @@ def estimate(
         image: of this camera.
         camera: its intrinsics and pose.
         rope: its length, radius and number of links.
-        initial: (V, 3) metres, the shape it had shortly before or a network's guess, head first.
-            Without, the mask's skeleton is followed.
+        initial: (V, 3) metres, a guess of the shape, from either end. Without, the mask's skeleton
+            is followed.
         config: how.
+        earlier: (V, 3) metres, the shape it had shortly before, head first. It tells which end is
+            the head where no colour does.
 
     Raises:
         ImageError: an image of another size.
         TraceError: no rope in the image, and no `initial` shape.
     """
     config = config or EstimateConfig()
-    segmentation = segment(image, camera, rope.radius)
-    mask = segmentation.rope
-    known = mask | (segmentation.labels == Label.TABLE)
-    share = coverage(image, segmentation)
-    target = Target.of(mask, known, np.where(known, image.depth, np.nan), share)
-
-    guesses = _guesses(mask, share, image, camera, rope, config) if initial is None else [initial]
+    target = observe(image, camera, rope)
+    guesses = _guesses(target, image, camera, rope, config) if initial is None else [initial]
     shapes = [fit(guess, target, camera, rope, config.fit) for guess in guesses]
-    shares = [_explained(shape, target, camera, rope) for shape in shapes]
+    shares = [explained(shape, target, camera, rope) for shape in shapes]
     best = int(np.argmax(shares))
     shape, crossings = weigh_crossings(shapes[best], target, camera, rope, config.fit)
-    head_known = initial is not None
-    if initial is None:
-        shape, crossings, head_known = _head_first(shape, crossings, mask, image, camera, config)
+    head = _head(shape, target, image, camera, config)
+    if head is None and earlier is not None:
+        head = -1 if _apart(shape[::-1], earlier) < _apart(shape, earlier) else 0
+    if head == -1:
+        shape = shape[::-1].copy()
+        crossings = tuple(sorted((one.turned() for one in crossings), key=lambda x: x.fractions))
 
-    explained = _explained(shape, target, camera, rope)
+    share = explained(shape, target, camera, rope)
     state = state_or_none(shape)
     rivals = {
         _shadow(one)
-        for one, share in zip(shapes, shares, strict=True)
-        if share > shares[best] - config.rival
+        for one, accounted in zip(shapes, shares, strict=True)
+        if accounted > shares[best] - config.rival
     }
+    doubts = list_doubts(state, crossings, share, target, config)
+    if len(rivals) > 1:
+        doubts.append("another path through the image accounts for it as well")
     return RopeEstimate(
         shape,
-        _seen(shape, mask, image, camera, rope),
+        seen(shape, target.rope.numpy(), image, camera, rope),
         state,
         crossings,
-        explained,
+        share,
         spread(shape, target, camera, rope, config.fit),
-        head_known,
-        tuple(_doubts(state, crossings, explained, rivals, _leaves(mask), config)),
+        head is not None,
+        tuple(doubts),
     )
 
 
 def _guesses(
-    mask: NDArray[np.bool_],
-    share: Floats,
+    target: Target,
     image: RgbdImage,
     camera: Camera,
     rope: RopeConfig,
     config: EstimateConfig,
 ) -> list[Floats]:
     """First shapes (V, 3) along the likeliest paths through the mask."""
+    mask = target.rope.numpy()
     visible = image.depth[mask]
     distance = float(np.nanmedian(visible)) if np.isfinite(visible).any() else 1.0
     pixels = camera.fx / distance  # of a metre at the rope
-    paths = trace(share, 2 * rope.radius * pixels, rope.length * pixels)
+    paths = trace(target.coverage.numpy(), 2 * rope.radius * pixels, rope.length * pixels)
     return [lift(path, mask, image.depth, camera, rope) for path in paths[: config.candidates]]
 
 
-def _explained(shape: Floats, target: Target, camera: Camera, rope: RopeConfig) -> float:
-    """Share of the rope's image that a shape accounts for, 0..1.
-
-    Rope where the shape has none, and shape where there is none, both count against it; pixels at
-    the rope's edges, which are rope in part, for neither.
-    """
-    with torch.no_grad():
-        _, occupancy = render(torch.as_tensor(shape), rope.radius, camera)
-    wrong = ((occupancy - target.coverage).abs() > _CLEARLY) & target.known
-    return max(0.0, 1 - float(wrong.sum() / target.coverage.sum().clamp(min=1)))
-
-
-def _head_first(
-    shape: Floats,
-    crossings: tuple[CrossingEvidence, ...],
-    mask: NDArray[np.bool_],
-    image: RgbdImage,
-    camera: Camera,
-    config: EstimateConfig,
-) -> tuple[Floats, tuple[CrossingEvidence, ...], bool]:
-    """Shape and crossings with the coloured end first, and whether there is one."""
+def _head(
+    shape: Floats, target: Target, image: RgbdImage, camera: Camera, config: EstimateConfig
+) -> int | None:
+    """0 where the first vertex is of another colour than the rope, -1 where the last is."""
     rgb = image.rgb / 255.0
     column, row, _ = camera.project(shape).T
-    pixels = np.argwhere(mask)
+    pixels = np.argwhere(target.rope.numpy())
     apart = np.hypot(pixels[:, :1] - row, pixels[:, 1:] - column)  # (P, V)
     nearest = apart.argmin(axis=1)
     colours = rgb[pixels[:, 0], pixels[:, 1]]
@@ -188,18 +170,13 @@ def _head_first(
         else 0.0
         for end in (0, len(shape) - 1)
     ]
-    head_known = max(contrast) > max(config.head_contrast, 2 * min(contrast))
-    if head_known and contrast[1] > contrast[0]:
-        turned = (
-            replace(
-                one,
-                fractions=(1 - one.fractions[1], 1 - one.fractions[0]),
-                first_over=not one.first_over,
-            )
-            for one in crossings
-        )
-        return shape[::-1].copy(), tuple(sorted(turned, key=lambda one: one.fractions)), True
-    return shape, crossings, head_known
+    if max(contrast) <= max(config.head_contrast, 2 * min(contrast)):
+        return None
+    return 0 if contrast[0] > contrast[1] else -1
+
+
+def _apart(one: Floats, other: Floats) -> float:
+    return float(np.linalg.norm(one - other, axis=1).mean())
 
 
 def _shadow(shape: Floats) -> frozenset[Pairs] | None:
@@ -213,42 +190,21 @@ def _shadow(shape: Floats) -> frozenset[Pairs] | None:
     return frozenset((frozenset(pairs), frozenset((last - b, last - a) for a, b in pairs)))
 
 
-def _seen(
-    shape: Floats, mask: NDArray[np.bool_], image: RgbdImage, camera: Camera, rope: RopeConfig
-) -> NDArray[np.bool_]:
-    """(V,) whether the image shows the rope where the vertex is, and no other strand above it."""
-    column, row, depth = camera.project(shape).T
-    inside = (np.abs(column - (camera.width - 1) / 2) < camera.width / 2) & (
-        np.abs(row - (camera.height - 1) / 2) < camera.height / 2
-    )
-    u = np.clip(np.nan_to_num(np.round(column)), 0, camera.width - 1).astype(int)
-    v = np.clip(np.nan_to_num(np.round(row)), 0, camera.height - 1).astype(int)
-    off = np.abs(image.depth[v, u] - (depth - rope.radius))
-    return inside & mask[v, u] & (off < 1.5 * rope.radius)
-
-
-def _leaves(mask: NDArray[np.bool_]) -> bool:
-    """Whether the rope reaches the image's border."""
-    return bool(mask[[0, -1]].any() or mask[:, [0, -1]].any())
-
-
-def _doubts(
+def list_doubts(
     state: TopologicalState | None,
     crossings: tuple[CrossingEvidence, ...],
-    explained: float,
-    rivals: set[frozenset[Pairs] | None],
-    leaves: bool,
+    share: float,
+    target: Target,
     config: EstimateConfig,
 ) -> list[str]:
+    """What is in doubt about a shape that accounts for a `share` of the rope in the image."""
     doubts = []
-    if leaves:
+    if bool(target.rope[[0, -1]].any() or target.rope[:, [0, -1]].any()):
         doubts.append("the rope leaves the image")
     if state is None:
         doubts.append("the shape's projection does not determine its state")
-    if explained < config.explained:
-        doubts.append(f"the shape accounts for {explained:.0%} of the rope in the image")
-    if len(rivals) > 1:
-        doubts.append("another path through the image accounts for it as well")
+    if share < config.explained:
+        doubts.append(f"the shape accounts for {share:.0%} of the rope in the image")
     for number, crossing in enumerate(crossings, 1):
         if crossing.certainty < config.certain:
             doubts.append(

@@ -8,6 +8,7 @@ vertices are projected to the nearest shape whose links are of equal length.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,8 +101,12 @@ def fit(
     camera: Camera,
     rope: RopeConfig,
     config: FitConfig | None = None,
+    prior: Callable[[Tensor], Tensor] | None = None,
 ) -> NDArray[np.float64]:
-    """The shape (V, 3), metres, near a first guess `points` (V, 3) that accounts for an image."""
+    """The shape (V, 3), metres, near a first guess `points` (V, 3) that accounts for an image.
+
+    A `prior` is a further loss of the shape, for what is known besides.
+    """
     config = config or FitConfig()
     smooth = _smoothing(len(points), config.smoothing)
     start = torch.tensor(np.asarray(points, np.float64))
@@ -114,6 +119,8 @@ def fit(
         shape = start + smooth @ moves
         loss = image_loss(shape, target, camera, rope, config, softness)
         loss = loss + shape_loss(shape, rope, config)
+        if prior is not None:
+            loss = loss + prior(shape)
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
@@ -128,13 +135,16 @@ def _smoothing(vertices: int, amount: float) -> Tensor:
     return torch.linalg.inv(identity + amount * differences.T @ differences)
 
 
-def project_lengths(points: NDArray, link_length: float) -> NDArray[np.float64]:
+def project_lengths(
+    points: NDArray, link_length: float, mobility: NDArray | None = None
+) -> NDArray[np.float64]:
     """The shape with links of equal length that is nearest to `points` (V, 3), metres.
 
     Newton's method on the constraints, each step the smallest that meets them to first order.
+    Vertices move in proportion to their `mobility` (V,), positive; by default all alike.
     """
     shape = np.array(points, np.float64)
-    links = len(shape) - 1
+    ease = np.ones(len(shape)) if mobility is None else np.asarray(mobility, np.float64)
     for _ in range(50):
         span = np.diff(shape, axis=0)
         length = np.linalg.norm(span, axis=1)
@@ -142,10 +152,10 @@ def project_lengths(points: NDArray, link_length: float) -> NDArray[np.float64]:
         if np.abs(error).max() < 1e-9 * link_length:
             break
         unit = span / np.maximum(length, 1e-12)[:, None]
-        # J J^T is tridiagonal: neighbours share a vertex.
-        beside = -(unit[1:] * unit[:-1]).sum(1)
-        gram = 2 * np.eye(links) + np.diag(beside, 1) + np.diag(beside, -1)
+        # J J^T, weighted by mobility, is tridiagonal: neighbours share a vertex.
+        beside = -ease[1:-1] * (unit[1:] * unit[:-1]).sum(1)
+        gram = np.diag(ease[1:] + ease[:-1]) + np.diag(beside, 1) + np.diag(beside, -1)
         pull = np.linalg.solve(gram, error)[:, None] * unit
-        shape[:-1] += pull
-        shape[1:] -= pull
+        shape[:-1] += ease[:-1, None] * pull
+        shape[1:] -= ease[1:, None] * pull
     return shape

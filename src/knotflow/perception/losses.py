@@ -44,6 +44,23 @@ class Target:
             torch.as_tensor(rope if coverage is None else coverage).double(),
         )
 
+    def binned(self, factor: int) -> Target:
+        """The same for a camera `binned` by that factor: each pixel holds a square of these."""
+        height, width = (size // factor * factor for size in self.rope.shape)
+
+        def squares(values: Tensor) -> Tensor:
+            cut = values[:height, :width].reshape(height // factor, factor, width // factor, factor)
+            return cut.movedim(1, 2).flatten(2)
+
+        depth, rope = squares(self.depth), squares(self.rope)
+        on_rope = depth.where(rope | ~rope.any(2, keepdim=True), torch.nan)
+        return Target(
+            rope.double().mean(2) >= 0.5,
+            squares(self.known).all(2),
+            on_rope.nanmean(2),
+            squares(self.coverage).mean(2),
+        )
+
 
 def silhouette_loss(occupancy: Tensor, target: Target) -> Tensor:
     """Squared difference of the share of each known pixel that is rope, per pixel of rope."""

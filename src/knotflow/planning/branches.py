@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 
 from knotflow.planning.dag import Edge
 from knotflow.planning.plan_step import PlanStep
-from knotflow.simulation import Rollouts, SimulationConfig
+from knotflow.simulation import Attempts, Rollouts, SimulationConfig
 from knotflow.topology import Action, Arrange, TopologicalState
 
 DIVERGED = "diverged"
 UNREADABLE = "unreadable"
 """Outcomes of a branch that have no state: the simulation blew up, or the projection of its end
 shape does not determine its state."""
+FRAGILE = "fragile"
+"""Outcome of a branch that reached its state with the planner's rope, and with too few others."""
 
 
 class Simulator(Protocol):
@@ -41,6 +43,8 @@ class Node:
         edges: the outgoing edges of its state in the solution DAG; none where the goal is reached.
         parent: the node it was reached from; None for the root.
         step: what was executed there; None for the root.
+        ensemble: (V, 3) perturbed ropes that were executed with it, None for those that were lost;
+            empty without an ensemble.
         failures: branches from this node that did not become nodes.
         values: (E,) probability of success along each edge, as far as one is known; else 1.
         arranged_values: (E,) the same after an arranging spline, as far as the sampler told; else
@@ -55,6 +59,7 @@ class Node:
     edges: tuple[Edge, ...] = ()
     parent: Node | None = None
     step: PlanStep | None = None
+    ensemble: tuple[NDArray[np.float64] | None, ...] = ()
     failures: int = 0
     values: NDArray[np.float64] = field(init=False)
     arranged_values: NDArray[np.float64] = field(init=False)
@@ -151,3 +156,19 @@ class SearchUpdate:
 
 
 Progress = Callable[[SearchUpdate], None]
+
+
+def by_action(
+    chosen: Sequence[Branch],
+    splines: NDArray,
+    rollouts: Rollouts,
+    ends: Sequence[TopologicalState | None],
+) -> Iterator[Attempts]:
+    """A batch of branches, sorted by the state they began in and the action they were for."""
+    rows: dict[tuple[TopologicalState, Action], list[int]] = {}
+    for row, branch in enumerate(chosen):
+        rows.setdefault((branch.node.state, branch.action), []).append(row)
+    for (state, action), same in rows.items():
+        points = np.stack([chosen[row].node.points for row in same])
+        outcome = tuple(ends[row] for row in same)
+        yield Attempts(action, state, points, splines[same], rollouts[same], outcome)

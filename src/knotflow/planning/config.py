@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from knotflow.simulation import check_level
+
 RULES = ("posterior", "paper")
 
 
@@ -22,7 +24,7 @@ class PlannerConfig:
     action follows; by the paper's rule never."""
     undoing: bool = False
     """Whether crossings may be taken back (`planning.search_graph`): from every rope then leads a
-    way to every goal. The sampler has to know `Undo`."""
+    way to every goal. For a sampler that does not know `Undo`, drags are aimed."""
     bias: float = 10.0
     """The paper's rule: how many times likelier a node is chosen than one that is one edge farther
     from the goal; 1 is no bias."""
@@ -41,8 +43,21 @@ class PlannerConfig:
     the paper has. Below 1 the search leaves nodes from which nothing succeeds, such as loops that
     are too tight."""
 
+    ensemble: int = 0
+    """Perturbed ropes that execute every branch that succeeds, so that plans are robust; 0 is the
+    paper, which knows the planner's rope alone (`planning.ensemble`)."""
+    ensemble_level: int = 1
+    """How far they are from the planner's, see `simulation.perturbation`."""
+    survival: float = 0.5
+    """Share of the ensemble that has to reach a branch's state for it to be kept."""
+
     def __post_init__(self) -> None:
         """Refuse values that make no search."""
+        check_level(self.ensemble_level)
+        if self.ensemble < 0:
+            raise ValueError(f"planner.ensemble must be 0 or more, got {self.ensemble}")
+        if not 0.0 < self.survival <= 1.0:
+            raise ValueError(f"planner.survival must lie in (0, 1], got {self.survival}")
         if self.rule not in RULES:
             raise ValueError(f"unknown planner.rule {self.rule!r}; it is one of {', '.join(RULES)}")
         if self.arranging < 0:

@@ -49,7 +49,8 @@ class Tried:
     Attributes:
         state: where the branches began.
         action: what they were for, `Arrange` included.
-        outcome: `str` of the state they ended in, "diverged" or "unreadable".
+        outcome: `str` of the state they ended in, "diverged", "unreadable", or "fragile" for the
+            action's state that too few ropes of an ensemble reached.
         success: whether that is the action's state.
         branches: how many there were.
     """

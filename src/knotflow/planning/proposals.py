@@ -7,24 +7,27 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from knotflow.demonstrations import aim
 from knotflow.planning.branches import ARRANGE, Branch, Node
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal
 from knotflow.samplers import Sampler, ability
 from knotflow.simulation import clip_splines
-from knotflow.topology import Action, segment_intervals
+from knotflow.topology import Action, Undo, segment_intervals
 
 FARTHEST = 0.12
 """Of the small moves: from grasp to end, metres."""
 HIGHEST = 0.08
 """Of the small moves: the middle control point, metres above the table."""
+UNDONE = 0.3
+"""Value of an undoing that is aimed: of random drags, 25 to 44 % take crossings back."""
 
 
 class Proposals:
     """Splines for branches, and values for nodes, from one sampler.
 
-    A sampler that cannot arrange gets `small_moves`; for one without a critic a shape is worth its
-    `room`, whatever the action.
+    A sampler that cannot arrange gets `small_moves`, and one that cannot undo drags that are aimed;
+    for one without a critic a shape is worth its `room`, whatever the action.
     """
 
     def __init__(
@@ -34,6 +37,7 @@ class Proposals:
         foresight = config.onward and config.rule != "paper"
         self._onward = (foresight and ability(sampler, "sample_onward")) or sampler.sample
         self._arrange = ability(sampler, "arrange")
+        self._undoes = "undo" not in getattr(sampler, "lacks", ())
         # The paper's rule takes a critic into account only where its value bias is set.
         paper = config.rule == "paper"
         arranging = not paper and config.arranging > 0
@@ -55,23 +59,37 @@ class Proposals:
 
     def _ask(self, branch: Branch, count: int) -> NDArray[np.float64]:
         points, rng = branch.node.points, self._rng
+        unknown = self._aimed(branch.wanted)
         if branch.kind == ARRANGE:
-            if self._arrange is None:
+            if self._arrange is None or unknown:
                 return small_moves(points, count, rng)
             return self._arrange(points, branch.wanted, count, rng)
+        if unknown:
+            return aim(points, branch.wanted, count, rng)
         propose = self._sampler.sample if branch.goal in self._goals else self._onward
         return propose(points, branch.wanted, count, rng)
+
+    def _aimed(self, action: Action) -> bool:
+        """Whether the action is an undoing that the sampler does not know."""
+        return isinstance(action, Undo) and not self._undoes
 
     def appraise(self, nodes: Sequence[Node]) -> None:
         """Value the edges of new nodes, if values count."""
         pairs = [(node, action) for node in nodes for action, _ in node.edges]
         if self._values is None or not pairs:
             return
-        points, actions = np.stack([node.points for node, _ in pairs]), [edge for _, edge in pairs]
-        values = np.asarray(self._values(points, actions, self._rng))
+        known = np.array([not self._aimed(action) for _, action in pairs])
+        values = np.full(len(pairs), UNDONE)
         arranged = values
-        if self._arranged_values is not None:
-            arranged = np.asarray(self._arranged_values(points, actions, self._rng))
+        if known.any():
+            points = np.stack(
+                [node.points for (node, _), one in zip(pairs, known, strict=True) if one]
+            )
+            actions = [action for (_, action), one in zip(pairs, known, strict=True) if one]
+            values[known] = self._values(points, actions, self._rng)
+            arranged = values.copy()
+            if self._arranged_values is not None:
+                arranged[known] = self._arranged_values(points, actions, self._rng)
         ends = np.cumsum([len(node.edges) for node in nodes])[:-1]
         for node, own, after in zip(
             nodes, np.split(values, ends), np.split(arranged, ends), strict=True

@@ -9,6 +9,7 @@ ends when a goal state is reached. Which branch is grown is a rule's business: t
 Beyond the paper, a branch may also be for a spline that keeps the state and makes room for the
 edge's action (Sec. VIII). And where a branch fails, its end is kept all the same if it is of use:
 in the state at the end of another edge, or in the state it began in, as a further shape of it.
+With an ensemble (`planning.ensemble`) no end is kept that too few perturbed ropes reach.
 
 With `batch` above 1 as many expansions are chosen by the same rule from the tree as it stands, and
 simulated at once. Every plan found is as valid as one found one by one; the tree is somewhat
@@ -19,7 +20,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -27,6 +28,7 @@ from numpy.typing import NDArray
 
 from knotflow.planning.branches import (
     DIVERGED,
+    FRAGILE,
     UNREADABLE,
     Branch,
     Node,
@@ -34,8 +36,10 @@ from knotflow.planning.branches import (
     Rule,
     SearchUpdate,
     Simulator,
+    by_action,
 )
 from knotflow.planning.config import PlannerConfig
+from knotflow.planning.ensemble import Ensemble
 from knotflow.planning.goals import Goal
 from knotflow.planning.growth import PaperRule
 from knotflow.planning.plan import KnotPlan, PlanStep, Tried
@@ -43,7 +47,7 @@ from knotflow.planning.posterior import PosteriorRule
 from knotflow.planning.proposals import Proposals
 from knotflow.planning.search_graph import SearchGraph
 from knotflow.samplers import Sampler
-from knotflow.simulation import Attempts, Observer, Rollouts, check_points, end_states
+from knotflow.simulation import Observer, Rollouts, check_points, end_states
 from knotflow.topology import Action, Arrange, TopologicalState
 
 
@@ -85,6 +89,10 @@ class TreeSearch:
             PaperRule(self.config, rng) if self._paper else PosteriorRule(self.config, self._dag)
         )
         self.nodes = [self._node(points, state)]
+        self._ensemble: Ensemble | None = None
+        if self.config.ensemble:
+            self._ensemble = Ensemble(simulator.config, self.config, rng.spawn(1)[0])
+            self._ensemble.lay(self.nodes[0])
         self.branches = 0
         self.tried: Counter[tuple[TopologicalState, Action, str, bool]] = Counter()
         self._clock = _Clock()
@@ -104,6 +112,8 @@ class TreeSearch:
             self._judge(branch, splines[row], rollouts, row, ends[row])
             for row, branch in enumerate(chosen)
         ]
+        children = self._robust(children)
+        self._count(chosen, children, ends, rollouts)
         new = [child for child in children if child is not None]
         self._appraise(new)
         for branch, child in zip(chosen, children, strict=True):
@@ -111,7 +121,7 @@ class TreeSearch:
         self._add(new)
         self.branches += count
         if self.observe is not None:
-            for attempts in _by_action(chosen, splines, rollouts, ends):
+            for attempts in by_action(chosen, splines, rollouts, ends):
                 self.observe(attempts)
         nearest = min(node.distance for node in self.nodes)
         return SearchUpdate(self.branches, len(self.nodes), nearest, self._clock.seconds)
@@ -165,12 +175,9 @@ class TreeSearch:
         row: int,
         state: TopologicalState | None,
     ) -> Node | None:
-        """Count one branch; the node that its end is worth, if any."""
-        node, success = branch.node, state == branch.goal
-        lost = DIVERGED if rollouts.diverged[row] else UNREADABLE
-        outcome = lost if state is None else str(state)
-        self.tried[node.state, branch.action, outcome, success] += 1
-        action = branch.action if success else self._done(branch, state)
+        """The node that a branch's end is worth, if any."""
+        node = branch.node
+        action = branch.action if state == branch.goal else self._done(branch, state)
         if state is None or action is None:
             return None
         step = PlanStep(
@@ -185,6 +192,33 @@ class TreeSearch:
             gripper=rollouts.gripper[row].copy(),
         )
         return self._node(step.end, state, node, step)
+
+    def _robust(self, children: list[Node | None]) -> list[Node | None]:
+        """The children without those that too few ropes of the ensemble reach."""
+        new = [child for child in children if child is not None]
+        if self._ensemble is None or not new:
+            return children
+        clock = time.perf_counter()
+        kept = self._ensemble.survivors(new)
+        self._clock.simulation += time.perf_counter() - clock
+        return [child if child in kept else None for child in children]
+
+    def _count(
+        self,
+        chosen: Sequence[Branch],
+        children: Sequence[Node | None],
+        ends: Sequence[TopologicalState | None],
+        rollouts: Rollouts,
+    ) -> None:
+        """Take down what became of each branch."""
+        for row, (branch, child, state) in enumerate(zip(chosen, children, ends, strict=True)):
+            reached = state == branch.goal
+            lost = DIVERGED if rollouts.diverged[row] else UNREADABLE
+            outcome = lost if state is None else str(state)
+            if reached and child is None:
+                outcome = FRAGILE
+            success = reached and child is not None
+            self.tried[branch.node.state, branch.action, outcome, success] += 1
 
     def _done(self, branch: Branch, state: TopologicalState | None) -> Action | None:
         """What a branch that failed did instead, if that is of use; never by the paper's rule."""
@@ -219,22 +253,6 @@ class TreeSearch:
             radius=simulation.rope.radius,
             move_time=simulation.move_time,
         )
-
-
-def _by_action(
-    chosen: Sequence[Branch],
-    splines: NDArray,
-    rollouts: Rollouts,
-    ends: Sequence[TopologicalState | None],
-) -> Iterator[Attempts]:
-    """A batch of branches, sorted by the state they began in and the action they were for."""
-    rows: dict[tuple[TopologicalState, Action], list[int]] = {}
-    for row, branch in enumerate(chosen):
-        rows.setdefault((branch.node.state, branch.action), []).append(row)
-    for (state, action), same in rows.items():
-        points = np.stack([chosen[row].node.points for row in same])
-        outcome = tuple(ends[row] for row in same)
-        yield Attempts(action, state, points, splines[same], rollouts[same], outcome)
 
 
 def plan_knot(

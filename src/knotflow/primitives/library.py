@@ -23,7 +23,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from knotflow.primitives.canonical import ALL_PRIMITIVES, ARRANGE, canonicalise
+from knotflow.primitives.canonical import ALL_PRIMITIVES, ARRANGE, UNDO, canonicalise
 from knotflow.primitives.config import PrimitiveConfig
 from knotflow.primitives.encoding import Encoded, encode_canonical
 from knotflow.primitives.primitive import Primitive
@@ -155,6 +155,8 @@ class PrimitiveLibrary:
             missing |= {"values"}
         if ARRANGE not in self.primitives:
             missing |= {"sample_onward", "arrange", "arranged_values"}
+        if UNDO not in self.primitives:
+            missing.add("undo")
         return frozenset(missing)
 
     @one_thread()

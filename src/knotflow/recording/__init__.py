@@ -14,7 +14,7 @@ from .reader import (
     read_metadata,
     read_recording,
 )
-from .schema import OUTCOMES, Outcome, RecordedRollout
+from .schema import OUTCOMES, Outcome, RecordedRollout, Sight
 from .table import load
 from .viewer import ViewerError, find_recording, open_recording, save_rerun, serve_recording
 from .writer import write_recording
@@ -25,6 +25,7 @@ __all__ = [
     "NotARecordingError",
     "Outcome",
     "RecordedRollout",
+    "Sight",
     "ViewerError",
     "find_recording",
     "load",

@@ -23,8 +23,11 @@ _LINES = ".entities[].lines[].points | map(pack(.x!, .y!, .z!))"
 _SPHERES = ".entities[].spheres[].pose.position | pack(.x!, .y!, .z!)"
 
 
-def blueprint(rope_radius: float) -> rrb.Blueprint:
-    """The layout of every recording of a rope with that radius, m; else it names topics only."""
+def blueprint(rope_radius: float, sight: bool = False) -> rrb.Blueprint:
+    """The layout of every recording of a rope with that radius, m; else it names topics only.
+
+    With `sight`, the camera's image stands beside the rope, and the estimate is drawn in it.
+    """
     import rerun as rr
     import rerun.blueprint as rrb
     from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
@@ -56,25 +59,35 @@ def blueprint(rope_radius: float) -> rrb.Blueprint:
             ).visualizer(mappings=[_take("Points3D:positions", _SPHERES)]),
         ],
     }
+    shown = [topics.ROPE, topics.ROPE_LINE, topics.GRIPPER, topics.SPLINE]
+    name = (
+        "Rope (head blue, tail orange), gripper (yellow), spline (green) and its control points "
+        "(pink), table (10 cm grid)"
+    )
+    if sight:
+        shown.append(topics.ESTIMATE)
+        name += ", estimate (white)"
+        overrides[topics.ESTIMATE] = [
+            rr.Points3D.from_fields(radii=0.004, colors=[(255, 255, 255, 255)]).visualizer()
+        ]
+    view = rrb.Spatial3DView(
+        origin="/",
+        name=name,
+        contents=shown,
+        overrides=overrides,
+        background=rrb.Background(color=(24, 26, 30)),
+        line_grid=rrb.LineGrid3D(visible=True, spacing=0.1),  # the table, z = 0
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital,
+            position=(0.0, -0.52, 0.54),
+            look_target=(0.0, 0.02, 0.0),
+            eye_up=(0.0, 0.0, 1.0),
+        ),
+    )
+    camera = rrb.Spatial2DView(origin=topics.CAMERA, name="Camera")
     return rrb.Blueprint(
         rrb.Vertical(
-            rrb.Spatial3DView(
-                origin="/",
-                name=(
-                    "Rope (head blue, tail orange), gripper (yellow), spline (green) and its "
-                    "control points (pink), table (10 cm grid)"
-                ),
-                contents=[topics.ROPE, topics.ROPE_LINE, topics.GRIPPER, topics.SPLINE],
-                overrides=overrides,
-                background=rrb.Background(color=(24, 26, 30)),
-                line_grid=rrb.LineGrid3D(visible=True, spacing=0.1),  # the table, z = 0
-                eye_controls=rrb.EyeControls3D(
-                    kind=rrb.Eye3DKind.Orbital,
-                    position=(0.0, -0.52, 0.54),
-                    look_target=(0.0, 0.02, 0.0),
-                    eye_up=(0.0, 0.0, 1.0),
-                ),
-            ),
+            rrb.Horizontal(view, camera) if sight else view,
             rrb.TextLogView(
                 origin=topics.TOPOLOGY,
                 name="Topology and outcome",

@@ -12,7 +12,7 @@ import warnings
 from bisect import bisect_right
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +24,8 @@ from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from . import topics
 from .facts import Facts, RolloutMessage
-from .scene import cloud_points, gripper_position
-from .schema import RecordedRollout
+from .scene import cloud_points, gripper_position, image_file
+from .schema import RecordedRollout, Sight
 
 # What mcap and the codecs under it raise on bytes that are not as they were written.
 _UNREADABLE = (
@@ -130,6 +130,8 @@ class _Assembly:
     log_times: list[int] = field(default_factory=list)
     points: list[np.ndarray] = field(default_factory=list)
     gripper: list[tuple[float, float, float]] = field(default_factory=list)
+    images: list[bytes] = field(default_factory=list)
+    estimates: list[np.ndarray] = field(default_factory=list)
 
     @property
     def whole(self) -> bool:
@@ -139,11 +141,18 @@ class _Assembly:
         if topic == topics.ROPE:
             self.points.append(cloud_points(data))
             self.log_times.append(log_time)
-        else:
+        elif topic == topics.GRIPPER:
             self.gripper.append(gripper_position(data))
+        elif topic == topics.CAMERA:
+            self.images.append(image_file(data))
+        else:
+            self.estimates.append(cloud_points(data))
 
     def rollout(self) -> RecordedRollout:
-        return self.facts.rollout(self.log_times, np.array(self.points), np.array(self.gripper))
+        whole = self.facts.rollout(self.log_times, np.array(self.points), np.array(self.gripper))
+        if not self.images:
+            return whole
+        return replace(whole, sight=Sight(tuple(self.images), np.array(self.estimates)))
 
 
 def _rollouts(path: Path) -> Iterator[tuple[Facts, RecordedRollout]]:
@@ -179,7 +188,7 @@ def _rollouts(path: Path) -> Iterator[tuple[Facts, RecordedRollout]]:
 
 def _messages(path: Path) -> Iterator[tuple[str, int, bytes]]:
     """Topic, log time in ns and encoded data of each message with facts or a frame."""
-    wanted = (topics.ROLLOUT, topics.ROPE, topics.GRIPPER)
+    wanted = (topics.ROLLOUT, topics.ROPE, topics.GRIPPER, topics.CAMERA, topics.ESTIMATE)
     with path.open("rb") as stream, damage_named(path):
         reader = NonSeekingReader(stream, validate_crcs=True)  # reads nothing unchecked
         for _, channel, message in reader.iter_messages(wanted, log_time_order=False):

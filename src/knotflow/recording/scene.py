@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
 from foxglove_schemas_protobuf.Log_pb2 import Log
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 from knotflow.simulation import spline_path
 
 from . import topics
-from .schema import NANOSECONDS, RecordedRollout
+from .schema import IMAGE_FORMATS, NANOSECONDS, RecordedRollout
 
 THINNEST = 0.001  # m; thinner ropes are drawn with this radius, or nothing would be seen
 HEAD_RGB, TAIL_RGB = (30, 100, 255), (255, 140, 20)  # blue head, orange tail
@@ -138,6 +139,19 @@ def gripper_position(data: bytes) -> tuple[float, float, float]:
     """The position (3,) m of a ``GripperPose`` message."""
     place = PoseInFrame.FromString(data).pose.position
     return place.x, place.y, place.z
+
+
+def image_message(log_time: int, image: bytes) -> bytes:
+    """The message for an image's file, PNG or JPEG."""
+    kind = next(name for start, name in IMAGE_FORMATS.items() if image.startswith(start))
+    message = CompressedImage(frame_id=topics.CAMERA[1:], data=image, format=kind)
+    _stamp(message.timestamp, log_time)
+    return message.SerializeToString()
+
+
+def image_file(data: bytes) -> bytes:
+    """The image's file in an ``image_message``."""
+    return bytes(CompressedImage.FromString(data).data)
 
 
 def spline_message(log_time: int, control_points: NDArray[np.float64]) -> bytes:

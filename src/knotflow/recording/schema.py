@@ -16,6 +16,37 @@ NANOSECONDS = 1_000_000_000
 
 
 @dataclass(frozen=True, eq=False)
+class Sight:
+    """What a camera saw of a rollout, and what was made of it.
+
+    Attributes:
+        images: of every frame, each the bytes of a PNG or JPEG file.
+        points: (T, V, 3) m float32, the rope as it was estimated from them, head first.
+
+    Raises:
+        ValueError: images that are neither, or not one for each estimate.
+    """
+
+    images: tuple[bytes, ...]
+    points: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", np.asarray(self.points, np.float32))
+        if self.points.ndim != 3 or len(self.images) != len(self.points):
+            raise ValueError(
+                f"a sight has as many images as estimates (T, V, 3), got {len(self.images)} and "
+                f"{self.points.shape}"
+            )
+        for frame, image in enumerate(self.images):
+            if not image.startswith(tuple(IMAGE_FORMATS)):
+                raise ValueError(f"image {frame} of a sight is neither a PNG nor a JPEG file")
+
+
+IMAGE_FORMATS = {b"\x89PNG": "png", b"\xff\xd8": "jpeg"}
+"""First bytes of an image's file -> its format."""
+
+
+@dataclass(frozen=True, eq=False)
 class RecordedRollout:
     """A rollout as every stage records it (Sec. IV and V of the paper name the parts).
 
@@ -38,6 +69,7 @@ class RecordedRollout:
         source: who proposed the spline, e.g. "scripted", "random", "icp", "plan".
         number: unique inside a stage.
         extra: anything else worth keeping, as text.
+        sight: what a camera saw, with a frame for each of `times`; None where there was none.
 
     Raises:
         ValueError: a shape is wrong, times do not increase, the outcome is unknown, or a number
@@ -58,6 +90,7 @@ class RecordedRollout:
     source: str
     number: int
     extra: Mapping[str, str] = field(default_factory=dict)
+    sight: Sight | None = None
 
     def __post_init__(self) -> None:
         for name, dtype in _DTYPES.items():
@@ -84,6 +117,11 @@ class RecordedRollout:
                     f"rollout {self.number}: {name} has shape {got}, needs {_SHAPES[name]} with "
                     "T >= 1 frames (those of times) and V >= 2 vertices"
                 )
+
+        if self.sight is not None and len(self.sight.images) != frames:
+            raise ValueError(
+                f"rollout {self.number}: a camera saw {len(self.sight.images)} of {frames} frames"
+            )
 
     def _check_values(self) -> None:
         if self.outcome not in OUTCOMES:

@@ -7,6 +7,8 @@ ROPE = "/rope/points"  # foxglove.PointCloud, one a frame: the vertices, exact
 ROPE_LINE = "/rope/line"  # foxglove.SceneUpdate, one a frame: the same to look at, rounded
 GRIPPER = "/gripper"  # foxglove.PoseInFrame, one a frame, exact
 SPLINE = "/spline"  # foxglove.SceneUpdate, one a rollout: control points and curve
+CAMERA = "/camera"  # foxglove.CompressedImage, one a frame, where a camera looked on
+ESTIMATE = "/estimate"  # foxglove.PointCloud, one a frame: the vertices found in its images
 TOPOLOGY = "/topology"  # foxglove.Log, at the start and at the end of a rollout
 FRAMES = "/tf"  # foxglove.FrameTransforms, once: the root of the frames
 

@@ -93,7 +93,8 @@ def save_rerun(
         folder = Path(temporary)
         mcap, plain, layout = folder / "view.mcap", folder / "view.rrd", folder / "view.rbl"
         radii: list[float] = []
-        chosen = _measured(_chosen(source, number), radii)
+        sights: list[bool] = []
+        chosen = _measured(_chosen(source, number), radii, sights)
         write_recording(mcap, chosen, read_metadata(source), rope_line=True)
         _rerun(
             *("mcap", "convert", str(mcap), "-o", str(plain)),
@@ -101,7 +102,7 @@ def save_rerun(
             *("--recording-id", source.stem if number is None else f"{source.stem}#{number}"),
             *("--timeline-type", "duration"),  # rollouts start at 0 s, not in 1970
         )
-        blueprint(radii[0]).save(APPLICATION, layout)
+        blueprint(radii[0], sight=any(sights)).save(APPLICATION, layout)
         _rerun("rrd", "merge", str(plain), str(layout), "-o", str(target))
     return Path(target)
 
@@ -155,10 +156,13 @@ def _chosen(source: Path, number: int | None) -> Iterator[RecordedRollout]:
         raise ValueError(_no_such_number(source, number, seen))
 
 
-def _measured(rollouts: Iterator[RecordedRollout], radii: list[float]) -> Iterator[RecordedRollout]:
-    """The same rollouts, while the radii of their ropes, m, are noted."""
+def _measured(
+    rollouts: Iterator[RecordedRollout], radii: list[float], sights: list[bool]
+) -> Iterator[RecordedRollout]:
+    """The same rollouts, while the radii of their ropes, m, and who was seen are noted."""
     for rollout in rollouts:
         radii.append(rope_radius(rollout.control_points))
+        sights.append(rollout.sight is not None)
         yield rollout
 
 

@@ -13,6 +13,7 @@ from itertools import islice
 from pathlib import Path
 from typing import IO, Any
 
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
@@ -23,7 +24,7 @@ from mcap_protobuf.schema import register_schema
 
 from . import scene, topics
 from .facts import RolloutMessage, facts_message
-from .schema import NANOSECONDS, RecordedRollout
+from .schema import NANOSECONDS, RecordedRollout, Sight
 
 GAP_NS = NANOSECONDS // 2  # between two rollouts on the timeline
 BATCH = 32  # rollouts whose facts share a chunk; also what the writer holds in memory
@@ -36,6 +37,7 @@ _TYPES = {
     topics.SPLINE: SceneUpdate,
     topics.TOPOLOGY: Log,
 }
+_SIGHT = {topics.CAMERA: CompressedImage, topics.ESTIMATE: PointCloud}
 
 
 def write_recording(
@@ -119,19 +121,24 @@ class _Timeline:
         self.writer = Writer(stream)  # chunks of 1 MiB, zstd
         self.writer.start(profile="knotflow")
         self.writer.add_metadata(topics.METADATA, dict(metadata))
-        schemas: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
-        for topic, kind in _TYPES.items():
-            name = kind.DESCRIPTOR.full_name
-            if name not in schemas:
-                schemas[name] = register_schema(self.writer, kind)
-            self._channels[topic] = self.writer.register_channel(topic, "protobuf", schemas[name])
+        self._register(_TYPES)
         self._clouds: dict[tuple[int], scene.RopeCloud] = {}  # by vertex count
         self._lines: dict[tuple[int, float], scene.RopeLine] = {}  # and radius
         self._gripper = scene.GripperPose()
         self._rope_line = rope_line
         self._now = 0
         self._log(topics.FRAMES, 0, scene.root_frame(0))
+
+    def _register(self, types: Mapping[str, Any]) -> None:
+        for topic, kind in types.items():
+            name = kind.DESCRIPTOR.full_name
+            if name not in self._schemas:
+                self._schemas[name] = register_schema(self.writer, kind)
+            self._channels[topic] = self.writer.register_channel(
+                topic, "protobuf", self._schemas[name]
+            )
 
     def add(self, batch: list[RecordedRollout]) -> None:
         starts = []
@@ -153,15 +160,24 @@ class _Timeline:
         self._log(topics.SPLINE, start, scene.spline_message(start, rollout.control_points))
         self._log(topics.TOPOLOGY, start, scene.start_message(start, rollout))
         log_times = (rollout.times_ns - rollout.times_ns[0] + start).tolist()
-        for log_time, points, gripper in zip(
-            log_times, rollout.points, rollout.gripper, strict=True
+        for frame, (log_time, points, gripper) in enumerate(
+            zip(log_times, rollout.points, rollout.gripper, strict=True)
         ):
+            if rollout.sight is not None:  # before the rope: a frame ends with the gripper
+                self._sight(log_time, rollout.sight, frame)
             self._log(topics.ROPE, log_time, cloud.frame(log_time, points))
             if self._rope_line:
                 self._log(topics.ROPE_LINE, log_time, line.frame(log_time, points))
             self._log(topics.GRIPPER, log_time, self._gripper.frame(log_time, gripper))
         end = log_times[-1]
         self._log(topics.TOPOLOGY, end, scene.end_message(end, rollout))
+
+    def _sight(self, log_time: int, sight: Sight, frame: int) -> None:
+        if topics.CAMERA not in self._channels:  # most recordings have none
+            self._register(_SIGHT)
+        cloud = self._painter(self._clouds, scene.RopeCloud, sight.points.shape[1])
+        self._log(topics.CAMERA, log_time, scene.image_message(log_time, sight.images[frame]))
+        self._log(topics.ESTIMATE, log_time, cloud.frame(log_time, sight.points[frame]))
 
     @staticmethod
     def _painter(known: dict[Any, Any], kind: Any, *looks: float) -> Any:

@@ -53,10 +53,10 @@ def together_best(results: Results) -> Outcome:
         alone = [rates.ratio("actor_critic", method, action) for method in methods[:2]]
         clear += all(ratio.lies_above(1) for ratio in alone)
     widest = sorted(gaps, key=lambda action: -gaps[action])[:2]
-    told = listed([f"`{action}` ({100 * gaps[action]:+.0f} points)" for action in widest])
+    widest_gaps = listed([f"`{action}` ({100 * gaps[action]:+.0f} points)" for action in widest])
     return Outcome(
         f"best on {len(best)} of {len(ACTIONS)}, significantly better than both alone on {clear}; "
-        f"the gap to the critic alone is largest on {told}",
+        f"the gap to the critic alone is largest on {widest_gaps}",
         of_two(len(best) >= 7, set(widest) == {"C(2,0,1)", "C(2,4,1)"}),
     )
 

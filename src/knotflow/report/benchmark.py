@@ -28,8 +28,8 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         cases = cases.assign(case=cases["case"] + ", rooted at the " + cases["root"].astype(str))
     executed = cases["splines_per_second"] * cases["seconds"]
     wrong = (executed - cases["rollouts"]).abs() > TOLERANCE * cases["rollouts"]
-    told = "{splines_per_second:g} for {seconds:g} s makes no {rollouts} rollouts"
-    refuse(cases, "splines_per_second", wrong, told)
+    problem = "{splines_per_second:g} for {seconds:g} s makes no {rollouts} rollouts"
+    refuse(cases, "splines_per_second", wrong, problem)
     lines = [
         [
             case.case,

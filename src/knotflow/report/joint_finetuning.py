@@ -1,18 +1,20 @@
-"""Primitives trained independently and finetuned jointly (Sec. VII-B2)."""
+"""Primitives trained independently, and together by self-play (Sec. VII-B2)."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from knotflow.report.claims import Claim, NotMeasured, Outcome, Verdict
-from knotflow.report.learning import joint, read_curves
+from knotflow.report.learning import EPISODE_SUCCESS, Curves, joint, read_curves
 from knotflow.report.paper import JOINT, OVERHAND_LIMIT, with_extras
 from knotflow.report.rates import rate_table, read_rates
 from knotflow.report.results import Results
 from knotflow.report.searches import branches, of, read_searches, search_table
 from knotflow.report.section import Pictures, Section
+from knotflow.report.self_play import self_play, trials
 from knotflow.report.statistics import bootstrap, mean_difference
 from knotflow.report.tables import estimate, listed, tenths
 
@@ -32,7 +34,12 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     curves = read_curves(results, EXPERIMENT, "curves_joint.csv")
     single = read_rates(results, EXPERIMENT, "single_actions.csv")
     return {
-        "learning": "" if curves is None else pictures.add(joint(curves, "joint")),
+        "along_path": along_path(searches),
+        "trials": trials(results, EXPERIMENT),
+        "episodes": pictures.add(joint(curves, "joint")) if curves and in_episodes(curves) else "",
+        "self_play": ""
+        if curves is None or in_episodes(curves)
+        else pictures.add(self_play(curves, "self_play")),
         "single": rate_table(single, JOINT) if single else "",
         "intervals": single.intervals if single else "",
         "figure": pictures.add(branches(searches, arms, [""], EXPERIMENT, {})),
@@ -42,6 +49,16 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         "unsolved": sum(~searches["solved"]),
         "paper": results.paper(EXPERIMENT),
     }
+
+
+def along_path(searches: pd.DataFrame) -> bool:
+    """Whether searches were bound to one path of the DAG; results of earlier versions are."""
+    return "goal" in searches and searches["goal"].str.contains("(", regex=False).all()
+
+
+def in_episodes(curves: Curves) -> bool:
+    """Whether training went by episodes along one path; results of earlier versions are such."""
+    return any(metric == EPISODE_SUCCESS for _, metric in curves)
 
 
 def fewer_branches(results: Results) -> Outcome:
@@ -85,8 +102,8 @@ SECTION = Section(
     EXPERIMENT,
     "Joint finetuning",
     "Sec. VII-B2",
-    "Branches until an overhand is tied, from randomly lying ropes, before and after the "
-    "primitives were finetuned together.",
+    "Branches until an overhand is tied, from randomly lying ropes: with the primitives as each "
+    "was trained by itself, and after they went on learning together.",
     values,
     claims=(
         Claim(

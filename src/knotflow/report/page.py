@@ -12,14 +12,21 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from knotflow.report import (
     ablation_actor_critic,
+    actions,
     benchmark,
     causal_infogan,
+    closed_loop,
+    demonstrator,
+    dynamics,
+    goals,
     joint_finetuning,
     knots,
     overhand,
     pentagram,
+    perception,
     single_stage,
     tables,
+    tracking,
     tree_size,
 )
 from knotflow.report.claims import Verdict
@@ -34,19 +41,20 @@ from knotflow.report.timing import timing
 #: `templates/<experiment>.md.j2` with its words, and put it here.
 SECTIONS: tuple[Section, ...] = (
     overhand.SECTION,
+    demonstrator.SECTION,
     single_stage.SECTION,
     tree_size.SECTION,
     ablation_actor_critic.SECTION,
     joint_finetuning.SECTION,
     causal_infogan.SECTION,
-    plain(
-        "closed_loop",
-        "Execution in closed loop",
-        "Sec. VI and VII-D",
-        "Plans executed with tracking and model predictive control, here in simulation.",
-    ),
+    perception.SECTION,
+    tracking.SECTION,
+    dynamics.SECTION,
+    closed_loop.SECTION,
     pentagram.SECTION,
     knots.SECTION,
+    goals.SECTION,
+    actions.SECTION,
     benchmark.SECTION,
 )
 CLAIMS = [(section.experiment, claim) for section in SECTIONS for claim in section.claims]
@@ -184,7 +192,7 @@ def _claims(results: Results) -> dict[str, str]:
         where = claim.where.replace(", ", ",<br>").replace(" ", "\u00a0").replace("-", "\u2011")
         lines.append([claim.statement, where, claim.paper, ours, verdict])
     header = ["claim", "where", "paper", "ours, 95 % intervals", "verdict"]
-    told = [
+    phrases = [
         f"{tally[verdict]} {one if tally[verdict] == 1 else many}"
         for verdict, one, many in TALLY
         if tally[verdict]
@@ -194,7 +202,7 @@ def _claims(results: Results) -> dict[str, str]:
     )
     return {
         "claims": tables.markdown_table(header, lines),
-        "tally": f"Of {len(CLAIMS)} claims: {tables.listed(told)}.{note}",
+        "tally": f"Of {len(CLAIMS)} claims: {tables.listed(phrases)}.{note}",
     }
 
 
@@ -242,8 +250,8 @@ def _others(results: Results) -> list[Section]:
 
 def _ropes(results: Results) -> str:
     ropes = [rope for found in results.experiments.values() for rope in found.ropes]
-    told = [
+    phrases = [
         f"{rope['length']:g} m long, {1000 * rope['radius']:g} mm radius, {rope['links']} links"
         for rope in ropes
     ]
-    return "; ".join(dict.fromkeys(told)) or "1 m long, 8 mm radius, 40 links by default"
+    return "; ".join(dict.fromkeys(phrases)) or "1 m long, 8 mm radius, 40 links by default"

@@ -41,7 +41,7 @@ ICP = Arm("icp", "ICP", "#e69f00")
 IMITATION = Arm("imitation", "imitation", "#56b4e9")
 REINFORCEMENT = Arm("reinforcement", "imitation + RL", "#0072b2")
 
-ARRANGED = Arm("reinforcement_arranged", "+ arranging", "#009e73")
+ARRANGED = Arm("reinforcement_arranged", "RL + arranging", "#009e73")
 
 SINGLE_STAGE = (RANDOM, ICP, IMITATION, REINFORCEMENT)
 TREE_SIZE = (ICP, IMITATION, REINFORCEMENT)
@@ -56,7 +56,9 @@ JOINT = (
 )
 STARTS = ("straight", "arc")
 
-# For whatever is measured beyond the paper's methods (a sampler of one's own, say).
+#: Further methods of ours, shown where they were measured.
+FURTHER = {ARRANGED.name: ARRANGED}
+# For whatever else is measured beyond the paper's methods (a sampler of one's own, say).
 _EXTRA_COLOURS = ("#cc79a7", "#d55e00", "#009e73", "#f0e442")
 
 
@@ -65,7 +67,8 @@ def with_extras(arms: tuple[Arm, ...], found: list[str]) -> tuple[Arm, ...]:
     known = {arm.name for arm in arms}
     extras = [name for name in dict.fromkeys(found) if name not in known]
     return arms + tuple(
-        Arm(name, name.replace("_", " "), _EXTRA_COLOURS[i % len(_EXTRA_COLOURS)])
+        FURTHER.get(name)
+        or Arm(name, name.replace("_", " "), _EXTRA_COLOURS[i % len(_EXTRA_COLOURS)])
         for i, name in enumerate(extras)
     )
 

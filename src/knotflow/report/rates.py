@@ -104,8 +104,8 @@ def read_rates(results: Results, experiment: str, name: str = "success_rates.csv
         ("ci_low", [one.low for one in right], "the lower 95 % Wilson limit"),
         ("ci_high", [one.high for one in right], "the upper 95 % Wilson limit"),
     ):
-        told = f"{{{column}}} disagrees with {{successes}}/{{trials}}: not {meaning}"
-        refuse(table, column, (table[column] - values).abs() > TOLERANCE, told)
+        problem = f"{{{column}}} disagrees with {{successes}}/{{trials}}: not {meaning}"
+        refuse(table, column, (table[column] - values).abs() > TOLERANCE, problem)
     if name != "success_rates.csv":
         return Rates(table)
     key = ("method", "action", "start")

@@ -88,9 +88,9 @@ def read_table(
             raise ResultsError(f"{path}: column {name!r} is missing; it has {', '.join(header)}")
         table[name] = _cells(table, name, column)
     if key:
-        told = ", ".join(f"{{{name}}}" for name in key)
+        cells = ", ".join(f"{{{name}}}" for name in key)
         again = table.duplicated(list(key))
-        refuse(table, key[-1], again, f"{told} stands in an earlier row already")
+        refuse(table, key[-1], again, f"{cells} stands in an earlier row already")
     return table
 
 
@@ -98,9 +98,9 @@ def refuse(table: pd.DataFrame, column: str, wrong: pd.Series, problem: str) -> 
     """Raise ResultsError for the first row that is `wrong`; `problem` may name its `{columns}`."""
     if wrong.any():
         row = int(wrong.idxmax())
-        told = problem.format(**table.loc[row].to_dict())
+        message = problem.format(**table.loc[row].to_dict())
         path = table.attrs["path"]
-        raise ResultsError(f"{path}, column {column!r}, row {row} (line {row + 1}): {told}")
+        raise ResultsError(f"{path}, column {column!r}, row {row} (line {row + 1}): {message}")
 
 
 def _cells(table: pd.DataFrame, name: str, column: Column) -> pd.Series:

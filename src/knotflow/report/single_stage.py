@@ -9,11 +9,13 @@ from knotflow.report.claims import Claim, NotMeasured, Outcome, Verdict, of_two
 from knotflow.report.learning import imitation, read_curves, reinforcement
 from knotflow.report.paper import (
     ACTIONS,
+    ARRANGED,
     ICP,
     IMITATION,
     RANDOM,
     REINFORCEMENT,
     SINGLE_STAGE,
+    Arm,
     with_extras,
 )
 from knotflow.report.proposals.figure import proposals
@@ -34,8 +36,14 @@ from knotflow.report.tables import listed, markdown_table, percent, times
 from knotflow.report.timing import cost
 
 EXPERIMENT = "single_stage"
-# The comparisons the paper makes in its text, and the first that can be made here.
-PAIRS = ((ICP, RANDOM), (IMITATION, RANDOM), (IMITATION, ICP), (REINFORCEMENT, IMITATION))
+# The comparisons the paper makes in its text, and the first and the last that can be made here.
+PAIRS = (
+    (ICP, RANDOM),
+    (IMITATION, RANDOM),
+    (IMITATION, ICP),
+    (REINFORCEMENT, IMITATION),
+    (ARRANGED, REINFORCEMENT),
+)
 #: Success rate of the primitives after reinforcement that is aimed at on every action.
 AIM = 0.90
 
@@ -60,6 +68,7 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         "icp": _above(rates, ICP.name, RANDOM.name),
         "intervals": rates.intervals,
         "feasible": feasible(results, rates),
+        "arranged": reached(rates, ARRANGED),
         "proposals": pictures.add(proposals(ropes, "proposals")) if ropes else "",
         "imitation": pictures.add(imitation(imitated, "imitation")) if imitated else "",
         "reinforcement": pictures.add(reinforcement(reinforced, "reinforcement"))
@@ -84,25 +93,34 @@ def feasible(results: Results, rates: Rates) -> dict[str, Any] | None:
     often enough. Some loops are too tight for one spline, so no method comes near 100 % on such
     starts. Its starts are made like the evaluation's, from another seed.
     """
-    own = [action for action in ACTIONS if rates.counts(REINFORCEMENT.name, action)]
-    if not own:
+    aim = reached(rates, REINFORCEMENT)
+    if aim is None:
         return None
-    intervals = {action: rates.interval(REINFORCEMENT.name, action) for action in own}
-    reached = [action for action in own if intervals[action].estimate >= AIM]
     lines = []
     for action, (found, searched) in searches(results).items():
         # A straight rope is searched once: it says nothing of random curves.
-        if action in own and searched > 1:
+        if rates.counts(REINFORCEMENT.name, action) and searched > 1:
             share = f"{percent(wilson(found, searched))}<br>{found} of {searched}"
-            lines.append([f"`{action}`", percent(intervals[action]), share])
+            rate = rates.interval(REINFORCEMENT.name, action)
+            lines.append([f"`{action}`", percent(rate), share])
     header = ["action", "imitation + RL, rollouts", "search in the simulator, starts"]
-    return {
-        "aim": f"{AIM:.0%}".replace("%", " %"),
-        "reached": listed([f"`{action}`" for action in reached]),
-        "missed": len(own) - len(reached),
-        "of": len(own),
-        "table": markdown_table(header, lines, "lrr") if lines else "",
-    }
+    return aim | {"table": markdown_table(header, lines, "lrr") if lines else ""}
+
+
+def reached(rates: Rates, arm: Arm) -> dict[str, Any] | None:
+    """On which of the actions a method reaches the aim; None where it was not measured."""
+    own = [action for action in ACTIONS if rates.counts(arm.name, action)]
+    good = [action for action in own if rates.interval(arm.name, action).estimate >= AIM]
+    return (
+        {
+            "aim": f"{AIM:.0%}".replace("%", " %"),
+            "reached": listed([f"`{action}`" for action in good]),
+            "missed": len(own) - len(good),
+            "of": len(own),
+        }
+        if own
+        else None
+    )
 
 
 def searches(results: Results) -> dict[str, tuple[int, int]]:

@@ -7,6 +7,13 @@ from knotflow.simulation.attempt import (
     end_states,
     state_or_none,
 )
+from knotflow.simulation.perturbation import (
+    ACTUATION,
+    EXPONENTS,
+    LEVELS,
+    check_level,
+    perturb_rope,
+)
 from knotflow.simulation.rope import (
     ROOTS,
     RopeConfig,
@@ -37,9 +44,13 @@ from knotflow.simulation.starts import (
     reached,
     resample,
     straight,
+    tangled,
 )
 
 __all__ = [
+    "ACTUATION",
+    "EXPONENTS",
+    "LEVELS",
     "ROOTS",
     "SPLINE_HIGH",
     "SPLINE_LOW",
@@ -57,12 +68,14 @@ __all__ = [
     "arc",
     "attempt",
     "build_model",
+    "check_level",
     "check_points",
     "check_splines",
     "clip_splines",
     "control_points",
     "grasped_link",
     "is_roomy",
+    "perturb_rope",
     "pose",
     "random_curve",
     "reached",
@@ -72,4 +85,5 @@ __all__ = [
     "spline_path",
     "state_or_none",
     "straight",
+    "tangled",
 ]

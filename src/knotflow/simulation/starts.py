@@ -139,6 +139,45 @@ def reached(
     return Starts(np.stack(found[:count]), reached=int(hits), too_tight=int(tight))
 
 
+def tangled(
+    accept: Callable[[TopologicalState], bool],
+    simulator: RopeSimulator,
+    propose: Propose,
+    rng: np.random.Generator,
+    config: StartsConfig | None = None,
+    most_crossings: int = 3,
+) -> NDArray[np.float64]:
+    """A rope (V, 3) tangled at random: actions drawn among all legal ones are tried on a random
+    curve, whatever they lead to, until its state is accepted.
+
+    Args:
+        accept: whether a state of one to `most_crossings` crossings will do.
+        simulator: executes the proposed splines.
+        propose: splines for a rope and an action.
+        rng: everything random comes from it.
+        config: what a random curve looks like.
+        most_crossings: a rope that has more is given up for another.
+
+    Raises:
+        RuntimeError: no such rope came up.
+    """
+    rope, config = simulator.config.rope, config or StartsConfig()
+    points, state = random_curve(rope, rng, config), TopologicalState.trivial()
+    for _ in range(2000):
+        actions = [action for action, _ in state.actions()]
+        action = actions[rng.integers(len(actions))]
+        spline = propose(points, action, 1, rng)
+        tried = attempt(simulator, points, spline, action, state)
+        (end,) = tried.ends
+        if end is None or end.num_crossings > most_crossings:
+            points, state = random_curve(rope, rng, config), TopologicalState.trivial()
+            continue
+        points, state = tried.rollouts.end_points[0], end
+        if state.num_crossings and accept(state):
+            return points
+    raise RuntimeError("no tangled rope was accepted in 2000 tries; accept more states")
+
+
 @dataclass(frozen=True)
 class Starts:
     """Start shapes, and how many of those reached were left out as too tight."""

@@ -67,10 +67,10 @@ def _deed(action: Action, state: TopologicalState) -> str:
         case Undo(action=R1()):
             return f"pull {over} straight, which takes its crossing back"
         case Undo():
-            ends = state.num_segments
-            pulled = segment_name(action.pulled_segment(ends), state)
-            other = segment_name(action.other_segment(ends), state)
+            count = state.num_segments
+            pulled = segment_name(action.pulled_segment(count), state)
+            off = segment_name(action.other_segment(count), state)
             way = "from under" if pulled == under else "off"
             made = "crossing" if isinstance(action.action, Cross) else "two crossings"
-            return f"pull {pulled} {way} {other}, which takes their {made} back"
+            return f"pull {pulled} {way} {off}, which takes their {made} back"
     raise TypeError(f"no words for the action {action!r}")

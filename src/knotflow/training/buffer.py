@@ -126,6 +126,11 @@ class TransitionBuffer:
         """Number of trials."""
         return len(self._replay)
 
+    @property
+    def successes(self) -> int:
+        """Number of trials that succeeded."""
+        return int((self._replay[:]["reward"] > 0.5).sum()) if len(self) else 0
+
     def extend(self, trials: TensorDict) -> None:
         """Add N trials, the oldest give way.
 

@@ -157,6 +157,9 @@ class SelfPlayConfig:
     refreshed: int = 256
     """Stored trials of each primitive whose next value is worked out anew in a round."""
     steps: int = 24
-    """Gradient steps of each primitive in a round."""
+    """Gradient steps of each primitive in a round,"""
+    successes_per_step: int = 12
+    """or fewer, of one without demonstrations: one for so many successes in its replay buffer, lest
+    a few be learned by heart."""
     decay_steps: int = 1500
     """Gradient steps after the last round, in which the learning rate falls evenly to 0."""

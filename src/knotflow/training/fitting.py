@@ -25,14 +25,17 @@ def fit(
     for step in range(steps):
         if stop is not None and stop.is_set():
             break
-        told = learner.update(1 - step / steps if decaying else 1.0)
-        for key, value in told.items():
+        losses = learner.update(1 - step / steps if decaying else 1.0)
+        for key, value in losses.items():
             means[key] = means.get(key, 0.0) + value / steps
     return means
 
 
 def fit_each(
-    learners: Mapping[int, Learner], steps: int, decaying: bool = False, threads: int | None = None
+    learners: Mapping[int, Learner],
+    steps: int | Mapping[int, int],
+    decaying: bool = False,
+    threads: int | None = None,
 ) -> dict[int, dict[str, float]]:
     """`fit` each of several learners, side by side; gives what it gives, by learner.
 
@@ -41,7 +44,7 @@ def fit_each(
 
     Args:
         learners: those that learn.
-        steps: how many steps each makes.
+        steps: how many steps each makes, or how many all make.
         decaying: let the learning rate fall evenly to 0 over these steps.
         threads: learners at once; None takes all of them.
     """
@@ -50,7 +53,9 @@ def fit_each(
     stop = Event()
     with one_thread(), ThreadPoolExecutor(threads or len(learners)) as pool:
         running = {
-            number: pool.submit(fit, learner, steps, decaying, stop)
+            number: pool.submit(
+                fit, learner, steps if isinstance(steps, int) else steps[number], decaying, stop
+            )
             for number, learner in learners.items()
         }
         try:

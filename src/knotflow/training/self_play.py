@@ -486,13 +486,16 @@ class SelfPlay(Resumable):
         return best_values(primitive, states, self.config.population, self._rng)
 
     def _fit(self, steps: int, decaying: bool = False) -> dict[int, dict[str, float]]:
-        """Gradient steps of all primitives that there is something to learn for."""
-        ready = {
-            number: learner
+        """Gradient steps of all primitives; without demonstrations, as few as successes allow."""
+        buffers, each = self._buffers, self.config.successes_per_step
+        most = {
+            number: min(steps, buffers[number].successes // each)
+            if learner.demonstrations is None
+            else steps
             for number, learner in self._learners.items()
-            if learner.demonstrations is not None or len(self._buffers[number])
         }
-        return fit_each(ready, steps, decaying)
+        ready = {number: learner for number, learner in self._learners.items() if most[number]}
+        return fit_each(ready, most, decaying)
 
     def _measure(
         self, play: _Play, after: NDArray, ends: Sequence[TopologicalState | None]

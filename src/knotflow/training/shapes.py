@@ -17,7 +17,7 @@ from knotflow.topology.symmetry import Symmetry, representative
 
 
 def transformed(points: NDArray, symmetry: Symmetry) -> NDArray[np.float64]:
-    """Ropes (..., V, 3) mirrored at the x axis and told from the other end, as the symmetry is."""
+    """Ropes (..., V, 3) mirrored at the x axis and read from the other end, as the symmetry is."""
     points = np.asarray(points, dtype=np.float64)
     if symmetry.mirror:
         points = points * [1, -1, 1]

@@ -45,11 +45,11 @@ def open_metrics(kind: str, folder: Path, name: str) -> Metrics:
     """Opens the loggers of `kind` for the run `name` (may contain slashes).
 
     csv lies in folder/csv/name, tensorboard in folder/tensorboard/name. mlflow goes where
-    MLFLOW_TRACKING_URI points, else into folder/mlflow.db.
+    MLFLOW_TRACKING_URI points, else into folder/mlflow.db. wandb stays offline, in folder/wandb,
+    unless WANDB_MODE says otherwise.
 
     Raises:
-        ValueError: no such kind; lists those there are.
-        ModuleNotFoundError: the kind needs a package that is not installed.
+        ValueError: no such kind, or one whose package is not installed; lists those there are.
     """
     check_metrics(kind)
     closing = ExitStack()
@@ -63,10 +63,9 @@ def check_metrics(kind: str) -> None:
     for open_ in _KINDS[kind]:
         package = _NEEDS.get(open_)
         if package and importlib.util.find_spec(package) is None:
-            raise ModuleNotFoundError(
-                f"metrics {kind!r} need the package {package}: pip install {package}, or choose "
-                f"another of: {', '.join(_KINDS)}",
-                name=package,
+            raise ValueError(
+                f"metrics {kind!r} need the package {package}, which is not installed: "
+                f"pip install 'knotflow[{package}]', or choose another of: {', '.join(_KINDS)}"
             )
 
 
@@ -115,12 +114,32 @@ def _mlflow(folder: Path, name: str, closing: ExitStack) -> Any:
     return logger
 
 
+def _wandb(folder: Path, name: str, closing: ExitStack) -> Any:
+    import wandb
+    from torchrl.record.loggers.wandb import WandbLogger
+
+    folder.mkdir(parents=True, exist_ok=True)
+    # TorchRL writes "dryrun", the older word for offline, into the variable.
+    offline = os.environ.get("WANDB_MODE", "offline") in ("offline", "dryrun")
+    logger = WandbLogger(
+        exp_name=name,
+        offline=offline,
+        save_dir=str(folder),
+        project="knotflow",
+        settings=wandb.Settings(silent=True),
+    )
+    closing.callback(logger.experiment.finish)
+    return logger
+
+
 _Open = Callable[[Path, str, ExitStack], Any]
 _KINDS: dict[str, tuple[_Open, ...]] = {
     "csv": (_csv,),
     "tensorboard": (_tensorboard,),
     "csv+tensorboard": (_csv, _tensorboard),
     "mlflow": (_mlflow,),
+    "wandb": (_wandb,),
     "none": (),
 }
-_NEEDS: dict[_Open, str] = {_tensorboard: "tensorboard", _mlflow: "mlflow"}
+_NEEDS: dict[_Open, str] = {_tensorboard: "tensorboard", _mlflow: "mlflow", _wandb: "wandb"}
+"""The package that a kind needs, which is the name of its extra as well."""

@@ -41,15 +41,15 @@ class Rope:
     after: NDArray[np.float64] | None
 
 
-def read_proposals(results: Results, experiment: str) -> list[Rope]:
-    """proposals.csv, a row a point; empty where it is not there.
+def read_proposals(results: Results, experiment: str, name: str = "proposals.csv") -> list[Rope]:
+    """proposals.csv or a table like it, a row a point; empty where it is not there.
 
     Raises:
         ResultsError: a point is missing, a rope has no spline, or a word is none of those known.
     """
     columns = {"action": TEXT, "start": COUNT, "what": TEXT, "proposal": NOTE, "outcome": NOTE}
     columns |= {"point": COUNT, "x": NUMBER, "y": NUMBER, "z": NUMBER}
-    table = results.table(experiment, "proposals.csv", columns)
+    table = results.table(experiment, name, columns)
     if table is None:
         return []
     unknown = ~table["what"].isin(PARTS)

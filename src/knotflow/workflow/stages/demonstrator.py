@@ -12,11 +12,24 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from knotflow.demonstrations import DemonstratorConfig, load_demonstrations, save_demonstrations
-from knotflow.demonstrations.demonstrator import demonstrate_from_any_start, wanted
-from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig
+from knotflow.demonstrations import (
+    TASKS,
+    DemonstratorConfig,
+    Task,
+    load_demonstrations,
+    save_demonstrations,
+)
+from knotflow.demonstrations.demonstrator import Demonstrated, demonstrate_task
+from knotflow.simulation import (
+    RopeConfig,
+    RopeSimulator,
+    SimulationConfig,
+    StartsConfig,
+    control_points,
+)
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
+from knotflow.workflow.stages.proposals import AFTER, BEFORE, COLUMNS, SPLINE, point_rows
 from knotflow.workflow.stages.recorder import Recorder
 
 
@@ -32,35 +45,68 @@ class DemonstratorStageConfig:
     """How many there are, and the effort spent on each."""
 
 
-@stage("demonstrator", inputs=())
+SHAPES = "shapes.csv"
+
+
+@stage("demonstrator", inputs=(), version=2)
 def make_demonstrations(
     config: DemonstratorStageConfig, inputs: Mapping[str, Path], context: StageContext
 ) -> None:
-    """Makes scripted.jsonl, shares.csv (of noisy copies that succeed) and recordings/*.mcap."""
-    names = list(wanted(config.demonstrator))
-    context.each(partial(_make, config), context.pending(names, ".jsonl"), "demonstrations")
-    with context.atomic("shares.csv") as path:
-        shares = pd.concat([pd.read_csv(context.out / f"{name}.csv") for name in names])
-        shares.to_csv(path, index=False)
+    """Makes scripted.jsonl, shares.csv, shapes.csv and recordings/*.mcap.
+
+    shares.csv has a row a demonstration: the share of its noisy copies that succeed, the room that
+    their ends leave (`demonstrations.room`), and the starts that were given up before. shapes.csv
+    shows them, in the columns of the stage `proposals`.
+    """
+    tasks = [task.name for task in TASKS if _wanted(config.demonstrator, task)]
+    context.each(partial(_make, config), context.pending(tasks, ".jsonl"), "demonstrations")
+    for name in ("shares.csv", SHAPES):
+        with context.atomic(name) as path:
+            parts = [pd.read_csv(context.out / f"{task}.{name}", dtype=str) for task in tasks]
+            pd.concat(parts).to_csv(path, index=False)
     with context.atomic("scripted.jsonl") as path:
-        parts = [load_demonstrations(context.out / f"{name}.jsonl") for name in names]
-        save_demonstrations(path, sum(parts, []))
+        shown = [load_demonstrations(context.out / f"{task}.jsonl") for task in tasks]
+        save_demonstrations(path, sum(shown, []))
+
+
+def _wanted(config: DemonstratorConfig, task: Task) -> bool:
+    return config.starts_per_task > 0 or not task.start_actions
 
 
 def _make(config: DemonstratorStageConfig, context: StageContext, name: str) -> None:
-    task, seed = wanted(config.demonstrator)[name]
-    simulator, rng = RopeSimulator(config.simulation), np.random.default_rng(seed)
+    number, task = next((i, one) for i, one in enumerate(TASKS) if one.name == name)
+    simulator = RopeSimulator(config.simulation)
+    rng = np.random.default_rng([config.demonstrator.seed, number])
     recorder = Recorder(context, "scripted", config.simulation.rope)
-    found = demonstrate_from_any_start(
-        task, simulator, rng, config.demonstrator, config.starts, recorder
-    )
+    found = demonstrate_task(task, simulator, rng, config.demonstrator, config.starts, recorder)
     recorder.save(f"recordings/{name}.mcap")
-    with context.atomic(f"{name}.csv") as path:
-        row = {
-            "action": str(task.action),
-            "success_share": found.share,
-            "starts_left_out": found.starts_left_out,
-        }
-        pd.DataFrame([row]).to_csv(path, index=False)
-    with context.atomic(f"{name}.jsonl") as path:
-        save_demonstrations(path, [found.demonstration])
+    with context.atomic(f"{name}.shares.csv") as path:
+        rows = [
+            {
+                "action": str(task.action),
+                "share": one.scored.share,
+                "room": one.scored.room,
+                "starts_left_out": one.starts_left_out,
+            }
+            for one in found
+        ]
+        pd.DataFrame(rows).to_csv(path, index=False, float_format="%.3f")
+    with context.atomic(f"{name}.{SHAPES}") as path:
+        shapes = [_shapes(start, one, config.simulation.rope) for start, one in enumerate(found)]
+        pd.concat(shapes).to_csv(path, index=False, float_format="%.3f")
+    with context.atomic(f"{name}.jsonl") as path:  # the last, by which a task counts as done
+        save_demonstrations(path, [one.demonstration for one in found])
+
+
+def _shapes(start: int, one: Demonstrated, rope: RopeConfig) -> pd.DataFrame:
+    """A demonstration's rope before, spline and rope after, a row a point."""
+    shown = one.demonstration
+    controls = control_points(shown.points, shown.spline, rope.radius)
+    head = {"action": str(shown.task.action), "start": start}
+    told = head | {"proposal": 0, "outcome": "success"}
+    parts = [
+        point_rows(shown.points, what=BEFORE, proposal="", outcome="", **head),
+        point_rows(controls, what=SPLINE, **told),
+        point_rows(one.scored.end, what=AFTER, **told),
+    ]
+    return pd.concat(parts)[list(COLUMNS)]

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from knotflow.demonstrations import aim
 from knotflow.planning import (
     ROPE_NAMES,
     KnotPlan,
@@ -24,13 +25,14 @@ from knotflow.planning import (
 )
 from knotflow.recording import write_index
 from knotflow.samplers import SamplerConfig, build_sampler
-from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig
+from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, tangled
 from knotflow.topology import TopologicalState
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.recorder import Recorder
 from knotflow.workflow.workers import WorkersConfig
 
+TANGLED = "tangled"
 START_FILE = "start.npy"
 """A rope (V, 3) in the output of a stage that makes a start shape."""
 SEARCHES = "searches.csv"
@@ -46,7 +48,9 @@ class PlanCase:
     goal: str = "overhand"
     """A knot's name, crossings, or one topological path, see `planning.parse_goal`."""
     start: str = "straight"
-    """straight, arc, random (another curve for each seed), or an input that holds a start.npy."""
+    """straight, arc, random (another curve for each seed), tangled (another for each seed, in a
+    state of one to three crossings from which no actions lead to the goal), or an input that holds
+    a start.npy."""
 
 
 @dataclass(kw_only=True)
@@ -112,7 +116,7 @@ def _search(
     recorder = Recorder(context, config.sampler.name, rope, first)
     recorder.extra = {"plan": name}
     plan = plan_knot(
-        _start(case.start, config, seed, inputs),
+        _start(case, config, seed, inputs),
         parse_goal(case.goal, rope),
         build_sampler(config.sampler, inputs),
         RopeSimulator(config.simulation),
@@ -152,21 +156,25 @@ def read_searches(path: Path) -> pd.DataFrame:
 
 
 def _check_start(start: str, inputs: Mapping[str, Path]) -> None:
-    if start not in ROPE_NAMES and start not in inputs:
+    if start not in (*ROPE_NAMES, TANGLED) and start not in inputs:
         raise ValueError(
-            f"unknown start {start!r}; it is one of {', '.join(ROPE_NAMES)}, or an input of this "
-            f"stage that holds a {START_FILE}: {', '.join(inputs) or 'there is none'}"
+            f"unknown start {start!r}; it is one of {', '.join((*ROPE_NAMES, TANGLED))}, or an "
+            f"input of this stage that holds a {START_FILE}: {', '.join(inputs) or 'there is none'}"
         )
 
 
 def _start(
-    start: str, config: PlansConfig, seed: int, inputs: Mapping[str, Path]
+    case: PlanCase, config: PlansConfig, seed: int, inputs: Mapping[str, Path]
 ) -> NDArray[np.float64]:
     """The rope (V, 3) of a seed, metres."""
-    if start in ROPE_NAMES:
-        rng = np.random.default_rng([config.seed, seed, 0])
-        return parse_rope(start, config.simulation.rope, rng, config.starts)
-    return np.load(inputs[start] / START_FILE, allow_pickle=False)
+    rng = np.random.default_rng([config.seed, seed, 0])
+    if case.start in ROPE_NAMES:
+        return parse_rope(case.start, config.simulation.rope, rng, config.starts)
+    if case.start == TANGLED:
+        dag = parse_goal(case.goal, config.simulation.rope).dag
+        simulator = RopeSimulator(config.simulation)
+        return tangled(lambda state: state not in dag, simulator, aim, rng, config.starts)
+    return np.load(inputs[case.start] / START_FILE, allow_pickle=False)
 
 
 def _confirmed(plan: KnotPlan) -> tuple[str, str]:

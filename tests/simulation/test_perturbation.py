@@ -5,8 +5,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from knotflow.execution import EXPONENTS, LEVELS, perturb_rope
-from knotflow.simulation import RopeConfig
+from knotflow.simulation import EXPONENTS, LEVELS, RopeConfig, perturb_rope
 
 
 def test_level_0_is_the_planners_rope(rng):

@@ -1,0 +1,247 @@
+"""One step of a plan executed by a robot: as it was planned, or corrected while it moves (Sec. VI).
+
+Open loop, the gripper goes where the plan says, whatever the rope does. In closed loop it grasps
+the rope where it lies, and every tenth of a second a controller chooses the next move from the
+rope's state, so that it follows the rope of the plan.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.execution.robot import Robot
+from knotflow.execution.rope_motions import STEP
+from knotflow.execution.sight import Look, RopeSource, Sight
+from knotflow.planning import GripperConfig, KnotPlan, PlanStep
+from knotflow.planning.waypoints import trace_waypoints
+from knotflow.simulation import grasped_link, spline_basis
+from knotflow.topology import project
+
+
+class Controller(Protocol):
+    """Chooses the gripper's moves while it drags the rope."""
+
+    def begin(self, reference: NDArray, path: NDArray, weights: NDArray, grasped: int) -> None:
+        """Take up a spline.
+
+        Args:
+            reference: (T + 1, V, 3) the rope that is wanted, at the grasp and after each move.
+            path: (T + 1, 3) the gripper's planned path.
+            weights: (V,) how much each vertex matters.
+            grasped: index of the link that is held.
+        """
+        ...
+
+    def act(self, points: NDArray, velocities: NDArray, gripper: NDArray) -> NDArray:
+        """Where the gripper shall be (3,) a tick from now, from the rope (V, 3) and where it is."""
+        ...
+
+
+@dataclass
+class ExecutionConfig:
+    """How a plan is executed."""
+
+    gripper: GripperConfig = field(default_factory=GripperConfig)
+    """Heights and speeds between splines."""
+    crossing_width: float = 0.08
+    """Share of the rope around each crossing of a step's end within which vertices matter most."""
+    crossing_weight: float = 4.0
+    """How much more a vertex at a crossing matters than one far from it."""
+    slip: float = 0.03
+    """How far the held link may come away from the gripper before it counts as lost, metres,"""
+    lag: float = 0.05
+    """and by how much more where it trails a moving gripper, seconds: a simulated grip yields, so
+    that its link is 0.04 s behind."""
+    attempts: int = 3
+    """How often a step is begun, in closed loop, whose grasp misses or slips."""
+    aside: tuple[float, float, float] = (0.0, 0.45, 0.3)
+    """Where the gripper waits while the rope is looked at, metres: out of the camera's way."""
+    looks: int = 3
+    """How often the rope is looked at while it is in doubt."""
+    patience: float = 3.0
+    """How long a new image is waited for, seconds."""
+    max_actions: int = 12
+    """Give up after so many actions, where each is planned anew."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One move of the robot; see `Execution` for units."""
+
+    gripper: NDArray[np.float64]
+    closed: bool
+    step: int
+    reference: NDArray[np.float64] | None
+    points: NDArray[np.float64] | None
+
+
+@dataclass(eq=False)
+class Run:
+    """An execution under way."""
+
+    robot: Robot
+    config: ExecutionConfig
+    source: RopeSource | None = None
+    controller: Controller | None = None
+    corrects: bool = False
+    """Whether the robot's own error is made up for."""
+    points: NDArray | None = None
+    """The rope as it was seen last."""
+    before: NDArray | None = None
+    """The rope as it was seen a move earlier."""
+    closed: bool = False
+    commanded: NDArray = field(default_factory=lambda: np.zeros(3))
+    """Where the gripper should have come last."""
+    error: NDArray = field(default_factory=lambda: np.zeros(3))
+    """How far off the robot is from where it is sent, metres."""
+    frames: list[Frame] = field(default_factory=list)
+    ticks: list[float] = field(default_factory=list)
+
+    def execute(self, step: PlanStep, plan: KnotPlan, number: int) -> bool:
+        """Grasp, drag, let go and rise; whether the rope was held until it was let go."""
+        self._look()
+        rope = step.start if self.points is None else self.points
+        link = int(grasped_link(step.spline, len(rope) - 1))
+        path = from_grasp(step, (rope[link] + rope[link + 1]) / 2, plan.move_time)
+        waypoints = trace_waypoints(
+            [(step.times, path, str(step.action))],
+            np.stack([step.start, step.end]),
+            plan.radius,
+            plan.move_time,
+            1 / STEP,
+            self.config.gripper,
+        )
+        drag = np.flatnonzero([phase == "drag" for phase in waypoints.phases])
+        before, after = waypoints.positions[: drag[0]], waypoints.positions[drag[-1] + 1 :]
+        for place in _straight(self.robot.position, before[0], self.config.gripper.travel_speed):
+            self._move(place, number)
+        for place, phase in zip(before, waypoints.phases, strict=False):
+            if phase == "close" and not self.closed:
+                self.robot.grasp()
+                self.closed = True
+            self._move(place, number)
+        planned = np.concatenate([before[-1:], waypoints.positions[drag]])
+        held = self._drag(step, planned, number)
+        self.robot.release()
+        self.closed = False
+        released = self.commanded
+        for place in after + released - planned[-1]:
+            self._move(np.maximum(place, [-np.inf, -np.inf, planned[-1, 2]]), number)
+        return held
+
+    def _drag(self, step: PlanStep, path: NDArray, number: int) -> bool:
+        """Drag the rope along path (T + 1, 3) or as the controller says, unless it gets lost."""
+        reference = rope_at(step, STEP * np.arange(len(path)))
+        caught = self._distances()
+        link = int(caught.argmin())
+        if self.controller is not None:
+            self.controller.begin(reference, path, self._weights(step), link)
+        for place, rope in zip(path[1:], reference[1:], strict=True):
+            if self.controller is not None:
+                place = self._controlled(self.controller)
+            before = self.commanded
+            self._move(place, number, rope)
+            trailing = self.config.lag * float(np.linalg.norm(place - before)) / STEP
+            allowed = caught[link] + self.config.slip + trailing
+            if self.source is not None and self._distances()[link] > allowed:
+                return False
+        return True
+
+    def see(self, look: Look, number: int) -> Sight:
+        """Go out of the way and look, until the image is new and the rope is not in doubt.
+
+        Where that never comes, the last sight tells why.
+        """
+        aside, speed = np.array(self.config.aside), self.config.gripper.travel_speed
+        for place in [*_straight(self.robot.position, aside, speed), aside]:
+            self._move(place, number)
+        waited, looked = 0.0, 0
+        while True:
+            sight = look.look(self.robot)
+            if sight is not None:
+                looked += 1
+                if not sight.doubts or looked == self.config.looks:
+                    self.before = self.points = sight.points
+                    return sight
+            elif waited >= self.config.patience:
+                return Sight.nothing(f"no new image came for {self.config.patience:g} s")
+            else:
+                waited += STEP
+            self._move(aside, number)
+
+    def _distances(self) -> NDArray[np.float64]:
+        """(V - 1,) of the links' centres from the gripper, metres; 0 where no rope is seen."""
+        if self.points is None:
+            return np.zeros(1)
+        centres = (self.points[1:] + self.points[:-1]) / 2
+        return np.linalg.norm(centres - self.robot.position, axis=1)
+
+    def _controlled(self, controller: Controller) -> NDArray:
+        """The controller's next place (3,)."""
+        assert self.points is not None and self.before is not None
+        began = time.perf_counter()
+        velocities = (self.points - self.before) / STEP
+        there = controller.act(self.points, velocities, self.robot.position)
+        self.ticks.append(time.perf_counter() - began)
+        return there
+
+    def _weights(self, step: PlanStep) -> NDArray[np.float64]:
+        """(V,) with the strands at the crossings of the step's end weighing most."""
+        along = np.linspace(0.0, 1.0, len(step.end))
+        weights = np.ones(len(along))
+        for fraction in project(step.end).fractions:
+            near = np.exp(-0.5 * ((along - fraction) / self.config.crossing_width) ** 2)
+            weights = np.maximum(weights, 1 + (self.config.crossing_weight - 1) * near)
+        return weights / weights.mean()
+
+    def _move(self, place: NDArray, number: int, reference: NDArray | None = None) -> None:
+        """Move for a tick, look, and note it down."""
+        self.commanded = place
+        self.robot.move_to(place - self.error, STEP)
+        if self.corrects:
+            self.error = self.error + self.robot.position - place
+            self.error = np.clip(self.error, -MOST_ERROR, MOST_ERROR)
+        self._look()
+        points = None if self.source is None else self.points
+        self.frames.append(Frame(place, self.closed, number, reference, points))
+
+    def _look(self) -> None:
+        if self.source is not None:
+            now = self.source.points(self.robot, self.closed)
+            self.before = now if self.points is None else self.points
+            self.points = now
+
+
+MOST_ERROR = 0.03
+"""Largest error of the robot along each axis that is made up for, metres; more is a fault."""
+
+
+def from_grasp(step: PlanStep, grasp: NDArray, move_time: float) -> NDArray[np.float64]:
+    """The gripper's path (T, 3) of a step, begun at another place (3,), metres.
+
+    What the beginning is off fades as the first control point's weight does.
+    """
+    share = np.clip(step.times / move_time, 0.0, 1.0)
+    weight = spline_basis(share)[:, :1]
+    return step.gripper + weight * (grasp - step.gripper[0])
+
+
+def rope_at(step: PlanStep, times: NDArray) -> NDArray[np.float64]:
+    """The rope (N, V, 3) of a step at times (N,), seconds since the grasp."""
+    at = np.interp(times, step.times, np.arange(len(step.times)))
+    frame = np.minimum(at.astype(int), len(step.times) - 2)
+    share = (at - frame)[:, None, None]
+    return (1 - share) * step.trajectory[frame] + share * step.trajectory[frame + 1]
+
+
+def _straight(begin: NDArray, end: NDArray, speed: float) -> NDArray[np.float64]:
+    """Places (N, 3), a tick apart, on a straight line from rest to rest; none if it is there."""
+    # The smooth step 3u^2 - 2u^3 is at most 1.5 times as fast as its mean.
+    count = int(np.ceil(1.5 * float(np.linalg.norm(end - begin)) / speed / STEP))
+    u = np.arange(1, count + 1)[:, None] / max(count, 1)
+    return begin + u**2 * (3.0 - 2.0 * u) * (end - begin)

@@ -1,0 +1,117 @@
+"""Where the rope's shape comes from: move by move while it is dragged, and between two actions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol
+
+from numpy.typing import NDArray
+
+from knotflow.execution.robot import Robot
+from knotflow.simulation import RopeConfig, resample, state_or_none
+from knotflow.topology import TopologicalState
+
+if TYPE_CHECKING:
+    from knotflow.perception import Camera, EstimateConfig, RgbdImage
+
+
+class Estimator(Protocol):
+    """Follows the rope from image to image."""
+
+    def update(self, image: RgbdImage, gripper: NDArray, grasped: bool) -> NDArray:
+        """The rope (V, 3), metres, in the newest image.
+
+        `gripper` (3,) is where the gripper is, and `grasped` whether its fingers are closed.
+        """
+        ...
+
+
+class RopeSource(Protocol):
+    """Where the state of the rope comes from while it moves."""
+
+    def points(self, robot: Robot, grasped: bool) -> NDArray:
+        """The rope (V, 3), metres, now; asked for once after every move."""
+        ...
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The rope as an estimator finds it in the robot's images."""
+
+    estimator: Estimator
+
+    def points(self, robot: Robot, grasped: bool) -> NDArray:
+        """See `RopeSource`."""
+        return self.estimator.update(robot.observe(), robot.position, grasped)
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """A rope at rest, as one look shows it.
+
+    Attributes:
+        points: (V, 3) metres, a shape of the rope; None where none was seen.
+        state: its topological state; None where it cannot be told.
+        doubts: why it may be another one, in words; empty for a sight to rely on.
+    """
+
+    points: NDArray | None
+    state: TopologicalState | None
+    doubts: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, points: NDArray, doubts: tuple[str, ...] = ()) -> Sight:
+        """The sight of a shape, in doubt where its projection cannot be read."""
+        state = state_or_none(points)
+        if state is None:
+            doubts += ("the shape's projection does not determine its state",)
+        return cls(points, state, tuple(dict.fromkeys(doubts)))
+
+    @classmethod
+    def nothing(cls, reason: str) -> Sight:
+        """No rope was seen."""
+        return cls(None, None, (reason,))
+
+
+class Look(Protocol):
+    """Tells the rope's state between two actions, when the gripper is out of the way."""
+
+    def look(self, robot: Robot) -> Sight | None:
+        """What is seen now, or None to be asked again a tick later: there is no new image yet."""
+        ...
+
+
+@dataclass
+class Estimated:
+    """A `Look` at the robot's images, by `perception.estimate`.
+
+    The first image only tells how late it is by the camera's clock: where frames are lost it may
+    have been taken before the gripper was out of the way. A later one is read.
+    """
+
+    camera: Camera
+    """Where the camera is believed to be."""
+    rope: RopeConfig = field(default_factory=RopeConfig)
+    """The rope that is looked for."""
+    config: EstimateConfig | None = None
+    """How it is estimated."""
+    _before: float | None = field(default=None, init=False)
+
+    def look(self, robot: Robot) -> Sight | None:
+        """See `Look`."""
+        from knotflow.perception import TraceError, estimate
+
+        try:
+            image = robot.observe()
+        except TimeoutError:
+            return None
+        if self._before is None or image.time <= self._before:
+            self._before = image.time
+            return None
+        self._before = None
+        try:
+            found = estimate(image, self.camera, self.rope, config=self.config)
+        except TraceError as error:
+            return Sight.nothing(str(error))
+        unknown = () if found.head_known else ("head and tail cannot be told apart",)
+        return Sight.of(resample(found.points, self.rope), found.doubts + unknown)

@@ -1,0 +1,121 @@
+"""Executions judged by the truth: which ways to execute there are, and why one fails."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from knotflow.execution.execute import Execution, Replan, execute
+from knotflow.execution.follow import Controller, ExecutionConfig
+from knotflow.execution.sight import Estimated, Look, RopeSource
+from knotflow.execution.twin import TrueState, Twin
+from knotflow.perception import Camera
+from knotflow.planning import Goal, KnotPlan
+from knotflow.simulation import state_or_none
+
+
+@dataclass(frozen=True)
+class Control:
+    """One way to execute a plan."""
+
+    state: str = ""
+    """Where the rope's state comes from: true, vision, or from nowhere."""
+    tracks: bool = False
+    """Whether MPPI corrects the drag."""
+    replans: bool = False
+    """Whether it is planned anew after each action."""
+    robust: bool = False
+    """Whether the plan was judged by an ensemble of ropes, see `planning.ensemble`."""
+
+
+CONTROLS = {
+    "open_loop": Control(),
+    "open_loop_robust": Control(robust=True),
+    "replan": Control("vision", replans=True),
+    "replan_true_state": Control("true", replans=True),
+    "mppi_true_state": Control("true", tracks=True),
+    "mppi_replan_true_state": Control("true", tracks=True, replans=True),
+}
+"""By the names that tables give them. MPPI by vision needs a tracker that follows the drag."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """An execution, and what is true of it.
+
+    Attributes:
+        execution: what was done and seen.
+        tied: whether the rope truly lies in a state of the goal.
+        cause: why not, in two or three words; empty where it is tied.
+        deviation: mean distance of the rope's vertices from the plan's while it was dragged,
+            metres; NaN where it never was.
+    """
+
+    execution: Execution
+    tied: bool
+    cause: str
+    deviation: float
+
+
+def try_plan(
+    plan: KnotPlan,
+    goal: Goal,
+    twin: Twin,
+    control: Control,
+    config: ExecutionConfig | None = None,
+    replan: Replan | None = None,
+    camera: Camera | None = None,
+) -> Trial:
+    """Execute a plan on a twin, which is then used up.
+
+    Args:
+        plan: for the goal, from the rope as the twin was laid down.
+        goal: what is tied.
+        twin: with a camera if the control sees by one.
+        control: one of `CONTROLS`.
+        config: heights, speeds, and when to give up.
+        replan: used if the control replans.
+        camera: the twin's, as it is believed to stand.
+    """
+    source: RopeSource | None = None
+    look: Look | None = None
+    controller: Controller | None = None
+    if control.state == "true":
+        source = look = TrueState(twin)
+    elif control.state == "vision":
+        assert camera is not None
+        look = Estimated(camera, twin.config.rope)
+    if control.tracks:
+        from knotflow.execution.lstm import LstmDynamics
+        from knotflow.execution.mppi import Mppi
+
+        controller = Mppi(LstmDynamics.load())
+    replan = replan if control.replans else None
+    execution = execute(plan, twin.robot(), config, source, controller, look, replan)
+    away = np.linalg.norm(
+        execution.reference - np.reshape(twin.trajectory, execution.reference.shape), axis=-1
+    )
+    dragged = away[np.isfinite(away).all(axis=1)]
+    return Trial(
+        execution,
+        tied=state_or_none(twin.points) in goal.states,
+        cause=failure(execution, goal, twin),
+        deviation=float(dragged.mean()) if len(dragged) else float("nan"),
+    )
+
+
+def failure(execution: Execution, goal: Goal, twin: Twin) -> str:
+    """Why a knot is not tied: the first that applies of the causes below; empty where it is."""
+    truth, sight = state_or_none(twin.points), execution.sight
+    if truth in goal.states:
+        return ""
+    if sight is not None and sight.points is None:
+        return "rope not seen"
+    if sight is not None and sight.state != truth:
+        return "state misread"
+    if sight is None and twin.missed:
+        return "grasp missed"
+    if truth is None or truth not in goal.dag:
+        return "out of the DAG"
+    return "action failed"

@@ -1,0 +1,110 @@
+"""What the `see` command does: from the files of an image to a rope's file, and a picture of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.perception.camera import Camera
+from knotflow.perception.estimation import RopeEstimate, estimate
+from knotflow.perception.image import ImageError, RgbdImage
+from knotflow.perception.tracing import TraceError
+from knotflow.simulation import RopeConfig
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def see(
+    rgb: Path, depth: Path, camera: Path, rope: RopeConfig | None = None
+) -> tuple[RopeEstimate, RgbdImage, Camera]:
+    """The rope in the files of an image, and what was read to find it.
+
+    Args:
+        rgb, depth: files of colour and depth, see `RgbdImage.read`.
+        camera: file of the camera, see `Camera.load`.
+        rope: that lies there; the default rope without.
+
+    Raises:
+        CameraError: a camera file that cannot be used.
+        ImageError: files that make no image of that camera, or in which no rope is seen.
+    """
+    rope = rope or RopeConfig()
+    pinhole = Camera.load(camera)
+    image = RgbdImage.read(rgb, depth, pinhole)
+    try:
+        return estimate(image, pinhole, rope), image, pinhole
+    except TraceError as error:
+        raise ImageError(
+            f"{rgb}, {depth}: no rope of radius {1e3 * rope.radius:g} mm is seen above the table: "
+            f"{error}"
+        ) from error
+
+
+def describe(found: RopeEstimate) -> str:
+    """State, crossings with their certainty, and doubts, in lines."""
+    state = "unknown" if found.state is None else str(found.state)
+    lines = [f"state     {state}" + (" (in doubt)" if found.doubtful and found.state else "")]
+    for number, one in enumerate(found.crossings, 1):
+        first, second = one.fractions
+        lines.append(
+            f"crossing  {number}: {first:.0%} of the rope from its head lies "
+            f"{'over' if one.first_over else 'under'} {second:.0%}, axes {1e3 * one.gap:.0f} mm "
+            f"apart, {one.certainty:.0%} certain"
+        )
+    told = "told from the tail" if found.head_known else "not known: both ends look alike"
+    lines += [
+        f"head      {told}",
+        f"seen      {found.seen.mean():.0%} of the vertices, "
+        f"known to {1e3 * float(np.median(found.spread)):.1f} mm (median)",
+        f"image     the shape accounts for {found.explained:.0%} of the rope in it",
+    ]
+    lines += [f"in doubt  {doubt}" for doubt in found.doubts]
+    return "\n".join(lines)
+
+
+def write_rope(path: Path, points: NDArray) -> None:
+    """A rope (V, 3), metres, as a CSV file that plans start from."""
+    np.savetxt(path, points, fmt="%.6f", delimiter=",", header="x_m,y_m,z_m", comments="")
+
+
+def draw_overlay(
+    path: Path, image: RgbdImage, camera: Camera, rope: RopeConfig, found: RopeEstimate
+) -> None:
+    """Writes a picture: the image, and beside it the same with the estimated rope on it."""
+    from matplotlib.figure import Figure
+
+    from knotflow.drawing.style import PNG_DPI, WIDTH, styled
+
+    with styled():
+        figure = Figure((WIDTH, 0.4 * WIDTH), layout="constrained")
+        bare, drawn = figure.subplots(1, 2)
+        for axes in (bare, drawn):
+            axes.imshow(image.rgb)
+            axes.set_axis_off()
+        draw_estimate(drawn, camera, rope, found)
+        bare.set_title("image")
+        doubt = " (in doubt)" if found.doubtful else ""
+        drawn.set_title(f"estimate: {found.state or 'state unknown'}{doubt}")
+        figure.savefig(path, dpi=PNG_DPI)
+
+
+def draw_estimate(axes: Axes, camera: Camera, rope: RopeConfig, found: RopeEstimate) -> None:
+    """The estimated rope over its image in `axes`, thinner than it is, so that both are seen.
+
+    Vertices that the image does not show are ringed.
+    """
+    from knotflow.drawing.palette import BAD
+    from knotflow.drawing.rope import draw_rope
+
+    column, row, depth = camera.project(found.points).T
+    width = 2 * rope.radius * camera.fx / float(np.median(depth))
+    # The nearest strand is on top, as heights are in a drawing.
+    draw_rope(axes, np.stack([column, row, depth.max() - depth], axis=1), 0.6 * width, zorder=3)
+    hidden = ~found.seen
+    axes.scatter(column[hidden], row[hidden], s=14, facecolors="none", edgecolors=BAD, zorder=4)
+    axes.set_xlim(-0.5, camera.width - 0.5)
+    axes.set_ylim(camera.height - 0.5, -0.5)

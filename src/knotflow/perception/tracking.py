@@ -1,0 +1,262 @@
+"""A rope followed from image to image (Sec. VI).
+
+Each image begins with a prediction: the rope goes on as it moved, drawn along by the gripper that
+holds it. Coherent point drift brings it near the rope's points, and a few gradient steps in image
+space, on a grid coarser than the image, make it account for what is seen; what is hidden stays
+where the prediction put it. Over and under do not change while strands stay on each other, so what
+images say of a crossing is gathered from image to image. A shape that no longer accounts for the
+image is lost, and the rope is estimated anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from knotflow.perception.camera import Camera
+from knotflow.perception.certainty import CrossingEvidence
+from knotflow.perception.crossings import CrossingMemory
+from knotflow.perception.estimation import EstimateConfig, RopeEstimate, estimate, list_doubts
+from knotflow.perception.evidence import explained, observe, seen
+from knotflow.perception.fitting import FitConfig, fit
+from knotflow.perception.image import RgbdImage
+from knotflow.perception.losses import Target
+from knotflow.perception.motion import go_on
+from knotflow.perception.point_drift import PointDriftConfig, drift, rope_points
+from knotflow.perception.tracing import TraceError
+from knotflow.simulation import RopeConfig, state_or_none
+
+Floats = NDArray[np.float64]
+
+Predict = Callable[[Floats, Floats, float, Floats | None, int | None], Floats]
+"""Where a rope (V, 3), metres, with velocities (V, 3), metres a second, will be some seconds later,
+when the gripper (3,) holds the centre of the link of that index, see `motion.go_on`."""
+
+_UNIT = 0.01  # metres, by which distances from the prediction are measured
+
+
+@dataclass
+class TrackerConfig:
+    """How a rope is tracked."""
+
+    drift: PointDriftConfig | None = field(
+        default_factory=lambda: PointDriftConfig(iterations=10, deviation=0.015)
+    )
+    """Brings the prediction near enough for gradients; None trusts the prediction."""
+    fit: FitConfig = field(
+        default_factory=lambda: FitConfig(steps=5, step_size=8e-3, softness=(5e-3, 3e-3))
+    )
+    """The gradient steps of each image."""
+    grid: int = 2
+    """Pixels of the image along each side of one that the steps look at."""
+    hidden: float = 1.0
+    """Weight of the prediction where the image shows nothing."""
+    shown: float = 0.02
+    """Weight of the prediction elsewhere; it keeps the rope from sliding along itself."""
+    held: float = 10.0
+    """Weight of the held link's place in the gripper."""
+    lost: float = 0.8
+    """A shape that accounts for less of the rope's image is lost."""
+    patience: int = 5
+    """Images from one attempt to find a lost rope to the next, which takes seconds."""
+    estimate: EstimateConfig = field(default_factory=EstimateConfig)
+    """How a lost rope is found, and one at rest is looked at."""
+
+
+class Tracker:
+    """Follows one rope; an image a call."""
+
+    def __init__(
+        self,
+        camera: Camera,
+        rope: RopeConfig,
+        initial: RopeEstimate | NDArray,
+        config: TrackerConfig | None = None,
+        predict: Predict = go_on,
+    ) -> None:
+        """Take up a rope.
+
+        Args:
+            camera: of all images.
+            rope: its length, radius and number of links.
+            initial: the rope at first, or its points (V, 3), metres, head first.
+            config: how.
+            predict: tells the next shape before it is seen.
+
+        Raises:
+            ValueError: points of another rope.
+        """
+        self.camera, self.rope, self.config = camera, rope, config or TrackerConfig()
+        self._predict = predict
+        self._crossings = CrossingMemory()
+        self._time: float | None = None
+        self._waited = self.config.patience
+        points = np.array(initial.points if isinstance(initial, RopeEstimate) else initial, float)
+        if points.shape != (rope.num_vertices, 3) or not np.isfinite(points).all():
+            raise ValueError(
+                f"a track begins with points ({rope.num_vertices}, 3) in metres, all finite; got "
+                f"shape {points.shape}"
+            )
+        self._resolution = float(camera.project(points)[:, 2].mean()) / camera.fx  # m a pixel
+        self._spread = np.full(len(points), 0.5 * self._resolution)
+        if isinstance(initial, RopeEstimate):
+            self._take(initial)
+        else:
+            self.points, self.velocities = points, np.zeros_like(points)
+
+    def update(
+        self, image: RgbdImage, gripper: NDArray | None = None, grasped: int | None = None
+    ) -> RopeEstimate:
+        """The rope in the next image.
+
+        Args:
+            image: of this camera, with its time.
+            gripper: (3,) metres, where the gripper is.
+            grasped: index of the link whose centre it holds; None holds nothing.
+
+        Raises:
+            ImageError: an image of another size.
+            ValueError: a link that there is not, or one that is held nowhere.
+        """
+        held = self._check(gripper, grasped)
+        seconds = 0.0 if self._time is None else max(0.0, image.time - self._time)
+        self._time = image.time
+        predicted = self._predict(self.points, self.velocities, seconds, held, grasped)
+        target = observe(image, self.camera, self.rope)
+        nothing = not bool(target.rope.any())
+        shape = predicted if nothing else self._fit(predicted, image, target, held, grasped)
+        coarse, camera = target.binned(self.config.grid), self.camera.binned(self.config.grid)
+        shape, crossings = self._crossings.update(shape, coarse, camera, self.rope, self.config.fit)
+        share = explained(shape, target, self.camera, self.rope)
+        if share < self.config.lost:
+            found = self._find(image, share, predicted)
+            if found is not None:
+                return found
+            self.velocities = np.zeros_like(shape)  # those of a lost rope say nothing
+        else:
+            self._waited = self.config.patience
+            if seconds > 0:
+                self.velocities = (shape - self.points) / seconds
+        self.points = shape
+        shown = seen(shape, target.rope.numpy(), image, self.camera, self.rope)
+        self._spread = self._spreads(shape, predicted, shown)
+        return self._estimate(shape, crossings, share, shown, target)
+
+    def look(self, image: RgbdImage) -> RopeEstimate:
+        """The rope at rest, estimated with care from where it was tracked to; takes a second.
+
+        Raises:
+            ImageError: an image of another size.
+        """
+        found = estimate(
+            image, self.camera, self.rope, self.points, self.config.estimate, self.points
+        )
+        self._time = image.time
+        self._take(found)
+        return found
+
+    def _fit(
+        self,
+        predicted: Floats,
+        image: RgbdImage,
+        target: Target,
+        gripper: Floats | None,
+        grasped: int | None,
+    ) -> Floats:
+        """The shape near the prediction that accounts for the image."""
+        config, start = self.config, predicted
+        if config.drift is not None:
+            cloud = rope_points(image, target, self.camera, self.rope, config.drift.points)
+            start = drift(predicted, cloud, self.rope, config.drift)
+        row, column = self._pixels(predicted)
+        trust = np.where(target.known.numpy()[row, column], config.shown, config.hidden)
+        weight, expected = torch.as_tensor(trust), torch.as_tensor(predicted)
+
+        def off_prediction(points: Tensor) -> Tensor:
+            loss = (weight * ((points - expected) / _UNIT).square().sum(1)).mean()
+            if gripper is not None and grasped is not None:
+                centre = 0.5 * (points[grasped] + points[grasped + 1])
+                apart = (centre - torch.as_tensor(gripper)) / _UNIT
+                loss = loss + config.held / len(points) * apart.square().sum()
+            return loss
+
+        return fit(
+            start,
+            target.binned(config.grid),
+            self.camera.binned(config.grid),
+            self.rope,
+            config.fit,
+            off_prediction,
+        )
+
+    def _find(self, image: RgbdImage, share: float, predicted: Floats) -> RopeEstimate | None:
+        """A lost rope, estimated from the image alone; None where that does no better."""
+        self._waited += 1
+        if self._waited < self.config.patience:
+            return None
+        self._waited = 0
+        try:
+            found = estimate(
+                image, self.camera, self.rope, None, self.config.estimate, earlier=predicted
+            )
+        except TraceError:
+            return None
+        if found.explained <= share:
+            return None
+        told = "the track was lost, and the rope estimated anew"
+        found = replace(found, doubts=(told, *found.doubts))
+        self._take(found)
+        return found
+
+    def _take(self, found: RopeEstimate) -> None:
+        """Go on from an estimate of a rope at rest."""
+        self.points, self._spread = found.points.copy(), found.spread.copy()
+        self.velocities = np.zeros_like(self.points)
+        self._crossings = CrossingMemory.of(found.crossings)
+
+    def _estimate(
+        self,
+        shape: Floats,
+        crossings: tuple[CrossingEvidence, ...],
+        share: float,
+        shown: NDArray[np.bool_],
+        target: Target,
+    ) -> RopeEstimate:
+        state = state_or_none(shape)
+        doubts = list_doubts(state, crossings, share, target, self.config.estimate)
+        if share < self.config.lost:
+            doubts.insert(0, "the track is lost")
+        return RopeEstimate(
+            shape.copy(), shown, state, crossings, share, self._spread.copy(), True, tuple(doubts)
+        )
+
+    def _spreads(self, shape: Floats, predicted: Floats, shown: NDArray[np.bool_]) -> Floats:
+        """(V,) metres. A vertex that is seen is known to half a pixel; a hidden one drifts by as
+        much as the prediction is off where the rope is seen."""
+        known = 0.5 * self._resolution
+        off = np.linalg.norm(shape - predicted, axis=1)
+        drift = float(np.sqrt((off[shown] ** 2).mean())) if shown.any() else known
+        return np.where(shown, known, np.hypot(self._spread, drift))
+
+    def _pixels(self, points: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Rows and columns (V,) at which points (V, 3) are seen, the nearest in the image."""
+        u, v, _ = np.nan_to_num(self.camera.project(points)).T
+        return (
+            np.clip(np.round(v), 0, self.camera.height - 1).astype(np.intp),
+            np.clip(np.round(u), 0, self.camera.width - 1).astype(np.intp),
+        )
+
+    def _check(self, gripper: NDArray | None, grasped: int | None) -> Floats | None:
+        """The gripper's place (3,), or None where it holds nothing."""
+        if grasped is None:
+            return None
+        if not 0 <= grasped < self.rope.links:
+            raise ValueError(f"the held link is 0 to {self.rope.links - 1}, got {grasped}")
+        if gripper is None or np.shape(gripper) != (3,) or not np.isfinite(gripper).all():
+            raise ValueError(f"a held link needs the gripper's place, x, y, z in m: {gripper}")
+        return np.asarray(gripper, np.float64)

@@ -1,0 +1,167 @@
+"""Plans executed on ropes that differ from the planner's (Sec. VI and VII-D), in simulation."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pandas as pd
+
+from knotflow.report.results import AMOUNT, COUNT, FLAG, NOTE, TEXT, Column, Results, refuse
+from knotflow.report.section import Pictures, Section
+from knotflow.report.statistics import mean_difference, wilson
+from knotflow.report.style import INK, Picture, bare_axis, new_figure, render, styled
+from knotflow.report.tables import NOTHING, duration, estimate, listed, markdown_table, percent
+
+EXPERIMENT = "closed_loop"
+BASE = "open_loop"
+#: Controllers in the order shown: what they are called, and their colour.
+CONTROLLERS = {
+    BASE: ("open loop", "#8a8f98"),
+    "open_loop_robust": ("open loop, robust plan", "#24292f"),
+    "mppi": ("MPPI", "#e69f00"),
+    "mppi_true_state": ("MPPI, true state", "#f0b25a"),
+    "replan": ("planned anew", "#0072b2"),
+    "replan_true_state": ("planned anew, true state", "#8fb8c4"),
+    "mppi_replan": ("MPPI, planned anew", "#009e73"),
+    "mppi_replan_true_state": ("MPPI, planned anew, true state", "#7fc8a9"),
+}
+MAYBE = Column("number", 0, optional=True)
+KEY = {"controller": TEXT, "knot": TEXT, "level": COUNT, "twin": COUNT}
+COLUMNS = KEY | {"tied": FLAG, "actions_done": COUNT, "seconds": AMOUNT, "tick_ms": MAYBE}
+COLUMNS |= {"mean_deviation_mm": MAYBE, "reported": NOTE, "cause": NOTE}
+
+
+def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
+    """The figure, a line a controller, knot and level, and the failures by cause."""
+    runs = results.table(EXPERIMENT, "executions.csv", COLUMNS, key=tuple(KEY))
+    if runs is None:
+        return None
+    unknown = ~runs["controller"].isin(CONTROLLERS)
+    refuse(runs, "controller", unknown, f"'{{controller}}' is none of {listed([*CONTROLLERS])}")
+    refuse(runs, "cause", runs["tied"] & (runs["cause"] != ""), "tied, and failed by {cause}")
+    groups = _groups(runs)
+    false = runs[(runs["reported"] == "yes") & ~runs["tied"]]
+    return {
+        "figure": pictures.add(_figure(runs)),
+        "table": _table(groups, runs),
+        "causes": _causes(groups),
+        "reported": len(false),
+        "looked": int((runs["reported"] != "").sum()),
+        "missing": listed([CONTROLLERS[name][0] for name in ("mppi", "mppi_replan")
+                           if name not in set(runs["controller"])]),
+    }  # fmt: skip
+
+
+Group = tuple[str, str, int]
+"""Knot, controller, level."""
+
+
+def _groups(runs: pd.DataFrame) -> dict[Group, pd.DataFrame]:
+    """Executions of a kind, twins in order: knots as they stand in the table, levels rising."""
+    return {
+        (knot, name, level): own.sort_values("twin")
+        for knot in runs["knot"].unique()
+        for level in sorted(runs["level"].unique())
+        for name in CONTROLLERS
+        if len(own := runs[(runs[["knot", "controller", "level"]] == [knot, name, level]).all(1)])
+    }
+
+
+def _table(groups: dict[Group, pd.DataFrame], runs: pd.DataFrame) -> str:
+    lines = []
+    for (knot, name, level), own in groups.items():
+        lines.append(
+            [
+                knot.replace("_", " "),
+                str(level),
+                CONTROLLERS[name][0],
+                f"{percent(wilson(int(own['tied'].sum()), len(own)))}<br>"
+                f"{own['tied'].sum()} of {len(own)}",
+                _gain(own, groups.get((knot, BASE, level))) if name != BASE else NOTHING,
+                f"{own['actions_done'].mean():.1f}",
+                _mean(own["mean_deviation_mm"], "{:.0f} mm"),
+                duration(own["seconds"].median()),
+                _mean(own["tick_ms"], "{:.0f} ms"),
+            ]
+        )
+    header = ["knot", "level", "executed", "tied", "points above open loop", "actions"]
+    header += ["deviation", "time, median", "a tick"]
+    return markdown_table(header, lines, "lrlrrrrrr")
+
+
+def _gain(own: pd.DataFrame, base: pd.DataFrame | None) -> str:
+    """Percentage points tied above open loop, on the twins that both were executed on."""
+    if base is None:
+        return NOTHING
+    both = own.merge(base, on="twin", suffixes=("", "_base"))
+    if both.empty:
+        return NOTHING
+    tied = (100.0 * both["tied"]).tolist(), (100.0 * both["tied_base"]).tolist()
+    return estimate(mean_difference(*tied, paired=True))
+
+
+def _mean(values: pd.Series, form: str) -> str:
+    return NOTHING if values.isna().all() else form.format(values.mean())
+
+
+def _causes(groups: dict[Group, pd.DataFrame]) -> str:
+    """A line a kind of execution, a column a cause; empty where all were tied."""
+    failed = {group: own[~own["tied"]] for group, own in groups.items()}
+    causes = sorted({cause for own in failed.values() for cause in own["cause"] if cause})
+    if not causes:
+        return ""
+    lines = [
+        [knot.replace("_", " "), str(level), CONTROLLERS[name][0], str(len(own))]
+        + [str((own["cause"] == cause).sum() or NOTHING) for cause in causes]
+        for (knot, name, level), own in failed.items()
+        if len(own)
+    ]
+    header = ["knot", "level", "executed", "not tied", *causes]
+    return markdown_table(header, lines, "lrl" + "r" * (1 + len(causes)))
+
+
+def _figure(runs: pd.DataFrame) -> Picture:
+    """Share tied of the knot that most executions are of, by level, with Wilson's intervals."""
+    knot = runs["knot"].mode()[0]
+    runs = runs[runs["knot"] == knot]
+    names = [name for name in CONTROLLERS if name in set(runs["controller"])]
+    levels = sorted(runs["level"].unique())
+    step = 0.8 / len(names)
+    with styled():
+        figure = new_figure(3.2)
+        axes = figure.add_subplot()
+        for place, name in enumerate(names):
+            label, colour = CONTROLLERS[name]
+            own = runs[runs["controller"] == name].groupby("level")["tied"].agg(["sum", "size"])
+            rates = {
+                level: wilson(int(row["sum"]), int(row["size"])) for level, row in own.iterrows()
+            }
+            at = [levels.index(level) + (place - (len(names) - 1) / 2) * step for level in rates]
+            axes.bar(
+                at,
+                [100 * rate.estimate for rate in rates.values()],
+                0.9 * step,
+                color=colour,
+                label=label,
+            )
+            for x, rate in zip(at, rates.values(), strict=True):
+                assert rate.low is not None and rate.high is not None
+                axes.plot([x, x], [100 * rate.low, 100 * rate.high], color=INK, linewidth=1.0)
+        axes.set_xticks(range(len(levels)), [f"level {level}" for level in levels])
+        axes.set_ylim(0, 100)
+        axes.set_ylabel("tied, %")
+        bare_axis(axes, grid="y")
+        figure.legend(loc="outside upper left", ncols=3, frameon=False, fontsize=8.5)
+        alt = f"Share of twins on which the {knot.replace('_', ' ')} was tied, by level"
+        return render(figure, "executions", alt)
+
+
+SECTION = Section(
+    EXPERIMENT,
+    "Execution in closed loop",
+    "Sec. VI and VII-D",
+    "Plans executed on simulated ropes that differ from the planner's in friction, stiffness, "
+    "damping, density and radius, by a gripper that errs: level 0 not at all, level 1 a little, "
+    "level 2 twice as much. All controllers meet the same twins.",
+    values,
+)

@@ -1,0 +1,96 @@
+"""Sec. VI: ropes at rest, estimated from one RGB-D image."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pandas as pd
+
+from knotflow.report.results import AMOUNT, COUNT, FLAG, TEXT, Column, Results
+from knotflow.report.section import Pictures, Section
+from knotflow.report.statistics import bootstrap, wilson
+from knotflow.report.style import Picture, bare_axis, new_figure, render, styled
+from knotflow.report.tables import NOTHING, estimate, markdown_table, percent
+
+EXPERIMENT = "perception"
+ERROR = Column("number", 0, optional=True)
+"""Empty where no rope was found."""
+COLUMNS = {"method": TEXT, "noise": AMOUNT, "crossings": COUNT, "rope": COUNT, "seconds": AMOUNT}
+COLUMNS |= dict.fromkeys(("mean_error_mm", "p95_error_mm", "off_curve_error_mm"), ERROR)
+COLUMNS |= dict.fromkeys(("state_correct", "head_correct", "doubtful"), FLAG)
+GROUPS = ((0, 3), (4, 5))
+"""Ropes are put together by their number of crossings, from and to."""
+SHOWN = "rendering"
+"""The method of the figure."""
+COLOURS = ("#009e73", "#0072b2", "#e69f00")
+
+
+def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
+    """The figure and the table."""
+    key = ("method", "noise", "crossings", "rope")
+    estimates = results.table(EXPERIMENT, "estimates.csv", COLUMNS, key)
+    if estimates is None:
+        return None
+    lines = []
+    for (method, noise), of in estimates.groupby(["method", "noise"], sort=False):
+        for low, high in GROUPS:
+            some = of[of["crossings"].between(low, high)]
+            if not some.empty:
+                lines.append([str(method).replace("_", " "), f"{noise:g}", *_line(some)])
+    header = ["method", "noise", "crossings", "ropes", "mean error, mm", "off the curve, mm"]
+    header += ["state right", "wrong states in doubt", "head right", "CPU time"]
+    shown = estimates[estimates["method"] == SHOWN]
+    return {
+        "table": markdown_table(header, lines, "llrrrrrrrr"),
+        "figure": None if shown.empty else pictures.add(_figure(shown)),
+    }
+
+
+def _line(some: pd.DataFrame) -> list[str]:
+    wrong = some[~some["state_correct"]]
+    found = some.dropna(subset=["mean_error_mm"])
+    errors = [
+        estimate(bootstrap(found[name])) if len(found) else NOTHING
+        for name in ("mean_error_mm", "off_curve_error_mm")
+    ]
+    return [
+        f"{some['crossings'].min()} to {some['crossings'].max()}",
+        str(len(some)),
+        *errors,
+        percent(wilson(int(some["state_correct"].sum()), len(some))),
+        f"{int(wrong['doubtful'].sum())} of {len(wrong)}",
+        percent(wilson(int(some["head_correct"].sum()), len(some))),
+        f"{some['seconds'].median():.1f} s",
+    ]
+
+
+def _figure(shown: pd.DataFrame) -> Picture:
+    """Share of states that are right, and mean error, by crossings; a line a level of noise."""
+    with styled():
+        figure = new_figure(2.6)
+        right, error = figure.subplots(1, 2)
+        levels = shown.groupby("noise")
+        for colour, (noise, of) in zip(COLOURS, levels, strict=False):
+            by = of.groupby("crossings")
+            label = f"noise {noise:g}"
+            states = 100 * by["state_correct"].mean()
+            right.plot(states, marker="o", markersize=4, color=colour, label=label)
+            error.plot(by["mean_error_mm"].median(), marker="o", markersize=4, color=colour)
+        right.set(xlabel="crossings", ylabel="state right, %", ylim=(0, 103))
+        error.set(xlabel="crossings", ylabel="error of a vertex, mm (median rope)", ylim=(0, None))
+        for axes in (right, error):
+            axes.set_xticks(sorted(shown["crossings"].unique()))
+            bare_axis(axes, grid="y")
+        right.legend(frameon=False, loc="lower left")
+        alt = "States that are right, and errors, of estimated ropes by their number of crossings"
+        return render(figure, "perception", alt)
+
+
+SECTION = Section(
+    EXPERIMENT,
+    "Ropes from one image",
+    "Sec. VI",
+    "The shape and the topological state of ropes at rest, estimated from one simulated RGB-D "
+    "image.",
+    values,
+)

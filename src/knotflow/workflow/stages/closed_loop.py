@@ -1,0 +1,179 @@
+"""Stage `closed_loop`: plans executed on perturbed twins, open loop and otherwise (Sec. VI)."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from knotflow.execution import CONTROLS, ExecutionConfig, Twin, TwinConfig, try_plan
+from knotflow.perception import Camera
+from knotflow.planning import Goal, KnotPlan, PlannerConfig, parse_goal, plan_knot
+from knotflow.samplers import Sampler, SamplerConfig, build_sampler
+from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, random_curve
+from knotflow.workflow.context import StageContext
+from knotflow.workflow.stage import stage
+
+TABLE = "executions.csv"
+
+
+@dataclass
+class ExecutionCase:
+    """Executions of one kind."""
+
+    controller: str
+    """One of `execution.CONTROLS`."""
+    level: int
+    """How far the twins are from the planner's model, see `simulation.perturbation`."""
+    twins: int
+    """How many; the first of a level and knot are the same for every controller."""
+    knot: str = "overhand"
+    """What is tied, by name."""
+
+    def __post_init__(self) -> None:
+        """Refuse a controller that there is none of."""
+        if self.controller not in CONTROLS:
+            raise ValueError(
+                f"unknown controller {self.controller!r}; there are {', '.join(CONTROLS)}"
+            )
+
+
+@dataclass(kw_only=True)
+class ClosedLoopConfig:
+    """What is executed, on which twins, and how."""
+
+    simulation: SimulationConfig = field(default_factory=SimulationConfig)
+    """The planner's simulator, and the rope around which the twins' are drawn."""
+    starts: StartsConfig = field(default_factory=StartsConfig)
+    """What a random rope looks like."""
+    sampler: SamplerConfig = field(default_factory=SamplerConfig)
+    """Who proposes splines; the stages it learns from are inputs of this one."""
+    planner: PlannerConfig = field(default_factory=PlannerConfig)
+    """How is planned before an execution, and with `undoing` after each action."""
+    ensemble: int
+    """Perturbed ropes that judge the plans that are to be robust."""
+    execution: ExecutionConfig = field(default_factory=ExecutionConfig)
+    """Heights, speeds, and when an execution is given up."""
+    cases: list[ExecutionCase]
+    """What is compared."""
+    seed: int
+    """Of ropes, plans and twins; used for nothing else."""
+
+
+Shard = tuple[str, int, int]
+"""Knot, level and number of a twin."""
+
+
+@stage("closed_loop")
+def execute_plans(
+    config: ClosedLoopConfig, inputs: Mapping[str, Path], context: StageContext
+) -> None:
+    """Makes executions.csv, a row an execution; one shard a twin, with all of its controllers.
+
+    Inputs: what the sampler needs.
+    """
+    shards = {
+        f"{one.knot}-{one.level}-{twin:03d}": (one.knot, one.level, twin)
+        for one in config.cases
+        for twin in range(one.twins)
+    }
+    pending = context.pending([f"rows/{name}" for name in shards], ".csv")
+    names = [Path(row).name for row in pending]
+    context.each(partial(_shard, config, dict(inputs), shards), names, "twins")
+    with context.atomic(TABLE) as path:
+        rows = [pd.read_csv(context.out / "rows" / f"{name}.csv") for name in shards]
+        pd.concat(rows).to_csv(path, index=False)
+
+
+def _shard(
+    config: ClosedLoopConfig,
+    inputs: Mapping[str, Path],
+    shards: Mapping[str, Shard],
+    context: StageContext,
+    name: str,
+) -> None:
+    knot, level, number = shards[name]
+    goal = parse_goal(knot, config.simulation.rope)
+    planner = _Planner(config, goal, build_sampler(config.sampler, inputs))
+    rope = np.random.default_rng([config.seed, number, 0])
+    points = random_curve(config.simulation.rope, rope, config.starts)
+    controllers = [
+        one.controller
+        for one in config.cases
+        if (one.knot, one.level) == (knot, level) and number < one.twins
+    ]
+    robust = {CONTROLS[controller].robust for controller in controllers}
+    plans = {one: planner.first(points, number, one) for one in sorted(robust)}
+    rows = [
+        {"controller": controller, "level": level, "twin": number, "knot": knot}
+        | _row(config, plans[CONTROLS[controller].robust], goal, controller, level, number, planner)
+        for controller in controllers
+    ]
+    with context.atomic(f"rows/{name}.csv") as path:
+        pd.DataFrame(rows).to_csv(path, index=False)
+
+
+@dataclass(eq=False)
+class _Planner:
+    """Plans before an execution and during it."""
+
+    config: ClosedLoopConfig
+    goal: Goal
+    sampler: Sampler
+
+    def __post_init__(self) -> None:
+        self.simulator = RopeSimulator(self.config.simulation)
+        self.seconds = 0.0
+
+    def first(self, points: NDArray, number: int, robust: bool) -> KnotPlan:
+        """The plan that controllers begin with, the same for all that want it robust or not."""
+        planner = replace(self.config.planner, ensemble=self.config.ensemble * robust)
+        rng = np.random.default_rng([self.config.seed, number, 1])
+        return plan_knot(points, self.goal, self.sampler, self.simulator, rng, planner)
+
+    def anew(self, rng: np.random.Generator, points: NDArray) -> KnotPlan:
+        """The plan of the rest, which may undo what went wrong."""
+        began = time.perf_counter()
+        undoing = replace(self.config.planner, undoing=True, ensemble=0)
+        plan = plan_knot(points, self.goal, self.sampler, self.simulator, rng, undoing)
+        self.seconds += time.perf_counter() - began
+        return plan
+
+
+def _row(
+    config: ClosedLoopConfig,
+    plan: KnotPlan,
+    goal: Goal,
+    controller: str,
+    level: int,
+    number: int,
+    planner: _Planner,
+) -> dict[str, object]:
+    """What became of one execution."""
+    control = CONTROLS[controller]
+    camera = Camera.overhead() if control.state == "vision" else None
+    drawn = np.random.default_rng([config.seed, number, 2, level])
+    twin = Twin(plan.start, TwinConfig(level=level, rope=config.simulation.rope), drawn, camera)
+    planner.seconds = plan.seconds
+    anew = partial(planner.anew, np.random.default_rng([config.seed, number, 3, level]))
+    trial = try_plan(plan, goal, twin, control, config.execution, anew, camera)
+    execution = trial.execution
+    ticks = execution.tick_seconds
+    return {
+        "tied": trial.tied,
+        "reported": {None: "", True: "yes", False: "no"}[execution.tied],
+        "actions_done": len(execution.outcomes),
+        "mean_deviation_mm": "" if math.isnan(trial.deviation) else round(1e3 * trial.deviation, 1),
+        "seconds": round(float(execution.times[-1]), 1) if len(execution.times) else 0.0,
+        "planning_seconds": round(planner.seconds, 1),
+        "tick_ms": round(1e3 * float(ticks.mean()), 1) if len(ticks) else "",
+        "cause": trial.cause if plan.solved or control.replans else "no plan",
+        "reason": execution.reason,
+    }

@@ -1,0 +1,190 @@
+"""Stage `perception`: ropes at rest, estimated from one image, by noise and crossings."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from knotflow.perception import (
+    Appearance,
+    Camera,
+    EstimateConfig,
+    FitConfig,
+    NoiseConfig,
+    RgbdImage,
+    RopeEstimate,
+    SimulatedCamera,
+    TraceError,
+    estimate,
+)
+from knotflow.simulation import RopeConfig, SimulationConfig, check_points, resample, state_or_none
+from knotflow.workflow.context import StageContext
+from knotflow.workflow.stage import stage
+
+TABLE = "estimates.csv"
+POOR = 0.03
+"""How far off a poor start is, metres, root mean square."""
+
+
+@dataclass(kw_only=True)
+class PerceptionConfig:
+    """Which ropes are looked at, and by which methods."""
+
+    simulation: SimulationConfig = field(default_factory=SimulationConfig)
+    """Its rope is looked at."""
+    estimate: EstimateConfig = field(default_factory=EstimateConfig)
+    """How a rope is estimated."""
+    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    """Of the camera; its level is set here."""
+    methods: list[str] = field(default_factory=lambda: list(METHODS))
+    """Of `METHODS`."""
+    levels: list[float] = field(default_factory=lambda: [0.0, 1.0, 2.0])
+    """Of noise."""
+    crossings: list[int] = field(default_factory=lambda: [0, 1, 2, 3, 4, 5])
+    """Numbers of crossings that ropes have."""
+    ropes: int
+    """Ropes of each number of crossings; each is seen at every level."""
+    seed: int
+    """Of the choice of ropes, of light and noise; used for nothing else."""
+
+
+Method = Callable[
+    [RgbdImage, Camera, RopeConfig, EstimateConfig, NDArray, np.random.Generator], RopeEstimate
+]
+"""Estimates the rope in an image. The true shape (V, 3) is for poor starts only."""
+
+
+def _alone(image, camera, rope, config, truth, rng):  # type: ignore[no-untyped-def]
+    return estimate(image, camera, rope, config=config)
+
+
+def _blind(image, camera, rope, config, truth, rng):  # type: ignore[no-untyped-def]
+    flat = replace(config, fit=replace(config.fit or FitConfig(), depth=0.0))
+    return estimate(image, camera, rope, config=flat)
+
+
+def _poor(image, camera, rope, config, truth, rng):  # type: ignore[no-untyped-def]
+    waves = np.sin(np.pi * np.outer(np.linspace(0, 1, len(truth)), np.arange(1, 5)))  # (V, 4)
+    off = waves @ rng.normal(size=(4, 2)) + rng.normal(size=2)
+    off *= POOR / np.sqrt((off**2).sum(axis=1).mean())
+    start = resample(truth + np.pad(off, ((0, 0), (0, 1))), rope)
+    return estimate(image, camera, rope, start, config)
+
+
+METHODS: dict[str, Method] = {
+    "rendering": _alone,
+    "rendering_without_depth": _blind,
+    "rendering_poor_start": _poor,
+}
+"""The paths through the mask's skeleton fitted by rendering; the same without depth in the fit; the
+true shape moved by `POOR`, smoothly along the rope, fitted by rendering."""
+
+
+@stage("perception", inputs=("ropes",))
+def estimate_ropes(
+    config: PerceptionConfig, inputs: Mapping[str, Path], context: StageContext
+) -> None:
+    """Makes estimates.csv, a row a method, level and rope."""
+    unknown = sorted(set(config.methods) - set(METHODS))
+    if unknown:
+        raise ValueError(f"unknown methods {unknown}; methods are: {', '.join(METHODS)}")
+    chosen = choose_ropes(config, inputs["ropes"] / "ropes.npz")
+    names = [f"{crossings}-{number}" for crossings, number in chosen]
+    work = partial(_estimate_rope, config, dict(zip(names, chosen.values(), strict=True)))
+    context.each(work, context.pending(names, ".csv"), "perception")
+    with context.atomic(TABLE) as path:
+        pd.concat([pd.read_csv(context.out / f"{name}.csv") for name in names]).to_csv(
+            path, index=False
+        )
+    for name in names:
+        (context.out / f"{name}.csv").unlink()
+
+
+def choose_ropes(config: PerceptionConfig, path: Path) -> dict[tuple[int, int], NDArray]:
+    """Shapes (V, 3), metres, by number of crossings and a count; none is seen from half outside.
+
+    Raises:
+        ValueError: too few ropes of a number of crossings.
+    """
+    with np.load(path) as file:
+        points, crossings = file["points"].astype(np.float64), file["crossings"]
+    rng = np.random.default_rng([config.seed, 0])
+    camera = Camera.overhead()
+    chosen: dict[tuple[int, int], NDArray] = {}
+    for count in config.crossings:
+        rows = [row for row in np.flatnonzero(crossings == count) if _in_view(points[row], camera)]
+        if len(rows) < config.ropes:
+            raise ValueError(
+                f"{path} has {len(rows)} ropes of {count} crossings in the camera's view, but "
+                f"{config.ropes} are wanted: raise perception.shards"
+            )
+        for number, row in enumerate(rng.choice(rows, config.ropes, replace=False)):
+            chosen[count, number] = check_points(
+                resample(points[row], config.simulation.rope), config.simulation.rope
+            )
+    return chosen
+
+
+def _in_view(points: NDArray, camera: Camera) -> bool:
+    """Whether the whole rope is seen, with some pixels to spare."""
+    column, row, _ = camera.project(points).T
+    return bool(
+        min(column.min(), row.min()) > 4
+        and column.max() < camera.width - 5
+        and row.max() < camera.height - 5
+    )
+
+
+def _estimate_rope(
+    config: PerceptionConfig, ropes: Mapping[str, NDArray], context: StageContext, name: str
+) -> None:
+    truth, rope, camera = ropes[name], config.simulation.rope, Camera.overhead()
+    crossings, number = map(int, name.split("-"))
+    rows = []
+    for level in config.levels:
+        rng = np.random.default_rng([config.seed, 1, crossings, number, round(100 * level)])
+        noise = replace(config.noise, level=level)
+        eye = SimulatedCamera(camera, rope, noise, Appearance.draw(rng, noise))
+        image = eye.capture(truth, rng)
+        for method in config.methods:
+            began = time.process_time()
+            try:
+                found = METHODS[method](image, camera, rope, config.estimate, truth, rng)
+            except TraceError:
+                found = None
+            seconds = time.process_time() - began
+            rows.append(
+                {"method": method, "noise": level, "crossings": crossings, "rope": number}
+                | _measures(found, truth)
+                | {"seconds": round(seconds, 3)}
+            )
+    with context.atomic(f"{name}.csv") as path:
+        pd.DataFrame(rows).to_csv(path, index=False)
+
+
+def _measures(found: RopeEstimate | None, truth: NDArray) -> dict[str, Any]:
+    """How far an estimate is from the true rope (V, 3); empty where no rope was found."""
+    if found is None:
+        empty = dict.fromkeys(("mean_error_mm", "p95_error_mm", "off_curve_error_mm"), np.nan)
+        return empty | dict.fromkeys(("state_correct", "head_correct"), 0) | {"doubtful": 1}
+    error = 1e3 * np.linalg.norm(found.points - truth, axis=1)
+    turned = 1e3 * np.linalg.norm(found.points[::-1] - truth, axis=1)
+    fine = np.linspace(0, len(truth) - 1, 10 * len(truth))
+    curve = np.stack([np.interp(fine, np.arange(len(truth)), truth[:, k]) for k in range(3)], 1)
+    off = np.linalg.norm(found.points[:, None] - curve, axis=2).min(axis=1)
+    return {
+        "mean_error_mm": round(float(error.mean()), 3),
+        "p95_error_mm": round(float(np.quantile(error, 0.95)), 3),
+        "off_curve_error_mm": round(float(1e3 * off.mean()), 3),
+        "state_correct": int(found.state == state_or_none(truth)),
+        "head_correct": int(error.mean() < turned.mean()),
+        "doubtful": int(found.doubtful),
+    }

@@ -1,0 +1,221 @@
+"""Stage `tracking`: ropes followed through whole rollouts of all actions, image by image.
+
+The ropes differ from the planner's, and the camera stands not quite where it is believed to be, as
+in the closed loop. Every tracker begins with the true shape: how well an image alone tells it is
+the perception experiment's question.
+"""
+
+from __future__ import annotations
+
+import io
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from knotflow.demonstrations import SHIPPED, TASKS, load_demonstrations
+from knotflow.execution.perturbation import ERRORS
+from knotflow.perception import (
+    Appearance,
+    Camera,
+    Label,
+    NoiseConfig,
+    PointDriftConfig,
+    PointDriftTracker,
+    RgbdImage,
+    SimulatedCamera,
+    Tracker,
+    TrackerConfig,
+    add_noise,
+    seen,
+)
+from knotflow.recording import RecordedRollout, Sight, write_recording
+from knotflow.simulation import (
+    Attempts,
+    RopeConfig,
+    RopeSimulator,
+    SimulationConfig,
+    attempt,
+    grasped_link,
+    perturb_rope,
+    state_or_none,
+)
+from knotflow.workflow.context import StageContext
+from knotflow.workflow.stage import stage
+from knotflow.workflow.stages.recorder import recorded
+
+TABLE = "tracks.csv"
+RECORDING = "recordings/tracked.mcap"
+AT_REST = "rendering_at_rest"
+"""The tracked rope looked at once more with care, when it has come to rest."""
+
+
+@dataclass(kw_only=True)
+class TrackingConfig:
+    """What is tracked, and how."""
+
+    simulation: SimulationConfig = field(default_factory=SimulationConfig)
+    """The simulator, around whose rope ropes are drawn; its record rate is the camera's."""
+    demonstrations: str = str(SHIPPED)
+    """Starts and splines of the rollouts."""
+    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    """Of the camera, nominal at every level."""
+    tracker: TrackerConfig = field(default_factory=TrackerConfig)
+    """The tracker."""
+    drift: PointDriftConfig = field(default_factory=PointDriftConfig)
+    """The yardstick."""
+    levels: list[int]
+    """How far ropes and camera are from what is believed, see `execution.perturbation`."""
+    rollouts: int
+    """Of each action at each level."""
+    seed: int
+    """Of ropes, cameras and noise; used for nothing else."""
+
+
+@stage("tracking", inputs=())
+def track_rollouts(
+    config: TrackingConfig, inputs: Mapping[str, Path], context: StageContext
+) -> None:
+    """Makes tracks.csv (a row a method and frame) and a recording of a rollout with its images."""
+    names = [
+        f"{level}-{task.name}-{number}"
+        for level in config.levels
+        for task in TASKS
+        for number in range(config.rollouts)
+    ]
+    context.each(partial(_track, config, names[0]), context.pending(names, ".csv"), "tracking")
+    with context.atomic(TABLE) as path:
+        pd.concat([pd.read_csv(context.out / f"{name}.csv") for name in names]).to_csv(
+            path, index=False
+        )
+    for name in names:
+        (context.out / f"{name}.csv").unlink()
+
+
+def _track(config: TrackingConfig, shown: str, context: StageContext, name: str) -> None:
+    """One rollout; that of the name `shown` is recorded with its images."""
+    level, action, number = name.split("-")
+    rng = np.random.default_rng([config.seed, int(level), *map(ord, action), int(number)])
+    rope = perturb_rope(config.simulation.rope, int(level), rng)
+    attempts = _rollout(config, rope, action, rng)
+    images, shows = _images(config, rope, int(level), attempts, rng)
+    truth = attempts.rollouts.trajectory[0].astype(np.float64)
+    camera, believed = Camera.overhead(), config.simulation.rope
+    makers: dict[str, Callable[[], Tracker | PointDriftTracker]] = {
+        "rendering": lambda: Tracker(camera, believed, truth[0], config.tracker),
+        "point_drift": lambda: PointDriftTracker(camera, believed, truth[0], config.drift),
+        "point_drift_predicted": lambda: PointDriftTracker(
+            camera, believed, truth[0], replace(config.drift, predict=True)
+        ),
+    }
+    held = attempts.rollouts.times < config.simulation.move_time - 1e-6
+    held[0] = False
+    link = int(grasped_link(attempts.splines[0], rope.links))
+    rows: list[dict[str, Any]] = []
+    for method, make in makers.items():
+        tracker, found = make(), []
+        for frame, image in enumerate(images):
+            began = time.process_time()
+            gripper = attempts.rollouts.gripper[0, frame].astype(np.float64)
+            found.append(tracker.update(image, gripper, link if held[frame] else None))
+            rows.append(
+                _row(method, frame, found[-1], truth[frame])
+                | {"visible_share": shows[frame].mean(), "moving": int(held[frame])}
+                | {"seconds": time.process_time() - began}
+            )
+        if isinstance(tracker, Tracker):
+            began = time.process_time()
+            rest = _row(AT_REST, len(images) - 1, tracker.look(images[-1]), truth[-1])
+            rest |= {"visible_share": shows[-1].mean(), "moving": 0}
+            rows.append(rest | {"seconds": time.process_time() - began})
+            if name == shown:
+                points = np.stack([one.points for one in found])
+                _record(context, rope, attempts, Sight(tuple(map(_png, images)), points))
+    table = pd.DataFrame(rows).assign(level=int(level), action=action, rollout=name)
+    table = table[COLUMNS].round({"mean_error_mm": 3, "visible_share": 3, "seconds": 4})
+    with context.atomic(f"{name}.csv") as path:
+        table.to_csv(path, index=False)
+
+
+COLUMNS = [
+    *("method", "level", "action", "rollout", "frame", "mean_error_mm", "visible_share"),
+    *("state_correct", "lost", "moving", "seconds"),
+]
+
+
+def _row(method: str, frame: int, found: Any, truth: NDArray) -> dict[str, Any]:
+    state = state_or_none(truth)
+    return {
+        "method": method,
+        "frame": frame,
+        "mean_error_mm": 1e3 * np.linalg.norm(found.points - truth, axis=1).mean(),
+        "state_correct": int(state is not None and found.state == state),
+        "lost": int(any("lost" in doubt for doubt in found.doubts)),
+    }
+
+
+def _rollout(
+    config: TrackingConfig, rope: RopeConfig, action: str, rng: np.random.Generator
+) -> Attempts:
+    """A demonstrated spline of an action on a rope that differs from the demonstrated one."""
+    simulator = RopeSimulator(replace(config.simulation, rope=rope))
+    demonstrations = load_demonstrations(Path(config.demonstrations))
+    of_action = [one for one in demonstrations if one.task.name == action]
+    while True:
+        shown = of_action[int(rng.integers(len(of_action)))]
+        points = shown.points + [0.0, 0.0, rope.radius - config.simulation.rope.radius]
+        task = shown.task
+        tried = attempt(simulator, points, shown.spline[None], task.action, task.start_state)
+        if not tried.rollouts.diverged.any():
+            return tried
+
+
+def _images(
+    config: TrackingConfig,
+    rope: RopeConfig,
+    level: int,
+    attempts: Attempts,
+    rng: np.random.Generator,
+) -> tuple[list[RgbdImage], list[NDArray[np.bool_]]]:
+    """An image a frame, and which vertices (V,) it shows."""
+    from scipy.spatial.transform import Rotation
+
+    believed, errors = Camera.overhead(), ERRORS[level]
+    turn = Rotation.from_rotvec(rng.uniform(-1, 1, 3) * errors.camera_turn).as_matrix()
+    camera = replace(
+        believed,
+        position=believed.position + rng.uniform(-1, 1, 3) * errors.camera_shift,
+        rotation=turn @ believed.rotation,
+    )
+    eye = SimulatedCamera(camera, rope, config.noise, Appearance.draw(rng, config.noise))
+    images, shows = [], []
+    rollouts = attempts.rollouts
+    for seconds, points, gripper in zip(
+        rollouts.times, rollouts.trajectory[0], rollouts.gripper[0], strict=True
+    ):
+        closed = 0 < seconds < config.simulation.move_time
+        view = eye.view(points.astype(np.float64), gripper, bool(closed), float(seconds))
+        images.append(add_noise(view.image, camera, config.noise, rng))
+        shows.append(seen(points, view.labels == Label.ROPE, view.image, camera, rope))
+    return images, shows
+
+
+def _record(context: StageContext, rope: RopeConfig, attempts: Attempts, sight: Sight) -> None:
+    (rollout,) = recorded(attempts, rope, "tracking", context.signature)
+    with context.atomic(RECORDING) as path:
+        whole: RecordedRollout = replace(rollout, sight=sight)
+        write_recording(path, [whole], {"source": "tracking", "signature": context.signature})
+
+
+def _png(image: RgbdImage) -> bytes:
+    from PIL import Image
+
+    file = io.BytesIO()
+    Image.fromarray(image.rgb).save(file, "png")
+    return file.getvalue()

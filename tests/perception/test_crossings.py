@@ -1,0 +1,59 @@
+"""What images say of a crossing is gathered, and outlasts an image that says nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from knotflow.perception.certainty import exchange, meetings
+from knotflow.perception.crossings import CrossingMemory
+from knotflow.perception.fitting import FitConfig
+from knotflow.topology import TopologicalState
+
+from .shapes import CAMERA, ROPE, loop, target
+
+CONFIG = FitConfig(softness=(3e-3, 3e-3))
+
+
+def blind(points):
+    """An image without depth."""
+    seen = target(points)
+    return replace(seen, depth=seen.depth * np.nan)
+
+
+def update(memory, shape, seen):
+    return memory.update(shape, seen, CAMERA, ROPE, CONFIG)
+
+
+def test_certainty_grows_from_image_to_image():
+    points, memory = loop(1), CrossingMemory()
+    _, (first,) = update(memory, points, target(points))
+    _, (second,) = update(memory, points, target(points))
+    assert 0.5 < first.certainty < second.certainty < 1
+    assert not first.first_over and first.gap > ROPE.radius
+
+
+def test_without_evidence_nothing_is_certain():
+    points = loop(1)
+    _, (crossing,) = update(CrossingMemory(), points, blind(points))
+    assert crossing.certainty < 0.95
+
+
+def test_strands_that_changed_places_in_a_poor_image_are_put_right():
+    points, memory = loop(1), CrossingMemory()
+    for _ in range(3):
+        _, crossings = update(memory, points, target(points))
+    flipped = exchange(points, *meetings(points)[0], ROPE)
+    assert TopologicalState.from_curve(flipped) != TopologicalState.from_curve(points)
+    shape, (crossing,) = update(memory, flipped, blind(points))
+    assert TopologicalState.from_curve(shape) == TopologicalState.from_curve(points)
+    assert not crossing.first_over
+    again, (kept,) = update(CrossingMemory.of(crossings), flipped, blind(points))
+    assert TopologicalState.from_curve(again) == TopologicalState.from_curve(points)
+    assert not kept.first_over
+
+
+def test_a_crossing_that_is_turned_runs_from_the_other_end():
+    _, (one,) = update(CrossingMemory(), loop(1), target(loop(1)))
+    turned = one.turned()
+    assert turned.fractions == (1 - one.fractions[1], 1 - one.fractions[0])
+    assert turned.first_over != one.first_over and turned.turned().fractions == one.fractions

@@ -1,0 +1,81 @@
+"""From an image's files to a rope's file; what cannot be read is named."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from knotflow.perception import SAMPLE, CameraError, ImageError, see
+from knotflow.perception.estimation import RopeEstimate
+from knotflow.perception.seeing import describe, draw_overlay, write_rope
+from knotflow.planning.ropes import read_rope
+from knotflow.topology import TopologicalState
+
+from .shapes import CAMERA, ROPE, image, s_curve
+
+FILES = (SAMPLE / "overhand.png", SAMPLE / "overhand-depth.png", SAMPLE / "camera.yaml")
+
+
+@pytest.fixture
+def found():
+    points = s_curve()
+    count = len(points)
+    state = TopologicalState.from_curve(points)
+    seen = np.arange(count) > 3
+    return RopeEstimate(
+        points, seen, state, (), 0.99, np.full(count, 1e-3), True, ("the rope leaves the image",)
+    )
+
+
+@pytest.mark.slow
+def test_the_sample_is_an_overhand():
+    seen, _, _ = see(*FILES)
+    truth = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
+    assert seen.state == TopologicalState.from_curve(truth)
+    assert np.linalg.norm(seen.points - truth, axis=1).mean() < 4e-3
+    assert "crossing  3" in describe(seen)
+
+
+def test_a_written_rope_is_read_as_a_start(tmp_path, found):
+    write_rope(tmp_path / "rope.csv", found.points)
+    assert np.allclose(read_rope(tmp_path / "rope.csv", ROPE), found.points, atol=1e-5)
+
+
+def test_state_and_doubts_are_told(found):
+    told = describe(found)
+    assert "state     trivial (in doubt)" in told
+    assert "in doubt  the rope leaves the image" in told
+
+
+def test_the_overlay_shows_image_and_rope(tmp_path, found):
+    draw_overlay(tmp_path / "overlay.png", image(found.points), CAMERA, ROPE, found)
+    picture = np.asarray(Image.open(tmp_path / "overlay.png").convert("RGB")).astype(int)
+    half = picture.shape[1] // 2
+    colourful = (np.ptp(picture, axis=2) > 80).sum(axis=0)
+    assert colourful[half:].sum() > 10 * colourful[:half].sum() + 1000
+
+
+def test_an_image_without_rope_names_its_files(tmp_path):
+    Image.new("RGB", (320, 240), (60, 60, 60)).save(tmp_path / "bare.png")
+    np.save(tmp_path / "bare.npy", np.full((240, 320), 1.2))
+    with pytest.raises(ImageError, match=r"bare\.png.*no rope of radius 8 mm is seen"):
+        see(tmp_path / "bare.png", tmp_path / "bare.npy", FILES[2])
+
+
+def test_depth_that_says_nothing_is_refused(tmp_path):
+    np.save(tmp_path / "nothing.npy", np.full((240, 320), np.nan))
+    with pytest.raises(ImageError, match="no pixel has a depth"):
+        see(FILES[0], tmp_path / "nothing.npy", FILES[2])
+
+
+def test_a_camera_file_that_lacks_a_value_is_refused(tmp_path):
+    lines = FILES[2].read_text("utf-8").splitlines()
+    (tmp_path / "camera.yaml").write_text("\n".join(x for x in lines if not x.startswith("fx")))
+    with pytest.raises(CameraError, match="lacks fx"):
+        see(*FILES[:2], tmp_path / "camera.yaml")
+
+
+def test_an_image_of_another_size_is_refused(tmp_path):
+    Image.open(FILES[0]).resize((160, 120)).save(tmp_path / "small.png")
+    np.save(tmp_path / "small.npy", np.full((120, 160), 1.2))
+    with pytest.raises(ImageError, match="160x120"):
+        see(tmp_path / "small.png", tmp_path / "small.npy", FILES[2])

@@ -1,0 +1,51 @@
+"""Splines and values for what a sampler does not know."""
+
+import numpy as np
+import pytest
+
+from knotflow.planning import Goal, PlannerConfig, SearchGraph
+from knotflow.planning.branches import ACT, ARRANGE, Branch, Node
+from knotflow.planning.proposals import UNDONE, Proposals
+from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW
+from knotflow.topology import TopologicalState, Undo
+
+LOOP = TopologicalState.parse("2o1+")
+
+
+class Critic:
+    """Values every action alike, and takes down what it is asked."""
+
+    def __init__(self, lacks):
+        self.lacks, self.asked = lacks, []
+
+    def sample(self, points, action, count, rng):
+        self.asked.append(action)
+        return np.tile((SPLINE_LOW + SPLINE_HIGH) / 2, (count, 1))
+
+    def values(self, points, actions, rng):
+        self.asked.extend(actions)
+        return np.full(len(actions), 0.7)
+
+
+@pytest.fixture
+def node(shape_of):
+    graph = SearchGraph(Goal.named("overhand").dag)
+    return Node(shape_of(LOOP), LOOP, graph.distance(LOOP), graph.edges_from(LOOP))
+
+
+@pytest.mark.parametrize("lacks", [{"undo"}, set()])
+def test_undoing_is_aimed_for_a_sampler_that_does_not_know_it(node, lacks):
+    critic, rng = Critic(lacks), np.random.default_rng(0)
+    proposals = Proposals(critic, Goal.named("overhand"), PlannerConfig(), rng)
+    undoing = np.array([isinstance(action, Undo) for action, _ in node.edges])
+    assert 0 < undoing.sum() < len(undoing)
+    proposals.appraise([node])
+    np.testing.assert_array_equal(node.values[~undoing], 0.7)
+    np.testing.assert_array_equal(node.values[undoing], UNDONE if lacks else 0.7)
+
+    edge = int(np.flatnonzero(undoing)[0])
+    branches = [Branch(node, edge, ACT), Branch(node, edge, ARRANGE)]
+    splines = proposals.splines(branches)
+    assert splines.shape == (2, 6)
+    assert (splines >= SPLINE_LOW).all() and (splines <= SPLINE_HIGH).all()
+    assert any(isinstance(action, Undo) for action in critic.asked) == (not lacks)

@@ -1,0 +1,50 @@
+"""A recording with what a camera saw is read as it was written, and shown with its images."""
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from knotflow.recording import Sight, read_recording, write_recording
+from knotflow.recording.blueprint import blueprint
+
+
+def png(shade):
+    file = io.BytesIO()
+    Image.new("RGB", (8, 6), (shade, 0, 0)).save(file, "png")
+    return file.getvalue()
+
+
+@pytest.fixture
+def sight(make_rollout):
+    points = make_rollout(3, frames=5).points
+    return Sight(tuple(png(20 * frame) for frame in range(5)), points + 0.001)
+
+
+def test_images_and_estimates_are_read_as_they_were_written(tmp_path, make_rollout, sight):
+    seen = replace(make_rollout(3, frames=5), sight=sight)
+    write_recording(tmp_path / "a.mcap", [make_rollout(1), seen, make_rollout(2)], {})
+    read = {one.number: one.sight for one in read_recording(tmp_path / "a.mcap")}
+    assert read[1] is None and read[2] is None
+    assert read[3].images == sight.images
+    assert np.array_equal(read[3].points, sight.points)
+
+
+def test_a_sight_has_a_frame_for_each_of_the_rope(make_rollout, sight):
+    with pytest.raises(ValueError, match="saw 5 of 6 frames"):
+        replace(make_rollout(3, frames=6), sight=sight)
+    with pytest.raises(ValueError, match="as many images"):
+        Sight(sight.images[:4], sight.points)
+    with pytest.raises(ValueError, match="image 1 of a sight is neither"):
+        Sight((sight.images[0], b"GIF89a"), sight.points[:2])
+
+
+def test_only_a_recording_with_images_has_a_view_of_them():
+    def views(layout):
+        return [type(one).__name__ for one in layout.root_container.contents[0].contents]
+
+    assert "Spatial2DView" in views(blueprint(0.008, sight=True))
+    plain = blueprint(0.008).root_container.contents[0]
+    assert type(plain).__name__ == "Spatial3DView"

@@ -1,0 +1,73 @@
+"""Executions are compared on the same twins, and each failure has a cause."""
+
+import pytest
+
+from knotflow.report import closed_loop, dynamics
+from knotflow.report.page import compose
+from knotflow.report.results import Results, ResultsError
+from knotflow.report.section import Pictures
+
+COLUMNS = ("controller", "level", "twin", "knot", "tied", "reported", "actions_done")
+COLUMNS += ("mean_deviation_mm", "seconds", "tick_ms", "cause", "reason")
+
+
+def row(controller, level, twin, tied, cause="", reported="", tick=""):
+    seconds, reason = 24.0 + twin, "every step was executed"
+    told = (tied, reported, 3, 12.5, seconds, tick, cause, reason)
+    return (controller, level, twin, "overhand", *told)
+
+
+def executions():
+    yield from (row("open_loop", 1, twin, twin < 6, "" if twin < 6 else "out of the DAG")
+                for twin in range(10))  # fmt: skip
+    for twin in range(8):  # on fewer twins: only these are compared
+        seen = {"reported": "yes", "cause": "" if twin else "state misread"}
+        yield row("replan", 1, twin, bool(twin), **seen)
+    yield row("mppi_true_state", 2, 0, True, tick=52.0)
+
+
+def test_the_difference_is_of_the_same_twins(write):
+    write.table("closed_loop", "executions.csv", COLUMNS, executions())
+    found = closed_loop.values(Results(write.root), Pictures())
+    (line,) = [one for one in found["table"].splitlines() if "planned anew |" in one]
+    # Seven of eight against six of the same eight: twins 6 and 7 gained, twin 0 lost.
+    assert "7 of 8" in line and "| 12.5 (" in line
+    assert (found["looked"], found["reported"]) == (8, 1)
+    assert found["missing"] == "MPPI and MPPI, planned anew"
+    causes = found["causes"].splitlines()
+    assert causes[0] == "| knot | level | executed | not tied | out of the DAG | state misread |"
+    assert len(causes) == 4
+
+
+def test_the_section_shows_figure_tables_and_limits(write):
+    write.table("closed_loop", "executions.csv", COLUMNS, executions())
+    text = compose(Results(write.root), "results").markdown
+    assert "figures/executions.png" in text
+    assert "1\nreported a knot that is not there" in text
+    assert "What simulation cannot say" in text
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        (row("magic", 1, 0, True), "column 'controller', row 1"),
+        (row("replan", 1, 0, True, "grasp missed"), "column 'cause', row 1"),
+    ],
+)
+def test_a_table_that_contradicts_itself_is_refused(write, wrong, told):
+    write.table("closed_loop", "executions.csv", COLUMNS, [wrong])
+    with pytest.raises(ResultsError, match=told):
+        closed_loop.values(Results(write.root), Pictures())
+
+
+def test_errors_of_models_stand_side_by_side(write):
+    columns = ("model", "level", "steps", "motions", "mean_error_mm")
+    rows = [(model, level, steps, 20, 10.0 * level + steps)
+            for model in ("mujoco", "still") for level in (0, 1) for steps in (1, 10)]  # fmt: skip
+    write.table("dynamics", "errors.csv", columns, rows)
+    found = dynamics.values(Results(write.root), Pictures())
+    lines = found["table"].splitlines()
+    assert lines[0] == "| level | model | after 0.1 s | after 1 s |"
+    assert lines[2] == "| 0 | standing still | 1.0 mm | 10.0 mm |"
+    assert lines[3] == "| 0 | bidirectional LSTM | – | – |"
+    assert found["motions"] == 40

@@ -1,0 +1,169 @@
+"""The stage in which primitives learn all actions together, called by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+
+from knotflow.demonstrations import TASKS, Trials, aim, task
+from knotflow.primitives import (
+    FILE,
+    CemConfig,
+    NetworkConfig,
+    Primitive,
+    PrimitiveConfig,
+    PrimitiveLibrary,
+)
+from knotflow.primitives.canonical import ALL_PRIMITIVES, ARRANGE
+from knotflow.primitives.encoding import KINDS
+from knotflow.recording import load
+from knotflow.simulation import SimulationConfig, arc, attempt, resample, straight
+from knotflow.topology import TopologicalState
+from knotflow.topology.draw import draw
+from knotflow.training import LearnerConfig, SelfPlay, SelfPlayConfig
+from knotflow.workflow import StageContext
+from knotflow.workflow.stages import self_play as room
+from knotflow.workflow.stages.recorder import Recorder
+
+pytestmark = pytest.mark.slow
+
+SIMULATION = SimulationConfig(threads=1)
+NETWORK = NetworkConfig(lstm=8, attention=4, stream=8, feature=16, head=16)
+SMALL = PrimitiveConfig("actor_critic", NETWORK, CemConfig(population=16, elites=4))
+CONFIG = room.SelfPlayStageConfig(
+    simulation=SIMULATION,
+    training=SelfPlayConfig(
+        LearnerConfig(demonstration_trials=4, rollout_ropes=8, rollout_trials=1),
+        rounds=3, ropes=12, memory=4, steps=1, decay_steps=1, population=8, capacity=100,
+        refreshed=4,
+    ),
+    seed=40,
+)  # fmt: skip
+
+
+def shape_of(state):
+    rope = SIMULATION.rope
+    return straight(rope) if not state.crossings else resample(draw(state, samples=40), rope)
+
+
+def primitive(number):
+    return Primitive(
+        replace(SMALL, network=replace(NETWORK, kinds=KINDS)) if number == ARRANGE else SMALL
+    )
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory, simulator):
+    """Demonstrations and a library that has learnt nothing, with six attempts at R1(0,1,1)."""
+    folder, rng = tmp_path_factory.mktemp("inputs"), np.random.default_rng(0)
+    (folder / "demonstrations" / "trials").mkdir(parents=True)
+    for one in TASKS:
+        start = shape_of(one.start_state)
+        splines = aim(start, one.action, 5, rng)
+        trials = Trials(one.action, start[None], np.zeros(5, int), splines, np.arange(5) < 2)
+        trials.save(folder / "demonstrations" / "trials" / f"{one.name}.npz")
+    torch.manual_seed(0)
+    library = PrimitiveLibrary(
+        {number: primitive(number) for number in ALL_PRIMITIVES},
+        {number: [] for number in ALL_PRIMITIVES},
+        SIMULATION.rope,
+    )
+    (folder / "reinforcement").mkdir()
+    library.save(folder / "reinforcement" / FILE)
+    action = task("R1(0,1,1)").action
+    recorder = Recorder(StageContext(folder / "reinforcement"), "reinforcement", SIMULATION.rope)
+    for points in (straight(SIMULATION.rope), arc(SIMULATION.rope)):
+        splines = aim(points, action, 3, rng)
+        attempt(simulator, points, splines, action, TopologicalState.trivial(), recorder)
+    recorder.save("recordings/primitive-1-000.mcap")
+    return {name: folder / name for name in ("demonstrations", "reinforcement")}
+
+
+@pytest.fixture(scope="module")
+def played(inputs, tmp_path_factory):
+    out = tmp_path_factory.mktemp("played")
+    room.play(CONFIG, inputs, StageContext(out, "0123456789abcdef"))
+    return out
+
+
+def test_the_library_is_whole_and_has_learned(played, inputs):
+    after = PrimitiveLibrary.load(played / FILE, SIMULATION.rope)
+    before = PrimitiveLibrary.load(inputs["reinforcement"] / FILE, SIMULATION.rope)
+    assert set(after.primitives) == set(ALL_PRIMITIVES)
+    changed = [
+        any(
+            not torch.equal(value, before.primitives[number].state_dict()[name])
+            for name, value in after.primitives[number].state_dict().items()
+        )
+        for number in (1, 2, 3, 4)
+    ]
+    assert changed == [True] * 4
+
+
+def test_the_table_counts_the_trials_of_every_pair(played):
+    table = pd.read_csv(played / "trials.csv")
+    assert list(table.columns) == ["start", "action", "trials", "successes", "recent_rate"]
+    assert not table.duplicated(["start", "action"]).any()
+    assert (table["trials"] >= table["successes"]).all() and (table["trials"] > 0).all()
+    # Four earlier attempts are remembered, and some of the ropes were to be arranged.
+    assert 4 < table["trials"].sum() <= 4 + 3 * 12
+    assert table["recent_rate"].between(0, 1).all()
+    for start in table["start"]:
+        TopologicalState.parse(start)
+
+
+def test_the_curves_go_round_by_round(played):
+    curves = pd.read_csv(played / "curves.csv")
+    assert list(curves.columns) == ["primitive", "step", "metric", "value"]
+    losses = curves[curves["metric"] == "loss_critic"]
+    assert losses[losses["primitive"] == 1]["step"].tolist() == [0, 1, 2]
+    pairs = curves[curves["metric"] == "pairs_tried"]["value"]
+    assert pairs.is_monotonic_increasing
+    assert pairs.iloc[-1] == len(pd.read_csv(played / "trials.csv"))
+    assert not (played / "checkpoints").exists()
+
+
+def test_an_interrupted_stage_goes_on_and_ends_the_same(played, inputs, tmp_path, monkeypatch):
+    save = SelfPlay.save
+
+    def stop(self, folder):
+        if self.rounds_done == 2:
+            raise KeyboardInterrupt
+        save(self, folder)
+
+    monkeypatch.setattr(room, "SAVED_EVERY", 1)
+    monkeypatch.setattr(SelfPlay, "save", stop)
+    with pytest.raises(KeyboardInterrupt):
+        room.play(CONFIG, inputs, StageContext(tmp_path, "0123456789abcdef"))
+    assert len([*(tmp_path / "checkpoints").iterdir()]) == 1
+    monkeypatch.setattr(SelfPlay, "save", save)
+    room.play(CONFIG, inputs, StageContext(tmp_path, "0123456789abcdef"))
+    for name in ("curves.csv", "trials.csv"):
+        assert (tmp_path / name).read_bytes() == (played / name).read_bytes()
+    one, other = (PrimitiveLibrary.load(out / FILE) for out in (tmp_path, played))
+    for number in ALL_PRIMITIVES:
+        torch.testing.assert_close(
+            one.primitives[number].state_dict(),
+            other.primitives[number].state_dict(),
+            atol=0,
+            rtol=0,
+        )
+
+
+def test_the_newest_attempts_are_remembered(inputs):
+    recordings = inputs["reinforcement"] / "recordings"
+    table = load(recordings, trajectories=True)
+    (all_of_them,) = room.earlier_attempts(recordings, 100)
+    (some,) = room.earlier_attempts(recordings, 4)
+    assert (len(all_of_them), len(some)) == (6, 4)
+    assert (some.action, some.start) == (task("R1(0,1,1)").action, TopologicalState.trivial())
+    np.testing.assert_array_equal(some.splines, all_of_them.splines[2:])
+    np.testing.assert_array_equal(all_of_them.success, table["outcome"] == "success")
+    for row, points in enumerate(table["points"]):
+        np.testing.assert_array_equal(all_of_them.points[row], points[0])
+        np.testing.assert_array_equal(all_of_them.ends[row], points[-1])
+    assert room.earlier_attempts(recordings, 0) == []

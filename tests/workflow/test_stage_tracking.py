@@ -1,0 +1,42 @@
+"""Ropes are tracked by every method through the same images, and one rollout is kept with them."""
+
+import pandas as pd
+import pytest
+
+from knotflow.perception import EstimateConfig, FitConfig, TrackerConfig
+from knotflow.recording import read_recording
+from knotflow.simulation import SimulationConfig
+from knotflow.workflow import StageContext
+from knotflow.workflow.stages import tracking
+from knotflow.workflow.stages.tracking import AT_REST, COLUMNS, TrackingConfig, track_rollouts
+
+pytestmark = pytest.mark.slow
+
+
+def test_tracks_have_a_row_a_method_and_image(tmp_path, monkeypatch):
+    monkeypatch.setattr(tracking, "TASKS", tracking.TASKS[:1])
+    quick = EstimateConfig(fit=FitConfig(steps=10), candidates=1)
+    config = TrackingConfig(
+        simulation=SimulationConfig(record_rate=2.5, threads=1),
+        tracker=TrackerConfig(estimate=quick),
+        levels=[1],
+        rollouts=1,
+        seed=0,
+    )
+    track_rollouts(config, {}, StageContext(tmp_path, "0123456789abcdef"))
+    tracks = pd.read_csv(tmp_path / tracking.TABLE)
+    assert list(tracks.columns) == COLUMNS
+    (recorded,) = read_recording(tmp_path / tracking.RECORDING)
+    frames = len(recorded.times)
+    assert dict(tracks["method"].value_counts()) == {
+        "rendering": frames,
+        "point_drift": frames,
+        "point_drift_predicted": frames,
+        AT_REST: 1,
+    }
+    assert tracks["visible_share"].between(0, 1).all() and tracks["visible_share"].max() > 0.5
+    first = tracks[tracks["frame"] == 0]
+    assert (first["mean_error_mm"] < 15).all()
+    assert len(recorded.sight.images) == frames
+    assert recorded.source == "tracking"
+    assert [path.name for path in tmp_path.glob("*.csv")] == [tracking.TABLE]
