@@ -47,13 +47,14 @@ class Person:
         self.page, self.studio = page, studio
 
     def tab(self, name):
-        self.page.get_by_role("tab", name=name).click()
+        # By force: without waiting for frames, of which software rendering has few.
+        self.page.get_by_role("tab", name=name).click(force=True)
 
     def press(self, name):
-        self.page.get_by_role("button", name=name, exact=True).click()
+        self.page.get_by_role("button", name=name, exact=True).click(force=True)
 
     def type(self, label, text):
-        self.page.get_by_label(label, exact=True).fill(text)
+        self.page.get_by_label(label, exact=True).fill(text, force=True)
         self.until(lambda: text in {handle.value for handle in self.texts()}, f"{label}: {text}")
 
     def texts(self):
