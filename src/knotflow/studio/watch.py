@@ -33,7 +33,7 @@ class Watch:
             self._caption = gui.add_markdown("")
             self._play = gui.add_button("Play", color="gray")
             self._play.on_click(guarded(self._run))
-        self._slider: viser.GuiInputHandle[int] | None = None
+        self._slider: viser.GuiSliderHandle[int] | None = None
 
     def show(self, playback: Playback) -> None:
         """Offer frames to watch, and show the last."""
