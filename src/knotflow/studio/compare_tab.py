@@ -34,7 +34,7 @@ class CompareTab:
         desk = self._desk
         action = parse_action(self._action.value)
         desk.rope_changed(f"Proposing splines for {action}; the primitives are loaded first...")
-        self._action.value = str(action)
+        self._action.value = str(action)  # type: ignore[misc]  # mypy misses the setter
         self._found = found = desk.session.propose(action, int(self._count.value))
         success = found.attempts.success
         rows = "".join(

@@ -56,7 +56,7 @@ class DemonstrateTab:
         desk, action = self._desk, parse_action(self._action.value)
         desk.session.draft = None
         desk.rope_changed("")
-        self._action.value = str(action)
+        self._action.value = str(action)  # type: ignore[misc]  # mypy misses the setter
         draft = desk.session.begin(action)
         draft.height = float(self._height.value)
         desk.takes_click = self._click

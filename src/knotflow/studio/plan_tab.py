@@ -55,7 +55,8 @@ class PlanTab:
         self._begin.disabled = self._end.visible = self._bar.visible = True
 
         def report(update: SearchUpdate) -> None:
-            self._bar.value = min(100.0, 100.0 * update.seconds / limit)
+            share = 100.0 * update.seconds / limit
+            self._bar.value = min(100.0, share)  # type: ignore[misc]  # mypy misses the setter
             desk.say(
                 f"{update.branches} splines tried, {update.nodes} shapes kept, "
                 f"{update.distance} actions to go, {update.seconds:.0f} s"

@@ -75,7 +75,7 @@ class Watch:
             for frame in range(0 if shown is None else len(shown)):
                 if shown is not self._playback or slider is None:
                     return
-                slider.value = frame
+                slider.value = frame  # type: ignore[misc]  # mypy misses the setter
                 time.sleep(0.08)
         finally:
             self._playing.release()
