@@ -4,31 +4,36 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import viser
 
 from knotflow.studio.playback import Playback
+from knotflow.studio.scene import Scene
 
-if TYPE_CHECKING:
-    from knotflow.studio.page import Page
+_LAST = 1e6  # below whatever the panel holds
 
 
 class Watch:
     """Plays frames in the scene; hidden while there are none."""
 
-    def __init__(self, page: Page) -> None:
-        """In the page's current container."""
-        self._page, gui = page, page.server.gui
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        scene: Scene,
+        guarded: Callable[[Callable[..., None]], Callable[..., None]],
+    ) -> None:
+        """At the end of the panel; `guarded` wraps what is done on a click."""
+        self._gui, self._scene, self._guarded = gui, scene, guarded
         self._playback: Playback | None = None
         self._step: int | None = None  # whose spline is drawn
         self._playing = threading.Lock()
-        self._folder = gui.add_folder("Watch", visible=False)
+        self._folder = gui.add_folder("Watch", visible=False, order=_LAST)
         with self._folder:
             self._caption = gui.add_markdown("")
             self._play = gui.add_button("Play", color="gray")
-            self._play.on_click(page.guarded(self._run))
-        self._slider: viser.GuiInputHandle[int] | None = None
+            self._play.on_click(guarded(self._run))
+        self._slider: viser.GuiSliderHandle[int] | None = None
 
     def show(self, playback: Playback) -> None:
         """Offer frames to watch, and show the last."""
@@ -37,8 +42,8 @@ class Watch:
             self._slider.remove()
         last = len(playback) - 1
         with self._folder:
-            self._slider = self._page.server.gui.add_slider("Frame", 0, last, 1, last)
-        self._slider.on_update(self._page.guarded(self._scrub))
+            self._slider = self._gui.add_slider("Frame", 0, last, 1, last)
+        self._slider.on_update(self._guarded(self._scrub))
         self._folder.visible = True
         self._draw(last)
 
@@ -54,7 +59,7 @@ class Watch:
         shown = self._playback
         if shown is None or frame >= len(shown):
             return
-        scene = self._page.scene
+        scene = self._scene
         scene.move(shown.ropes[frame])
         scene.gripper(shown.grippers[frame])
         if (step := int(shown.step[frame])) != self._step:
@@ -70,7 +75,7 @@ class Watch:
             for frame in range(0 if shown is None else len(shown)):
                 if shown is not self._playback or slider is None:
                     return
-                slider.value = frame
+                slider.value = frame  # type: ignore[misc]  # mypy misses the setter
                 time.sleep(0.08)
         finally:
             self._playing.release()
