@@ -20,13 +20,13 @@ from knotflow.baselines import IcpConfig
 from knotflow.baselines.causal_infogan import CausalInfoGanBudget
 from knotflow.demonstrations import SHIPPED, DemonstratorConfig, NoiseConfig
 from knotflow.execution import ExecutionConfig
+from knotflow.perception.training_config import TrainingConfig
 from knotflow.planning import PlannerConfig
-from knotflow.primitives import PrimitiveConfig
+from knotflow.primitives import SHIPPED_PRIMITIVES, PrimitiveConfig
 from knotflow.simulation import SimulationConfig, StartsConfig
 from knotflow.training import ImitationConfig, ReinforcementConfig, SelfPlayConfig
 from knotflow.workflow import WorkersConfig
 
-SHIPPED_PRIMITIVES = Path(__file__).parent / "primitives" / "data"
 SHIPPED_DYNAMICS = Path(__file__).parent / "execution" / "data" / "dynamics.safetensors"
 
 
@@ -236,7 +236,9 @@ class PerceptionBudget:
     """The ropes that are estimated from one image each (Sec. VI)."""
 
     shards: int = 24
-    """Of 32 ropes, moved by eight splines each, among whose shapes ropes are chosen."""
+    """Of 32 ropes, among whose shapes ropes are chosen."""
+    rounds: int = 8
+    """Splines that each of these is moved by, one after the other."""
     ropes: int = 20
     """Ropes of each number of crossings."""
     crossings: list[int] = field(default_factory=lambda: [0, 1, 2, 3, 4, 5])
@@ -257,6 +259,18 @@ class TrackingBudget:
     """Of each action at each level."""
     seed: int = 5_000_011
     """Of ropes, cameras and noise; used for nothing else."""
+
+
+@dataclass
+class PerceptionTrainingBudget:
+    """The network that sees ropes."""
+
+    shards: int = 200
+    """Of 32 ropes, moved by eight splines each, whose shapes are learned from."""
+    training: TrainingConfig = field(default_factory=TrainingConfig)
+    """Learning from drawings of these shapes."""
+    seed: int = 4_500_007
+    """Of shapes, weights and drawings; used for nothing else."""
 
 
 @dataclass
@@ -306,6 +320,8 @@ class Config:
     """Searches for states drawn at random."""
     actions: ActionsBudget = field(default_factory=ActionsBudget)
     """Trials of all actions."""
+    perception_training: PerceptionTrainingBudget = field(default_factory=PerceptionTrainingBudget)
+    """The network that sees ropes."""
     perception: PerceptionBudget = field(default_factory=PerceptionBudget)
     tracking: TrackingBudget = field(default_factory=TrackingBudget)
     dynamics: DynamicsBudget = field(default_factory=DynamicsBudget)

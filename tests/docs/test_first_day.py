@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from knotflow.perception import Label
+
 PAGE = Path(__file__).parents[2] / "docs" / "first_day.md"
 
 
@@ -22,5 +24,5 @@ def test_the_snippets_run(tmp_path, monkeypatch):
     assert space["plan"].solved
     log = space["robot"].log
     assert log.count("grasp") == len(space["plan"].steps) and log[-1] == "release"
-    assert set(space["labels"].ravel()) >= {0, 1}
+    assert set(space["labels"].ravel()) >= {Label.TABLE, Label.ROPE}
     assert (tmp_path / "overhand.csv").read_text().count("\n") > 20

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from knotflow.execution import STEP, Estimated, ExecutionConfig, Sight, execute
+from knotflow.execution import STEP, Estimated, ExecutionConfig, Sight, Tracked, execute
 from knotflow.execution.follow import Run
 from knotflow.perception import Camera, RgbdImage, RopeEstimate
 from knotflow.simulation import RopeConfig, straight
@@ -104,3 +104,29 @@ def test_ends_that_look_alike_are_a_doubt(monkeypatch):
     look.look(robot)
     robot.move_to(robot.position, STEP)
     assert look.look(robot).doubts == ("head and tail cannot be told apart",)
+
+
+class Guess:
+    """A tracker that says nothing moves, and takes down which link it is told is held."""
+
+    def __init__(self):
+        self.points, self.held = STRAIGHT, []
+
+    def update(self, image, gripper, grasped):
+        self.held.append(grasped)
+        return SEEN
+
+
+def test_the_link_that_fingers_close_on_is_held_until_they_open():
+    tracker, robot = Guess(), Filmed((9.0, 10.0))
+    source = Tracked(tracker)
+    source.points(robot, False)
+    robot.position = (STRAIGHT[7] + STRAIGHT[8]) / 2
+    source.points(robot, True)
+    robot.position = STRAIGHT[30]
+    source.points(robot, True)
+    source.points(robot, False)
+    assert tracker.held == [None, 7, 7, None]
+    robot.time = 9.5  # no image
+    np.testing.assert_array_equal(source.points(robot, False), STRAIGHT)
+    assert len(tracker.held) == 4

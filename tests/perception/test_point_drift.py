@@ -29,4 +29,4 @@ def test_a_rope_is_followed_in_an_image():
     tracker = PointDriftTracker(CAMERA, ROPE, points - [0.0, 0.012, 0.0])
     found = tracker.update(image(points))
     assert np.linalg.norm(found.points - points, axis=1).mean() < 6e-3
-    assert found.explained > 0.8
+    assert found.explained > 0.7

@@ -17,7 +17,7 @@ ROPE = RopeConfig()
 
 def test_every_start_is_a_rope_from_which_its_goal_is_reached():
     tasks = public_tasks()
-    assert len(tasks) == 10
+    assert len(tasks) == 7
     for name, task in tasks.items():
         assert task.starts is not None and len(task.starts) >= 4
         check_points(task.starts, ROPE)
@@ -28,7 +28,7 @@ def test_every_start_is_a_rope_from_which_its_goal_is_reached():
 
 def test_a_track_is_named():
     assert set(public_tasks("knots")) == {"overhand", "figure_eight"}
-    assert len(public_tasks("actions")) == 8
+    assert len(public_tasks("actions")) == 5
     with pytest.raises(ValueError, match="choose actions or knots"):
         public_tasks("pentagram")
 

@@ -123,3 +123,18 @@ def test_a_buffer_gives_back_what_it_was_given(batch):
     assert other.trials == 4
     with pytest.raises(ValueError, match="1 to 3 trials, not 4"):
         buffer.extend(states[:1], [torch.zeros(4, 6)], [torch.zeros(4)])
+
+
+def test_trials_pull_the_actor_by_their_pull_and_only_gains_do_where_so_chosen(batch):
+    actor = Actor(NETWORK)
+    hits = batch["reward"] > 0
+    loss = ActorLoss(actor)(batch)["loss_actor"]
+    batch["pull"] = torch.where(hits, 1.0, 7.0)  # failures have no advantage to be weighed
+    torch.testing.assert_close(ActorLoss(actor)(batch)["loss_actor"], loss)
+    batch["pull"] = torch.where(hits, 0.0, 1.0)
+    assert ActorLoss(actor)(batch)["loss_actor"] == 0
+    del batch["pull"]
+    batch["baseline"] = torch.full_like(batch["baseline"], 2.0)
+    pushed = ActorLoss(actor, failure_weight=1.0)(batch)["loss_actor"]
+    assert pushed != 0
+    assert ActorLoss(actor, failure_weight=1.0, gains_only=True)(batch)["loss_actor"] == 0

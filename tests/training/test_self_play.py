@@ -103,6 +103,7 @@ def test_a_trial_that_did_something_else_is_a_success_of_that_in_hindsight():
     one = (rope, np.full(6, 0.1), rope, trivial, meant)
     (lesson,) = some._in_hindsight(*one, end, True)
     assert (lesson.action, lesson.reward, lesson.weight) == (done, 1.0, 1.0)
+    assert lesson.pull < 1
     # From then on a trial for the same action that ends elsewhere is a failure of that one.
     (lesson,) = some._in_hindsight(*one, trivial, True)
     assert (lesson.action, lesson.reward) == (done, 0.0)

@@ -35,6 +35,7 @@ def buffer(states):
                 "reward": torch.tensor([1.0, 0, 1, 1, 1, 1]),
                 "baseline": torch.zeros(6),
                 "weight": torch.ones(6),
+                "pull": torch.full((6,), 0.5),
                 "next_value": torch.where(follower < 0, torch.nan, 0.0),
             },
             batch_size=[6],
@@ -88,6 +89,7 @@ def test_of_demonstrations_mixed_in_nobody_knows_what_follows(buffer, states):
     both = mixed([single.sample(2, 1), buffer.sample(6, 1)], [0.5, 0.5])
     assert both["next_value"][:2].isnan().all()
     assert both["next_value"].isnan().sum() == 4
+    assert both["pull"].tolist() == [1.0] * 2 + [0.5] * 6
     alone = mixed([single.sample(2, 1)], [1.0])
     assert "next_value" not in alone.keys()  # noqa: SIM118  a TensorDict
 

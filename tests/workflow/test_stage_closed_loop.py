@@ -53,6 +53,7 @@ def test_an_unknown_controller_is_refused():
 def test_errors_of_every_model_and_level(tmp_path):
     config = DynamicsConfig(
         simulation=SIMULATION,
+        digest="shipped",
         weights=str(SHIPPED_DYNAMICS),
         weights_contents="shipped",
         ropes=3,

@@ -11,7 +11,7 @@ from .perturbation import ERRORS, Errors
 from .reach import Reached, follow_waypoints
 from .robot import Robot
 from .rope_motions import FREE, STEP, Motions, draw_motions
-from .sight import Estimated, Estimator, Look, RopeSource, Seen, Sight
+from .sight import Estimated, Estimator, Look, RopeSource, Seen, Sight, Tracked
 from .timing import JointTrajectory, time_joints
 from .training import DynamicsTraining, DynamicsTrainingConfig
 from .trial import CONTROLS, Control, Trial, failure, try_plan
@@ -53,6 +53,7 @@ __all__ = [
     "Seen",
     "Sight",
     "Still",
+    "Tracked",
     "Trial",
     "TrueState",
     "Twin",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.execution.robot import Robot
@@ -12,7 +13,7 @@ from knotflow.simulation import RopeConfig, resample, state_or_none
 from knotflow.topology import TopologicalState
 
 if TYPE_CHECKING:
-    from knotflow.perception import Camera, EstimateConfig, RgbdImage
+    from knotflow.perception import Camera, EstimateConfig, RgbdImage, Tracker
 
 
 class Estimator(Protocol):
@@ -43,6 +44,33 @@ class Seen:
     def points(self, robot: Robot, grasped: bool) -> NDArray:
         """See `RopeSource`."""
         return self.estimator.update(robot.observe(), robot.position, grasped)
+
+
+@dataclass
+class Tracked:
+    """The rope as `perception.Tracker` follows it in the robot's images, a `RopeSource`.
+
+    The link that closing fingers take is the one nearest to them. Where an image is missing, the
+    rope is taken to be where it was.
+    """
+
+    tracker: Tracker
+    """Began with the rope as it lay."""
+    _held: int | None = field(default=None, init=False)
+
+    def points(self, robot: Robot, grasped: bool) -> NDArray:
+        """See `RopeSource`."""
+        points, gripper = self.tracker.points, robot.position
+        if not grasped:
+            self._held = None
+        elif self._held is None:
+            centres = (points[1:] + points[:-1]) / 2
+            self._held = int(np.linalg.norm(centres - gripper, axis=1).argmin())
+        try:
+            image = robot.observe()
+        except TimeoutError:
+            return points
+        return self.tracker.update(image, gripper, self._held).points
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ import numpy as np
 
 from knotflow.execution.execute import Execution, Replan, execute
 from knotflow.execution.follow import Controller, ExecutionConfig
-from knotflow.execution.sight import Estimated, Look, RopeSource
+from knotflow.execution.sight import Estimated, Look, RopeSource, Tracked
 from knotflow.execution.twin import TrueState, Twin
 from knotflow.perception import Camera
 from knotflow.planning import Goal, KnotPlan
@@ -32,12 +32,14 @@ class Control:
 CONTROLS = {
     "open_loop": Control(),
     "open_loop_robust": Control(robust=True),
+    "mppi": Control("vision", tracks=True),
     "replan": Control("vision", replans=True),
+    "mppi_replan": Control("vision", tracks=True, replans=True),
     "replan_true_state": Control("true", replans=True),
     "mppi_true_state": Control("true", tracks=True),
     "mppi_replan_true_state": Control("true", tracks=True, replans=True),
 }
-"""By the names that tables give them. MPPI by vision needs a tracker that follows the drag."""
+"""By the names that tables give them."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,10 @@ def try_plan(
     elif control.state == "vision":
         assert camera is not None
         look = Estimated(camera, twin.config.rope)
+        if control.tracks:
+            from knotflow.perception import Tracker
+
+            source = Tracked(Tracker(camera, twin.config.rope, plan.start))
     if control.tracks:
         from knotflow.execution.lstm import LstmDynamics
         from knotflow.execution.mppi import Mppi

@@ -209,9 +209,8 @@ SETTLED = 0.7
 is grasped again: MuJoCo's friction yields a little to any force, so that a bent rope would creep by
 centimetres while the gripper travels; a real one does not."""
 
-RESTING = 0.01
-"""Root mean square speed of the rope below which it comes to rest, metres per second. A millisecond
-of free fall; a rope creeps at a fifth of it."""
+RESTING = 0.004
+"""Root mean square speed of the rope below which it comes to rest, metres per second."""
 
 
 def _camera(

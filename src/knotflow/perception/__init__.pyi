@@ -8,15 +8,19 @@ from .image import ImageError, Label, RgbdImage
 from .lifting import lift
 from .losses import Target
 from .motion import go_on
+from .network import Network, NetworkError
 from .noise import NoiseConfig, add_noise
 from .point_drift import PointDriftConfig, PointDriftTracker
 from .rendering import render
 from .sample import SAMPLE
 from .seeing import see
 from .segmentation import Segmentation, segment
+from .self_supervision import SelfSupervision, SelfSupervisionConfig
 from .simulated import SimulatedCamera, View
 from .tracing import Trace, TraceError, trace
 from .tracking import Tracker, TrackerConfig
+from .training import Training
+from .training_config import ExamplesConfig, LossConfig, NetworkConfig, TrainingConfig
 from .uncertainty import spread
 from .unmixing import coverage
 
@@ -27,19 +31,28 @@ __all__ = [
     "CameraError",
     "CrossingEvidence",
     "EstimateConfig",
+    "ExamplesConfig",
     "FitConfig",
     "ImageError",
     "Label",
+    "LossConfig",
+    "Network",
+    "NetworkConfig",
+    "NetworkError",
     "NoiseConfig",
     "PointDriftConfig",
     "PointDriftTracker",
     "RgbdImage",
     "RopeEstimate",
     "Segmentation",
+    "SelfSupervision",
+    "SelfSupervisionConfig",
     "SimulatedCamera",
     "Target",
     "Trace",
     "TraceError",
+    "Training",
+    "TrainingConfig",
     "Tracker",
     "TrackerConfig",
     "View",

@@ -89,12 +89,12 @@ class PointDriftTracker:
 def rope_points(
     image: RgbdImage, target: Target, camera: Camera, rope: RopeConfig, count: int
 ) -> Floats:
-    """At most `count` points (N, 3) of the rope's axis, metres: a radius below its surface in the
-    image."""
+    """At most `count` points (N, 3) of the rope's axis, metres: below its surface in the image by
+    what the upper half of a round rope is higher than its axis on average."""
     row, column = np.nonzero(target.rope.numpy() & np.isfinite(image.depth))
     chosen = np.linspace(0, len(row) - 1, min(count, len(row))).astype(int)
     row, column = row[chosen], column[chosen]
-    depth = image.depth[row, column].astype(np.float64) + rope.radius
+    depth = image.depth[row, column].astype(np.float64) + 0.25 * np.pi * rope.radius
     return camera.unproject(np.stack([column, row], axis=1), depth)
 
 

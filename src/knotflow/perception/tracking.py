@@ -1,11 +1,11 @@
 """A rope followed from image to image (Sec. VI).
 
 Each image begins with a prediction: the rope goes on as it moved, drawn along by the gripper that
-holds it. Coherent point drift brings it near the rope's points, and a few gradient steps in image
-space, on a grid coarser than the image, make it account for what is seen; what is hidden stays
-where the prediction put it. Over and under do not change while strands stay on each other, so what
-images say of a crossing is gathered from image to image. A shape that no longer accounts for the
-image is lost, and the rope is estimated anew.
+holds it. It is laid onto the rope's points, and a few gradient steps in image space, on a grid
+coarser than the image, make it account for what is seen; what is hidden goes along with the rest.
+Over and under do not change while strands stay on each other, so what images say of a crossing is
+gathered from image to image. A shape that no longer accounts for the image is lost, and the rope is
+estimated anew.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from knotflow.perception.fitting import FitConfig, fit
 from knotflow.perception.image import RgbdImage
 from knotflow.perception.losses import Target
 from knotflow.perception.motion import go_on
-from knotflow.perception.point_drift import PointDriftConfig, drift, rope_points
+from knotflow.perception.point_drift import rope_points
+from knotflow.perception.registration import register
 from knotflow.perception.tracing import TraceError
 from knotflow.simulation import RopeConfig, state_or_none
 
@@ -35,7 +36,7 @@ Floats = NDArray[np.float64]
 
 Predict = Callable[[Floats, Floats, float, Floats | None, int | None], Floats]
 """Where a rope (V, 3), metres, with velocities (V, 3), metres a second, will be some seconds later,
-when the gripper (3,) holds the centre of the link of that index, see `motion.go_on`."""
+when the gripper drags the centre of the link of that index to a place (3,), see `motion.go_on`."""
 
 _UNIT = 0.01  # metres, by which distances from the prediction are measured
 
@@ -44,21 +45,19 @@ _UNIT = 0.01  # metres, by which distances from the prediction are measured
 class TrackerConfig:
     """How a rope is tracked."""
 
-    drift: PointDriftConfig | None = field(
-        default_factory=lambda: PointDriftConfig(iterations=10, deviation=0.015)
-    )
-    """Brings the prediction near enough for gradients; None trusts the prediction."""
     fit: FitConfig = field(
-        default_factory=lambda: FitConfig(steps=5, step_size=8e-3, softness=(5e-3, 3e-3))
+        default_factory=lambda: FitConfig(steps=4, step_size=3e-3, softness=(4e-3, 3e-3))
     )
     """The gradient steps of each image."""
+    points: int = 400
+    """Points of the rope's image that the prediction is laid onto before."""
     grid: int = 2
     """Pixels of the image along each side of one that the steps look at."""
-    hidden: float = 1.0
+    hidden: float = 0.2
     """Weight of the prediction where the image shows nothing."""
     shown: float = 0.02
     """Weight of the prediction elsewhere; it keeps the rope from sliding along itself."""
-    held: float = 10.0
+    held: float = 0.1
     """Weight of the held link's place in the gripper."""
     lost: float = 0.8
     """A shape that accounts for less of the rope's image is lost."""
@@ -96,6 +95,7 @@ class Tracker:
         self._crossings = CrossingMemory()
         self._time: float | None = None
         self._waited = self.config.patience
+        self._trailing: Floats | None = None
         points = np.array(initial.points if isinstance(initial, RopeEstimate) else initial, float)
         if points.shape != (rope.num_vertices, 3) or not np.isfinite(points).all():
             raise ValueError(
@@ -123,13 +123,15 @@ class Tracker:
             ImageError: an image of another size.
             ValueError: a link that there is not, or one that is held nowhere.
         """
-        held = self._check(gripper, grasped)
+        held = self._held(gripper, grasped)
         seconds = 0.0 if self._time is None else max(0.0, image.time - self._time)
         self._time = image.time
         predicted = self._predict(self.points, self.velocities, seconds, held, grasped)
         target = observe(image, self.camera, self.rope)
-        nothing = not bool(target.rope.any())
-        shape = predicted if nothing else self._fit(predicted, image, target, held, grasped)
+        shape = predicted
+        if bool(target.rope.any()):
+            cloud = rope_points(image, target, self.camera, self.rope, self.config.points)
+            shape = self._fit(register(predicted, cloud, self.rope), target, held, grasped)
         coarse, camera = target.binned(self.config.grid), self.camera.binned(self.config.grid)
         shape, crossings = self._crossings.update(shape, coarse, camera, self.rope, self.config.fit)
         share = explained(shape, target, self.camera, self.rope)
@@ -141,8 +143,10 @@ class Tracker:
         else:
             self._waited = self.config.patience
             if seconds > 0:
-                self.velocities = (shape - self.points) / seconds
+                self.velocities = self._without_noise(shape - self.points) / seconds
         self.points = shape
+        if grasped is not None:
+            self._trailing = shape[grasped : grasped + 2].mean(axis=0) - np.asarray(gripper)
         shown = seen(shape, target.rope.numpy(), image, self.camera, self.rope)
         self._spread = self._spreads(shape, predicted, shown)
         return self._estimate(shape, crossings, share, shown, target)
@@ -161,32 +165,24 @@ class Tracker:
         return found
 
     def _fit(
-        self,
-        predicted: Floats,
-        image: RgbdImage,
-        target: Target,
-        gripper: Floats | None,
-        grasped: int | None,
+        self, predicted: Floats, target: Target, held: Floats | None, grasped: int | None
     ) -> Floats:
         """The shape near the prediction that accounts for the image."""
-        config, start = self.config, predicted
-        if config.drift is not None:
-            cloud = rope_points(image, target, self.camera, self.rope, config.drift.points)
-            start = drift(predicted, cloud, self.rope, config.drift)
+        config = self.config
         row, column = self._pixels(predicted)
         trust = np.where(target.known.numpy()[row, column], config.shown, config.hidden)
         weight, expected = torch.as_tensor(trust), torch.as_tensor(predicted)
 
         def off_prediction(points: Tensor) -> Tensor:
             loss = (weight * ((points - expected) / _UNIT).square().sum(1)).mean()
-            if gripper is not None and grasped is not None:
+            if held is not None and grasped is not None:
                 centre = 0.5 * (points[grasped] + points[grasped + 1])
-                apart = (centre - torch.as_tensor(gripper)) / _UNIT
+                apart = (centre - torch.as_tensor(held)) / _UNIT
                 loss = loss + config.held / len(points) * apart.square().sum()
             return loss
 
         return fit(
-            start,
+            predicted,
             target.binned(config.grid),
             self.camera.binned(config.grid),
             self.rope,
@@ -251,12 +247,22 @@ class Tracker:
             np.clip(np.round(u), 0, self.camera.width - 1).astype(np.intp),
         )
 
-    def _check(self, gripper: NDArray | None, grasped: int | None) -> Floats | None:
-        """The gripper's place (3,), or None where it holds nothing."""
+    def _without_noise(self, moves: Floats) -> Floats:
+        """Moves (V, 3), metres, with those of less than half a pixel damped: they would add up."""
+        square = (moves**2).sum(axis=1, keepdims=True)
+        return moves * square / (square + (0.5 * self._resolution) ** 2)
+
+    def _held(self, gripper: NDArray | None, grasped: int | None) -> Floats | None:
+        """Where the gripper has the held link's centre (3,); None where it holds nothing.
+
+        A grasp gives: the link trails behind the gripper by what it did in the last image.
+        """
         if grasped is None:
+            self._trailing = None
             return None
         if not 0 <= grasped < self.rope.links:
             raise ValueError(f"the held link is 0 to {self.rope.links - 1}, got {grasped}")
         if gripper is None or np.shape(gripper) != (3,) or not np.isfinite(gripper).all():
             raise ValueError(f"a held link needs the gripper's place, x, y, z in m: {gripper}")
-        return np.asarray(gripper, np.float64)
+        place = np.asarray(gripper, np.float64)
+        return place if self._trailing is None else place + self._trailing

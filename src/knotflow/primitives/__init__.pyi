@@ -8,7 +8,7 @@ from .canonical import (
     primitive_of,
 )
 from .cem import cross_entropy
-from .config import VARIANTS, CemConfig, NetworkConfig, PrimitiveConfig
+from .config import SHIPPED_PRIMITIVES, VARIANTS, CemConfig, NetworkConfig, PrimitiveConfig
 from .encoding import Encoded, Frames, encode
 from .library import (
     FILE,
@@ -24,6 +24,7 @@ __all__ = [
     "ARRANGE",
     "FILE",
     "PRIMITIVES",
+    "SHIPPED_PRIMITIVES",
     "UNDO",
     "VARIANTS",
     "Actor",

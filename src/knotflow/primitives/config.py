@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal, get_args
 
 Variant = Literal["actor_critic", "actor_only", "critic_only"]
 VARIANTS: tuple[str, ...] = get_args(Variant)
+SHIPPED_PRIMITIVES = Path(__file__).parent / "data"
+"""The library that comes with knotflow; `PrimitiveLibrary.load` reads it."""
 
 
 @dataclass

@@ -63,7 +63,7 @@ def _play(
     used = np.zeros(count, int)
     while playing.any():
         splines = np.tile(_REST, (count, 1))
-        for row in np.flatnonzero(playing):
+        for row in np.flatnonzero(playing).tolist():
             proposed = _propose(task, episodes, row, sampler, rng)
             if proposed is None:
                 playing[row] = False

@@ -18,7 +18,7 @@ REACH = 10.0
 """Bound of the observed points, metres; a rope of 1 m on splines of +-0.6 m is far inside."""
 
 
-class TieEnv(gymnasium.Env[dict[str, NDArray], NDArray]):
+class TieEnv(gymnasium.Env[dict[str, Any], NDArray]):
     """One rope on a table; each step is one spline, from rest to rest. Rules: `tasks.episodes`.
 
     An observation has

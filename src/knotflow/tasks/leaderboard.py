@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from knotflow.primitives import SHIPPED_PRIMITIVES
 from knotflow.report.statistics import wilson
 from knotflow.samplers import Sampler, SamplerConfig, build_sampler
 from knotflow.tasks.evaluation import COLUMNS, evaluate
@@ -71,18 +72,20 @@ def _by_task(rows: pd.DataFrame) -> str:
 
 
 def known_sampler(name: str) -> Sampler:
-    """A sampler of knotflow; ICP with noisy copies of the shipped demonstrations, simulated here.
+    """A sampler of knotflow: `primitives` those shipped, `icp` with demonstrations copied here.
 
     Raises:
         ValueError: an unknown name.
     """
-    return _icp() if name == "icp" else build_sampler(SamplerConfig(name), {})
+    if name == "icp":
+        return _icp()
+    settings = {"file": str(SHIPPED_PRIMITIVES)} if name == "primitives" else {}
+    return build_sampler(SamplerConfig(name, settings), {})
 
 
 def _icp() -> Sampler:
     from knotflow.baselines import IcpConfig, IcpSampler
     from knotflow.demonstrations import (
-        SHIPPED,
         NoiseConfig,
         Trials,
         load_demonstrations,
@@ -92,7 +95,7 @@ def _icp() -> Sampler:
 
     simulator, rng = RopeSimulator(SimulationConfig()), np.random.default_rng(0)
     trials: dict[object, list[Trials]] = {}
-    for one in load_demonstrations(SHIPPED):
+    for one in load_demonstrations():
         points = resample(one.points, simulator.config.rope)
         splines = noisy_copies(one.spline, COPIES, rng, NoiseConfig())
         action, start = one.task.action, one.task.start_state

@@ -137,8 +137,8 @@ class TransitionBuffer:
         Args:
             trials: [N] with "states" and "following" (encoded ropes before and after), "follower"
                 (N,) int64 number of the primitive of the next action, -1 where none is valued,
-                "spline" (N, 6) in network space, "reward", "baseline", "weight" and "next_value"
-                (N,), the last NaN where there is no follower.
+                "spline" (N, 6) in network space, "reward", "baseline", "weight", "pull" and
+                "next_value" (N,), the last NaN where there is no follower.
         """
         if len(trials):
             self._replay.extend(trials)
@@ -167,7 +167,7 @@ class TransitionBuffer:
     def sample(self, ropes: int, trials: int) -> TensorDict:
         """Up to `ropes` trials as `losses` describes them, with the key `next_value`."""
         items = self._replay[:] if len(self) <= ropes else self._replay.sample(ropes)
-        keys = ("states", "spline", "reward", "baseline", "weight", "next_value")
+        keys = ("states", "spline", "reward", "baseline", "weight", "pull", "next_value")
         batch = TensorDict({key: items[key] for key in keys})
         batch["owner"] = torch.arange(len(items))
         return batch
@@ -184,8 +184,8 @@ def mixed(parts: Sequence[TensorDict], shares: Sequence[float]) -> TensorDict:
         offset += len(part["states"])
     keys = ["spline", "reward", "baseline"]
     if any("next_value" in part.keys() for part in parts):
-        keys.append("next_value")
-        parts = [_with_next_value(part) for part in parts]
+        keys += ["next_value", "pull"]
+        parts = [_like_transitions(part) for part in parts]
     return TensorDict(
         {
             "states": torch.cat([part["states"] for part in parts]),
@@ -196,8 +196,10 @@ def mixed(parts: Sequence[TensorDict], shares: Sequence[float]) -> TensorDict:
     )
 
 
-def _with_next_value(part: TensorDict) -> TensorDict:
+def _like_transitions(part: TensorDict) -> TensorDict:
     """The batch of trials of which nobody knows what comes next."""
     if "next_value" in part.keys():
         return part
-    return part.copy().update({"next_value": torch.full_like(part["reward"], torch.nan)})
+    reward = part["reward"]
+    unknown = torch.full_like(reward, torch.nan)
+    return part.copy().update({"next_value": unknown, "pull": torch.ones_like(reward)})

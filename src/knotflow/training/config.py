@@ -30,6 +30,8 @@ class LearnerConfig:
     """Gradients are clipped to this norm."""
     failure_weight: float = 0.0
     """Share of a rope's mean reward that the actor's advantage takes off; see `ActorLoss`."""
+    gains_only: bool = False
+    """Whether trials that were worse than the baseline are left out of the actor's loss."""
     success_share: float = 0.5
     """Share of the actor's return that success brings alone; the rest is for what it leaves."""
     demonstration_ropes: int = 24
@@ -120,7 +122,7 @@ class SelfPlayConfig:
     learner: LearnerConfig = field(default_factory=_gentle)
     """Optimiser and batches of each primitive."""
     exploration: ExplorationConfig = field(
-        default_factory=lambda: ExplorationConfig(search=0.2, spread=0.25)
+        default_factory=lambda: ExplorationConfig(search=0.2, spread=0.15)
     )
     """How the behaviour policy differs from the policy."""
     most_crossings: int = 4
@@ -146,6 +148,8 @@ class SelfPlayConfig:
     """this share of the splines are guesses."""
     hindsight: bool = True
     """Whether trials count for other actions than the one that was meant."""
+    hindsight_pull: float = 0.2
+    """Weight of such trials on the actor: they are mostly unlike what it should propose."""
     shapes: int = 128
     """Rope shapes that are remembered of each state."""
     capacity: int = 15000

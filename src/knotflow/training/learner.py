@@ -30,7 +30,12 @@ class Learner:
             self.losses.append(CriticLoss(primitive.critic))
         if primitive.actor is not None:
             self.losses.append(
-                ActorLoss(primitive.actor, config.failure_weight, config.success_share)
+                ActorLoss(
+                    primitive.actor,
+                    config.failure_weight,
+                    config.success_share,
+                    gains_only=config.gains_only,
+                )
             )
         self.optimizer = torch.optim.AdamW(
             primitive.parameters(), config.learning_rate, weight_decay=config.weight_decay

@@ -12,6 +12,7 @@ own; here many splines share a rope, whose trunk must run once. Both modules rea
 | reward                | (N,)           | 1 where the trial succeeded, else 0                 |
 | baseline              | (N,)           | mean return of the trials known from the same rope  |
 | weight                | (N,)           | of the trial in the batch, of mean 1                |
+| pull (optional)       | (N,)           | of the trial on the actor; 1 where it is not given  |
 | next_value (optional) | (N,)           | max Q of a next action at the end shape; NaN where  |
 |                       |                | none was valued                                     |
 """
@@ -96,12 +97,14 @@ class ActorLoss(LossModule):
         failure_weight: float = 0.0,
         success_share: float = 0.5,
         reach: float = 3.0,
+        gains_only: bool = False,
     ) -> None:
         """`failure_weight` times the batch's baseline is b; `success_share` is that part of the
-        return which success alone brings; `reach` is in nats."""
+        return which success alone brings; `reach` is in nats; with `gains_only` nothing pushes."""
         super().__init__()
         self.convert_to_functional(actor, "actor")
         self.failure_weight, self.success_share = failure_weight, success_share
+        self.gains_only = gains_only
         self.reach = reach
 
     def forward(self, tensordict: TensorDict) -> TensorDict:
@@ -114,9 +117,11 @@ class ActorLoss(LossModule):
         advantage = (
             returns(tensordict, self.success_share) - self.failure_weight * tensordict["baseline"]
         )
+        if self.gains_only:
+            advantage = advantage.clamp(min=0)
         typical = -gaussian.entropy().detach()  # the mean of log pi under pi
         counts = (advantage > 0) | (log_prob.detach() > typical - self.reach)
-        pull = weight * advantage * counts
+        pull = weight * tensordict.get("pull", torch.ones_like(weight)) * advantage * counts
         # Per unit of pull, so that the step does not depend on how often the batch succeeds.
         loss = -(pull * log_prob).sum() / pull.abs().sum().clamp(min=1.0)
         spread = factor.detach().square().sum(-1).sqrt().mean()

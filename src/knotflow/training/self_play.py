@@ -85,6 +85,7 @@ class _Lesson:
     arranging: bool = False
     baseline: float = 0.0
     weight: float = 1.0
+    pull: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -219,7 +220,7 @@ class SelfPlay(Resumable):
     def _learner(self, number: int, trials: Mapping[Task, Trials], seed: int) -> Learner:
         config = self.config.learner
         if number == ARRANGE:  # what counts is what is gained
-            config = replace(config, success_share=0.0, failure_weight=1.0)
+            config = replace(config, success_share=0.0, failure_weight=1.0, gains_only=True)
         learner = Learner(self.library.primitives[number], config, seed + number)
         own = [
             (some, np.ones(len(some), bool))
@@ -391,7 +392,8 @@ class SelfPlay(Resumable):
         if done:
             other = done[rng.integers(len(done))]
             others[other] += 1
-            yield self._lesson(points, spline, after, other, end, True)
+            lesson = self._lesson(points, spline, after, other, end, True)
+            yield replace(lesson, pull=self.config.hindsight_pull)
         if missed:
             other = missed[rng.integers(len(missed))]
             weight = min(len(missed), 4)
@@ -444,6 +446,7 @@ class SelfPlay(Resumable):
                 "reward": torch.tensor([lesson.reward for lesson in lessons]),
                 "baseline": torch.tensor([float(lesson.baseline) for lesson in lessons]),
                 "weight": torch.tensor([float(lesson.weight) for lesson in lessons]),
+                "pull": torch.tensor([float(lesson.pull) for lesson in lessons]),
                 "next_value": next_value,
             },
             batch_size=[len(lessons)],

@@ -31,8 +31,10 @@ class DynamicsConfig:
 
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     """The planner's simulator: a model itself, and around its rope the others are drawn."""
-    demonstrations: str = str(SHIPPED)
-    """From whose starts and splines motions are made."""
+    demonstrations: str = runtime(str(SHIPPED))
+    """From whose starts and splines motions are made; what counts is `digest`."""
+    digest: str
+    """Of that file."""
     weights: str = runtime("")
     """File of the learned dynamics; what counts is `weights_contents`."""
     weights_contents: str

@@ -42,9 +42,9 @@ class RopesConfig:
     starts: StartsConfig = field(default_factory=StartsConfig)
     """The random curves that are moved."""
     shards: int
-    """Shards of 32 ropes, each moved by so many splines:"""
+    """Shards of 32 ropes."""
     rounds: int = 8
-    """Splines that a rope is moved by."""
+    """Splines that a rope is moved by, one after the other."""
     random_share: float = 0.25
     """Share of the splines that are random, not aimed at an action."""
     most_crossings: int = 5
@@ -60,10 +60,10 @@ def make_ropes(config: RopesConfig, inputs: Mapping[str, Path], context: StageCo
     work = partial(_move, config)
     context.each(work, context.pending(shards, ".npz"), "ropes")
     parts = [np.load(context.out / f"{shard}.npz") for shard in shards]
+    points, crossings = (
+        np.concatenate([part[name] for part in parts]) for name in ("points", "crossings")
+    )
     with context.atomic(FILE) as path:
-        points, crossings = (
-            np.concatenate([part[name] for part in parts]) for name in ("points", "crossings")
-        )
         np.savez(path, points=points, crossings=crossings)
     for shard in shards:
         (context.out / f"{shard}.npz").unlink()

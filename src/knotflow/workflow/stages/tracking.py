@@ -135,7 +135,7 @@ def _track(config: TrackingConfig, shown: str, context: StageContext, name: str)
             rest |= {"visible_share": shows[-1].mean(), "moving": 0}
             rows.append(rest | {"seconds": time.process_time() - began})
             if name == shown:
-                points = np.stack([one.points for one in found])
+                points = np.stack([one.points for one in found]).astype(np.float32)
                 _record(context, rope, attempts, Sight(tuple(map(_png, images)), points))
     table = pd.DataFrame(rows).assign(level=int(level), action=action, rollout=name)
     table = table[COLUMNS].round({"mean_error_mm": 3, "visible_share": 3, "seconds": 4})

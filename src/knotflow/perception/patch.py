@@ -1,0 +1,137 @@
+"""The square of the table that a rope lies in, turned along the rope: what the network looks at.
+
+A patch is a square of the plane through the axis of a rope that lies flat. A vertex is given by the
+point of this plane that hides it from the camera, and its height; so the network needs to know
+nothing of the camera, and neither where on the table nor how turned the rope lies.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from knotflow.perception.camera import Camera
+from knotflow.perception.image import Label
+from knotflow.perception.segmentation import Segmentation
+
+Floats = NDArray[np.float64]
+Array = TypeVar("Array", Floats, Tensor)
+
+MARGIN = 1.1
+"""Side of a patch, in extents of the rope."""
+SMALLEST = 0.4
+"""Least side of a patch, in lengths of the rope."""
+HIGHEST = 8.0
+"""Heights above the table are cut here, radii of the rope."""
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A square of the plane z = radius.
+
+    Attributes:
+        centre: (2,) metres, world frame.
+        axes: (2, 2), columns are the patch's axes in the world; the first is the longer way of the
+            rope. They may be left-handed.
+        half: half the side, metres.
+        radius: of the rope, metres.
+    """
+
+    centre: Floats
+    axes: Floats
+    half: float
+    radius: float
+
+    @classmethod
+    def around(cls, places: NDArray, radius: float, length: float) -> Patch:
+        """The patch of a rope of which places (N, 2) of the plane are seen, metres.
+
+        It moves and turns with the places; which way along the rope and across its axes point is
+        arbitrary.
+        """
+        middle = places.mean(axis=0)
+        _, axes = np.linalg.eigh(np.cov((places - middle).T))
+        axes = axes[:, ::-1].copy()  # torch knows no negative strides
+        along = (places - middle) @ axes
+        low, high = along.min(axis=0), along.max(axis=0)
+        half = max(0.5 * MARGIN * float((high - low).max()), 0.5 * SMALLEST * length)
+        return cls(middle + axes @ (0.5 * (low + high)), axes, half, radius)
+
+    def flipped(self, along: int, across: int) -> Patch:
+        """The same square with its axes times +1 or -1."""
+        return Patch(self.centre, self.axes * [along, across], self.half, self.radius)
+
+    def crop(
+        self, segmentation: Segmentation, share: NDArray, camera: Camera, size: int
+    ) -> NDArray[np.float32]:
+        """What the camera sees of the patch.
+
+        Args:
+            segmentation: of the image.
+            share: (H, W) of each pixel that is rope, 0..1.
+            camera: that took the image.
+            size: pixels of the patch's side.
+
+        Returns:
+            (3, size, size), rows along the patch's second axis: the rope's share of each pixel, its
+            height there in radii (0 where there is no rope), and how much is known.
+        """
+        from scipy.ndimage import map_coordinates
+
+        seen = (segmentation.labels == Label.TABLE) | segmentation.rope
+        deep = seen & np.isfinite(segmentation.height)
+        height = np.where(deep, segmentation.height, 0.0) / self.radius
+        fine = (np.arange(2 * size) + 0.5) / size - 1.0  # twice as fine, then averaged
+        across, along = np.meshgrid(fine, fine, indexing="ij")
+        places = self.centre + self.half * np.stack([along, across], axis=-1) @ self.axes.T
+        world = np.concatenate([places, np.full_like(places[..., :1], self.radius)], axis=-1)
+        column, row, _ = np.moveaxis(camera.project(world), -1, 0)
+        at = np.nan_to_num(np.stack([row, column]), nan=-9.0)
+        images = [
+            map_coordinates(one.astype(np.float32), at, order=1, cval=0.0)
+            for one in (share, share * deep, share * deep * height.clip(0.0, HIGHEST), seen)
+        ]
+        covered, weight, raised, known = (
+            one.reshape(size, 2, size, 2).mean(axis=(1, 3)) for one in images
+        )
+        raised = covered * raised / np.maximum(weight, 1e-3)
+        return np.stack([covered, raised, known]).astype(np.float32)
+
+    def to_world(self, nodes: NDArray, camera: Camera) -> Floats:
+        """Points (V, 3), metres, of nodes (V, 3): place in the patch, -1..1, and height, radii."""
+        return self.lift(torch.as_tensor(np.asarray(nodes, np.float64)), camera).numpy()
+
+    def lift(self, nodes: Tensor, camera: Camera) -> Tensor:
+        """`to_world`, differentiable in the nodes."""
+        centre, axes, eye = (
+            torch.as_tensor(one, dtype=nodes.dtype)
+            for one in (self.centre, self.axes, camera.position)
+        )
+        places = centre + self.half * nodes[:, :2] @ axes.T
+        height = self.radius * nodes[:, 2:]
+        reach = (eye[2] - height) / (eye[2] - self.radius)
+        return torch.cat([eye[:2] + (places - eye[:2]) * reach, height], dim=1)
+
+    def from_world(self, points: NDArray, camera: Camera) -> Floats:
+        """Nodes (V, 3) of points (V, 3), the inverse of `to_world`."""
+        places = on_plane(points, camera.position, self.radius)
+        nodes = (places - self.centre) @ self.axes / self.half
+        return np.column_stack([nodes, points[:, 2] / self.radius])
+
+
+def on_plane(points: Array, eye: Array, radius: float) -> Array:
+    """The places (..., 2) of the plane z = radius that an eye (..., 3) sees points (..., 3) at."""
+    reach = (eye[..., 2:] - radius) / (eye[..., 2:] - points[..., 2:])
+    return eye[..., :2] + (points[..., :2] - eye[..., :2]) * reach
+
+
+def seen_places(mask: NDArray[np.bool_], camera: Camera, radius: float) -> Floats:
+    """The places (N, 2) of the plane z = radius at the pixels of a mask (H, W), metres."""
+    rays = camera.rays()[mask]
+    reach = (radius - camera.position[2]) / np.minimum(rays[:, 2], -1e-9)
+    return camera.position[:2] + rays[:, :2] * reach[:, None]

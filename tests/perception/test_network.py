@@ -1,0 +1,131 @@
+"""The network's proposals: they turn with the image, and outlive a file."""
+
+import numpy as np
+import pytest
+import torch
+
+from knotflow.perception.coarse_to_fine import CoarseToFine
+from knotflow.perception.image import Label, RgbdImage
+from knotflow.perception.network import Network, NetworkError
+from knotflow.perception.segmentation import Segmentation
+from knotflow.perception.self_supervision import SelfSupervision, SelfSupervisionConfig
+from knotflow.perception.tracing import TraceError
+from knotflow.simulation import RopeConfig
+
+from .shapes import CAMERA, ROPE, image, loop, s_curve
+from .test_patch import exact, look
+from .test_training import TINY
+
+
+def knowing(points: np.ndarray, off: float = 0.0, looks: bool = False) -> Network:
+    """An untrained network that proposes a shape, `off` metres aside, whatever it sees; or, if it
+    `looks`, one near it that depends on what it sees."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(0)
+        network = Network(CoarseToFine(TINY))
+    patch, _ = look(*exact(points), CAMERA, ROPE, TINY.size)
+    nodes = torch.as_tensor(patch.from_world(points, CAMERA), dtype=torch.float32)
+    nodes[:, 1] += off / patch.half
+    nodes[:, 2] -= 1
+    last = network.model.coarse[-1]
+    coarse = torch.cat([nodes[::10], torch.zeros(5, TINY.width)], dim=1)
+    with torch.no_grad():
+        last.weight.mul_(0.5 if looks else 0.0)
+        last.bias.copy_(coarse.flatten())
+    return network
+
+
+def shape_error(points: np.ndarray, truth: np.ndarray) -> float:
+    """Mean distance of vertices, from the nearer end, metres."""
+    return min(np.linalg.norm(points[::way] - truth, axis=1).mean() for way in (1, -1))
+
+
+@pytest.fixture
+def network() -> Network:
+    return knowing(s_curve(), looks=True)
+
+
+@pytest.mark.parametrize(
+    ("turn", "world"),
+    [(np.s_[::-1, ::-1], [-1, -1, 1]), (np.s_[:, ::-1], [-1, 1, 1]), (np.s_[::-1], [1, -1, 1])],
+    ids=["half a turn", "mirrored", "upside down"],
+)
+def test_the_proposal_turns_and_mirrors_with_the_image(network, turn, world):
+    seen, _ = exact(loop(1) + [0.1, 0.05, 0])
+    picture = image(loop(1) + [0.1, 0.05, 0])
+    points, confidence = network.propose(picture, CAMERA, ROPE, seen)
+    other, equal = network.propose(
+        RgbdImage(picture.rgb[turn].copy(), picture.depth[turn].copy()),
+        CAMERA,
+        ROPE,
+        Segmentation(seen.labels[turn].copy(), seen.height[turn].copy()),
+    )
+    assert other == pytest.approx(points * world, abs=1e-3)
+    assert equal == pytest.approx(confidence, abs=1e-3)
+
+
+def test_a_proposal_is_a_shape_of_the_rope(network):
+    rope = RopeConfig(links=30)
+    points, confidence = network.propose(image(loop(1)), CAMERA, rope, exact(loop(1))[0])
+    assert points.shape == (31, 3) and confidence.shape == (31,)
+    assert np.linalg.norm(np.diff(points, axis=0), axis=1) == pytest.approx(rope.link_length)
+    assert (confidence > 0).all() and (confidence < 1).all()
+
+
+def test_of_the_mirror_images_the_one_is_proposed_that_accounts_for_the_image():
+    points = s_curve()
+    proposed, _ = knowing(points * [1, -1, 1]).propose(
+        image(points), CAMERA, ROPE, exact(points)[0]
+    )
+    assert shape_error(proposed, points) < 0.02
+    assert shape_error(proposed * [1, -1, 1], points) > 0.05
+
+
+@pytest.mark.parametrize("half", [False, True])
+def test_a_saved_network_proposes_the_same(network, tmp_path, half):
+    network.save(tmp_path / "network.safetensors", half)
+    loaded = Network.load(tmp_path / "network.safetensors")
+    asked = image(s_curve()), CAMERA, ROPE, exact(s_curve())[0]
+    for one, other in zip(network.propose(*asked), loaded.propose(*asked), strict=True):
+        assert one == pytest.approx(other, abs=5e-3 if half else 1e-9)
+
+
+def test_the_network_is_small(tmp_path):
+    Network(CoarseToFine()).save(tmp_path / "network.safetensors")
+    assert (tmp_path / "network.safetensors").stat().st_size < 2e6
+
+
+def test_files_that_are_no_network_are_refused(tmp_path):
+    with pytest.raises(NetworkError, match="perception_training"):
+        Network.load(tmp_path / "none.safetensors")
+    from safetensors.torch import save_file
+
+    save_file({"weights": torch.zeros(1)}, tmp_path / "other.safetensors", {"format": "songs"})
+    with pytest.raises(NetworkError, match="songs"):
+        Network.load(tmp_path / "other.safetensors")
+
+
+def test_without_rope_nothing_is_proposed(network):
+    bare, _ = exact(s_curve())
+    bare.labels[:] = Label.TABLE
+    with pytest.raises(TraceError):
+        network.propose(image(s_curve()), CAMERA, ROPE, bare)
+
+
+def test_images_alone_teach_the_network():
+    network = knowing(s_curve(), off=0.012)
+    asked = image(s_curve()), CAMERA, ROPE, exact(s_curve())[0]
+
+    def error() -> float:
+        return shape_error(network.propose(*asked)[0], s_curve())
+
+    before = error()
+    config = SelfSupervisionConfig(steps=25, batch=2, learning_rate=1e-3)
+    losses = list(SelfSupervision(network, [image(s_curve())], CAMERA, ROPE, config))
+    assert np.mean(losses[-5:]) < np.mean(losses[:5])
+    assert error() < before
+
+
+def test_self_supervision_needs_images(network):
+    with pytest.raises(ValueError, match="got 0 images"):
+        SelfSupervision(network, [], CAMERA, ROPE)
