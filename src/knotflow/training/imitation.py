@@ -115,6 +115,9 @@ class Imitation(Resumable):
 def _held_out(trials: Trials, share: float, rng: np.random.Generator) -> np.ndarray:
     """Which trials (N,) are held out."""
     if len(trials.starts) < FEW_STARTS:
-        return rng.random(len(trials)) < share
+        held = rng.random(len(trials)) < share
+        if not held.any():  # of a few trials, as of a person's first demonstration
+            held[rng.integers(len(trials))] = True
+        return held
     count = max(1, round(share * len(trials.starts)))
     return np.isin(trials.start, rng.permutation(len(trials.starts))[:count])
