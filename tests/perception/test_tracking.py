@@ -54,7 +54,7 @@ def test_hidden_vertices_move_by_the_prediction():
     tracker = Tracker(CAMERA, ROPE, points, QUICK, predict=lambda now, *_: now + shift)
     found = tracker.update(seen)
     assert not found.seen[-8:].any() and found.seen[:15].all()
-    assert np.linalg.norm(found.points - points - shift, axis=1)[-8:].max() < 6e-3
+    assert np.linalg.norm(found.points - points - shift, axis=1)[-8:].max() < 8e-3
     assert found.spread[-8:].min() > found.spread[:15].max()
 
 

@@ -74,7 +74,7 @@ def write_rope(path: Path, points: NDArray) -> None:
 def draw_overlay(
     path: Path, image: RgbdImage, camera: Camera, rope: RopeConfig, found: RopeEstimate
 ) -> None:
-    """Writes a picture: the image, and beside it the same with the estimated rope on it."""
+    """Writes a picture: the image, and beside it where the rope is, with the estimate on it."""
     from matplotlib.figure import Figure
 
     from knotflow.drawing.style import PNG_DPI, WIDTH, styled
@@ -86,6 +86,11 @@ def draw_overlay(
             axes.imshow(image.rgb)
             axes.set_axis_off()
         draw_estimate(drawn, camera, rope, found)
+        pixels = camera.project(found.points)[:, :2]
+        middle, half = (pixels.max(0) + pixels.min(0)) / 2, np.ptp(pixels, axis=0).max() / 2 + 12
+        across = half * camera.width / camera.height
+        drawn.set_xlim(middle[0] - across, middle[0] + across)
+        drawn.set_ylim(middle[1] + half, middle[1] - half)
         bare.set_title("image")
         doubt = " (in doubt)" if found.doubtful else ""
         drawn.set_title(f"estimate: {found.state or 'state unknown'}{doubt}")
@@ -106,5 +111,3 @@ def draw_estimate(axes: Axes, camera: Camera, rope: RopeConfig, found: RopeEstim
     draw_rope(axes, np.stack([column, row, depth.max() - depth], axis=1), 0.6 * width, zorder=3)
     hidden = ~found.seen
     axes.scatter(column[hidden], row[hidden], s=14, facecolors="none", edgecolors=BAD, zorder=4)
-    axes.set_xlim(-0.5, camera.width - 0.5)
-    axes.set_ylim(camera.height - 0.5, -0.5)
