@@ -2,10 +2,15 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-# Everything lives in $(VENV); the stamp says that it is up to date with pyproject.toml.
-$(VENV)/.installed: pyproject.toml
+# Everything lives in $(VENV); the stamps say that it is up to date with pyproject.toml: the package
+# for those who run it, and what its tests need besides.
+$(VENV)/.package: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --upgrade pip
+	$(BIN)/pip install --quiet -e .
+	touch $@
+
+$(VENV)/.installed: $(VENV)/.package
 	$(BIN)/pip install --quiet -e ".[test]"
 	touch $@
 
@@ -14,7 +19,7 @@ $(VENV)/.installed: pyproject.toml
 # Two workers, a thread each; the tests of a file share its fixtures, and so stay on one worker.
 PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-run: $(VENV)/.installed  ## a plan for the overhand in a random rope, with the shipped primitives
+run: $(VENV)/.package  ## a plan for the overhand in a random rope, with the shipped primitives
 	$(BIN)/knotflow plan overhand
 
 smoke: $(VENV)/.installed  ## in small: demonstrations, training, baselines, evaluation, report
