@@ -61,7 +61,9 @@ def test_a_package_that_is_missing_is_named_without_a_traceback(monkeypatch, tmp
         ["knotflow", "+experiment=benchmark", "metrics=mlflow", f"results_dir={tmp_path}"],
     )
     register()
-    with pytest.raises(SystemExit, match="'mlflow' need the package mlflow: pip install mlflow"):
+    with pytest.raises(
+        SystemExit, match="'mlflow' need the package mlflow, which is not installed"
+    ):
         main()
 
 

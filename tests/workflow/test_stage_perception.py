@@ -19,7 +19,7 @@ from knotflow.workflow.stages.perception import (
 @pytest.fixture
 def ropes(tmp_path):
     """Straight ropes, the last of them half outside of the image, and an overhand."""
-    line = straight(RopeConfig())
+    line = straight(RopeConfig()) + [0.0, 0.03, 0.0]  # between two rows of pixels it is too thin
     overhand = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
     points = np.stack([line, line + [0.0, 0.1, 0.0], line + [0.6, 0.0, 0.0], overhand])
     np.savez(tmp_path / "ropes.npz", points=points.astype(np.float32), crossings=[0, 0, 0, 3])

@@ -119,7 +119,7 @@ def test_interrupted_searches_go_on_and_end_the_same(planned, start, tmp_path):
     ("case", "message"),
     [
         (PlanCase("granny", "straight"), "unknown knot 'granny'"),
-        (PlanCase(LOOP, "mine"), "one of straight, arc, random, or an input"),
+        (PlanCase(LOOP, "mine"), "one of straight, arc, random, tangled, or an input"),
     ],
 )
 def test_a_senseless_case_is_refused_before_anything_runs(case, message, tmp_path):

@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-import networkx as nx
-
 from knotflow.topology import Action, TopologicalState, parse_action, solution_graph
 
 
@@ -77,6 +75,8 @@ def task_at(state: TopologicalState, action: Action) -> Task:
     Raises:
         IllegalActionError: the state does not allow the action.
     """
+    import networkx as nx  # slow to import
+
     state.apply(action)
     for candidate in TASKS:
         if candidate.action == action and candidate.start_state == state:

@@ -109,7 +109,7 @@ def fit(
     """
     config = config or FitConfig()
     smooth = _smoothing(len(points), config.smoothing)
-    start = torch.tensor(np.asarray(points, np.float64))
+    start = torch.tensor(np.ascontiguousarray(points, np.float64))
     moves = torch.zeros_like(start, requires_grad=True)
     optimiser = torch.optim.Adam([moves], lr=config.step_size, betas=(0.8, 0.95))
     schedule = torch.optim.lr_scheduler.ExponentialLR(optimiser, 0.1 ** (1 / config.steps))

@@ -47,20 +47,19 @@ def attempt_arranged(
         points: (B, V, 3) metres, at rest in the state `start`.
         action: legal in it.
         start: the state of every rope.
-        sampler: one that can arrange, see `samplers.Arranger`, and values ropes.
+        sampler: one that may arrange, see `samplers.Arranger`.
         simulator: executes the splines.
         rng: everything random comes from it.
         most: arranging splines before the one that acts.
         observe: is shown every batch of splines.
 
+    A sampler that cannot arrange, or value what it would gain, acts at once.
+
     Raises:
-        ValueError: the sampler cannot arrange.
         IllegalActionError: the start state does not allow the action.
     """
     arrange = ability(sampler, "arrange")
     values, arranged_values = ability(sampler, "values"), ability(sampler, "arranged_values")
-    if arrange is None or values is None or arranged_values is None:
-        raise ValueError(f"a {type(sampler).__name__} cannot arrange a rope; take `primitives`")
     start.apply(action)
     points = np.array(points, dtype=np.float64)
     used = np.zeros(len(points), np.intp)
@@ -76,7 +75,7 @@ def attempt_arranged(
         return tried.success
 
     for _ in range(most):
-        if not len(open_):
+        if arrange is None or values is None or arranged_values is None or not len(open_):
             break
         actions = [action] * len(open_)
         gain = arranged_values(points[open_], actions, rng) - values(points[open_], actions, rng)
