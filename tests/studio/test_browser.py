@@ -36,7 +36,7 @@ FLAGS = (
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
 )
-PATIENCE = 120.0
+PATIENCE = 25.0
 """Seconds for anything to happen."""
 
 
@@ -54,7 +54,9 @@ class Person:
         self.page.get_by_role("button", name=name, exact=True).click(force=True)
 
     def type(self, label, text):
-        self.page.get_by_label(label, exact=True).fill(text, force=True)
+        # Not by label: viser's labels of text inputs name an id that no input has.
+        beside = self.page.get_by_text(label, exact=True).locator("xpath=following::input[1]")
+        beside.fill(text, force=True)
         self.until(lambda: text in {handle.value for handle in self.texts()}, f"{label}: {text}")
 
     def texts(self):
