@@ -36,6 +36,7 @@ FLAGS = (
     "--use-gl=angle",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
+    "--disable-gpu-rasterization",  # Debian enables it: in software it costs seconds a frame
 )
 PATIENCE = 25.0
 """Seconds that a whole test may take: software rendering is slow, but what fails fails soon."""
