@@ -38,7 +38,7 @@ class CompareTab:
         self._found = found = desk.session.propose(action, int(self._count.value))
         success = found.attempts.success
         rows = "".join(
-            f"| {n} | {value:.2f} | {'✅' if ok else '❌'} `{end or 'unreadable'}` |\n"
+            f"| {n} | {value:.2f} | {'✓' if ok else '✗'} `{end or 'unreadable'}` |\n"
             for n, (value, ok, end) in enumerate(
                 zip(found.values, success, found.attempts.ends, strict=True), 1
             )

@@ -42,7 +42,7 @@ class Desk:
 
     def say(self, text: str, good: bool | None = None) -> None:
         """A line above the tabs, on what has happened."""
-        mark = {True: "✅ ", False: "⚠️ ", None: ""}[good]
+        mark = {True: "✓ ", False: "⚠ ", None: ""}[good]
         self._says.content = f"{mark}{text}"
 
     def guarded(self, handler: Handler) -> Handler:

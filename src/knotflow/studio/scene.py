@@ -160,7 +160,9 @@ class Scene:
 
     def _line(self, name: str, places: NDArray, colour: str, width: float) -> viser.SceneNodeHandle:
         pieces = np.stack([places[:-1], places[1:]], axis=1)
-        return self._scene.add_line_segments(name, pieces, colors=rgb(colour), thickness=width)
+        return self._scene.add_line_segments(
+            name, pieces, colors=rgb(colour), thickness=width, thickness_units="screen"
+        )
 
     def _labels(self, name: str, labels: list[tuple[str, NDArray]]) -> None:
         self._clear(f"{name}-labels")
