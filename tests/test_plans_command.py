@@ -241,7 +241,10 @@ def test_what_goes_beyond_the_paper_is_measured_with_the_shipped_library(workflo
 
 def test_arranging_is_measured_on_the_starts_of_the_papers_methods(workflow_of):
     workflow = workflow_of("+experiment=single_stage")
-    paper, arranged = workflow.config("reinforcement_evaluation"), workflow.config("arranged")
+    paper, arranged = (
+        workflow.config("reinforcement_evaluation"),
+        workflow.config("reinforcement_arranged"),
+    )
     assert (paper.arranging, arranged.arranging) == (0, 3)
     assert (arranged.seed, arranged.trials_per_start) == (paper.seed, paper.trials_per_start)
-    assert workflow.stages["arranged"].needs["starts"] == "evaluation_starts"
+    assert workflow.stages["reinforcement_arranged"].needs["starts"] == "evaluation_starts"
