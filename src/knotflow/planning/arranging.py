@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from knotflow.planning.branches import Simulator
 from knotflow.samplers import Sampler, ability
-from knotflow.simulation import Attempts, Observer, end_states
+from knotflow.simulation import Attempts, Observer
 from knotflow.topology import Action, Arrange, TopologicalState
 
 LEAST_GAIN = 0.05
@@ -68,7 +68,7 @@ def attempt_arranged(
 
     def execute(rows: NDArray, splines: NDArray, meant: Action) -> NDArray[np.bool_]:
         rollouts = simulator.execute(points[rows], splines)
-        tried = Attempts(meant, start, points[rows], splines, rollouts, end_states(rollouts))
+        tried = Attempts.of(meant, start, points[rows], splines, rollouts)
         points[rows], used[rows] = rollouts.end_points, used[rows] + 1
         if observe is not None:
             observe(tried)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from tensordict import TensorDict
 from torch import Tensor, nn
 
 from knotflow.primitives.cem import cross_entropy, standard_normal
@@ -48,7 +49,7 @@ class Primitive(nn.Module):
             return mean[:, None] + noise @ factor.mT, None
         iterations = cem.critic_only_iterations if self.actor is None else cem.iterations
         found, best = cross_entropy(
-            self.scorer(encoded, count, onward),
+            self.scorer(encoded.states, count, onward),
             mean.repeat_interleave(count, 0),
             factor.repeat_interleave(count, 0),
             standard_normal(rng, (iterations, ropes * count, cem.population, SPLINE)),
@@ -65,18 +66,18 @@ class Primitive(nn.Module):
         return torch.zeros(ropes, SPLINE), factor
 
     def scorer(
-        self, encoded: Encoded, count: int, onward: bool = False
+        self, states: TensorDict, count: int, onward: bool = False
     ) -> Callable[[Tensor], Tensor]:
         """The critic of `count` searches on each rope: splines (S * count, P, 6) -> log values.
 
         Raises:
             ValueError: there is no critic.
         """
-        critic, states = self.critic, encoded.states
+        critic = self.critic
         if critic is None:
             raise ValueError(f"a primitive of variant {self.config.variant} has no critic")
         features = critic.features(states)
-        searches = torch.arange(len(encoded.frames)).repeat_interleave(count)
+        searches = torch.arange(len(states)).repeat_interleave(count)
 
         def score(splines: Tensor) -> Tensor:
             owner = searches.repeat_interleave(splines.shape[1])

@@ -454,8 +454,8 @@ class SelfPlay(Resumable):
 
     def _remember_earlier(self, transitions: Transitions) -> None:
         """Store attempts of independent training."""
-        start, action = representative(transitions.start)[0], transitions.action
-        symmetry = representative(transitions.start)[1]
+        start, symmetry = representative(transitions.start)
+        action = transitions.action
         goal = transitions.start.apply(action)
         lessons = []
         for points, spline, success, after in zip(

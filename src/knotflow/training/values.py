@@ -8,7 +8,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from knotflow.primitives.cem import cross_entropy, standard_normal
-from knotflow.primitives.networks import SPLINE, Critic, log_value
+from knotflow.primitives.networks import SPLINE
 from knotflow.primitives.primitive import Primitive
 
 CHUNK = 64
@@ -17,11 +17,7 @@ CHUNK = 64
 
 @torch.no_grad()
 def best_values(
-    primitive: Primitive,
-    states: TensorDict,
-    population: int,
-    rng: np.random.Generator,
-    onward: bool = False,
+    primitive: Primitive, states: TensorDict, population: int, rng: np.random.Generator
 ) -> Tensor:
     """max Q (N,), in 0..1, of ropes [N] encoded for an action of this primitive.
 
@@ -41,21 +37,7 @@ def best_values(
         some = states[begin : begin + CHUNK]
         mean, factor = primitive.actor(some)
         noise = standard_normal(rng, (cem.iterations, len(some), population, SPLINE))
-        score = _Score(primitive.critic, some, onward)
+        score = primitive.scorer(some, 1)
         _, best = cross_entropy(score, mean, factor, noise, min(cem.elites, population))
         found.append(best.exp())
     return torch.cat(found) if found else torch.zeros(0)
-
-
-class _Score:
-    """Logarithmic values (R, P) of splines (R, P, 6) on R ropes."""
-
-    def __init__(self, critic: Critic, states: TensorDict, onward: bool) -> None:
-        self._critic, self._states, self._onward = critic, states, onward
-        self._features = critic.features(states)
-
-    def __call__(self, splines: Tensor) -> Tensor:
-        owner = torch.arange(len(splines)).repeat_interleave(splines.shape[1])
-        flat = splines.reshape(-1, SPLINE)
-        logits = self._critic.score(self._features, self._states, flat, owner)
-        return log_value(logits, self._onward).reshape(splines.shape[:2])

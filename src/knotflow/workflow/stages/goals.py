@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from knotflow.planning import Goal, PlannerConfig, plan_knot
+from knotflow.planning import Goal
 from knotflow.recording import write_index
-from knotflow.samplers import SamplerConfig, build_sampler
-from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, random_curve
+from knotflow.simulation import random_curve
 from knotflow.topology import TopologicalState, all_states
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
-from knotflow.workflow.stages.plans import read_searches, search_row
-from knotflow.workflow.stages.recorder import Recorder
+from knotflow.workflow.stages.plans import (
+    SearchesConfig,
+    read_searches,
+    recorded_search,
+    search_row,
+)
 from knotflow.workflow.workers import WorkersConfig
 
 TABLE = "goals.csv"
@@ -37,17 +40,9 @@ class GoalSet:
 
 
 @dataclass(kw_only=True)
-class GoalsConfig:
+class GoalsConfig(SearchesConfig):
     """Which goals are drawn, and how each is searched for."""
 
-    simulation: SimulationConfig = field(default_factory=SimulationConfig)
-    """The simulator the search plans in."""
-    starts: StartsConfig = field(default_factory=StartsConfig)
-    """What a random rope looks like."""
-    sampler: SamplerConfig = field(default_factory=SamplerConfig)
-    """The method; the stages it learns from are inputs of this one."""
-    planner: PlannerConfig = field(default_factory=PlannerConfig)
-    """How the tree grows, and when a search gives up."""
     sets: list[GoalSet]
     """Each of its goals is searched for once, from a random rope of its own."""
     seed: int
@@ -91,24 +86,12 @@ def _search(
 ) -> None:
     chosen, number, state = goals[name]
     rope, crossings = config.simulation.rope, state.num_crossings
-    recorder = Recorder(
-        context, config.sampler.name, rope, [*goals].index(name) * config.planner.max_branches
+    of_rope, of_search = (
+        np.random.default_rng([config.seed, crossings, number, part]) for part in (0, 1)
     )
-    recorder.extra = {"plan": name}
-    plan = plan_knot(
-        random_curve(
-            rope, np.random.default_rng([config.seed, crossings, number, 0]), config.starts
-        ),
-        Goal.state(state),
-        build_sampler(config.sampler, inputs),
-        RopeSimulator(config.simulation),
-        np.random.default_rng([config.seed, crossings, number, 1]),
-        config.planner,
-        observe=recorder,
-    )
-    recorder.save(f"recordings/{name}.mcap")
-    with context.atomic(f"plans/{name}.json") as path:
-        path.write_text(plan.to_json(trajectories=False), "utf-8")
+    points, goal = random_curve(rope, of_rope, config.starts), Goal.state(state)
+    place = [*goals].index(name)
+    plan = recorded_search(config, inputs, context, name, place, points, goal, of_search)
     row = search_row(plan, str(state), "random", number)
     columns = ["solved", "branches", "seconds", "nodes", "path", "knot_type", "confirmed", "reason"]
     with context.atomic(f"rows/{name}.csv") as path:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from knotflow.demonstrations import aim
 from knotflow.planning import (
     ROPE_NAMES,
+    Goal,
     KnotPlan,
     PlannerConfig,
     expected_type,
@@ -54,8 +55,8 @@ class PlanCase:
 
 
 @dataclass(kw_only=True)
-class PlansConfig:
-    """What is planned, how often, and how."""
+class SearchesConfig:
+    """How is searched."""
 
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     """The simulator the search plans in."""
@@ -65,6 +66,12 @@ class PlansConfig:
     """The method; the stages it learns from are inputs of this one."""
     planner: PlannerConfig = field(default_factory=PlannerConfig)
     """How the tree grows, and when a search gives up."""
+
+
+@dataclass(kw_only=True)
+class PlansConfig(SearchesConfig):
+    """What is planned, how often, and how."""
+
     cases: list[PlanCase] = field(default_factory=list)
     """Each is searched once for each seed."""
     seeds: int
@@ -112,24 +119,35 @@ def _search(
     names, rope = _names(config), config.simulation.rope
     number, seed = names[name]
     case, rng = config.cases[number], np.random.default_rng([config.seed, seed, 1])
-    first = [*names].index(name) * config.planner.max_branches
-    recorder = Recorder(context, config.sampler.name, rope, first)
-    recorder.extra = {"plan": name}
-    plan = plan_knot(
-        _start(case, config, seed, inputs),
-        parse_goal(case.goal, rope),
-        build_sampler(config.sampler, inputs),
-        RopeSimulator(config.simulation),
-        rng,
-        config.planner,
-        observe=recorder,
-    )
-    recorder.save(f"recordings/{name}.mcap")
-    with context.atomic(f"plans/{name}.json") as path:
-        path.write_text(plan.to_json(trajectories=False), "utf-8")
+    points, goal = _start(case, config, seed, inputs), parse_goal(case.goal, rope)
+    place = [*names].index(name)
+    plan = recorded_search(config, inputs, context, name, place, points, goal, rng)
     with context.atomic(f"rows/{name}.csv") as path:
         row = search_row(plan, case.goal, case.start, seed)
         pd.DataFrame([{"plan": name, **row}]).to_csv(path, index=False)
+
+
+def recorded_search(
+    config: SearchesConfig,
+    inputs: Mapping[str, Path],
+    context: StageContext,
+    name: str,
+    place: int,
+    points: NDArray,
+    goal: Goal,
+    rng: np.random.Generator,
+) -> KnotPlan:
+    """Search for a goal from a rope (V, 3), and write plans/<name>.json and recordings/<name>.mcap;
+    `place` among all searches of the stage numbers its rollouts."""
+    first = place * config.planner.max_branches
+    recorder = Recorder(context, config.sampler.name, config.simulation.rope, first)
+    recorder.extra = {"plan": name}
+    sampler, simulator = build_sampler(config.sampler, inputs), RopeSimulator(config.simulation)
+    plan = plan_knot(points, goal, sampler, simulator, rng, config.planner, observe=recorder)
+    recorder.save(f"recordings/{name}.mcap")
+    with context.atomic(f"plans/{name}.json") as path:
+        path.write_text(plan.to_json(trajectories=False), "utf-8")
+    return plan
 
 
 def search_row(plan: KnotPlan, goal: str, start: str, seed: int) -> dict[str, Any]:
