@@ -12,7 +12,31 @@ from torch.nn.functional import pad
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
 
-class TrialBuffer:
+class ReplayBuffer:
+    """A TorchRL replay buffer, whose contents can be saved."""
+
+    def __init__(self, capacity: int, generator: torch.Generator) -> None:
+        self._generator = generator
+        self._replay = TensorDictReplayBuffer(
+            storage=LazyTensorStorage(capacity), generator=generator
+        )
+
+    def __len__(self) -> int:
+        """Number of items."""
+        return len(self._replay)
+
+    def state_dict(self) -> dict[str, Any]:
+        """The contents, and where the next ones go; the generator is its owner's to save."""
+        return {"count": len(self), "items": self._replay[:].to_dict() if len(self) else {}}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take over the contents of another buffer."""
+        self._replay.empty()
+        if state["count"]:
+            self._replay.extend(TensorDict(state["items"], [state["count"]]))
+
+
+class TrialBuffer(ReplayBuffer):
     """Encoded ropes, each with the trials made on it: a TorchRL replay buffer of ropes.
 
     An item is a rope with `slots` places for trials. Sampling takes ropes, then trials of each, so
@@ -21,15 +45,8 @@ class TrialBuffer:
     """
 
     def __init__(self, capacity: int, slots: int, generator: torch.Generator) -> None:
+        super().__init__(capacity, generator)
         self.slots = slots
-        self._generator = generator
-        self._replay = TensorDictReplayBuffer(
-            storage=LazyTensorStorage(capacity), generator=generator
-        )
-
-    def __len__(self) -> int:
-        """Number of ropes."""
-        return len(self._replay)
 
     @property
     def trials(self) -> int:
@@ -71,16 +88,6 @@ class TrialBuffer:
             stacked.update(also)
         self._replay.extend(stacked)
 
-    def state_dict(self) -> dict[str, Any]:
-        """The contents, and where the next ones go; the generator is its owner's to save."""
-        return {"count": len(self), "items": self._replay[:].to_dict() if len(self) else {}}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take over the contents of another buffer."""
-        self._replay.empty()
-        if state["count"]:
-            self._replay.extend(TensorDict(state["items"], [state["count"]]))
-
     def sample(self, ropes: int, trials: int) -> TensorDict:
         """Up to `trials` trials of each of up to `ropes` ropes, as `losses` describes them."""
         return self._drawn(self._items(ropes), trials)
@@ -109,22 +116,12 @@ class TrialBuffer:
         )
 
 
-class TransitionBuffer:
+class TransitionBuffer(ReplayBuffer):
     """Single trials, each with the encoded rope that a next action would begin with.
 
     `next_value` is what that action's critic said when the trial was stored, or at the last
     refresh: QT-Opt's lagged targets, not worked out anew with every gradient step.
     """
-
-    def __init__(self, capacity: int, generator: torch.Generator) -> None:
-        self._generator = generator
-        self._replay = TensorDictReplayBuffer(
-            storage=LazyTensorStorage(capacity), generator=generator
-        )
-
-    def __len__(self) -> int:
-        """Number of trials."""
-        return len(self._replay)
 
     @property
     def successes(self) -> int:
@@ -142,16 +139,6 @@ class TransitionBuffer:
         """
         if len(trials):
             self._replay.extend(trials)
-
-    def state_dict(self) -> dict[str, Any]:
-        """The contents; the generator is its owner's to save."""
-        return {"count": len(self), "items": self._replay[:].to_dict() if len(self) else {}}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take over the contents of another buffer."""
-        self._replay.empty()
-        if state["count"]:
-            self._replay.extend(TensorDict(state["items"], [state["count"]]))
 
     def refresh(self, value: Callable[[int, TensorDict], Tensor], count: int) -> None:
         """Value what follows `count` random trials anew; `value(primitive, states [M])` is (M,)."""
