@@ -5,16 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.topology import Action, ForwardAction, TopologicalState, Undo, parse_action
+from knotflow.topology import Action, ForwardAction, TopologicalState, parse_action
 
 KIND_SHARES = {"R1": 2.0, "R2": 1.0, "C": 3.0}
 """How often kinds of actions are drawn, relative to each other. R2 least: Cross, and R1 on a
 segment with an end, lead to every state of up to three crossings."""
+
+_Rate = TypeVar("_Rate", float, NDArray)
+
+UNDO = "undo"
+"""The kind of all actions that undo another."""
 
 Pair = tuple[TopologicalState, Action]
 """A state, and an action that it allows."""
@@ -32,15 +37,20 @@ def outcomes(state: TopologicalState, most_crossings: int) -> Mapping[Action, To
     return found | dict(state.undoings())
 
 
-def kind(action: Action) -> str:
-    """R1, R2 or C, or undo: what a draw is even over."""
-    return action.symbol if isinstance(action, ForwardAction) else "undo"
+@cache
+def pairs_by_kind(state: TopologicalState, most_crossings: int) -> Mapping[str, tuple[Pair, ...]]:
+    """`outcomes` by kind of action: R1, R2, C and undo, those that the state allows."""
+    found: dict[str, list[Pair]] = {}
+    for action in outcomes(state, most_crossings):
+        kind = action.symbol if isinstance(action, ForwardAction) else UNDO
+        found.setdefault(kind, []).append((state, action))
+    return {kind: tuple(pairs) for kind, pairs in found.items()}
 
 
-def need(rate: NDArray) -> NDArray:
+def need(rate: _Rate) -> _Rate:
     """How much there is to learn, in 0..0.4, where success has this probability: most where it is
     rare, little where it nearly always or never succeeds."""
-    return (1 - rate) * np.sqrt(rate)
+    return (1 - rate) * rate**0.5
 
 
 @dataclass
@@ -62,7 +72,7 @@ class Record:
     def need(self) -> float:
         """How much there is to learn, see `need`; success is taken to be rare until it is seen."""
         recent = min(self.trials, 100)
-        return float(need(np.array((recent * self.rate + 0.5) / (recent + 2.5))))
+        return need((recent * self.rate + 0.5) / (recent + 2.5))
 
 
 _UNTRIED = Record()
@@ -112,9 +122,9 @@ class Curriculum:
         some = [some[row] for row in rng.integers(len(some), size=8)]
         pairs: dict[str, list[Pair]] = {}
         for state in some:
-            for action in outcomes(state, self.most_crossings):
-                pairs.setdefault(kind(action), []).append((state, action))
-        undoing = pairs.pop("undo", [])
+            for kind, own in pairs_by_kind(state, self.most_crossings).items():
+                pairs.setdefault(kind, []).extend(own)
+        undoing = pairs.pop(UNDO, [])
         if undoing and (not pairs or rng.random() < self.undo_share):
             chosen = undoing
         else:
@@ -124,14 +134,12 @@ class Curriculum:
 
     def next_action(self, state: TopologicalState, rng: np.random.Generator) -> Action | None:
         """An action that may follow: a kind by its share, then any; None where none may."""
-        by_kind: dict[str, list[Action]] = {}
-        for action in outcomes(state, self.most_crossings):
-            if not isinstance(action, Undo):
-                by_kind.setdefault(kind(action), []).append(action)
-        if not by_kind:
+        pairs = pairs_by_kind(state, self.most_crossings)
+        kinds = [kind for kind in pairs if kind != UNDO]
+        if not kinds:
             return None
-        some = by_kind[_drawn_kind(by_kind, rng)]
-        return some[rng.integers(len(some))]
+        some = pairs[_drawn_kind(kinds, rng)]
+        return some[rng.integers(len(some))][1]
 
     def state_dict(self) -> dict[str, Any]:
         """All counts."""

@@ -89,16 +89,30 @@ class _Lesson:
 
 
 @dataclass(frozen=True)
-class _Play:
-    """The ropes of one round, and what shall be done with each."""
+class _Situation:
+    """A rope, and what shall be done with it."""
 
     points: NDArray[np.float64]
-    states: list[TopologicalState]
-    actions: list[Action]
+    state: TopologicalState
+    action: Action
+    rope: Canonical
+    """The rope as the action sees it."""
+
+
+@dataclass(frozen=True)
+class _Play:
+    """The trials of one round."""
+
+    situations: list[_Situation]
     values: NDArray[np.float64]
     arranging: NDArray[np.bool_]
     splines: NDArray[np.float64]
     ways: NDArray[np.intp]
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """The ropes (N, V, 3)."""
+        return np.stack([situation.points for situation in self.situations])
 
 
 @dataclass(frozen=True)
@@ -241,65 +255,45 @@ class SelfPlay(Resumable):
         self._remember(play, rollouts.end_points, ends)
         return self._measure(play, rollouts.end_points, ends)
 
-    def _draw(
-        self,
-    ) -> tuple[NDArray[np.float64], list[TopologicalState], list[Action], NDArray[np.float64]]:
-        """Ropes, their states, an action for each, and its value there."""
+    def _draw(self) -> tuple[list[_Situation], NDArray[np.float64]]:
+        """What to try, and what it is worth."""
         count = self.config.ropes * self.config.candidates
         rope, rng = self.simulator.config.rope, self._rng
         trivial = TopologicalState.trivial()
         known = [trivial, *(state for state in self._shapes if state != trivial)]
-        points: list[NDArray[np.float64]] = []
-        states: list[TopologicalState] = []
-        actions: list[Action] = []
-        while len(points) < count:
+        drawn: list[_Situation] = []
+        while len(drawn) < count:
             state, action = self._curriculum.draw(known, rng)
             if state == trivial and (state not in self._shapes or rng.random() < 0.5):
                 shape = random_curve(rope, rng, self._starts)
             else:
                 shape = self._shapes.draw(state, rng)
-            if _canonical(shape, action) is not None:
-                points.append(shape)
-                states.append(state)
-                actions.append(action)
-        values = self._values(
-            [canonicalise(one, action) for one, action in zip(points, actions, strict=True)]
-        )
+            if (canonical := _canonical(shape, action)) is not None:
+                drawn.append(_Situation(shape, state, action, canonical))
+        values = self._values([situation.rope for situation in drawn])
         # The least weight lets the critic's errors be found out.
         weight = need(values) + 0.05
         rows = rng.choice(count, self.config.ropes, replace=False, p=weight / weight.sum())
-        return (
-            np.stack([points[row] for row in rows]),
-            [states[row] for row in rows],
-            [actions[row] for row in rows],
-            values[rows],
-        )
+        return [drawn[row] for row in rows], values[rows]
 
-    def _propose(
-        self,
-        points: NDArray,
-        states: list[TopologicalState],
-        actions: list[Action],
-        values: NDArray,
-    ) -> _Play:
+    def _propose(self, situations: list[_Situation], values: NDArray[np.float64]) -> _Play:
         """A spline for each rope: by policy, exploration or guess; to act or to arrange."""
         config, rng = self.config, self._rng
         progress = self._done / max(1, config.rounds - 1)
-        ropes = [canonicalise(one, action) for one, action in zip(points, actions, strict=True)]
         arranging = (values < config.arrange_below_value) & (
-            rng.random(len(ropes)) < config.arranging_share
+            rng.random(len(situations)) < config.arranging_share
         )
-        splines = np.empty((len(ropes), 6))
-        ways = np.empty(len(ropes), np.intp)
-        guessed = rng.random(len(ropes)) < np.where(
+        splines = np.empty((len(situations), 6))
+        ways = np.empty(len(situations), np.intp)
+        guessed = rng.random(len(situations)) < np.where(
             arranging | (values < config.guess_below_value), config.guess_fraction, 0.0
         )
-        numbers = np.where(arranging, ARRANGE, [rope.primitive for rope in ropes])
+        numbers = np.where(arranging, ARRANGE, [one.rope.primitive for one in situations])
         for number in sorted(set(numbers.tolist())):
             rows = np.flatnonzero((numbers == number) & ~guessed)
             if not len(rows):
                 continue
-            encoded = encode_canonical([ropes[row] for row in rows], number == ARRANGE)
+            encoded = encode_canonical([situations[row].rope for row in rows], number == ARRANGE)
             onward = number == ARRANGE or bool(rng.random() < 0.5)
             network, ways[rows] = explore(
                 self.library.primitives[number], encoded, 1, config.exploration, progress, rng,
@@ -307,13 +301,12 @@ class SelfPlay(Resumable):
             )  # fmt: skip
             splines[rows] = encoded.frames.to_world(network.numpy())[:, 0]
         for row in np.flatnonzero(guessed):
+            one = situations[row]
             guess = (
-                nudge(points[row], 1, rng)
-                if arranging[row]
-                else aim(points[row], actions[row], 1, rng)
+                nudge(one.points, 1, rng) if arranging[row] else aim(one.points, one.action, 1, rng)
             )
             splines[row], ways[row] = guess[0], GUESS
-        return _Play(points, states, actions, values, arranging, splines, ways)
+        return _Play(situations, values, arranging, splines, ways)
 
     def _remember(
         self,
@@ -323,10 +316,9 @@ class SelfPlay(Resumable):
     ) -> None:
         """Keep the shapes that trials left, and store what they teach."""
         lessons: list[_Lesson] = []
-        for row, (state, action, end) in enumerate(
-            zip(play.states, play.actions, ends, strict=True)
-        ):
-            one = play.points[row], play.splines[row], after[row]
+        for row, (situation, end) in enumerate(zip(play.situations, ends, strict=True)):
+            state, action = situation.state, situation.action
+            one = situation.points, play.splines[row], after[row]
             reached = outcomes(state, self.config.most_crossings)
             success = end is not None and end == reached[action]
             meant = not play.arranging[row]
@@ -507,9 +499,8 @@ class SelfPlay(Resumable):
         metrics: dict[int, dict[str, float]] = {number: {} for number in self.library.primitives}
         by_number: dict[int, list[float]] = {}
         kept: list[int] = []
-        for row, (state, action, end) in enumerate(
-            zip(play.states, play.actions, ends, strict=True)
-        ):
+        for row, (situation, end) in enumerate(zip(play.situations, ends, strict=True)):
+            state, action = situation.state, situation.action
             if play.ways[row] != POLICY:
                 continue
             if play.arranging[row]:
@@ -517,13 +508,15 @@ class SelfPlay(Resumable):
                 if end == state and _canonical(after[row], action) is not None:
                     kept.append(row)
             else:
-                number = canonicalise(play.points[row], action).primitive
+                number = situation.rope.primitive
                 success = end == outcomes(state, self.config.most_crossings)[action]
                 by_number.setdefault(number, []).append(success)
         for number, rates in by_number.items():
             metrics[number]["policy_success"] = float(np.mean(rates))
         if kept:
-            raised = self._values([canonicalise(after[row], play.actions[row]) for row in kept])
+            raised = self._values(
+                [canonicalise(after[row], play.situations[row].action) for row in kept]
+            )
             metrics[ARRANGE]["gain"] = float((raised - play.values[kept]).mean())
         records = self._curriculum.records.values()
         metrics[1] |= {
