@@ -5,7 +5,7 @@ import pytest
 
 from knotflow.planning import Goal, PlannerConfig, SearchGraph
 from knotflow.planning.branches import ACT, ARRANGE, Branch, Node
-from knotflow.planning.proposals import UNDONE, Proposals
+from knotflow.planning.proposals import UNDONE, Proposals, together
 from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW
 from knotflow.topology import TopologicalState, Undo
 
@@ -45,7 +45,17 @@ def test_undoing_is_aimed_for_a_sampler_that_does_not_know_it(node, lacks):
 
     edge = int(np.flatnonzero(undoing)[0])
     branches = [Branch(node, edge, ACT), Branch(node, edge, ARRANGE)]
-    splines = proposals.splines(branches)
+    splines = np.concatenate(list(proposals.splines(branches)))
     assert splines.shape == (2, 6)
     assert (splines >= SPLINE_LOW).all() and (splines <= SPLINE_HIGH).all()
     assert any(isinstance(action, Undo) for action in critic.asked) == (not lacks)
+
+
+def test_the_sampler_is_asked_once_for_branches_that_are_alike(node):
+    critic = Critic(set())
+    proposals = Proposals(critic, Goal.named("overhand"), PlannerConfig(), np.random.default_rng(0))
+    edges = [0, 1, 0, 1, 0]
+    branches = together([Branch(node, edge, ACT) for edge in edges])
+    assert [branch.edge for branch in branches] == sorted(edges)
+    assert [len(splines) for splines in proposals.splines(branches)] == [3, 2]
+    assert critic.asked == [node.edges[0][0], node.edges[1][0]]

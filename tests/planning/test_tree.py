@@ -66,8 +66,7 @@ def test_every_simulated_spline_is_a_branch(world, path_goal, batch):
     sampler, updates = world(chance=0.3), []
     plan = search(path_goal, sampler, batch=batch, progress=updates.append)
     assert plan.branches == sum(sampler.batches) == sum(tried.branches for tried in plan.tried)
-    assert set(sampler.batches) == {batch}
-    assert [update.branches for update in updates] == list(np.cumsum(sampler.batches))
+    assert [update.branches for update in updates] == [*range(batch, plan.branches + 1, batch)]
     assert updates[-1].distance == 0
 
 
@@ -110,6 +109,15 @@ def test_the_seed_decides_everything(world, path_goal, batch):
     np.testing.assert_array_equal(one.splines, same.splines)
     assert one.branches == same.branches
     assert not np.array_equal(one.splines, other.splines)
+
+
+@pytest.mark.parametrize("part", [1, 100])
+def test_a_search_does_not_depend_on_what_is_simulated_at_once(world, path_goal, monkeypatch, part):
+    before = search(path_goal, world(chance=0.2), 3, batch=8)
+    monkeypatch.setattr("knotflow.planning.tree.PART", part)
+    after = search(path_goal, world(chance=0.2), 3, batch=8)
+    assert before.branches == after.branches > 8
+    np.testing.assert_array_equal(before.splines, after.splines)
 
 
 def test_only_the_given_path_is_followed(world, path_goal):

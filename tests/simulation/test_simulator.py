@@ -8,6 +8,7 @@ import pytest
 from knotflow.simulation import (
     SPLINE_HIGH,
     SPLINE_LOW,
+    Rollouts,
     RopeSimulator,
     ShapeError,
     SplineError,
@@ -194,3 +195,6 @@ def test_a_part_of_a_batch_is_what_its_rows_say(simulator, rng):
     np.testing.assert_array_equal(part.gripper, rollouts.gripper[[2, 0]])
     assert part.times is rollouts.times
     assert len(rollouts[1:]) == len(rollouts[1:].diverged) == 2
+    joined = Rollouts.joined([rollouts[:2], rollouts[2:]])
+    for name in ("times", "trajectory", "gripper", "end_points", "diverged"):
+        np.testing.assert_array_equal(getattr(joined, name), getattr(rollouts, name))

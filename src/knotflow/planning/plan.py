@@ -29,8 +29,8 @@ class KnotPlan:
         branches: simulated splines, the paper's measure of a search.
         nodes: nodes of the search tree, its root included.
         seconds: wall time of the search, of which
-        sampling_seconds: in the sampler, and
-        simulation_seconds: in the simulator.
+        sampling_seconds: in the sampler, beside which the simulator may be at work, and
+        simulation_seconds: in the simulator after it.
         radius: of the rope, metres.
         move_time: from grasp to release of each spline, seconds.
     """

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Iterator, Sequence
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,15 +48,14 @@ class Proposals:
             self._values = None
         self._arranged_values = ability(sampler, "arranged_values") if arranging else None
 
-    def splines(self, branches: Sequence[Branch]) -> NDArray[np.float64]:
-        """Splines (B, 6), asking once for all branches of one node, edge and kind."""
-        rows: dict[tuple[int, int, int], list[int]] = {}
-        for row, branch in enumerate(branches):
-            rows.setdefault((id(branch.node), branch.edge, branch.kind), []).append(row)
-        splines = np.empty((len(branches), 6))
-        for same in rows.values():
-            splines[same] = self._ask(branches[same[0]], len(same))
-        return splines
+    def splines(self, branches: Sequence[Branch]) -> Iterator[NDArray[np.float64]]:
+        """Splines (B, 6) for the branches, a few (b, 6) at a time.
+
+        The sampler is asked once for all branches in a row that are alike, see `together`.
+        """
+        for _, same in groupby(branches, _question):
+            alike = list(same)
+            yield self._ask(alike[0], len(alike))
 
     def _ask(self, branch: Branch, count: int) -> NDArray[np.float64]:
         points, rng = branch.node.points, self._rng
@@ -95,6 +95,16 @@ class Proposals:
             nodes, np.split(values, ends), np.split(arranged, ends), strict=True
         ):
             node.values, node.arranged_values = own, after
+
+
+def together(branches: Sequence[Branch]) -> list[Branch]:
+    """The branches with those side by side that ask the same of a sampler."""
+    first: dict[Hashable, int] = {}
+    return sorted(branches, key=lambda branch: first.setdefault(_question(branch), len(first)))
+
+
+def _question(branch: Branch) -> Hashable:
+    return id(branch.node), branch.edge, branch.kind
 
 
 def room(points: NDArray) -> float:

@@ -21,6 +21,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -44,11 +45,14 @@ from knotflow.planning.goals import Goal
 from knotflow.planning.growth import PaperRule
 from knotflow.planning.plan import KnotPlan, PlanStep, Tried
 from knotflow.planning.posterior import PosteriorRule
-from knotflow.planning.proposals import Proposals
+from knotflow.planning.proposals import Proposals, together
 from knotflow.planning.search_graph import SearchGraph
 from knotflow.samplers import Sampler
 from knotflow.simulation import Observer, Rollouts, check_points, end_states
 from knotflow.topology import Action, Arrange, TopologicalState
+
+PART = 4
+"""Branches that are simulated as soon as they are sampled, while others are."""
 
 
 @dataclass(eq=False)
@@ -99,14 +103,8 @@ class TreeSearch:
 
     def expand(self, count: int) -> SearchUpdate:
         """Choose, sample and simulate `count` branches, and add those whose ends are kept."""
-        chosen = self._rule.choose(count)
-        clock = time.perf_counter()
-        splines = self._proposals.splines(chosen)
-        self._clock.sampling += time.perf_counter() - clock
-        clock = time.perf_counter()
-        starts = np.stack([branch.node.points for branch in chosen])
-        rollouts = self.simulator.execute(starts, splines)
-        self._clock.simulation += time.perf_counter() - clock
+        chosen = together(self._rule.choose(count))
+        splines, rollouts = self._simulated(chosen)
         ends = end_states(rollouts)
         children = [
             self._judge(branch, splines[row], rollouts, row, ends[row])
@@ -146,6 +144,30 @@ class TreeSearch:
                 if progress is not None:
                     progress(update)
         return self._plan(solved=False, reason=reason)
+
+    def _simulated(self, chosen: Sequence[Branch]) -> tuple[NDArray[np.float64], Rollouts]:
+        """Splines (B, 6) for the branches, and what comes of them.
+
+        Sampling keeps one core busy; the others simulate what was sampled so far.
+        """
+        clock = time.perf_counter()
+        proposed: list[NDArray[np.float64]] = []
+        results: list[Future[Rollouts]] = []
+        begin = end = 0
+        with ThreadPoolExecutor(1) as worker:
+            for splines in self._proposals.splines(chosen):
+                proposed.append(splines)
+                end += len(splines)
+                if end - begin >= PART or end == len(chosen):
+                    starts = np.stack([branch.node.points for branch in chosen[begin:end]])
+                    part = np.concatenate(proposed)[begin:]
+                    results.append(worker.submit(self.simulator.execute, starts, part))
+                    begin = end
+            self._clock.sampling += time.perf_counter() - clock
+            clock = time.perf_counter()
+            rollouts = Rollouts.joined([result.result() for result in results])
+            self._clock.simulation += time.perf_counter() - clock
+        return np.concatenate(proposed), rollouts
 
     def _node(
         self,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -53,6 +54,15 @@ class Rollouts:
     def __len__(self) -> int:
         return len(self.end_points)
 
+    @classmethod
+    def joined(cls, parts: Sequence[Rollouts]) -> Rollouts:
+        """Batches of one simulator as one, in their order."""
+        arrays = {
+            name: np.concatenate([getattr(part, name) for part in parts])
+            for name in ("trajectory", "gripper", "end_points", "diverged")
+        }
+        return replace(parts[0], **arrays)
+
     def __getitem__(self, rows: slice | NDArray | list[int]) -> Rollouts:
         """Some of the ropes, as a slice, a mask (B,) or indices select them."""
         return replace(
@@ -67,8 +77,8 @@ class Rollouts:
 class RopeSimulator:
     """Executes splines on ropes that lie at rest.
 
-    One simulator may be used for any number of batches; it is not to be shared between Python
-    threads, it threads by itself.
+    One simulator may be used for any number of batches, but by one Python thread at a time; it
+    threads by itself.
     """
 
     def __init__(self, config: SimulationConfig) -> None:
