@@ -3,8 +3,15 @@
 import numpy as np
 import pytest
 
-from knotflow.demonstrations import TASKS, aim, succeed, task
-from knotflow.simulation import check_splines, random_curve, reached, straight
+from knotflow.demonstrations import TASKS, aim, nudge, succeed, task
+from knotflow.simulation import (
+    RopeConfig,
+    check_splines,
+    control_points,
+    random_curve,
+    reached,
+    straight,
+)
 from knotflow.topology import segment_intervals
 
 
@@ -34,7 +41,15 @@ def test_it_is_the_same_for_the_same_seed_and_in_range():
     check_splines(one)
 
 
-def random_curve_of_default_rope():
-    from knotflow.simulation import RopeConfig
+def test_nudges_are_short_and_low_and_begin_anywhere(rng):
+    points = straight(RopeConfig())
+    splines = check_splines(nudge(points, 400, rng))
+    controls = control_points(points, splines, RopeConfig().radius)
+    moved = np.linalg.norm(controls[:, 2, :2] - controls[:, 0, :2], axis=1)
+    assert 0.05 < np.median(moved) < 0.15
+    assert splines[:, 3].max() <= 0.15
+    assert np.histogram(splines[:, 0], bins=4, range=(0, 1))[0].min() > 60
 
+
+def random_curve_of_default_rope():
     return random_curve(RopeConfig(), np.random.default_rng(0))

@@ -8,8 +8,8 @@ import pytest
 from knotflow.planning import Goal, PlannerConfig, plan_knot
 from knotflow.planning.branches import Node
 from knotflow.planning.growth import edge_probabilities, node_probabilities
-from knotflow.planning.proposals import FARTHEST, HIGHEST, Proposals, room, small_moves
-from knotflow.simulation import check_splines, control_points, straight
+from knotflow.planning.proposals import Proposals, room
+from knotflow.simulation import straight
 from knotflow.topology import TopologicalState, segment_intervals
 
 TRIVIAL = TopologicalState.trivial()
@@ -121,15 +121,6 @@ def test_room_is_the_share_of_the_two_shortest_segments(world, shape_of):
     lengths = np.sort(np.diff(segment_intervals(rope), axis=1).ravel())
     assert room(rope) == pytest.approx((lengths[0] + lengths[1]) / 2 * 5)
     assert 0.0 < room(rope) < 1.0
-
-
-def test_small_moves_are_short_and_low(world):
-    rope = straight(world.config.rope)
-    splines = small_moves(rope, 200, np.random.default_rng(0))
-    controls = control_points(rope, check_splines(splines), world.config.rope.radius)
-    moved = np.linalg.norm(controls[:, 2, :2] - controls[:, 0, :2], axis=1)
-    assert moved.max() < FARTHEST + world.config.rope.link_length
-    assert splines[:, 3].max() <= HIGHEST
 
 
 def test_ends_that_are_gone_on_from_are_asked_for_with_foresight(world, path_goal):

@@ -8,18 +8,13 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.demonstrations import aim
+from knotflow.demonstrations import aim, nudge
 from knotflow.planning.branches import ARRANGE, Branch, Node
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal
 from knotflow.samplers import Sampler, ability
-from knotflow.simulation import clip_splines
 from knotflow.topology import Action, Undo, segment_intervals
 
-FARTHEST = 0.12
-"""Of the small moves: from grasp to end, metres."""
-HIGHEST = 0.08
-"""Of the small moves: the middle control point, metres above the table."""
 UNDONE = 0.3
 """Value of an undoing that is aimed: of random drags, 25 to 44 % take crossings back."""
 
@@ -27,7 +22,7 @@ UNDONE = 0.3
 class Proposals:
     """Splines for branches, and values for nodes, from one sampler.
 
-    A sampler that cannot arrange gets `small_moves`, and one that cannot undo drags that are aimed;
+    A sampler that cannot arrange nudges the rope, and one that cannot undo drags that are aimed;
     for one without a critic a shape is worth its `room`, whatever the action.
     """
 
@@ -62,7 +57,7 @@ class Proposals:
         unknown = self._aimed(branch.wanted)
         if branch.kind == ARRANGE:
             if self._arrange is None or unknown:
-                return small_moves(points, count, rng)
+                return nudge(points, count, rng)
             return self._arrange(points, branch.wanted, count, rng)
         if unknown:
             return aim(points, branch.wanted, count, rng)
@@ -120,18 +115,3 @@ def _rooms(
     points: NDArray, actions: Sequence[Action], rng: np.random.Generator
 ) -> NDArray[np.float64]:
     return np.array([room(rope) for rope in points])
-
-
-def small_moves(points: NDArray, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Splines (count, 6) that move a rope (V, 3) a little anywhere, low over the table.
-
-    Many keep the state, and some of these leave more room: arranging without knowledge.
-    """
-    grasp = rng.uniform(0.0, 1.0, count)
-    along = np.linspace(0.0, 1.0, len(points))
-    begin = np.stack([np.interp(grasp, along, points[:, axis]) for axis in (0, 1)], axis=1)
-    angle = rng.uniform(-np.pi, np.pi, count)
-    distance = rng.uniform(0.02, FARTHEST, count)[:, None]
-    end = begin + distance * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    height = rng.uniform(0.02, HIGHEST, count)
-    return clip_splines(np.column_stack([grasp, (begin + end) / 2, height, end]))
