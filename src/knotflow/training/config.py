@@ -154,7 +154,7 @@ class SelfPlayConfig:
     """Rope shapes that are remembered of each state."""
     capacity: int = 15000
     """Trials that stay in each primitive's replay buffer, the newest."""
-    memory: int = 1000
+    memory: int = 4000
     """Attempts of independent training that it begins with, the newest, for each action."""
     population: int = 64
     """Splines among which the best value of a shape is sought."""
