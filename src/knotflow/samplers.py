@@ -33,7 +33,7 @@ class Sampler(Protocol):
     """Proposes splines; all that planning, evaluation and training know of a method.
 
     `sample` is enough. A method that can do more has further methods, which a search looks up with
-    `ability` and does without where they are missing: those of `Foresight`, `Critic` and
+    `ability` and does without where they are missing: those of `Foresight`, `Valuer` and
     `Arranger`.
     """
 
@@ -54,7 +54,7 @@ class Foresight(Protocol):
         ...
 
 
-class Critic(Protocol):
+class Valuer(Protocol):
     """Tells how well an action can be done from a shape."""
 
     def values(

@@ -54,7 +54,7 @@ class Request:
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class Tying:
     """A request that was read.
 
     Attributes:
@@ -70,7 +70,7 @@ class Task:
     simulation: SimulationConfig
 
 
-def prepare(request: Request) -> Task:
+def prepare(request: Request) -> Tying:
     """Read a request.
 
     Raises:
@@ -89,10 +89,10 @@ def prepare(request: Request) -> Task:
             f"there is nothing to plan: the rope {request.rope!r} lies in the state {state}, "
             f"which is {request.knot} already"
         )
-    return Task(request, goal, points, simulation)
+    return Tying(request, goal, points, simulation)
 
 
-def search(task: Task) -> tuple[KnotPlan, Attempts | None]:
+def search(task: Tying) -> tuple[KnotPlan, Attempts | None]:
     """Plan with the shipped primitives, and show how far the search is.
 
     Returns:
@@ -158,7 +158,7 @@ def recall(folder: Path, request: Request, overwrite: bool) -> dict[str, Any] | 
     )
 
 
-def write(folder: Path, task: Task, plan: KnotPlan, last: Attempts | None) -> None:
+def write(folder: Path, task: Tying, plan: KnotPlan, last: Attempts | None) -> None:
     """Write a plan's folder, whole or not at all; its files are those of `write_plan`.
 
     Beside them are request.json, what was asked for and the code that made it, and outcome.json.
@@ -175,7 +175,7 @@ def write(folder: Path, task: Task, plan: KnotPlan, last: Attempts | None) -> No
         durable.write_json(temporary / REQUEST, made)
 
 
-def certainty(task: Task, step: PlanStep) -> float:
+def certainty(task: Tying, step: PlanStep) -> float:
     """The share of disturbed repetitions of a step that reach its state.
 
     The gripper misses the grasp by 5 mm along the rope and each control point by 5 mm an axis

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from knotflow.baselines.causal_infogan import Frame, frames_at
+from knotflow.baselines.causal_infogan import StartFrame, frames_at
 from knotflow.simulation import RopeConfig, random_curve
 
 
@@ -15,7 +15,7 @@ def trajectories(rng):
 
 
 def test_leaving_a_frame_undoes_entering_it(trajectories):
-    frame = Frame.of(trajectories[:, 0])
+    frame = StartFrame.of(trajectories[:, 0])
     assert np.allclose(frame.leave(frame.enter(trajectories)), trajectories)
     assert np.allclose(frame.leave(frame.enter(trajectories[:, 1])), trajectories[:, 1])
 
@@ -24,12 +24,12 @@ def test_a_rope_looks_the_same_wherever_it_lies(trajectories):
     turn = 2.3
     cos, sin = np.cos(turn), np.sin(turn)
     moved = trajectories @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]) + [0.2, -0.1, 0]
-    here = Frame.of(trajectories[:, 0]).enter(trajectories)
-    assert np.allclose(Frame.of(moved[:, 0]).enter(moved), here)
+    here = StartFrame.of(trajectories[:, 0]).enter(trajectories)
+    assert np.allclose(StartFrame.of(moved[:, 0]).enter(moved), here)
 
 
 def test_the_start_lies_along_x_on_the_table(trajectories):
-    start = Frame.of(trajectories[:, 0]).enter(trajectories)[:, 0]
+    start = StartFrame.of(trajectories[:, 0]).enter(trajectories)[:, 0]
     assert np.allclose(start.mean(axis=1)[:, :2], 0)
     assert np.allclose(start[..., 2], trajectories[:, 0, :, 2])
     assert (start[:, -1, 0] > start[:, 0, 0]).all()

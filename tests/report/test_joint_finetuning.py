@@ -23,8 +23,8 @@ PATH = "R1(0,1,1) C(0,1,1) C(2,0,1)"
 
 def write_searches(write, goal):
     rows = [
-        (arm, seed, 3 + seed, True, 0.5, goal)
-        for arm in ("independent", "joint")
+        (method, seed, 3 + seed, True, 0.5, goal)
+        for method in ("independent", "joint")
         for seed in (0, 1)
     ]
     write.table("joint_finetuning", "branches.csv", SEARCH, rows)

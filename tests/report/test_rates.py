@@ -102,9 +102,9 @@ def test_methods_not_run_are_named_and_have_no_bars(write, rate_counts):
 
 
 def test_a_further_method_of_ours_has_its_own_name_and_others_theirs():
-    arms = with_extras(SINGLE_STAGE, ["reinforcement_arranged", "my_own", "icp"])[4:]
-    assert [arm.label for arm in arms] == ["RL + arranging", "my own"]
-    assert len({arm.colour for arm in (*SINGLE_STAGE, *arms)}) == 6
+    methods = with_extras(SINGLE_STAGE, ["reinforcement_arranged", "my_own", "icp"])[4:]
+    assert [method.label for method in methods] == ["RL + arranging", "my own"]
+    assert len({method.colour for method in (*SINGLE_STAGE, *methods)}) == 6
 
 
 def test_an_action_that_one_method_lacks_is_marked(write, rate_counts):

@@ -17,7 +17,7 @@ def read(write, *rows):
 @pytest.mark.parametrize(("cell", "solved"), [("True", True), ("false", False), ("1", True)])
 def test_searches_are_read(write, cell, solved):
     (search,) = read(write, ("icp", "arc", 4, 17, cell, 2.5)).itertuples()
-    assert (search.arm, search.start, search.seed, search.branches) == ("icp", "arc", 4, 17)
+    assert (search.method, search.start, search.seed, search.branches) == ("icp", "arc", 4, 17)
     assert search.solved == solved
 
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from knotflow.workflow import CodeState, Node, StageContext, Workflow, run, stage
+from knotflow.workflow import CodeState, StageContext, StageNode, Workflow, run, stage
 
 
 @dataclass
@@ -35,7 +35,7 @@ if __name__ == "__main__":
         Workflow(
             name="killable",
             caption="",
-            stages={"slow": Node("toy_slow", config={"shards": int(sys.argv[2])})},
+            stages={"slow": StageNode("toy_slow", config={"shards": int(sys.argv[2])})},
             results={"first.txt": "slow/000.txt"},
         ),
         experiment="killable",

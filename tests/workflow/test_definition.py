@@ -7,13 +7,13 @@ from typing import Any
 import pytest
 from omegaconf import OmegaConf
 
-from knotflow.workflow import Node, UnknownStageError, Workflow, WorkflowError
+from knotflow.workflow import StageNode, UnknownStageError, Workflow, WorkflowError
 
 
 def test_reads_plain_data(mapping: dict[str, Any]) -> None:
     workflow = Workflow.from_config(mapping)
     assert workflow.order() == ["toy_count", "adding"]
-    assert workflow.stages["toy_count"] == Node("toy_count", {}, {"machine": {"scale": 3}})
+    assert workflow.stages["toy_count"] == StageNode("toy_count", {}, {"machine": {"scale": 3}})
     assert workflow.config("adding").offset == 0.5
     assert workflow.config("toy_count").machine.scale == 3
 

@@ -4,7 +4,7 @@ from .check import KnotMismatchError, confirm, expected_type, knot_type
 from .config import PlannerConfig
 from .dag import SolutionDag, UnreachableGoalError
 from .goals import Goal, NoRoomError, most_crossings, parse_goal
-from .passing import Passage, find_passages
+from .passing import StrandPassage, find_passages
 from .plan import KnotPlan, PlanStep, Tried
 from .plan_file import PlanFormatError
 from .rope_file import RopeInputError
@@ -21,7 +21,7 @@ __all__ = [
     "KnotMismatchError",
     "KnotPlan",
     "NoRoomError",
-    "Passage",
+    "StrandPassage",
     "PlanFormatError",
     "PlanStep",
     "PlannerConfig",

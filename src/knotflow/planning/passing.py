@@ -21,7 +21,7 @@ NEAR = 1.5
 
 
 @dataclass(frozen=True)
-class Passage:
+class StrandPassage:
     """A strand that passed through another one.
 
     Attributes:
@@ -33,7 +33,7 @@ class Passage:
     places: tuple[float, float]
 
 
-def find_passages(trajectory: NDArray) -> list[Passage]:
+def find_passages(trajectory: NDArray) -> list[StrandPassage]:
     """Every crossing whose strands exchange their order from one frame to the next.
 
     Frames whose projection is degenerate are passed over. 50 frames per second are enough for a
@@ -51,7 +51,7 @@ def find_passages(trajectory: NDArray) -> list[Passage]:
         if before is not None:
             for place in _exchanged(before, now):
                 first, second = (place / (len(points) - 1)).tolist()
-                found.append(Passage(frame, (first, second)))
+                found.append(StrandPassage(frame, (first, second)))
         before = now
     return found
 

@@ -26,14 +26,14 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     rates = read_rates(results, EXPERIMENT)
     if rates is None:
         return None
-    arms = with_extras(ABLATION, rates.methods)
-    run = [arm for arm in arms if arm.name in rates.methods]
-    together, alone = ABLATION[2], [arm for arm in ABLATION[:2] if arm in run]
-    pairs = [(together, arm) for arm in alone] if together in run else []
+    methods = with_extras(ABLATION, rates.methods)
+    run = [method for method in methods if method.name in rates.methods]
+    together, alone = ABLATION[2], [method for method in ABLATION[:2] if method in run]
+    pairs = [(together, method) for method in alone] if together in run else []
     return {
-        "figure": pictures.add(success_rates(rates, arms, EXPERIMENT)),
+        "figure": pictures.add(success_rates(rates, methods, EXPERIMENT)),
         "trials": trials(rates),
-        "missing": listed([arm.label for arm in arms if arm not in run]),
+        "missing": listed([method.label for method in methods if method not in run]),
         "intervals": rates.intervals,
         "rates": rate_table(rates, run),
         "ratios": ratio_table(rates, pairs) if pairs else "",

@@ -35,7 +35,7 @@ EXPERIMENT = "causal_infogan"
 MODELS = {"single": "single action", "all": "all demonstrations"}
 COLOURS = {"single": "#0072b2", "all": "#e69f00"}
 LABELS = {
-    **{arm.name: arm.label for arm in SINGLE_STAGE},
+    **{method.name: method.label for method in SINGLE_STAGE},
     **{f"causal_infogan_{model}": f"Causal InfoGAN, {name}" for model, name in MODELS.items()},
 }
 #: What a training is judged by.

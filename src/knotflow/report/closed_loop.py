@@ -58,12 +58,13 @@ Group = tuple[str, str, int]
 
 def _groups(runs: pd.DataFrame) -> dict[Group, pd.DataFrame]:
     """Executions of a kind, twins in order: knots as they stand in the table, levels rising."""
+    groups = dict(iter(runs.groupby(["knot", "controller", "level"])))
     return {
-        (knot, name, level): own.sort_values("twin")
+        (knot, name, level): groups[knot, name, level].sort_values("twin")
         for knot in runs["knot"].unique()
         for level in sorted(runs["level"].unique())
         for name in CONTROLLERS
-        if len(own := runs[(runs[["knot", "controller", "level"]] == [knot, name, level]).all(1)])
+        if (knot, name, level) in groups
     }
 
 

@@ -28,9 +28,9 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     searches = read_searches(results, EXPERIMENT, "primitives", with_start=False)
     if searches is None:
         return None
-    found = list(searches["arm"])
-    arms = with_extras(JOINT, found)
-    groups = [((arm.label,), of(searches, arm.name)) for arm in arms]
+    found = list(searches["method"])
+    methods = with_extras(JOINT, found)
+    groups = [((method.label,), of(searches, method.name)) for method in methods]
     curves = read_curves(results, EXPERIMENT, "curves_joint.csv")
     single = read_rates(results, EXPERIMENT, "single_actions.csv")
     return {
@@ -42,9 +42,9 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         else pictures.add(self_play(curves, "self_play")),
         "single": rate_table(single, JOINT) if single else "",
         "intervals": single.intervals if single else "",
-        "figure": pictures.add(branches(searches, arms, [""], EXPERIMENT, {})),
+        "figure": pictures.add(branches(searches, methods, [""], EXPERIMENT, {})),
         "table": search_table(("primitives",), [line for line in groups if len(line[1])]),
-        "missing": listed([arm.label for arm in arms if arm.name not in found]),
+        "missing": listed([method.label for method in methods if method.name not in found]),
         "limit": OVERHAND_LIMIT,
         "unsolved": sum(~searches["solved"]),
         "paper": results.paper(EXPERIMENT),
@@ -64,11 +64,13 @@ def in_episodes(curves: Curves) -> bool:
 def fewer_branches(results: Results) -> Outcome:
     """Sec. VII-B2: 4.3 +- 2.6 branches independently, 3.4 +- 0.6 jointly, 50 random starts."""
     searches = read_searches(results, EXPERIMENT, "primitives", with_start=False)
-    arms = {arm: of(searches, arm).sort_values("seed") for arm in ("independent", "joint")}
-    missing = [arm for arm, own in arms.items() if own.empty]
+    methods = {
+        method: of(searches, method).sort_values("seed") for method in ("independent", "joint")
+    }
+    missing = [method for method, own in methods.items() if own.empty]
     if missing:
         raise NotMeasured(f"needs {listed(missing)} in {EXPERIMENT}")
-    base, first = arms.values()
+    base, first = methods.values()
     # The same seed is the same start: with all seeds on both sides the pairs are resampled.
     paired = first["seed"].tolist() == base["seed"].tolist()
     before, after = (own["branches"].to_numpy(float) for own in (base, first))

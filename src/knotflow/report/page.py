@@ -31,7 +31,7 @@ from knotflow.report import (
 )
 from knotflow.report.claims import Verdict
 from knotflow.report.html import slug, to_html
-from knotflow.report.results import Experiment, Results
+from knotflow.report.results import ExperimentResults, Results
 from knotflow.report.section import Pictures, Section, plain
 from knotflow.report.statistics import RESAMPLES
 from knotflow.report.style import Picture
@@ -230,7 +230,7 @@ def _commands(results: Results, sections: list[Section]) -> str:
     return tables.markdown_table(["what", "command"], lines)
 
 
-def _recordings(found: Experiment, results: Results, link: str) -> list[tuple[str, str]]:
+def _recordings(found: ExperimentResults, results: Results, link: str) -> list[tuple[str, str]]:
     inside = [path.relative_to(results.root).as_posix() for path in found.recordings]
     return [(f"{link}/{path}", f"results/{path}") for path in inside[:RECORDINGS_SHOWN]]
 

@@ -9,7 +9,7 @@ OVERHAND_LIMIT = 3
 
 
 @dataclass(frozen=True)
-class Primitive:
+class PrimitiveSet:
     """One of the four motion primitives (Sec. V-A) and those of the eight actions it serves."""
 
     name: str
@@ -17,10 +17,10 @@ class Primitive:
 
 
 PRIMITIVES = (
-    Primitive("1: R1", ("R1(0,1,1)",)),
-    Primitive("2: R2", ("R2(0,0,1,1)",)),
-    Primitive("3: Cross, an end goes over", ("C(0,1,1)", "C(0,2,1)", "C(4,2,1)")),
-    Primitive("4: other Cross actions", ("C(1,2,1)", "C(2,0,1)", "C(2,4,1)")),
+    PrimitiveSet("1: R1", ("R1(0,1,1)",)),
+    PrimitiveSet("2: R2", ("R2(0,0,1,1)",)),
+    PrimitiveSet("3: Cross, an end goes over", ("C(0,1,1)", "C(0,2,1)", "C(4,2,1)")),
+    PrimitiveSet("4: other Cross actions", ("C(1,2,1)", "C(2,0,1)", "C(2,4,1)")),
 )
 
 #: The eight topological actions in the order of Fig. 6.
@@ -28,7 +28,7 @@ ACTIONS = tuple(action for primitive in PRIMITIVES for action in primitive.actio
 
 
 @dataclass(frozen=True)
-class Arm:
+class Method:
     """One compared thing: a method, or a way of training. `colour` is of the Okabe-Ito palette."""
 
     name: str
@@ -36,23 +36,23 @@ class Arm:
     colour: str
 
 
-RANDOM = Arm("random", "random", "#8a8f98")
-ICP = Arm("icp", "ICP", "#e69f00")
-IMITATION = Arm("imitation", "imitation", "#56b4e9")
-REINFORCEMENT = Arm("reinforcement", "imitation + RL", "#0072b2")
+RANDOM = Method("random", "random", "#8a8f98")
+ICP = Method("icp", "ICP", "#e69f00")
+IMITATION = Method("imitation", "imitation", "#56b4e9")
+REINFORCEMENT = Method("reinforcement", "imitation + RL", "#0072b2")
 
-ARRANGED = Arm("reinforcement_arranged", "RL + arranging", "#009e73")
+ARRANGED = Method("reinforcement_arranged", "RL + arranging", "#009e73")
 
 SINGLE_STAGE = (RANDOM, ICP, IMITATION, REINFORCEMENT)
 TREE_SIZE = (ICP, IMITATION, REINFORCEMENT)
 ABLATION = (
-    Arm("actor_only", "actor only", "#e69f00"),
-    Arm("critic_only", "critic only", "#009e73"),
-    Arm("actor_critic", "actor and critic", "#0072b2"),
+    Method("actor_only", "actor only", "#e69f00"),
+    Method("critic_only", "critic only", "#009e73"),
+    Method("actor_critic", "actor and critic", "#0072b2"),
 )
 JOINT = (
-    Arm("independent", "trained independently", "#56b4e9"),
-    Arm("joint", "finetuned jointly", "#0072b2"),
+    Method("independent", "trained independently", "#56b4e9"),
+    Method("joint", "finetuned jointly", "#0072b2"),
 )
 STARTS = ("straight", "arc")
 
@@ -62,13 +62,13 @@ FURTHER = {ARRANGED.name: ARRANGED}
 _EXTRA_COLOURS = ("#cc79a7", "#d55e00", "#009e73", "#f0e442")
 
 
-def with_extras(arms: tuple[Arm, ...], found: list[str]) -> tuple[Arm, ...]:
-    """The paper's arms in its order, then those of `found` that it does not have."""
-    known = {arm.name for arm in arms}
+def with_extras(methods: tuple[Method, ...], found: list[str]) -> tuple[Method, ...]:
+    """The paper's methods in its order, then those of `found` that it does not have."""
+    known = {method.name for method in methods}
     extras = [name for name in dict.fromkeys(found) if name not in known]
-    return arms + tuple(
+    return methods + tuple(
         FURTHER.get(name)
-        or Arm(name, name.replace("_", " "), _EXTRA_COLOURS[i % len(_EXTRA_COLOURS)])
+        or Method(name, name.replace("_", " "), _EXTRA_COLOURS[i % len(_EXTRA_COLOURS)])
         for i, name in enumerate(extras)
     )
 

@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import PercentFormatter
 
 from knotflow.report.claims import NotMeasured
-from knotflow.report.paper import ACTIONS, PRIMITIVES, Arm, in_order
+from knotflow.report.paper import ACTIONS, PRIMITIVES, Method, in_order
 from knotflow.report.results import (
     AT_LEAST_ONE,
     COUNT,
@@ -153,13 +153,15 @@ def trials(rates: Rates) -> str:
     return f"{least:,}" if least == most else f"{least:,} to {most:,}"
 
 
-def rate_table(rates: Rates, arms: Sequence[Arm]) -> str:
+def rate_table(rates: Rates, methods: Sequence[Method]) -> str:
     """Success rates, a line an action, a column a method; every bar of Fig. 6 as a number."""
     lines = [
-        [f"`{action}`", *(_cell(rates, arm.name, action) for arm in arms)]
+        [f"`{action}`", *(_cell(rates, method.name, action) for method in methods)]
         for action in rates.actions
     ]
-    return markdown_table(["action", *(arm.label for arm in arms)], lines, "l" + "r" * len(arms))
+    return markdown_table(
+        ["action", *(method.label for method in methods)], lines, "l" + "r" * len(methods)
+    )
 
 
 def _cell(rates: Rates, method: str, action: str) -> str:
@@ -170,7 +172,7 @@ def _cell(rates: Rates, method: str, action: str) -> str:
     return f"{percent(rates.interval(method, action))}<br>{counts[0]:,} of {counts[1]:,}{starts}"
 
 
-def ratio_table(rates: Rates, pairs: Sequence[tuple[Arm, Arm]]) -> str:
+def ratio_table(rates: Rates, pairs: Sequence[tuple[Method, Method]]) -> str:
     """How many times the first of each pair succeeds as often as the second, action by action."""
     header = ["action", *(f"{first.label} / {base.label}" for first, base in pairs)]
     lines = []
@@ -185,22 +187,22 @@ def ratio_table(rates: Rates, pairs: Sequence[tuple[Arm, Arm]]) -> str:
     return markdown_table(header, lines, "l" + "r" * len(pairs))
 
 
-def success_rates(rates: Rates, arms: Sequence[Arm], name: str) -> Picture:
+def success_rates(rates: Rates, methods: Sequence[Method], name: str) -> Picture:
     """Fig. 6 and Fig. 7: a group of bars an action, separators between the four primitives.
 
-    Whiskers are 95 % intervals, the number above each is the rate in per cent. An arm that
+    Whiskers are 95 % intervals, the number above each is the rate in per cent. A method that
     was not run has no bars and says so in the key.
     """
     actions = rates.actions
-    run = [arm for arm in arms if arm.name in rates.methods]
+    run = [method for method in methods if method.name in rates.methods]
     width = min(0.8 / len(run), 0.3)
     with styled():
         figure = new_figure(3.7)
         axes = figure.add_subplot()
-        for place, arm in enumerate(run):
+        for place, method in enumerate(run):
             offset = (place - (len(run) - 1) / 2) * width
             for group, action in enumerate(actions):
-                _bar(axes, rates, arm, action, group + offset, width)
+                _bar(axes, rates, method, action, group + offset, width)
         _separate_primitives(axes, actions)
         axes.set_xticks(range(len(actions)), actions)
         axes.set_xlim(-0.55, len(actions) - 0.45)
@@ -209,20 +211,20 @@ def success_rates(rates: Rates, arms: Sequence[Arm], name: str) -> Picture:
         axes.yaxis.set_major_formatter(PercentFormatter(1, decimals=0, symbol=" %"))
         axes.set_ylabel("success rate")
         bare_axis(axes, grid="y")
-        _key(axes, arms, {arm.name for arm in run})
-        measured = ", ".join(arm.label for arm in run)
+        _key(axes, methods, {method.name for method in run})
+        measured = ", ".join(method.label for method in run)
         alt = f"Success rate on {len(actions)} topological actions: {measured}"
         return render(figure, name, alt)
 
 
-def _bar(axes: Axes, rates: Rates, arm: Arm, action: str, x: float, width: float) -> None:
-    if rates.counts(arm.name, action) is None:
+def _bar(axes: Axes, rates: Rates, method: Method, action: str, x: float, width: float) -> None:
+    if rates.counts(method.name, action) is None:
         axes.annotate("–", (x, 0), (0, 3), textcoords="offset points", color=MUTED, ha="center")
         return
-    rate = rates.interval(arm.name, action)
+    rate = rates.interval(method.name, action)
     value, low, high = rate.estimate, rate.low, rate.high
     assert low is not None and high is not None
-    axes.bar(x, value, width * 0.9, color=arm.colour)
+    axes.bar(x, value, width * 0.9, color=method.colour)
     axes.plot([x, x], [low, high], color=INK, linewidth=0.9, solid_capstyle="butt")
     percent = 100 * value
     axes.annotate(
@@ -252,21 +254,21 @@ def _separate_primitives(axes: Axes, actions: list[str]) -> None:
         axes.axvline(left - 0.5, color=INK, linewidth=0.8)
 
 
-def _key(axes: Axes, arms: Sequence[Arm], run: set[str]) -> None:
+def _key(axes: Axes, methods: Sequence[Method], run: set[str]) -> None:
     handles = [
         Patch(
-            facecolor=arm.colour if arm.name in run else "none",
-            edgecolor=arm.colour if arm.name in run else MUTED,
-            linestyle="-" if arm.name in run else ":",
-            label=arm.label if arm.name in run else f"{arm.label} (not run yet)",
+            facecolor=method.colour if method.name in run else "none",
+            edgecolor=method.colour if method.name in run else MUTED,
+            linestyle="-" if method.name in run else ":",
+            label=method.label if method.name in run else f"{method.label} (not run yet)",
         )
-        for arm in arms
+        for method in methods
     ]
     key = axes.legend(
         handles=handles,
         loc="lower left",
         bbox_to_anchor=(0, 1.0),
-        ncols=len(arms),
+        ncols=len(methods),
         frameon=False,
         fontsize=8.5,
         handlelength=1.1,
@@ -274,5 +276,5 @@ def _key(axes: Axes, arms: Sequence[Arm], run: set[str]) -> None:
         borderaxespad=0.3,
         columnspacing=1.6,
     )
-    for text, arm in zip(key.get_texts(), arms, strict=True):
-        text.set_color(INK if arm.name in run else MUTED)
+    for text, method in zip(key.get_texts(), methods, strict=True):
+        text.set_color(INK if method.name in run else MUTED)

@@ -126,7 +126,7 @@ def _cells(table: pd.DataFrame, name: str, column: Column) -> pd.Series:
 
 
 @dataclass(frozen=True)
-class Stage:
+class StageRun:
     """One stage of a run, as run.json reports it; `shared` ones were there when it began."""
 
     node: str
@@ -142,7 +142,7 @@ class Stage:
 
 
 @dataclass(frozen=True)
-class Experiment:
+class ExperimentResults:
     """One folder of results/."""
 
     folder: Path
@@ -175,14 +175,14 @@ class Experiment:
         return bool(self.tables)
 
     @cached_property
-    def stages(self) -> list[Stage]:
+    def stages(self) -> list[StageRun]:
         """The run's stages in the order of run.json, which is the order of execution."""
         found, path = [], self.folder / "run.json"
         for node, entry in _mapping(self.run.get("stages"), path).items():
             made = _mapping(entry, path)
             seconds = made.get("seconds")
             found.append(
-                Stage(
+                StageRun(
                     node=node,
                     stage=str(made.get("stage", node)),
                     signature=str(made.get("signature", "")),
@@ -266,7 +266,7 @@ class Results:
         return found is not None and found.paper
 
 
-def _experiment(folder: Path) -> Experiment:
+def _experiment(folder: Path) -> ExperimentResults:
     run_file, config_file = folder / "run.json", folder / "config.yaml"
     try:
         run = json.loads(run_file.read_text("utf-8")) if run_file.is_file() else {}
@@ -277,7 +277,7 @@ def _experiment(folder: Path) -> Experiment:
     except (ValueError, yaml.YAMLError) as problem:
         raise ResultsError(f"{config_file}: not YAML ({problem})") from None
     _check_whole(folder, _mapping(run, run_file))
-    return Experiment(folder, _mapping(run, run_file), _mapping(config, config_file))
+    return ExperimentResults(folder, _mapping(run, run_file), _mapping(config, config_file))
 
 
 def _check_whole(folder: Path, run: Mapping[str, Any]) -> None:

@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from knotflow.report.paper import OVERHAND_LIMIT, Arm
+from knotflow.report.paper import OVERHAND_LIMIT, Method
 from knotflow.report.results import AMOUNT, COUNT, FLAG, NOTE, TEXT, Results
 from knotflow.report.statistics import bootstrap
 from knotflow.report.style import INK, MUTED, PAPER, Picture, bare_axis, new_figure, render, styled
@@ -24,28 +24,28 @@ FOUND = ("path", "knot_type", "confirmed", "reason")
 
 
 def read_searches(
-    results: Results, experiment: str, arm: str = "goal", *, with_start: bool = True
+    results: Results, experiment: str, method: str = "goal", *, with_start: bool = True
 ) -> pd.DataFrame | None:
     """branches.csv, a row a search; None where it was not run.
 
-    `arm` is the column of what is compared, called `arm` in what is returned; `start` is '' where
-    there is one kind only.
+    `method` is the column of what is compared, called `method` in what is returned; `start` is ''
+    where there is one kind only.
     """
-    keys = {arm: TEXT, **({"start": TEXT} if with_start else {}), "seed": COUNT}
+    keys = {method: TEXT, **({"start": TEXT} if with_start else {}), "seed": COUNT}
     columns = keys | {"branches": COUNT, "solved": FLAG, "seconds": AMOUNT}
-    if arm == "goal":
+    if method == "goal":
         columns |= dict.fromkeys(FOUND, NOTE)
     table = results.table(experiment, "branches.csv", columns, key=tuple(keys))
     if table is None:
         return None
-    return table.assign(arm=table[arm], start=table["start"] if with_start else "")
+    return table.assign(method=table[method], start=table["start"] if with_start else "")
 
 
-def of(searches: pd.DataFrame | None, arm: str, start: str = "") -> pd.DataFrame:
-    """The searches of one arm from one kind of start, in the table's order; empty for None."""
+def of(searches: pd.DataFrame | None, method: str, start: str = "") -> pd.DataFrame:
+    """The searches of one method from one kind of start, in the table's order; empty for None."""
     if searches is None:
-        return pd.DataFrame(columns=["arm", "start", "seed", "branches", "solved", "seconds"])
-    return searches[(searches["arm"] == arm) & (searches["start"] == start)]
+        return pd.DataFrame(columns=["method", "start", "seed", "branches", "solved", "seconds"])
+    return searches[(searches["method"] == method) & (searches["start"] == start)]
 
 
 def sizes(searches: pd.DataFrame) -> list[float]:
@@ -90,17 +90,17 @@ def search_table(header: Sequence[str], lines: Sequence[tuple[Sequence[str], pd.
 
 def branches(
     searches: pd.DataFrame,
-    arms: Sequence[Arm],
+    methods: Sequence[Method],
     starts: Sequence[str],
     name: str,
     paper_largest: Mapping[tuple[str, str], float],
 ) -> Picture:
     """Branches of each tree search, their mean with its interval, the paper's number.
 
-    `paper_largest` has, by (start, arm), what the paper reports: drawn as a diamond. Open dots
+    `paper_largest` has, by (start, method), what the paper reports: drawn as a diamond. Open dots
     are searches that gave up.
     """
-    lines = [(start, arm) for start in starts for arm in arms]
+    lines = [(start, method) for start in starts for method in methods]
     longest = max([*searches["branches"].tolist(), *map(int, paper_largest.values())])
     with styled():
         figure = new_figure(0.85 + 0.5 * len(lines) + 0.3 * (len(starts) - 1))
@@ -112,14 +112,14 @@ def branches(
         axes.set_xlim(left, right * 1.25)
         axes.axvline(OVERHAND_LIMIT, color=MUTED, linewidth=0.8, zorder=1)
         ticks, labels = [], []
-        for place, (start, arm) in enumerate(lines):
-            y = place + 0.7 * (place // len(arms))
+        for place, (start, method) in enumerate(lines):
+            y = place + 0.7 * (place // len(methods))
             ticks.append(y)
-            labels.append(f"{start}: {arm.label}" if start else arm.label)
-            _branch_line(axes, of(searches, arm.name, start), arm, y)
-            if (start, arm.name) in paper_largest:
+            labels.append(f"{start}: {method.label}" if start else method.label)
+            _branch_line(axes, of(searches, method.name, start), method, y)
+            if (start, method.name) in paper_largest:
                 axes.plot(
-                    paper_largest[start, arm.name],
+                    paper_largest[start, method.name],
                     y,
                     "D",
                     markersize=6,
@@ -139,7 +139,7 @@ def branches(
         return render(figure, name, alt)
 
 
-def _branch_line(axes: Axes, searches: pd.DataFrame, arm: Arm, y: float) -> None:
+def _branch_line(axes: Axes, searches: pd.DataFrame, method: Method, y: float) -> None:
     if searches.empty:
         axes.text(OVERHAND_LIMIT * 1.05, y, "not run yet", va="center", color=MUTED, fontsize=8.5)
         return
@@ -152,8 +152,8 @@ def _branch_line(axes: Axes, searches: pd.DataFrame, arm: Arm, y: float) -> None
             y,
             "o",
             markersize=size,
-            markerfacecolor=arm.colour if solved else PAPER,
-            markeredgecolor=arm.colour,
+            markerfacecolor=method.colour if solved else PAPER,
+            markeredgecolor=method.colour,
             markeredgewidth=0.9,
             alpha=0.85,
         )

@@ -15,7 +15,7 @@ from knotflow.report.paper import (
     RANDOM,
     REINFORCEMENT,
     SINGLE_STAGE,
-    Arm,
+    Method,
     with_extras,
 )
 from knotflow.report.proposals.figure import proposals
@@ -53,16 +53,16 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     rates = read_rates(results, EXPERIMENT)
     if rates is None:
         return None
-    arms = with_extras(SINGLE_STAGE, rates.methods)
-    run = [arm for arm in arms if arm.name in rates.methods]
-    pairs = [pair for pair in PAIRS if all(arm in run for arm in pair)]
+    methods = with_extras(SINGLE_STAGE, rates.methods)
+    run = [method for method in methods if method.name in rates.methods]
+    pairs = [pair for pair in PAIRS if all(method in run for method in pair)]
     ropes = read_proposals(results, EXPERIMENT)
     imitated = read_curves(results, EXPERIMENT, "curves_imitation.csv")
     reinforced = read_curves(results, EXPERIMENT, "curves_reinforcement.csv")
     return {
-        "figure": pictures.add(success_rates(rates, arms, EXPERIMENT)),
+        "figure": pictures.add(success_rates(rates, methods, EXPERIMENT)),
         "trials": trials(rates),
-        "missing": listed([arm.label for arm in arms if arm not in run]),
+        "missing": listed([method.label for method in methods if method not in run]),
         "rates": rate_table(rates, run),
         "ratios": ratio_table(rates, pairs) if pairs else "",
         "icp": _above(rates, ICP.name, RANDOM.name),
@@ -107,10 +107,10 @@ def feasible(results: Results, rates: Rates) -> dict[str, Any] | None:
     return aim | {"table": markdown_table(header, lines, "lrr") if lines else ""}
 
 
-def reached(rates: Rates, arm: Arm) -> dict[str, Any] | None:
+def reached(rates: Rates, method: Method) -> dict[str, Any] | None:
     """On which of the actions a method reaches the aim; None where it was not measured."""
-    own = [action for action in ACTIONS if rates.counts(arm.name, action)]
-    good = [action for action in own if rates.interval(arm.name, action).estimate >= AIM]
+    own = [action for action in ACTIONS if rates.counts(method.name, action)]
+    good = [action for action in own if rates.interval(method.name, action).estimate >= AIM]
     return (
         {
             "aim": f"{AIM:.0%}".replace("%", " %"),

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from knotflow.report.paper import ACTIONS
-from knotflow.report.results import AT_LEAST_ONE, Experiment, Results, Stage
+from knotflow.report.results import AT_LEAST_ONE, ExperimentResults, Results, StageRun
 from knotflow.report.section import Pictures
 from knotflow.report.style import (
     INK,
@@ -45,7 +45,7 @@ KIND_OF_STAGE = {
 
 def timing(results: Results, pictures: Pictures) -> dict[str, Any]:
     """Every stage once, with its time; the longest as a figure."""
-    once: dict[str, tuple[str, Stage]] = {}
+    once: dict[str, tuple[str, StageRun]] = {}
     for name, found in results.experiments.items():
         for stage in found.stages:
             key = stage.signature or f"{name}/{stage.node}"
@@ -68,7 +68,7 @@ def timing(results: Results, pictures: Pictures) -> dict[str, Any]:
     }
 
 
-def _longest(stages: Sequence[Stage]) -> Picture:
+def _longest(stages: Sequence[StageRun]) -> Picture:
     return bars(
         [textwrap.fill(stage.caption or stage.node.replace("_", " "), 46) for stage in stages],
         [(stage.seconds or 0.0) / 60 for stage in stages],
@@ -138,9 +138,9 @@ def spent(results: Results) -> dict[str, dict[str, float]]:
     return split
 
 
-def _stages(results: Results) -> list[tuple[Experiment, Stage]]:
+def _stages(results: Results) -> list[tuple[ExperimentResults, StageRun]]:
     """The stages of the costed experiments, each once."""
-    once: dict[str, tuple[Experiment, Stage]] = {}
+    once: dict[str, tuple[ExperimentResults, StageRun]] = {}
     for name in COSTED:
         if found := results.experiments.get(name):
             for stage in found.stages:

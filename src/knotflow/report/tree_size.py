@@ -33,17 +33,19 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     searches = read_searches(results, EXPERIMENT, "method")
     if searches is None:
         return None
-    found = list(searches["arm"])
-    arms = with_extras(TREE_SIZE, found)
+    found = list(searches["method"])
+    methods = with_extras(TREE_SIZE, found)
     starts = list(dict.fromkeys([*STARTS, *searches["start"]]))
     groups = [
-        ((start, arm.label), of(searches, arm.name, start)) for start in starts for arm in arms
+        ((start, method.label), of(searches, method.name, start))
+        for start in starts
+        for method in methods
     ]
-    picture = branches(searches, arms, starts, EXPERIMENT, PAPER_LARGEST)
+    picture = branches(searches, methods, starts, EXPERIMENT, PAPER_LARGEST)
     return {
         "figure": pictures.add(picture),
         "table": search_table(("start", "method"), [line for line in groups if len(line[1])]),
-        "missing": listed([arm.label for arm in arms if arm.name not in found]),
+        "missing": listed([method.label for method in methods if method.name not in found]),
         "limit": OVERHAND_LIMIT,
         "dag": stored(results, pictures.add, EXPERIMENT, "dag", "tree_size_dag", "Solution DAG"),
         "unsolved": sum(~searches["solved"]),
@@ -78,11 +80,11 @@ def reinforcement(results: Results) -> Outcome:
     return Outcome(f"{ranges}; {share}", of_two(max(every) < 5, often))
 
 
-def _trees(results: Results, arm: str) -> dict[str, pd.DataFrame]:
+def _trees(results: Results, method: str) -> dict[str, pd.DataFrame]:
     """The searches of a method by start, some from each."""
     searches = read_searches(results, EXPERIMENT, "method")
-    trees = {start: of(searches, arm, start) for start in STARTS}
-    missing = [f"{arm} from the {start} start" for start, own in trees.items() if own.empty]
+    trees = {start: of(searches, method, start) for start in STARTS}
+    missing = [f"{method} from the {start} start" for start, own in trees.items() if own.empty]
     if missing:
         raise NotMeasured(f"needs {listed(missing)} in tree_size")
     return trees

@@ -2,7 +2,7 @@
 
 from .chain import Experiment, run_all
 from .context import StageContext
-from .definition import Node, Workflow
+from .definition import StageNode, Workflow
 from .errors import (
     DamagedStageError,
     DiskFullError,
@@ -24,7 +24,7 @@ __all__ = [
     "Experiment",
     "ForeignResultsError",
     "Metrics",
-    "Node",
+    "StageNode",
     "Stage",
     "StageContext",
     "UnknownStageError",

@@ -30,7 +30,7 @@ RESERVED = ("config.yaml", "run.json")  # what the runner itself writes beside t
 
 
 @dataclass(frozen=True)
-class Node:
+class StageNode:
     """One use of a stage."""
 
     stage: str
@@ -53,7 +53,7 @@ class Workflow:
 
     name: str
     caption: str
-    stages: Mapping[str, Node]
+    stages: Mapping[str, StageNode]
     results: Mapping[str, str] = field(default_factory=dict)
     """File or folder in results/<experiment>/ -> "<node>/<file or folder in its output>"."""
 
@@ -84,8 +84,8 @@ class Workflow:
         nodes = {}
         for name, entry in _mapping(known.get("stages"), f"{where}, stages").items():
             at = f"{where}, node {name!r}"
-            entry = _known_keys(entry, Node, at)
-            nodes[name] = Node(
+            entry = _known_keys(entry, StageNode, at)
+            nodes[name] = StageNode(
                 stage=str(entry.get("stage") or name),
                 needs=_mapping(entry.get("needs"), f"{at}, needs"),
                 config=_mapping(entry.get("config"), f"{at}, config"),
@@ -121,7 +121,7 @@ class Workflow:
     def _at(self, name: str) -> str:
         return f"workflow {self.name!r}, node {name!r} (stage {self.stages[name].stage!r})"
 
-    def _check_needs(self, name: str, node: Node) -> None:
+    def _check_needs(self, name: str, node: StageNode) -> None:
         try:
             stage = get_stage(node.stage)
         except WorkflowError as error:

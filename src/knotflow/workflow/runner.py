@@ -12,7 +12,7 @@ from knotflow.threads import one_thread
 
 from . import durable, publish
 from .context import StageContext
-from .definition import Node, Workflow
+from .definition import StageNode, Workflow
 from .durable import explain_full_disk, remove_temporaries
 from .errors import WorkflowError
 from .metrics import DEFAULT_METRICS, check_metrics
@@ -22,7 +22,7 @@ from .stage import get_stage
 from .store import Clock, StageFolder
 from .workers import WorkersConfig
 
-__all__ = ["Node", "Workflow", "run"]
+__all__ = ["StageNode", "Workflow", "run"]
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Step:
     """A node on its way through a run."""
 
     name: str
-    node: Node
+    node: StageNode
     config: Any
     folder: StageFolder
     input_signatures: Mapping[str, str]

@@ -10,15 +10,15 @@ What needs torch is imported from where it is: `training.Trainer`, `health.Check
 """
 
 from knotflow.baselines.causal_infogan.config import CausalInfoGanBudget, CausalInfoGanConfig
-from knotflow.baselines.causal_infogan.frame import Frame, Rollouts, frames_at
+from knotflow.baselines.causal_infogan.frame import DemonstratedRollouts, StartFrame, frames_at
 from knotflow.baselines.causal_infogan.measures import PlanMeasures, measure
 
 __all__ = [
     "CausalInfoGanBudget",
     "CausalInfoGanConfig",
-    "Frame",
+    "StartFrame",
     "PlanMeasures",
-    "Rollouts",
+    "DemonstratedRollouts",
     "frames_at",
     "measure",
 ]

@@ -25,7 +25,7 @@ _LAST = task("C(2,0,1)")
 
 
 @dataclass(frozen=True)
-class Goal:
+class ActionSequence:
     """A start state and the actions to execute from there."""
 
     name: str
@@ -46,10 +46,10 @@ class Goal:
         return task(self.first).start_state
 
 
-GOALS: tuple[Goal, ...] = (
-    *(Goal(str(one.action), str(one.action), (one.action,)) for one in TASKS),
+GOALS: tuple[ActionSequence, ...] = (
+    *(ActionSequence(str(one.action), str(one.action), (one.action,)) for one in TASKS),
     # The overhand of Sec. VII-A4: R1(0,1,1), C(0,1,1), C(2,0,1).
-    Goal(OVERHAND, str(_LAST.start_actions[0]), (*_LAST.start_actions, _LAST.action)),
+    ActionSequence(OVERHAND, str(_LAST.start_actions[0]), (*_LAST.start_actions, _LAST.action)),
 )
 """The eight actions of Fig. 6 and the multi-stage overhand."""
 
@@ -69,7 +69,9 @@ def guess(
     return propose
 
 
-def reachable_end(points: NDArray, goal: Goal, propose: Propose, rounds: int) -> NDArray | None:
+def reachable_end(
+    points: NDArray, goal: ActionSequence, propose: Propose, rounds: int
+) -> NDArray | None:
     """A rope (V, 3) at rest in the goal's state, reached from a start (V, 3) in metres.
 
     Args:

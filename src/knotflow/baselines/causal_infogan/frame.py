@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
-class Frame:
+class StartFrame:
     """A frame on the table for each of B ropes."""
 
     origin: NDArray[np.float64]
@@ -24,7 +24,7 @@ class Frame:
     """(B, 3, 3) its rows are the frame's axes in the world frame."""
 
     @classmethod
-    def of(cls, starts: NDArray) -> Frame:
+    def of(cls, starts: NDArray) -> StartFrame:
         """The frames of start shapes (B, V, 3), metres."""
         starts = np.asarray(starts, dtype=np.float64)
         origin = starts.mean(axis=1) * [1, 1, 0]
@@ -50,7 +50,7 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class Rollouts:
+class DemonstratedRollouts:
     """Successful demonstrated rollouts, at the frame rate that is learned from."""
 
     actions: NDArray[np.str_]
@@ -62,7 +62,7 @@ class Rollouts:
 
     def in_start_frames(self) -> NDArray[np.float64]:
         """The shapes (N, F, V, 3), each rollout's in the frame of its first, metres."""
-        return Frame.of(self.shapes[:, 0]).enter(self.shapes)
+        return StartFrame.of(self.shapes[:, 0]).enter(self.shapes)
 
 
 def frames_at(times: NDArray, rate: float) -> NDArray[np.intp]:

@@ -17,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from knotflow.baselines.causal_infogan.frame import Frame
+from knotflow.baselines.causal_infogan.frame import StartFrame
 from knotflow.baselines.causal_infogan.networks import CausalInfoGan
 
 NOISE_REACH = 3.0
@@ -60,7 +60,7 @@ class Planner:
                 f"starts and ends are shapes (B, {wanted[0]}, 3) of the rope that the model was "
                 f"trained on, got {starts.shape} and {ends.shape}"
             )
-        frame = Frame.of(starts)
+        frame = StartFrame.of(starts)
         with _frozen(self.model):
             first, code = self.project(_tensor(frame.enter(starts)), second=False)
             last, goal = self.project(_tensor(frame.enter(ends)), second=True)

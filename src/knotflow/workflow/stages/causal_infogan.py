@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from knotflow.baselines.causal_infogan import (
     CausalInfoGanBudget,
     CausalInfoGanConfig,
-    Rollouts,
+    DemonstratedRollouts,
     frames_at,
 )
 from knotflow.demonstrations import TASKS, task
@@ -100,7 +100,7 @@ def _train(
 
 def load_rollouts(
     demonstrations: Path, actions: Sequence[str], frame_rate: float, most: int = 0
-) -> Rollouts:
+) -> DemonstratedRollouts:
     """Of the output of a `demonstrations` stage; failures are no demonstrations.
 
     Args:
@@ -132,4 +132,4 @@ def load_rollouts(
                 names.append(rollout.action)
                 starts.append(int(rollout.extra["start"]))
                 shapes.append(rollout.points[frames])
-    return Rollouts(np.array(names), np.array(starts), np.stack(shapes))
+    return DemonstratedRollouts(np.array(names), np.array(starts), np.stack(shapes))

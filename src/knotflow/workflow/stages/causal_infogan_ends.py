@@ -16,7 +16,7 @@ from knotflow.baselines.causal_infogan.ends import (
     FOCUS,
     GOALS,
     OVERHAND,
-    Goal,
+    ActionSequence,
     guess,
     reachable_end,
 )
@@ -48,12 +48,12 @@ class CausalInfoGanEndsConfig:
     seed: int = CausalInfoGanBudget.seed
     """Of the guesses."""
 
-    def starts_of(self, goal: Goal) -> int:
+    def starts_of(self, goal: ActionSequence) -> int:
         """How many starts of a goal are tried at most."""
         special = {FOCUS: self.starts, OVERHAND: self.starts_overhand}
         return special.get(goal.name, self.starts_other)
 
-    def guesses_of(self, goal: Goal) -> int:
+    def guesses_of(self, goal: ActionSequence) -> int:
         """How many guesses are executed from one start of a goal at most."""
         return self.guesses * self.rounds * len(goal.actions)
 
@@ -103,7 +103,7 @@ def _seek(
         )
 
 
-def load_ends(folder: Path, goal: Goal) -> tuple[NDArray, NDArray, NDArray]:
+def load_ends(folder: Path, goal: ActionSequence) -> tuple[NDArray, NDArray, NDArray]:
     """Numbers (N,) of the starts that have an end, these starts and ends (N, V, 3), metres."""
     with np.load(folder / f"{goal.file}.npz") as file:
         return file["start"], file["points"], file["ends"]
