@@ -122,9 +122,10 @@ class SelfPlayConfig:
     learner: LearnerConfig = field(default_factory=_gentle)
     """Optimiser and batches of each primitive."""
     exploration: ExplorationConfig = field(
-        default_factory=lambda: ExplorationConfig(search=0.2, spread=0.15)
+        default_factory=lambda: ExplorationConfig(search=0.2, spread=0.15, last=1.0)
     )
-    """How the behaviour policy differs from the policy."""
+    """How the behaviour policy differs from the policy: no less in the end, so that fewer rounds
+    are the first ones of more."""
     most_crossings: int = 4
     """Of the states that are played from and to."""
     rounds: int = 1500
