@@ -102,7 +102,7 @@ class ReinforcementConfig:
     steps: int = 60
     """Gradient steps in a round."""
     recycled_share: float = 0.3
-    """Share of the start shapes that earlier attempts left behind, see `pool`."""
+    """Share of the start shapes that earlier attempts left behind, see `shapes`."""
     recycled_capacity: int = 1000
     """How many of those are kept for each start state."""
     decay_steps: int = 1000

@@ -23,8 +23,8 @@ from knotflow.training.config import ReinforcementConfig
 from knotflow.training.exploration import POLICY, SPREAD, explore
 from knotflow.training.fitting import fit
 from knotflow.training.learner import Learner, demonstration_buffer
-from knotflow.training.pool import StartPool
 from knotflow.training.resumable import Resumable
+from knotflow.training.shapes import StartPool
 
 
 @dataclass(frozen=True)
