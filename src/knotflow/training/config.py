@@ -161,7 +161,7 @@ class SelfPlayConfig:
     """Splines among which the best value of a shape is sought."""
     refreshed: int = 256
     """Stored trials of each primitive whose next value is worked out anew in a round."""
-    steps: int = 24
+    steps: int = 16
     """Gradient steps of each primitive in a round,"""
     successes_per_step: int = 12
     """or fewer, of one without demonstrations: one for so many successes in its replay buffer, lest

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from threading import Event
@@ -46,12 +47,12 @@ def fit_each(
         learners: those that learn.
         steps: how many steps each makes, or how many all make.
         decaying: let the learning rate fall evenly to 0 over these steps.
-        threads: learners at once; None takes all of them.
+        threads: learners at once; None takes a CPU each: more of them wait for Python's lock.
     """
     if not learners:
         return {}
     stop = Event()
-    with one_thread(), ThreadPoolExecutor(threads or len(learners)) as pool:
+    with one_thread(), ThreadPoolExecutor(threads or os.cpu_count()) as pool:
         running = {
             number: pool.submit(
                 fit, learner, steps if isinstance(steps, int) else steps[number], decaying, stop
