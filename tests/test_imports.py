@@ -30,7 +30,7 @@ KNOWS = {
     "recording": {"simulation"},
     "perception": {"simulation", "drawing", "threads"},
     "workflow": {"versions", "baselines", "training", "planning", "recording", "execution"},
-    "report": {"drawing"},
+    "report": {"drawing", "versions"},
     "config": {"workflow"},
     "view": {"recording"},
     "overrides": {"config"},

@@ -69,6 +69,31 @@ def test_commits_are_those_of_the_stages_never_that_of_the_run(write, stages, wo
     assert Results(write.root).experiments["single_stage"].commits == words
 
 
+@pytest.mark.parametrize(
+    ("packages", "words"),
+    [
+        ([{"simulation": 2, "topology": 1}], ""),
+        ([{"simulation": 2}, {"simulation": 1, "planning": 2}], "simulation 1, now 2"),
+        ([{"simulation": 1, "planning": 1}], "planning 1, now 2; simulation 1, now 2"),
+        ([{"gone": 1}], ""),
+        ([], ""),
+    ],
+)
+def test_results_of_packages_that_behave_otherwise_by_now_say_so(
+    write, monkeypatch, packages, words
+):
+    now = {"simulation": 2, "planning": 2, "topology": 1}
+    monkeypatch.setattr("knotflow.report.results.VERSIONS", now)
+    write.run("single_stage", {str(i): {"packages": made} for i, made in enumerate(packages)})
+    assert Results(write.root).experiments["single_stage"].outdated == words
+
+
+def test_results_from_before_versions_were_recorded_are_outdated(write, monkeypatch):
+    monkeypatch.setattr("knotflow.report.results.VERSIONS", {"simulation": 2, "training": 1})
+    write.run("single_stage", made("a" * 40))
+    assert Results(write.root).experiments["single_stage"].outdated == "simulation 1, now 2"
+
+
 def test_run_json_tells_of_stages_and_missing_keys_are_tolerated(write):
     told = {
         "one": {"stage": "make", "signature": "a", "seconds": 2, "caption": "c"},

@@ -67,6 +67,8 @@ TALLY = (
 )
 TITLE = "Planning knots: paper and measurement"
 RECORDINGS_SHOWN = 12
+EARLIER = "by an earlier version"
+"""Said of results whose packages behave otherwise by now."""
 
 
 @dataclass(frozen=True)
@@ -185,6 +187,8 @@ def _claims(results: Results) -> dict[str, str]:
         verdict = f"**{outcome.verdict}**"
         if outcome.verdict is not Verdict.NOT_RUN and found and not found.paper:
             verdict += f" ({found.budget or 'unknown'} run)"
+        if outcome.verdict is not Verdict.NOT_RUN and found and found.outdated:
+            verdict += f"<br>{EARLIER}"
         if outcome.size:
             verdict += f"<br>the direction holds, the size does not: {outcome.size}"
             direction_only += 1
@@ -214,7 +218,8 @@ def _experiments(results: Results, sections: list[Section]) -> str:
         if found is None or not found.measured:
             state = [str(Verdict.NOT_RUN), tables.NOTHING, tables.NOTHING]
         else:
-            state = ["run", f"`{found.budget or 'unknown'}`", found.commits]
+            made = f"{found.commits}<br>{EARLIER}" if found.outdated else found.commits
+            state = ["run", f"`{found.budget or 'unknown'}`", made]
         lines.append([f"[{section.title}](#{slug(section.title)})", section.paper, *state])
     return tables.markdown_table(["experiment", "paper", "state", "budget", "made with"], lines)
 

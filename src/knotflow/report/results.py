@@ -18,6 +18,8 @@ from typing import Any
 import pandas as pd
 import yaml
 
+from knotflow.versions import VERSIONS
+
 #: Folders of results/ that are no experiment: bulky stage outputs and training curves.
 NO_EXPERIMENT = ("stages", "metrics")
 
@@ -125,6 +127,16 @@ def _cells(table: pd.DataFrame, name: str, column: Column) -> pd.Series:
     return values.astype(int)
 
 
+FIRST_VERSIONS = {
+    "demonstrations": 1,
+    "planning": 1,
+    "primitives": 1,
+    "simulation": 1,
+    "training": 1,
+}
+"""Of a stage from before versions were recorded, when these packages had not changed yet."""
+
+
 @dataclass(frozen=True)
 class StageRun:
     """One stage of a run, as run.json reports it; `shared` ones were there when it began."""
@@ -139,6 +151,8 @@ class StageRun:
     """The commit it was made with, '' where nothing says."""
     dirty: bool
     """Whether it was made with changes that the commit does not have."""
+    packages: Mapping[str, int]
+    """The versions of the packages whose behaviour it depends on, see `versions`."""
 
 
 @dataclass(frozen=True)
@@ -191,6 +205,7 @@ class ExperimentResults:
                     caption=str(made.get("caption") or ""),
                     commit=str(made.get("commit") or ""),
                     dirty=bool(made.get("dirty")),
+                    packages=_mapping(made.get("packages", FIRST_VERSIONS), path),
                 )
             )
         return found
@@ -209,6 +224,20 @@ class ExperimentResults:
             words += f", unknown for {unknown} of {len(self.stages)} stages"
         dirty = any(stage.dirty for stage in self.stages)
         return f"{words}, with uncommitted changes" if dirty else words
+
+    @property
+    def outdated(self) -> str:
+        """The packages that have changed their behaviour since, with both versions; else ''."""
+        made: dict[str, int] = {}
+        for stage in self.stages:
+            for name, version in stage.packages.items():
+                made[name] = min(version, made.get(name, version))
+        old = [
+            f"{name} {version}, now {VERSIONS[name]}"
+            for name, version in sorted(made.items())
+            if version < VERSIONS.get(name, version)
+        ]
+        return "; ".join(old)
 
     @cached_property
     def ropes(self) -> list[dict[str, Any]]:
