@@ -9,14 +9,21 @@ import sysconfig
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from .blueprint import APPLICATION, blueprint
+from .blueprint import APPLICATION, TIMELINE, blueprint
 from .index import recordings_in
 from .reader import existing_recording, read_metadata, read_recording
 from .scene import rope_radius
 from .schema import RecordedRollout
 from .table import load
 from .writer import write_recording
+
+if TYPE_CHECKING:
+    from rerun.chunk import Chunk
+
+LOG_TIME = "message_log_time"
+"""Rerun's name for the time of an MCAP file's messages."""
 
 
 class ViewerError(RuntimeError):
@@ -96,12 +103,7 @@ def save_rerun(
         sights: list[bool] = []
         chosen = _measured(_chosen(source, number), radii, sights)
         write_recording(mcap, chosen, read_metadata(source), rope_line=True)
-        _rerun(
-            *("mcap", "convert", str(mcap), "-o", str(plain)),
-            *("--application-id", APPLICATION),
-            *("--recording-id", source.stem if number is None else f"{source.stem}#{number}"),
-            *("--timeline-type", "duration"),  # rollouts start at 0 s, not in 1970
-        )
+        _convert(mcap, plain, source.stem if number is None else f"{source.stem}#{number}")
         blueprint(radii[0], sight=any(sights)).save(APPLICATION, layout)
         _rerun("rrd", "merge", str(plain), str(layout), "-o", str(target))
     return Path(target)
@@ -164,6 +166,32 @@ def _measured(
         radii.append(rope_radius(rollout.control_points))
         sights.append(rollout.sight is not None)
         yield rollout
+
+
+def _convert(source: Path, target: Path, name: str) -> None:
+    """Write a recording as Rerun reads it, under a name, with the one timeline `TIMELINE`."""
+    from rerun.chunk import McapReader
+
+    stream = McapReader(source, timeline_type="duration_ns").stream()  # from 0 s, not from 1970
+    stream.flat_map(_timed).write_rrd(target, application_id=APPLICATION, recording_id=name)
+
+
+def _timed(chunk: Chunk) -> list[Chunk]:
+    """A chunk's rows by the time of the rollout alone; Rerun's reader offers others, too."""
+    import pyarrow as pa
+    from rerun.chunk import Chunk
+
+    if chunk.is_static:
+        return [chunk]
+    others = [name for name in chunk.timeline_names if name != LOG_TIME]
+    batch = chunk.to_record_batch().drop_columns(others)
+    column = batch.schema.get_field_index(LOG_TIME)
+    old = batch.schema.field(column)
+    new = old.with_name(TIMELINE).with_metadata(
+        (old.metadata or {}) | {b"rerun:index_name": TIMELINE.encode()}
+    )
+    schema = batch.schema.set(column, new)
+    return Chunk.from_record_batch(pa.RecordBatch.from_arrays(batch.columns, schema=schema))
 
 
 def _no_such_number(place: Path, number: int, numbers: list[int]) -> str:
