@@ -191,7 +191,7 @@ def eye(aspect: float) -> NDArray[np.float64]:
     high: `EYE`, or further back where the window is narrow."""
     ahead = -np.array(EYE) / np.linalg.norm(EYE)
     corner = np.array([1.0, -1.0, 0.0]) * SPLINE_HIGH[-1]  # the nearer ones are seen furthest out
-    depth = 1.05 * corner[0] / (np.tan(FIELD_OF_VIEW / 2) * aspect)  # that brings it to the rim
+    depth = 1.04 * corner[0] / (np.tan(FIELD_OF_VIEW / 2) * aspect)  # that brings it to the rim
     back = (depth - corner @ ahead) / np.linalg.norm(EYE)
     return max(1.0, back) * np.array(EYE)
 
