@@ -25,11 +25,11 @@ Examples:
   knotflow plan overhand                               for a random rope
   knotflow plan figure_eight --rope measured.csv       for yours: x, y, z rows
   knotflow next overhand --rope measured.csv           only the next action
-  knotflow explain                                     the notation, in a picture
+  knotflow explain                                     the notation in pictures
   knotflow explain "C(0,2,-1)" --state 3o1-2o4-        one action in a state
   knotflow explain overhand                            every way to a knot
-  knotflow view plans/overhand-random-0/plan.mcap      in Rerun; --web: in a browser
-  knotflow studio                                      plan and demonstrate in a browser
+  knotflow view plans/overhand-random-0/plan.mcap      in Rerun, or with --web
+  knotflow studio                                      plan, watch, demonstrate
   knotflow see image.png depth.png --camera camera.yaml --out rope.csv
   knotflow export plans/overhand-random-0 --arm panda  joint trajectories
 

@@ -20,6 +20,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
+from knotflow.arrays import floats
 from knotflow.topology.faces import Crossing
 from knotflow.topology.polyline import (
     COINCIDENCE,
@@ -100,7 +101,7 @@ def read_crossings(points: ArrayLike, min_gap: float = DEFAULT_MIN_GAP) -> Proje
 
 def as_rope(points: ArrayLike) -> Floats:
     """Points as a float64 (V, 3) array; ValueError when they are no rope shape."""
-    rope = np.asarray(points, dtype=np.float64)
+    rope = floats(points, "a rope shape")
     if rope.ndim != 2 or rope.shape[1] != 3 or len(rope) < 2:
         raise ValueError(f"a rope shape is (V, 3) points with V >= 2, got shape {rope.shape}")
     finite = np.isfinite(rope).all(axis=1)
