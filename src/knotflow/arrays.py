@@ -24,7 +24,7 @@ def floats(
     try:
         return np.asarray(values, np.float64)
     except (ValueError, TypeError, OverflowError) as wrong:
-        raise error(f"{what} must be numbers, in lists of equal length: {wrong}") from None
+        raise error(f"{what} must be numeric, in lists of equal length: {wrong}") from None
 
 
 def read_npy(path: Path) -> NDArray:
