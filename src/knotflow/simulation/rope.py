@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from math import inf
-from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -69,7 +68,8 @@ class RopeConfig:
     def __post_init__(self) -> None:
         for one in fields(self):
             value = getattr(self, one.name)
-            if one.name != "root" and not (isinstance(value, Real) and 0 <= value < inf):
+            numeric = isinstance(value, int | float | np.integer | np.floating)
+            if one.name != "root" and not (numeric and 0 <= value < inf):
                 raise ValueError(f"a rope's {one.name} is a number of 0 or more, got {value!r}")
         if self.links != int(self.links) or not 4 <= self.links <= MOST_LINKS:
             raise ValueError(
