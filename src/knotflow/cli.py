@@ -101,12 +101,12 @@ def plan(
     before = tie.recall(folder, request, overwrite)
     if before is not None:
         print(f"{before['text']}\n{folder}: planned before; --overwrite plans it anew")
-        return 0 if before["success"] else 1
+        return _outcome(before["success"], max_seconds)
     _check_writable(folder)
     found, last = tie.search(task)
     tie.write(folder, task, found, last)
     print(f"{found.summary()}\n{folder}: plan.png, plan.gif, plan.mcap, waypoints.csv and others")
-    return 0 if found.solved else 1
+    return _outcome(found.solved, max_seconds)
 
 
 @app.command(name="next")
@@ -449,6 +449,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         return 130
+
+
+def _outcome(tied: bool, max_seconds: float) -> int:
+    """The exit code of a plan; of one that ties nothing it is said what to try."""
+    if not tied:
+        print(f"longer: --overwrite --max-seconds {2 * max_seconds:g}; by another way: --seed N")
+    return 0 if tied else 1
 
 
 def _place(point: Sequence[float]) -> str:

@@ -109,3 +109,14 @@ def test_the_scene_is_the_largest_view_and_its_name_is_a_legend_of_all_it_draws(
     for topic in view.contents:  # such as /rope/points: named by its first word
         assert topic.split("/")[1] in view.name.lower()
     assert {"table", "control points"} <= set(re.findall("table|control points", view.name))
+
+
+def test_the_address_of_the_page_is_printed(folder, monkeypatch, rerun_calls, capsys):
+    def run(command, check, env):
+        assert command[command.index("--web-viewer-port") + 1] == "9100"
+        return subprocess.CompletedProcess(command, 0)
+
+    monkeypatch.setattr(viewer.subprocess, "run", run)
+    viewer.serve_recording(folder, port=9100)
+    page = "http://localhost:9100?url=rerun%2Bhttp%3A%2F%2Flocalhost%3A9101%2Fproxy"
+    assert capsys.readouterr().out.startswith(page)

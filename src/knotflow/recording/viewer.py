@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.parse import quote
 
 from .blueprint import APPLICATION, TIMELINE, blueprint
 from .index import recordings_in
@@ -58,7 +59,7 @@ def serve_recording(
 ) -> None:
     """Serve a recording to web browsers with Rerun's web viewer, until interrupted.
 
-    Rerun prints the address. Over ssh two ports are to be forwarded: `port`, where the page is, and
+    The address is printed. Over ssh two ports are to be forwarded: `port`, where the page is, and
     the next one, from which it takes the data.
 
     Args:
@@ -73,7 +74,10 @@ def serve_recording(
         rrd = save_rerun(path, Path(folder) / "recording.rrd", number=number)
         command = [rerun_program(), "--serve-web", str(rrd), "--bind", "127.0.0.1"]
         command += ["--web-viewer-port", str(port), "--port", str(port + 1)]
-        code = subprocess.run(command, check=False).returncode
+        data = quote(f"rerun+http://localhost:{port + 1}/proxy", safe="")
+        print(f"http://localhost:{port}?url={data} (Ctrl-C ends it)", flush=True)
+        quiet = {"RUST_LOG": "warn"} | os.environ  # else the address drowns in what Rerun logs
+        code = subprocess.run(command, check=False, env=quiet).returncode
         if code:
             raise ViewerError(f"rerun could not serve on the ports {port} and {port + 1}")
 
