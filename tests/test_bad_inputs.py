@@ -79,7 +79,7 @@ def bad_inputs(share: float) -> Callable[[Callable], Callable]:
         max_examples=max(5, round(share * TOTAL)),
         derandomize=True,
         database=None,
-        phases=(Phase.explicit, Phase.generate),
+        phases=(Phase.explicit, Phase.generate),  # shrinking would take minutes
         deadline=None,
         suppress_health_check=list(HealthCheck),
     )

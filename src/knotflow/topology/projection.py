@@ -33,6 +33,8 @@ from knotflow.topology.polyline import (
 DEFAULT_MIN_GAP = 1e-3
 """Metres. Strands of a resting 16 mm rope lie about 16 mm apart at a crossing, sometimes less;
 less than a millimetre means that they pass through each other, and over and under mean nothing."""
+FARTHEST = 1e9
+"""Metres from the origin to a vertex; far beyond, squares of lengths overflow."""
 
 _NUDGE = 1e-7  # of the rope's length: sideways perturbation of a degenerate projection
 _NUDGED_PAIRS = 16
@@ -108,6 +110,8 @@ def as_rope(points: ArrayLike) -> Floats:
     if not finite.all():
         vertex = int(np.argmin(finite))
         raise ValueError(f"rope vertex {vertex} is not finite: {rope[vertex].tolist()}")
+    if (far := np.abs(rope).max()) > FARTHEST:
+        raise ValueError(f"a rope's vertices are in metres, but one lies {far:.3g} m away")
     return rope
 
 
