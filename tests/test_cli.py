@@ -276,3 +276,11 @@ def test_the_studio_without_its_extra_names_it(monkeypatch, capsys):
     monkeypatch.delitem(sys.modules, "knotflow.studio.page", raising=False)
     assert main(["studio"]) == 2
     assert "pip install 'knotflow[studio]'" in capsys.readouterr().err
+
+
+def test_a_plan_that_ties_nothing_says_what_to_try(searches, found, monkeypatch, capsys):
+    failed = replace(found[1], solved=False, reason="60 s passed")
+    monkeypatch.setattr(tie, "search", lambda task: (failed, None))
+    for _ in range(2):  # found, and told again
+        assert main(["plan", LOOP, "--rope", "straight"]) == 1
+        assert "--overwrite --max-seconds 120" in capsys.readouterr().out

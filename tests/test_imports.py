@@ -16,7 +16,8 @@ SOURCE = Path(knotflow.__file__).parent
 KNOWS = {
     "versions": set(),
     "threads": set(),
-    "topology": set(),
+    "arrays": set(),
+    "topology": {"arrays"},
     "drawing": {"topology"},
     "simulation": {"topology"},
     "demonstrations": {"simulation"},

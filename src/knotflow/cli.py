@@ -25,11 +25,11 @@ Examples:
   knotflow plan overhand                               for a random rope
   knotflow plan figure_eight --rope measured.csv       for yours: x, y, z rows
   knotflow next overhand --rope measured.csv           only the next action
-  knotflow explain                                     the notation, in a picture
+  knotflow explain                                     the notation in pictures
   knotflow explain "C(0,2,-1)" --state 3o1-2o4-        one action in a state
   knotflow explain overhand                            every way to a knot
-  knotflow view plans/overhand-random-0/plan.mcap      in Rerun; --web: in a browser
-  knotflow studio                                      plan and demonstrate in a browser
+  knotflow view plans/overhand-random-0/plan.mcap      in Rerun, or with --web
+  knotflow studio                                      plan, watch, demonstrate
   knotflow see image.png depth.png --camera camera.yaml --out rope.csv
   knotflow export plans/overhand-random-0 --arm panda  joint trajectories
 
@@ -101,12 +101,12 @@ def plan(
     before = tie.recall(folder, request, overwrite)
     if before is not None:
         print(f"{before['text']}\n{folder}: planned before; --overwrite plans it anew")
-        return 0 if before["success"] else 1
+        return _outcome(before["success"], max_seconds)
     _check_writable(folder)
     found, last = tie.search(task)
     tie.write(folder, task, found, last)
     print(f"{found.summary()}\n{folder}: plan.png, plan.gif, plan.mcap, waypoints.csv and others")
-    return 0 if found.solved else 1
+    return _outcome(found.solved, max_seconds)
 
 
 @app.command(name="next")
@@ -449,6 +449,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         return 130
+
+
+def _outcome(tied: bool, max_seconds: float) -> int:
+    """The exit code of a plan; of one that ties nothing it is said what to try."""
+    if not tied:
+        print(f"longer: --overwrite --max-seconds {2 * max_seconds:g}; by another way: --seed N")
+    return 0 if tied else 1
 
 
 def _place(point: Sequence[float]) -> str:

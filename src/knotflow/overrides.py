@@ -65,6 +65,8 @@ def checked(words: list[str], home: Path) -> list[str]:
         words = [_planned(word, name, home) for word in words]
     for word in words:
         key, given, value = word.partition("=")
+        if given and not key:
+            raise OverrideError(f"{word!r} has no key before its =; {known}")
         if given and key == "hydra/launcher":
             _check_launcher(value)
         if given and key[0] not in "+~" and not re.search(r"[@/]|^hydra\b|^budget$", key):

@@ -8,6 +8,7 @@ import pytest
 from knotflow.recording import (
     DamagedRecordingError,
     ViewerError,
+    blueprint,
     find_recording,
     read_recording,
     save_rerun,
@@ -30,11 +31,12 @@ def rerun_calls(monkeypatch):
     """Instead of running Rerun, keep what it would have been asked, and what it would show."""
     calls = []
 
-    def note(*arguments: str) -> None:
-        shown = list(read_recording(arguments[2])) if arguments[0] == "mcap" else []
-        calls.append((arguments, [rollout.number for rollout in shown]))
+    def convert(source, target, name) -> None:
+        shown = [rollout.number for rollout in read_recording(source)]
+        calls.append((("convert", str(source), name), shown))
 
-    monkeypatch.setattr(viewer, "_rerun", note)
+    monkeypatch.setattr(viewer, "_convert", convert)
+    monkeypatch.setattr(viewer, "_rerun", lambda *arguments: calls.append((arguments, [])))
     return calls
 
 
@@ -85,3 +87,36 @@ def test_the_saved_file_holds_recording_and_blueprint(tmp_path, make_rollout):
     assert any(store[:2] == ("Blueprint", viewer.APPLICATION) for store in stores)
     for topic in ("/rope/points", "/rope/line", "/gripper", "/spline", "/topology"):
         assert f" - {topic} - " in text
+
+
+def test_the_one_timeline_is_called_time(tmp_path, make_rollout):
+    reader = pytest.importorskip("rerun.chunk").RrdReader
+    write_recording(tmp_path / "a.mcap", [make_rollout(1)], {})
+    rrd = save_rerun(tmp_path / "a.mcap", tmp_path / "a.rrd")
+    (recording,) = reader(rrd).recordings()
+    chunks = reader(rrd).stream(store=recording).to_chunks()
+    names = {name for chunk in chunks for name in chunk.timeline_names}
+    assert names == {blueprint.TIMELINE} == {"time"}
+    assert any(chunk.entity_path == "/gripper" and chunk.timeline_names for chunk in chunks)
+
+
+@pytest.mark.parametrize("sight", [False, True])
+def test_the_scene_is_the_largest_view_and_its_name_is_a_legend_of_all_it_draws(sight):
+    pytest.importorskip("rerun")
+    column = blueprint.blueprint(0.008, sight).root_container
+    assert column.row_shares[0] >= 0.8 * sum(column.row_shares)
+    view = column.contents[0].contents[0] if sight else column.contents[0]
+    for topic in view.contents:  # such as /rope/points: named by its first word
+        assert topic.split("/")[1] in view.name.lower()
+    assert {"table", "control points"} <= set(re.findall("table|control points", view.name))
+
+
+def test_the_address_of_the_page_is_printed(folder, monkeypatch, rerun_calls, capsys):
+    def run(command, check, env):
+        assert command[command.index("--web-viewer-port") + 1] == "9100"
+        return subprocess.CompletedProcess(command, 0)
+
+    monkeypatch.setattr(viewer.subprocess, "run", run)
+    viewer.serve_recording(folder, port=9100)
+    page = "http://localhost:9100?url=rerun%2Bhttp%3A%2F%2Flocalhost%3A9101%2Fproxy"
+    assert capsys.readouterr().out.startswith(page)

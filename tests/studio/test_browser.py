@@ -7,16 +7,24 @@ that the browser reports says that a place in the world is to be seen.
 """
 
 import importlib
+import os
 import shutil
 import time
 from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from knotflow.cli import main
 from knotflow.demonstrations import TASKS, load_demonstrations
-from knotflow.simulation import resample
+from knotflow.primitives import PrimitiveLibrary
+from knotflow.simulation import check_splines, resample
 from knotflow.studio.session import Session
+from knotflow.training import ImitationConfig
+from knotflow.workflow import StageContext
+from knotflow.workflow.stages.demonstrations import DemonstrationsConfig, simulate_demonstrations
+from knotflow.workflow.stages.imitation import ImitationStageConfig, imitate
 
 viser = pytest.importorskip("viser", reason="the studio needs: pip install 'knotflow[studio]'")
 playwright = pytest.importorskip(
@@ -38,8 +46,9 @@ FLAGS = (
     "--enable-unsafe-swiftshader",
     "--disable-gpu-rasterization",  # Debian enables it: in software it costs seconds a frame
 )
-PATIENCE = 25.0
-"""Seconds for a whole test, and for opening its page: what fails fails soon."""
+PATIENCE = float(os.environ.get("PATIENCE", "25"))
+"""Seconds for a whole test, for opening its page, and for each of many demonstrations: what fails
+fails soon. On a busy machine, set the environment variable higher."""
 
 
 class Person:
@@ -54,13 +63,17 @@ class Person:
         self.page.goto(self.studio.url)
         self.page.get_by_role("tab", name="Teach").wait_for()
         self.until(self.studio.server.get_clients, "the browser to connect")
-        self.end = time.monotonic() + PATIENCE
+        self.rest()
 
     @property
     def page(self):
         """The page, which waits for as long as the test has left."""
         self._page.set_default_timeout(1000 * max(self.end - time.monotonic(), 0.1))
         return self._page
+
+    def rest(self):
+        """Begin something new: the time counts from here."""
+        self.end = time.monotonic() + PATIENCE
 
     def tab(self, name):
         # By force: without waiting for frames, of which software rendering has few.
@@ -74,6 +87,17 @@ class Person:
         beside = self.page.get_by_text(label, exact=True).locator("xpath=following::input[1]")
         beside.fill(text, force=True)
         self.until(lambda: text in {handle.value for handle in self.texts()}, f"{label}: {text}")
+
+    def number(self, label, value):
+        beside = self.page.locator(f'label:text-is("{label}")')
+        field = beside.locator("xpath=following::input[@inputmode='decimal'][1]")
+        field.fill(f"{value:.3f}", force=True)
+        field.press("Enter")
+
+    def choose(self, label, option):
+        beside = self.page.locator(f'label:text-is("{label}")')
+        beside.locator("xpath=following::input[@role='combobox'][1]").click(force=True)
+        self.page.get_by_role("option", name=option, exact=True).click(force=True)
 
     def texts(self):
         handles = self.studio.server.gui._gui_input_handle_from_uuid.values()
@@ -108,9 +132,41 @@ class Person:
         for count, place in enumerate([grasp, [*spline[1:3], radius], [*spline[4:], radius]], 1):
             self.click_at(place)
             self.until(lambda count=count: len(session.draft.places) == count, f"click {count}")
-        session.draft.height = float(spline[3])
+        self.number("Height (m)", spline[3])
+        self.until(lambda: abs(session.draft.height - spline[3]) < 0.003, "the height")
         self.press("Simulate")
         self.until(lambda: session.tried is not None, "a simulation")
+
+    def lay(self, name):
+        """Lay a rope by its name."""
+        session = self.studio.desk.session
+        before = session.points
+        self.tab("Rope")
+        self.choose("Rope", name)
+        self.press("Lay it")
+        self.until(lambda: session.points is not before, name)
+
+    def teach(self, action):
+        """Lay a start of an action and demonstrate it where the shipped demonstration of that start
+        went; what misses is redone, as people do."""
+        session = self.studio.desk.session
+        count = len(session.kept())
+        for _ in range(3):
+            self.rest()
+            self.lay("straight" if action[0] == "R" else f"start of {action}")
+            shown = min(
+                (one for one in load_demonstrations() if str(one.task.action) == action),
+                key=lambda one: abs(resample(one.points, session.simulation.rope) - session.points)
+                .max(),
+            )  # fmt: skip
+            self.tab("Teach")
+            self.choose("Action", action)
+            self.demonstrate(shown.spline)
+            if session.tried.success[0]:
+                break
+        self.page.get_by_text("keep it.").wait_for()
+        self.press("Keep")
+        self.until(lambda: len(session.kept()) > count, "a kept demonstration")
 
 
 @pytest.fixture(scope="module")
@@ -162,6 +218,41 @@ def test_three_clicks_are_a_demonstration(person):
     person.until(session.kept, "a kept demonstration")
     (kept,) = session.kept()
     assert (kept.task, kept.source, kept.who) == (TASKS[0], "human", "Ada")
+
+
+TEN = {
+    "Ada": ("R1(0,1,1)", "C(0,1,1)", "C(1,2,1)", "C(2,0,1)", "C(4,2,1)"),
+    "Ben": ("R2(0,0,1,1)", "C(0,2,1)", "C(2,4,1)", "C(1,2,1)", "C(0,1,1)"),
+}
+"""Who demonstrates what: all eight actions of the paper, two of them twice."""
+
+
+def test_ten_demonstrations_of_two_people_train_primitives(person, tmp_path):
+    session, both = person.studio.desk.session, tmp_path / "both.jsonl"
+    files = [str(tmp_path / f"{who}.jsonl") for who in TEN]
+    for file, (who, actions) in zip(files, TEN.items(), strict=True):
+        session.file = Path(file)  # a studio of their own
+        person.tab("Teach")
+        person.type("Your name", who)
+        for action in actions:
+            person.teach(action)
+    assert main(["merge", *files, "--out", str(both)]) == 0
+    kept = load_demonstrations(both)
+    assert [(one.source, one.who, str(one.task.action)) for one in kept] == [
+        ("human", who, action) for who, actions in TEN.items() for action in actions
+    ]
+
+    shown, learnt = StageContext(tmp_path / "shown"), StageContext(tmp_path / "learnt")
+    config = DemonstrationsConfig(copies=8, copies_untangled=16, seed=2, file=str(both))
+    simulate_demonstrations(config, {}, shown)
+    effort = ImitationConfig(steps=5, validations=3)  # of the smoke budget
+    imitate(ImitationStageConfig(imitation=effort, seed=1), {"demonstrations": shown.out}, learnt)
+    library = PrimitiveLibrary.load(learnt.out / "primitives.safetensors")
+    trained = {action for some in library.trained_on.values() for action in some}
+    assert trained == {one.action for one in TASKS}
+    for one in kept:
+        points = resample(one.points, session.simulation.rope)
+        check_splines(library.sample(points, one.task.action, 2, np.random.default_rng(0)))
 
 
 def test_a_plan_is_made_and_exported(person):

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from knotflow.demonstrations import TASKS
 from knotflow.simulation import RopeConfig, check_points, straight
 from knotflow.tasks import TieTask, evaluate, public_tasks
 from knotflow.tasks.evaluation import COLUMNS
@@ -17,7 +18,7 @@ ROPE = RopeConfig()
 
 def test_every_start_is_a_rope_from_which_its_goal_is_reached():
     tasks = public_tasks()
-    assert len(tasks) == 7
+    assert len(tasks) == 10
     for name, task in tasks.items():
         assert task.starts is not None and len(task.starts) >= 4
         check_points(task.starts, ROPE)
@@ -28,7 +29,7 @@ def test_every_start_is_a_rope_from_which_its_goal_is_reached():
 
 def test_a_track_is_named():
     assert set(public_tasks("knots")) == {"overhand", "figure_eight"}
-    assert len(public_tasks("actions")) == 5
+    assert set(public_tasks("actions")) == {str(task.action) for task in TASKS}
     with pytest.raises(ValueError, match="choose actions or knots"):
         public_tasks("pentagram")
 

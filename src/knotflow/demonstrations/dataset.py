@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.demonstrations.tasks import TASKS, Task, task
-from knotflow.simulation import SplineError, check_splines
+from knotflow.simulation import check_splines
 from knotflow.topology import parse_action
 
 SHIPPED = Path(__file__).parent / "data" / "scripted.jsonl"
@@ -88,9 +88,15 @@ def load_demonstrations(path: Path = SHIPPED) -> list[Demonstration]:
         DemonstrationError: naming the file, the line, and what is wrong with it.
     """
     demonstrations = []
-    for number, line in enumerate(Path(path).read_text(encoding="utf-8").splitlines(), 1):
+    try:
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError as error:
+        raise DemonstrationError(f"{path}: not UTF-8 text: {error}") from None
+    for number, line in enumerate(lines, 1):
         try:
             row = json.loads(line)
+            if not isinstance(row, dict) or not isinstance(row.get("source", ""), str):
+                raise ValueError("a demonstration is a JSON object with a source in words")
             points = np.array(row["points"], dtype=np.float64)
             if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
                 raise ValueError(f"points must be finite and (V, 3), they are {points.shape}")
@@ -99,7 +105,7 @@ def load_demonstrations(path: Path = SHIPPED) -> list[Demonstration]:
             )
         except KeyError as error:
             raise DemonstrationError(f"{path}, line {number}: {error} is missing") from None
-        except (ValueError, TypeError, SplineError) as error:
+        except (ValueError, TypeError) as error:
             raise DemonstrationError(f"{path}, line {number}: {error}") from None
         demonstrations.append(demonstration)
     return demonstrations
@@ -108,7 +114,7 @@ def load_demonstrations(path: Path = SHIPPED) -> list[Demonstration]:
 def _task(row: dict[str, Any]) -> Task:
     if "start" not in row:
         return task(row["action"])
-    found = Task(parse_action(row["action"]), tuple(parse_action(one) for one in row["start"]))
+    found = Task(parse_action(row["action"]), tuple(map(parse_action, row["start"])))
     found.goal_state  # noqa: B018  raises where an action is illegal
     return found
 

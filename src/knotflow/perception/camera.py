@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields, replace
+from operator import index
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
+
+from knotflow.arrays import floats
 
 
 class CameraError(ValueError):
@@ -46,10 +49,22 @@ class Camera:
 
     def __post_init__(self) -> None:
         for name, shape in (("position", (3,)), ("rotation", (3, 3))):
-            value = np.asarray(getattr(self, name), np.float64)
+            value = floats(getattr(self, name), f"a camera's {name}", CameraError)
             if value.shape != shape:
                 raise CameraError(f"a camera's {name} has shape {shape}, got {value.shape}")
             object.__setattr__(self, name, value)
+        for name in ("width", "height"):
+            try:
+                object.__setattr__(self, name, index(getattr(self, name)))
+            except TypeError:
+                raise CameraError(
+                    f"a camera's {name} is a whole number of pixels, got {getattr(self, name)!r}"
+                ) from None
+        for name in ("fx", "fy", "cx", "cy"):
+            value = floats(getattr(self, name), f"a camera's {name}", CameraError)
+            if value.ndim:
+                raise CameraError(f"a camera's {name} is one number, got {value.tolist()}")
+            object.__setattr__(self, name, float(value))
         for name in ("width", "height", "fx", "fy"):
             if not getattr(self, name) > 0:
                 raise CameraError(f"a camera's {name} is positive, got {getattr(self, name)}")
@@ -148,7 +163,7 @@ class Camera:
         path = Path(path)
         try:
             values = yaml.safe_load(path.read_text("utf-8"))
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        except (OSError, ValueError, yaml.YAMLError) as error:
             raise CameraError(f"{path}: cannot be read as a camera's YAML file: {error}") from error
         names = [field.name for field in fields(cls)]
         if not isinstance(values, dict):
@@ -185,16 +200,13 @@ _DIMENSIONS = {"position": 1, "rotation": 2}
 
 def _number(name: str, value: Any) -> Any:
     """A value of a camera file as int, float or array."""
-    try:
-        array = np.asarray(value, np.float64)
-    except (ValueError, TypeError) as error:
-        raise CameraError(f"{name} must be numeric, got {value!r}") from error
+    array = floats(value, name, CameraError)
     if name in _DIMENSIONS:
         return array
     if array.ndim:
         raise CameraError(f"{name} is one number, got {value!r}")
     if name not in ("width", "height"):
         return float(array)
-    if array != np.round(array):
+    if not np.isfinite(array) or array != np.round(array):
         raise CameraError(f"{name} is a whole number of pixels, got {value!r}")
     return int(array)

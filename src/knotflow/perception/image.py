@@ -9,10 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from knotflow.arrays import read_npy
 from knotflow.perception.camera import Camera
 
 FAR = 20.0
 """A depth beyond this, metres, is one of another unit: a rope's camera stands at its table."""
+
+MOST_PIXELS = 2**25
+"""Of an image from a file; larger ones would be decoded into gigabytes."""
 
 
 class Label(IntEnum):
@@ -90,12 +94,7 @@ class RgbdImage:
         Raises:
             ImageError: naming the file and what is wrong with it.
         """
-        from PIL import Image  # only where files are read
-
-        try:
-            colour = np.asarray(Image.open(rgb).convert("RGB"))
-        except OSError as error:
-            raise ImageError(f"{rgb}: cannot be read as a colour image: {error}") from error
+        colour = _read_pixels(Path(rgb), "colour", "RGB")
         distances = _read_depth(Path(depth))
         try:
             image = cls(colour, distances, time)
@@ -117,15 +116,37 @@ class RgbdImage:
         Image.fromarray(millimetres.astype(np.uint16)).save(depth)
 
 
-def _read_depth(path: Path) -> NDArray[np.float32]:
-    """The depths (H, W) of a file, metres, NaN where unknown."""
-    from PIL import Image
+_UNREADABLE = (OSError, ValueError, SyntaxError, EOFError, MemoryError)
+"""What Pillow raises on files that are not as they were written."""
+
+
+def _read_pixels(path: Path, kind: str, mode: str | None = None) -> NDArray:
+    """The pixels of an image's file, in one of Pillow's modes if one is given."""
+    from PIL import Image  # only where files are read
 
     try:
-        npy = path.suffix.lower() == ".npy"
-        raw = np.load(path, allow_pickle=False) if npy else np.asarray(Image.open(path))
-    except (OSError, ValueError, EOFError) as error:
-        raise ImageError(f"{path}: cannot be read as a depth image: {error}") from error
+        with Image.open(path) as image:
+            if image.width * image.height > MOST_PIXELS:
+                raise ImageError(
+                    f"{path}: {image.width}x{image.height} pixels are too many for a {kind} image; "
+                    f"give it with {MOST_PIXELS / 1e6:.0f} million at most"
+                )
+            return np.asarray(image.convert(mode) if mode else image)
+    except ImageError:
+        raise
+    except (*_UNREADABLE, Image.DecompressionBombError) as error:
+        raise ImageError(f"{path}: cannot be read as a {kind} image: {error}") from error
+
+
+def _read_depth(path: Path) -> NDArray[np.float32]:
+    """The depths (H, W) of a file, metres, NaN where unknown."""
+    if path.suffix.lower() == ".npy":
+        try:
+            raw = read_npy(path)
+        except (OSError, ValueError) as error:
+            raise ImageError(f"{path}: cannot be read as a depth image: {error}") from error
+    else:
+        raw = _read_pixels(path, "depth")
     if raw.ndim != 2 or raw.dtype.kind not in "uif" or raw.dtype == np.uint8:
         raise ImageError(
             f"{path}: depth is (H, W), 16-bit whole millimetres or float metres; the file has "

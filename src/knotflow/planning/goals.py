@@ -146,9 +146,10 @@ def _parse_state(text: str) -> TopologicalState:
     if text.startswith(("[", "(")):
         try:
             triples = ast.literal_eval(text)
-        except (ValueError, SyntaxError):
+        except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
             raise ValueError(f"the crossings {text!r} cannot be read; {forms}") from None
-        if not all(isinstance(triple, list | tuple) for triple in triples):
+        listed = isinstance(triples, list | tuple)
+        if not listed or not all(isinstance(triple, list | tuple) for triple in triples):
             raise InvalidStateError(f"{text!r} is not a list of crossings; {forms}")
         return TopologicalState.from_crossings(triples)
     if not re.match(r"\d|trivial$", text):

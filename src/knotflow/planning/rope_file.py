@@ -15,6 +15,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from knotflow.arrays import read_npy
+
 MIN_VERTICES = 5
 """A curve of fewer points says too little of how the rope bends."""
 MAX_VERTICES = 1001
@@ -90,13 +92,11 @@ def _thinned(points: Floats) -> Floats:
 def _read_npy(path: Path) -> tuple[Floats, None]:
     cure = "save the points with numpy.save(path, points), an array (V, 3) of numbers"
     try:
-        loaded = np.load(path, allow_pickle=False)
+        loaded = read_npy(path)
     except ValueError as error:
-        what = "Python objects, or no NumPy file" if "pickle" in str(error) else error
-        raise RopeInputError(f"{path}: not an array of numbers ({what}); {cure}") from None
-    if not isinstance(loaded, np.ndarray) or loaded.dtype.kind not in "iuf":
-        kind = loaded.dtype if isinstance(loaded, np.ndarray) else type(loaded).__name__
-        raise RopeInputError(f"{path}: holds {kind}, not an array of numbers; {cure}")
+        raise RopeInputError(f"{path}: not an array of numbers ({error}); {cure}") from None
+    if loaded.dtype.kind not in "iuf":
+        raise RopeInputError(f"{path}: holds {loaded.dtype}, not an array of numbers; {cure}")
     return loaded.astype(np.float64), None
 
 

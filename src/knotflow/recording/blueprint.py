@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rerun.encodings import EntityPathLike
 
 APPLICATION = "knotflow"  # Rerun gives a blueprint to recordings of the same application
-TIMELINE = "message_log_time"
+TIMELINE = "time"  # seconds of a recording
 _SCENE = "foxglove.SceneUpdate:message"
 _LINES = ".entities[].lines[].points | map(pack(.x!, .y!, .z!))"
 _SPHERES = ".entities[].spheres[].pose.position | pack(.x!, .y!, .z!)"

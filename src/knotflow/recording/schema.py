@@ -9,6 +9,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from knotflow.arrays import floats
+
 Outcome = Literal["success", "failure", "diverged"]
 OUTCOMES: tuple[str, ...] = get_args(Outcome)
 
@@ -95,7 +97,8 @@ class RecordedRollout:
     def __post_init__(self) -> None:
         for name, dtype in _DTYPES.items():
             with np.errstate(over="ignore"):  # a diverged rope may lie beyond float32: infinity
-                object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=dtype))
+                given = floats(getattr(self, name), f"rollout {self.number}: {name}")
+                object.__setattr__(self, name, given.astype(dtype, copy=False))
         self._check_shapes()
         self._check_values()
         object.__setattr__(self, "times", self.times_ns / NANOSECONDS)

@@ -9,14 +9,22 @@ import sysconfig
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import quote
 
-from .blueprint import APPLICATION, blueprint
+from .blueprint import APPLICATION, TIMELINE, blueprint
 from .index import recordings_in
 from .reader import existing_recording, read_metadata, read_recording
 from .scene import rope_radius
 from .schema import RecordedRollout
 from .table import load
 from .writer import write_recording
+
+if TYPE_CHECKING:
+    from rerun.chunk import Chunk
+
+LOG_TIME = "message_log_time"
+"""Rerun's name for the time of an MCAP file's messages."""
 
 
 class ViewerError(RuntimeError):
@@ -51,7 +59,7 @@ def serve_recording(
 ) -> None:
     """Serve a recording to web browsers with Rerun's web viewer, until interrupted.
 
-    Rerun prints the address. Over ssh two ports are to be forwarded: `port`, where the page is, and
+    The address is printed. Over ssh two ports are to be forwarded: `port`, where the page is, and
     the next one, from which it takes the data.
 
     Args:
@@ -66,7 +74,10 @@ def serve_recording(
         rrd = save_rerun(path, Path(folder) / "recording.rrd", number=number)
         command = [rerun_program(), "--serve-web", str(rrd), "--bind", "127.0.0.1"]
         command += ["--web-viewer-port", str(port), "--port", str(port + 1)]
-        code = subprocess.run(command, check=False).returncode
+        data = quote(f"rerun+http://localhost:{port + 1}/proxy", safe="")
+        print(f"http://localhost:{port}?url={data} (Ctrl-C ends it)", flush=True)
+        quiet = {"RUST_LOG": "warn"} | os.environ  # else the address drowns in what Rerun logs
+        code = subprocess.run(command, check=False, env=quiet).returncode
         if code:
             raise ViewerError(f"rerun could not serve on the ports {port} and {port + 1}")
 
@@ -96,12 +107,7 @@ def save_rerun(
         sights: list[bool] = []
         chosen = _measured(_chosen(source, number), radii, sights)
         write_recording(mcap, chosen, read_metadata(source), rope_line=True)
-        _rerun(
-            *("mcap", "convert", str(mcap), "-o", str(plain)),
-            *("--application-id", APPLICATION),
-            *("--recording-id", source.stem if number is None else f"{source.stem}#{number}"),
-            *("--timeline-type", "duration"),  # rollouts start at 0 s, not in 1970
-        )
+        _convert(mcap, plain, source.stem if number is None else f"{source.stem}#{number}")
         blueprint(radii[0], sight=any(sights)).save(APPLICATION, layout)
         _rerun("rrd", "merge", str(plain), str(layout), "-o", str(target))
     return Path(target)
@@ -164,6 +170,32 @@ def _measured(
         radii.append(rope_radius(rollout.control_points))
         sights.append(rollout.sight is not None)
         yield rollout
+
+
+def _convert(source: Path, target: Path, name: str) -> None:
+    """Write a recording as Rerun reads it, under a name, with the one timeline `TIMELINE`."""
+    from rerun.chunk import McapReader
+
+    stream = McapReader(source, timeline_type="duration_ns").stream()  # from 0 s, not from 1970
+    stream.flat_map(_timed).write_rrd(target, application_id=APPLICATION, recording_id=name)
+
+
+def _timed(chunk: Chunk) -> list[Chunk]:
+    """A chunk's rows by the time of the rollout alone; Rerun's reader offers others, too."""
+    import pyarrow as pa
+    from rerun.chunk import Chunk
+
+    if chunk.is_static:
+        return [chunk]
+    others = [name for name in chunk.timeline_names if name != LOG_TIME]
+    batch = chunk.to_record_batch().drop_columns(others)
+    column = batch.schema.get_field_index(LOG_TIME)
+    old = batch.schema.field(column)
+    new = old.with_name(TIMELINE).with_metadata(
+        (old.metadata or {}) | {b"rerun:index_name": TIMELINE.encode()}
+    )
+    schema = batch.schema.set(column, new)
+    return Chunk.from_record_batch(pa.RecordBatch.from_arrays(batch.columns, schema=schema))
 
 
 def _no_such_number(place: Path, number: int, numbers: list[int]) -> str:

@@ -17,15 +17,20 @@ Jacobian, which depends on the coordinates.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from knotflow.arrays import floats
+
 if TYPE_CHECKING:
     import mujoco
 
+MOST_LINKS = 400
+"""A rope's model grows with the square of its links."""
 ROOTS = ("middle", "head")
 """Links that a rope's chain may be rooted in."""
 
@@ -61,12 +66,18 @@ class RopeConfig:
     may fail with the other. `middle` is 1.8 times as fast."""
 
     def __post_init__(self) -> None:
-        if self.links < 4:
-            raise ValueError(f"a rope needs at least 4 links, got {self.links}")
-        if self.length <= 0 or self.radius <= 0:
+        for one in fields(self):
+            value = getattr(self, one.name)
+            numeric = isinstance(value, int | float | np.integer | np.floating)
+            if one.name != "root" and not (numeric and 0 <= value < inf):
+                raise ValueError(f"a rope's {one.name} is a number of 0 or more, got {value!r}")
+        if self.links != int(self.links) or not 4 <= self.links <= MOST_LINKS:
             raise ValueError(
-                f"rope length and radius must be positive, got {self.length} and {self.radius} m"
+                f"a rope needs at least 4 links, and {MOST_LINKS} at most, got {self.links}"
             )
+        for name in ("length", "radius", "density"):
+            if getattr(self, name) <= 0:
+                raise ValueError(f"a rope's {name} must be positive, got {getattr(self, name)}")
         if self.root not in ROOTS:
             raise ValueError(f"a rope's root is {' or '.join(ROOTS)}, got {self.root!r}")
 
@@ -102,7 +113,7 @@ def check_points(points: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
         ShapeError: for another number of vertices, values that are not finite, or links whose
             length differs from the rope's by more than 1 %.
     """
-    points = np.asarray(points, dtype=np.float64)
+    points = floats(points, "rope points", ShapeError)
     if points.ndim < 2 or points.shape[-2:] != (rope.num_vertices, 3):
         raise ShapeError(
             f"a rope of {rope.links} links has points of shape (..., {rope.num_vertices}, 3), "
@@ -182,7 +193,10 @@ def build_model(
             active=False,
             solref=solref,
         )
-    model = spec.compile()
+    try:
+        model = spec.compile()
+    except ValueError as error:  # such as a mass of nearly nothing
+        raise ValueError(f"MuJoCo refuses the model of {rope}: {error}") from None
     # No hinge holds the root against rolling about its own axis, and undamped it spins up. The
     # same on its other axes makes the root resist moving and turning in the world: nothing that the
     # middle needs, but of 512 ropes rooted in a head without it two were thrown apart.

@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from knotflow.simulation.rope import RopeConfig, build_model, check_points, pose
 from knotflow.simulation.spline import check_splines, control_points, grasped_link, spline_path
 
+MOST_STEPS = 100_000
+"""Of one spline; the gripper's path is held for all of them."""
+
 
 @dataclass
 class SimulationConfig:
@@ -34,6 +37,24 @@ class SimulationConfig:
     threads: int = field(default=0, metadata={"affects_result": False})
     """Threads to simulate on; 0 takes every CPU, or as many as the variable OMP_NUM_THREADS grants,
     which joblib sets in its workers. Results do not depend on it."""
+
+    def __post_init__(self) -> None:
+        for name in ("timestep", "contact_time", "move_time", "ramp_time", "record_rate"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+        for name in ("settle_time", "threads"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise ValueError(f"{name} must be 0 or more, got {getattr(self, name)}")
+        if self.ramp_time > self.move_time / 2:
+            raise ValueError(
+                f"ramp_time is half of move_time at most, got {self.ramp_time} of {self.move_time}"
+            )
+        steps = (self.move_time + self.settle_time) / self.timestep
+        if not 1 <= steps <= MOST_STEPS:
+            raise ValueError(
+                f"a spline takes 1 to {MOST_STEPS} time steps; {self.move_time} s and "
+                f"{self.settle_time} s to settle take {steps:.3g} of {self.timestep} s"
+            )
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from knotflow.arrays import floats
+
 SPLINE_NAMES = ("grasp", "mid_x", "mid_y", "mid_z", "end_x", "end_y")
 SPLINE_LOW = np.array([0.0, -0.6, -0.6, 0.02, -0.6, -0.6])
 SPLINE_HIGH = np.array([1.0, 0.6, 0.6, 0.30, 0.6, 0.6])
@@ -33,9 +35,7 @@ def check_splines(splines: NDArray) -> NDArray[np.float64]:
     Raises:
         SplineError: naming the first number that is out of range.
     """
-    splines = np.asarray(splines, dtype=np.float64)
-    if splines.shape[-1:] != (6,):
-        raise SplineError(f"splines have shape (..., 6), got {splines.shape}")
+    splines = _sixes(splines)
     inside = (splines >= SPLINE_LOW) & (splines <= SPLINE_HIGH)  # NaN is not inside
     if not inside.all():
         *row, column = np.argwhere(~inside)[0].tolist()
@@ -48,8 +48,19 @@ def check_splines(splines: NDArray) -> NDArray[np.float64]:
 
 
 def clip_splines(splines: NDArray) -> NDArray[np.float64]:
-    """The nearest splines (..., 6) that are in range."""
-    return np.clip(splines, SPLINE_LOW, SPLINE_HIGH)
+    """The nearest splines (..., 6) that are in range; what is not a number stays none.
+
+    Raises:
+        SplineError: they have another shape.
+    """
+    return np.clip(_sixes(splines), SPLINE_LOW, SPLINE_HIGH)
+
+
+def _sixes(splines: NDArray) -> NDArray[np.float64]:
+    splines = floats(splines, "splines", SplineError)
+    if splines.shape[-1:] != (6,):
+        raise SplineError(f"splines have shape (..., 6), got {splines.shape}")
+    return splines
 
 
 def grasped_link(splines: NDArray, links: int) -> NDArray[np.intp]:

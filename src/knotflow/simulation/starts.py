@@ -40,6 +40,14 @@ class StartsConfig:
     rounds: int = 6
     """How many splines are tried on a start before it is given up for another."""
 
+    def __post_init__(self) -> None:
+        for name in ("bend", "clearance", "reach", "shortest_segment"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise ValueError(f"starts.{name} must be 0 or more, got {getattr(self, name)}")
+        for name in ("harmonics", "rounds"):
+            if not 1 <= getattr(self, name) <= 1000:
+                raise ValueError(f"starts.{name} must be 1 to 1000, got {getattr(self, name)}")
+
 
 def straight(rope: RopeConfig) -> NDArray[np.float64]:
     """A straight rope (V, 3) along x, its middle at the origin, metres."""

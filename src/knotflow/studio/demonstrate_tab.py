@@ -32,7 +32,7 @@ class DemonstrateTab:
         self._begin = gui.add_button("Demonstrate")
         self._begin.on_click(desk.guarded(self._start))
         low, high = HEIGHTS
-        self._height = gui.add_slider("Height (m)", low, high, 0.01, 0.15)
+        self._height = gui.add_slider("Height (m)", low, high, 0.005, 0.15)
         self._height.on_update(desk.guarded(self._raise))
         gui.add_button("Undo click", color="gray").on_click(desk.guarded(self._undo))
         gui.add_button("Simulate").on_click(desk.guarded(self._simulate))

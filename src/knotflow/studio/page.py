@@ -14,7 +14,7 @@ from knotflow.studio.demonstrate_tab import DemonstrateTab
 from knotflow.studio.desk import Desk
 from knotflow.studio.plan_tab import PlanTab
 from knotflow.studio.rope_tab import RopeTab
-from knotflow.studio.scene import rgb
+from knotflow.studio.scene import eye, rgb
 from knotflow.studio.session import Session
 
 WIDTH = 330
@@ -46,6 +46,7 @@ class Page:
             CompareTab(desk)
         with tabs.add_tab("Teach"):
             DemonstrateTab(desk)
+        self.server.on_client_connect(_step_back)
         desk.rope_changed("Lay a rope, tie a knot into it, or teach an action with three clicks.")
 
     @property
@@ -60,3 +61,10 @@ class Page:
     def close(self) -> None:
         """End the server."""
         self.server.stop()
+
+
+def _step_back(client: viser.ClientHandle) -> None:
+    """Let a new browser see the whole table, however narrow what the panel leaves of its window."""
+    camera = client.camera  # which tells of the whole window: the panel is not laid out yet
+    camera.position = eye(max(camera.image_width - WIDTH, 1) / camera.image_height)
+    camera.look_at = (0.0, 0.0, 0.0)  # which has moved along with the position

@@ -19,6 +19,8 @@ Colour = tuple[int, int, int]
 
 EYE = (0.0, -0.55, 1.05)
 """Where one looks from at first, metres: almost from above, as on the paper's images."""
+FIELD_OF_VIEW = float(np.deg2rad(75.0))
+"""From the window's top to its bottom, radians."""
 _FADED = 0.75  # towards paper: the segments that an action does not name
 _POINT = 0.012  # metres, radius of a control point
 _CURVE = np.linspace(0.0, 1.0, 33)
@@ -35,6 +37,7 @@ class Scene:
         server.scene.set_up_direction("+z")
         server.initial_camera.position = EYE
         server.initial_camera.look_at = (0.0, 0.0, 0.0)
+        server.initial_camera.fov = FIELD_OF_VIEW
         reach = 2 * float(SPLINE_HIGH[-1])
         self._scene.add_box(
             "/table",
@@ -181,6 +184,16 @@ class Scene:
             handle.remove()
         if name in ("spline", "segments"):
             self._clear({"spline": "points-labels", "segments": "segments-labels"}[name])
+
+
+def eye(aspect: float) -> NDArray[np.float64]:
+    """Where to look from, (3,) metres, to see the whole table in a window so many times as wide as
+    high: `EYE`, or further back where the window is narrow."""
+    ahead = -np.array(EYE) / np.linalg.norm(EYE)
+    corner = np.array([1.0, -1.0, 0.0]) * SPLINE_HIGH[-1]  # the nearer ones are seen furthest out
+    depth = 1.04 * corner[0] / (np.tan(FIELD_OF_VIEW / 2) * aspect)  # that brings it to the rim
+    back = (depth - corner @ ahead) / np.linalg.norm(EYE)
+    return max(1.0, back) * np.array(EYE)
 
 
 def _colours(points: NDArray, action: Action | None) -> NDArray[np.uint8]:

@@ -229,8 +229,8 @@ class Session:
     # Demonstrations.
 
     def actions(self) -> list[Action]:
-        """The actions that the rope's state allows; the eight tasks' first."""
-        common = [one.action for one in TASKS]
+        """The actions that the rope's state allows; first the tasks that start in it."""
+        common = [one.action for one in TASKS if one.start_state == self.state]
         legal = dict.fromkeys(action for action, _ in self.state.actions())
         return sorted(legal, key=lambda action: (action not in common, str(action)))
 

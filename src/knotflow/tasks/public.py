@@ -1,7 +1,7 @@
 """The public set: ropes and goals on which methods are compared, fixed once and for all.
 
-Two tracks. `actions`: the five of Fig. 6's topological actions that start from a rope with at most
-one crossing, from six ropes each, one spline a rope; actions from the same state share their ropes.
+Two tracks. `actions`: Fig. 6's eight topological actions, from ropes with no, one or two crossings,
+six ropes each, one spline a rope; actions from the same state share their ropes.
 `knots`: overhand and figure eight from sixteen random ropes, at most ten splines a rope. The ropes
 were drawn with a seed of their own by `draw`, those with a crossing by aimed splines that no
 learned method has touched. Nothing else in knotflow uses them.
@@ -19,7 +19,6 @@ from knotflow.simulation import RopeSimulator, reached
 from knotflow.tasks.task import TieTask
 from knotflow.topology import Action
 
-ACTIONS = tuple(task for task in TASKS if len(task.start_actions) <= 1)
 KNOTS = ("overhand", "figure_eight")
 ACTION_STARTS = 6
 KNOT_STARTS = 16
@@ -41,7 +40,7 @@ def public_tasks(track: str | None = None) -> dict[str, TieTask]:
     tasks: dict[str, TieTask] = {}
     with np.load(_FILE) as starts:
         if track != "knots":
-            for one in ACTIONS:
+            for one in TASKS:
                 name = str(one.action)
                 tasks[name] = TieTask.single(one.action, starts[_key(one.start_actions)])
         if track != "actions":
@@ -61,11 +60,12 @@ def draw(simulator: RopeSimulator) -> dict[str, NDArray[np.float32]]:
 
     Other versions of MuJoCo may draw others; the file counts.
     """
-    wanted = {_key(task.start_actions): (task.start_actions, ACTION_STARTS) for task in ACTIONS}
-    wanted[_KNOTS_KEY] = ((), KNOT_STARTS)
+    starts = {_key(task.start_actions): task.start_actions for task in TASKS}
+    fewest_first = sorted(starts, key=lambda key: len(starts[key]))
     drawn = {}
-    for number, (key, (actions, count)) in enumerate(wanted.items()):
-        rng = np.random.default_rng([SEED, number])
+    for number, key in enumerate([*fewest_first[:2], _KNOTS_KEY, *fewest_first[2:]]):
+        rng = np.random.default_rng([SEED, number])  # the order counts: new ones come last
+        actions, count = starts.get(key, ()), KNOT_STARTS if key == _KNOTS_KEY else ACTION_STARTS
         drawn[key] = reached(actions, count, simulator, aim, rng).points.astype(np.float32)
     return drawn
 

@@ -21,6 +21,8 @@ def parse_action(text: str) -> Action:
     """
     forms = {kind.symbol: [field.name for field in fields(kind)] for kind in ACTION_KINDS}
     valid = ", ".join(f"{symbol}({','.join(names)})" for symbol, names in forms.items())
+    if not isinstance(text, str):
+        raise IllegalActionError(f"{text!r} is not an action's text; valid forms: {valid}")
     valid += f", and each of them after {UNDO!r}, and all of these after {ARRANGE!r}"
     if text.strip().startswith(ARRANGE):
         return Arrange(parse_action(text.strip().removeprefix(ARRANGE)))

@@ -20,6 +20,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
+from knotflow.arrays import floats
 from knotflow.topology.faces import Crossing
 from knotflow.topology.polyline import (
     COINCIDENCE,
@@ -32,6 +33,8 @@ from knotflow.topology.polyline import (
 DEFAULT_MIN_GAP = 1e-3
 """Metres. Strands of a resting 16 mm rope lie about 16 mm apart at a crossing, sometimes less;
 less than a millimetre means that they pass through each other, and over and under mean nothing."""
+FARTHEST = 1e9
+"""Metres from the origin to a vertex; far beyond, squares of lengths overflow."""
 
 _NUDGE = 1e-7  # of the rope's length: sideways perturbation of a degenerate projection
 _NUDGED_PAIRS = 16
@@ -100,13 +103,15 @@ def read_crossings(points: ArrayLike, min_gap: float = DEFAULT_MIN_GAP) -> Proje
 
 def as_rope(points: ArrayLike) -> Floats:
     """Points as a float64 (V, 3) array; ValueError when they are no rope shape."""
-    rope = np.asarray(points, dtype=np.float64)
+    rope = floats(points, "a rope shape")
     if rope.ndim != 2 or rope.shape[1] != 3 or len(rope) < 2:
         raise ValueError(f"a rope shape is (V, 3) points with V >= 2, got shape {rope.shape}")
     finite = np.isfinite(rope).all(axis=1)
     if not finite.all():
         vertex = int(np.argmin(finite))
         raise ValueError(f"rope vertex {vertex} is not finite: {rope[vertex].tolist()}")
+    if (far := np.abs(rope).max()) > FARTHEST:
+        raise ValueError(f"a rope's vertices are in metres, but one lies {far:.3g} m away")
     return rope
 
 

@@ -67,7 +67,13 @@ class TopologicalState:
             InvalidStateError: says which triple or position is wrong, or that no plane curve has
                 these crossings.
         """
-        return cls(tuple(crossings))  # type: ignore[arg-type]  # checked and converted there
+        try:
+            triples = tuple(crossings)
+        except TypeError:
+            raise InvalidStateError(
+                f"crossings are triples (over, under, sign), got {crossings!r}"
+            ) from None
+        return cls(triples)  # type: ignore[arg-type]  # checked and converted there
 
     @classmethod
     def from_curve(cls, points: ArrayLike) -> TopologicalState:
