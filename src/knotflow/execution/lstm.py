@@ -16,6 +16,7 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
+from knotflow.execution.dynamics import grasped_at_each_step
 from knotflow.execution.rope_motions import FREE, STEP
 
 SHIPPED = Path(__file__).parent / "data" / "dynamics.safetensors"
@@ -86,9 +87,10 @@ class LstmDynamics(nn.Module):
     ) -> Tensor:
         """See `RopeDynamics`."""
         points, velocities, gripper = points.float(), velocities.float(), gripper.float()
+        grasped = grasped_at_each_step(grasped, gripper.shape[1])
         ahead = []
         for step in range(gripper.shape[1]):
-            moved = self(points, velocities, grasped, gripper[:, step])
+            moved = self(points, velocities, grasped[:, step], gripper[:, step])
             points, velocities = moved, (moved - points) / STEP
             ahead.append(points)
         return torch.stack(ahead, 1)

@@ -85,22 +85,32 @@ def draw_motions(
     for number in range(ropes):
         level = levels[number % len(levels)]
         rope = perturb_rope(config.rope, level, rng)
-        simulator = RopeSimulator(replace(config, rope=rope, record_rate=1 / STEP))
+        simulator = RopeSimulator(replace(config, rope=rope, record_rate=1 / config.timestep))
         pairs = [_pair(demonstrations, config, kind % 4, rng) for kind in range(per_rope)]
         starts = np.stack([start for start, _ in pairs])
         starts[..., 2] += rope.radius - config.rope.radius
         splines = np.stack([spline for _, spline in pairs])
         rollouts = simulator.execute(starts, splines)
-        held = rollouts.times < config.move_time - 1e-6
+        frames = np.arange(0, len(rollouts.times), round(STEP / config.timestep))
+        held = rollouts.times[frames] < config.move_time - 1e-6
         link = grasped_link(splines, rope.links)
         grasped = np.where(held, link[:, None], FREE)
-        kept = ~rollouts.diverged
+        kept = np.flatnonzero(~rollouts.diverged)[:, None]
         yield Motions(
-            rollouts.trajectory[kept],
-            rollouts.gripper[kept],
-            grasped[kept],
-            np.full(kept.sum(), level),
+            rollouts.trajectory[kept, simulated_frames(frames, len(rollouts.times))],
+            rollouts.gripper[kept, frames],
+            grasped[kept[:, 0]],
+            np.full(len(kept), level),
         )
+
+
+def simulated_frames(steps: NDArray[np.intp], frames: int) -> NDArray[np.intp]:
+    """Which of a simulator's frames, one a time step, show ropes as they are after so many steps.
+
+    They come a time step early (see `Rollouts.trajectory`), so it is each time the next one; but
+    for the start, and for the end, of which there is no later one and at which the rope rests.
+    """
+    return np.where(steps > 0, np.minimum(steps + 1, frames - 1), 0)
 
 
 def _pair(

@@ -58,7 +58,7 @@ class DynamicsTraining:
         while self.step < self.config.steps:
             horizon = min(self.config.horizon, 2 + 2 * (8 * self.step // self.config.steps))
             points, velocities, grasped, gripper, truth = self._batch(horizon)
-            ahead = self._rollout(points, velocities, grasped, gripper)
+            ahead = self.model.predict(points, velocities, grasped, gripper)
             error = (ahead - truth).norm(dim=-1)
             self._optimizer.zero_grad()
             # Far steps are wrong by more, and must not drown the near ones.
@@ -69,16 +69,6 @@ class DynamicsTraining:
             self._schedule.step()
             self.step += 1
             yield error.mean().item()
-
-    def _rollout(
-        self, points: Tensor, velocities: Tensor, grasped: Tensor, gripper: Tensor
-    ) -> Tensor:
-        ahead = []
-        for step in range(gripper.shape[1]):
-            moved = self.model(points, velocities, grasped[:, step], gripper[:, step])
-            points, velocities = moved, (moved - points) / STEP
-            ahead.append(points)
-        return torch.stack(ahead, 1)
 
     def _batch(self, horizon: int) -> tuple[Tensor, ...]:
         """Parts of motions, mirrored and reversed at random: laws that ropes obey."""
