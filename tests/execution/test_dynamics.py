@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from knotflow.demonstrations import load_demonstrations
-from knotflow.execution import FREE, LstmDynamics, MujocoDynamics, Still, draw_motions
+from knotflow.execution import FREE, LstmDynamics, Motions, MujocoDynamics, Still, draw_motions
 from knotflow.execution.errors import predict_motions
 from knotflow.execution.rope_motions import STEP
 from knotflow.simulation import RopeConfig, SimulationConfig, random_curve
@@ -78,8 +78,7 @@ def motions():
     """Eight ropes like the planner's, dragged and let go."""
     simulation = SimulationConfig(threads=1)
     rng = np.random.default_rng(0)
-    (drawn,) = draw_motions(load_demonstrations(), simulation, 1, 8, rng, levels=(0,))
-    return drawn
+    return Motions.join(list(draw_motions(load_demonstrations(), simulation, 1, 8, rng, (0,))))
 
 
 def errors_mm(predicted, truth):
