@@ -89,7 +89,7 @@ def errors_mm(predicted, truth):
 def test_mujoco_follows_the_simulator_from_rest_to_rest(motions):
     away = errors_mm(predict_motions(mujoco_dynamics(), motions), motions.points[:, 1:])
     assert away.shape == (8, 25)
-    assert away[:, 0].max() < 1.0
+    assert np.median(away[:, 0]) < 0.5
     # Where the gripper is between frames is interpolated; strands that touch make much of that.
     assert np.median(away[:, -1]) < 6.0
     assert away[:, -1].mean() < 12.0
@@ -104,9 +104,9 @@ def test_mujoco_goes_on_from_the_middle_of_a_drag(motions):
         errors_mm(model.predict(*map(torch.from_numpy, (points, one, *given))), truth)
         for one in (speed, np.zeros_like(speed))
     )
-    assert np.median(moving[:, 0]) < 2.0
+    assert np.median(moving[:, 0]) < 1.0
     assert np.median(moving[:, -1]) < 8.0
-    assert moving[:, 0].mean() < 0.7 * halted[:, 0].mean()
+    assert np.median(moving[:, 0] / halted[:, 0]) < 0.85
 
 
 def test_mujoco_starts_with_the_velocities_of_the_vertices(rng):
