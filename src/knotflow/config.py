@@ -19,7 +19,7 @@ from omegaconf import II, MISSING, OmegaConf
 from knotflow.baselines import IcpConfig
 from knotflow.baselines.causal_infogan import CausalInfoGanBudget
 from knotflow.demonstrations import SHIPPED, DemonstratorConfig, NoiseConfig
-from knotflow.execution import ExecutionConfig
+from knotflow.execution import DynamicsTrainingConfig, ExecutionConfig
 from knotflow.perception.training_config import TrainingConfig
 from knotflow.planning import PlannerConfig
 from knotflow.primitives import SHIPPED_PRIMITIVES, PrimitiveConfig
@@ -155,6 +155,20 @@ class DynamicsBudget:
     """Motions of each."""
     seed: int = 4_000_037
     """Of ropes and motions; used for nothing else."""
+
+
+@dataclass
+class DynamicsTrainingBudget:
+    """The network that predicts dragged ropes."""
+
+    ropes: int = 600
+    """Perturbed ropes whose motions are learned from, levels in turn."""
+    per_rope: int = 16
+    """Motions of each."""
+    training: DynamicsTrainingConfig = field(default_factory=DynamicsTrainingConfig)
+    """Learning from these motions."""
+    seed: int = 4_200_013
+    """Of ropes, motions, weights and batches; used for nothing else."""
 
 
 @dataclass
@@ -324,6 +338,8 @@ class Config:
     """The network that sees ropes."""
     perception: PerceptionBudget = field(default_factory=PerceptionBudget)
     tracking: TrackingBudget = field(default_factory=TrackingBudget)
+    dynamics_training: DynamicsTrainingBudget = field(default_factory=DynamicsTrainingBudget)
+    """The network that predicts dragged ropes."""
     dynamics: DynamicsBudget = field(default_factory=DynamicsBudget)
     """Predictions of ropes that are dragged."""
     closed_loop: ClosedLoopBudget = field(default_factory=ClosedLoopBudget)

@@ -16,7 +16,7 @@ VERSIONS = {
     "training": 2,
     "planning": 2,
     "perception": 1,
-    "execution": 1,
+    "execution": 2,
 }
 """Package below knotflow -> its version. One inside another, with a number of its own, is not
 covered by that of the outer one."""

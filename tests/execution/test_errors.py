@@ -42,5 +42,6 @@ def test_standing_still_is_wrong_by_what_the_rope_moved():
 def test_a_model_is_told_when_the_rope_is_let_go():
     oracle = Oracle()
     table = prediction_errors({"oracle": oracle}, drifting())
-    assert oracle.asked == [([20] * 4, RELEASED), ([FREE] * 4, FRAMES - 1 - RELEASED)]
+    grasped = [20] * RELEASED + [FREE] * (FRAMES - 1 - RELEASED)
+    assert oracle.asked == [([grasped] * 4, FRAMES - 1)]
     assert table.mean_error_mm.max() < 0.01

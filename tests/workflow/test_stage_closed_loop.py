@@ -3,14 +3,12 @@
 import pandas as pd
 import pytest
 
-from knotflow.config import SHIPPED_DYNAMICS
 from knotflow.execution import ExecutionConfig
 from knotflow.planning import PlannerConfig
 from knotflow.samplers import SamplerConfig
 from knotflow.simulation import SimulationConfig
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages.closed_loop import ClosedLoopConfig, ExecutionCase, execute_plans
-from knotflow.workflow.stages.dynamics import DynamicsConfig, measure
 
 pytestmark = pytest.mark.slow
 
@@ -48,20 +46,3 @@ def test_controllers_meet_the_same_twins_and_go_on_where_they_were(tmp_path):
 def test_an_unknown_controller_is_refused():
     with pytest.raises(ValueError, match="'magic'; there are open_loop, "):
         ExecutionCase("magic", level=0, twins=1)
-
-
-def test_errors_of_every_model_and_level(tmp_path):
-    config = DynamicsConfig(
-        simulation=SIMULATION,
-        digest="shipped",
-        weights=str(SHIPPED_DYNAMICS),
-        weights_contents="shipped",
-        ropes=3,
-        per_rope=2,
-        seed=0,
-    )
-    measure(config, {}, StageContext(tmp_path))
-    table = pd.read_csv(tmp_path / "errors.csv")
-    assert len(table) == 3 * 3 * 3
-    assert not table.duplicated(["model", "level", "steps"]).any()
-    assert (table["motions"] == 2).all() and (table["mean_error_mm"] > 0).all()

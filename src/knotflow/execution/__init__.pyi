@@ -5,7 +5,7 @@ from .execute import Execution, Outcome, Replan, execute
 from .export import Export, export_plan
 from .follow import Controller, ExecutionConfig
 from .franka import panda
-from .lstm import LstmConfig, LstmDynamics
+from .lstm import LstmDynamics
 from .mppi import Mppi, MppiConfig
 from .perturbation import ERRORS, Errors
 from .reach import Reached, follow_waypoints
@@ -13,7 +13,8 @@ from .robot import Robot
 from .rope_motions import FREE, STEP, Motions, draw_motions
 from .sight import Estimated, Estimator, Look, RopeSource, Seen, Sight, Tracked
 from .timing import JointTrajectory, time_joints
-from .training import DynamicsTraining, DynamicsTrainingConfig
+from .training import DynamicsTraining
+from .training_config import DynamicsTrainingConfig, LstmConfig
 from .trial import CONTROLS, Control, Trial, failure, try_plan
 from .twin import TrueState, Twin, TwinConfig
 

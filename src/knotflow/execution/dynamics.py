@@ -30,7 +30,8 @@ class RopeDynamics(Protocol):
         Args:
             points: (B, V, 3) vertices now.
             velocities: (B, V, 3) of the vertices.
-            grasped: (B,) index of the link whose centre the gripper drags, or `FREE`.
+            grasped: (B,) index of the link whose centre the gripper drags, or `FREE`; or (B, H), in
+                each step.
             gripper: (B, H, 3) where the gripper will be at the end of each step.
 
         Returns:
@@ -52,15 +53,17 @@ class Still:
 class MujocoDynamics:
     """The planner's simulator as a model: exact for the planner's rope, and slow.
 
-    Like `RopeSimulator`, it shows ropes as they were at the beginning of a frame's last time step.
+    Where the gripper is between two steps is interpolated.
     """
 
     def __init__(self, config: SimulationConfig | None = None) -> None:
+        import mujoco
         from mujoco.batch import Batch
 
         self.config = config or SimulationConfig()
         rope = self.config.rope
         self._model = build_model(rope, self.config.timestep, self.config.contact_time)
+        self._data = mujoco.MjData(self._model)
         self._vertices = [self._model.site(f"vertex_{i}").id for i in range(rope.num_vertices)]
         self._batch = Batch(self._model, CHUNK, max(1, self.config.threads))
 
@@ -72,49 +75,107 @@ class MujocoDynamics:
         import torch
 
         start, speed, path = (np.asarray(one.double()) for one in (points, velocities, gripper))
-        held = np.asarray(grasped)
+        held = np.asarray(grasped_at_each_step(grasped, gripper.shape[1]))
         rows = np.array_split(np.arange(len(held)), -(-len(held) // CHUNK) or 1)
-        parts = [self._predict(start[r], speed[r], path[r], held[r]) for r in rows]
+        parts = [self._predict(start[r], speed[r], held[r], path[r]) for r in rows]
         return torch.from_numpy(np.concatenate(parts)).float()
 
     def _predict(
-        self, points: NDArray, velocities: NDArray, gripper: NDArray, grasped: NDArray
+        self, points: NDArray, velocities: NDArray, grasped: NDArray, gripper: NDArray
     ) -> NDArray[np.float64]:
         import mujoco
 
         rope, batch, count = self.config.rope, self._batch, len(points)
-        before = np.stack([resample(one, rope) for one in points - velocities * DIFFERENCE])
-        now = np.stack([resample(one, rope) for one in points])
-        qpos, earlier = pose(now, rope), pose(before, rope)
-        qvel = np.zeros((count, self._model.nv))
-        for row in range(count):
-            mujoco.mj_differentiatePos(self._model, qvel[row], DIFFERENCE, earlier[row], qpos[row])
+        points = np.stack([resample(one, rope) for one in points])
+        qpos = pose(points, rope)
         substeps = round(STEP / self.config.timestep)
-        share = np.arange(1, substeps + 1)[:, None] / substeps
-        held = np.flatnonzero(grasped != FREE)
-        begin = gripper[:, 0].copy()
-        begin[held] = (now[held, grasped[held]] + now[held, grasped[held] + 1]) / 2
-        knots = np.concatenate([begin[:, None], gripper], 1)[:, :, None]  # (B, H + 1, 1, 3)
-        path = knots[:, :-1] + (knots[:, 1:] - knots[:, :-1]) * share
-        path = path.reshape(count, -1, 3)
-        control = np.zeros((count, path.shape[1], rope.links + 3))
-        control[held, :, grasped[held]] = 1.0
+        path = self._path(points, velocities, grasped[:, 0], gripper, substeps)
+        total = path.shape[1]
+        control = np.zeros((count, total, rope.links + 3))
+        row, step = np.nonzero(np.repeat(grasped, substeps, axis=1) != FREE)
+        control[row, step, grasped[row, step // substeps]] = 1.0
+        control[:, -1, : rope.links] = control[:, -2, : rope.links]
         control[:, :, rope.links :] = path
         batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE)
-        batch.qpos[:count], batch.qvel[:count] = qpos, qvel
+        batch.qpos[:count] = qpos
+        batch.qvel[:count] = [
+            self._hinge_velocities(*one) for one in zip(qpos, velocities, strict=True)
+        ]
         recorded = batch.rollout(
-            path.shape[1],
+            total,
             control,
             int(mujoco.mjtState.mjSTATE_EQ_ACTIVE | mujoco.mjtState.mjSTATE_MOCAP_POS),
             record=["site_xpos"],
             ids=np.arange(count),
-        )["site_xpos"].reshape(count, path.shape[1], -1, 3)
-        vertices = recorded[:, substeps - 1 :: substeps, self._vertices]
-        return np.where(np.isfinite(vertices), vertices, points[:, None])
+        )["site_xpos"].reshape(count, total, -1, 3)[:, :, self._vertices]
+        # MuJoCo places sites before it integrates: a step's end is read in the next step.
+        ends = np.arange(substeps, total, substeps)
+        ahead = recorded[:, ends]
+        # One that blows up is put back to the reference pose and stops there.
+        warned = np.asarray(batch.warning)[:count, :, 1].any(axis=1)[:, None]
+        stopped = (ahead == recorded[:, -1:]).all(axis=(2, 3))
+        blown = (warned & stopped) | ~np.isfinite(ahead).all(axis=(2, 3))
+        before = points
+        for here, lost in zip(ahead.swapaxes(0, 1), blown.T, strict=True):
+            here[lost] = before[lost]
+            before = here
+        return ahead
+
+    def _path(
+        self,
+        points: NDArray,
+        velocities: NDArray,
+        grasped: NDArray,
+        gripper: NDArray,
+        substeps: int,
+    ) -> NDArray[np.float64]:
+        """Where the gripper (B, H * substeps + 1, 3) is in every time step and one more.
+
+        It begins where the dragged link lets us suppose it: MuJoCo's grip is critically damped with
+        `contact_time`, so that its link trails a steady gripper by twice that time.
+        """
+        from scipy.interpolate import PchipInterpolator
+
+        begin = gripper[:, 0].copy()
+        held = np.flatnonzero(grasped != FREE)
+        ahead = points + 2 * self.config.contact_time * velocities
+        begin[held] = (ahead[held, grasped[held]] + ahead[held, grasped[held] + 1]) / 2
+        knots = np.concatenate([begin[:, None], gripper], axis=1)  # (B, H + 1, 3)
+        last = gripper.shape[1]
+        at = np.minimum(np.arange(1, last * substeps + 2) / substeps, last)
+        path: NDArray[np.float64] = PchipInterpolator(np.arange(last + 1), knots, axis=1)(at)
+        return path
+
+    def _hinge_velocities(self, qpos: NDArray, velocities: NDArray) -> NDArray[np.float64]:
+        """The coordinates' velocities (nv,) that move the vertices most nearly at `velocities`.
+
+        Least squares over the vertices' Jacobians, for a rope's roll is seen in no vertex: that of
+        two poses, a moment apart, jumps where the head stands upright, and spins the rope to bits.
+        """
+        import mujoco
+
+        if not velocities.any():
+            return np.zeros(self._model.nv)
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        jacobian = np.empty((len(self._vertices), 3, self._model.nv))
+        for part, site in zip(jacobian, self._vertices, strict=True):
+            mujoco.mj_jacSite(self._model, self._data, part, None, site)
+        jacobian = jacobian.reshape(-1, self._model.nv)
+        normal = jacobian.T @ jacobian + RIDGE * np.eye(self._model.nv)
+        solved: NDArray[np.float64] = np.linalg.solve(normal, jacobian.T @ velocities.ravel())
+        return solved
+
+
+def grasped_at_each_step(grasped: Tensor, steps: int) -> Tensor:
+    """Indices (B, H) of the dragged links, from (B,) that hold for all H steps or (B, H)."""
+    return grasped.reshape(len(grasped), -1).expand(-1, steps)
 
 
 CHUNK = 64
 """Ropes simulated at once."""
 
-DIFFERENCE = 0.005
-"""Seconds over which velocities of vertices become velocities of hinges."""
+RIDGE = 1e-6
+"""Weight of the coordinates' velocities beside the vertices', square metres: the lever of a link is
+25 mm, or 6e-4 square metres."""

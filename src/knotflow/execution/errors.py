@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from knotflow.execution.rope_motions import STEP, Motions
+from knotflow.execution.rope_motions import Motions
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -28,17 +28,8 @@ def predict_motions(model: RopeDynamics, motions: Motions) -> Tensor:
 
     points = torch.from_numpy(motions.points[:, 0])
     gripper, grasped = torch.from_numpy(motions.gripper), torch.from_numpy(motions.grasped)
-    changes = (motions.grasped[:, 1:-1] != motions.grasped[:, :-2]).any(axis=0)
-    bounds = [0, *(1 + np.flatnonzero(changes)), motions.points.shape[1] - 1]
-    velocities, parts = torch.zeros_like(points), []
     with torch.no_grad():
-        for begin, end in zip(bounds[:-1], bounds[1:], strict=True):
-            path = gripper[:, begin + 1 : end + 1]
-            ahead = model.predict(points, velocities, grasped[:, begin], path)
-            frames = torch.cat([points[:, None], ahead], 1)
-            points, velocities = frames[:, -1], (frames[:, -1] - frames[:, -2]) / STEP
-            parts.append(ahead)
-    return torch.cat(parts, 1)
+        return model.predict(points, torch.zeros_like(points), grasped[:, :-1], gripper[:, 1:])
 
 
 def prediction_errors(models: Mapping[str, RopeDynamics], motions: Motions) -> pd.DataFrame:

@@ -10,32 +10,18 @@ otherwise.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import torch
 from torch import Tensor, nn
 
+from knotflow.execution.dynamics import grasped_at_each_step
 from knotflow.execution.rope_motions import FREE, STEP
+from knotflow.execution.training_config import LstmConfig
 
 SHIPPED = Path(__file__).parent / "data" / "dynamics.safetensors"
 """The weights that come with the package."""
-
-
-@dataclass(frozen=True)
-class LstmConfig:
-    """The network, and the rope it is for."""
-
-    hidden: int = 64
-    """Size of each direction's state."""
-    layers: int = 1
-    """LSTMs on top of each other."""
-    links: int = 40
-    """Of the rope."""
-    length: float = 1.0
-    """Of the rope, metres."""
-    straightening: int = 4
-    """Passes over the links that bring them back towards their length."""
 
 
 class LstmDynamics(nn.Module):
@@ -86,9 +72,10 @@ class LstmDynamics(nn.Module):
     ) -> Tensor:
         """See `RopeDynamics`."""
         points, velocities, gripper = points.float(), velocities.float(), gripper.float()
+        grasped = grasped_at_each_step(grasped, gripper.shape[1])
         ahead = []
         for step in range(gripper.shape[1]):
-            moved = self(points, velocities, grasped, gripper[:, step])
+            moved = self(points, velocities, grasped[:, step], gripper[:, step])
             points, velocities = moved, (moved - points) / STEP
             ahead.append(points)
         return torch.stack(ahead, 1)

@@ -1,7 +1,9 @@
 """Inverse kinematics along a plan's waypoints with mink (differential, a QP a step).
 
 The tip's position comes first, then the gripper's direction: pointing down, its fingers closing
-across the strand it grasps. At the edge of the workspace the gripper tilts rather than miss.
+across the strand it grasps. Where it comes down and closes it must; once it holds the rope it may
+turn about the vertical, as the rope does that it drags. At the edge of the workspace the gripper
+tilts rather than miss.
 """
 
 from __future__ import annotations
@@ -26,12 +28,17 @@ MAX_TILT = np.deg2rad(30.0)
 """The gripper may lean this far from pointing down."""
 MAX_TURN = np.deg2rad(15.0)
 """The fingers may close this far from across the strand."""
+GRASPING = ("descend", "close")
+"""Phases in which the fingers must close across the strand,"""
+BOUND = ("travel", *GRASPING)
+"""and those in which they turn there and keep; in the others the gripper may turn."""
 CLEARANCE = 1e-3
 """Least distance between arm and table, and between links that are not neighbours, metres."""
 
 # Weights of a metre missed and of a radian tilted, turned or away from home. The last settles what
 # the tip leaves free; much smaller ones get lost in the solver's tolerance.
 _MISS_COST, _TILT_COST, _TURN_COST, _HOME_COST = 200.0, 2.0, 4.0, 0.05
+_LOOSE_TURN_COST = 0.1  # of a gripper that holds the rope or leaves it
 _HOMING = 0.1  # share of the way home an iteration; a faster one would keep the arm moving
 _LONGEST_STEP = 0.15  # rad (m) an iteration; near a stretched arm longer ones leap about
 _LARGEST_MOVE = 0.2  # rad (m) a waypoint; more would take the tip off its path in between
@@ -79,22 +86,24 @@ def follow_waypoints(
     joints: NDArray | None = None
     yaw: float | None = None
     parts: list[_Part] = []
+    phases = np.array(waypoints.phases)
     for step, plan_step in enumerate(plan.steps):
         rows = np.flatnonzero(waypoints.step == step)
+        bound = np.isin(phases[rows], BOUND)
         link = int(grasped_link(plan_step.spline, len(plan_step.start) - 1))
         x, y, _ = plan_step.start[link + 1] - plan_step.start[link]
         nearer = solver.nearest_yaw(float(np.arctan2(y, x)), waypoints.positions[rows[-1]])
         best: _Part | None = None
         for goal in (nearer, nearer + np.pi):
-            travel = np.array(waypoints.phases)[rows] == "travel"
-            part = solver.follow(joints, waypoints.positions[rows], _yaws(yaw, goal, travel))
+            yaws = _yaws(yaw, goal, phases[rows] == "travel")
+            part = solver.follow(joints, waypoints.positions[rows], yaws, bound)
             if best is None or part.missed < best.missed:
                 best = part
             if not best.missed:
                 break
         assert best is not None
         parts.append(best)
-        joints, yaw = best.joints[-1], float(best.yaws[-1])
+        joints, yaw = best.joints[-1], solver.yaw(best.joints[-1], near=float(best.yaws[-1]))
     return solver.reached(parts, waypoints)
 
 
@@ -150,22 +159,28 @@ class _Solver:
         home = self.home_yaw + self._azimuth(place)
         return home + (strand - home + np.pi / 2) % np.pi - np.pi / 2
 
-    def follow(self, start: NDArray | None, positions: NDArray, yaws: NDArray) -> _Part:
-        """Track positions (n, 3) and yaws (n,) from joints (J,), or from anywhere."""
+    def follow(
+        self, start: NDArray | None, positions: NDArray, yaws: NDArray, bound: NDArray[np.bool_]
+    ) -> _Part:
+        """Track positions (n, 3), and yaws (n,) where they bind, from joints (J,) or anywhere."""
         if start is None:
             start = self._find(positions[0], yaws[0])
-        q = self.rest.copy()
-        q[self.columns] = start
-        self.configuration.update(q)
+        self._place(start)
         joints, missed = [], 0
-        for position, yaw in zip(positions, yaws, strict=True):
+        for position, yaw, binds in zip(positions, yaws, bound, strict=True):
             here = self.configuration.q
             self.ranges.lower = np.maximum(self.low, here - _LARGEST_MOVE)
             self.ranges.upper = np.minimum(self.high, here + _LARGEST_MOVE)
-            missed += not self._go(position, yaw)
+            missed += not self._go(position, yaw, binds)
             joints.append(self.configuration.q[self.columns])
         self.ranges.lower, self.ranges.upper = self.low, self.high
         return _Part(np.array(joints), yaws, missed)
+
+    def yaw(self, joints: NDArray, near: float) -> float:
+        """Direction of the gripper's x axis at joints (J,), within half a turn of `near`."""
+        self._place(joints)
+        x, y, _ = self._rotation()[:, 0]
+        return near + (float(np.arctan2(y, x)) - near + np.pi) % (2 * np.pi) - np.pi
 
     def reached(self, parts: list[_Part], waypoints: Waypoints) -> Reached:
         """What forward kinematics says of the joints found."""
@@ -175,16 +190,14 @@ class _Solver:
         yaws = np.concatenate([part.yaws for part in parts])
         positions, quaternions, off = [], [], []
         for joint, yaw in zip(joints, yaws, strict=True):
-            q = self.rest.copy()
-            q[self.columns] = joint
-            self.configuration.update(q)
+            self._place(joint)
             quaternion = np.empty(4)
             mujoco.mju_mat2Quat(quaternion, self._rotation().ravel())
             positions.append(self._position())
             quaternions.append(quaternion)
             off.append(self._off(yaw))
         tilt, turn = np.array(off).T
-        turn[~np.isin(waypoints.phases, ("descend", "close"))] = 0.0
+        turn[~np.isin(waypoints.phases, GRASPING)] = 0.0
         error = np.linalg.norm(np.array(positions) - waypoints.positions, axis=1)
         return Reached(joints, np.array(positions), np.array(quaternions), error, tilt, turn)
 
@@ -195,10 +208,8 @@ class _Solver:
         high = np.minimum(self.high[self.columns], np.pi)
         best, least = self.rest[self.columns], np.inf
         for start in self._starts(position, rng, low, high):
-            q = self.rest.copy()
-            q[self.columns] = np.clip(start, low, high)
-            self.configuration.update(q)
-            done = self._go(position, yaw, 8 * _ITERATIONS)
+            self._place(np.clip(start, low, high))
+            done = self._go(position, yaw, iterations=8 * _ITERATIONS)
             error = float(np.linalg.norm(self._position() - position))
             if error < least:
                 best, least = self.configuration.q[self.columns].copy(), error
@@ -214,10 +225,18 @@ class _Solver:
         for _ in range(_TRIES):
             yield home + 0.3 * (rng.uniform(low, high) - home)
 
-    def _go(self, position: NDArray, yaw: float, iterations: int = _ITERATIONS) -> bool:
+    def _go(
+        self,
+        position: NDArray,
+        yaw: float,
+        binds: bool = True,
+        iterations: int = _ITERATIONS,
+    ) -> bool:
         """Move the configuration to a waypoint; whether it is reached."""
         import mink
 
+        turn_cost = _TURN_COST if binds else _LOOSE_TURN_COST
+        self.tip.set_orientation_cost([_TILT_COST, _TILT_COST, turn_cost])
         self.tip.set_target(mink.SE3.from_rotation_and_translation(_down(yaw), position))
         self.posture.set_target(self._rest_towards(position))
         tilt, turn, missed = *self._off(yaw), np.inf
@@ -239,7 +258,13 @@ class _Solver:
             there = missed < _CLOSE_ENOUGH or abs(missed - nearer) < 0.1 * _CLOSE_ENOUGH
             if there and abs(tilt + turn - before) < _SETTLED:
                 break
-        return bool(missed <= TOLERANCE and tilt <= MAX_TILT and turn <= MAX_TURN)
+        return bool(missed <= TOLERANCE and tilt <= MAX_TILT and (turn <= MAX_TURN or not binds))
+
+    def _place(self, joints: NDArray) -> None:
+        """Put the arm at joints (J,)."""
+        q = self.rest.copy()
+        q[self.columns] = joints
+        self.configuration.update(q)
 
     def _off(self, yaw: float) -> tuple[float, float]:
         """How far the gripper leans from pointing down, and its fingers from closing across."""

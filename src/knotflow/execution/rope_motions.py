@@ -19,6 +19,7 @@ from knotflow.simulation import (
     grasped_link,
     perturb_rope,
     random_curve,
+    state_or_none,
 )
 from knotflow.topology import TopologicalState
 
@@ -79,43 +80,102 @@ def draw_motions(
 ) -> Iterator[Motions]:
     """Motions of perturbed ropes, a rope at a time; levels take turns.
 
-    A quarter each are copies of demonstrated splines with noise, splines aimed at any action that
-    the demonstrated start allows, splines aimed at a loop in a random curve, and random splines.
+    Half begin where a demonstration does: a quarter with copies of its spline with noise, a quarter
+    with one aimed at any action. The others are as in plans: random curves, moved by `ACTIONS`
+    splines one after the other, aimed at an action or, of four, one random.
     """
     for number in range(ropes):
         level = levels[number % len(levels)]
         rope = perturb_rope(config.rope, level, rng)
-        simulator = RopeSimulator(replace(config, rope=rope, record_rate=1 / STEP))
-        pairs = [_pair(demonstrations, config, kind % 4, rng) for kind in range(per_rope)]
-        starts = np.stack([start for start, _ in pairs])
-        starts[..., 2] += rope.radius - config.rope.radius
-        splines = np.stack([spline for _, spline in pairs])
-        rollouts = simulator.execute(starts, splines)
-        held = rollouts.times < config.move_time - 1e-6
-        link = grasped_link(splines, rope.links)
-        grasped = np.where(held, link[:, None], FREE)
-        kept = ~rollouts.diverged
-        yield Motions(
-            rollouts.trajectory[kept],
-            rollouts.gripper[kept],
-            grasped[kept],
-            np.full(kept.sum(), level),
-        )
+        simulator = RopeSimulator(replace(config, rope=rope, record_rate=1 / config.timestep))
+        raised = np.array([0.0, 0.0, rope.radius - config.rope.radius])
+        shown = [
+            _demonstrated(demonstrations, copy=kind % 2 == 0, rng=rng)
+            for kind in range(per_rope // 2)
+        ]
+        if shown:
+            starts, splines = (np.stack(part) for part in zip(*shown, strict=True))
+            yield _execute(simulator, starts + raised, splines, level)[0]
+        left = per_rope - len(shown)
+        lying = [random_curve(config.rope, rng) + raised for _ in range(-(-left // ACTIONS))]
+        while left > 0:
+            lying = lying[:left]
+            left -= len(lying)
+            splines = np.stack([_planned(points, rng) for points in lying])
+            motions, ends = _execute(simulator, np.stack(lying), splines, level)
+            yield motions
+            lying = [
+                end - [*end[:, :2].mean(axis=0), 0.0]
+                if _readable(end)
+                else random_curve(config.rope, rng) + raised
+                for end in ends
+            ]
 
 
-def _pair(
-    demonstrations: Sequence[Demonstration],
-    config: SimulationConfig,
-    kind: int,
-    rng: np.random.Generator,
+ACTIONS = 4
+"""Splines that move a random curve one after the other: an overhand takes three actions."""
+
+MOST_CROSSINGS = 4
+"""A rope with more is left, and another one taken."""
+
+RANDOM_SHARE = 0.25
+"""Of the splines in plans."""
+
+
+def _execute(
+    simulator: RopeSimulator, points: NDArray, splines: NDArray, level: int
+) -> tuple[Motions, NDArray[np.float64]]:
+    """The motions that did not diverge, and the ends (B, V, 3) of all."""
+    config = simulator.config
+    rollouts = simulator.execute(points, splines)
+    frames = np.arange(0, len(rollouts.times), round(STEP / config.timestep))
+    held = rollouts.times[frames] < config.move_time - 1e-6
+    link = grasped_link(splines, config.rope.links)
+    grasped = np.where(held, link[:, None], FREE)
+    kept = np.flatnonzero(~rollouts.diverged)
+    motions = Motions(
+        rollouts.trajectory[kept[:, None], simulated_frames(frames, len(rollouts.times))],
+        rollouts.gripper[kept[:, None], frames],
+        grasped[kept],
+        np.full(len(kept), level),
+    )
+    return motions, rollouts.end_points
+
+
+def simulated_frames(steps: NDArray[np.intp], frames: int) -> NDArray[np.intp]:
+    """Which of a simulator's frames, one a time step, show ropes as they are after so many steps.
+
+    They come a time step early (see `Rollouts.trajectory`), so it is each time the next one; but
+    for the start, and for the end, of which there is no later one and at which the rope rests.
+    """
+    return np.where(steps > 0, np.minimum(steps + 1, frames - 1), 0)
+
+
+def _demonstrated(
+    demonstrations: Sequence[Demonstration], copy: bool, rng: np.random.Generator
 ) -> tuple[NDArray, NDArray]:
-    """A start (V, 3) and a spline (6,)."""
+    """A start (V, 3) and a spline (6,): a copy of the one shown there, or one aimed elsewhere."""
     shown = demonstrations[int(rng.integers(len(demonstrations)))]
-    if kind == 0:
+    if copy:
         return shown.points, noisy_copies(shown.spline, 1, rng, NoiseConfig())[0]
-    points = shown.points if kind == 1 else random_curve(config.rope, rng)
-    if kind == 3:
-        return points, rng.uniform(SPLINE_LOW, SPLINE_HIGH)
-    state = shown.task.start_state if kind == 1 else TopologicalState.trivial()
+    return shown.points, _aimed(shown.points, shown.task.start_state, rng)
+
+
+def _planned(points: NDArray, rng: np.random.Generator) -> NDArray[np.float64]:
+    """A spline (6,) aimed at an action of a rope (V, 3) whose state can be read, or random."""
+    if rng.random() < RANDOM_SHARE:
+        return rng.uniform(SPLINE_LOW, SPLINE_HIGH)
+    return _aimed(points, TopologicalState.from_curve(points), rng)
+
+
+def _aimed(
+    points: NDArray, state: TopologicalState, rng: np.random.Generator
+) -> NDArray[np.float64]:
     actions = [action for action, _ in state.actions()]
-    return points, aim(points, actions[rng.integers(len(actions))], 1, rng)[0]
+    spline: NDArray[np.float64] = aim(points, actions[rng.integers(len(actions))], 1, rng)[0]
+    return spline
+
+
+def _readable(points: NDArray) -> bool:
+    state = state_or_none(points)
+    return state is not None and state.num_crossings <= MOST_CROSSINGS

@@ -1,84 +1,119 @@
-"""Training of the learned dynamics on multi-step rollouts."""
+"""Training of the learned dynamics on multi-step rollouts (Sec. VI, [15])."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from knotflow.execution.lstm import LstmConfig, LstmDynamics
+from knotflow.execution.errors import STEPS, predict_motions
+from knotflow.execution.lstm import LstmDynamics
 from knotflow.execution.rope_motions import STEP, Motions
+from knotflow.execution.training_config import DynamicsTrainingConfig
 
-
-@dataclass
-class DynamicsTrainingConfig:
-    """How the dynamics are trained."""
-
-    network: LstmConfig = field(default_factory=LstmConfig)
-    """What is trained."""
-    steps: int = 4000
-    """Gradient steps."""
-    batch: int = 48
-    """Rollouts in a gradient step."""
-    horizon: int = 10
-    """Longest rollout that is learned from, in steps of 0.1 s; training begins with one of 2."""
-    learning_rate: float = 3e-3
-    """At first; it falls to nothing along a cosine."""
-    noise: float = 0.0003
-    """Standard deviation of the error of the first vertices, metres: estimates have some."""
+VALIDATION = 256
+"""Motions that are held out, most."""
 
 
 class DynamicsTraining:
-    """Trains a model; iterating gives the mean error of each step's batch, metres.
+    """Trains a model on parts of motions; iterating trains, and gives metrics per validation.
 
-    It goes on from where `save` left it: batches are drawn by a generator that is saved too.
+        for metrics in training:
+            training.save(path)
+        training.model.save(path)
+
+    It may be interrupted after any item, and goes on from what was saved as if it had not been.
     """
 
     def __init__(self, motions: Motions, config: DynamicsTrainingConfig, seed: int) -> None:
-        torch.manual_seed(seed)
+        """Draws the first weights from `seed`.
+
+        Args:
+            motions: what is learned from, two or more, those of the same rope side by side.
+            config: the effort.
+            seed: everything random comes from it.
+
+        Raises:
+            ValueError: fewer than two motions, or such of another number of vertices.
+        """
+        vertices = config.network.links + 1
+        if len(motions) < 2 or motions.points.shape[2] != vertices:
+            raise ValueError(
+                f"training needs two or more motions of ropes of {vertices} vertices, got points "
+                f"of shape {motions.points.shape}"
+            )
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            self.model = LstmDynamics(config.network)
         self.config = config
-        self.model = LstmDynamics(config.network)
-        self._points = torch.from_numpy(motions.points)
-        self._gripper = torch.from_numpy(motions.gripper)
-        self._grasped = torch.from_numpy(motions.grasped)
+        held = max(1, round(config.held_out * len(motions)))
+        self._held_out = motions[-held:][:VALIDATION]
+        learned = motions[:-held]
+        self._points = torch.from_numpy(learned.points)
+        self._gripper = torch.from_numpy(learned.gripper)
+        self._grasped = torch.from_numpy(learned.grasped)
         self._generator = torch.Generator().manual_seed(seed)
         self._optimizer = torch.optim.AdamW(
-            self.model.parameters(), config.learning_rate, weight_decay=1e-4
+            self.model.parameters(), config.learning_rate, weight_decay=config.weight_decay
         )
-        self._schedule = torch.optim.lr_scheduler.CosineAnnealingLR(
-            self._optimizer, config.steps, config.learning_rate / 100
+        self.history: list[dict[str, float]] = []
+        """The metrics so far, an item a validation."""
+
+    def __iter__(self) -> Iterator[dict[str, float]]:
+        while len(self.history) < self.config.validations:
+            first = len(self.history) * self.config.steps
+            errors = [self._step(first + step) for step in range(self.config.steps)]
+            self.history.append({"error_mm": 1e3 * float(np.mean(errors))} | self.validate())
+            yield self.history[-1]
+
+    def validate(self) -> dict[str, float]:
+        """Mean error (mm) of held-out motions after each number of `STEPS`, from rest."""
+        away = predict_motions(self.model, self._held_out).numpy() - self._held_out.points[:, 1:]
+        error = 1e3 * np.linalg.norm(away, axis=-1).mean(axis=(0, 2))  # (T - 1,)
+        return {f"validation_{steps}_mm": float(error[steps - 1]) for steps in STEPS}
+
+    def save(self, path: Path) -> None:
+        """Write all that is needed to go on."""
+        torch.save(
+            {
+                "model": self.model.state_dict(),
+                "optimizer": self._optimizer.state_dict(),
+                "generator": self._generator.get_state(),
+                "history": self.history,
+            },
+            path,
         )
-        self.step = 0
 
-    def __iter__(self) -> Iterator[float]:
-        while self.step < self.config.steps:
-            horizon = min(self.config.horizon, 2 + 2 * (8 * self.step // self.config.steps))
-            points, velocities, grasped, gripper, truth = self._batch(horizon)
-            ahead = self._rollout(points, velocities, grasped, gripper)
-            error = (ahead - truth).norm(dim=-1)
-            self._optimizer.zero_grad()
-            # Far steps are wrong by more, and must not drown the near ones.
-            scale = torch.arange(1, horizon + 1).sqrt()[:, None]
-            (error / scale).mean().backward()
-            torch.nn.utils.clip_grad_norm_(self.model.parameters(), 0.1)
-            self._optimizer.step()
-            self._schedule.step()
-            self.step += 1
-            yield error.mean().item()
+    def load(self, path: Path) -> None:
+        """Go on from what `save` wrote, of a training with the same arguments."""
+        state = torch.load(path, weights_only=True)
+        self.model.load_state_dict(state["model"])
+        self._optimizer.load_state_dict(state["optimizer"])
+        self._generator.set_state(state["generator"])
+        self.history = list(state["history"])
 
-    def _rollout(
-        self, points: Tensor, velocities: Tensor, grasped: Tensor, gripper: Tensor
-    ) -> Tensor:
-        ahead = []
-        for step in range(gripper.shape[1]):
-            moved = self.model(points, velocities, grasped[:, step], gripper[:, step])
-            points, velocities = moved, (moved - points) / STEP
-            ahead.append(points)
-        return torch.stack(ahead, 1)
+    def _step(self, step: int) -> float:
+        """Mean error of a batch, metres."""
+        config = self.config
+        done = step / (config.validations * config.steps)
+        for group in self._optimizer.param_groups:
+            cosine = 0.5 * (1 + math.cos(math.pi * done))
+            group["lr"] = config.learning_rate * (0.01 + 0.99 * cosine)
+        horizon = min(config.horizon, 2 + 2 * int(8 * done))
+        points, velocities, grasped, gripper, truth = self._batch(horizon)
+        ahead = self.model.predict(points, velocities, grasped, gripper)
+        error = (ahead - truth).norm(dim=-1)  # (B, H, V)
+        self._optimizer.zero_grad(set_to_none=True)
+        # Far steps are wrong by more, and must not drown the near ones.
+        scale = torch.arange(1, horizon + 1).sqrt()[:, None]
+        (error / scale).mean().backward()
+        torch.nn.utils.clip_grad_norm_(self.model.parameters(), config.gradient_norm)
+        self._optimizer.step()
+        return float(error.detach().mean())
 
     def _batch(self, horizon: int) -> tuple[Tensor, ...]:
         """Parts of motions, mirrored and reversed at random: laws that ropes obey."""
@@ -105,27 +140,3 @@ class DynamicsTraining:
 
     def _draw(self, high: int, count: int) -> Tensor:
         return torch.randint(high, (count,), generator=self._generator)
-
-    def save(self, path: Path) -> None:
-        """Write all that is needed to go on; a file that is half written replaces none."""
-        part = path.with_suffix(".part")
-        torch.save(self._state(), part)
-        part.replace(path)
-
-    def load(self, path: Path) -> None:
-        """Go on from a file that `save` wrote, of a training with the same arguments."""
-        state = torch.load(path, weights_only=True)
-        self.model.load_state_dict(state["model"])
-        self._optimizer.load_state_dict(state["optimizer"])
-        self._schedule.load_state_dict(state["schedule"])
-        self._generator.set_state(state["generator"])
-        self.step = state["step"]
-
-    def _state(self) -> dict[str, Any]:
-        return {
-            "model": self.model.state_dict(),
-            "optimizer": self._optimizer.state_dict(),
-            "schedule": self._schedule.state_dict(),
-            "generator": self._generator.get_state(),
-            "step": self.step,
-        }

@@ -64,11 +64,13 @@ class Rollouts:
     times: NDArray[np.float64]
     """(T,) time of each frame; the first is 0, before the grasp."""
     trajectory: NDArray[np.float32]
-    """(B, T, V, 3) rope vertices."""
+    """(B, T, V, 3) rope vertices; after the first frame, as they were a time step before its time:
+    MuJoCo places what is recorded before it integrates."""
     gripper: NDArray[np.float32]
-    """(B, T, 3) gripper positions."""
+    """(B, T, 3) gripper positions, at the time of the frame."""
     end_points: NDArray[np.float64]
-    """(B, V, 3) rope vertices at rest after the spline; the start's where it diverged."""
+    """(B, V, 3) rope vertices at rest after the spline, as in the last frame; the start's where it
+    diverged."""
     diverged: NDArray[np.bool_]
     """(B,) whether the simulation blew up."""
 
