@@ -83,7 +83,8 @@ class Tracker:
         Args:
             camera: of all images.
             rope: its length, radius and number of links.
-            initial: the rope at first, or its points (V, 3), metres, head first.
+            initial: the rope at first, or its points (V, 3), metres, head first, which are taken
+                for right, over and under too.
             config: how.
             predict: tells the next shape before it is seen.
 
@@ -92,7 +93,6 @@ class Tracker:
         """
         self.camera, self.rope, self.config = camera, rope, config or TrackerConfig()
         self._predict = predict
-        self._crossings = CrossingMemory()
         self._time: float | None = None
         self._waited = self.config.patience
         self._trailing: Floats | None = None
@@ -108,6 +108,7 @@ class Tracker:
             self._take(initial)
         else:
             self.points, self.velocities = points, np.zeros_like(points)
+            self._crossings = CrossingMemory.of_shape(points)
 
     def update(
         self, image: RgbdImage, gripper: NDArray | None = None, grasped: int | None = None
