@@ -26,6 +26,7 @@ def test_a_proposal_is_the_networks_guess_with_its_state_and_head():
         assert found.head_known and found.crossings == ()
         assert np.linalg.norm(found.points - truth, axis=1).mean() < NEAR
         assert found.state == TopologicalState.trivial()
+        assert (found.spread > 0).all() and np.isfinite(found.spread).all()
 
 
 def test_a_proposal_that_does_not_account_for_the_image_is_in_doubt():

@@ -157,7 +157,8 @@ def propose(
     config: EstimateConfig | None = None,
 ) -> RopeEstimate:
     """A network's guess at the rope of an image as it is: without gradient steps, and with no
-    crossing weighed, so a crossing's way round is as the guess has it.
+    crossing weighed, so a crossing's way round is as the guess has it. Its spread is the network's
+    own confidence.
 
     Raises:
         ImageError: an image of another size.
@@ -165,10 +166,10 @@ def propose(
     """
     config = config or EstimateConfig()
     target = observe(image, camera, rope)
-    shape = propose_points(image, camera, rope, network)
+    shape, confidence = network.propose(image, camera, rope, segment(image, camera, rope.radius))
     head = _head(shape, target, image, camera, config)
     if head == -1:
-        shape = shape[::-1].copy()
+        shape, confidence = shape[::-1].copy(), confidence[::-1]
     share = explained(shape, target, camera, rope)
     state = None if leaves_image(target) else state_or_none(shape)
     return RopeEstimate(
@@ -177,7 +178,7 @@ def propose(
         state,
         (),
         share,
-        spread(shape, target, camera, rope, config.fit),
+        -2 * rope.radius / np.log1p(-confidence.clip(1e-6, 1 - 1e-9)),
         head is not None,
         tuple(list_doubts(state, (), share, target, config)),
     )

@@ -50,7 +50,7 @@ def see(
             f"{np.rad2deg(tilt):.0f} degrees, but most of an image is the table, at z = 0; "
             "position is in metres"
         )
-    network = Network.load() if SHIPPED_NETWORK.exists() else None
+    network = Network.load(SHIPPED_NETWORK) if SHIPPED_NETWORK.exists() else None
     try:
         return estimate(image, pinhole, rope, network=network), image, pinhole
     except TraceError as error:
