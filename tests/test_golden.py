@@ -23,7 +23,7 @@ import torch
 from tensordict import TensorDict
 
 from knotflow.baselines import RandomSampler
-from knotflow.baselines.causal_infogan import Frame, measure
+from knotflow.baselines.causal_infogan import StartFrame, measure
 from knotflow.baselines.icp import align
 from knotflow.demonstrations import TASKS, NoiseConfig, aim, noisy_copies
 from knotflow.execution import ERRORS
@@ -143,7 +143,7 @@ def causal_infogan() -> dict[str, Any]:
     way_points = start + np.linspace(0, 1, 4)[:, None, None] * (end - start)
     measures = measure(start, way_points[0] + 0.01, way_points, way_points[-1], end)
     return {
-        "shape": Frame.of(loop()[None]).enter(loop()[None])[0, ::5],
+        "shape": StartFrame.of(loop()[None]).enter(loop()[None])[0, ::5],
         "measures": [float(value) for value in vars(measures).values()],
     }
 

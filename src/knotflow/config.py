@@ -20,7 +20,7 @@ from knotflow.baselines import IcpConfig
 from knotflow.baselines.causal_infogan import CausalInfoGanBudget
 from knotflow.demonstrations import SHIPPED, DemonstratorConfig, NoiseConfig
 from knotflow.execution import DynamicsTrainingConfig, ExecutionConfig
-from knotflow.perception.training_config import TrainingConfig
+from knotflow.perception.training_config import SHIPPED_NETWORK, TrainingConfig
 from knotflow.planning import PlannerConfig
 from knotflow.primitives import SHIPPED_PRIMITIVES, PrimitiveConfig
 from knotflow.simulation import SimulationConfig, StartsConfig
@@ -246,6 +246,22 @@ class RootsBudget:
 
 
 @dataclass
+class AdaptationBudget:
+    """The images from which the network that sees ropes learns without their shapes."""
+
+    shards: int = 2
+    """Of 32 ropes, among whose shapes those in the images are chosen."""
+    rounds: int = 8
+    """Splines that each of these is moved by, one after the other."""
+    images: int = 64
+    """Of one rope each."""
+    steps: int = 200
+    """Gradient steps."""
+    seed: int = 4_600_019
+    """Of ropes, noise and batches; used for nothing else."""
+
+
+@dataclass
 class PerceptionBudget:
     """The ropes that are estimated from one image each (Sec. VI)."""
 
@@ -261,6 +277,10 @@ class PerceptionBudget:
     """Of the camera's noise; 1 is nominal."""
     seed: int = 4_000_037
     """Of ropes and noise; used for nothing else."""
+    network: str = str(SHIPPED_NETWORK)
+    """File of the network's weights; yours may take its place."""
+    adaptation: AdaptationBudget = field(default_factory=AdaptationBudget)
+    """Its learning from images alone."""
 
 
 @dataclass

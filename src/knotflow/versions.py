@@ -15,7 +15,7 @@ VERSIONS = {
     "primitives": 2,
     "training": 2,
     "planning": 2,
-    "perception": 1,
+    "perception": 2,
     "execution": 2,
 }
 """Package below knotflow -> its version. One inside another, with a number of its own, is not

@@ -53,6 +53,15 @@ def test_strands_that_changed_places_in_a_poor_image_are_put_right():
     assert not kept.first_over
 
 
+@pytest.mark.parametrize("over", [1, -1])
+def test_a_shape_that_is_known_says_what_is_on_top(over):
+    points = loop(over)
+    flipped = exchange(points, *meetings(points)[0], ROPE)
+    shape, (crossing,) = update(CrossingMemory.of_shape(points), flipped, blind(points))
+    assert TopologicalState.from_curve(shape) == TopologicalState.from_curve(points)
+    assert crossing.first_over == (over == -1) and crossing.certainty > 0.99
+
+
 def test_a_crossing_that_is_turned_runs_from_the_other_end():
     _, (one,) = update(CrossingMemory(), loop(1), target(loop(1)))
     turned = one.turned()

@@ -75,11 +75,25 @@ def test_a_shape_that_does_not_account_for_the_image_is_in_doubt():
     assert found.doubtful and found.explained < 0.5
 
 
-def test_a_rope_that_leaves_the_image_is_in_doubt():
+def test_a_rope_that_leaves_the_image_is_in_doubt_and_its_state_unknown():
     points = s_curve() + [0.75, 0, 0]
     found = estimate(image(points), CAMERA, ROPE, initial=points, config=QUICK)
-    assert "the rope leaves the image" in found.doubts
+    assert "the rope leaves the image" in found.doubts and found.state is None
     assert not found.seen[-5:].any() and found.seen[:20].all()
+
+
+def test_most_of_a_rope_outside_of_the_image_is_followed_as_far_as_it_is_seen():
+    points = s_curve() + [1.1, 0, 0]
+    found = estimate(image(points), CAMERA, ROPE, config=QUICK)
+    assert "the rope leaves the image" in found.doubts and found.state is None
+    assert np.isfinite(found.points).all() and found.seen.any() and not found.seen.all()
+
+
+def test_a_rope_whose_depth_is_lost_is_not_made_up():
+    seen = image(s_curve())
+    lost = np.where(seen.rgb[..., 0] > 100, np.float32(np.nan), seen.depth)
+    with pytest.raises(TraceError):
+        estimate(RgbdImage(seen.rgb, lost), CAMERA, ROPE)
 
 
 def test_an_image_without_rope_holds_none():

@@ -1,16 +1,19 @@
 """From an image's files to a rope's file; what cannot be read is named."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from PIL import Image
 
-from knotflow.perception import SAMPLE, CameraError, ImageError, see
+from knotflow.perception import SAMPLE, Camera, CameraError, ImageError, Network, see, seeing
 from knotflow.perception.estimation import RopeEstimate
 from knotflow.perception.seeing import describe, draw_overlay, write_rope
 from knotflow.planning.ropes import read_rope
 from knotflow.topology import TopologicalState
 
 from .shapes import CAMERA, ROPE, image, s_curve
+from .test_network import knowing
 
 FILES = (SAMPLE / "overhand.png", SAMPLE / "overhand-depth.png", SAMPLE / "camera.yaml")
 
@@ -34,6 +37,17 @@ def test_the_sample_is_seen_as_the_overhand_that_it_is_or_in_doubt():
     right = seen.state == TopologicalState.from_curve(truth)
     assert right or seen.doubtful
     assert right or "in doubt" in describe(seen)
+
+
+@pytest.mark.parametrize("shipped", [True, False])
+def test_a_network_that_is_shipped_is_asked_too(shipped, tmp_path, monkeypatch, found):
+    asked = []
+    monkeypatch.setattr(seeing, "SHIPPED_NETWORK", tmp_path / "network.safetensors")
+    monkeypatch.setattr(seeing, "estimate", lambda *_, network: asked.append(network) or found)
+    if shipped:
+        knowing(s_curve()).save(tmp_path / "network.safetensors")
+    assert see(*FILES)[0] is found
+    assert isinstance(asked[0], Network) == shipped
 
 
 def test_a_written_rope_is_read_as_a_start(tmp_path, found):
@@ -73,6 +87,19 @@ def test_a_camera_file_that_lacks_a_value_is_refused(tmp_path):
     (tmp_path / "camera.yaml").write_text("\n".join(x for x in lines if not x.startswith("fx")))
     with pytest.raises(CameraError, match="lacks fx"):
         see(*FILES[:2], tmp_path / "camera.yaml")
+
+
+def test_a_camera_file_that_puts_the_table_elsewhere_is_refused(tmp_path):
+    in_millimetres = tmp_path / "camera.yaml"
+    camera = Camera.load(FILES[2])
+    replace(camera, position=1e3 * camera.position).save(in_millimetres)
+    with pytest.raises(CameraError, match=r"camera\.yaml.*\+1198\.80 m above z = 0"):
+        see(*FILES[:2], in_millimetres)
+    tilted = tmp_path / "tilted.yaml"
+    turn = np.array([[1, 0, 0], [0, 0.96, -0.28], [0, 0.28, 0.96]])
+    replace(camera, rotation=turn @ camera.rotation).save(tilted)
+    with pytest.raises(CameraError, match="tilted by 16 degrees"):
+        see(*FILES[:2], tilted)
 
 
 def test_an_image_of_another_size_is_refused(tmp_path):

@@ -48,6 +48,15 @@ def test_rope_and_gripper_are_found_in_any_colours(level, least, camera, overhan
             assert not found.gripper.any()
 
 
+@pytest.mark.parametrize("level", [0, 1])
+@pytest.mark.parametrize("along", [0, 1], ids=["rows", "columns"])
+def test_a_rope_between_two_rows_of_pixels_is_found(along, level, camera, rng):
+    """It covers the middles of two rows, where it covers those of three elsewhere."""
+    line = straight(ROPE) if along == 0 else straight(ROPE)[:, [1, 0, 2]]
+    image, true = seen(camera, line, level, rng)
+    assert iou(segment(image, camera, ROPE.radius).rope, true == Label.ROPE) > 0.8
+
+
 def test_a_rope_of_the_tables_colour_is_found_by_its_height(camera, overhand, rng):
     look = Appearance(rope=(0.4, 0.4, 0.4), table=(0.4, 0.4, 0.4))
     image, true = seen(camera, overhand, 1, rng, look=look)

@@ -40,10 +40,23 @@ def results(tmp_path):
 def test_estimates_are_told_by_method_noise_and_crossings(results):
     told = perception.values(results, Pictures())
     lines = told["table"].splitlines()[2:]
-    assert len(lines) == 2 * 2 * 2
-    assert "| rendering | 1 | 0 to 3 | 6 | 3.0" in told["table"]
+    assert len(lines) == 2 * 2 * 2 + len(perception.METHODS) - 2
+    assert "| skeleton and rendering | 1 | 0 to 3 | 6 | 3.0" in told["table"]
     assert "2 of 2" in lines[0] and "66.7 %" in lines[0]
     assert told["figure"]
+
+
+def test_methods_whose_network_was_not_there_are_not_run(results):
+    told = perception.values(results, Pictures())
+    assert told["without_network"] and told["shown"] == "skeleton and rendering"
+    assert "| network alone | not run |" in told["table"]
+    path = results.root / "perception" / "estimates.csv"
+    table = pd.read_csv(path).replace("rendering_poor_start", "network")
+    table.to_csv(path, index=False)
+    told = perception.values(Results(results.root), Pictures())
+    assert not told["without_network"]
+    assert "| network alone | 1 | 0 to 3 |" in told["table"]
+    assert "| rendering from a poor start | not run |" in told["table"]
 
 
 def test_a_rope_that_was_not_found_has_no_error(results):

@@ -4,26 +4,40 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from knotflow.perception import SAMPLE, EstimateConfig, FitConfig
+from knotflow.perception import SAMPLE, EstimateConfig, FitConfig, Network, NetworkError
+from knotflow.perception.coarse_to_fine import CoarseToFine
+from knotflow.perception.methods import METHODS, SELF_SUPERVISED, SUPERVISED
+from knotflow.perception.training_config import NetworkConfig
 from knotflow.simulation import RopeConfig, straight
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages.perception import (
-    METHODS,
     TABLE,
     PerceptionConfig,
     choose_ropes,
     estimate_ropes,
 )
+from knotflow.workflow.stages.perception_networks import weights_file
 
 
 @pytest.fixture
 def ropes(tmp_path):
     """Straight ropes, the last of them half outside of the image, and an overhand."""
-    line = straight(RopeConfig()) + [0.0, 0.03, 0.0]  # between two rows of pixels it is too thin
+    line = straight(RopeConfig())  # between two rows of pixels
     overhand = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
     points = np.stack([line, line + [0.0, 0.1, 0.0], line + [0.6, 0.0, 0.0], overhand])
     np.savez(tmp_path / "ropes.npz", points=points.astype(np.float32), crossings=[0, 0, 0, 3])
     return tmp_path
+
+
+@pytest.fixture
+def networks(tmp_path):
+    """Untrained networks."""
+    folder = tmp_path / "networks"
+    folder.mkdir()
+    network = Network(CoarseToFine(NetworkConfig(32, (8, 16, 16), (5, 9, 41), 16, 1)))
+    for name in (SUPERVISED, SELF_SUPERVISED):
+        network.save(folder / weights_file(name))
+    return folder
 
 
 def config(**changes):
@@ -42,17 +56,38 @@ def test_ropes_are_chosen_by_crossings_among_those_in_view(ropes):
 
 def test_a_method_that_there_is_not_is_refused(ropes, tmp_path):
     with pytest.raises(ValueError, match="unknown methods.*guessing.*rendering"):
-        estimate_ropes(config(methods=["guessing"]), {"ropes": ropes}, StageContext(tmp_path))
+        estimate_ropes(
+            config(methods=["guessing"]),
+            {"ropes": ropes, "networks": tmp_path},
+            StageContext(tmp_path),
+        )
+
+
+def test_methods_that_need_a_network_are_left_out_while_there_is_none(ropes, tmp_path, capsys):
+    out = tmp_path / "out"
+    out.mkdir()
+    given = {"ropes": ropes, "networks": tmp_path}
+    some = config(methods=["rendering_poor_start", "network"], crossings=[0])
+    estimate_ropes(some, given, StageContext(out))
+    assert set(pd.read_csv(out / TABLE)["method"]) == {"rendering_poor_start"}
+    assert "not run, as there is no network: network" in capsys.readouterr().out
+    with pytest.raises(NetworkError, match="perception_training trains one"):
+        estimate_ropes(config(methods=["network"]), given, StageContext(out))
 
 
 @pytest.mark.slow
-def test_estimates_have_a_row_a_method_and_rope(ropes, tmp_path):
+def test_estimates_have_a_row_a_method_and_rope(ropes, networks, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
-    estimate_ropes(config(), {"ropes": ropes}, StageContext(out))
+    given = {"ropes": ropes, "networks": networks}
+    estimate_ropes(config(crossings=[0], ropes=2), given, StageContext(out))
     table = pd.read_csv(out / TABLE)
     assert len(table) == 2 * len(METHODS)
     assert set(table["method"]) == set(METHODS)
-    alone = table[table["method"] == "rendering"].set_index("crossings")
-    assert alone.loc[0, "off_curve_error_mm"] < 5 and alone.loc[0, "state_correct"]
+    of = dict(iter(table.groupby("method")))
+    assert (of["rendering"]["off_curve_error_mm"] < 5).all()
+    assert of["rendering"]["state_correct"].all()
+    # What was not trained is wrong, and says so, until rendering mends it.
+    assert (of["network"]["mean_error_mm"] > 20).all() and of["network"]["doubtful"].all()
+    assert (of["network_tracing_rendering"]["off_curve_error_mm"] < 5).all()
     assert (table["off_curve_error_mm"] <= table["mean_error_mm"] + 1e-6).all()

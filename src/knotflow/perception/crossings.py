@@ -49,6 +49,16 @@ class CrossingMemory:
         )
         return memory
 
+    @classmethod
+    def of_shape(cls, shape: Floats) -> CrossingMemory:
+        """From a shape (V, 3) that is known to be right."""
+        memory = cls()
+        memory._known = tuple(
+            _Known(pair, _MOST if _height(shape, pair[0]) > _height(shape, pair[1]) else -_MOST)
+            for pair in meetings(shape)
+        )
+        return memory
+
     def update(
         self, shape: Floats, target: Target, camera: Camera, rope: RopeConfig, config: FitConfig
     ) -> tuple[Floats, tuple[CrossingEvidence, ...]]:

@@ -1,9 +1,9 @@
 """A rope's shape and topological state from one RGB-D image (Sec. VI).
 
-The rope is segmented, a first guess follows its skeleton (or is given), gradient steps in image
-space make it account for the image, and each crossing is weighed against its other way round. What
-the image does not say is not invented: a shape that does not account for the image, or a crossing
-in doubt, makes the estimate doubtful.
+The rope is segmented, first guesses follow its skeleton, come from a network or are given, gradient
+steps in image space make them account for the image, and each crossing of the best is weighed
+against its other way round. What the image does not say is not invented: a shape that does not
+account for the image, or a crossing in doubt, makes the estimate doubtful.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from knotflow.perception.fitting import FitConfig, fit
 from knotflow.perception.image import RgbdImage
 from knotflow.perception.lifting import lift
 from knotflow.perception.losses import Target
+from knotflow.perception.network import Network
+from knotflow.perception.segmentation import segment
 from knotflow.perception.tracing import trace
 from knotflow.perception.uncertainty import spread
 from knotflow.simulation import RopeConfig, state_or_none
@@ -27,6 +29,8 @@ from knotflow.topology import TopologicalState
 
 Floats = NDArray[np.float64]
 Pairs = frozenset[tuple[int, int]]
+
+_BORDER = 2  # pixels: the last one may have lost its depth
 
 
 @dataclass
@@ -54,7 +58,8 @@ class RopeEstimate:
     Attributes:
         points: (V, 3) metres, head first, world frame.
         seen: (V,) bool, vertices that the image shows.
-        state: the topological state of `points`; None where their projection cannot be read.
+        state: the topological state of `points`; None where their projection cannot be read, and
+            for a single image that the rope leaves, as it may cross itself outside.
         crossings: each with its certainty, in the order met.
         explained: share of the rope in the image that `points` account for, 0..1.
         spread: (V,) metres, standard deviation of each vertex's distance, were the crossings right.
@@ -84,6 +89,7 @@ def estimate(
     initial: NDArray | None = None,
     config: EstimateConfig | None = None,
     earlier: NDArray | None = None,
+    network: Network | None = None,
 ) -> RopeEstimate:
     """The rope of an image.
 
@@ -96,6 +102,7 @@ def estimate(
         config: how.
         earlier: (V, 3) metres, the shape it had shortly before, head first. It tells which end is
             the head where no colour does.
+        network: proposes one more first guess, where `initial` is not given.
 
     Raises:
         ImageError: an image of another size.
@@ -103,7 +110,12 @@ def estimate(
     """
     config = config or EstimateConfig()
     target = observe(image, camera, rope)
-    guesses = _guesses(target, image, camera, rope, config) if initial is None else [initial]
+    if initial is not None:
+        guesses = [initial]
+    else:
+        guesses = _guesses(target, image, camera, rope, config)
+        if network is not None:
+            guesses.append(propose_points(image, camera, rope, network))
     shapes = [fit(guess, target, camera, rope, config.fit) for guess in guesses]
     shares = [explained(shape, target, camera, rope) for shape in shapes]
     best = int(np.argmax(shares))
@@ -116,7 +128,7 @@ def estimate(
         crossings = tuple(sorted((one.turned() for one in crossings), key=lambda x: x.fractions))
 
     share = explained(shape, target, camera, rope)
-    state = state_or_none(shape)
+    state = None if leaves_image(target) else state_or_none(shape)
     rivals = {
         _shadow(one)
         for one, accounted in zip(shapes, shares, strict=True)
@@ -135,6 +147,46 @@ def estimate(
         head is not None,
         tuple(doubts),
     )
+
+
+def propose(
+    image: RgbdImage,
+    camera: Camera,
+    rope: RopeConfig,
+    network: Network,
+    config: EstimateConfig | None = None,
+) -> RopeEstimate:
+    """A network's guess at the rope of an image as it is: without gradient steps, and with no
+    crossing weighed, so a crossing's way round is as the guess has it. Its spread is the network's
+    own confidence.
+
+    Raises:
+        ImageError: an image of another size.
+        TraceError: no rope in the image.
+    """
+    config = config or EstimateConfig()
+    target = observe(image, camera, rope)
+    shape, confidence = network.propose(image, camera, rope, segment(image, camera, rope.radius))
+    head = _head(shape, target, image, camera, config)
+    if head == -1:
+        shape, confidence = shape[::-1].copy(), confidence[::-1]
+    share = explained(shape, target, camera, rope)
+    state = None if leaves_image(target) else state_or_none(shape)
+    return RopeEstimate(
+        shape,
+        seen(shape, target.rope.numpy(), image, camera, rope),
+        state,
+        (),
+        share,
+        -2 * rope.radius / np.log1p(-confidence.clip(1e-6, 1 - 1e-9)),
+        head is not None,
+        tuple(list_doubts(state, (), share, target, config)),
+    )
+
+
+def propose_points(image: RgbdImage, camera: Camera, rope: RopeConfig, network: Network) -> Floats:
+    """A network's guess (V, 3), metres, from either end."""
+    return network.propose(image, camera, rope, segment(image, camera, rope.radius))[0]
 
 
 def _guesses(
@@ -190,6 +242,12 @@ def _shadow(shape: Floats) -> frozenset[Pairs] | None:
     return frozenset((frozenset(pairs), frozenset((last - b, last - a) for a, b in pairs)))
 
 
+def leaves_image(target: Target) -> bool:
+    """Whether rope is seen at the border of an image."""
+    inner = target.rope[_BORDER:-_BORDER, _BORDER:-_BORDER]
+    return bool(target.rope.sum() > inner.sum())
+
+
 def list_doubts(
     state: TopologicalState | None,
     crossings: tuple[CrossingEvidence, ...],
@@ -199,9 +257,9 @@ def list_doubts(
 ) -> list[str]:
     """What is in doubt about a shape that accounts for a `share` of the rope in the image."""
     doubts = []
-    if bool(target.rope[[0, -1]].any() or target.rope[:, [0, -1]].any()):
+    if leaves_image(target):
         doubts.append("the rope leaves the image")
-    if state is None:
+    elif state is None:
         doubts.append("the shape's projection does not determine its state")
     if share < config.explained:
         doubts.append(f"the shape accounts for {share:.0%} of the rope in the image")

@@ -26,7 +26,7 @@ from knotflow.perception.patch import Patch, seen_places
 from knotflow.perception.rendering import render
 from knotflow.perception.segmentation import Segmentation
 from knotflow.perception.tracing import TraceError
-from knotflow.perception.training_config import NetworkConfig
+from knotflow.perception.training_config import SHIPPED_NETWORK, NetworkConfig
 from knotflow.perception.unmixing import coverage
 from knotflow.simulation import RopeConfig, resample
 from knotflow.threads import one_thread
@@ -34,8 +34,6 @@ from knotflow.threads import one_thread
 FORMAT = "knotflow state estimation"
 VERSION = "1"
 """Raised when the patch or the network change, so that older weights mean something else."""
-SHIPPED = Path(__file__).parent / "data" / "network.safetensors"
-"""Where weights that come with the package lie."""
 FLIPS = ((1, 1), (-1, 1), (1, -1), (-1, -1))
 """The patch's mirror images: signs of its first and second axis."""
 SOFTNESS = 4e-3
@@ -106,7 +104,7 @@ class Network:
         save_file(weights, path, {"format": FORMAT, "version": VERSION, "network": sizes})
 
     @classmethod
-    def load(cls, path: Path | str = SHIPPED) -> Network:
+    def load(cls, path: Path | str = SHIPPED_NETWORK) -> Network:
         """The network of a file that `save` wrote.
 
         Raises:

@@ -8,11 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.perception.camera import Camera
+from knotflow.perception.camera import Camera, CameraError
 from knotflow.perception.estimation import RopeEstimate, estimate
 from knotflow.perception.image import ImageError, RgbdImage
+from knotflow.perception.network import Network
+from knotflow.perception.segmentation import table_error
 from knotflow.perception.tracing import TraceError
+from knotflow.perception.training_config import SHIPPED_NETWORK
 from knotflow.simulation import RopeConfig
+
+MOST_OFF, MOST_TILT = 0.05, 0.1
+"""Errors of a camera's pose that are still taken out: metres in height, and radians."""
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,14 +35,24 @@ def see(
         rope: that lies there; the default rope without.
 
     Raises:
-        CameraError: a camera file that cannot be used.
+        CameraError: a camera file that cannot be used, or does not put the table where it is seen.
         ImageError: files that make no image of that camera, or in which no rope is seen.
+
+    The network that the package ships, if it does, proposes a first shape beside the mask's own.
     """
     rope = rope or RopeConfig()
     pinhole = Camera.load(camera)
     image = RgbdImage.read(rgb, depth, pinhole)
+    off, tilt = table_error(image, pinhole)
+    if abs(off) > MOST_OFF or tilt > MOST_TILT:
+        raise CameraError(
+            f"{camera}: with this pose most of {depth} lies {off:+.2f} m above z = 0, tilted by "
+            f"{np.rad2deg(tilt):.0f} degrees, but most of an image is the table, at z = 0; "
+            "position is in metres"
+        )
+    network = Network.load(SHIPPED_NETWORK) if SHIPPED_NETWORK.exists() else None
     try:
-        return estimate(image, pinhole, rope), image, pinhole
+        return estimate(image, pinhole, rope, network=network), image, pinhole
     except TraceError as error:
         raise ImageError(
             f"{rgb}, {depth}: no rope of radius {1e3 * rope.radius:g} mm is seen above the table: "

@@ -29,6 +29,10 @@ HEIGHT_LIMIT, COLOUR_LIMIT = 2.0, 6.0
 read a pixel off at edges, so a single height is worth little."""
 ENOUGH = 1.0
 """Evidence needed to call a pixel rope: far more of the image is table."""
+SURE = 1.3
+"""Evidence of the smoothed height alone needed for the first histograms. A rope that lies between
+two rows of pixels covers the middles of these two only, whose evidence is smoothed to 1.32."""
+_SMOOTH = 0.6  # pixels, standard deviation
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,13 +90,15 @@ def segment(image: RgbdImage, camera: Camera, radius: float) -> Segmentation:
     bins = _bins(image.rgb)
 
     by_height = _height_evidence(height, radius)
-    standing = _smooth(by_height, known, 1.0) > ENOUGH
+    share = _blurred(known.astype(np.float32)) + 1e-6
+    standing = _smooth(by_height, known, share) > SURE
     for _ in range(2):
         by_colour = _colour_evidence(bins, standing & known & ~near, ~standing & known & ~near)
-        standing = _smooth(by_height + by_colour, known) > ENOUGH
+        standing = _smooth(by_height + by_colour, known, share) > ENOUGH
     labels = np.where(standing, Label.ROPE, Label.TABLE).astype(np.uint8)
     if solid.any():
-        unlike_rope = _smooth(_colour_evidence(bins, standing & known & ~near, solid), known) < 0
+        by_colour = _colour_evidence(bins, standing & known & ~near, solid)
+        unlike_rope = _smooth(by_colour, known, share) < 0
         standing |= height > 3 * radius  # a gripper of the table's colour
         labels[near & standing & unlike_rope] = Label.GRIPPER
         labels[solid] = Label.GRIPPER
@@ -101,23 +107,45 @@ def segment(image: RgbdImage, camera: Camera, radius: float) -> Segmentation:
     return Segmentation(labels, height)
 
 
+def table_error(image: RgbdImage, camera: Camera) -> tuple[float, float]:
+    """How far the plane that fills most of an image is from the table at z = 0, where the camera's
+    pose puts it: metres in height, at the middle of what is seen, and radians of tilt.
+
+    Zero where too little depth is known to tell.
+    """
+    image.check(camera)
+    points, plane = _table(image, camera)
+    if plane is None:
+        return 0.0, 0.0
+    middle = np.nanmedian(points[..., :2], axis=(0, 1))
+    return float(plane[0] + plane[1:] @ middle), float(np.arctan(np.hypot(*plane[1:])))
+
+
 def _heights(image: RgbdImage, camera: Camera) -> NDArray[np.float32]:
     """Heights (H, W) above the plane fitted to the table, metres; NaN where unknown."""
+    points, plane = _table(image, camera)
+    height = points[..., 2]
+    if plane is not None:
+        height = height - (plane[0] + points[..., :2] @ plane[1:])
+    return height.astype(np.float32)
+
+
+def _table(image: RgbdImage, camera: Camera) -> tuple[NDArray, NDArray | None]:
+    """The points (H, W, 3) of an image, metres, and the plane z = a + b x + c y (3,) fitted to most
+    of them; None where there are too few."""
     pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
     points = camera.unproject(pixels, image.depth)
-    height = points[..., 2]
-    flat = np.stack([np.ones_like(height), points[..., 0], points[..., 1]], axis=-1)
-    sample = np.isfinite(height[::4, ::4])
-    design, values = flat[::4, ::4][sample], height[::4, ::4][sample]
+    sample = points[::4, ::4][np.isfinite(image.depth[::4, ::4])]
+    design, values = np.column_stack([np.ones(len(sample)), sample[:, :2]]), sample[:, 2]
     if len(values) < 3:
-        return height.astype(np.float32)
+        return points, None
     plane = np.array([np.median(values), 0.0, 0.0])
     for tolerance in (0.04, 0.02, 0.01):
         table = np.abs(values - design @ plane) < tolerance
         if table.sum() < 3:
             break
         plane = np.linalg.lstsq(design[table], values[table], rcond=None)[0]
-    return (height - flat @ plane).astype(np.float32)
+    return points, plane
 
 
 def _height_evidence(height: NDArray[np.float32], radius: float) -> NDArray[np.float32]:
@@ -138,7 +166,7 @@ def _height_evidence(height: NDArray[np.float32], radius: float) -> NDArray[np.f
 
 def _bins(rgb: NDArray[np.uint8]) -> NDArray[np.intp]:
     """The bin (H, W) of each pixel in a flat colour histogram."""
-    red, green, blue = np.moveaxis(rgb.astype(np.intp) * BINS // 256, -1, 0)
+    red, green, blue = np.moveaxis((rgb // (256 // BINS)).astype(np.intp), -1, 0)
     return (red * BINS + green) * BINS + blue
 
 
@@ -164,7 +192,10 @@ def _gripper(
     most `reach` pixels from there."""
     from scipy import ndimage
 
-    high = ndimage.median_filter(np.nan_to_num(height), 3) > HIGH
+    high = (np.nan_to_num(height) > HIGH).astype(np.float32)
+    high = ndimage.uniform_filter(high, 3) > 0.5  # five of nine: the median is high
+    if not high.any():
+        return high, high
     # Half as near to the camera, a rope is seen twice as wide.
     core = ndimage.distance_transform_edt(high) > 1.5 * rope + 1.5
     if not core.any():
@@ -174,13 +205,17 @@ def _gripper(
 
 
 def _smooth(
-    evidence: NDArray[np.float32], known: NDArray[np.bool_], std: float = 0.6
+    evidence: NDArray[np.float32], known: NDArray[np.bool_], share: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Evidence (H, W) averaged over the known neighbours that are `std` pixels around."""
+    """Evidence (H, W) averaged over the known neighbours around, which are a `share` of all."""
+    return _blurred(np.where(known, evidence, np.float32(0.0))) / share
+
+
+def _blurred(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Averages (H, W) over neighbours."""
     from scipy import ndimage
 
-    weight = ndimage.gaussian_filter(known.astype(np.float32), std)
-    return ndimage.gaussian_filter(np.where(known, evidence, 0.0), std) / (weight + 1e-6)
+    return np.asarray(ndimage.gaussian_filter(image, _SMOOTH))
 
 
 def _doubt_specks(labels: NDArray[np.uint8], radius: float, shortest: float) -> None:

@@ -83,7 +83,8 @@ class Tracker:
         Args:
             camera: of all images.
             rope: its length, radius and number of links.
-            initial: the rope at first, or its points (V, 3), metres, head first.
+            initial: the rope at first, or its points (V, 3), metres, head first, which are taken
+                for right, over and under too.
             config: how.
             predict: tells the next shape before it is seen.
 
@@ -92,7 +93,6 @@ class Tracker:
         """
         self.camera, self.rope, self.config = camera, rope, config or TrackerConfig()
         self._predict = predict
-        self._crossings = CrossingMemory()
         self._time: float | None = None
         self._waited = self.config.patience
         self._trailing: Floats | None = None
@@ -108,6 +108,7 @@ class Tracker:
             self._take(initial)
         else:
             self.points, self.velocities = points, np.zeros_like(points)
+            self._crossings = CrossingMemory.of_shape(points)
 
     def update(
         self, image: RgbdImage, gripper: NDArray | None = None, grasped: int | None = None
@@ -128,11 +129,13 @@ class Tracker:
         self._time = image.time
         predicted = self._predict(self.points, self.velocities, seconds, held, grasped)
         target = observe(image, self.camera, self.rope)
+        coarse, camera = target.binned(self.config.grid), self.camera.binned(self.config.grid)
         shape = predicted
         if bool(target.rope.any()):
             cloud = rope_points(image, target, self.camera, self.rope, self.config.points)
-            shape = self._fit(register(predicted, cloud, self.rope), target, held, grasped)
-        coarse, camera = target.binned(self.config.grid), self.camera.binned(self.config.grid)
+            laid = register(predicted, cloud, self.rope)
+            known = target.known.numpy()[self._pixels(laid)]
+            shape = self._fit(laid, known, coarse, camera, held, grasped)
         shape, crossings = self._crossings.update(shape, coarse, camera, self.rope, self.config.fit)
         share = explained(shape, target, self.camera, self.rope)
         if share < self.config.lost:
@@ -165,12 +168,18 @@ class Tracker:
         return found
 
     def _fit(
-        self, predicted: Floats, target: Target, held: Floats | None, grasped: int | None
+        self,
+        predicted: Floats,
+        known: NDArray[np.bool_],
+        coarse: Target,
+        camera: Camera,
+        held: Floats | None,
+        grasped: int | None,
     ) -> Floats:
-        """The shape near the prediction that accounts for the image."""
+        """The shape near the prediction that accounts for the coarse image of `camera`, which says
+        something of the vertices that are `known` (V,)."""
         config = self.config
-        row, column = self._pixels(predicted)
-        trust = np.where(target.known.numpy()[row, column], config.shown, config.hidden)
+        trust = np.where(known, config.shown, config.hidden)
         weight, expected = torch.as_tensor(trust), torch.as_tensor(predicted)
 
         def off_prediction(points: Tensor) -> Tensor:
@@ -181,14 +190,7 @@ class Tracker:
                 loss = loss + config.held / len(points) * apart.square().sum()
             return loss
 
-        return fit(
-            predicted,
-            target.binned(config.grid),
-            self.camera.binned(config.grid),
-            self.rope,
-            config.fit,
-            off_prediction,
-        )
+        return fit(predicted, coarse, camera, self.rope, config.fit, off_prediction)
 
     def _find(self, image: RgbdImage, share: float, predicted: Floats) -> RopeEstimate | None:
         """A lost rope, estimated from the image alone; None where that does no better."""

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
+
+SHIPPED_NETWORK = Path(__file__).parent / "data" / "network.safetensors"
+"""Where weights that come with the package lie."""
 
 
 @dataclass

@@ -20,8 +20,22 @@ COLUMNS |= dict.fromkeys(("mean_error_mm", "p95_error_mm", "off_curve_error_mm")
 COLUMNS |= dict.fromkeys(("state_correct", "head_correct", "doubtful"), FLAG)
 GROUPS = ((0, 3), (4, 5))
 """Ropes are put together by their number of crossings, from and to."""
-SHOWN = "rendering"
-"""The method of the figure."""
+METHODS = {
+    "rendering": "skeleton and rendering",
+    "rendering_without_depth": "skeleton and rendering, without depth",
+    "rendering_poor_start": "rendering from a poor start",
+    "network": "network alone",
+    "network_without_self_supervision": "network alone, without self-supervision",
+    "network_rendering": "network and rendering",
+    "network_rendering_without_self_supervision": (
+        "network and rendering, without self-supervision"
+    ),
+    "network_rendering_without_depth": "network and rendering, without depth",
+    "network_tracing_rendering": "network, skeleton and rendering",
+}
+"""Methods and what the report calls them."""
+SHOWN = ("network_tracing_rendering", "rendering")
+"""The figure's method is the first of these that was run."""
 COLOURS = ("#009e73", "#0072b2", "#e69f00")
 
 
@@ -32,17 +46,24 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     if estimates is None:
         return None
     lines = []
-    for (method, noise), of in estimates.groupby(["method", "noise"], sort=False):
-        for low, high in GROUPS:
-            some = of[of["crossings"].between(low, high)]
-            if not some.empty:
-                lines.append([str(method).replace("_", " "), f"{noise:g}", *_line(some)])
+    for method, label in METHODS.items():
+        of_method = estimates[estimates["method"] == method]
+        if of_method.empty:
+            lines.append([label, "not run", *[NOTHING] * 8])
+        for noise, of in of_method.groupby("noise"):
+            for low, high in GROUPS:
+                some = of[of["crossings"].between(low, high)]
+                if not some.empty:
+                    lines.append([label, f"{noise:g}", *_line(some)])
     header = ["method", "noise", "crossings", "ropes", "mean error, mm", "off the curve, mm"]
     header += ["state right", "wrong states in doubt", "head right", "CPU time"]
-    shown = estimates[estimates["method"] == SHOWN]
+    run = set(estimates["method"])
+    shown = next((method for method in SHOWN if method in run), None)
     return {
         "table": markdown_table(header, lines, "llrrrrrrrr"),
-        "figure": None if shown.empty else pictures.add(_figure(shown)),
+        "shown": METHODS.get(shown or ""),
+        "figure": shown and pictures.add(_figure(estimates[estimates["method"] == shown])),
+        "without_network": not any(method.startswith("network") for method in run),
     }
 
 

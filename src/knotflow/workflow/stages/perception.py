@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -17,21 +17,19 @@ from knotflow.perception import (
     Appearance,
     Camera,
     EstimateConfig,
-    FitConfig,
+    NetworkError,
     NoiseConfig,
-    RgbdImage,
     RopeEstimate,
     SimulatedCamera,
     TraceError,
-    estimate,
 )
-from knotflow.simulation import RopeConfig, SimulationConfig, check_points, resample, state_or_none
+from knotflow.perception.methods import METHODS
+from knotflow.simulation import SimulationConfig, check_points, resample, state_or_none
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
+from knotflow.workflow.stages.perception_networks import load_networks
 
 TABLE = "estimates.csv"
-POOR = 0.03
-"""How far off a poor start is, metres, root mean square."""
 
 
 @dataclass(kw_only=True)
@@ -45,7 +43,7 @@ class PerceptionConfig:
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     """Of the camera; its level is set here."""
     methods: list[str] = field(default_factory=lambda: list(METHODS))
-    """Of `METHODS`."""
+    """Of `METHODS`; those that need a network are left out while there are no weights."""
     levels: list[float] = field(default_factory=lambda: [0.0, 1.0, 2.0])
     """Of noise."""
     crossings: list[int] = field(default_factory=lambda: [0, 1, 2, 3, 4, 5])
@@ -56,49 +54,24 @@ class PerceptionConfig:
     """Of the choice of ropes, of light and noise; used for nothing else."""
 
 
-Method = Callable[
-    [RgbdImage, Camera, RopeConfig, EstimateConfig, NDArray, np.random.Generator], RopeEstimate
-]
-"""Estimates the rope in an image. The true shape (V, 3) is for poor starts only."""
-
-
-def _alone(image, camera, rope, config, truth, rng):  # type: ignore[no-untyped-def]
-    return estimate(image, camera, rope, config=config)
-
-
-def _blind(image, camera, rope, config, truth, rng):  # type: ignore[no-untyped-def]
-    flat = replace(config, fit=replace(config.fit or FitConfig(), depth=0.0))
-    return estimate(image, camera, rope, config=flat)
-
-
-def _poor(image, camera, rope, config, truth, rng):  # type: ignore[no-untyped-def]
-    waves = np.sin(np.pi * np.outer(np.linspace(0, 1, len(truth)), np.arange(1, 5)))  # (V, 4)
-    off = waves @ rng.normal(size=(4, 2)) + rng.normal(size=2)
-    off *= POOR / np.sqrt((off**2).sum(axis=1).mean())
-    start = resample(truth + np.pad(off, ((0, 0), (0, 1))), rope)
-    return estimate(image, camera, rope, start, config)
-
-
-METHODS: dict[str, Method] = {
-    "rendering": _alone,
-    "rendering_without_depth": _blind,
-    "rendering_poor_start": _poor,
-}
-"""The paths through the mask's skeleton fitted by rendering; the same without depth in the fit; the
-true shape moved by `POOR`, smoothly along the rope, fitted by rendering."""
-
-
-@stage("perception", inputs=("ropes",))
+@stage("perception", inputs=("ropes", "networks"))
 def estimate_ropes(
     config: PerceptionConfig, inputs: Mapping[str, Path], context: StageContext
 ) -> None:
-    """Makes estimates.csv, a row a method, level and rope."""
+    """Makes estimates.csv, a row a method, level and rope.
+
+    Raises:
+        ValueError: an unknown method, or too few ropes.
+        NetworkError: all methods need a network, and there is none.
+    """
     unknown = sorted(set(config.methods) - set(METHODS))
     if unknown:
         raise ValueError(f"unknown methods {unknown}; methods are: {', '.join(METHODS)}")
+    config = replace(config, methods=_that_can_run(config.methods, inputs["networks"]))
     chosen = choose_ropes(config, inputs["ropes"] / "ropes.npz")
     names = [f"{crossings}-{number}" for crossings, number in chosen]
-    work = partial(_estimate_rope, config, dict(zip(names, chosen.values(), strict=True)))
+    ropes = dict(zip(names, chosen.values(), strict=True))
+    work = partial(_estimate_rope, config, ropes, inputs["networks"])
     context.each(work, context.pending(names, ".csv"), "perception")
     with context.atomic(TABLE) as path:
         pd.concat([pd.read_csv(context.out / f"{name}.csv") for name in names]).to_csv(
@@ -143,10 +116,30 @@ def _in_view(points: NDArray, camera: Camera) -> bool:
     )
 
 
+def _that_can_run(methods: list[str], networks: Path) -> list[str]:
+    """Those methods whose network is there."""
+    there = load_networks(networks)
+    run = [name for name in methods if METHODS[name].network in (None, *there)]
+    if not run:
+        raise NetworkError(
+            f"methods {', '.join(methods)} need a network, and there are no weights: "
+            "python -m knotflow +experiment=perception_training trains one, perception.network= "
+            "takes its file"
+        )
+    if left_out := [name for name in methods if name not in run]:
+        print(f"not run, as there is no network: {', '.join(left_out)}", flush=True)
+    return run
+
+
 def _estimate_rope(
-    config: PerceptionConfig, ropes: Mapping[str, NDArray], context: StageContext, name: str
+    config: PerceptionConfig,
+    ropes: Mapping[str, NDArray],
+    weights: Path,
+    context: StageContext,
+    name: str,
 ) -> None:
     truth, rope, camera = ropes[name], config.simulation.rope, Camera.overhead()
+    networks = load_networks(weights)
     crossings, number = map(int, name.split("-"))
     rows = []
     for level in config.levels:
@@ -157,7 +150,9 @@ def _estimate_rope(
         for method in config.methods:
             began = time.process_time()
             try:
-                found = METHODS[method](image, camera, rope, config.estimate, truth, rng)
+                found = METHODS[method].estimate(
+                    image, camera, rope, config.estimate, networks, truth, rng
+                )
             except TraceError:
                 found = None
             seconds = time.process_time() - began

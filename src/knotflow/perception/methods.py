@@ -1,0 +1,99 @@
+"""The estimation of a rope and its ablations, as the perception experiment compares them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.perception.camera import Camera
+from knotflow.perception.estimation import (
+    EstimateConfig,
+    RopeEstimate,
+    estimate,
+    propose,
+    propose_points,
+)
+from knotflow.perception.fitting import FitConfig
+from knotflow.perception.image import RgbdImage
+from knotflow.perception.network import Network
+from knotflow.simulation import RopeConfig, resample
+
+POOR = 0.03
+"""How far off a poor start is, metres, root mean square."""
+SUPERVISED, SELF_SUPERVISED = "supervised", "self_supervised"
+"""Networks: as trained on simulated ropes, and after learning from images alone besides."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """Where an estimate starts, and what it does then."""
+
+    tracing: bool = False
+    """Start from the paths through the mask's skeleton."""
+    network: str | None = None
+    """Start from the guess of `SUPERVISED` or `SELF_SUPERVISED`; with both starts, the fit that
+    accounts best for the image counts; with neither, from the true shape moved by `POOR`."""
+    rendering: bool = True
+    """Fit by gradient steps on the rendering; otherwise the start is the estimate."""
+    depth: bool = True
+    """Let these steps see depth."""
+
+    def estimate(
+        self,
+        image: RgbdImage,
+        camera: Camera,
+        rope: RopeConfig,
+        config: EstimateConfig,
+        networks: Mapping[str, Network],
+        truth: NDArray,
+        rng: np.random.Generator,
+    ) -> RopeEstimate:
+        """The rope in an image.
+
+        Args:
+            image: of this camera.
+            camera: its intrinsics and pose.
+            rope: its length, radius and number of links.
+            config: how.
+            networks: by name, the one that is started from among them.
+            truth: (V, 3) metres, the true shape, for poor starts only.
+            rng: of poor starts.
+
+        Raises:
+            TraceError: there is no rope in the image.
+        """
+        network = None if self.network is None else networks[self.network]
+        if not self.depth:
+            config = replace(config, fit=replace(config.fit or FitConfig(), depth=0.0))
+        if self.tracing:
+            return estimate(image, camera, rope, config=config, network=network)
+        if network is None:
+            return estimate(image, camera, rope, _moved(truth, rope, rng), config)
+        if not self.rendering:
+            return propose(image, camera, rope, network, config)
+        return estimate(image, camera, rope, propose_points(image, camera, rope, network), config)
+
+
+METHODS = {
+    "rendering": Method(tracing=True),
+    "rendering_without_depth": Method(tracing=True, depth=False),
+    "rendering_poor_start": Method(),
+    "network": Method(network=SELF_SUPERVISED, rendering=False),
+    "network_without_self_supervision": Method(network=SUPERVISED, rendering=False),
+    "network_rendering": Method(network=SELF_SUPERVISED),
+    "network_rendering_without_self_supervision": Method(network=SUPERVISED),
+    "network_rendering_without_depth": Method(network=SELF_SUPERVISED, depth=False),
+    "network_tracing_rendering": Method(tracing=True, network=SELF_SUPERVISED),
+}
+"""What the experiment compares, by name."""
+
+
+def _moved(truth: NDArray, rope: RopeConfig, rng: np.random.Generator) -> NDArray[np.float64]:
+    """A shape (V, 3) moved by `POOR`, smoothly along the rope."""
+    waves = np.sin(np.pi * np.outer(np.linspace(0, 1, len(truth)), np.arange(1, 5)))  # (V, 4)
+    off = waves @ rng.normal(size=(4, 2)) + rng.normal(size=2)
+    off *= POOR / np.sqrt((off**2).sum(axis=1).mean())
+    return resample(truth + np.pad(off, ((0, 0), (0, 1))), rope)
