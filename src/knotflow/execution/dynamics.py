@@ -112,9 +112,9 @@ class MujocoDynamics:
         ends = np.arange(substeps, total, substeps)
         ahead = recorded[:, ends]
         # One that blows up is put back to the reference pose and stops there.
-        warned: NDArray[np.bool_] = np.asarray(batch.warning)[:count, :, 1].any(axis=1)
+        warned = np.asarray(batch.warning)[:count, :, 1].any(axis=1, keepdims=True)
         stopped = np.equal(ahead, recorded[:, -1:]).all(axis=(2, 3))
-        blown = (warned[:, None] & stopped) | ~np.isfinite(ahead).all(axis=(2, 3))
+        blown = (warned & stopped) | ~np.isfinite(ahead).all(axis=(2, 3))
         before = points
         for here, lost in zip(ahead.swapaxes(0, 1), blown.T, strict=True):
             here[lost] = before[lost]
