@@ -13,6 +13,7 @@ def given(*words):
 @pytest.mark.parametrize("asked", ["+experiment", "++experiment", "experiment"])
 def test_an_experiment_is_asked_for_with_any_prefix(asked):
     assert given(f"{asked}=knots") == ["+experiment=knots"]
+    assert given(f"{asked}=knots", "--cfg", "job") == ["+experiment=knots", "--cfg", "job"]
 
 
 @pytest.mark.parametrize("words", [["-sc", "install=bash"], ["--help"], ["--cfg", "job"]])

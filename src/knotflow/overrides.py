@@ -51,9 +51,9 @@ def checked(words: list[str], home: Path) -> list[str]:
         OverrideError: no or an unknown experiment, key or launcher, or a key that the experiment
             has no use for; names the valid ones.
     """
+    words = [re.sub(r"^(\+\+)?experiment=", "+experiment=", word) for word in words]
     if PASSED_ON & set(words):
         return words
-    words = [re.sub(r"^(\+\+)?experiment=", "+experiment=", word) for word in words]
     names = sorted(path.stem for path in (home / "conf" / "experiment").glob("*.yaml"))
     asked = [word.partition("=")[2] for word in words if word.startswith("+experiment=")]
     known = f"experiments are: {', '.join(names)}"

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.planning.rope_file import SUFFIXES, RopeInputError, read_points
+from knotflow.planning.rope_file import METRES, SUFFIXES, RopeInputError, read_points
 from knotflow.simulation import (
     SPLINE_HIGH,
     RopeConfig,
@@ -95,8 +95,8 @@ def read_rope(path: Path, rope: RopeConfig, unit: str | None = None) -> NDArray[
     length = float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())
     if abs(length / rope.length - 1.0) > LENGTH_TOLERANCE:
         raise RopeInputError(
-            f"{path}: the rope is {length:.3g} m long, but the model's is {rope.length:g} m; set "
-            f"the model rope's length to {length:.3g} (points are in metres)"
+            f"{path}: the rope is {length:.3g} m long, but the model's is {rope.length:g} m; "
+            f"{_length_cure(length, rope)}"
         )
     points = lay_down(curve, rope)
     _check_bends(path, points, rope)
@@ -159,6 +159,16 @@ def _lift(points: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
     lifted = points.copy()
     lifted[:, 2] = rope.radius + 2.5 * rope.radius * height
     return lifted
+
+
+def _length_cure(length: float, rope: RopeConfig) -> str:
+    for unit, metres in METRES.items():
+        if unit != "m" and abs(length * metres / rope.length - 1.0) <= LENGTH_TOLERANCE:
+            return (
+                f"its numbers look like {unit}: give --rope-unit {unit}, or name the columns with "
+                f"the unit, as in x [{unit}]"
+            )
+    return f"set the model rope's length to {length:.3g} (points are in metres)"
 
 
 def _check_lies(path: Path, curve: NDArray) -> None:
