@@ -70,6 +70,9 @@ from knotflow.training.values import best_values
 
 GUESS = -1
 """A way in which a spline is proposed, beside those of `exploration`."""
+FARTHEST_GRASP = 3.5
+"""Trials that grasp the rope farther away from where an action does, network units, teach nothing.
+It is half a segment beyond the end of the one that is grasped, or anywhere where all may be."""
 
 
 @dataclass
@@ -407,7 +410,10 @@ class SelfPlay(Resumable):
         for number in sorted(by_number):
             own = [lesson for lesson, _ in by_number[number]]
             encoded = encode_canonical([rope for _, rope in by_number[number]], number == ARRANGE)
-            self._buffers[number].extend(self._trials(encoded, own))
+            trials = self._trials(encoded, own)
+            # In hindsight an action may have been done from anywhere. Counted in short segments,
+            # such grasps are thousands of units away: no way to learn to do it.
+            self._buffers[number].extend(trials[trials["spline"][:, 0].abs() <= FARTHEST_GRASP])
 
     def _trials(self, encoded: Encoded, lessons: Sequence[_Lesson]) -> TensorDict:
         """Lessons as `TransitionBuffer.extend` takes them."""
