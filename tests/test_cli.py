@@ -189,7 +189,7 @@ def test_a_rope_that_is_seen_can_be_planned_from(here, capsys, monkeypatch):
     truth = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
     spread = np.full(len(truth), 1e-3)
     known = RopeEstimate(truth, spread > 0, state_or_none(truth), (), 1.0, spread, True, ())
-    monkeypatch.setattr(seeing, "estimate", lambda *_: known)
+    monkeypatch.setattr(seeing, "estimate", lambda *_, **__: known)
     files = [str(SAMPLE / name) for name in ("overhand.png", "overhand-depth.png", "camera.yaml")]
     words = ["see", *files[:2], "--camera", files[2], "--out", "rope.csv"]
     assert main(words) == 0

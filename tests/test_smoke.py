@@ -52,9 +52,12 @@ def test_every_rollout_is_recorded_with_its_outcome(results):
         node = record["stages"].get(f"{method}_evaluation") or record["stages"][method]
         folder = results / "stages" / node["stage"] / node["signature"] / "recordings"
         rollouts = load(folder)
-        rollouts = rollouts[~rollouts["action"].str.startswith("arrange")]
+        arranging = rollouts["action"].str.startswith("arrange")
+        # One that loses the state it shall keep ends its trial, before the action was tried.
+        lost = int((arranging & (rollouts["outcome"] != "success")).sum())
+        rollouts = rollouts[~arranging]
         of_method = table[table["method"] == method].set_index("action")
-        assert len(rollouts) == of_method["trials"].sum()
+        assert len(rollouts) + lost == of_method["trials"].sum()
         assert rollouts["number"].is_unique
         hits = rollouts[rollouts["outcome"] == "success"].groupby("action").size()
         for action, count in hits.items():

@@ -31,7 +31,9 @@ CONFIG = ReinforcementConfig(
 
 @pytest.fixture(scope="module")
 def simulator():
-    return RopeSimulator(SimulationConfig(rope=RopeConfig(), move_time=0.3, settle_time=0.1))
+    return RopeSimulator(
+        SimulationConfig(rope=RopeConfig(), move_time=0.3, ramp_time=0.1, settle_time=0.1)
+    )
 
 
 @pytest.fixture

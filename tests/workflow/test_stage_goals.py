@@ -19,7 +19,7 @@ from knotflow.workflow.stages.plans import read_searches
 
 SIMULATION = SimulationConfig(threads=1)
 AIMED = SamplerConfig("aimed")
-SEARCH = PlannerConfig(batch=8, max_branches=24)
+SEARCH = PlannerConfig(batch=8, max_branches=64)
 GOALS = goals.GoalsConfig(
     simulation=SIMULATION,
     sampler=AIMED,
