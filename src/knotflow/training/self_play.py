@@ -38,7 +38,7 @@ from torch import Tensor
 from knotflow.demonstrations import Task, Trials, aim, nudge
 from knotflow.primitives.canonical import ALL_PRIMITIVES, ARRANGE, Canonical, canonicalise
 from knotflow.primitives.config import PrimitiveConfig
-from knotflow.primitives.encoding import KINDS, Encoded, encode_canonical
+from knotflow.primitives.encoding import KINDS, encode_canonical
 from knotflow.primitives.library import PrimitiveLibrary
 from knotflow.primitives.primitive import Primitive
 from knotflow.simulation import (
@@ -410,15 +410,21 @@ class SelfPlay(Resumable):
         for number in sorted(by_number):
             own = [lesson for lesson, _ in by_number[number]]
             encoded = encode_canonical([rope for _, rope in by_number[number]], number == ARRANGE)
-            trials = self._trials(encoded, own)
+            splines = encoded.frames.to_network(np.stack([one.spline for one in own])[:, None])[
+                :, 0
+            ]
             # In hindsight an action may have been done from anywhere. Counted in short segments,
             # such grasps are thousands of units away: no way to learn to do it.
-            self._buffers[number].extend(trials[trials["spline"][:, 0].abs() <= FARTHEST_GRASP])
+            rows = np.flatnonzero(np.abs(splines[:, 0]) <= FARTHEST_GRASP)
+            if len(rows):
+                states = encoded.states[torch.from_numpy(rows)]
+                trials = self._trials(states, splines[rows], [own[row] for row in rows])
+                self._buffers[number].extend(trials)
 
-    def _trials(self, encoded: Encoded, lessons: Sequence[_Lesson]) -> TensorDict:
-        """Lessons as `TransitionBuffer.extend` takes them."""
-        splines = np.stack([lesson.spline for lesson in lessons])
-        following = encoded.states.select("streams", "grasp").apply(torch.zeros_like)
+    def _trials(self, own: TensorDict, splines: NDArray, lessons: Sequence[_Lesson]) -> TensorDict:
+        """Lessons as `TransitionBuffer.extend` takes them, with encoded ropes [N] and splines
+        (N, 6) in network space."""
+        following = own.select("streams", "grasp").apply(torch.zeros_like)
         follower = torch.full((len(lessons),), -1)
         next_value = torch.full((len(lessons),), torch.nan)
         onward: dict[int, list[tuple[int, Canonical]]] = {}
@@ -435,12 +441,10 @@ class SelfPlay(Resumable):
             next_value[rows] = self._value(number, states)
         return TensorDict(
             {
-                "states": encoded.states,
+                "states": own,
                 "following": following,
                 "follower": follower,
-                "spline": torch.from_numpy(
-                    encoded.frames.to_network(splines[:, None])[:, 0]
-                ).float(),
+                "spline": torch.from_numpy(splines).float(),
                 "reward": torch.tensor([lesson.reward for lesson in lessons]),
                 "baseline": torch.tensor([float(lesson.baseline) for lesson in lessons]),
                 "weight": torch.tensor([float(lesson.weight) for lesson in lessons]),
