@@ -16,13 +16,13 @@ from knotflow.simulation import SimulationConfig
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages.dynamics import DynamicsConfig, measure
 from knotflow.workflow.stages.dynamics_training import (
-    CHECKPOINT,
     FILE,
     DynamicsTrainingStageConfig,
     train_dynamics,
 )
 from knotflow.workflow.stages.motions import FILE as MOTIONS
 from knotflow.workflow.stages.motions import MotionsConfig, make_motions
+from knotflow.workflow.stages.validations import CHECKPOINT
 
 SIMULATION = SimulationConfig(threads=1)
 TRAINING = DynamicsTrainingStageConfig(

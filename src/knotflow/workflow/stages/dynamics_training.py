@@ -6,15 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import pandas as pd
-
 from knotflow.execution import DynamicsTraining, DynamicsTrainingConfig, Motions
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.motions import FILE as MOTIONS
+from knotflow.workflow.stages.validations import run_validations
 
 FILE = "dynamics.safetensors"
-CHECKPOINT = "checkpoint.pt"
 
 
 @dataclass(kw_only=True)
@@ -34,21 +32,5 @@ def train_dynamics(
     """Makes dynamics.safetensors, in half precision, and curves.csv; resumed by validation."""
     motions = Motions.load(inputs["motions"] / MOTIONS)
     training = DynamicsTraining(motions, config.training, config.seed)
-    checkpoint = context.out / CHECKPOINT
-    if checkpoint.exists():
-        training.load(checkpoint)
-    done = len(training.history)
-    with context.progress(total=config.training.validations, initial=done, desc="dynamics") as bar:
-        for metrics in training:
-            for name, value in metrics.items():
-                context.logger.log_scalar(name, value, len(training.history))
-            with context.atomic(CHECKPOINT) as path:
-                training.save(path)
-            bar.update()
-    with context.atomic("curves.csv") as path:
-        curves = pd.DataFrame(training.history)
-        curves.insert(0, "step", (curves.index + 1) * config.training.steps)
-        curves.to_csv(path, index=False, float_format="%.6g")
-    with context.atomic(FILE) as path:
-        training.model.save(path)
-    checkpoint.unlink(missing_ok=True)
+    effort, weights = config.training, (FILE, training.model.save)
+    run_validations(training, context, effort.validations, effort.steps, "dynamics", weights)

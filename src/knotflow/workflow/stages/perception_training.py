@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from knotflow.perception.training import Training
 from knotflow.perception.training_config import TrainingConfig
@@ -15,9 +14,9 @@ from knotflow.simulation import RopeConfig
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.ropes import FILE as ROPES
+from knotflow.workflow.stages.validations import run_validations
 
 FILE = "network.safetensors"
-CHECKPOINT = "checkpoint.pt"
 
 
 @dataclass(kw_only=True)
@@ -41,23 +40,5 @@ def train_perception(
     training = Training(
         ropes["points"], ropes["crossings"], config.rope, config.training, config.seed
     )
-    checkpoint = context.out / CHECKPOINT
-    if checkpoint.exists():
-        training.load(checkpoint)
-    done = len(training.history)
-    with context.progress(
-        total=config.training.validations, initial=done, desc="perception"
-    ) as bar:
-        for metrics in training:
-            for name, value in metrics.items():
-                context.logger.log_scalar(name, value, len(training.history))
-            with context.atomic(CHECKPOINT) as path:
-                training.save(path)
-            bar.update()
-    with context.atomic("curves.csv") as path:
-        curves = pd.DataFrame(training.history)
-        curves.insert(0, "step", (curves.index + 1) * config.training.steps)
-        curves.to_csv(path, index=False, float_format="%.6g")
-    with context.atomic(FILE) as path:
-        training.network.save(path)
-    checkpoint.unlink(missing_ok=True)
+    effort, weights = config.training, (FILE, training.network.save)
+    run_validations(training, context, effort.validations, effort.steps, "perception", weights)
