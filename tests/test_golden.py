@@ -28,8 +28,14 @@ from knotflow.baselines.icp import align
 from knotflow.demonstrations import TASKS, NoiseConfig, aim, noisy_copies
 from knotflow.execution import ERRORS
 from knotflow.execution.follow import from_grasp
-from knotflow.perception import Appearance, Camera, SimulatedCamera, add_noise, segment
-from knotflow.perception import NoiseConfig as SensorNoise
+from knotflow.perception import (
+    Appearance,
+    Camera,
+    CameraNoiseConfig,
+    SimulatedCamera,
+    add_noise,
+    segment,
+)
 from knotflow.planning import PlannerConfig, PlanStep, SolutionDag
 from knotflow.planning.branches import Node
 from knotflow.planning.growth import node_probabilities
@@ -229,7 +235,7 @@ def planning() -> dict[str, Any]:
 def perception() -> dict[str, Any]:
     """A noisy image of a held rope, and what its pixels are taken for."""
     camera, rng = Camera.overhead(), np.random.default_rng(0)
-    noise = SensorNoise()
+    noise = CameraNoiseConfig()
     simulated = SimulatedCamera(camera, ROPE, noise, Appearance.draw(rng, noise))
     view = simulated.view(loop(), gripper=loop()[5])
     image = add_noise(view.image, camera, noise, rng)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from knotflow.perception import Camera, NoiseConfig, RgbdImage, add_noise
+from knotflow.perception import Camera, CameraNoiseConfig, RgbdImage, add_noise
 from knotflow.perception.noise import shadow
 
 ONLY_DEPTH = dict(lateral_std=0, baseline=0, edge_loss=0, loss=0, colour_std=0, blur=0)
@@ -17,7 +17,7 @@ def flat(depth: float) -> RgbdImage:
 
 @pytest.mark.parametrize("level", [1, 2])
 def test_depth_noise_grows_with_the_square_of_the_distance(level, rng):
-    noise = NoiseConfig(level=level, depth_step=0, **ONLY_DEPTH)
+    noise = CameraNoiseConfig(level=level, depth_step=0, **ONLY_DEPTH)
     for depth in (0.6, 1.2):
         noisy = add_noise(flat(depth), Camera.overhead(), noise, rng).depth
         assert noisy.std() == pytest.approx(level * noise.depth_std * depth**2, rel=0.02)
@@ -25,7 +25,7 @@ def test_depth_noise_grows_with_the_square_of_the_distance(level, rng):
 
 
 def test_depth_comes_in_steps_that_grow_with_the_square_of_the_distance(rng):
-    noise = NoiseConfig(**ONLY_DEPTH)
+    noise = CameraNoiseConfig(**ONLY_DEPTH)
     for depth in (0.6, 1.2):
         noisy = add_noise(flat(depth), Camera.overhead(), noise, rng).depth
         steps = np.diff(np.unique(noisy))
@@ -36,7 +36,7 @@ def test_depth_comes_in_steps_that_grow_with_the_square_of_the_distance(rng):
 def test_the_share_of_lost_pixels_is_higher_at_edges(rng):
     image = flat(1.2)
     image.depth[:, 160:] = 1.0
-    noise = NoiseConfig(baseline=0)
+    noise = CameraNoiseConfig(baseline=0)
     lost = np.isnan(add_noise(image, Camera.overhead(), noise, rng).depth)
     edge = np.zeros_like(lost)
     edge[:, 159:161] = True
@@ -58,7 +58,7 @@ def test_what_the_projector_cannot_light_has_no_depth():
 
 
 def test_colour_noise_has_its_standard_deviation(rng):
-    noise = NoiseConfig(level=2, blur=0)
+    noise = CameraNoiseConfig(level=2, blur=0)
     rgb = add_noise(flat(1.2), Camera.overhead(), noise, rng).rgb.astype(float)
     assert rgb.std() == pytest.approx(2 * 255 * noise.colour_std, rel=0.02)
     assert rgb.mean() == pytest.approx(100, abs=0.1)
@@ -66,19 +66,19 @@ def test_colour_noise_has_its_standard_deviation(rng):
 
 def test_level_zero_is_perfect_and_other_parts_of_the_image_stay(rng):
     image = RgbdImage(flat(1.0).rgb, flat(1.0).depth, time=2.5)
-    perfect = add_noise(image, Camera.overhead(), NoiseConfig(level=0), rng)
+    perfect = add_noise(image, Camera.overhead(), CameraNoiseConfig(level=0), rng)
     np.testing.assert_array_equal(perfect.depth, image.depth)
     np.testing.assert_array_equal(perfect.rgb, image.rgb)
-    assert add_noise(image, Camera.overhead(), NoiseConfig(), rng).time == 2.5
+    assert add_noise(image, Camera.overhead(), CameraNoiseConfig(), rng).time == 2.5
 
 
 def test_what_has_no_depth_gets_none(rng):
     image = flat(1.2)
     image.depth[:100] = np.nan
-    noise = NoiseConfig(lateral_std=0)
+    noise = CameraNoiseConfig(lateral_std=0)
     assert np.isnan(add_noise(image, Camera.overhead(), noise, rng).depth[:100]).all()
 
 
 def test_negative_noise_is_refused():
     with pytest.raises(ValueError, match="noise.depth_std must be 0 or more, got -1"):
-        NoiseConfig(depth_std=-1)
+        CameraNoiseConfig(depth_std=-1)

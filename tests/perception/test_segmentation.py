@@ -10,9 +10,9 @@ from knotflow.perception import (
     SAMPLE,
     Appearance,
     Camera,
+    CameraNoiseConfig,
     ImageError,
     Label,
-    NoiseConfig,
     RgbdImage,
     SimulatedCamera,
     add_noise,
@@ -29,7 +29,7 @@ def iou(one, other):
 
 def seen(camera, points, level, rng, gripper=None, look=None):
     """A noisy image and its true labels, unknown where the noise left no depth."""
-    noise = NoiseConfig(level=level)
+    noise = CameraNoiseConfig(level=level)
     simulated = SimulatedCamera(camera, ROPE, noise, look or Appearance.draw(rng, noise))
     view = simulated.view(points, gripper)
     image = add_noise(view.image, camera, noise, rng)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from knotflow.perception import Appearance, Camera, Label, NoiseConfig, SimulatedCamera
+from knotflow.perception import Appearance, Camera, CameraNoiseConfig, Label, SimulatedCamera
 from knotflow.perception.appearance import TAPE
 from knotflow.simulation import RopeConfig, ShapeError, random_curve, straight
 
@@ -101,7 +101,7 @@ def test_the_head_alone_is_coloured(camera, overhand):
 
 def test_an_image_is_the_same_for_the_same_generator(camera, overhand):
     def capture(seed):
-        rng, noise = np.random.default_rng(seed), NoiseConfig()
+        rng, noise = np.random.default_rng(seed), CameraNoiseConfig()
         look = Appearance.draw(rng, noise)
         return SimulatedCamera(camera, ROPE, noise, look).capture(overhand, rng, overhand[5])
 
@@ -113,12 +113,12 @@ def test_an_image_is_the_same_for_the_same_generator(camera, overhand):
 
 def test_drawn_colours_can_be_told_apart(rng):
     for level in (1, 2):
-        noise = NoiseConfig(level=level)
+        noise = CameraNoiseConfig(level=level)
         for _ in range(50):
             look = Appearance.draw(rng, noise)
             apart = [np.subtract(look.rope, look.table), np.subtract(look.rope, look.head)]
             assert min(np.linalg.norm(apart, axis=1)) >= noise.contrast / level
-    assert Appearance.draw(rng, NoiseConfig(coloured_head=False)).head is None
+    assert Appearance.draw(rng, CameraNoiseConfig(coloured_head=False)).head is None
 
 
 def test_points_of_another_rope_are_refused(simulated, overhand):

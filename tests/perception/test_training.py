@@ -8,11 +8,11 @@ from knotflow.perception.coarse_to_fine import CoarseToFine
 from knotflow.perception.examples import draw
 from knotflow.perception.supervision import nodes_loss, vertex_error
 from knotflow.perception.training import Training
-from knotflow.perception.training_config import ExamplesConfig, NetworkConfig, TrainingConfig
+from knotflow.perception.training_config import CoarseToFineConfig, ExamplesConfig, TrainingConfig
 
 from .shapes import ROPE, loop, s_curve
 
-TINY = NetworkConfig(size=32, channels=(8, 16, 16), nodes=(5, 9, 41), width=16, layers=1)
+TINY = CoarseToFineConfig(size=32, channels=(8, 16, 16), nodes=(5, 9, 41), width=16, layers=1)
 SHAPES = np.stack([s_curve(), loop(1), loop(-1)] * 4)
 CROSSINGS = np.array([0, 1, 1] * 4)
 
@@ -63,6 +63,6 @@ def test_shapes_that_cannot_be_learned_are_refused(shapes):
 
 def test_a_network_that_cannot_be_is_refused():
     with pytest.raises(ValueError, match="halved 3 times; got 30"):
-        NetworkConfig(size=30, channels=(8, 8, 8))
+        CoarseToFineConfig(size=30, channels=(8, 8, 8))
     with pytest.raises(ValueError, match="growing"):
-        NetworkConfig(nodes=(17, 9, 41))
+        CoarseToFineConfig(nodes=(17, 9, 41))

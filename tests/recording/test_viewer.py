@@ -100,12 +100,12 @@ def test_the_one_timeline_is_called_time(tmp_path, make_rollout):
     assert any(chunk.entity_path == "/gripper" and chunk.timeline_names for chunk in chunks)
 
 
-@pytest.mark.parametrize("sight", [False, True])
-def test_the_scene_is_the_largest_view_and_its_name_is_a_legend_of_all_it_draws(sight):
+@pytest.mark.parametrize("camera", [False, True])
+def test_the_scene_is_the_largest_view_and_its_name_is_a_legend_of_all_it_draws(camera):
     pytest.importorskip("rerun")
-    column = blueprint.blueprint(0.008, sight).root_container
+    column = blueprint.blueprint(0.008, camera).root_container
     assert column.row_shares[0] >= 0.8 * sum(column.row_shares)
-    view = column.contents[0].contents[0] if sight else column.contents[0]
+    view = column.contents[0].contents[0] if camera else column.contents[0]
     for topic in view.contents:  # such as /rope/points: named by its first word
         assert topic.split("/")[1] in view.name.lower()
     assert {"table", "control points"} <= set(re.findall("table|control points", view.name))

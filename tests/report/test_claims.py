@@ -11,8 +11,8 @@ from knotflow.report.results import Results
 BRANCHES = ("method", "start", "seed", "branches", "solved", "seconds")
 
 
-def outcome(write, number):
-    return CLAIMS[number][1].outcome(Results(write.root))
+def judgement(write, number):
+    return CLAIMS[number][1].judgement(Results(write.root))
 
 
 def trees(write, method, straight, arc, unsolved=()):
@@ -34,7 +34,7 @@ def test_the_papers_numbers_are_all_there():
 
 
 def test_nothing_run_judges_nothing(write):
-    found = [claim.outcome(Results(write.root)) for _, claim in CLAIMS]
+    found = [claim.judgement(Results(write.root)) for _, claim in CLAIMS]
     assert {outcome.verdict for outcome in found} == {Verdict.NOT_RUN}
     assert "needs imitation and random in single_stage" in found[0].ours
 
@@ -52,14 +52,14 @@ def test_imitation_against_random(write, rate_counts, imitation, verdict):
             counts[method, action] = (round(400 * imitation), 400)
     counts["imitation", "C(2,0,1)"] = (round(800 * imitation), 400)
     write.rates("single_stage", counts)
-    assert outcome(write, 0).verdict is verdict
+    assert judgement(write, 0).verdict is verdict
 
 
 def test_a_direction_that_holds_without_the_size_says_so(write, rate_counts):
     counts = dict.fromkeys(rate_counts(("random", "imitation")), (20, 400))
     counts |= {key: (300, 400) for key in counts if key[0] == "imitation"}
     write.rates("single_stage", counts)
-    found = outcome(write, 0)
+    found = judgement(write, 0)
     assert found.verdict is Verdict.PARTLY and "compatible with 100×" in found.size
     text = compose(Results(write.root), "results").markdown
     assert "Of 1 the direction holds and the size does not." in text
@@ -70,32 +70,32 @@ def test_an_action_that_is_missing_leaves_the_claim_open(write, rate_counts):
     counts = rate_counts(("random", "imitation"))
     del counts["imitation", "C(2,4,1)"]
     write.rates("single_stage", counts)
-    found = outcome(write, 0)
+    found = judgement(write, 0)
     assert found.verdict is Verdict.NOT_RUN and "C(2,4,1)" in found.ours
 
 
 def test_rates_that_are_all_zero_decide_nothing(write, rate_counts):
     counts = dict.fromkeys(rate_counts(("random", "imitation")), (0, 400))
     write.rates("single_stage", counts)
-    assert outcome(write, 0).verdict is Verdict.NOT_RUN
+    assert judgement(write, 0).verdict is Verdict.NOT_RUN
 
 
 def test_imitation_against_icp_needs_the_two_named_actions(write, rate_counts):
     counts = rate_counts(("icp", "imitation"))
     write.rates("single_stage", counts)
-    assert outcome(write, 1).verdict is Verdict.HOLDS
+    assert judgement(write, 1).verdict is Verdict.HOLDS
     counts["imitation", "R1(0,1,1)"] = (4, 400)
     write.rates("single_stage", counts)
-    assert outcome(write, 1).verdict is Verdict.PARTLY
+    assert judgement(write, 1).verdict is Verdict.PARTLY
 
 
 def test_reinforcement_against_imitation(write, rate_counts):
     counts = rate_counts(("imitation", "reinforcement"))
     write.rates("single_stage", counts)
-    assert outcome(write, 2).verdict is Verdict.HOLDS
+    assert judgement(write, 2).verdict is Verdict.HOLDS
     counts["reinforcement", "C(0,1,1)"] = (100, 400)
     write.rates("single_stage", counts)
-    found = outcome(write, 2)
+    found = judgement(write, 2)
     assert found.verdict is Verdict.PARTLY and "better on 7 of 8" in found.ours
 
 
@@ -106,7 +106,7 @@ def test_the_papers_trees_hold(write):
         (5, "reinforcement", [3, 3, 4], [3, 3, 4]),
     ):
         trees(write, method, straight, arc)
-        assert outcome(write, number).verdict is Verdict.HOLDS
+        assert judgement(write, number).verdict is Verdict.HOLDS
 
 
 @pytest.mark.parametrize(
@@ -122,23 +122,23 @@ def test_the_papers_trees_hold(write):
 )
 def test_other_trees_do_not(write, number, method, straight, arc, verdict):
     trees(write, method, straight, arc)
-    assert outcome(write, number).verdict is verdict
+    assert judgement(write, number).verdict is verdict
 
 
 def test_a_search_that_gave_up_keeps_within_no_bound(write):
     trees(write, "imitation", [3, 40], [3, 9], unsolved={("straight", 1)})
-    found = outcome(write, 4)
+    found = judgement(write, 4)
     assert found.verdict is Verdict.PARTLY and "1 gave up" in found.ours
 
 
 def test_actor_and_critic(write, rate_counts):
     counts = rate_counts(("actor_only", "critic_only", "actor_critic"))
     write.rates("ablation_actor_critic", counts)
-    found = outcome(write, 6)
+    found = judgement(write, 6)
     assert found.verdict is Verdict.HOLDS and found.ours.startswith("best on 7 of 8")
     counts["critic_only", "C(2,4,1)"] = (130, 400)
     write.rates("ablation_actor_critic", counts)
-    assert outcome(write, 6).verdict is Verdict.PARTLY
+    assert judgement(write, 6).verdict is Verdict.PARTLY
 
 
 @pytest.mark.parametrize(
@@ -157,6 +157,6 @@ def test_joint_finetuning(write, joint, verdict):
         for seed, branches in enumerate(counts)
     ]
     write.table("joint_finetuning", "branches.csv", ("primitives", *BRANCHES[2:]), rows)
-    found = outcome(write, 7)
+    found = judgement(write, 7)
     assert found.verdict is verdict
     assert found.ours.startswith("4.2 ± 2.0 / ")

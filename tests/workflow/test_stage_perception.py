@@ -7,7 +7,7 @@ import pytest
 from knotflow.perception import SAMPLE, EstimateConfig, FitConfig, Network, NetworkError
 from knotflow.perception.coarse_to_fine import CoarseToFine
 from knotflow.perception.methods import METHODS, SELF_SUPERVISED, SUPERVISED
-from knotflow.perception.training_config import NetworkConfig
+from knotflow.perception.training_config import CoarseToFineConfig
 from knotflow.simulation import RopeConfig, straight
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages.perception import (
@@ -34,7 +34,7 @@ def networks(tmp_path):
     """Untrained networks."""
     folder = tmp_path / "networks"
     folder.mkdir()
-    network = Network(CoarseToFine(NetworkConfig(32, (8, 16, 16), (5, 9, 41), 16, 1)))
+    network = Network(CoarseToFine(CoarseToFineConfig(32, (8, 16, 16), (5, 9, 41), 16, 1)))
     for name in (SUPERVISED, SELF_SUPERVISED):
         network.save(folder / weights_file(name))
     return folder

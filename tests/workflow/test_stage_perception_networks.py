@@ -8,7 +8,7 @@ import torch
 from knotflow.perception import Network, NetworkError, SelfSupervisionConfig
 from knotflow.perception.coarse_to_fine import CoarseToFine
 from knotflow.perception.methods import SELF_SUPERVISED, SUPERVISED
-from knotflow.perception.training_config import SHIPPED_NETWORK, NetworkConfig
+from knotflow.perception.training_config import SHIPPED_NETWORK, CoarseToFineConfig
 from knotflow.simulation import RopeConfig, random_curve
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages import perception_networks
@@ -42,7 +42,7 @@ def config(file):
 
 def test_the_network_is_kept_as_it_was_and_as_it_learned(ropes, tmp_path):
     file, out = tmp_path / "given.safetensors", tmp_path / "out"
-    Network(CoarseToFine(NetworkConfig(32, (8, 16, 16), (5, 9, 41), 16, 1))).save(file)
+    Network(CoarseToFine(CoarseToFineConfig(32, (8, 16, 16), (5, 9, 41), 16, 1))).save(file)
     adapt_networks(config(file), ropes, StageContext(out))
     networks = load_networks(out)
     given = Network.load(file).model.state_dict()

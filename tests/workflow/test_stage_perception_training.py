@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from knotflow.perception.network import Network
-from knotflow.perception.training_config import NetworkConfig, TrainingConfig
+from knotflow.perception.training_config import CoarseToFineConfig, TrainingConfig
 from knotflow.simulation import RopeConfig, random_curve, state_or_none
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages.perception_training import (
@@ -20,7 +20,7 @@ from knotflow.workflow.stages.ropes import FILE as ROPES
 from knotflow.workflow.stages.ropes import RopesConfig, make_ropes
 from knotflow.workflow.stages.validations import CHECKPOINT
 
-TINY = NetworkConfig(size=32, channels=(8, 16, 16), nodes=(5, 9, 41), width=16, layers=1)
+TINY = CoarseToFineConfig(size=32, channels=(8, 16, 16), nodes=(5, 9, 41), width=16, layers=1)
 CONFIG = PerceptionTrainingConfig(
     training=TrainingConfig(network=TINY, validations=3, steps=1, batch=2), seed=0
 )

@@ -1,7 +1,7 @@
 from .arm import Arm, ArmError, Base, load_arm
 from .dynamics import MujocoDynamics, RopeDynamics, Still
 from .errors import STEPS, predict_motions, prediction_errors
-from .execute import Execution, Outcome, Replan, execute
+from .execute import Execution, Replan, StepOutcome, execute
 from .export import Export, export_plan
 from .follow import Controller, ExecutionConfig
 from .franka import panda
@@ -45,7 +45,7 @@ __all__ = [
     "Mppi",
     "MppiConfig",
     "MujocoDynamics",
-    "Outcome",
+    "StepOutcome",
     "Reached",
     "Replan",
     "Robot",

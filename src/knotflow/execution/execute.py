@@ -26,7 +26,7 @@ Replan = Callable[[NDArray], KnotPlan]
 
 
 @dataclass(frozen=True)
-class Outcome:
+class StepOutcome:
     """What became of one step.
 
     Attributes:
@@ -67,7 +67,7 @@ class Execution:
     reference: NDArray[np.float64]
     points: NDArray[np.float64]
     tick_seconds: NDArray[np.float64]
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[StepOutcome, ...]
     sight: Sight | None
     tied: bool | None
     reason: str
@@ -125,7 +125,7 @@ class _Knot:
     run: Run
     plan: KnotPlan
     look: Look | None
-    outcomes: list[Outcome] = field(default_factory=list)
+    outcomes: list[StepOutcome] = field(default_factory=list)
     sight: Sight | None = None
 
     def follow(self) -> str:
@@ -169,7 +169,7 @@ class _Knot:
 
     def _step(self, step: PlanStep, plan: KnotPlan) -> bool:
         held = self.run.execute(step, plan, len(self.outcomes))
-        self.outcomes.append(Outcome(step.action, step.end_state, None, held))
+        self.outcomes.append(StepOutcome(step.action, step.end_state, None, held))
         return held
 
     def _tied(self) -> bool | None:

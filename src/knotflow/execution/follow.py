@@ -70,7 +70,7 @@ class ExecutionConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class Move:
     """One move of the robot; see `Execution` for units."""
 
     gripper: NDArray[np.float64]
@@ -99,7 +99,7 @@ class Run:
     """Where the gripper should have come last."""
     error: NDArray = field(default_factory=lambda: np.zeros(3))
     """How far off the robot is from where it is sent, metres."""
-    frames: list[Frame] = field(default_factory=list)
+    frames: list[Move] = field(default_factory=list)
     ticks: list[float] = field(default_factory=list)
 
     def execute(self, step: PlanStep, plan: KnotPlan, number: int) -> bool:
@@ -208,7 +208,7 @@ class Run:
             self.error = np.clip(self.error, -MOST_ERROR, MOST_ERROR)
         self._look()
         points = None if self.source is None else self.points
-        self.frames.append(Frame(place, self.closed, number, reference, points))
+        self.frames.append(Move(place, self.closed, number, reference, points))
 
     def _look(self) -> None:
         if self.source is not None:

@@ -22,7 +22,7 @@ class Errors:
     camera_turn: float
     """Largest error of its orientation about each axis, radians."""
     camera_noise: float
-    """`NoiseConfig.level` of its images."""
+    """`CameraNoiseConfig.level` of its images."""
 
 
 ERRORS = (

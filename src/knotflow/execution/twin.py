@@ -219,12 +219,12 @@ def _camera(
     """A camera that is not quite where it is believed to be, in a light of its own."""
     from scipy.spatial.transform import Rotation
 
-    from knotflow.perception import Appearance, NoiseConfig, SimulatedCamera
+    from knotflow.perception import Appearance, CameraNoiseConfig, SimulatedCamera
 
     shift = rng.uniform(-1, 1, 3) * errors.camera_shift
     turn = Rotation.from_rotvec(rng.uniform(-1, 1, 3) * errors.camera_turn).as_matrix()
     moved = replace(camera, position=camera.position + shift, rotation=turn @ camera.rotation)
-    noise = NoiseConfig(level=errors.camera_noise)
+    noise = CameraNoiseConfig(level=errors.camera_noise)
     return SimulatedCamera(moved, rope, noise, Appearance.draw(rng, noise))
 
 

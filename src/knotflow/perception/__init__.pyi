@@ -9,7 +9,7 @@ from .lifting import lift
 from .losses import Target
 from .motion import go_on
 from .network import Network, NetworkError
-from .noise import NoiseConfig, add_noise
+from .noise import CameraNoiseConfig, add_noise
 from .point_drift import PointDriftConfig, PointDriftTracker
 from .rendering import render
 from .sample import SAMPLE
@@ -20,7 +20,7 @@ from .simulated import SimulatedCamera, View
 from .tracing import Trace, TraceError, trace
 from .tracking import Tracker, TrackerConfig
 from .training import Training
-from .training_config import ExamplesConfig, LossConfig, NetworkConfig, TrainingConfig
+from .training_config import CoarseToFineConfig, ExamplesConfig, LossConfig, TrainingConfig
 from .uncertainty import spread
 from .unmixing import coverage
 
@@ -37,9 +37,9 @@ __all__ = [
     "Label",
     "LossConfig",
     "Network",
-    "NetworkConfig",
+    "CoarseToFineConfig",
     "NetworkError",
-    "NoiseConfig",
+    "CameraNoiseConfig",
     "PointDriftConfig",
     "PointDriftTracker",
     "RgbdImage",

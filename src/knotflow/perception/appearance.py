@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from knotflow.perception.image import Label
 
 if TYPE_CHECKING:
-    from knotflow.perception.noise import NoiseConfig
+    from knotflow.perception.noise import CameraNoiseConfig
 
 Colour = tuple[float, float, float]
 
@@ -39,7 +39,7 @@ class Appearance:
     amplitude (share of the brightness)."""
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, noise: NoiseConfig) -> Appearance:
+    def draw(cls, rng: np.random.Generator, noise: CameraNoiseConfig) -> Appearance:
         """Colours and light at random; at level 0 the default ones.
 
         Rope, table and head differ by at least `noise.contrast / noise.level`, Euclidean in sRGB.

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import grid_sample, interpolate
 
-from knotflow.perception.training_config import NetworkConfig
+from knotflow.perception.training_config import CoarseToFineConfig
 
 
 class Nodes(NamedTuple):
@@ -27,9 +27,9 @@ class Nodes(NamedTuple):
 class CoarseToFine(nn.Module):
     """Patches (N, 3, S, S) to the nodes of each level, coarse first, from either end."""
 
-    def __init__(self, config: NetworkConfig | None = None) -> None:
+    def __init__(self, config: CoarseToFineConfig | None = None) -> None:
         super().__init__()
-        self.config = config = config or NetworkConfig()
+        self.config = config = config or CoarseToFineConfig()
         self.encoder = nn.ModuleList()
         before = 3
         for level, channels in enumerate(config.channels):

@@ -28,7 +28,7 @@ SUPERVISED, SELF_SUPERVISED = "supervised", "self_supervised"
 
 
 @dataclass(frozen=True)
-class Method:
+class EstimationMethod:
     """Where an estimate starts, and what it does then."""
 
     tracing: bool = False
@@ -78,15 +78,15 @@ class Method:
 
 
 METHODS = {
-    "rendering": Method(tracing=True),
-    "rendering_without_depth": Method(tracing=True, depth=False),
-    "rendering_poor_start": Method(),
-    "network": Method(network=SELF_SUPERVISED, rendering=False),
-    "network_without_self_supervision": Method(network=SUPERVISED, rendering=False),
-    "network_rendering": Method(network=SELF_SUPERVISED),
-    "network_rendering_without_self_supervision": Method(network=SUPERVISED),
-    "network_rendering_without_depth": Method(network=SELF_SUPERVISED, depth=False),
-    "network_tracing_rendering": Method(tracing=True, network=SELF_SUPERVISED),
+    "rendering": EstimationMethod(tracing=True),
+    "rendering_without_depth": EstimationMethod(tracing=True, depth=False),
+    "rendering_poor_start": EstimationMethod(),
+    "network": EstimationMethod(network=SELF_SUPERVISED, rendering=False),
+    "network_without_self_supervision": EstimationMethod(network=SUPERVISED, rendering=False),
+    "network_rendering": EstimationMethod(network=SELF_SUPERVISED),
+    "network_rendering_without_self_supervision": EstimationMethod(network=SUPERVISED),
+    "network_rendering_without_depth": EstimationMethod(network=SELF_SUPERVISED, depth=False),
+    "network_tracing_rendering": EstimationMethod(tracing=True, network=SELF_SUPERVISED),
 }
 """What the experiment compares, by name."""
 

@@ -26,7 +26,7 @@ from knotflow.perception.patch import Patch, seen_places
 from knotflow.perception.rendering import render
 from knotflow.perception.segmentation import Segmentation
 from knotflow.perception.tracing import TraceError
-from knotflow.perception.training_config import SHIPPED_NETWORK, NetworkConfig
+from knotflow.perception.training_config import SHIPPED_NETWORK, CoarseToFineConfig
 from knotflow.perception.unmixing import coverage
 from knotflow.simulation import RopeConfig, resample
 from knotflow.threads import one_thread
@@ -128,7 +128,7 @@ class Network:
             )
         sizes: dict[str, Any] = json.loads(about["network"])
         lists = {name: tuple(one) for name, one in sizes.items() if isinstance(one, list)}
-        model = CoarseToFine(NetworkConfig(**(sizes | lists)))
+        model = CoarseToFine(CoarseToFineConfig(**(sizes | lists)))
         try:
             model.load_state_dict(
                 {n: one.float() if one.is_floating_point() else one for n, one in weights.items()}

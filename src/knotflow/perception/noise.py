@@ -17,7 +17,7 @@ from knotflow.perception.image import RgbdImage
 
 
 @dataclass
-class NoiseConfig:
+class CameraNoiseConfig:
     """Noise of the simulated camera; every part grows with `level`."""
 
     level: float = 1.0
@@ -59,7 +59,7 @@ class NoiseConfig:
 
 
 def add_noise(
-    image: RgbdImage, camera: Camera, config: NoiseConfig, rng: np.random.Generator
+    image: RgbdImage, camera: Camera, config: CameraNoiseConfig, rng: np.random.Generator
 ) -> RgbdImage:
     """The image as a Kinect would have taken it; the same for equal `rng`."""
     if config.level == 0:
@@ -70,7 +70,7 @@ def add_noise(
 
 
 def _colours(
-    rgb: NDArray[np.uint8], config: NoiseConfig, rng: np.random.Generator
+    rgb: NDArray[np.uint8], config: CameraNoiseConfig, rng: np.random.Generator
 ) -> NDArray[np.uint8]:
     from scipy import ndimage  # slow to import
 
@@ -82,7 +82,7 @@ def _colours(
 
 
 def _depth(
-    image: RgbdImage, camera: Camera, config: NoiseConfig, rng: np.random.Generator
+    image: RgbdImage, camera: Camera, config: CameraNoiseConfig, rng: np.random.Generator
 ) -> NDArray[np.float32]:
     level, true = config.level, image.depth
     height, width = true.shape

@@ -12,7 +12,7 @@ import numpy as np
 
 from knotflow.perception.appearance import TAPE, Appearance
 from knotflow.perception.camera import Camera
-from knotflow.perception.noise import NoiseConfig
+from knotflow.perception.noise import CameraNoiseConfig
 from knotflow.perception.simulated import SimulatedCamera
 from knotflow.simulation import RopeConfig
 
@@ -25,7 +25,7 @@ def write_sample(folder: Path) -> None:
     points = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
     camera = Camera.overhead()
     look = replace(Appearance(), head=TAPE)
-    simulated = SimulatedCamera(camera, RopeConfig(), NoiseConfig(), look)
+    simulated = SimulatedCamera(camera, RopeConfig(), CameraNoiseConfig(), look)
     image = simulated.capture(points, np.random.default_rng(0))
     image.write(folder / "overhand.png", folder / "overhand-depth.png")
     camera.save(folder / "camera.yaml")

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from knotflow.perception.appearance import HEAD_LENGTH, Appearance
 from knotflow.perception.camera import Camera
 from knotflow.perception.image import Label, RgbdImage
-from knotflow.perception.noise import NoiseConfig, add_noise
+from knotflow.perception.noise import CameraNoiseConfig, add_noise
 from knotflow.simulation import RopeConfig, check_points
 
 if TYPE_CHECKING:
@@ -54,14 +54,14 @@ class SimulatedCamera:
         self,
         camera: Camera,
         rope: RopeConfig,
-        noise: NoiseConfig | None = None,
+        noise: CameraNoiseConfig | None = None,
         appearance: Appearance | None = None,
     ) -> None:
         """A camera for one rope; `appearance` may be set anew between images."""
         import mujoco
 
         self.camera, self.rope = camera, rope
-        self.noise = noise or NoiseConfig()
+        self.noise = noise or CameraNoiseConfig()
         self.appearance = appearance or Appearance()
         self._model = _scene(rope)
         self._data = mujoco.MjData(self._model)

@@ -10,7 +10,7 @@ SHIPPED_NETWORK = Path(__file__).parent / "data" / "network.safetensors"
 
 
 @dataclass
-class NetworkConfig:
+class CoarseToFineConfig:
     """Sizes of the network."""
 
     size: int = 96
@@ -80,7 +80,7 @@ class LossConfig:
 class TrainingConfig:
     """The effort, and what is learned from."""
 
-    network: NetworkConfig = field(default_factory=NetworkConfig)
+    network: CoarseToFineConfig = field(default_factory=CoarseToFineConfig)
     """Sizes of the network."""
     examples: ExamplesConfig = field(default_factory=ExamplesConfig)
     """How the ropes are seen."""

@@ -14,7 +14,7 @@ from .reader import (
     read_metadata,
     read_recording,
 )
-from .schema import OUTCOMES, Outcome, RecordedRollout, Sight
+from .schema import OUTCOMES, Outcome, RecordedRollout, RolloutImages
 from .table import load
 from .viewer import ViewerError, find_recording, open_recording, save_rerun, serve_recording
 from .writer import write_recording
@@ -25,7 +25,7 @@ __all__ = [
     "NotARecordingError",
     "Outcome",
     "RecordedRollout",
-    "Sight",
+    "RolloutImages",
     "ViewerError",
     "find_recording",
     "load",

@@ -23,10 +23,10 @@ _LINES = ".entities[].lines[].points | map(pack(.x!, .y!, .z!))"
 _SPHERES = ".entities[].spheres[].pose.position | pack(.x!, .y!, .z!)"
 
 
-def blueprint(rope_radius: float, sight: bool = False) -> rrb.Blueprint:
+def blueprint(rope_radius: float, camera: bool = False) -> rrb.Blueprint:
     """The layout of every recording of a rope with that radius, m; else it names topics only.
 
-    With `sight`, the camera's image stands beside the rope, and the estimate is drawn in it.
+    With `camera`, the camera's image stands beside the rope, and the estimate is drawn in it.
     """
     import rerun as rr
     import rerun.blueprint as rrb
@@ -64,7 +64,7 @@ def blueprint(rope_radius: float, sight: bool = False) -> rrb.Blueprint:
         "Rope (head blue, tail orange), gripper (yellow), spline (green) and its control points "
         "(pink), table (10 cm grid)"
     )
-    if sight:
+    if camera:
         shown.append(topics.ESTIMATE)
         name += ", estimate (white)"
         overrides[topics.ESTIMATE] = [
@@ -84,10 +84,10 @@ def blueprint(rope_radius: float, sight: bool = False) -> rrb.Blueprint:
             eye_up=(0.0, 0.0, 1.0),
         ),
     )
-    camera = rrb.Spatial2DView(origin=topics.CAMERA, name="Camera")
+    image = rrb.Spatial2DView(origin=topics.CAMERA, name="Camera")
     return rrb.Blueprint(
         rrb.Vertical(
-            rrb.Horizontal(view, camera) if sight else view,
+            rrb.Horizontal(view, image) if camera else view,
             rrb.TextLogView(
                 origin=topics.TOPOLOGY,
                 name="Topology and outcome",

@@ -25,7 +25,7 @@ from mcap.writer import MCAP0_MAGIC as MAGIC
 from . import topics
 from .facts import Facts, RolloutMessage
 from .scene import cloud_points, gripper_position, image_file
-from .schema import RecordedRollout, Sight
+from .schema import RecordedRollout, RolloutImages
 
 # What mcap and the codecs under it raise on bytes that are not as they were written.
 _UNREADABLE = (
@@ -152,7 +152,7 @@ class _Assembly:
         whole = self.facts.rollout(self.log_times, np.array(self.points), np.array(self.gripper))
         if not self.images:
             return whole
-        return replace(whole, sight=Sight(tuple(self.images), np.array(self.estimates)))
+        return replace(whole, camera=RolloutImages(tuple(self.images), np.array(self.estimates)))
 
 
 def _rollouts(path: Path) -> Iterator[tuple[Facts, RecordedRollout]]:

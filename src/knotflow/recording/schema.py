@@ -18,7 +18,7 @@ NANOSECONDS = 1_000_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class RolloutImages:
     """What a camera saw of a rollout, and what was made of it.
 
     Attributes:
@@ -36,12 +36,12 @@ class Sight:
         object.__setattr__(self, "points", np.asarray(self.points, np.float32))
         if self.points.ndim != 3 or len(self.images) != len(self.points):
             raise ValueError(
-                f"a sight has as many images as estimates (T, V, 3), got {len(self.images)} and "
+                f"a rollout has as many images as estimates (T, V, 3), got {len(self.images)} and "
                 f"{self.points.shape}"
             )
         for frame, image in enumerate(self.images):
             if not image.startswith(tuple(IMAGE_FORMATS)):
-                raise ValueError(f"image {frame} of a sight is neither a PNG nor a JPEG file")
+                raise ValueError(f"image {frame} of a rollout is neither a PNG nor a JPEG file")
 
 
 IMAGE_FORMATS = {b"\x89PNG": "png", b"\xff\xd8": "jpeg"}
@@ -71,7 +71,7 @@ class RecordedRollout:
         source: who proposed the spline, e.g. "scripted", "random", "icp", "plan".
         number: unique inside a stage.
         extra: anything else worth keeping, as text.
-        sight: what a camera saw, with a frame for each of `times`; None where there was none.
+        camera: what one saw, with a frame for each of `times`; None where there was none.
 
     Raises:
         ValueError: a shape is wrong, times do not increase, the outcome is unknown, or a number
@@ -92,7 +92,7 @@ class RecordedRollout:
     source: str
     number: int
     extra: Mapping[str, str] = field(default_factory=dict)
-    sight: Sight | None = None
+    camera: RolloutImages | None = None
 
     def __post_init__(self) -> None:
         for name, dtype in _DTYPES.items():
@@ -121,9 +121,9 @@ class RecordedRollout:
                     "T >= 1 frames (those of times) and V >= 2 vertices"
                 )
 
-        if self.sight is not None and len(self.sight.images) != frames:
+        if self.camera is not None and len(self.camera.images) != frames:
             raise ValueError(
-                f"rollout {self.number}: a camera saw {len(self.sight.images)} of {frames} frames"
+                f"rollout {self.number}: a camera saw {len(self.camera.images)} of {frames} frames"
             )
 
     def _check_values(self) -> None:

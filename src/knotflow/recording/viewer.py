@@ -104,11 +104,11 @@ def save_rerun(
         folder = Path(temporary)
         mcap, plain, layout = folder / "view.mcap", folder / "view.rrd", folder / "view.rbl"
         radii: list[float] = []
-        sights: list[bool] = []
-        chosen = _measured(_chosen(source, number), radii, sights)
+        cameras: list[bool] = []
+        chosen = _measured(_chosen(source, number), radii, cameras)
         write_recording(mcap, chosen, read_metadata(source), rope_line=True)
         _convert(mcap, plain, source.stem if number is None else f"{source.stem}#{number}")
-        blueprint(radii[0], sight=any(sights)).save(APPLICATION, layout)
+        blueprint(radii[0], camera=any(cameras)).save(APPLICATION, layout)
         _rerun("rrd", "merge", str(plain), str(layout), "-o", str(target))
     return Path(target)
 
@@ -163,12 +163,12 @@ def _chosen(source: Path, number: int | None) -> Iterator[RecordedRollout]:
 
 
 def _measured(
-    rollouts: Iterator[RecordedRollout], radii: list[float], sights: list[bool]
+    rollouts: Iterator[RecordedRollout], radii: list[float], cameras: list[bool]
 ) -> Iterator[RecordedRollout]:
     """The same rollouts, while the radii of their ropes, m, and who was seen are noted."""
     for rollout in rollouts:
         radii.append(rope_radius(rollout.control_points))
-        sights.append(rollout.sight is not None)
+        cameras.append(rollout.camera is not None)
         yield rollout
 
 

@@ -24,7 +24,7 @@ from mcap_protobuf.schema import register_schema
 
 from . import scene, topics
 from .facts import RolloutMessage, facts_message
-from .schema import NANOSECONDS, RecordedRollout, Sight
+from .schema import NANOSECONDS, RecordedRollout, RolloutImages
 
 GAP_NS = NANOSECONDS // 2  # between two rollouts on the timeline
 BATCH = 32  # rollouts whose facts share a chunk; also what the writer holds in memory
@@ -163,8 +163,8 @@ class _Timeline:
         for frame, (log_time, points, gripper) in enumerate(
             zip(log_times, rollout.points, rollout.gripper, strict=True)
         ):
-            if rollout.sight is not None:  # before the rope: a frame ends with the gripper
-                self._sight(log_time, rollout.sight, frame)
+            if rollout.camera is not None:  # before the rope: a frame ends with the gripper
+                self._camera(log_time, rollout.camera, frame)
             self._log(topics.ROPE, log_time, cloud.frame(log_time, points))
             if self._rope_line:
                 self._log(topics.ROPE_LINE, log_time, line.frame(log_time, points))
@@ -172,12 +172,12 @@ class _Timeline:
         end = log_times[-1]
         self._log(topics.TOPOLOGY, end, scene.end_message(end, rollout))
 
-    def _sight(self, log_time: int, sight: Sight, frame: int) -> None:
+    def _camera(self, log_time: int, camera: RolloutImages, frame: int) -> None:
         if topics.CAMERA not in self._channels:  # most recordings have none
             self._register(_SIGHT)
-        cloud = self._painter(self._clouds, scene.RopeCloud, sight.points.shape[1])
-        self._log(topics.CAMERA, log_time, scene.image_message(log_time, sight.images[frame]))
-        self._log(topics.ESTIMATE, log_time, cloud.frame(log_time, sight.points[frame]))
+        cloud = self._painter(self._clouds, scene.RopeCloud, camera.points.shape[1])
+        self._log(topics.CAMERA, log_time, scene.image_message(log_time, camera.images[frame]))
+        self._log(topics.ESTIMATE, log_time, cloud.frame(log_time, camera.points[frame]))
 
     @staticmethod
     def _painter(known: dict[Any, Any], kind: Any, *looks: float) -> Any:

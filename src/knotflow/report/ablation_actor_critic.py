@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from knotflow.report.claims import Claim, Outcome, of_two
+from knotflow.report.claims import Claim, Judgement, of_two
 from knotflow.report.paper import ABLATION, ACTIONS, with_extras
 from knotflow.report.rates import (
     complete_rates,
@@ -40,7 +40,7 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     }
 
 
-def together_best(results: Results) -> Outcome:
+def together_best(results: Results) -> Judgement:
     """Together best on 7 of 8, the gap to the critic alone largest on two of them."""
     methods = ("actor_only", "critic_only", "actor_critic")
     rates = complete_rates(results, EXPERIMENT, methods)
@@ -54,7 +54,7 @@ def together_best(results: Results) -> Outcome:
         clear += all(ratio.lies_above(1) for ratio in alone)
     widest = sorted(gaps, key=lambda action: -gaps[action])[:2]
     widest_gaps = listed([f"`{action}` ({100 * gaps[action]:+.0f} points)" for action in widest])
-    return Outcome(
+    return Judgement(
         f"best on {len(best)} of {len(ACTIONS)}, significantly better than both alone on {clear}; "
         f"the gap to the critic alone is largest on {widest_gaps}",
         of_two(len(best) >= 7, set(widest) == {"C(2,0,1)", "C(2,4,1)"}),

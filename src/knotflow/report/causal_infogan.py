@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from knotflow.drawing.rope import draw_rope
-from knotflow.report.claims import Claim, NotMeasured, Outcome, Verdict
+from knotflow.report.claims import Claim, Judgement, NotMeasured, Verdict
 from knotflow.report.paper import SINGLE_STAGE
 from knotflow.report.results import (
     AMOUNT,
@@ -257,7 +257,7 @@ def _millimetres(mean: Interval) -> str:
     return f"{mean.estimate:.0f} ({mean.low:.0f} to {mean.high:.0f})"
 
 
-def far_projections(results: Results) -> Outcome:
+def far_projections(results: Results) -> Judgement:
     """Given and projected end shapes far apart, sometimes of another topology."""
     plans = results.table(EXPERIMENT, "plans.csv", PLANS)
     seeds = results.table(EXPERIMENT, "seeds.csv", TRAINING)
@@ -269,7 +269,7 @@ def far_projections(results: Results) -> Outcome:
     unseen = (plans["model"] == "single") & (plans["shapes"] == "unseen")
     own = plans[unseen & plans["seed"].isin(healthy)]
     if own.empty:
-        return Outcome(told, Verdict.FAILS)
+        return Judgement(told, Verdict.FAILS)
     distance = bootstrap(1000 * own["end_distance"])
     other = int((~own["end_kept"]).sum())
     apart, _, limits = _millimetres(distance).partition(" ")
@@ -279,7 +279,7 @@ def far_projections(results: Results) -> Outcome:
     )
     far = distance.lies_above(2000 * ropes[0]["radius"])
     verdicts = {2: Verdict.HOLDS, 1: Verdict.PARTLY, 0: Verdict.FAILS}
-    return Outcome(ours, verdicts[far + (other > 0)])
+    return Judgement(ours, verdicts[far + (other > 0)])
 
 
 SECTION = Section(

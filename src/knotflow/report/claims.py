@@ -19,7 +19,7 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Judgement:
     """Our number in words, and the verdict."""
 
     ours: str
@@ -44,14 +44,14 @@ class Claim:
     where: str
     paper: str
     criterion: str
-    judge: Callable[[Results], Outcome]
+    judge: Callable[[Results], Judgement]
 
-    def outcome(self, results: Results) -> Outcome:
+    def judgement(self, results: Results) -> Judgement:
         """Our side of the claim, NOT_RUN with what is missing where it cannot be judged."""
         try:
             return self.judge(results)
         except NotMeasured as missing:
-            return Outcome(str(missing), Verdict.NOT_RUN)
+            return Judgement(str(missing), Verdict.NOT_RUN)
 
 
 def of_two(first: bool, second: bool) -> Verdict:

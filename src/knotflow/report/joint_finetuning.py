@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from knotflow.report.claims import Claim, NotMeasured, Outcome, Verdict
+from knotflow.report.claims import Claim, Judgement, NotMeasured, Verdict
 from knotflow.report.learning import EPISODE_SUCCESS, Curves, joint, read_curves
 from knotflow.report.paper import JOINT, OVERHAND_LIMIT, with_extras
 from knotflow.report.rates import rate_table, read_rates
@@ -61,7 +61,7 @@ def in_episodes(curves: Curves) -> bool:
     return any(metric == EPISODE_SUCCESS for _, metric in curves)
 
 
-def fewer_branches(results: Results) -> Outcome:
+def fewer_branches(results: Results) -> Judgement:
     """Sec. VII-B2: 4.3 +- 2.6 branches independently, 3.4 +- 0.6 jointly, 50 random starts."""
     searches = read_searches(results, EXPERIMENT, "primitives", with_start=False)
     methods = {
@@ -82,7 +82,7 @@ def fewer_branches(results: Results) -> Outcome:
         + (f"; {unsolved} gave up" if unsolved else "")
     )
     if fewer.estimate >= 0:
-        return Outcome(ours, Verdict.FAILS)
+        return Judgement(ours, Verdict.FAILS)
     sure = fewer.high is not None and fewer.high < 0
     narrower = np.std(after) < np.std(before)
     means = [bootstrap(counts) for counts in (before, after)]
@@ -92,7 +92,7 @@ def fewer_branches(results: Results) -> Outcome:
     )
     told = f"means of {estimate(means[0])} and {estimate(means[1])} branches"
     size = told if sure and outside else ""
-    return Outcome(ours, Verdict.HOLDS if sure and narrower else Verdict.PARTLY, size)
+    return Judgement(ours, Verdict.HOLDS if sure and narrower else Verdict.PARTLY, size)
 
 
 def _mean_spread(counts: np.ndarray) -> str:

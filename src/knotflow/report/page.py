@@ -181,7 +181,7 @@ def _claims(results: Results) -> dict[str, str]:
     tally: Counter[Verdict] = Counter()
     direction_only = 0
     for experiment, claim in CLAIMS:
-        outcome = claim.outcome(results)
+        outcome = claim.judgement(results)
         found = results.experiments.get(experiment)
         tally[outcome.verdict] += 1
         verdict = f"**{outcome.verdict}**"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 from typing import Any
 
-from knotflow.report.claims import Claim, NotMeasured, Outcome, Verdict
+from knotflow.report.claims import Claim, Judgement, NotMeasured, Verdict
 from knotflow.report.planning.pictures import stored
 from knotflow.report.results import Results
 from knotflow.report.searches import confirmation, read_searches, search_table, sizes
@@ -42,7 +42,7 @@ def _plan(results: Results, pictures: Pictures, folder: str) -> str:
     return stored(results, pictures.add, EXPERIMENT, f"{folder}/plan", name, f"Plan, {folder}")
 
 
-def pulled_out(results: Results) -> Outcome:
+def pulled_out(results: Results) -> Judgement:
     """A plan found with 12 branches, from an overhand whose head was pulled out."""
     searches = read_searches(results, EXPERIMENT)
     if searches is None or PULLED not in set(searches["start"]):
@@ -63,7 +63,7 @@ def pulled_out(results: Results) -> Outcome:
         verdict = Verdict.HOLDS
     else:
         verdict = Verdict.PARTLY if min(trees) <= PAPER_BRANCHES else Verdict.FAILS
-    return Outcome("; ".join(parts), verdict)
+    return Judgement("; ".join(parts), verdict)
 
 
 SECTION = Section(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from knotflow.report.claims import Claim, NotMeasured, Outcome, Verdict, of_two
+from knotflow.report.claims import Claim, Judgement, NotMeasured, Verdict, of_two
 from knotflow.report.learning import imitation, read_curves, reinforcement
 from knotflow.report.paper import (
     ACTIONS,
@@ -136,7 +136,7 @@ def searches(results: Results) -> dict[str, tuple[int, int]]:
     return found
 
 
-def imitation_over_random(results: Results) -> Outcome:
+def imitation_over_random(results: Results) -> Judgement:
     """Up to 100x."""
     ratios = _ratios(results, "imitation", "random")
     _, best = _extremes(ratios)
@@ -147,21 +147,21 @@ def imitation_over_random(results: Results) -> Outcome:
     direction = better == len(ratios) and 2 * sure > len(ratios)
     size = "" if large or not direction else "no ratio is above 10× and compatible with 100×"
     if large and better == len(ratios):
-        return Outcome(ours, Verdict.HOLDS, size)
-    return Outcome(ours, Verdict.PARTLY if 2 * sure > len(ratios) else Verdict.FAILS, size)
+        return Judgement(ours, Verdict.HOLDS, size)
+    return Judgement(ours, Verdict.PARTLY if 2 * sure > len(ratios) else Verdict.FAILS, size)
 
 
-def imitation_over_icp(results: Results) -> Outcome:
+def imitation_over_icp(results: Results) -> Judgement:
     """Higher on most actions, above all on R1(0,1,1) and R2(0,0,1,1)."""
     ratios = _ratios(results, "imitation", "icp")
     better = [action for action, ratio in ratios.items() if ratio.estimate > 1]
     named = ("R1(0,1,1)", "R2(0,0,1,1)")
     parts = (2 * len(better) > len(ratios), all(action in better for action in named))
     told = listed([f"{times(ratios[action])} on `{action}`" for action in named])
-    return Outcome(f"better on {len(better)} of {len(ratios)} actions; {told}", of_two(*parts))
+    return Judgement(f"better on {len(better)} of {len(ratios)} actions; {told}", of_two(*parts))
 
 
-def reinforcement_over_imitation(results: Results) -> Outcome:
+def reinforcement_over_imitation(results: Results) -> Judgement:
     """1.14x to 2.33x."""
     ratios = _ratios(results, "reinforcement", "imitation")
     low, high = _extremes(ratios)
@@ -174,8 +174,8 @@ def reinforcement_over_imitation(results: Results) -> Outcome:
     if all(ratio.reaches(1.14) for ratio in ratios.values()) and 2 * sure > len(ratios):
         beyond = sum(ratio.lies_above(2.33) for ratio in ratios.values())
         size = f"beyond 2.33× on {beyond} of {len(ratios)} actions" if beyond else ""
-        return Outcome(ours, Verdict.HOLDS, size)
-    return Outcome(ours, Verdict.PARTLY if 2 * better > len(ratios) else Verdict.FAILS)
+        return Judgement(ours, Verdict.HOLDS, size)
+    return Judgement(ours, Verdict.PARTLY if 2 * better > len(ratios) else Verdict.FAILS)
 
 
 def _ratios(results: Results, method: str, base: str) -> dict[str, Interval]:

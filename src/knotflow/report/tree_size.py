@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from knotflow.report.claims import Claim, NotMeasured, Outcome, of_two
+from knotflow.report.claims import Claim, Judgement, NotMeasured, of_two
 from knotflow.report.paper import OVERHAND_LIMIT, STARTS, TREE_SIZE, with_extras
 from knotflow.report.planning.pictures import stored
 from knotflow.report.results import Results
@@ -53,31 +53,31 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     }
 
 
-def icp(results: Results) -> Outcome:
+def icp(results: Results) -> Judgement:
     """Sec. VII-A4: 3 to 190 branches (straight), up to 1428 (arc)."""
     trees = _trees(results, "icp")
     wide = [max(sizes(own)) >= 10 * own["branches"].min() for own in trees.values()]
     largest = {start: max(sizes(own)) for start, own in trees.items()}
     same = all(0.5 <= most / PAPER_LARGEST[start, "icp"] <= 2 for start, most in largest.items())
     size = "" if same or not all(wide) else "the largest trees differ by more than a factor of 2"
-    return Outcome(_ranges(trees), of_two(*wide), size)
+    return Judgement(_ranges(trees), of_two(*wide), size)
 
 
-def imitation(results: Results) -> Outcome:
+def imitation(results: Results) -> Judgement:
     """Sec. VII-A4: up to 43 branches (straight), 9 (arc)."""
     trees = _trees(results, "imitation")
     within = [max(sizes(own)) <= PAPER_LARGEST[s, "imitation"] for s, own in trees.items()]
-    return Outcome(_ranges(trees), of_two(*within))
+    return Judgement(_ranges(trees), of_two(*within))
 
 
-def reinforcement(results: Results) -> Outcome:
+def reinforcement(results: Results) -> Judgement:
     """Sec. VII-A4: below 5 in all 10 seeds, the limit of 3 in more than half."""
     trees = {start: sizes(own) for start, own in _trees(results, "reinforcement").items()}
     every = [size for own in trees.values() for size in own]
     often = all(2 * own.count(OVERHAND_LIMIT) > len(own) for own in trees.values())
     share = f"{OVERHAND_LIMIT} branches in {every.count(OVERHAND_LIMIT)} of {len(every)}"
     ranges = _ranges(_trees(results, "reinforcement"))
-    return Outcome(f"{ranges}; {share}", of_two(max(every) < 5, often))
+    return Judgement(f"{ranges}; {share}", of_two(max(every) < 5, often))
 
 
 def _trees(results: Results, method: str) -> dict[str, pd.DataFrame]:

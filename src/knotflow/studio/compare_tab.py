@@ -7,7 +7,7 @@ import viser
 from knotflow.simulation import control_points
 from knotflow.studio.desk import Desk
 from knotflow.studio.playback import Playback
-from knotflow.studio.session import Proposals, StudioError
+from knotflow.studio.session import SimulatedProposals, StudioError
 from knotflow.topology import parse_action
 
 
@@ -17,7 +17,7 @@ class CompareTab:
     def __init__(self, desk: Desk) -> None:
         """In the panel's current container."""
         self._desk, gui = desk, desk.server.gui
-        self._found: Proposals | None = None
+        self._found: SimulatedProposals | None = None
         self._action = gui.add_dropdown("Action", ("",))
         self._count = gui.add_slider("Proposals", 1, 12, 1, 4)
         gui.add_button("Propose and simulate").on_click(desk.guarded(self._propose))

@@ -60,7 +60,7 @@ class Stopped(Exception):
 
 
 @dataclass(frozen=True, eq=False)
-class Proposals:
+class SimulatedProposals:
     """What the library proposes for an action, simulated.
 
     Attributes:
@@ -214,7 +214,7 @@ class Session:
             )
         return self.plan
 
-    def propose(self, action: Action, count: int = 6) -> Proposals:
+    def propose(self, action: Action, count: int = 6) -> SimulatedProposals:
         """What the library proposes for an action now, and what becomes of it.
 
         Raises:
@@ -224,7 +224,7 @@ class Session:
             splines, values = self.library.valued(self.points, action, count, self._rng)
             order = np.argsort(-values, kind="stable")
             tried = attempt(self.simulator, self.points, splines[order], action, self.state)
-        return Proposals(tried, values[order])
+        return SimulatedProposals(tried, values[order])
 
     # Demonstrations.
 

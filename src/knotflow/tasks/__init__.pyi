@@ -1,6 +1,6 @@
 from .batched import BatchedTieEnv
 from .encoding import action_code, goal_codes, to_box, to_splines
-from .episodes import Episodes, Outcome
+from .episodes import Episodes, StepResult
 from .evaluation import evaluate
 from .gym import TieEnv
 from .public import public_tasks
@@ -11,7 +11,7 @@ __all__ = [
     "ENV_ID",
     "BatchedTieEnv",
     "Episodes",
-    "Outcome",
+    "StepResult",
     "TieTask",
     "TieEnv",
     "action_code",

@@ -20,7 +20,7 @@ from knotflow.topology import TopologicalState
 
 
 @dataclass(frozen=True)
-class Outcome:
+class StepResult:
     """What one spline each did to B ropes."""
 
     success: NDArray[np.bool_]
@@ -55,7 +55,7 @@ class Episodes:
         self.states[row] = state_or_none(self.points[row])
         self.used[row] = 0
 
-    def step(self, splines: NDArray) -> Outcome:
+    def step(self, splines: NDArray) -> StepResult:
         """Execute splines (B, 6), one on each rope.
 
         Raises:
@@ -70,4 +70,4 @@ class Episodes:
         lost = np.array([state is None or state not in goal.dag for state in self.states], bool)
         terminated = success | lost
         used_up = (self.used >= self.task.splines) & ~terminated
-        return Outcome(success, terminated, used_up, rollouts.diverged)
+        return StepResult(success, terminated, used_up, rollouts.diverged)

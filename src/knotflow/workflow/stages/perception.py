@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from knotflow.perception import (
     Appearance,
     Camera,
+    CameraNoiseConfig,
     EstimateConfig,
     NetworkError,
-    NoiseConfig,
     RopeEstimate,
     SimulatedCamera,
     TraceError,
@@ -40,7 +40,7 @@ class PerceptionConfig:
     """Its rope is looked at."""
     estimate: EstimateConfig = field(default_factory=EstimateConfig)
     """How a rope is estimated."""
-    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    noise: CameraNoiseConfig = field(default_factory=CameraNoiseConfig)
     """Of the camera; its level is set here."""
     methods: list[str] = field(default_factory=lambda: list(METHODS))
     """Of `METHODS`; those that need a network are left out while there are no weights."""

@@ -17,8 +17,8 @@ import pandas as pd
 from knotflow.perception import (
     Appearance,
     Camera,
+    CameraNoiseConfig,
     Network,
-    NoiseConfig,
     RgbdImage,
     SelfSupervision,
     SelfSupervisionConfig,
@@ -43,7 +43,7 @@ class PerceptionNetworksConfig:
     """Hash of the file, or its name where there is none."""
     rope: RopeConfig = field(default_factory=RopeConfig)
     """The rope in the images."""
-    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    noise: CameraNoiseConfig = field(default_factory=CameraNoiseConfig)
     """Of the camera."""
     images: int
     """Images, each of another rope."""

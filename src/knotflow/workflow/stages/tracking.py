@@ -24,8 +24,8 @@ from knotflow.execution.perturbation import ERRORS
 from knotflow.perception import (
     Appearance,
     Camera,
+    CameraNoiseConfig,
     Label,
-    NoiseConfig,
     PointDriftConfig,
     PointDriftTracker,
     RgbdImage,
@@ -35,7 +35,7 @@ from knotflow.perception import (
     add_noise,
     seen,
 )
-from knotflow.recording import RecordedRollout, Sight, write_recording
+from knotflow.recording import RecordedRollout, RolloutImages, write_recording
 from knotflow.simulation import (
     Attempts,
     RopeConfig,
@@ -64,7 +64,7 @@ class TrackingConfig:
     """The simulator, around whose rope ropes are drawn; its record rate is the camera's."""
     demonstrations: str = str(SHIPPED)
     """Starts and splines of the rollouts."""
-    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    noise: CameraNoiseConfig = field(default_factory=CameraNoiseConfig)
     """Of the camera, nominal at every level."""
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     """The tracker."""
@@ -136,7 +136,7 @@ def _track(config: TrackingConfig, shown: str, context: StageContext, name: str)
             rows.append(rest | {"seconds": time.process_time() - began})
             if name == shown:
                 points = np.stack([one.points for one in found]).astype(np.float32)
-                _record(context, rope, attempts, Sight(tuple(map(_png, images)), points))
+                _record(context, rope, attempts, RolloutImages(tuple(map(_png, images)), points))
     table = pd.DataFrame(rows).assign(level=int(level), action=action, rollout=name)
     table = table[COLUMNS].round({"mean_error_mm": 3, "visible_share": 3, "seconds": 4})
     with context.atomic(f"{name}.csv") as path:
@@ -206,10 +206,12 @@ def _images(
     return images, shows
 
 
-def _record(context: StageContext, rope: RopeConfig, attempts: Attempts, sight: Sight) -> None:
+def _record(
+    context: StageContext, rope: RopeConfig, attempts: Attempts, camera: RolloutImages
+) -> None:
     (rollout,) = recorded(attempts, rope, "tracking", context.signature)
     with context.atomic(RECORDING) as path:
-        whole: RecordedRollout = replace(rollout, sight=sight)
+        whole: RecordedRollout = replace(rollout, camera=camera)
         write_recording(path, [whole], {"source": "tracking", "signature": context.signature})
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from knotflow.recording import Sight, read_recording, write_recording
+from knotflow.recording import RolloutImages, read_recording, write_recording
 from knotflow.recording.blueprint import blueprint
 
 
@@ -18,33 +18,33 @@ def png(shade):
 
 
 @pytest.fixture
-def sight(make_rollout):
+def camera(make_rollout):
     points = make_rollout(3, frames=5).points
-    return Sight(tuple(png(20 * frame) for frame in range(5)), points + 0.001)
+    return RolloutImages(tuple(png(20 * frame) for frame in range(5)), points + 0.001)
 
 
-def test_images_and_estimates_are_read_as_they_were_written(tmp_path, make_rollout, sight):
-    seen = replace(make_rollout(3, frames=5), sight=sight)
+def test_images_and_estimates_are_read_as_they_were_written(tmp_path, make_rollout, camera):
+    seen = replace(make_rollout(3, frames=5), camera=camera)
     write_recording(tmp_path / "a.mcap", [make_rollout(1), seen, make_rollout(2)], {})
-    read = {one.number: one.sight for one in read_recording(tmp_path / "a.mcap")}
+    read = {one.number: one.camera for one in read_recording(tmp_path / "a.mcap")}
     assert read[1] is None and read[2] is None
-    assert read[3].images == sight.images
-    assert np.array_equal(read[3].points, sight.points)
+    assert read[3].images == camera.images
+    assert np.array_equal(read[3].points, camera.points)
 
 
-def test_a_sight_has_a_frame_for_each_of_the_rope(make_rollout, sight):
+def test_a_sight_has_a_frame_for_each_of_the_rope(make_rollout, camera):
     with pytest.raises(ValueError, match="saw 5 of 6 frames"):
-        replace(make_rollout(3, frames=6), sight=sight)
+        replace(make_rollout(3, frames=6), camera=camera)
     with pytest.raises(ValueError, match="as many images"):
-        Sight(sight.images[:4], sight.points)
-    with pytest.raises(ValueError, match="image 1 of a sight is neither"):
-        Sight((sight.images[0], b"GIF89a"), sight.points[:2])
+        RolloutImages(camera.images[:4], camera.points)
+    with pytest.raises(ValueError, match="image 1 of a rollout is neither"):
+        RolloutImages((camera.images[0], b"GIF89a"), camera.points[:2])
 
 
 def test_only_a_recording_with_images_has_a_view_of_them():
     def views(layout):
         return [type(one).__name__ for one in layout.root_container.contents[0].contents]
 
-    assert "Spatial2DView" in views(blueprint(0.008, sight=True))
+    assert "Spatial2DView" in views(blueprint(0.008, camera=True))
     plain = blueprint(0.008).root_container.contents[0]
     assert type(plain).__name__ == "Spatial3DView"
