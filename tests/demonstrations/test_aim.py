@@ -1,9 +1,11 @@
 """The aimed guess keeps to the strategy of Sec. V-A."""
 
+import sys
+
 import numpy as np
 import pytest
 
-from knotflow.demonstrations import TASKS, aim, nudge, succeed, task
+from knotflow.demonstrations import TASKS, aim, aim_anywhere, nudge, succeed, task
 from knotflow.simulation import (
     RopeConfig,
     check_splines,
@@ -12,7 +14,7 @@ from knotflow.simulation import (
     reached,
     straight,
 )
-from knotflow.topology import segment_intervals
+from knotflow.topology import R1, TopologicalState, segment_intervals
 
 
 @pytest.mark.slow
@@ -53,3 +55,19 @@ def test_nudges_are_short_and_low_and_begin_anywhere(rng):
 
 def random_curve_of_default_rope():
     return random_curve(RopeConfig(), np.random.default_rng(0))
+
+
+def test_anywhere_is_at_an_action_that_leaves_few_enough_crossings(monkeypatch, rng):
+    rope, aimed_at = random_curve_of_default_rope(), []
+    monkeypatch.setattr(
+        sys.modules["knotflow.demonstrations.aim"],
+        "aim",
+        lambda points, action, *others: aimed_at.append(action) or np.zeros((1, 6)),
+    )
+    trivial = TopologicalState.trivial()
+    for _ in range(40):
+        aim_anywhere(rope, trivial, rng, most_crossings=1)
+    assert {type(action) for action in aimed_at} == {R1}
+    for most, share in [(0, 0.0), (None, 1.0)]:  # no action does; every spline is random
+        check_splines(aim_anywhere(rope, trivial, rng, share, most)[None])
+    assert len(aimed_at) == 40

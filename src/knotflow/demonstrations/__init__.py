@@ -1,6 +1,6 @@
 """Demonstrations: the eight tasks, the scripted demonstrator, the dataset and its noisy copies."""
 
-from knotflow.demonstrations.aim import aim, nudge
+from knotflow.demonstrations.aim import aim, aim_anywhere, nudge
 from knotflow.demonstrations.dataset import (
     SHIPPED,
     Demonstration,
@@ -27,6 +27,7 @@ __all__ = [
     "Trials",
     "add_demonstration",
     "aim",
+    "aim_anywhere",
     "demonstrate",
     "load_demonstrations",
     "load_trials",

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.simulation import clip_splines
-from knotflow.topology import R1, R2, Action, Cross, Undo, segment_intervals
+from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW, clip_splines
+from knotflow.topology import R1, R2, Action, Cross, TopologicalState, Undo, segment_intervals
 
 TIP = 0.15
 """Share of an end segment, counted from the rope's end, in which an end is grasped or covered."""
@@ -59,6 +59,33 @@ def aim(points: NDArray, action: Action, count: int, rng: np.random.Generator) -
     mid = end - rng.uniform(0.05, 0.4, (count, 1)) * toward + rng.normal(0, 0.03, (count, 2))
     height = rng.uniform(0.06, 0.25, count)
     return clip_splines(np.column_stack([grasp, mid, height, end]))
+
+
+def aim_anywhere(
+    points: NDArray,
+    state: TopologicalState,
+    rng: np.random.Generator,
+    random_share: float = 0.0,
+    most_crossings: int | None = None,
+) -> NDArray[np.float64]:
+    """A spline (6,) aimed at any action of a rope, as plans are made of, or a random one.
+
+    Args:
+        points: (V, 3) rope vertices, metres.
+        state: their topological state.
+        rng: everything random comes from it.
+        random_share: probability of a random spline.
+        most_crossings: an action that leaves more is not aimed at; without any, it is random.
+    """
+    actions = [
+        action
+        for action, after in state.actions()
+        if most_crossings is None or after.num_crossings <= most_crossings
+    ]
+    if not actions or (random_share and rng.random() < random_share):
+        return rng.uniform(SPLINE_LOW, SPLINE_HIGH)
+    spline: NDArray[np.float64] = aim(points, actions[rng.integers(len(actions))], 1, rng)[0]
+    return spline
 
 
 def _places(

@@ -9,11 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.demonstrations import Demonstration, NoiseConfig, aim, noisy_copies
+from knotflow.demonstrations import Demonstration, NoiseConfig, aim_anywhere, noisy_copies
 from knotflow.simulation import (
     LEVELS,
-    SPLINE_HIGH,
-    SPLINE_LOW,
     RopeSimulator,
     SimulationConfig,
     grasped_link,
@@ -101,7 +99,13 @@ def draw_motions(
         while left > 0:
             lying = lying[:left]
             left -= len(lying)
-            splines = np.stack([_planned(points, rng) for points in lying])
+            states = [TopologicalState.from_curve(points) for points in lying]
+            splines = np.stack(
+                [
+                    aim_anywhere(points, state, rng, RANDOM_SHARE)
+                    for points, state in zip(lying, states, strict=True)
+                ]
+            )
             motions, ends = _execute(simulator, np.stack(lying), splines, level)
             yield motions
             lying = [
@@ -158,22 +162,7 @@ def _demonstrated(
     shown = demonstrations[int(rng.integers(len(demonstrations)))]
     if copy:
         return shown.points, noisy_copies(shown.spline, 1, rng, NoiseConfig())[0]
-    return shown.points, _aimed(shown.points, shown.task.start_state, rng)
-
-
-def _planned(points: NDArray, rng: np.random.Generator) -> NDArray[np.float64]:
-    """A spline (6,) aimed at an action of a rope (V, 3) whose state can be read, or random."""
-    if rng.random() < RANDOM_SHARE:
-        return rng.uniform(SPLINE_LOW, SPLINE_HIGH)
-    return _aimed(points, TopologicalState.from_curve(points), rng)
-
-
-def _aimed(
-    points: NDArray, state: TopologicalState, rng: np.random.Generator
-) -> NDArray[np.float64]:
-    actions = [action for action, _ in state.actions()]
-    spline: NDArray[np.float64] = aim(points, actions[rng.integers(len(actions))], 1, rng)[0]
-    return spline
+    return shown.points, aim_anywhere(shown.points, shown.task.start_state, rng)
 
 
 def _readable(points: NDArray) -> bool:

@@ -154,8 +154,8 @@ def build_model(
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
-    # To convergence: cut off after 2 iterations a spline takes two thirds of the time, but its end is
-    # 40 to 70 mm elsewhere and some blow up; after 3 it takes 0.87 and is 14 mm elsewhere.
+    # To convergence: cut off after 2 iterations, a spline takes two thirds of the time, but ends
+    # 40 to 70 mm elsewhere, and some blow up; after 3 it takes 0.87 and ends 14 mm elsewhere.
     spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 960
     solref = [contact_time, 1.0]

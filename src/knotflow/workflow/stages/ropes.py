@@ -12,12 +12,9 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from knotflow.demonstrations import aim
+from knotflow.demonstrations import aim_anywhere
 from knotflow.simulation import (
-    SPLINE_HIGH,
-    SPLINE_LOW,
     RopeSimulator,
     SimulationConfig,
     StartsConfig,
@@ -78,7 +75,10 @@ def _move(config: RopesConfig, context: StageContext, shard: str) -> None:
     points, crossings = [*ropes], [0] * TOGETHER
     for _ in range(config.rounds):
         splines = np.stack(
-            [_spline(one, state, config, rng) for one, state in zip(ropes, states, strict=True)]
+            [
+                aim_anywhere(one, state, rng, config.random_share, config.most_crossings)
+                for one, state in zip(ropes, states, strict=True)
+            ]
         )
         rollouts = simulator.execute(ropes, splines)
         for index, (end, diverged) in enumerate(
@@ -93,15 +93,3 @@ def _move(config: RopesConfig, context: StageContext, shard: str) -> None:
             crossings.append(state.num_crossings)
     with context.atomic(f"{shard}.npz") as path:
         np.savez(path, points=np.stack(points).astype(np.float32), crossings=np.array(crossings))
-
-
-def _spline(
-    points: NDArray, state: TopologicalState, config: RopesConfig, rng: np.random.Generator
-) -> NDArray[np.float64]:
-    """A random spline (6,), or one aimed at an action that leaves few enough crossings."""
-    actions = [
-        action for action, after in state.actions() if after.num_crossings <= config.most_crossings
-    ]
-    if not actions or rng.random() < config.random_share:
-        return rng.uniform(SPLINE_LOW, SPLINE_HIGH)
-    return np.asarray(aim(points, actions[rng.integers(len(actions))], 1, rng)[0])
