@@ -299,7 +299,7 @@ class TrackingBudget:
 class PerceptionTrainingBudget:
     """The network that sees ropes."""
 
-    shards: int = 200
+    shards: int = 100
     """Of 32 ropes, moved by eight splines each, whose shapes are learned from."""
     training: TrainingConfig = field(default_factory=TrainingConfig)
     """Learning from drawings of these shapes."""
