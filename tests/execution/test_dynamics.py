@@ -5,7 +5,15 @@ import pytest
 import torch
 
 from knotflow.demonstrations import load_demonstrations
-from knotflow.execution import FREE, LstmDynamics, Motions, MujocoDynamics, Still, draw_motions
+from knotflow.execution import (
+    FREE,
+    Foresight,
+    LstmDynamics,
+    Motions,
+    MujocoDynamics,
+    Still,
+    draw_motions,
+)
 from knotflow.execution.errors import predict_motions
 from knotflow.execution.rope_motions import STEP
 from knotflow.simulation import RopeConfig, SimulationConfig, random_curve
@@ -144,3 +152,27 @@ def test_a_saved_model_predicts_the_same(tmp_path, rng):
     again = LstmDynamics.load(tmp_path / "model.safetensors")
     arguments = points, torch.zeros_like(points), torch.full((3,), 4), drag(points, 4)
     torch.testing.assert_close(again.predict(*arguments), model.predict(*arguments))
+
+
+class Carried:
+    """Every vertex goes where the held link goes."""
+
+    def predict(self, points, velocities, grasped, gripper):
+        held = (grasped != FREE).float()[:, None, None]
+        centre = (points[0, grasped] + points[0, grasped + 1]) / 2
+        return points[:, None] + (held * (gripper - centre[:, None]))[:, :, None]
+
+
+@pytest.mark.parametrize("seconds", [0.03, 0.1, 0.25])
+def test_a_tracker_is_told_where_the_rope_is_when_the_image_is_taken(seconds, rng):
+    points = random_curve(RopeConfig(), rng)
+    gripper = points[8:10].mean(axis=0) + [0.02, -0.01, 0.03]
+    ahead = Foresight(Carried())(points, np.zeros_like(points), seconds, gripper, 8)
+    np.testing.assert_allclose(ahead, points + [0.02, -0.01, 0.03], atol=1e-6)
+    free = Foresight(Carried())(points, np.zeros_like(points), seconds, None, None)
+    np.testing.assert_allclose(free, points, atol=1e-6)
+
+
+def test_at_the_same_moment_a_rope_is_where_it_is(rng):
+    points = random_curve(RopeConfig(), rng)
+    assert np.array_equal(Foresight(Carried())(points, points, 0.0, points[3], 3), points)

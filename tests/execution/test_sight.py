@@ -70,7 +70,7 @@ def test_a_table_alone_shows_no_rope_and_no_knot(plan):
 def test_frames_that_are_lost_for_a_second_are_waited_for(silent, monkeypatch):
     asked = []
 
-    def estimate(image, camera, rope, config=None):
+    def estimate(image, camera, rope, config=None, network=None):
         asked.append(image.time)
         return SEEN
 

@@ -3,6 +3,7 @@
 import pandas as pd
 import pytest
 
+from knotflow.config import SHIPPED_DYNAMICS
 from knotflow.perception import EstimateConfig, FitConfig, TrackerConfig
 from knotflow.recording import read_recording
 from knotflow.simulation import SimulationConfig
@@ -21,6 +22,8 @@ def test_tracks_have_a_row_a_method_and_image(tmp_path, monkeypatch):
         tracker=TrackerConfig(estimate=quick),
         levels=[1],
         rollouts=1,
+        weights=str(SHIPPED_DYNAMICS),
+        weights_contents="shipped",
         seed=0,
     )
     track_rollouts(config, {}, StageContext(tmp_path, "0123456789abcdef"))
@@ -30,6 +33,7 @@ def test_tracks_have_a_row_a_method_and_image(tmp_path, monkeypatch):
     frames = len(recorded.times)
     assert dict(tracks["method"].value_counts()) == {
         "rendering": frames,
+        "rendering_dynamics": frames,
         "point_drift": frames,
         "point_drift_predicted": frames,
         AT_REST: 1,
@@ -37,6 +41,6 @@ def test_tracks_have_a_row_a_method_and_image(tmp_path, monkeypatch):
     assert tracks["visible_share"].between(0, 1).all() and tracks["visible_share"].max() > 0.5
     first = tracks[tracks["frame"] == 0]
     assert (first["mean_error_mm"] < 15).all()
-    assert len(recorded.sight.images) == frames
+    assert len(recorded.camera.images) == frames
     assert recorded.source == "tracking"
     assert [path.name for path in tmp_path.glob("*.csv")] == [tracking.TABLE]

@@ -1,5 +1,5 @@
 from .arm import Arm, ArmError, Base, load_arm
-from .dynamics import MujocoDynamics, RopeDynamics, Still
+from .dynamics import Foresight, MujocoDynamics, RopeDynamics, Still
 from .errors import STEPS, predict_motions, prediction_errors
 from .execute import Execution, Replan, StepOutcome, execute
 from .export import Export, export_plan
@@ -37,6 +37,7 @@ __all__ = [
     "Execution",
     "ExecutionConfig",
     "Export",
+    "Foresight",
     "JointTrajectory",
     "Look",
     "LstmConfig",
@@ -45,7 +46,6 @@ __all__ = [
     "Mppi",
     "MppiConfig",
     "MujocoDynamics",
-    "StepOutcome",
     "Reached",
     "Replan",
     "Robot",
@@ -53,6 +53,7 @@ __all__ = [
     "RopeSource",
     "Seen",
     "Sight",
+    "StepOutcome",
     "Still",
     "Tracked",
     "Trial",

@@ -168,6 +168,43 @@ class MujocoDynamics:
         return solved
 
 
+class Foresight:
+    """A model as the prediction of a `perception.Tracker`: where the rope will be when the next
+    image is taken. Between two steps of the model the rope moves evenly."""
+
+    def __init__(self, dynamics: RopeDynamics) -> None:
+        self.dynamics = dynamics
+
+    def __call__(
+        self,
+        points: NDArray,
+        velocities: NDArray,
+        seconds: float,
+        gripper: NDArray | None,
+        grasped: int | None,
+    ) -> NDArray[np.float64]:
+        """See `perception.motion.go_on`, which is the prediction without a model."""
+        import torch
+
+        if seconds <= 0:
+            return points.copy()
+        steps = int(np.ceil(seconds / STEP - 1e-6))
+        link = FREE if gripper is None or grasped is None else grasped
+        path = np.zeros((steps, 3))  # nobody looks at the gripper of a rope that is let go
+        if link != FREE:
+            centre = points[link : link + 2].mean(axis=0)
+            share = STEP * np.arange(1, steps + 1) / seconds  # beyond the image by part of a step
+            path = centre + share[:, None] * (np.asarray(gripper) - centre)
+        start, speed, way = (
+            torch.as_tensor(one, dtype=torch.float32)[None] for one in (points, velocities, path)
+        )
+        ahead = self.dynamics.predict(start, speed, torch.tensor([link]), way)
+        shapes = np.concatenate([points[None], ahead[0].numpy().astype(np.float64)])
+        left = (steps * STEP - seconds) / STEP  # of the last step
+        after: NDArray[np.float64] = (1 - left) * shapes[-1] + left * shapes[-2]
+        return after
+
+
 def grasped_at_each_step(grasped: Tensor, steps: int) -> Tensor:
     """Indices (B, H) of the dragged links, from (B,) that hold for all H steps or (B, H)."""
     return grasped.reshape(len(grasped), -1).expand(-1, steps)

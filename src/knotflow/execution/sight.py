@@ -13,7 +13,7 @@ from knotflow.simulation import RopeConfig, resample, state_or_none
 from knotflow.topology import TopologicalState
 
 if TYPE_CHECKING:
-    from knotflow.perception import Camera, EstimateConfig, RgbdImage, Tracker
+    from knotflow.perception import Camera, EstimateConfig, Network, RgbdImage, Tracker
 
 
 class Estimator(Protocol):
@@ -123,6 +123,8 @@ class Estimated:
     """The rope that is looked for."""
     config: EstimateConfig | None = None
     """How it is estimated."""
+    network: Network | None = None
+    """Proposes one more first guess."""
     _before: float | None = field(default=None, init=False)
 
     def look(self, robot: Robot) -> Sight | None:
@@ -138,7 +140,9 @@ class Estimated:
             return None
         self._before = None
         try:
-            found = estimate(image, self.camera, self.rope, config=self.config)
+            found = estimate(
+                image, self.camera, self.rope, config=self.config, network=self.network
+            )
         except TraceError as error:
             return Sight.nothing(str(error))
         unknown = () if found.head_known else ("head and tail cannot be told apart",)

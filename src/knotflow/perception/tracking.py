@@ -27,6 +27,7 @@ from knotflow.perception.fitting import FitConfig, fit
 from knotflow.perception.image import RgbdImage
 from knotflow.perception.losses import Target
 from knotflow.perception.motion import go_on
+from knotflow.perception.network import Network
 from knotflow.perception.point_drift import rope_points
 from knotflow.perception.registration import register
 from knotflow.perception.tracing import TraceError
@@ -77,6 +78,7 @@ class Tracker:
         initial: RopeEstimate | NDArray,
         config: TrackerConfig | None = None,
         predict: Predict = go_on,
+        network: Network | None = None,
     ) -> None:
         """Take up a rope.
 
@@ -87,12 +89,13 @@ class Tracker:
                 for right, over and under too.
             config: how.
             predict: tells the next shape before it is seen.
+            network: proposes one more guess where a lost rope is looked for.
 
         Raises:
             ValueError: points of another rope.
         """
         self.camera, self.rope, self.config = camera, rope, config or TrackerConfig()
-        self._predict = predict
+        self._predict, self._network = predict, network
         self._time: float | None = None
         self._waited = self.config.patience
         self._trailing: Floats | None = None
@@ -200,7 +203,13 @@ class Tracker:
         self._waited = 0
         try:
             found = estimate(
-                image, self.camera, self.rope, None, self.config.estimate, earlier=predicted
+                image,
+                self.camera,
+                self.rope,
+                None,
+                self.config.estimate,
+                earlier=predicted,
+                network=self._network,
             )
         except TraceError:
             return None

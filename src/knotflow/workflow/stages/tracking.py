@@ -20,7 +20,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from knotflow.demonstrations import SHIPPED, TASKS, load_demonstrations
-from knotflow.execution.perturbation import ERRORS
+from knotflow.execution import ERRORS, Foresight, LstmDynamics
 from knotflow.perception import (
     Appearance,
     Camera,
@@ -47,13 +47,15 @@ from knotflow.simulation import (
     state_or_none,
 )
 from knotflow.workflow.context import StageContext
+from knotflow.workflow.signature import runtime
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.recorder import recorded
 
 TABLE = "tracks.csv"
 RECORDING = "recordings/tracked.mcap"
-AT_REST = "rendering_at_rest"
-"""The tracked rope looked at once more with care, when it has come to rest."""
+TRACKER, AT_REST = "rendering", "rendering_at_rest"
+"""Gradient steps on the rendering, from constant velocity; and the tracked rope looked at once more
+with care, when it has come to rest."""
 
 
 @dataclass(kw_only=True)
@@ -70,6 +72,10 @@ class TrackingConfig:
     """The tracker."""
     drift: PointDriftConfig = field(default_factory=PointDriftConfig)
     """The yardstick."""
+    weights: str = runtime("")
+    """File of the learned dynamics; what counts is `weights_contents`."""
+    weights_contents: str
+    """Digest of what the file holds."""
     levels: list[int]
     """How far ropes and camera are from what is believed, see `execution.perturbation`."""
     rollouts: int
@@ -107,8 +113,12 @@ def _track(config: TrackingConfig, shown: str, context: StageContext, name: str)
     images, shows = _images(config, rope, int(level), attempts, rng)
     truth = attempts.rollouts.trajectory[0].astype(np.float64)
     camera, believed = Camera.overhead(), config.simulation.rope
+    foresight = Foresight(LstmDynamics.load(Path(config.weights)))
     makers: dict[str, Callable[[], Tracker | PointDriftTracker]] = {
-        "rendering": lambda: Tracker(camera, believed, truth[0], config.tracker),
+        TRACKER: lambda: Tracker(camera, believed, truth[0], config.tracker),
+        "rendering_dynamics": lambda: Tracker(
+            camera, believed, truth[0], config.tracker, foresight
+        ),
         "point_drift": lambda: PointDriftTracker(camera, believed, truth[0], config.drift),
         "point_drift_predicted": lambda: PointDriftTracker(
             camera, believed, truth[0], replace(config.drift, predict=True)
@@ -129,7 +139,7 @@ def _track(config: TrackingConfig, shown: str, context: StageContext, name: str)
                 | {"visible_share": shows[frame].mean(), "moving": int(held[frame])}
                 | {"seconds": time.process_time() - began}
             )
-        if isinstance(tracker, Tracker):
+        if method == TRACKER and isinstance(tracker, Tracker):
             began = time.process_time()
             rest = _row(AT_REST, len(images) - 1, tracker.look(images[-1]), truth[-1])
             rest |= {"visible_share": shows[-1].mean(), "moving": 0}
