@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -196,7 +197,7 @@ def test_joint_finetuning_is_measured_on_any_overhand_before_and_after(workflow_
 
 EXPERIMENTS = (
     *("single_stage", "tree_size", "ablation_actor_critic", "joint_finetuning", "pentagram"),
-    *("knots", "goals", "actions"),
+    *("knots", "goals", "goals_ablation", "actions"),
 )
 
 
@@ -211,6 +212,28 @@ def test_random_goals_are_searched_for_within_the_limit(workflow_of, budget):
         config.planner
         == workflow_of("+experiment=knots", f"budget={budget}").config("searches").planner
     )
+
+
+def test_ablations_search_for_the_same_goals_and_lack_one_part(workflow_of):
+    workflow = workflow_of("+experiment=goals_ablation")
+    complete = workflow.config("complete")
+    all_goals = workflow_of("+experiment=goals").config("goals")
+    assert (complete.planner, complete.seed) == (all_goals.planner, all_goals.seed)
+    lacking = {
+        "without_arranging": {"arranging": 0},
+        "without_onward": {"onward": False},
+        "paper_search": {"rule": "paper"},
+        "with_hindsight": {},
+        "without_hindsight": {},
+    }
+    for name, changes in lacking.items():
+        planner = replace(complete.planner, **changes)
+        assert workflow.config(name) == replace(complete, planner=planner)
+    taught, untaught = (
+        workflow.config(workflow.stages[name].needs["primitives"])
+        for name in ("with_hindsight", "without_hindsight")
+    )
+    assert untaught == replace(taught, training=replace(taught.training, hindsight=False))
 
 
 def test_what_is_drawn_to_measure_is_drawn_by_seeds_of_its_own(workflow_of):

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
-from omegaconf import II, MISSING, OmegaConf
+from omegaconf import II, MISSING, DictConfig, OmegaConf
 
 from knotflow.baselines import IcpConfig
 from knotflow.baselines.causal_infogan import CausalInfoGanBudget
@@ -129,6 +129,18 @@ class GoalsBudget:
     """Of goals, ropes and searches; used for nothing else."""
     planner: PlannerConfig = field(default_factory=lambda: replace(FAST_SEARCH))
     """How a tree grows, and when it is given up."""
+
+
+@dataclass
+class GoalsAblationBudget:
+    """What each part of planning and self-play brings on random goals."""
+
+    three: int = 30
+    """Goals of three crossings, the first of those of `goals`."""
+    four: int = 20
+    """Goals of four crossings, the first of those of `goals`."""
+    rounds: int = 75
+    """Of self-play with and without hindsight."""
 
 
 @dataclass
@@ -352,6 +364,8 @@ class Config:
     """Named knots from random ropes, and the overhand from tangled ones."""
     goals: GoalsBudget = field(default_factory=GoalsBudget)
     """Searches for states drawn at random."""
+    goals_ablation: GoalsAblationBudget = field(default_factory=GoalsAblationBudget)
+    """The same without one part."""
     actions: ActionsBudget = field(default_factory=ActionsBudget)
     """Trials of all actions."""
     perception_training: PerceptionTrainingBudget = field(default_factory=PerceptionTrainingBudget)
@@ -386,6 +400,17 @@ def contents(text: str) -> str:
     return digest(text) if path.is_file() else text
 
 
+def changed(node: DictConfig, changes: DictConfig) -> DictConfig:
+    """A part of the configuration but for some of its values: `${changed:${planner},{batch:1}}`.
+
+    Raises:
+        ConfigKeyError, ValidationError: it has no such value.
+    """
+    merged = OmegaConf.merge(node, changes)
+    assert isinstance(merged, DictConfig)
+    return merged
+
+
 def plan_folder(knot: str, rope: str, seed: int) -> str:
     """Where a plan's results are: "overhand" for the one of the report, else a folder of its own.
 
@@ -412,5 +437,5 @@ def shipped_primitives() -> str:
 def register() -> None:
     """Make the schema and the resolvers known to Hydra."""
     ConfigStore.instance().store(name="schema", node=Config)
-    for resolver in (digest, contents, plan_folder, shipped_primitives):
+    for resolver in (changed, digest, contents, plan_folder, shipped_primitives):
         OmegaConf.register_new_resolver(resolver.__name__, resolver, replace=True)

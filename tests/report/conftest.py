@@ -86,7 +86,12 @@ class Writer:
             rows.append((method, action, trials, successes, *shown))
         return self.table(experiment, "success_rates.csv", RATE_COLUMNS, rows, budget)
 
-    def goals(self, rows: Sequence[tuple[str, str, bool, float]]) -> Path:
+    def goals(
+        self,
+        rows: Sequence[tuple[str, str, bool, float]],
+        experiment: str = "goals",
+        name: str = "goals.csv",
+    ) -> Path:
         """goals.csv from set, goal, whether it was tied, and seconds; each rope is its own."""
         tied = ("R1(0,1,1)", "+3_1", "yes", "the goal was reached")
         cells = [
@@ -94,7 +99,7 @@ class Writer:
             + (tied if solved else ("", "", "", "60 s passed"))
             for rope, (name, goal, solved, seconds) in enumerate(rows)
         ]
-        return self.table("goals", "goals.csv", GOAL_COLUMNS, cells)
+        return self.table(experiment, name, GOAL_COLUMNS, cells)
 
     def actions(self, rows: Cells) -> Path:
         """actions.csv as it is."""

@@ -98,9 +98,9 @@ def test_collapsed_trainings_and_training_shapes_decide_nothing(write):
 
 def test_the_claim_is_open_until_it_was_run(write):
     (claim,) = SECTION.claims
-    assert claim.outcome(Results(write.root)).verdict is Verdict.NOT_RUN
+    assert claim.judgement(Results(write.root)).verdict is Verdict.NOT_RUN
     write.table(EXPERIMENT, "plans.csv", PLANS, plans([0.04]))
-    assert "seeds.csv" in claim.outcome(Results(write.root)).ours
+    assert "seeds.csv" in claim.judgement(Results(write.root)).ours
 
 
 def test_a_panel_that_lost_a_vertex_is_an_error(write):

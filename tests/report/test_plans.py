@@ -98,7 +98,7 @@ def test_the_pentagram_has_a_line_a_start_and_its_plans(write):
 def test_the_pentagrams_verdict(write, pulled, unsolved, verdict):
     pentagrams(write, pulled, unsolved=unsolved)
     (claim,) = SECTION.claims
-    outcome = claim.outcome(Results(write.root))
+    outcome = claim.judgement(Results(write.root))
     assert outcome.verdict is verdict
     assert f"of {len(pulled)} searches" in outcome.ours
 

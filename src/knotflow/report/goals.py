@@ -32,12 +32,16 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     sets = {str(name): own for name, own in table.groupby("set", sort=False)}
     missed = table[~table["solved"]]
     return {
-        "figure": pictures.add(tied_over_time(sets, EXPERIMENT)),
+        "figure": pictures.add(tied_over_time(_named(sets), EXPERIMENT)),
         "table": _table(sets),
         "confirmation": confirmation(table),
         "missed": len(missed),
         "reasons": _reasons(missed),
     }
+
+
+def _named(sets: dict[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
+    return {f"{name} crossings": own for name, own in sets.items()}
 
 
 def share_tied(searches: pd.DataFrame) -> Interval:
@@ -73,7 +77,7 @@ def _reasons(missed: pd.DataFrame) -> str:
 
 
 def tied_over_time(sets: dict[str, pd.DataFrame], name: str) -> Picture:
-    """The share of each set's goals tied after so many seconds, and its interval at the end.
+    """The share of goals tied after so many seconds, and its interval at the end, a line a label.
 
     The end is the longest search: where one gave up, that is about the limit.
     """
@@ -94,7 +98,7 @@ def tied_over_time(sets: dict[str, pd.DataFrame], name: str) -> Picture:
             shares = [number / len(own) for number in range(len(seconds) + 1)]
             axes.step(
                 steps, [*shares, shares[-1]], color=colour, where="post",
-                linewidth=1.6, label=f"{label} crossings",
+                linewidth=1.6, label=label,
             )  # fmt: skip
             end = last * stretch ** (0.015 + 0.06 * place)
             axes.plot([end, end], [rate.low, rate.high], color=colour, linewidth=1.2)
@@ -111,8 +115,8 @@ def tied_over_time(sets: dict[str, pd.DataFrame], name: str) -> Picture:
         axes.set_xlabel("time of the search")
         axes.set_ylabel("goals tied", color=MUTED)
         bare_axis(axes, grid="both")
-        figure.legend(loc="outside upper left", ncols=len(sets), frameon=False, fontsize=8)
-        return render(figure, name, f"Share of {len(searches)} random goals tied over time")
+        figure.legend(loc="outside upper left", ncols=min(len(sets), 3), frameon=False, fontsize=8)
+        return render(figure, name, f"Share of {len(searches)} searches that tied over time")
 
 
 SECTION = Section(

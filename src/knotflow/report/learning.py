@@ -15,7 +15,7 @@ from knotflow.report.results import AT_LEAST_ONE, COUNT, NUMBER, TEXT, Results
 from knotflow.report.style import INK, MUTED, PAPER, Picture, bare_axis, new_figure, render, styled
 
 #: Of the Okabe-Ito palette, by primitive, or by action within one.
-COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7")
+COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00")
 PANELS = {
     "loss_critic": "critic: cross-entropy",
     "loss_actor": "actor: REINFORCE loss",

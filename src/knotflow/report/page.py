@@ -19,6 +19,7 @@ from knotflow.report import (
     demonstrator,
     dynamics,
     goals,
+    goals_ablation,
     joint_finetuning,
     knots,
     overhand,
@@ -54,6 +55,7 @@ SECTIONS: tuple[Section, ...] = (
     pentagram.SECTION,
     knots.SECTION,
     goals.SECTION,
+    goals_ablation.SECTION,
     actions.SECTION,
     benchmark.SECTION,
 )
