@@ -6,7 +6,7 @@ import yaml
 from knotflow.report.page import compose
 from knotflow.report.results import Results
 from knotflow.report.section import Pictures
-from knotflow.report.timing import cost, spent
+from knotflow.report.timing import cost, spent, timing
 
 
 def stage(name, seconds, signature):
@@ -81,3 +81,13 @@ def test_attempts_are_counted_from_the_configuration(write):
     found = cost(Results(write.root), Pictures())
     assert found["attempts"] == 8 * 2 * 5 * 3
     assert found["attempts_time"] == "4 min 0 s"  # at a second each
+
+
+def test_time_and_memory_are_told_by_stage_and_by_kind(write):
+    write.run("goals", {"goals": stage("goals", 90.0, "g") | {"memory_mb": 1234}})
+    write.run("single_stage", SHARED)  # made before memory was noted
+    found = timing(Results(write.root), Pictures())
+    kinds = found["kinds"].splitlines()
+    assert "| training | 2 | 1 h 5 min | – |" in kinds
+    assert "| evaluation | 1 | 1 min 30 s | 1,234 MB |" in kinds
+    assert found["table"].count("MB") == 1

@@ -54,7 +54,7 @@ def test_records_tell_where_results_come_from(go: Go, mapping: dict[str, Any]) -
     assert told["stages"]["adding"]["origin"] == "run now"
     assert told["results"] == mapping["results"]
     for node, stage in (("toy_count", "toy_count"), ("adding", "toy_sum")):
-        for key in ("seconds", "commit", "dirty", "versions"):
+        for key in ("seconds", "memory_mb", "commit", "dirty", "versions"):
             assert told["stages"][node][key] == stages[stage][key]
     assert not told.keys() & {"commit", "dirty", "versions"}  # of a run there is no one commit
 

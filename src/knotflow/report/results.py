@@ -153,6 +153,8 @@ class StageRun:
     """Whether it was made with changes that the commit does not have."""
     packages: Mapping[str, int]
     """The versions of the packages whose behaviour it depends on, see `versions`."""
+    memory_mb: float | None = None
+    """Most that it held at once, its workers included; of early stages nobody noted it."""
 
 
 @dataclass(frozen=True)
@@ -194,7 +196,7 @@ class ExperimentResults:
         found, path = [], self.folder / "run.json"
         for node, entry in _mapping(self.run.get("stages"), path).items():
             made = _mapping(entry, path)
-            seconds = made.get("seconds")
+            seconds, memory = made.get("seconds"), made.get("memory_mb")
             found.append(
                 StageRun(
                     node=node,
@@ -206,6 +208,7 @@ class ExperimentResults:
                     commit=str(made.get("commit") or ""),
                     dirty=bool(made.get("dirty")),
                     packages=_mapping(made.get("packages", FIRST_VERSIONS), path),
+                    memory_mb=None if memory is None else float(memory),
                 )
             )
         return found

@@ -33,18 +33,20 @@ AIM_HOURS = 3.0
 SIMULATION, TRAINING, EVALUATION, OTHER = "simulation", "training", "evaluation", "tables"
 KINDS = {SIMULATION: "#0072b2", TRAINING: "#e69f00", EVALUATION: "#009e73", OTHER: "#8a8f98"}
 #: Kinds of the stages; any other makes tables and recordings from what is there.
-KIND_OF_STAGE = {
-    "demonstrations": SIMULATION,
-    "starts": SIMULATION,
-    "pools": SIMULATION,
-    "imitation": TRAINING,
-    "reinforcement": TRAINING,
-    "evaluation": EVALUATION,
-}
+KIND_OF_STAGE = (
+    dict.fromkeys(("benchmark", "demonstrations", "demonstrator", "motions", "pools"), SIMULATION)
+    | dict.fromkeys(("causal_infogan_ends", "plans_pull", "roots", "ropes", "starts"), SIMULATION)
+    | dict.fromkeys(("causal_infogan", "dynamics_training", "imitation"), TRAINING)
+    | dict.fromkeys(("perception_networks", "perception_training"), TRAINING)
+    | dict.fromkeys(("reinforcement", "self_play"), TRAINING)
+    | dict.fromkeys(("actions", "causal_infogan_plans", "closed_loop", "dynamics"), EVALUATION)
+    | dict.fromkeys(("evaluation", "goals", "overhand", "perception", "plans"), EVALUATION)
+    | {"tracking": EVALUATION}
+)
 
 
 def timing(results: Results, pictures: Pictures) -> dict[str, Any]:
-    """Every stage once, with its time; the longest as a figure."""
+    """Every stage once, with its time and memory, and in all by kind; the longest as a figure."""
     once: dict[str, tuple[str, StageRun]] = {}
     for name, found in results.experiments.items():
         for stage in found.stages:
@@ -53,19 +55,39 @@ def timing(results: Results, pictures: Pictures) -> dict[str, Any]:
             if key not in once or (once[key][1].shared and not stage.shared):
                 once[key] = (name, stage)
     lines = [
-        [name, f"`{stage.node}`", stage.caption or NOTHING, duration(stage.seconds)]
+        [
+            *(name, f"`{stage.node}`", stage.caption or NOTHING),
+            *(duration(stage.seconds), _memory(stage.memory_mb)),
+        ]
         for name, stage in once.values()
     ]
     timed = [stage for _, stage in once.values() if stage.seconds is not None]
     longest = sorted(timed, key=lambda stage: -(stage.seconds or 0.0))[:STAGES_DRAWN]
-    header = ["experiment", "stage", "what it makes", "time"]
+    header = ["experiment", "stage", "what it makes", "time", "memory"]
     return {
         "figure": pictures.add(_longest(longest)) if len(longest) > 1 else "",
         "shown": len(longest),
         "total": duration(sum(stage.seconds or 0.0 for stage in timed)),
         "count": len(once),
-        "table": markdown_table(header, lines, "lllr") if lines else "",
+        "kinds": _kinds(timed),
+        "table": markdown_table(header, lines, "lllrr") if lines else "",
     }
+
+
+def _kinds(stages: Sequence[StageRun]) -> str:
+    """A line a kind of work: how many stages, their time, and what the largest held."""
+    lines = []
+    for kind in KINDS:
+        own = [one for one in stages if KIND_OF_STAGE.get(one.stage, OTHER) == kind]
+        memory = [one.memory_mb for one in own if one.memory_mb is not None]
+        seconds = sum(one.seconds or 0.0 for one in own)
+        most = _memory(max(memory, default=None))
+        lines.append([kind, str(len(own)), duration(seconds), most])
+    return markdown_table(["kind of work", "stages", "time", "most memory"], lines, "lrrr")
+
+
+def _memory(megabytes: float | None) -> str:
+    return NOTHING if megabytes is None else f"{megabytes:,.0f} MB"
 
 
 def _longest(stages: Sequence[StageRun]) -> Picture:

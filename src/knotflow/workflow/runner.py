@@ -15,6 +15,7 @@ from .context import StageContext
 from .definition import StageNode, Workflow
 from .durable import explain_full_disk, remove_temporaries
 from .errors import WorkflowError
+from .memory import PeakMemory
 from .metrics import DEFAULT_METRICS, check_metrics
 from .provenance import CodeState, library_versions
 from .signature import plain, runtime_fields, signature
@@ -151,7 +152,8 @@ def _make(
             remove_temporaries(folder.partial)
             clock = Clock(folder.partial)
             clock.save()
-            _call(step, inputs, results_dir, metrics, workers, clock)
+            with PeakMemory() as memory:
+                _call(step, inputs, results_dir, metrics, workers, clock)
             stage = get_stage(step.node.stage)
             record = {
                 "stage": stage.name,
@@ -162,6 +164,7 @@ def _make(
                 "runtime": runtime_fields(step.config),
                 "inputs": dict(step.input_signatures),
                 "seconds": round(clock.seconds(), 3),
+                "memory_mb": round(memory.megabytes),
                 **asdict(code),
                 "versions": library_versions(),
             }
@@ -208,7 +211,7 @@ def _call(
 
 def _entry(step: Step, record: Mapping[str, Any], origin: str) -> dict[str, Any]:
     """What run.json says of a node: of its making, what the stage's own record says."""
-    as_made = ("seconds", "commit", "dirty", "versions")
+    as_made = ("seconds", "memory_mb", "commit", "dirty", "versions")
     return {
         "stage": step.node.stage,
         "version": record["version"],
@@ -217,7 +220,7 @@ def _entry(step: Step, record: Mapping[str, Any], origin: str) -> dict[str, Any]
         "needs": dict(step.node.needs),
         "caption": step.node.caption,
         "origin": origin,
-        **{key: record[key] for key in as_made},
+        **{key: record[key] for key in as_made if key in record},
     }
 
 
