@@ -73,14 +73,22 @@ def test_the_page_is_whole_and_its_links_lead_somewhere(reports):
     inside = {link[1:] for link in page.links if link.startswith("#")}
     assert inside <= set(page.ids)
     for link in page.links:
-        if not link.startswith("#"):
+        if not link.startswith(("#", "https://arxiv.org/abs/")):
             assert (reports / link).exists(), link
 
 
 def test_the_markdown_links_lead_somewhere(reports):
     text = (reports / "report.md").read_text()
     for link in re.findall(r"\]\(([^)#]+)\)", text):
-        assert (reports / link).exists(), link
+        assert link.startswith("https://arxiv.org/abs/") or (reports / link).exists(), link
+
+
+def test_the_first_page_has_the_figures_that_there_are_and_the_claims(reports):
+    first, _, rest = (reports / "report.md").read_text().partition("## Contents")
+    assert re.findall(r"\(figures/(\w+)\.png\)", first) == ["single_stage", "goals"]  # no plan here
+    assert "Of 10 claims" in first
+    assert rest.index("# The paper's experiments") < rest.index("# Beyond the paper")
+    assert "## Contents" not in (reports / "index.html").read_text()
 
 
 def test_a_shared_stage_is_counted_once(reports):

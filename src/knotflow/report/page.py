@@ -39,8 +39,8 @@ from knotflow.report.style import Picture
 from knotflow.report.timing import timing
 
 #: In the order of the paper. To add one: write `<experiment>.py` with a `SECTION` and
-#: `templates/<experiment>.md.j2` with its words, and put it here.
-SECTIONS: tuple[Section, ...] = (
+#: `templates/<experiment>.md.j2` with its words, and put it here, or below if the paper lacks it.
+PAPER: tuple[Section, ...] = (
     overhand.SECTION,
     demonstrator.SECTION,
     single_stage.SECTION,
@@ -48,17 +48,21 @@ SECTIONS: tuple[Section, ...] = (
     ablation_actor_critic.SECTION,
     joint_finetuning.SECTION,
     causal_infogan.SECTION,
-    perception.SECTION,
-    tracking.SECTION,
-    dynamics.SECTION,
-    closed_loop.SECTION,
     pentagram.SECTION,
+)
+#: What the paper has no figures of; of Sec. VI it describes the method.
+FURTHER: tuple[Section, ...] = (
     knots.SECTION,
     goals.SECTION,
     goals_ablation.SECTION,
     actions.SECTION,
+    perception.SECTION,
+    tracking.SECTION,
+    dynamics.SECTION,
+    closed_loop.SECTION,
     benchmark.SECTION,
 )
+SECTIONS = PAPER + FURTHER
 CLAIMS = [(section.experiment, claim) for section in SECTIONS for claim in section.claims]
 
 TALLY = (
@@ -67,6 +71,8 @@ TALLY = (
     (Verdict.FAILS, "does not hold", "do not hold"),
     (Verdict.NOT_RUN, "was not run yet", "were not run yet"),
 )
+BEFORE = "What has been run"
+"""The heading before which the contents stand: the first page is for the claims."""
 TITLE = "Planning knots: paper and measurement"
 RECORDINGS_SHOWN = 12
 EARLIER = "by an earlier version"
@@ -121,8 +127,12 @@ def compose(results: Results, link: str) -> Report:
         autoescape=False,  # Markdown comes out; what goes in are our own tables
     )
     pictures = Pictures()
-    sections = [*SECTIONS, *_others(results)]
-    parts = [_section(templates, section, results, pictures, link) for section in sections]
+    further = [*FURTHER, *_others(results)]
+    sections = [*PAPER, *further]
+    in_paper, beyond = (
+        [_section(templates, section, results, pictures, link) for section in part]
+        for part in (PAPER, further)
+    )
     smaller = [
         section.title
         for section in sections
@@ -137,7 +147,10 @@ def compose(results: Results, link: str) -> Report:
         **_claims(results),
         criteria=[claim for _, claim in CLAIMS],
         experiments=_experiments(results, sections),
-        sections=parts,
+        first_page=templates.get_template("first_page.md.j2").render(made=pictures.shown),
+        sections=in_paper,
+        further=beyond,
+        systems=templates.get_template("systems.md.j2").render(),
         timing=templates.get_template("timing.md.j2").render(**timing(results, pictures)),
         commands=_commands(results, sections),
         differences=templates.get_template("differences.md.j2").render(ropes=_ropes(results)),
@@ -145,22 +158,36 @@ def compose(results: Results, link: str) -> Report:
     )
     body = re.sub(r"\n{3,}", "\n\n", body).strip()
     body = re.sub(r"(?<=\d) (?=[%×])", "\u00a0", body)  # no line ends between number and unit
-    headings = re.findall(r"^## (.+)$", body, flags=re.MULTILINE)
-    contents = "\n".join(f"- [{title}](#{slug(title)})" for title in headings)
-    markdown = templates.get_template("report.md.j2").render(
-        title=TITLE, body=body.replace("## ", f"{contents}\n\n## ", 1)
-    )
+    headings = re.findall(r"^(##?) (.+)$", body, flags=re.MULTILINE)
+    body = body.replace(f"## {BEFORE}", f"## Contents\n\n{_contents(headings)}\n\n## {BEFORE}", 1)
+    markdown = templates.get_template("report.md.j2").render(title=TITLE, body=body)
     run = {name for name, found in results.experiments.items() if found.measured}
     pending = {section.title for section in sections if section.experiment not in run}
     html = templates.get_template("page.html.j2").render(
         title=TITLE,
         style=templates.get_template("style.css").render(),
         contents=[
-            {"title": title, "slug": slug(title), "pending": title in pending} for title in headings
+            {
+                "title": title,
+                "slug": slug(title),
+                "part": level == "#",
+                "pending": title in pending,
+            }
+            for level, title in headings
         ],
-        body=to_html(body),
+        body=to_html(re.sub(r"## Contents\n.*?\n(?=## )", "", body, count=1, flags=re.DOTALL)),
     )
     return Report(markdown.rstrip() + "\n", html.rstrip() + "\n", pictures.made)
+
+
+def _contents(headings: list[tuple[str, str]]) -> str:
+    """Links to the headings, those within a part indented."""
+    lines, inside = [], False
+    for level, title in headings:
+        inside |= level == "#"
+        indented = "  " if inside and level == "##" else ""
+        lines.append(f"{indented}- [{title}](#{slug(title)})")
+    return "\n".join(lines)
 
 
 def _section(

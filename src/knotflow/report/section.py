@@ -26,7 +26,12 @@ class Pictures:
         if any(other.name == picture.name for other in self.made):
             raise ValueError(f"two figures are called {picture.name!r}; names have to differ")
         self.made.append(picture)
-        return f"![{picture.alt}](figures/{picture.name}.png)"
+        return self.shown[picture.name]
+
+    @property
+    def shown(self) -> dict[str, str]:
+        """The Markdown that shows each figure so far, by name."""
+        return {one.name: f"![{one.alt}](figures/{one.name}.png)" for one in self.made}
 
 
 @dataclass(frozen=True)
