@@ -29,7 +29,7 @@ def results(tmp_path):
             "state_correct": int(number > 0), "lost": int(frame == 1 and number == 0),
             "moving": int(frame < 3), "seconds": 0.1,
         }
-        for method, error in (("rendering", 1.0), ("point_drift", 5.0))
+        for method, error in (("rendering_mujoco", 1.0), ("point_drift", 5.0))
         for level in (0, 1) for number in range(3) for frame in range(4)
     ]  # fmt: skip
     (tmp_path / "tracking").mkdir()
@@ -71,7 +71,7 @@ def test_tracks_are_told_by_method_and_level_and_held_against_the_yardstick(resu
     told = tracking.values(results, Pictures())
     assert told["difference"].startswith("−4.0")
     first = told["table"].splitlines()[2]
-    assert "| rendering | 0 | 3 | 3.0" in first and "66.7 %" in first and "100 ms" in first
+    assert "| rendering mujoco | 0 | 3 | 3.0" in first and "66.7 %" in first and "100 ms" in first
     assert "8.3 %" in first  # one image of twelve
 
 

@@ -33,7 +33,8 @@ def test_tracks_have_a_row_a_method_and_image(tmp_path, monkeypatch):
     frames = len(recorded.times)
     assert dict(tracks["method"].value_counts()) == {
         "rendering": frames,
-        "rendering_dynamics": frames,
+        "rendering_lstm": frames,
+        "rendering_mujoco": frames,
         "point_drift": frames,
         "point_drift_predicted": frames,
         AT_REST: 1,

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from knotflow.execution.dynamics import Foresight, MujocoDynamics
 from knotflow.execution.execute import Execution, Replan, execute
 from knotflow.execution.follow import Controller, ExecutionConfig
 from knotflow.execution.sight import Estimated, Look, RopeSource, Tracked
 from knotflow.execution.twin import TrueState, Twin
 from knotflow.perception import Camera
 from knotflow.planning import Goal, KnotPlan
-from knotflow.simulation import state_or_none
+from knotflow.simulation import SimulationConfig, state_or_none
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,9 @@ def try_plan(
         if control.tracks:
             from knotflow.perception import Tracker
 
-            source = Tracked(Tracker(camera, twin.config.rope, plan.start))
+            planned = SimulationConfig(rope=twin.config.rope, threads=1)
+            foresight = Foresight(MujocoDynamics(planned))
+            source = Tracked(Tracker(camera, planned.rope, plan.start, predict=foresight))
     if control.tracks:
         from knotflow.execution.lstm import LstmDynamics
         from knotflow.execution.mppi import Mppi

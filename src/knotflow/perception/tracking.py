@@ -37,7 +37,8 @@ Floats = NDArray[np.float64]
 
 Predict = Callable[[Floats, Floats, float, Floats | None, int | None], Floats]
 """Where a rope (V, 3), metres, with velocities (V, 3), metres a second, will be some seconds later,
-when the gripper drags the centre of the link of that index to a place (3,), see `motion.go_on`."""
+when the gripper, which holds the link of that index, will be at a place (3,), such as
+`execution.Foresight`; both are None where it holds nothing."""
 
 _UNIT = 0.01  # metres, by which distances from the prediction are measured
 
@@ -77,7 +78,7 @@ class Tracker:
         rope: RopeConfig,
         initial: RopeEstimate | NDArray,
         config: TrackerConfig | None = None,
-        predict: Predict = go_on,
+        predict: Predict | None = None,
         network: Network | None = None,
     ) -> None:
         """Take up a rope.
@@ -88,7 +89,8 @@ class Tracker:
             initial: the rope at first, or its points (V, 3), metres, head first, which are taken
                 for right, over and under too.
             config: how.
-            predict: tells the next shape before it is seen.
+            predict: tells the next shape before it is seen; without, the rope goes on as it moved
+                (`motion.go_on`).
             network: proposes one more guess where a lost rope is looked for.
 
         Raises:
@@ -130,7 +132,11 @@ class Tracker:
         held = self._held(gripper, grasped)
         seconds = 0.0 if self._time is None else max(0.0, image.time - self._time)
         self._time = image.time
-        predicted = self._predict(self.points, self.velocities, seconds, held, grasped)
+        now = self.points, self.velocities, seconds
+        if self._predict is None:
+            predicted = go_on(*now, held, grasped)
+        else:  # a model knows how far behind the gripper its link is
+            predicted = self._predict(*now, None if grasped is None else gripper, grasped)
         target = observe(image, self.camera, self.rope)
         coarse, camera = target.binned(self.config.grid), self.camera.binned(self.config.grid)
         shape = predicted
@@ -158,7 +164,8 @@ class Tracker:
         return self._estimate(shape, crossings, share, shown, target)
 
     def look(self, image: RgbdImage) -> RopeEstimate:
-        """The rope at rest, estimated with care from where it was tracked to; takes a second.
+        """The rope at rest, estimated with care from where it was tracked to; takes a second. Where
+        that leaves some of the rope's image over, it is estimated from the image alone as well.
 
         Raises:
             ImageError: an image of another size.
@@ -166,6 +173,10 @@ class Tracker:
         found = estimate(
             image, self.camera, self.rope, self.points, self.config.estimate, self.points
         )
+        if found.explained < self.config.estimate.explained:
+            alone = self._alone(image, self.points)
+            if alone is not None and alone.explained > found.explained:
+                found = alone
         self._time = image.time
         self._take(found)
         return found
@@ -201,24 +212,28 @@ class Tracker:
         if self._waited < self.config.patience:
             return None
         self._waited = 0
-        try:
-            found = estimate(
-                image,
-                self.camera,
-                self.rope,
-                None,
-                self.config.estimate,
-                earlier=predicted,
-                network=self._network,
-            )
-        except TraceError:
-            return None
-        if found.explained <= share:
+        found = self._alone(image, predicted)
+        if found is None or found.explained <= share:
             return None
         told = "the track was lost, and the rope estimated anew"
         found = replace(found, doubts=(told, *found.doubts))
         self._take(found)
         return found
+
+    def _alone(self, image: RgbdImage, earlier: Floats) -> RopeEstimate | None:
+        """The rope estimated from an image alone; None where it shows none."""
+        try:
+            return estimate(
+                image,
+                self.camera,
+                self.rope,
+                None,
+                self.config.estimate,
+                earlier=earlier,
+                network=self._network,
+            )
+        except TraceError:
+            return None
 
     def _take(self, found: RopeEstimate) -> None:
         """Go on from an estimate of a rope at rest."""

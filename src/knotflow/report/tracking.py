@@ -16,8 +16,8 @@ EXPERIMENT = "tracking"
 COLUMNS = {"method": TEXT, "level": COUNT, "action": TEXT, "rollout": TEXT, "frame": COUNT}
 COLUMNS |= {"mean_error_mm": AMOUNT, "visible_share": SHARE, "seconds": AMOUNT}
 COLUMNS |= dict.fromkeys(("state_correct", "lost", "moving"), FLAG)
-TRACKER, YARDSTICK = "rendering", "point_drift"
-COLOURS = ("#0072b2", "#009e73", "#e69f00", "#cc79a7")
+TRACKER, YARDSTICK = "rendering_mujoco", "point_drift"
+COLOURS = ("#56b4e9", "#009e73", "#0072b2", "#e69f00", "#cc79a7")
 
 
 def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:

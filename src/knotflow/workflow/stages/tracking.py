@@ -20,7 +20,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from knotflow.demonstrations import SHIPPED, TASKS, load_demonstrations
-from knotflow.execution import ERRORS, Foresight, LstmDynamics
+from knotflow.execution import ERRORS, Foresight, LstmDynamics, MujocoDynamics
 from knotflow.perception import (
     Appearance,
     Camera,
@@ -53,9 +53,9 @@ from knotflow.workflow.stages.recorder import recorded
 
 TABLE = "tracks.csv"
 RECORDING = "recordings/tracked.mcap"
-TRACKER, AT_REST = "rendering", "rendering_at_rest"
-"""Gradient steps on the rendering, from constant velocity; and the tracked rope looked at once more
-with care, when it has come to rest."""
+TRACKER, AT_REST = "rendering_mujoco", "rendering_mujoco_at_rest"
+"""Gradient steps on the rendering from what the planner's simulator predicts; and the tracked rope
+looked at once more with care, when it has come to rest and the gripper has left the image."""
 
 
 @dataclass(kw_only=True)
@@ -110,15 +110,18 @@ def _track(config: TrackingConfig, shown: str, context: StageContext, name: str)
     rng = np.random.default_rng([config.seed, int(level), *map(ord, action), int(number)])
     rope = perturb_rope(config.simulation.rope, int(level), rng)
     attempts = _rollout(config, rope, action, rng)
-    images, shows = _images(config, rope, int(level), attempts, rng)
+    (*images, at_rest), (*shows, rest_shows) = _images(config, rope, int(level), attempts, rng)
     truth = attempts.rollouts.trajectory[0].astype(np.float64)
     camera, believed = Camera.overhead(), config.simulation.rope
-    foresight = Foresight(LstmDynamics.load(Path(config.weights)))
+    followers = {
+        "rendering": None,
+        "rendering_lstm": Foresight(LstmDynamics.load(Path(config.weights))),
+        TRACKER: Foresight(MujocoDynamics(replace(config.simulation, threads=1))),
+    }
     makers: dict[str, Callable[[], Tracker | PointDriftTracker]] = {
-        TRACKER: lambda: Tracker(camera, believed, truth[0], config.tracker),
-        "rendering_dynamics": lambda: Tracker(
-            camera, believed, truth[0], config.tracker, foresight
-        ),
+        method: partial(Tracker, camera, believed, truth[0], config.tracker, foresight)
+        for method, foresight in followers.items()
+    } | {
         "point_drift": lambda: PointDriftTracker(camera, believed, truth[0], config.drift),
         "point_drift_predicted": lambda: PointDriftTracker(
             camera, believed, truth[0], replace(config.drift, predict=True)
@@ -141,8 +144,8 @@ def _track(config: TrackingConfig, shown: str, context: StageContext, name: str)
             )
         if method == TRACKER and isinstance(tracker, Tracker):
             began = time.process_time()
-            rest = _row(AT_REST, len(images) - 1, tracker.look(images[-1]), truth[-1])
-            rest |= {"visible_share": shows[-1].mean(), "moving": 0}
+            rest = _row(AT_REST, len(images), tracker.look(at_rest), truth[-1])
+            rest |= {"visible_share": rest_shows.mean(), "moving": 0}
             rows.append(rest | {"seconds": time.process_time() - began})
             if name == shown:
                 points = np.stack([one.points for one in found]).astype(np.float32)
@@ -193,7 +196,7 @@ def _images(
     attempts: Attempts,
     rng: np.random.Generator,
 ) -> tuple[list[RgbdImage], list[NDArray[np.bool_]]]:
-    """An image a frame, and which vertices (V,) it shows."""
+    """An image a frame and one of the end without gripper, and which vertices (V,) each shows."""
     from scipy.spatial.transform import Rotation
 
     believed, errors = Camera.overhead(), ERRORS[level]
@@ -206,11 +209,15 @@ def _images(
     eye = SimulatedCamera(camera, rope, config.noise, Appearance.draw(rng, config.noise))
     images, shows = [], []
     rollouts = attempts.rollouts
+    ends = rollouts.trajectory[0, -1:], rollouts.times[-1:] + 1 / config.simulation.record_rate
     for seconds, points, gripper in zip(
-        rollouts.times, rollouts.trajectory[0], rollouts.gripper[0], strict=True
+        np.concatenate([rollouts.times, ends[1]]),
+        np.concatenate([rollouts.trajectory[0], ends[0]]).astype(np.float64),
+        [*rollouts.gripper[0], None],
+        strict=True,
     ):
         closed = 0 < seconds < config.simulation.move_time
-        view = eye.view(points.astype(np.float64), gripper, bool(closed), float(seconds))
+        view = eye.view(points, gripper, bool(closed), float(seconds))
         images.append(add_noise(view.image, camera, config.noise, rng))
         shows.append(seen(points, view.labels == Label.ROPE, view.image, camera, rope))
     return images, shows
