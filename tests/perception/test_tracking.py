@@ -117,3 +117,37 @@ def test_what_holds_the_rope_has_to_make_sense(gripper, grasped, message):
 def test_a_track_begins_with_a_shape_of_the_rope():
     with pytest.raises(ValueError, match=r"points \(41, 3\)"):
         Tracker(CAMERA, ROPE, s_curve()[:-1])
+
+
+def test_a_model_is_told_where_the_gripper_is_and_not_where_its_link_trails():
+    points, told = s_curve(), []
+
+    def predict(now, velocities, seconds, gripper, grasped):
+        told.append((gripper, grasped))
+        return now
+
+    tracker = Tracker(CAMERA, ROPE, points, QUICK, predict)
+    ahead = points[LINK : LINK + 2].mean(axis=0) + [0.01, 0.0, 0.0]  # its link trails by 1 cm
+    for frame in range(2):
+        tracker.update(at(points, 0.1 * frame), ahead, LINK)
+    tracker.update(at(points, 0.2), ahead)
+    assert all(np.array_equal(gripper, ahead) and link == LINK for gripper, link in told[:2])
+    assert told[2] == (None, None)
+
+
+@pytest.mark.parametrize(("alone", "taken"), [(0.99, "alone"), (0.8, "tracked"), (None, "tracked")])
+def test_at_rest_what_leaves_image_over_is_looked_for_in_the_image_alone(monkeypatch, alone, taken):
+    points = s_curve()
+    tracker = Tracker(CAMERA, ROPE, points, QUICK)
+    found = {"tracked": tracker.update(image(points))}
+    found["alone"] = replace(found["tracked"], points=points + 0.01, explained=alone or 0.0)
+    found["tracked"] = replace(found["tracked"], explained=0.9)
+
+    def estimate(image, camera, rope, initial, *others, **named):
+        if initial is None and alone is None:
+            raise TraceError("no rope")
+        return found["alone" if initial is None else "tracked"]
+
+    monkeypatch.setattr(tracking, "estimate", estimate)
+    assert tracker.look(image(points)) is found[taken]
+    assert np.array_equal(tracker.points, found[taken].points)
