@@ -20,14 +20,13 @@ from knotflow.baselines import IcpConfig
 from knotflow.baselines.causal_infogan import CausalInfoGanBudget
 from knotflow.demonstrations import SHIPPED, DemonstratorConfig, NoiseConfig
 from knotflow.execution import DynamicsTrainingConfig, ExecutionConfig
+from knotflow.execution.training_config import SHIPPED_DYNAMICS
 from knotflow.perception.training_config import SHIPPED_NETWORK, TrainingConfig
 from knotflow.planning import PlannerConfig
 from knotflow.primitives import SHIPPED_PRIMITIVES, PrimitiveConfig
 from knotflow.simulation import SimulationConfig, StartsConfig
 from knotflow.training import ImitationConfig, ReinforcementConfig, SelfPlayConfig
 from knotflow.workflow import WorkersConfig
-
-SHIPPED_DYNAMICS = Path(__file__).parent / "execution" / "data" / "dynamics.safetensors"
 
 
 @dataclass
@@ -191,6 +190,8 @@ class ClosedLoopBudget:
     """Twins of levels 0 and 2, and those of a yardstick that knows the true state."""
     twins_level_1: int = 100
     """Twins of level 1."""
+    yardsticks: int = 20
+    """Twins of level 1 on which MPPI predicts by simulating, which takes a second a tick."""
     figure_eight: int = 30
     """Twins of level 1 on which a figure eight is tied."""
     ensemble: int = 8

@@ -48,3 +48,11 @@ def test_every_failure_has_the_first_cause_that_applies(plan, goal):
     assert cause(flat, None, missed=1) == "grasp missed"
     assert cause(mirrored, None) == "out of the DAG"
     assert cause(flat, None) == "action failed"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("control", ["mppi_true_state", "mppi_true_state_mujoco"])
+def test_mppi_follows_a_plan_by_either_model(plan, goal, control):
+    trial = try_plan(plan, goal, twin_of(plan), CONTROLS[control])
+    assert trial.tied and trial.deviation < 0.03
+    assert len(trial.execution.tick_seconds) > 5

@@ -22,6 +22,7 @@ def test_controllers_meet_the_same_twins_and_go_on_where_they_were(tmp_path):
         planner=PlannerConfig(batch=8, max_branches=64),
         execution=ExecutionConfig(max_actions=2),
         ensemble=2,
+        weights_contents="none",
         cases=[
             ExecutionCase("open_loop", level=1, twins=2, knot="R1(0,1,1)"),
             ExecutionCase("replan_true_state", level=1, twins=1, knot="R1(0,1,1)"),

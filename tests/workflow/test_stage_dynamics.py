@@ -5,13 +5,13 @@ import pandas as pd
 import pytest
 import torch
 
-from knotflow.config import SHIPPED_DYNAMICS
 from knotflow.execution import (
     DynamicsTrainingConfig,
     LstmConfig,
     LstmDynamics,
     Motions,
 )
+from knotflow.execution.training_config import SHIPPED_DYNAMICS
 from knotflow.simulation import SimulationConfig
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages.dynamics import DynamicsConfig, measure

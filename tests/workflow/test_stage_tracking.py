@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from knotflow.config import SHIPPED_DYNAMICS
+from knotflow.execution.training_config import SHIPPED_DYNAMICS
 from knotflow.perception import EstimateConfig, FitConfig, TrackerConfig
 from knotflow.recording import read_recording
 from knotflow.simulation import SimulationConfig

@@ -18,10 +18,7 @@ from torch import Tensor, nn
 
 from knotflow.execution.dynamics import grasped_at_each_step
 from knotflow.execution.rope_motions import FREE, STEP
-from knotflow.execution.training_config import LstmConfig
-
-SHIPPED = Path(__file__).parent / "data" / "dynamics.safetensors"
-"""The weights that come with the package."""
+from knotflow.execution.training_config import SHIPPED_DYNAMICS, LstmConfig
 
 
 class LstmDynamics(nn.Module):
@@ -99,7 +96,7 @@ class LstmDynamics(nn.Module):
         save_file({k: v.half().contiguous() for k, v in self.state_dict().items()}, path, config)
 
     @classmethod
-    def load(cls, path: Path = SHIPPED) -> LstmDynamics:
+    def load(cls, path: Path = SHIPPED_DYNAMICS) -> LstmDynamics:
         """Read what `save` wrote."""
         from safetensors import safe_open
 

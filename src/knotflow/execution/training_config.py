@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
+
+SHIPPED_DYNAMICS = Path(__file__).parent / "data" / "dynamics.safetensors"
+"""The weights that come with the package."""
 
 
 @dataclass

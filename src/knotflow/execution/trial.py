@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -10,8 +11,9 @@ from knotflow.execution.dynamics import Foresight, MujocoDynamics
 from knotflow.execution.execute import Execution, Replan, execute
 from knotflow.execution.follow import Controller, ExecutionConfig
 from knotflow.execution.sight import Estimated, Look, RopeSource, Tracked
+from knotflow.execution.training_config import SHIPPED_DYNAMICS
 from knotflow.execution.twin import TrueState, Twin
-from knotflow.perception import Camera
+from knotflow.perception import Camera, Network
 from knotflow.planning import Goal, KnotPlan
 from knotflow.simulation import SimulationConfig, state_or_none
 
@@ -26,6 +28,8 @@ class Control:
     """Whether MPPI corrects the drag."""
     replans: bool = False
     """Whether it is planned anew after each action."""
+    model: str = "lstm"
+    """What MPPI predicts by: lstm, which is learned, or mujoco, the planner's simulator."""
     robust: bool = False
     """Whether the plan was judged by an ensemble of ropes, see `planning.ensemble`."""
 
@@ -38,6 +42,7 @@ CONTROLS = {
     "mppi_replan": Control("vision", tracks=True, replans=True),
     "replan_true_state": Control("true", replans=True),
     "mppi_true_state": Control("true", tracks=True),
+    "mppi_true_state_mujoco": Control("true", tracks=True, model="mujoco"),
     "mppi_replan_true_state": Control("true", tracks=True, replans=True),
 }
 """By the names that tables give them."""
@@ -69,6 +74,8 @@ def try_plan(
     config: ExecutionConfig | None = None,
     replan: Replan | None = None,
     camera: Camera | None = None,
+    weights: Path = SHIPPED_DYNAMICS,
+    network: Network | None = None,
 ) -> Trial:
     """Execute a plan on a twin, which is then used up.
 
@@ -80,7 +87,10 @@ def try_plan(
         config: heights, speeds, and when to give up.
         replan: used if the control replans.
         camera: the twin's, as it is believed to stand.
+        weights: file of the learned dynamics.
+        network: proposes first guesses at the rope in an image.
     """
+    simulator = SimulationConfig(rope=twin.config.rope, threads=1)
     source: RopeSource | None = None
     look: Look | None = None
     controller: Controller | None = None
@@ -88,18 +98,21 @@ def try_plan(
         source = look = TrueState(twin)
     elif control.state == "vision":
         assert camera is not None
-        look = Estimated(camera, twin.config.rope)
+        look = Estimated(camera, simulator.rope, network=network)
         if control.tracks:
             from knotflow.perception import Tracker
 
-            planned = SimulationConfig(rope=twin.config.rope, threads=1)
-            foresight = Foresight(MujocoDynamics(planned))
-            source = Tracked(Tracker(camera, planned.rope, plan.start, predict=foresight))
+            foresight = Foresight(MujocoDynamics(simulator))
+            tracker = Tracker(
+                camera, simulator.rope, plan.start, predict=foresight, network=network
+            )
+            source = Tracked(tracker)
     if control.tracks:
         from knotflow.execution.lstm import LstmDynamics
         from knotflow.execution.mppi import Mppi
 
-        controller = Mppi(LstmDynamics.load())
+        mujoco = control.model == "mujoco"
+        controller = Mppi(MujocoDynamics(simulator) if mujoco else LstmDynamics.load(weights))
     replan = replan if control.replans else None
     execution = execute(plan, twin.robot(), config, source, controller, look, replan)
     away = np.linalg.norm(

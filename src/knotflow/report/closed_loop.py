@@ -20,6 +20,7 @@ CONTROLLERS = {
     "open_loop_robust": ("open loop, robust plan", "#24292f"),
     "mppi": ("MPPI", "#e69f00"),
     "mppi_true_state": ("MPPI, true state", "#f0b25a"),
+    "mppi_true_state_mujoco": ("MPPI by simulation, true state", "#d55e00"),
     "replan": ("planned anew", "#0072b2"),
     "replan_true_state": ("planned anew, true state", "#8fb8c4"),
     "mppi_replan": ("MPPI, planned anew", "#009e73"),

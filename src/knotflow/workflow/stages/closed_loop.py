@@ -14,11 +14,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from knotflow.execution import CONTROLS, ExecutionConfig, Twin, TwinConfig, try_plan
-from knotflow.perception import Camera
+from knotflow.perception import Camera, Network
 from knotflow.planning import Goal, KnotPlan, PlannerConfig, parse_goal, plan_knot
 from knotflow.samplers import Sampler, SamplerConfig, build_sampler
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, random_curve
 from knotflow.workflow.context import StageContext
+from knotflow.workflow.signature import runtime
 from knotflow.workflow.stage import stage
 
 TABLE = "executions.csv"
@@ -61,6 +62,14 @@ class ClosedLoopConfig:
     """Perturbed ropes that judge the plans that are to be robust."""
     execution: ExecutionConfig = field(default_factory=ExecutionConfig)
     """Heights, speeds, and when an execution is given up."""
+    weights: str = runtime("")
+    """File of the learned dynamics; what counts is `weights_contents`."""
+    weights_contents: str
+    """Digest of what the file holds."""
+    network: str = runtime("")
+    """File of the network that sees ropes; what counts is `network_contents`."""
+    network_contents: str = ""
+    """Digest of what the file holds; without a file, ropes are seen without the network."""
     cases: list[ExecutionCase]
     """What is compared."""
     seed: int
@@ -163,7 +172,10 @@ def _row(
     twin = Twin(plan.start, TwinConfig(level=level, rope=config.simulation.rope), drawn, camera)
     planner.seconds = plan.seconds
     anew = partial(planner.anew, np.random.default_rng([config.seed, number, 3, level]))
-    trial = try_plan(plan, goal, twin, control, config.execution, anew, camera)
+    seen_by = Path(config.network)
+    network = Network.load(seen_by) if seen_by.is_file() else None
+    weights = Path(config.weights)
+    trial = try_plan(plan, goal, twin, control, config.execution, anew, camera, weights, network)
     execution = trial.execution
     ticks = execution.tick_seconds
     return {
