@@ -91,3 +91,22 @@ def test_time_and_memory_are_told_by_stage_and_by_kind(write):
     assert "| training | 2 | 1 h 5 min | – |" in kinds
     assert "| evaluation | 1 | 1 min 30 s | 1,234 MB |" in kinds
     assert found["table"].count("MB") == 1
+
+
+def test_a_cluster_is_as_fast_as_the_shards_allow(write):
+    assert timing_of(write, {})["cluster"] == ""
+    found = timing_of(write, {"shards": 10, "cpus": 2})
+    # 100 s on two CPUs are five rounds of shards; eight take two rounds, 32 one.
+    assert found["cluster"].splitlines()[2:] == [
+        "| 2 | 2 min 30 s |",
+        "| 8 | 1 min 30 s |",
+        "| 32 | 1 min 10 s |",
+        "| 128 | 1 min 10 s |",
+    ]
+    assert found["unknown"] == 1
+
+
+def timing_of(write, more):
+    alone = stage("self_play", 50.0, "s")
+    write.run("goals", {"actions": stage("actions", 100.0, "a") | more, "self_play": alone})
+    return timing(Results(write.root), Pictures())

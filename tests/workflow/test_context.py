@@ -62,3 +62,16 @@ def test_logger_opens_once_and_closes(tmp_path: Path) -> None:
     assert context.logger is first
     context.close()
     assert context.logger is not first
+
+
+def test_shards_that_could_run_side_by_side_are_counted_the_finished_ones_too(tmp_path):
+    context = StageContext(tmp_path)
+    (tmp_path / "a.txt").touch()
+    context.each(_nothing, context.pending(["a", "b", "c"], ".txt"), "three")
+    assert context.shards == 3
+    context.each(_nothing, range(5), "five more")
+    assert context.shards == 8
+
+
+def _nothing(context, shard):
+    pass

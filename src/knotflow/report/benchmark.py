@@ -9,7 +9,7 @@ import pandas as pd
 from knotflow.report.results import AMOUNT, AT_LEAST_ONE, TEXT, Results, refuse
 from knotflow.report.section import Pictures, Section
 from knotflow.report.style import Picture
-from knotflow.report.tables import duration, markdown_table, number
+from knotflow.report.tables import NOTHING, duration, markdown_table, number
 from knotflow.report.timing import bars
 
 EXPERIMENT = "benchmark"
@@ -17,6 +17,9 @@ EXPERIMENT = "benchmark"
 TOLERANCE = 0.05
 COLUMNS = {"case": TEXT, **dict.fromkeys(("links", "threads", "rollouts"), AT_LEAST_ONE)}
 COLUMNS |= dict.fromkeys(("seconds", "splines_per_second", "peak_memory_mb"), AMOUNT)
+
+WORKERS = {"backend": TEXT, "workers": AT_LEAST_ONE, "shards": AT_LEAST_ONE}
+WORKERS |= dict.fromkeys(("seconds", "splines_per_second"), AMOUNT)
 
 
 def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
@@ -49,7 +52,28 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         "table": markdown_table(header, lines, "lrrrrrr"),
         "fastest": fastest,
         "speed": number(fastest["splines_per_second"]),
+        "scaling": _scaling(results),
     }
+
+
+def _scaling(results: Results) -> str:
+    """A line a kind of workers, beside one; empty where none were timed."""
+    cases = results.table(EXPERIMENT, "scaling.csv", WORKERS)
+    if cases is None:
+        return ""
+    alone = cases.loc[cases["workers"] == 1, "seconds"]
+    lines = [
+        [
+            case.backend,
+            str(case.workers),
+            duration(case.seconds),
+            f"{case.splines_per_second:.1f}",
+            f"{alone.iloc[0] / case.seconds:.2f}×" if len(alone) else NOTHING,
+        ]
+        for case in cases.itertuples()
+    ]
+    header = ["workers", "how many", "time", "splines / s", "beside one"]
+    return markdown_table(header, lines, "lrrrr")
 
 
 def _figure(cases: pd.DataFrame) -> Picture:

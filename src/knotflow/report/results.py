@@ -155,6 +155,10 @@ class StageRun:
     """The versions of the packages whose behaviour it depends on, see `versions`."""
     memory_mb: float | None = None
     """Most that it held at once, its workers included; of early stages nobody noted it."""
+    shards: int = 0
+    """How many of its shards could run side by side; 0 where it has none, or nobody noted it."""
+    cpus: int | None = None
+    """Of the machine that made it; None where nobody noted it."""
 
 
 @dataclass(frozen=True)
@@ -209,6 +213,8 @@ class ExperimentResults:
                     dirty=bool(made.get("dirty")),
                     packages=_mapping(made.get("packages", FIRST_VERSIONS), path),
                     memory_mb=None if memory is None else float(memory),
+                    shards=int(made.get("shards") or 0),
+                    cpus=made.get("cpus"),
                 )
             )
         return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -30,12 +31,16 @@ COSTED = {"single_stage": "single actions", "ablation_actor_critic": "what the a
 #: Both experiments from nothing, at the paper's counts on two cores: no longer than that.
 AIM_HOURS = 3.0
 
+#: Of a cluster whose time is estimated.
+CPUS = (2, 8, 32, 128)
+
 SIMULATION, TRAINING, EVALUATION, OTHER = "simulation", "training", "evaluation", "tables"
 KINDS = {SIMULATION: "#0072b2", TRAINING: "#e69f00", EVALUATION: "#009e73", OTHER: "#8a8f98"}
 #: Kinds of the stages; any other makes tables and recordings from what is there.
 KIND_OF_STAGE = (
     dict.fromkeys(("benchmark", "demonstrations", "demonstrator", "motions", "pools"), SIMULATION)
-    | dict.fromkeys(("causal_infogan_ends", "plans_pull", "roots", "ropes", "starts"), SIMULATION)
+    | dict.fromkeys(("causal_infogan_ends", "plans_pull", "roots", "ropes"), SIMULATION)
+    | dict.fromkeys(("scaling", "starts"), SIMULATION)
     | dict.fromkeys(("causal_infogan", "dynamics_training", "imitation"), TRAINING)
     | dict.fromkeys(("perception_networks", "perception_training"), TRAINING)
     | dict.fromkeys(("reinforcement", "self_play"), TRAINING)
@@ -70,6 +75,8 @@ def timing(results: Results, pictures: Pictures) -> dict[str, Any]:
         "total": duration(sum(stage.seconds or 0.0 for stage in timed)),
         "count": len(once),
         "kinds": _kinds(timed),
+        "cluster": _cluster(timed),
+        "unknown": sum(stage.cpus is None for stage in timed),
         "table": markdown_table(header, lines, "lllrr") if lines else "",
     }
 
@@ -84,6 +91,24 @@ def _kinds(stages: Sequence[StageRun]) -> str:
         most = _memory(max(memory, default=None))
         lines.append([kind, str(len(own)), duration(seconds), most])
     return markdown_table(["kind of work", "stages", "time", "most memory"], lines, "lrrr")
+
+
+def _cluster(stages: Sequence[StageRun]) -> str:
+    """Expected time by the number of CPUs, from how many shards each stage has; empty where no
+    stage noted that. A stage without shards, or that noted nothing, takes the time it took."""
+    if not any(stage.cpus for stage in stages):
+        return ""
+    lines = [[f"{cpus:,}", duration(sum(_expected(one, cpus) for one in stages))] for cpus in CPUS]
+    return markdown_table(["CPUs", "expected"], lines, "rr")
+
+
+def _expected(stage: StageRun, cpus: int) -> float:
+    """Seconds of a stage whose shards all take as long as each other, on so many CPUs."""
+    seconds = stage.seconds or 0.0
+    if not stage.cpus or stage.shards < 2:
+        return seconds
+    rounds, before = (math.ceil(stage.shards / one) for one in (cpus, stage.cpus))
+    return seconds * rounds / before
 
 
 def _memory(megabytes: float | None) -> str:

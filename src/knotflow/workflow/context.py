@@ -47,6 +47,9 @@ class StageContext:
     """Where `each` runs its shards; by default here, one after the other."""
     after_save: Callable[[], None] | None = None
     """Called after every completed `atomic`: the runner keeps the time spent so far."""
+    shards: int = field(default=0, init=False)
+    """How many shards `each` was given that could all run side by side, finished ones included."""
+    _named: int = field(default=0, init=False, repr=False)
     _logger: Metrics | None = field(default=None, init=False, repr=False)
 
     def progress(
@@ -71,6 +74,7 @@ class StageContext:
         doubled = sorted(name for name, count in Counter(names).items() if count > 1)
         if doubled:
             raise ValueError(f"shard names must differ; these occur more than once: {doubled}")
+        self._named = len(names)
         return [name for name in names if not (self.out / f"{name}{suffix}").exists()]
 
     def each(
@@ -81,6 +85,8 @@ class StageContext:
         `work` must be one that can be pickled: a function of a module, or a `functools.partial` of
         one. Its context is a copy of this one.
         """
+        self.shards += max(self._named, len(shards))
+        self._named = 0
         with self.progress(total=len(shards), desc=desc) as bar:
             work_here = partial(_call, work, self)
             for _ in each(work_here, shards, self.workers, self.after_save):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -153,7 +154,7 @@ def _make(
             clock = Clock(folder.partial)
             clock.save()
             with PeakMemory() as memory:
-                _call(step, inputs, results_dir, metrics, workers, clock)
+                shards = _call(step, inputs, results_dir, metrics, workers, clock)
             stage = get_stage(step.node.stage)
             record = {
                 "stage": stage.name,
@@ -165,6 +166,8 @@ def _make(
                 "inputs": dict(step.input_signatures),
                 "seconds": round(clock.seconds(), 3),
                 "memory_mb": round(memory.megabytes),
+                "shards": shards,
+                "cpus": os.cpu_count(),
                 **asdict(code),
                 "versions": library_versions(),
             }
@@ -178,7 +181,8 @@ def _call(
     metrics: str,
     workers: WorkersConfig,
     clock: Clock,
-) -> None:
+) -> int:
+    """Runs the stage; returns how many of its shards could run side by side."""
     folder = step.folder
     context = StageContext(
         folder.partial,
@@ -207,11 +211,12 @@ def _call(
         raise
     finally:
         context.close()
+    return context.shards
 
 
 def _entry(step: Step, record: Mapping[str, Any], origin: str) -> dict[str, Any]:
     """What run.json says of a node: of its making, what the stage's own record says."""
-    as_made = ("seconds", "memory_mb", "commit", "dirty", "versions")
+    as_made = ("seconds", "memory_mb", "shards", "cpus", "commit", "dirty", "versions")
     return {
         "stage": step.node.stage,
         "version": record["version"],
