@@ -244,6 +244,8 @@ class BenchmarkBudget:
 
     rollouts: int = 512
     """Random splines in each case."""
+    backends: list[str] = field(default_factory=lambda: ["loky", "ray"])
+    """Kinds of workers of which two are timed, beside one."""
     run: int = 0
     """Raise it to time again on the same results folder."""
 

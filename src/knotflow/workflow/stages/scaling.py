@@ -28,16 +28,6 @@ SPLINES = 32
 """Of a shard."""
 
 
-@dataclass
-class WorkersCase:
-    """Workers that are timed."""
-
-    backend: str
-    """See `WorkersConfig`."""
-    workers: int
-    """How many."""
-
-
 @dataclass(kw_only=True)
 class ScalingConfig:
     """What is timed."""
@@ -48,14 +38,8 @@ class ScalingConfig:
     """The random curves that splines start from."""
     rollouts: int
     """Random splines in each case, in shards of 32."""
-    cases: list[WorkersCase] = field(
-        default_factory=lambda: [
-            WorkersCase("loky", 1),
-            WorkersCase("loky", 2),
-            WorkersCase("ray", 2),
-        ]
-    )
-    """Ray is left out where it is not installed."""
+    backends: list[str] = field(default_factory=lambda: ["loky", "ray"])
+    """Two workers of each are timed, beside one; Ray is left out where it is not installed."""
     seed: int = 4
     """Of starts and splines."""
     run: int
@@ -66,19 +50,19 @@ class ScalingConfig:
 def time_workers(config: ScalingConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes scaling.csv, a row a case; starting the workers is not timed."""
     rows, shards = [], max(1, config.rollouts // SPLINES)
-    for case in config.cases:
-        if case.backend == "ray" and find_spec("ray") is None:
+    for backend, workers in [("loky", 1), *((one, 2) for one in config.backends)]:
+        if backend == "ray" and find_spec("ray") is None:
             continue
-        here = replace(context, workers=WorkersConfig(case.backend, case.workers))
-        name = f"{case.workers} of {case.backend}"
-        here.each(partial(_simulate, config), [-1] * case.workers, f"{name}, starting")
+        here = replace(context, workers=WorkersConfig(backend, workers))
+        name = f"{workers} of {backend}"
+        here.each(partial(_simulate, config), [-1] * workers, f"{name}, starting")
         began = time.perf_counter()
         here.each(partial(_simulate, config), range(shards), name)
         seconds = time.perf_counter() - began
         rows.append(
             {
-                "backend": case.backend,
-                "workers": case.workers,
+                "backend": backend,
+                "workers": workers,
                 "shards": shards,
                 "seconds": round(seconds, 3),
                 "splines_per_second": round(shards * SPLINES / seconds, 2),
