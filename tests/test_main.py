@@ -102,7 +102,7 @@ def test_several_experiments_run_with_the_same_overrides_and_go_on(tmp_path):
     done = knotflow(*asked, f"results_dir={tmp_path}")
     assert done.returncode == 0, done.stdout + done.stderr
     told = [line.split()[:2] for line in done.stdout.splitlines()[-3:]]
-    assert told == [["benchmark", "1"], ["demonstrator", "1"], ["together", "2"]]
+    assert told == [["benchmark", "2"], ["demonstrator", "1"], ["together", "3"]]
     records = {name: tmp_path / name / "run.json" for name in ("benchmark", "demonstrator")}
     runs = [json.loads(path.read_text()) for path in records.values()]
     commits = {node["commit"] for run in runs for node in run["stages"].values()}
