@@ -304,7 +304,7 @@ class TrackingBudget:
 
     levels: list[int] = field(default_factory=lambda: [0, 1, 2])
     """How far the ropes are from the planner's."""
-    rollouts: int = 10
+    rollouts: int = 5
     """Of each action at each level."""
     seed: int = 5_000_011
     """Of ropes, cameras and noise; used for nothing else."""
