@@ -164,8 +164,10 @@ class Tracker:
         return self._estimate(shape, crossings, share, shown, target)
 
     def look(self, image: RgbdImage) -> RopeEstimate:
-        """The rope at rest, estimated with care from where it was tracked to; takes a second. Where
-        that leaves some of the rope's image over, it is estimated from the image alone as well.
+        """The rope at rest, estimated with care from where it was tracked to; takes a second.
+
+        A lost one is estimated from the image alone as well. One that is not is no better off with
+        that: another path may account for more of the image than the one that was followed.
 
         Raises:
             ImageError: an image of another size.
@@ -173,7 +175,7 @@ class Tracker:
         found = estimate(
             image, self.camera, self.rope, self.points, self.config.estimate, self.points
         )
-        if found.explained < self.config.estimate.explained:
+        if found.explained < self.config.lost:
             alone = self._alone(image, self.points)
             if alone is not None and alone.explained > found.explained:
                 found = alone
