@@ -136,14 +136,15 @@ def test_a_model_is_told_where_the_gripper_is_and_not_where_its_link_trails():
 
 
 @pytest.mark.parametrize(
-    ("alone", "taken"), [(0.99, "alone"), (0.905, "tracked"), (None, "tracked")]
+    ("tracked", "alone", "taken"),
+    [(0.7, 0.99, "alone"), (0.7, 0.6, "tracked"), (0.7, None, "tracked"), (0.9, 0.99, "tracked")],
 )
-def test_at_rest_what_leaves_image_over_is_looked_for_in_the_image_alone(monkeypatch, alone, taken):
+def test_at_rest_a_lost_rope_is_looked_for_in_the_image_alone(monkeypatch, tracked, alone, taken):
     points = s_curve()
     tracker = Tracker(CAMERA, ROPE, points, QUICK)
     found = {"tracked": tracker.update(image(points))}
     found["alone"] = replace(found["tracked"], points=points + 0.01, explained=alone or 0.0)
-    found["tracked"] = replace(found["tracked"], explained=0.9)
+    found["tracked"] = replace(found["tracked"], explained=tracked)
 
     def estimate(image, camera, rope, initial, *others, **named):
         if initial is None and alone is None:
