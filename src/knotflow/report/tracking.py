@@ -62,7 +62,7 @@ def _figure(tracks: pd.DataFrame) -> Picture:
     followed = tracks[tracks.groupby("method")["frame"].transform("nunique") > 1]
     levels = sorted(followed["level"].unique())
     with styled():
-        figure = new_figure(2.6)
+        figure = new_figure(2.8)
         panels = figure.subplots(1, len(levels), sharey=True, squeeze=False)[0]
         for axes, level in zip(panels, levels, strict=True):
             of_level = followed[followed["level"] == level]
@@ -70,10 +70,12 @@ def _figure(tracks: pd.DataFrame) -> Picture:
             for colour, (method, of) in zip(COLOURS, methods, strict=False):
                 error = of.groupby("frame")["mean_error_mm"].mean()
                 axes.plot(error, color=colour, label=str(method).replace("_", " "))
-            axes.set(title=f"level {level}", xlabel="image", ylim=(0, None))
+            axes.set(title=f"level {level}", xlabel="image")
             bare_axis(axes, grid="y")
         panels[0].set_ylabel("error of a vertex, mm (mean)")
-        panels[0].legend(frameon=False)
+        panels[0].set_ylim(bottom=0)
+        lines, labels = panels[0].get_legend_handles_labels()
+        figure.legend(lines, labels, loc="outside upper left", ncols=len(labels), frameon=False)
         return render(figure, "tracking", "Error of tracked ropes from image to image, by method")
 
 

@@ -149,7 +149,7 @@ def _track(config: TrackingConfig, shown: str, context: StageContext, name: str)
             rows.append(rest | {"seconds": time.process_time() - began})
             if name == shown:
                 points = np.stack([one.points for one in found]).astype(np.float32)
-                _record(context, rope, attempts, RolloutImages(tuple(map(_png, images)), points))
+                _record(context, rope, attempts, RolloutImages(tuple(map(_jpeg, images)), points))
     table = pd.DataFrame(rows).assign(level=int(level), action=action, rollout=name)
     table = table[COLUMNS].round({"mean_error_mm": 3, "visible_share": 3, "seconds": 4})
     with context.atomic(f"{name}.csv") as path:
@@ -232,9 +232,9 @@ def _record(
         write_recording(path, [whole], {"source": "tracking", "signature": context.signature})
 
 
-def _png(image: RgbdImage) -> bytes:
+def _jpeg(image: RgbdImage) -> bytes:
     from PIL import Image
 
     file = io.BytesIO()
-    Image.fromarray(image.rgb).save(file, "png")
+    Image.fromarray(image.rgb).save(file, "jpeg", quality=85)  # noise makes a PNG large
     return file.getvalue()
