@@ -37,7 +37,7 @@ _TYPES = {
     topics.SPLINE: SceneUpdate,
     topics.TOPOLOGY: Log,
 }
-_SIGHT = {topics.CAMERA: CompressedImage, topics.ESTIMATE: PointCloud}
+_CAMERA = {topics.CAMERA: CompressedImage, topics.ESTIMATE: PointCloud}
 
 
 def write_recording(
@@ -174,7 +174,7 @@ class _Timeline:
 
     def _camera(self, log_time: int, camera: RolloutImages, frame: int) -> None:
         if topics.CAMERA not in self._channels:  # most recordings have none
-            self._register(_SIGHT)
+            self._register(_CAMERA)
         cloud = self._painter(self._clouds, scene.RopeCloud, camera.points.shape[1])
         self._log(topics.CAMERA, log_time, scene.image_message(log_time, camera.images[frame]))
         self._log(topics.ESTIMATE, log_time, cloud.frame(log_time, camera.points[frame]))

@@ -159,8 +159,10 @@ def compose(results: Results, link: str) -> Report:
     body = re.sub(r"\n{3,}", "\n\n", body).strip()
     body = re.sub(r"(?<=\d) (?=[%×])", "\u00a0", body)  # no line ends between number and unit
     headings = re.findall(r"^(##?) (.+)$", body, flags=re.MULTILINE)
-    body = body.replace(f"## {BEFORE}", f"## Contents\n\n{_contents(headings)}\n\n## {BEFORE}", 1)
-    markdown = templates.get_template("report.md.j2").render(title=TITLE, body=body)
+    listed = f"## Contents\n\n{_contents(headings)}\n\n## {BEFORE}"
+    markdown = templates.get_template("report.md.j2").render(
+        title=TITLE, body=body.replace(f"## {BEFORE}", listed, 1)
+    )
     run = {name for name, found in results.experiments.items() if found.measured}
     pending = {section.title for section in sections if section.experiment not in run}
     html = templates.get_template("page.html.j2").render(
@@ -175,7 +177,7 @@ def compose(results: Results, link: str) -> Report:
             }
             for level, title in headings
         ],
-        body=to_html(re.sub(r"## Contents\n.*?\n(?=## )", "", body, count=1, flags=re.DOTALL)),
+        body=to_html(body),
     )
     return Report(markdown.rstrip() + "\n", html.rstrip() + "\n", pictures.made)
 

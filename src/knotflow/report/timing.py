@@ -37,17 +37,21 @@ CPUS = (2, 8, 32, 128)
 SIMULATION, TRAINING, EVALUATION, OTHER = "simulation", "training", "evaluation", "tables"
 KINDS = {SIMULATION: "#0072b2", TRAINING: "#e69f00", EVALUATION: "#009e73", OTHER: "#8a8f98"}
 #: Kinds of the stages; any other makes tables and recordings from what is there.
-KIND_OF_STAGE = (
-    dict.fromkeys(("benchmark", "demonstrations", "demonstrator", "motions", "pools"), SIMULATION)
-    | dict.fromkeys(("causal_infogan_ends", "plans_pull", "roots", "ropes"), SIMULATION)
-    | dict.fromkeys(("scaling", "starts"), SIMULATION)
-    | dict.fromkeys(("causal_infogan", "dynamics_training", "imitation"), TRAINING)
-    | dict.fromkeys(("perception_networks", "perception_training"), TRAINING)
-    | dict.fromkeys(("reinforcement", "self_play"), TRAINING)
-    | dict.fromkeys(("actions", "causal_infogan_plans", "closed_loop", "dynamics"), EVALUATION)
-    | dict.fromkeys(("evaluation", "goals", "overhand", "perception", "plans"), EVALUATION)
-    | {"tracking": EVALUATION}
-)
+STAGES_OF_KIND = {
+    SIMULATION: (
+        "benchmark causal_infogan_ends demonstrations demonstrator motions plans_pull "
+        "pools roots ropes scaling starts"
+    ).split(),
+    TRAINING: (
+        "causal_infogan dynamics_training imitation perception_networks "
+        "perception_training reinforcement self_play"
+    ).split(),
+    EVALUATION: (
+        "actions causal_infogan_plans closed_loop dynamics evaluation goals overhand "
+        "perception plans tracking"
+    ).split(),
+}
+KIND_OF_STAGE = {stage: kind for kind, stages in STAGES_OF_KIND.items() for stage in stages}
 
 
 def timing(results: Results, pictures: Pictures) -> dict[str, Any]:

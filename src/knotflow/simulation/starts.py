@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from knotflow.simulation.attempt import Observer, attempt
 from knotflow.simulation.rope import RopeConfig
 from knotflow.simulation.simulator import RopeSimulator
+from knotflow.simulation.spline import SPLINE_HIGH, SPLINE_LOW
 from knotflow.topology import Action, TopologicalState, segment_intervals
 
 Propose = Callable[[NDArray, Action, int, np.random.Generator], NDArray]
@@ -83,6 +84,14 @@ def random_curve(
         f"no random curve within {config.reach} m with {config.clearance} m between strands was "
         "found in 10000 draws; lower starts.clearance or raise starts.reach"
     )
+
+
+def random_trials(
+    rope: RopeConfig, count: int, rng: np.random.Generator, config: StartsConfig | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Random curves (count, V, 3), metres, and a random spline (count, 6) for each."""
+    points = np.stack([random_curve(rope, rng, config) for _ in range(count)])
+    return points, rng.uniform(SPLINE_LOW, SPLINE_HIGH, (count, 6))
 
 
 def reached(

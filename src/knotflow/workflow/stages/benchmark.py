@@ -14,12 +14,10 @@ import pandas as pd
 
 from knotflow.simulation import (
     ROOTS,
-    SPLINE_HIGH,
-    SPLINE_LOW,
     RopeSimulator,
     SimulationConfig,
     StartsConfig,
-    random_curve,
+    random_trials,
 )
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
@@ -82,8 +80,7 @@ def _seconds(config: BenchmarkConfig, links: int, threads: int) -> dict[str, tup
         for root, rope in ropes.items()
     }
     rng, count = np.random.default_rng(config.seed), config.rollouts
-    points = np.stack([random_curve(ropes["head"], rng, config.starts) for _ in range(count)])
-    splines = rng.uniform(SPLINE_LOW, SPLINE_HIGH, (count, 6))
+    points, splines = random_trials(ropes["head"], count, rng, config.starts)
     seconds = dict.fromkeys(ROOTS, np.zeros(2))
     for simulator in simulators.values():
         simulator.execute(points[:64], splines[:64])  # threads and caches are warm

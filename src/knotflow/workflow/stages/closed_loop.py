@@ -172,9 +172,8 @@ def _row(
     twin = Twin(plan.start, TwinConfig(level=level, rope=config.simulation.rope), drawn, camera)
     planner.seconds = plan.seconds
     anew = partial(planner.anew, np.random.default_rng([config.seed, number, 3, level]))
-    seen_by = Path(config.network)
-    network = Network.load(seen_by) if seen_by.is_file() else None
-    weights = Path(config.weights)
+    weights, seen_by = Path(config.weights), Path(config.network)
+    network = Network.load(seen_by) if camera is not None and seen_by.is_file() else None
     trial = try_plan(plan, goal, twin, control, config.execution, anew, camera, weights, network)
     execution = trial.execution
     ticks = execution.tick_seconds

@@ -19,13 +19,11 @@ from numpy.typing import NDArray
 from knotflow.demonstrations import SHIPPED, NoiseConfig, aim, load_demonstrations, noisy_copies
 from knotflow.simulation import (
     ROOTS,
-    SPLINE_HIGH,
-    SPLINE_LOW,
     RopeSimulator,
     SimulationConfig,
     StartsConfig,
     attempt,
-    random_curve,
+    random_trials,
     state_or_none,
 )
 from knotflow.workflow.context import StageContext
@@ -84,13 +82,12 @@ def compare_roots(config: RootsConfig, inputs: Mapping[str, Path], context: Stag
 def _splines(config: RootsConfig) -> dict[str, tuple[NDArray, NDArray]]:
     """Ropes (B, V, 3) and splines (B, 6): random on random curves, and aimed at actions."""
     rng, count = np.random.default_rng(config.seed), config.rollouts
-    curves = [random_curve(config.simulation.rope, rng, config.starts) for _ in range(count)]
-    splines = rng.uniform(SPLINE_LOW, SPLINE_HIGH, (count, 6))
+    curves, splines = random_trials(config.simulation.rope, count, rng, config.starts)
     demonstrations = load_demonstrations(Path(config.demonstrations))
     shown = [demonstrations[i % len(demonstrations)] for i in range(count)]
     aimed = [aim(one.points, one.task.action, 1, rng)[0] for one in shown]
     return {
-        "random": (np.stack(curves), splines),
+        "random": (curves, splines),
         "aimed": (np.stack([one.points for one in shown]), np.stack(aimed)),
     }
 

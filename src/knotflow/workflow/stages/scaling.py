@@ -13,12 +13,10 @@ import numpy as np
 import pandas as pd
 
 from knotflow.simulation import (
-    SPLINE_HIGH,
-    SPLINE_LOW,
     RopeSimulator,
     SimulationConfig,
     StartsConfig,
-    random_curve,
+    random_trials,
 )
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
@@ -77,6 +75,4 @@ def _simulate(config: ScalingConfig, context: StageContext, shard: int) -> None:
     rng = np.random.default_rng([config.seed, abs(shard)])
     count = SPLINES if shard >= 0 else 1
     simulator = RopeSimulator(replace(config.simulation, threads=1))
-    rope = config.simulation.rope
-    points = np.stack([random_curve(rope, rng, config.starts) for _ in range(count)])
-    simulator.execute(points, rng.uniform(SPLINE_LOW, SPLINE_HIGH, (count, 6)))
+    simulator.execute(*random_trials(config.simulation.rope, count, rng, config.starts))
