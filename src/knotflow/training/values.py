@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import torch
 from tensordict import TensorDict
@@ -10,12 +13,12 @@ from torch import Tensor
 from knotflow.primitives.cem import cross_entropy, standard_normal
 from knotflow.primitives.networks import SPLINE
 from knotflow.primitives.primitive import Primitive
+from knotflow.threads import one_thread
 
 CHUNK = 64
-"""Ropes that are searched at a time; bounds memory."""
+"""Ropes that are searched at a time, and chunks side by side; bounds memory."""
 
 
-@torch.no_grad()
 def best_values(
     primitive: Primitive, states: TensorDict, population: int, rng: np.random.Generator
 ) -> Tensor:
@@ -31,13 +34,18 @@ def best_values(
         raise ValueError(
             f"the value of a rope takes actor and critic; this primitive is {primitive.config}"
         )
-    cem = primitive.config.cem
-    found = []
-    for begin in range(0, len(states), CHUNK):
-        some = states[begin : begin + CHUNK]
-        mean, factor = primitive.actor(some)
-        noise = standard_normal(rng, (cem.iterations, len(some), population, SPLINE))
+    cem, actor = primitive.config.cem, primitive.actor
+
+    @torch.no_grad()
+    def search(some: TensorDict, noise: Tensor) -> Tensor:
+        mean, factor = actor(some)
         score = primitive.scorer(some, 1)
-        _, best = cross_entropy(score, mean, factor, noise, min(cem.elites, population))
-        found.append(best.exp())
+        return cross_entropy(score, mean, factor, noise, min(cem.elites, population))[1].exp()
+
+    chunks = [states[begin : begin + CHUNK] for begin in range(0, len(states), CHUNK)]
+    noises = [
+        standard_normal(rng, (cem.iterations, len(some), population, SPLINE)) for some in chunks
+    ]
+    with one_thread(), ThreadPoolExecutor(os.cpu_count()) as pool:
+        found = list(pool.map(search, chunks, noises))
     return torch.cat(found) if found else torch.zeros(0)
