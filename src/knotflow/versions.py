@@ -14,7 +14,7 @@ VERSIONS = {
     "baselines.causal_infogan": 1,
     "primitives": 2,
     "training": 2,
-    "planning": 2,
+    "planning": 3,
     "perception": 2,
     "execution": 2,
 }

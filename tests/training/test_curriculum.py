@@ -10,6 +10,7 @@ from knotflow.training.curriculum import (
     Record,
     need,
     outcomes,
+    pairs_by_kind,
 )
 
 TRIVIAL = TopologicalState.trivial()
@@ -90,6 +91,7 @@ def test_kinds_are_drawn_by_their_shares():
         }
     assert sum(state.num_crossings == 3 for state in reached) == 528
     curriculum, rng = Curriculum(3, [0.0, 1.0], 0.0), np.random.default_rng(0)
-    drawn = [curriculum.draw([LOOP], rng)[1].symbol for _ in range(600)]
+    of = {pair: kind for kind, pairs in pairs_by_kind(LOOP, 3).items() for pair in pairs}
+    drawn = [of[curriculum.draw([LOOP], rng)] for _ in range(600)]
     shares = {name: share / sum(KIND_SHARES.values()) for name, share in KIND_SHARES.items()}
     assert {name: drawn.count(name) / 600 for name in shares} == pytest.approx(shares, abs=0.06)

@@ -22,6 +22,12 @@ class PlannerConfig:
     onward: bool = True
     """Whether splines are sampled for what they leave as well, where the sampler can and another
     action follows; by the paper's rule never."""
+    guess_fraction: float = 0.5
+    """Share of the splines that are guesses, aimed ones where the sampler's critic gives an action
+    less than `guess_below_value`, since there a policy's are all alike and all wrong, and small
+    random moves where the rope is arranged. By the paper's rule none is."""
+    guess_below_value: float = 0.3
+    """See `guess_fraction`."""
     undoing: bool = False
     """Whether crossings may be taken back (`planning.search_graph`): from every rope then leads a
     way to every goal. For a sampler that does not know `Undo`, drags are aimed."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from itertools import groupby
 
 import numpy as np
@@ -42,6 +42,8 @@ class Proposals:
         if paper and config.value_bias == 0:
             self._values = None
         self._arranged_values = ability(sampler, "arranged_values") if arranging else None
+        self._guess_fraction = 0.0 if paper else config.guess_fraction
+        self._guess_below_value = config.guess_below_value
 
     def splines(self, branches: Sequence[Branch]) -> Iterator[NDArray[np.float64]]:
         """Splines (B, 6) for the branches, a few (b, 6) at a time.
@@ -53,16 +55,28 @@ class Proposals:
             yield self._ask(alike[0], len(alike))
 
     def _ask(self, branch: Branch, count: int) -> NDArray[np.float64]:
-        points, rng = branch.node.points, self._rng
-        unknown = self._aimed(branch.wanted)
-        if branch.kind == ARRANGE:
-            if self._arrange is None or unknown:
-                return nudge(points, count, rng)
-            return self._arrange(points, branch.wanted, count, rng)
-        if unknown:
-            return aim(points, branch.wanted, count, rng)
-        propose = self._sampler.sample if branch.goal in self._goals else self._onward
-        return propose(points, branch.wanted, count, rng)
+        """Splines (count, 6) for one branch: of the sampler, and of them some that are guessed."""
+        points, rng, wanted = branch.node.points, self._rng, branch.wanted
+        learned: Callable[..., NDArray[np.float64]] | None = None
+        arranging = branch.kind == ARRANGE
+        if arranging:
+            learned = self._arrange
+        elif branch.goal in self._goals:
+            learned = self._sampler.sample
+        else:
+            learned = self._onward
+        hardly = arranging or branch.node.values[branch.edge] < self._guess_below_value
+        if learned is None or self._aimed(wanted):
+            guesses = count
+        else:
+            guesses = rng.binomial(count, self._guess_fraction) if hardly else 0
+        found = []
+        if guesses:
+            guess = nudge(points, guesses, rng) if arranging else aim(points, wanted, guesses, rng)
+            found.append(guess)
+        if guesses < count and learned is not None:
+            found.append(learned(points, wanted, count - guesses, rng))
+        return np.concatenate(found)
 
     def _aimed(self, action: Action) -> bool:
         """Whether the action is an undoing that the sampler does not know."""

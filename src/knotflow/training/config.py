@@ -128,11 +128,11 @@ class SelfPlayConfig:
     are the first ones of more."""
     most_crossings: int = 4
     """Of the states that are played from and to."""
-    rounds: int = 1500
+    rounds: int = 300
     """Rounds of trials and gradient steps."""
     ropes: int = 384
     """Trials in a round, each on a rope of its own."""
-    crossings_shares: list[float] = field(default_factory=lambda: [1.0, 4.0, 5.0, 1.0, 0.2])
+    crossings_shares: list[float] = field(default_factory=lambda: [0.5, 1.5, 7.0, 2.0, 0.2])
     """How often trials begin with 0, 1, 2, ... crossings, relative to each other."""
     candidates: int = 4
     """Ropes and actions that are drawn for each trial; tried are rather those of which the critic
@@ -145,7 +145,7 @@ class SelfPlayConfig:
     """where the critic gives the wanted action less than this."""
     guess_below_value: float = 0.3
     """Where the best value that the critic sees is below this, or the rope is to be arranged,"""
-    guess_fraction: float = 0.3
+    guess_fraction: float = 0.5
     """this share of the splines are guesses."""
     hindsight: bool = True
     """Whether trials count for other actions than the one that was meant."""
@@ -163,8 +163,9 @@ class SelfPlayConfig:
     """Stored trials of each primitive whose next value is worked out anew in a round."""
     steps: int = 16
     """Gradient steps of each primitive in a round,"""
+    new_steps: int = 32
+    """and of one without demonstrations, which has everything to learn,"""
     successes_per_step: int = 12
-    """or fewer, of one without demonstrations: one for so many successes in its replay buffer, lest
-    a few be learned by heart."""
-    decay_steps: int = 1500
+    """but at most one for so many successes in its replay buffer, lest it learn a few by heart."""
+    decay_steps: int = 1000
     """Gradient steps after the last round, in which the learning rate falls evenly to 0."""

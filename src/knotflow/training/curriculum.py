@@ -10,11 +10,15 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.topology import Action, ForwardAction, TopologicalState, parse_action
+from knotflow.topology import R1, Action, ForwardAction, TopologicalState, parse_action
 
-KIND_SHARES = {"R1": 2.0, "R2": 1.0, "C": 3.0}
-"""How often kinds of actions are drawn, relative to each other. R2 least: Cross, and R1 on a
-segment with an end, lead to every state of up to three crossings."""
+INNER_R1 = "inner R1"
+"""The kind of R1 on a segment without an end."""
+
+KIND_SHARES = {"R1": 2.0, INNER_R1: 0.5, "R2": 1.0, "C": 3.0}
+"""How often kinds of actions are drawn, relative to each other. Cross, and R1 on a segment with an
+end, lead to every state of up to three crossings; to twist a loop into a segment between two
+crossings hardly ever succeeds."""
 
 _Rate = TypeVar("_Rate", float, NDArray)
 
@@ -39,10 +43,12 @@ def outcomes(state: TopologicalState, most_crossings: int) -> Mapping[Action, To
 
 @cache
 def pairs_by_kind(state: TopologicalState, most_crossings: int) -> Mapping[str, tuple[Pair, ...]]:
-    """`outcomes` by kind of action: R1, R2, C and undo, those that the state allows."""
+    """`outcomes` by kind of action, those that the state allows: of `KIND_SHARES`, and undo."""
     found: dict[str, list[Pair]] = {}
     for action in outcomes(state, most_crossings):
         kind = action.symbol if isinstance(action, ForwardAction) else UNDO
+        if isinstance(action, R1) and 0 < action.index < state.num_segments - 1:
+            kind = INNER_R1
         found.setdefault(kind, []).append((state, action))
     return {kind: tuple(pairs) for kind, pairs in found.items()}
 

@@ -182,11 +182,11 @@ class SelfPlay(Resumable):
             metrics = self._play()
             for buffer in self._buffers.values():
                 buffer.refresh(self._value, config.refreshed)
-            for number, losses in self._fit(config.steps).items():
+            for number, losses in self._fit(config.steps, config.new_steps).items():
                 metrics[number] |= losses
             self._done += 1
             if self._done == config.rounds:
-                self._fit(config.decay_steps, decaying=True)
+                self._fit(config.decay_steps, config.decay_steps, decaying=True)
             yield SelfPlayRound(self._done - 1, metrics)
 
     @property
@@ -490,11 +490,13 @@ class SelfPlay(Resumable):
         primitive = self.library.primitives[number]
         return best_values(primitive, states, self.config.population, self._rng)
 
-    def _fit(self, steps: int, decaying: bool = False) -> dict[int, dict[str, float]]:
-        """Gradient steps of all primitives; without demonstrations, as few as successes allow."""
+    def _fit(
+        self, steps: int, new_steps: int, decaying: bool = False
+    ) -> dict[int, dict[str, float]]:
+        """Gradient steps of all primitives; without demonstrations, as many as successes allow."""
         buffers, each = self._buffers, self.config.successes_per_step
         most = {
-            number: min(steps, buffers[number].successes // each)
+            number: min(new_steps, buffers[number].successes // each)
             if learner.demonstrations is None
             else steps
             for number, learner in self._learners.items()

@@ -42,7 +42,7 @@ class SelfPlayStageConfig:
     """Of everything random."""
 
 
-@stage("self_play", inputs=("demonstrations", "reinforcement"))
+@stage("self_play", version=2, inputs=("demonstrations", "reinforcement"))
 def play(config: SelfPlayStageConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes primitives.safetensors, curves.csv and trials.csv, a row for each pair of state and
     action that was tried."""
