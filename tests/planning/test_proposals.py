@@ -59,3 +59,17 @@ def test_the_sampler_is_asked_once_for_branches_that_are_alike(node):
     assert [branch.edge for branch in branches] == sorted(edges)
     assert [len(splines) for splines in proposals.splines(branches)] == [3, 2]
     assert critic.asked == [node.edges[0][0], node.edges[1][0]]
+
+
+@pytest.mark.parametrize(
+    ("value", "rule", "share"),
+    [(0.1, "posterior", 0.5), (0.7, "posterior", 0.0), (0.1, "paper", 0.0)],
+)
+def test_guesses_are_mixed_in_where_the_critic_sees_hardly_a_way(node, value, rule, share):
+    config = PlannerConfig(rule=rule, guess_fraction=0.5, guess_below_value=0.3)
+    rng = np.random.default_rng(0)
+    proposals = Proposals(Critic(set()), Goal.named("overhand"), config, rng)
+    node.values = np.full(len(node.edges), value)
+    (splines,) = proposals.splines([Branch(node, 0)] * 200)
+    guessed = (splines != (SPLINE_LOW + SPLINE_HIGH) / 2).any(axis=1)
+    assert guessed.mean() == pytest.approx(share, abs=0.12)

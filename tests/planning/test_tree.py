@@ -155,7 +155,8 @@ def test_arranging_steps_are_branches_and_few_in_a_row(world, path_goal):
         def sample(self, points, action, count, rng):
             return self._splines(points, Arrange(action), count, rng)  # nothing is ever reached
 
-    plan = search(path_goal, Slipping(), max_branches=60, arranging=2)
+    config = {"arranging": 2, "guess_fraction": 0.0, "max_branches": 60}
+    plan = search(path_goal, Slipping(), **config)
     assert {str(tried.outcome) for tried in plan.tried} == {"trivial"}
     assert sum(tried.branches for tried in plan.tried) == plan.branches == 60
     tree = TreeSearch(
@@ -164,7 +165,7 @@ def test_arranging_steps_are_branches_and_few_in_a_row(world, path_goal):
         sampler := Slipping(),
         sampler,
         np.random.default_rng(0),
-        PlannerConfig(arranging=2, max_branches=60),
+        PlannerConfig(**config),
     )
     tree.run()
     assert {node.arranged for node in tree.nodes} == {0, 1, 2}
