@@ -214,6 +214,10 @@ class PentagramBudget:
     """The sampler that ties them."""
     pulled: PlansBudget = field(default_factory=lambda: PlansBudget(planner=STEADY_SEARCH))
     """Searches from the overhand whose head was pulled out."""
+    tied: PlansBudget = field(
+        default_factory=lambda: PlansBudget(planner=replace(FAST_SEARCH, max_seconds=120.0))
+    )
+    """Searches from overhands as the planner leaves them, with no hand's help."""
     untangled: PlansBudget = field(
         default_factory=lambda: PlansBudget(planner=replace(FAST_SEARCH, max_seconds=120.0))
     )

@@ -101,6 +101,15 @@ def test_a_seed_has_the_same_start_whatever_is_planned(planned, tmp_path):
     assert not np.array_equal(plan_of(tmp_path, "00-000").start, plan_of(tmp_path, "00-001").start)
 
 
+def test_a_start_can_be_tied_first(tmp_path):
+    """Another rope for each seed, as the search leaves it, in the state at the path's end."""
+    config = replace(CONFIG, cases=[PlanCase("R1(0,1,1) C(0,1,1)", LOOP)])
+    make_plans(config, {}, StageContext(tmp_path))
+    plans = [plan_of(tmp_path, f"00-{seed:03d}") for seed in (0, 1)]
+    assert {str(plan.start_state) for plan in plans} == {"2o1+"}
+    assert not np.array_equal(plans[0].start, plans[1].start)
+
+
 def test_interrupted_searches_go_on_and_end_the_same(planned, start, tmp_path):
     for name in ("00-000", "01-001"):
         for path in (f"rows/{name}.csv", f"plans/{name}.json", f"recordings/{name}.mcap"):
@@ -119,7 +128,8 @@ def test_interrupted_searches_go_on_and_end_the_same(planned, start, tmp_path):
     ("case", "message"),
     [
         (PlanCase("granny", "straight"), "unknown knot 'granny'"),
-        (PlanCase(LOOP, "mine"), "one of straight, arc, random, tangled, or an input"),
+        (PlanCase(LOOP, "mine"), "one of straight, arc, random, tangled, a path of actions, or an"),
+        (PlanCase(LOOP, "R9(0)"), "R9"),
     ],
 )
 def test_a_senseless_case_is_refused_before_anything_runs(case, message, tmp_path):

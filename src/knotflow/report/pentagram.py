@@ -16,6 +16,7 @@ EXPERIMENT = "pentagram"
 PULLED = "pulled_overhand"
 STARTS = {
     PULLED: "overhand, its head pulled out",
+    "R1(0,1,1) C(0,1,1) C(2,0,1)": "overhand as the planner leaves it",
     "straight": "straight rope, no hand in it",
 }
 #: Branches that the paper's one search took.
@@ -33,6 +34,7 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         "confirmation": confirmation(searches),
         "paper": PAPER_BRANCHES,
         "pulled": _plan(results, pictures, "pulled"),
+        "tied": _plan(results, pictures, "tied"),
         "untangled": _plan(results, pictures, "untangled"),
     }
 
@@ -70,8 +72,8 @@ SECTION = Section(
     EXPERIMENT,
     "The pentagram",
     "Sec. VII-E, Fig. 9",
-    "A knot more complex than any in training, from an overhand whose head was pulled out, and "
-    "from a straight rope.",
+    "A knot more complex than any in training, from an overhand whose head was pulled out, from "
+    "one as the planner leaves it, and from a straight rope.",
     values,
     claims=(
         Claim(

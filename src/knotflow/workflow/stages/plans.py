@@ -26,7 +26,7 @@ from knotflow.planning import (
 )
 from knotflow.recording import write_index
 from knotflow.samplers import SamplerConfig, build_sampler
-from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, tangled
+from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, straight, tangled
 from knotflow.topology import TopologicalState
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
@@ -50,8 +50,9 @@ class PlanCase:
     """A knot's name, crossings, or one topological path, see `planning.parse_goal`."""
     start: str = "straight"
     """straight, arc, random (another curve for each seed), tangled (another for each seed, in a
-    state of one to three crossings from which no actions lead to the goal), or an input that holds
-    a start.npy."""
+    state of one to three crossings from which no actions lead to the goal), a topological path
+    (another for each seed, tied along it from straight, as the search leaves it), or an input that
+    holds a start.npy."""
 
 
 @dataclass(kw_only=True)
@@ -89,7 +90,7 @@ def make_plans(config: PlansConfig, inputs: Mapping[str, Path], context: StageCo
     """
     for case in config.cases:
         parse_goal(case.goal, config.simulation.rope)
-        _check_start(case.start, inputs)
+        _check_start(case.start, config, inputs)
     names = _names(config)
     pending = [Path(row).name for row in context.pending([f"rows/{one}" for one in names], ".csv")]
     # A search of one branch after the other uses one core, so others may run beside it. One in
@@ -173,12 +174,19 @@ def read_searches(path: Path) -> pd.DataFrame:
     return pd.read_csv(path, keep_default_na=False, dtype={"plan": str})
 
 
-def _check_start(start: str, inputs: Mapping[str, Path]) -> None:
-    if start not in (*ROPE_NAMES, TANGLED) and start not in inputs:
+def _check_start(start: str, config: PlansConfig, inputs: Mapping[str, Path]) -> None:
+    if _is_path(start):
+        parse_goal(start, config.simulation.rope)
+    elif start not in (*ROPE_NAMES, TANGLED) and start not in inputs:
         raise ValueError(
-            f"unknown start {start!r}; it is one of {', '.join((*ROPE_NAMES, TANGLED))}, or an "
-            f"input of this stage that holds a {START_FILE}: {', '.join(inputs) or 'there is none'}"
+            f"unknown start {start!r}; it is one of {', '.join((*ROPE_NAMES, TANGLED))}, a path of "
+            f"actions, or an input of this stage that holds a {START_FILE}: "
+            f"{', '.join(inputs) or 'there is none'}"
         )
+
+
+def _is_path(start: str) -> bool:
+    return "(" in start
 
 
 def _start(
@@ -192,7 +200,22 @@ def _start(
         dag = parse_goal(case.goal, config.simulation.rope).dag
         simulator = RopeSimulator(config.simulation)
         return tangled(lambda state: state not in dag, simulator, aim, rng, config.starts)
+    if _is_path(case.start):
+        return _tied(case.start, config, inputs, rng)
     return np.load(inputs[case.start] / START_FILE, allow_pickle=False)
+
+
+def _tied(
+    path: str, config: PlansConfig, inputs: Mapping[str, Path], rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """A rope (V, 3), metres, that a search tied along a path."""
+    rope, sampler = config.simulation.rope, build_sampler(config.sampler, inputs)
+    goal, simulator = parse_goal(path, rope), RopeSimulator(config.simulation)
+    planner = PlannerConfig(batch=config.planner.batch)
+    plan = plan_knot(straight(rope), goal, sampler, simulator, rng, planner)
+    if not plan.solved:
+        raise RuntimeError(f"no rope could be tied to start from: {path}: {plan.reason}")
+    return plan.shapes[-1]
 
 
 def _confirmed(plan: KnotPlan) -> tuple[str, str]:
