@@ -73,3 +73,15 @@ def test_guesses_are_mixed_in_where_the_critic_sees_hardly_a_way(node, value, ru
     (splines,) = proposals.splines([Branch(node, 0)] * 200)
     guessed = (splines != (SPLINE_LOW + SPLINE_HIGH) / 2).any(axis=1)
     assert guessed.mean() == pytest.approx(share, abs=0.12)
+
+
+def test_a_shape_that_is_grown_again_is_to_be_another_one(node):
+    proposals = Proposals(
+        Critic(set()), Goal.named("overhand"), PlannerConfig(), np.random.default_rng(0)
+    )
+    node.values = np.full(len(node.edges), 0.9)
+    node.successes[ACT, 0] = 1
+    for edge, share in ((0, 0.5), (1, 0.0)):
+        (splines,) = proposals.splines([Branch(node, edge)] * 200)
+        guessed = (splines != (SPLINE_LOW + SPLINE_HIGH) / 2).any(axis=1)
+        assert guessed.mean() == pytest.approx(share, abs=0.12)

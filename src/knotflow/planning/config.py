@@ -23,9 +23,10 @@ class PlannerConfig:
     """Whether splines are sampled for what they leave as well, where the sampler can and another
     action follows; by the paper's rule never."""
     guess_fraction: float = 0.5
-    """Share of the splines that are guesses, aimed ones where the sampler's critic gives an action
-    less than `guess_below_value`, since there a policy's are all alike and all wrong, and small
-    random moves where the rope is arranged. By the paper's rule none is."""
+    """Share of the splines that are guesses: aimed ones where the sampler's critic gives an action
+    less than `guess_below_value`, since there a policy's are all alike and all wrong, and where it
+    succeeded from the same shape before, so that another shape comes of it; small random moves
+    where the rope is arranged. By the paper's rule none is."""
     guess_below_value: float = 0.3
     """See `guess_fraction`."""
     undoing: bool = False

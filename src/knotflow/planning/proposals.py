@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.demonstrations import aim, nudge
-from knotflow.planning.branches import ARRANGE, Branch, Node
+from knotflow.planning.branches import ACT, ARRANGE, Branch, Node
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal
 from knotflow.samplers import Sampler, ability
@@ -65,11 +65,13 @@ class Proposals:
             learned = self._sampler.sample
         else:
             learned = self._onward
-        hardly = arranging or branch.node.values[branch.edge] < self._guess_below_value
+        hardly = branch.node.values[branch.edge] < self._guess_below_value
+        again = branch.node.successes[ACT, branch.edge] > 0  # for another shape than came before
         if learned is None or self._aimed(wanted):
             guesses = count
         else:
-            guesses = rng.binomial(count, self._guess_fraction) if hardly else 0
+            mixed = arranging or hardly or again
+            guesses = rng.binomial(count, self._guess_fraction) if mixed else 0
         found = []
         if guesses:
             guess = nudge(points, guesses, rng) if arranging else aim(points, wanted, guesses, rng)
