@@ -14,7 +14,6 @@ CONFIG = ImitationConfig(
     LearnerConfig(learning_rate=5e-3, augmentation=AugmentationConfig(0.0, 0.0)),
     steps=10,
     validations=6,
-    patience=3,
 )
 
 
@@ -54,14 +53,3 @@ def test_an_interrupted_training_ends_with_the_same_weights(primitive_config, tr
     second.load(tmp_path / "checkpoint")
     assert len(list(second)) == CONFIG.validations - 2
     torch.testing.assert_close(weights(second), weights(through), atol=0, rtol=0)
-
-
-def test_training_ends_with_the_weights_that_did_best(primitive_config, trials):
-    training = Imitation([trials], primitive_config, CONFIG, 0)
-    best = {name: np.inf for name in ("actor", "critic")}
-    for metrics in training:
-        for name in best:
-            best[name] = min(best[name], metrics[f"validation_loss_{name}"])
-    last = training._validate()
-    for name, value in best.items():
-        assert last[f"validation_loss_{name}"] == pytest.approx(value)

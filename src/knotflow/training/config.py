@@ -77,11 +77,10 @@ class ImitationConfig:
     steps: int = 25
     """Gradient steps between two validations."""
     validations: int = 40
-    """Most validations."""
-    patience: int = 8
-    """Validations without a better actor or critic after which training ends."""
+    """How many there are, the last one at the end."""
     held_out: float = 0.125
-    """Share of the start shapes that is held out; of the trials, where start shapes are few."""
+    """Share of the start shapes that is held out, to see how the losses are there; of the trials,
+    where start shapes are few."""
 
 
 @dataclass

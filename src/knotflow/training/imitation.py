@@ -1,7 +1,10 @@
 """Imitation: a primitive learns from demonstrations alone (Sec. V-B a and b).
 
 "The replay buffer is initially populated with demonstration data, and this training stage will be
-referred to as imitation learning." It ends when what was held out is predicted no better any more.
+referred to as imitation learning." What is held out is measured and decides nothing: a handful of
+start shapes, by whose losses training would end almost before it began, says little of how often
+splines succeed. On primitive 4, weights of the best held-out losses made C(2,0,1) in 3 % of trials
+and the last ones in 30 %.
 """
 
 from __future__ import annotations
@@ -30,8 +33,7 @@ class Imitation(Resumable):
             training.save(folder)
         primitive = training.primitive
 
-    When the iteration is through, actor and critic each have the weights that did best on what was
-    held out. The same arguments give the same weights on one machine. It may be interrupted after
+    The same arguments give the same weights on one machine. It may be interrupted after
     any item, and goes on from what was saved.
     """
 
@@ -66,17 +68,14 @@ class Imitation(Resumable):
         )
         unseen = demonstration_buffer(list(zip(trials, held, strict=True)), generator)
         self._validation = unseen.sample(len(unseen), unseen.slots)
-        self._best: dict[str, tuple[float, int, dict[str, Any]]] = {}
         self._done = 0
 
     def __iter__(self) -> Iterator[dict[str, float]]:
-        while self._done < self.config.validations and not self._stale():
+        while self._done < self.config.validations:
             self.primitive.train()
             metrics = fit(self.learner, self.config.steps)
             self._done += 1
             yield metrics | self._validate()
-        for name, (_, _, weights) in self._best.items():
-            getattr(self.primitive, name).load_state_dict(weights)
 
     @property
     def steps(self) -> int:
@@ -84,11 +83,10 @@ class Imitation(Resumable):
         return self._done * self.config.steps
 
     def state_dict(self) -> dict[str, Any]:
-        return {"learner": self.learner.state_dict(), "best": self._best, "done": self._done}
+        return {"learner": self.learner.state_dict(), "done": self._done}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         self.learner.load_state_dict(state["learner"])
-        self._best = {name: tuple(best) for name, best in state["best"].items()}
         self._done = state["done"]
 
     @torch.no_grad()
@@ -97,19 +95,7 @@ class Imitation(Resumable):
         for loss in self.learner.losses:
             for key, value in loss(self._validation).items():
                 metrics[f"validation_{key}"] = float(value)
-        for name, module in (("actor", self.primitive.actor), ("critic", self.primitive.critic)):
-            value = metrics.get(f"validation_loss_{name}")
-            if module is None or value is None:
-                continue
-            if name not in self._best or value < self._best[name][0]:
-                weights = {key: one.clone() for key, one in module.state_dict().items()}
-                self._best[name] = (value, self._done, weights)
         return metrics
-
-    def _stale(self) -> bool:
-        """Whether neither network has got better for too long."""
-        last = max((done for _, done, _ in self._best.values()), default=0)
-        return self._done - last >= self.config.patience
 
 
 def _held_out(trials: Trials, share: float, rng: np.random.Generator) -> np.ndarray:
