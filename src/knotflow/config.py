@@ -214,14 +214,11 @@ class PentagramBudget:
     """The sampler that ties them."""
     pulled: PlansBudget = field(default_factory=lambda: PlansBudget(planner=STEADY_SEARCH))
     """Searches from the overhand whose head was pulled out."""
-    tied: PlansBudget = field(
-        default_factory=lambda: PlansBudget(planner=replace(FAST_SEARCH, max_seconds=120.0))
-    )
-    """Searches from overhands as the planner leaves them, with no hand's help."""
     untangled: PlansBudget = field(
         default_factory=lambda: PlansBudget(planner=replace(FAST_SEARCH, max_seconds=120.0))
     )
-    """Searches from a straight rope."""
+    """Searches with no hand's help: from overhands as the planner leaves them, and from a straight
+    rope."""
 
 
 @dataclass

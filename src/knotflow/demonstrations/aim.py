@@ -11,7 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW, clip_splines
-from knotflow.topology import R1, R2, Action, Cross, TopologicalState, Undo, segment_intervals
+from knotflow.topology import (
+    R1,
+    R2,
+    Action,
+    Arrange,
+    Cross,
+    TopologicalState,
+    Undo,
+    segment_intervals,
+)
 
 TIP = 0.15
 """Share of an end segment, counted from the rope's end, in which an end is grasped or covered."""
@@ -25,13 +34,15 @@ def aim(points: NDArray, action: Action, count: int, rng: np.random.Generator) -
 
     Args:
         points: (V, 3) rope vertices, metres.
-        action: legal in the rope's state.
+        action: legal in the rope's state; guesses at arranging are small random moves, see `nudge`.
         count: number of guesses.
         rng: everything random comes from it.
 
     Returns:
         (count, 6) splines in range.
     """
+    if isinstance(action, Arrange):
+        return nudge(points, count, rng)
     segments = segment_intervals(points)
     if isinstance(action, Undo):
         return _drag(points, segments[action.pulled_segment(len(segments))], count, rng)

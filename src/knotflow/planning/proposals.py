@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.demonstrations import aim, nudge
+from knotflow.demonstrations import aim
 from knotflow.planning.branches import ACT, ARRANGE, Branch, Node
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal
@@ -56,28 +56,22 @@ class Proposals:
 
     def _ask(self, branch: Branch, count: int) -> NDArray[np.float64]:
         """Splines (count, 6) for one branch: of the sampler, and of them some that are guessed."""
-        points, rng, wanted = branch.node.points, self._rng, branch.wanted
-        learned: Callable[..., NDArray[np.float64]] | None = None
-        arranging = branch.kind == ARRANGE
-        if arranging:
+        points, rng = branch.node.points, self._rng
+        if branch.kind == ARRANGE:
             learned = self._arrange
-        elif branch.goal in self._goals:
-            learned = self._sampler.sample
         else:
-            learned = self._onward
-        hardly = branch.node.values[branch.edge] < self._guess_below_value
-        again = branch.node.successes[ACT, branch.edge] > 0  # for another shape than came before
-        if learned is None or self._aimed(wanted):
-            guesses = count
-        else:
-            mixed = arranging or hardly or again
+            learned = self._sampler.sample if branch.goal in self._goals else self._onward
+        guesses = count
+        if learned is not None and not self._aimed(branch.wanted):
+            hardly = branch.node.values[branch.edge] < self._guess_below_value
+            again = branch.node.successes[ACT, branch.edge] > 0  # for another shape than before
+            mixed = branch.kind == ARRANGE or hardly or again
             guesses = rng.binomial(count, self._guess_fraction) if mixed else 0
         found = []
         if guesses:
-            guess = nudge(points, guesses, rng) if arranging else aim(points, wanted, guesses, rng)
-            found.append(guess)
+            found.append(aim(points, branch.action, guesses, rng))
         if guesses < count and learned is not None:
-            found.append(learned(points, wanted, count - guesses, rng))
+            found.append(learned(points, branch.wanted, count - guesses, rng))
         return np.concatenate(found)
 
     def _aimed(self, action: Action) -> bool:

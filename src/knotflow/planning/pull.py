@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.demonstrations import aim
-from knotflow.planning.goals import parse_goal
+from knotflow.planning.goals import Goal, parse_goal
 from knotflow.planning.growth import PlannerConfig
 from knotflow.planning.tree import plan_knot
 from knotflow.samplers import Sampler
@@ -112,18 +112,14 @@ class HeadPuller:
 
     def _tie(self) -> NDArray[np.float64]:
         """A tied rope (V, 3)."""
-        plan = plan_knot(
-            straight(self._simulator.config.rope),
+        return tie(
             self._goal,
             self._sampler,
             self._simulator,
             self._rng,
             PlannerConfig(rule="paper", batch=16, failure_discount=0.9),
-            observe=self._observe,
+            self._observe,
         )
-        if not plan.solved:
-            raise RuntimeError(f"the rope could not be tied to have its head pulled: {plan.reason}")
-        return plan.shapes[-1]
 
     def _pulled(self, points: NDArray, state: TopologicalState) -> NDArray[np.float64]:
         """The rope (V, 3) after the best of some random pulls, or as it was if none is any good."""
@@ -138,6 +134,26 @@ class HeadPuller:
         length = self._simulator.config.rope.length
         lengths = np.diff(segment_intervals(points), axis=1).ravel() * length
         return float(lengths[0]) if lengths[1:-1].min() >= self._config.shortest_segment else 0.0
+
+
+def tie(
+    goal: Goal,
+    sampler: Sampler,
+    simulator: RopeSimulator,
+    rng: np.random.Generator,
+    config: PlannerConfig,
+    observe: Observer | None = None,
+) -> NDArray[np.float64]:
+    """A rope (V, 3), metres, that was straight, as a search for the goal leaves it.
+
+    Raises:
+        RuntimeError: the search failed.
+    """
+    start = straight(simulator.config.rope)
+    plan = plan_knot(start, goal, sampler, simulator, rng, config, observe=observe)
+    if not plan.solved:
+        raise RuntimeError(f"no straight rope could be tied to {goal.name}: {plan.reason}")
+    return plan.shapes[-1]
 
 
 def random_pulls(points: NDArray, count: int, rng: np.random.Generator) -> NDArray[np.float64]:

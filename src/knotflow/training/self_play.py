@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from tensordict import TensorDict
 from torch import Tensor
 
-from knotflow.demonstrations import Task, Trials, aim, nudge
+from knotflow.demonstrations import Task, Trials, aim
 from knotflow.primitives.canonical import ALL_PRIMITIVES, ARRANGE, Canonical, canonicalise
 from knotflow.primitives.config import PrimitiveConfig
 from knotflow.primitives.encoding import KINDS, encode_canonical
@@ -51,6 +51,7 @@ from knotflow.simulation import (
 from knotflow.threads import one_thread
 from knotflow.topology import (
     Action,
+    Arrange,
     DegenerateCurveError,
     IllegalActionError,
     TopologicalState,
@@ -305,10 +306,8 @@ class SelfPlay(Resumable):
             splines[rows] = encoded.frames.to_world(network.numpy())[:, 0]
         for row in np.flatnonzero(guessed):
             one = situations[row]
-            guess = (
-                nudge(one.points, 1, rng) if arranging[row] else aim(one.points, one.action, 1, rng)
-            )
-            splines[row], ways[row] = guess[0], GUESS
+            action = Arrange(one.action) if arranging[row] else one.action
+            splines[row], ways[row] = aim(one.points, action, 1, rng)[0], GUESS
         return _Play(situations, values, arranging, splines, ways)
 
     def _remember(

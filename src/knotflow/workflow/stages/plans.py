@@ -24,9 +24,10 @@ from knotflow.planning import (
     parse_rope,
     plan_knot,
 )
+from knotflow.planning.pull import tie
 from knotflow.recording import write_index
 from knotflow.samplers import SamplerConfig, build_sampler
-from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, straight, tangled
+from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, tangled
 from knotflow.topology import TopologicalState
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
@@ -201,21 +202,10 @@ def _start(
         simulator = RopeSimulator(config.simulation)
         return tangled(lambda state: state not in dag, simulator, aim, rng, config.starts)
     if _is_path(case.start):
-        return _tied(case.start, config, inputs, rng)
+        sampler, simulator = build_sampler(config.sampler, inputs), RopeSimulator(config.simulation)
+        planner = PlannerConfig(batch=config.planner.batch)
+        return tie(parse_goal(case.start, config.simulation.rope), sampler, simulator, rng, planner)
     return np.load(inputs[case.start] / START_FILE, allow_pickle=False)
-
-
-def _tied(
-    path: str, config: PlansConfig, inputs: Mapping[str, Path], rng: np.random.Generator
-) -> NDArray[np.float64]:
-    """A rope (V, 3), metres, that a search tied along a path."""
-    rope, sampler = config.simulation.rope, build_sampler(config.sampler, inputs)
-    goal, simulator = parse_goal(path, rope), RopeSimulator(config.simulation)
-    planner = PlannerConfig(batch=config.planner.batch)
-    plan = plan_knot(straight(rope), goal, sampler, simulator, rng, planner)
-    if not plan.solved:
-        raise RuntimeError(f"no rope could be tied to start from: {path}: {plan.reason}")
-    return plan.shapes[-1]
 
 
 def _confirmed(plan: KnotPlan) -> tuple[str, str]:
