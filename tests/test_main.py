@@ -10,6 +10,7 @@ import yaml
 
 from knotflow.__main__ import HOME, PACKAGE, main
 from knotflow.config import register
+from knotflow.overrides import checked
 from knotflow.workflow import code_state
 
 
@@ -38,12 +39,7 @@ def knotflow(*arguments, cwd=None):
         (["+experiment=benchmark", "budget=huge"], "paper"),
         (["+experiment=benchmark", "simulation.rope.lenght=2"], "lenght"),
         (["+experiment=benchmark", "simulation.timestep=fast"], "timestep"),
-        (["+experiment=benchmark", "metrics=paper"], "csv+tensorboard"),
-        (["+experiment=overhand", "sampler=icp"], "without it there are aimed, primitives, random"),
-        (["+experiment=single_stage", "demonstrations.file=nowhere.jsonl"], "nowhere.jsonl"),
-        (["+experiment=benchmark", "workers.backend=dask"], "there are loky, ray"),
         (["+experiment=paper", "knot=pentagram"], "the experiment paper takes nothing of that"),
-        (["+experiment=paper", "experiments=[benchmark,single]"], "single"),
     ],
 )
 def test_errors_name_what_is_wrong_and_what_is_valid(arguments, message, tmp_path):
@@ -53,18 +49,41 @@ def test_errors_name_what_is_wrong_and_what_is_valid(arguments, message, tmp_pat
     assert not list(tmp_path.rglob("*.csv"))
 
 
-def test_a_package_that_is_missing_is_named_without_a_traceback(monkeypatch, tmp_path):
+@pytest.fixture
+def refused(monkeypatch, tmp_path):
+    """Runs the command in this process, which has its imports behind it, and says why it ended."""
+
+    def run(*arguments):
+        monkeypatch.setenv("KNOTFLOW_HOME", str(HOME))
+        register()
+        asked = checked([*arguments, f"results_dir={tmp_path}"], HOME)
+        monkeypatch.setattr("sys.argv", ["knotflow", *asked])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert not list(tmp_path.rglob("*.csv"))
+        return str(ended.value)
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["+experiment=overhand", "sampler=icp"], "without it there are aimed, primitives, random"),
+        (["+experiment=single_stage", "demonstrations.file=nowhere.jsonl"], "nowhere.jsonl"),
+        (["+experiment=benchmark", "metrics=paper"], "csv+tensorboard"),
+        (["+experiment=benchmark", "workers.backend=dask"], "there are loky, ray"),
+        (["+experiment=paper", "experiments=[benchmark,single]"], "single"),
+    ],
+)
+def test_what_only_the_stages_know_to_be_wrong_is_named_as_well(refused, arguments, message):
+    assert message in refused(*arguments)
+
+
+def test_a_package_that_is_missing_is_named_without_a_traceback(monkeypatch, refused):
     monkeypatch.setattr("knotflow.workflow.metrics.importlib.util.find_spec", lambda name: None)
-    monkeypatch.setenv("KNOTFLOW_HOME", str(HOME))
-    monkeypatch.setattr(
-        "sys.argv",
-        ["knotflow", "+experiment=benchmark", "metrics=mlflow", f"results_dir={tmp_path}"],
-    )
-    register()
-    with pytest.raises(
-        SystemExit, match="'mlflow' need the package mlflow, which is not installed"
-    ):
-        main()
+    said = refused("+experiment=benchmark", "metrics=mlflow")
+    assert "'mlflow' need the package mlflow, which is not installed" in said
 
 
 def test_version_is_ours(tmp_path):

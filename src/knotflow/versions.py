@@ -13,7 +13,7 @@ VERSIONS = {
     "baselines": 1,
     "baselines.causal_infogan": 1,
     "primitives": 2,
-    "training": 3,
+    "training": 4,
     "planning": 3,
     "perception": 2,
     "execution": 2,

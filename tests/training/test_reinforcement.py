@@ -25,7 +25,7 @@ CONFIG = ReinforcementConfig(
     ropes=3,
     splines=2,
     steps=2,
-    decay_steps=2,
+    settle_steps=2,
 )
 
 

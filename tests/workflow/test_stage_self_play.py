@@ -38,7 +38,7 @@ CONFIG = room.SelfPlayStageConfig(
     simulation=SIMULATION,
     training=SelfPlayConfig(
         LearnerConfig(demonstration_trials=4, rollout_ropes=8, rollout_trials=1),
-        rounds=3, ropes=12, memory=4, steps=1, decay_steps=1, population=8, capacity=100,
+        rounds=3, ropes=12, memory=4, steps=1, settle_steps=1, population=8, capacity=100,
         refreshed=4,
     ),
     seed=40,

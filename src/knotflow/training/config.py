@@ -26,6 +26,8 @@ class LearnerConfig:
     """Of AdamW."""
     weight_decay: float = 1e-3
     """Of AdamW."""
+    settling_boost: float = 1.0
+    """Factor on the learning rate of a critic that begins anew."""
     gradient_norm: float = 5.0
     """Gradients are clipped to this norm."""
     failure_weight: float = 0.0
@@ -98,20 +100,25 @@ class ReinforcementConfig:
     few."""
     splines: int = 2
     """Splines tried on each."""
-    steps: int = 60
+    steps: int = 40
     """Gradient steps in a round."""
     recycled_share: float = 0.3
     """Share of the start shapes that earlier attempts left behind, see `shapes`."""
     recycled_capacity: int = 1000
     """How many of those are kept for each start state."""
-    decay_steps: int = 1000
-    """Gradient steps after the last round, in which the learning rate falls evenly to 0: what the
-    attempts tell is more than the few steps of a round take in."""
+    settle_every: int = 20
+    """Rounds after which the critic begins anew and the learning rate falls to 0, as both do after
+    the last,"""
+    settle_steps: int = 1000
+    """over so many gradient steps: what the attempts tell is more than the few steps of a round
+    take in."""
 
 
 def _gentle() -> LearnerConfig:
     # Large steps would unlearn what took long to learn; every trial is one of its own rope.
-    return LearnerConfig(learning_rate=5e-4, rollout_ropes=256, rollout_trials=1)
+    return LearnerConfig(
+        learning_rate=5e-4, settling_boost=4.0, rollout_ropes=256, rollout_trials=1
+    )
 
 
 @dataclass
@@ -127,7 +134,7 @@ class SelfPlayConfig:
     are the first ones of more."""
     most_crossings: int = 4
     """Of the states that are played from and to."""
-    rounds: int = 250
+    rounds: int = 150
     """Rounds of trials and gradient steps."""
     ropes: int = 384
     """Trials in a round, each on a rope of its own."""
@@ -152,7 +159,7 @@ class SelfPlayConfig:
     """Weight of such trials on the actor: they are mostly unlike what it should propose."""
     shapes: int = 128
     """Rope shapes that are remembered of each state."""
-    capacity: int = 15000
+    capacity: int = 30000
     """Trials that stay in each primitive's replay buffer, the newest."""
     memory: int = 4000
     """Attempts of independent training that it begins with, the newest, for each action."""
@@ -160,11 +167,14 @@ class SelfPlayConfig:
     """Splines among which the best value of a shape is sought."""
     refreshed: int = 256
     """Stored trials of each primitive whose next value is worked out anew in a round."""
-    steps: int = 16
+    steps: int = 8
     """Gradient steps of each primitive in a round,"""
-    new_steps: int = 32
+    new_steps: int = 16
     """and of one without demonstrations, which has everything to learn,"""
-    successes_per_step: int = 12
+    successes_per_step: int = 4
     """but at most one for so many successes in its replay buffer, lest it learn a few by heart."""
-    decay_steps: int = 1000
-    """Gradient steps after the last round, in which the learning rate falls evenly to 0."""
+    settle_every: int = 50
+    """Rounds after which the critics begin anew and the learning rates fall to 0, as both do after
+    the last,"""
+    settle_steps: int = 1000
+    """over so many gradient steps."""

@@ -21,7 +21,7 @@ from knotflow.simulation import Attempts, RopeSimulator, StartsConfig, is_roomy
 from knotflow.training.buffer import TrialBuffer
 from knotflow.training.config import ReinforcementConfig
 from knotflow.training.exploration import POLICY, SPREAD, explore
-from knotflow.training.fitting import fit
+from knotflow.training.fitting import fit, settles
 from knotflow.training.learner import Learner, demonstration_buffer
 from knotflow.training.resumable import Resumable
 from knotflow.training.shapes import StartPool
@@ -105,8 +105,8 @@ class Reinforcement(Resumable):
             attempts, metrics = self._attempt()
             metrics |= fit(self.learner, self.config.steps)
             self._done += 1
-            if self._done == self.config.rounds:
-                fit(self.learner, self.config.decay_steps, decaying=True)
+            if settles(self._done, self.config.settle_every, self.config.rounds):
+                fit(self.learner, self.config.settle_steps, settling=True)
             yield Round(self._done - 1, metrics, attempts)
 
     def state_dict(self) -> dict[str, Any]:

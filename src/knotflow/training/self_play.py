@@ -62,7 +62,7 @@ from knotflow.training.buffer import TransitionBuffer
 from knotflow.training.config import SelfPlayConfig
 from knotflow.training.curriculum import Curriculum, need, outcomes
 from knotflow.training.exploration import POLICY, explore
-from knotflow.training.fitting import fit_each
+from knotflow.training.fitting import fit_each, settles
 from knotflow.training.learner import Learner, demonstration_buffer
 from knotflow.training.resumable import Resumable
 from knotflow.training.shapes import ShapeMemory, transformed
@@ -186,8 +186,8 @@ class SelfPlay(Resumable):
             for number, losses in self._fit(config.steps, config.new_steps).items():
                 metrics[number] |= losses
             self._done += 1
-            if self._done == config.rounds:
-                self._fit(config.decay_steps, config.decay_steps, decaying=True)
+            if settles(self._done, config.settle_every, config.rounds):
+                self._fit(config.settle_steps, config.settle_steps, settling=True)
             yield SelfPlayRound(self._done - 1, metrics)
 
     @property
@@ -490,7 +490,7 @@ class SelfPlay(Resumable):
         return best_values(primitive, states, self.config.population, self._rng)
 
     def _fit(
-        self, steps: int, new_steps: int, decaying: bool = False
+        self, steps: int, new_steps: int, settling: bool = False
     ) -> dict[int, dict[str, float]]:
         """Gradient steps of all primitives; without demonstrations, as many as successes allow."""
         buffers, each = self._buffers, self.config.successes_per_step
@@ -501,7 +501,7 @@ class SelfPlay(Resumable):
             for number, learner in self._learners.items()
         }
         ready = {number: learner for number, learner in self._learners.items() if most[number]}
-        return fit_each(ready, most, decaying)
+        return fit_each(ready, most, settling)
 
     def _measure(
         self, play: _Play, after: NDArray, ends: Sequence[TopologicalState | None]
