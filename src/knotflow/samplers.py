@@ -33,7 +33,7 @@ class Sampler(Protocol):
     """Proposes splines; all that planning, evaluation and training know of a method.
 
     `sample` is enough. A method that can do more has further methods, which a search looks up with
-    `ability` and does without where they are missing: those of `Foresight`, `Valuer` and
+    `ability` and does without where they are missing: those of `Foresight`, `Valuer`, `Judge` and
     `Arranger`.
     """
 
@@ -61,6 +61,14 @@ class Valuer(Protocol):
         self, points: NDArray, actions: Sequence[Action], rng: np.random.Generator
     ) -> NDArray[np.float64]:
         """(S,) probability that its best spline succeeds, for ropes (S, V, 3), an action each."""
+        ...
+
+
+class Judge(Protocol):
+    """Tells how well splines that others propose do an action."""
+
+    def judged(self, points: NDArray, action: Action, splines: NDArray) -> NDArray[np.float64]:
+        """(N,) probability that each of N splines (N, 6) succeeds on a rope (V, 3)."""
         ...
 
 

@@ -14,7 +14,7 @@ VERSIONS = {
     "baselines.causal_infogan": 1,
     "primitives": 2,
     "training": 4,
-    "planning": 3,
+    "planning": 4,
     "perception": 2,
     "execution": 2,
 }

@@ -11,6 +11,12 @@ from knotflow.demonstrations.dataset import (
     save_demonstrations,
 )
 from knotflow.demonstrations.noise import NoiseConfig, noisy_copies
+from knotflow.demonstrations.prediction import (
+    aim_predicted,
+    followed,
+    nudge_predicted,
+    predicted_states,
+)
 from knotflow.demonstrations.scripted import DemonstratorConfig, Scored, demonstrate, succeed
 from knotflow.demonstrations.tasks import TASKS, Task, task, task_at
 from knotflow.demonstrations.trials import Trials, load_trials
@@ -28,12 +34,16 @@ __all__ = [
     "add_demonstration",
     "aim",
     "aim_anywhere",
+    "aim_predicted",
     "demonstrate",
+    "followed",
     "load_demonstrations",
     "load_trials",
     "merge_demonstrations",
     "noisy_copies",
     "nudge",
+    "nudge_predicted",
+    "predicted_states",
     "save_demonstrations",
     "succeed",
     "task",

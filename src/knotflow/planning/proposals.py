@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Sequence
+from functools import partial
 from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.demonstrations import aim
+from knotflow.demonstrations import aim, aim_predicted, nudge_predicted
 from knotflow.planning.branches import ACT, ARRANGE, Branch, Node
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal
@@ -33,6 +34,7 @@ class Proposals:
         foresight = config.onward and config.rule != "paper"
         self._onward = (foresight and ability(sampler, "sample_onward")) or sampler.sample
         self._arrange = ability(sampler, "arrange")
+        self._judged = ability(sampler, "judged")
         self._undoes = "undo" not in getattr(sampler, "lacks", ())
         # The paper's rule takes a critic into account only where its value bias is set.
         paper = config.rule == "paper"
@@ -69,10 +71,26 @@ class Proposals:
             guesses = rng.binomial(count, self._guess_fraction) if mixed else 0
         found = []
         if guesses:
-            found.append(aim(points, branch.action, guesses, rng))
+            found.append(self._guess(branch, guesses))
         if guesses < count and learned is not None:
             found.append(learned(points, branch.wanted, count - guesses, rng))
         return np.concatenate(found)
+
+    def _guess(self, branch: Branch, count: int) -> NDArray[np.float64]:
+        """Guesses (count, 6), the best of many as far as the sampler can tell."""
+        points, action, rng = branch.node.points, branch.wanted, self._rng
+        blind = self._aimed(action)
+        if branch.kind == ARRANGE:
+            if self._values is None or blind:
+                return aim(points, branch.action, count, rng)
+            return nudge_predicted(points, count, rng, partial(self._worth, action))
+        judged = None if self._judged is None or blind else partial(self._judged, points, action)
+        return aim_predicted(points, action, count, rng, judged)
+
+    def _worth(self, action: Action, shapes: NDArray) -> NDArray[np.float64]:
+        """Value (N,) of shapes (N, V, 3) for an action."""
+        assert self._values is not None
+        return self._values(shapes, [action] * len(shapes), self._rng)
 
     def _aimed(self, action: Action) -> bool:
         """Whether the action is an undoing that the sampler does not know."""

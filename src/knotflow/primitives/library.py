@@ -152,7 +152,7 @@ class PrimitiveLibrary:
         """
         missing = set()
         if any(primitive.critic is None for primitive in self.primitives.values()):
-            missing |= {"values"}
+            missing |= {"values", "judged"}
         if ARRANGE not in self.primitives:
             missing |= {"sample_onward", "arrange", "arranged_values"}
         if UNDO not in self.primitives:
@@ -195,6 +195,17 @@ class PrimitiveLibrary:
         found, best = self.primitives[number].search(encoded, count, rng)
         values = np.full(count, np.nan) if best is None else best[0].double().numpy()
         return encoded.frames.to_world(found.numpy())[0], values
+
+    @one_thread()
+    def judged(self, points: NDArray, action: Action, splines: NDArray) -> NDArray[np.float64]:
+        """The critic's probability (N,) that splines (N, 6) do an action on a rope (V, 3).
+
+        Raises:
+            ValueError: the primitive has no critic, or there is none for the action.
+        """
+        ropes = np.asarray(points)[None]
+        ((number, _, encoded),) = self._encoded(ropes, [action], arranging=False)
+        return self.primitives[number].judged(encoded, np.asarray(splines)[None])[0]
 
     def value(self, points: NDArray, action: Action, rng: np.random.Generator) -> float:
         """max Q: the critic's probability that the best spline found succeeds (Sec. V-B c).

@@ -57,6 +57,17 @@ class Primitive(nn.Module):
         )
         return found.reshape(ropes, count, SPLINE), best.exp().reshape(ropes, count)
 
+    @torch.no_grad()
+    def judged(self, encoded: Encoded, splines: NDArray) -> NDArray[np.float64]:
+        """Probabilities (S, N) of success, of splines (S, N, 6) of the world on S ropes.
+
+        Raises:
+            ValueError: there is no critic.
+        """
+        network = torch.from_numpy(encoded.frames.to_network(splines)).float()
+        values: NDArray[np.float64] = self.scorer(encoded.states, 1)(network).exp().double().numpy()
+        return values
+
     def gaussian(self, encoded: Encoded) -> tuple[Tensor, Tensor]:
         """Mean (S, 6) and Cholesky factor (S, 6, 6) of the actor, or of the wide Gaussian."""
         if self.actor is not None:

@@ -18,8 +18,9 @@ What is learned from a trial:
   this stays unbiased, trials that could have ended there, but did not, are its failures.
 
 Where the critic sees hardly a way, the policy's splines are all alike and all wrong: there a share
-of the splines are a demonstrator's guesses. What the primitives knew before stays in the replay
-buffers: demonstrations, and the attempts of independent training.
+of the splines are a demonstrator's guesses, those that a follow-the-leader rope and the critic
+think best of many. What the primitives knew before stays in the replay buffers: demonstrations, and
+the attempts of independent training.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -35,7 +37,7 @@ from numpy.typing import NDArray
 from tensordict import TensorDict
 from torch import Tensor
 
-from knotflow.demonstrations import Task, Trials, aim
+from knotflow.demonstrations import Task, Trials, aim_predicted, nudge_predicted
 from knotflow.primitives.canonical import ALL_PRIMITIVES, ARRANGE, Canonical, canonicalise
 from knotflow.primitives.config import PrimitiveConfig
 from knotflow.primitives.encoding import KINDS, encode_canonical
@@ -51,7 +53,6 @@ from knotflow.simulation import (
 from knotflow.threads import one_thread
 from knotflow.topology import (
     Action,
-    Arrange,
     DegenerateCurveError,
     IllegalActionError,
     TopologicalState,
@@ -305,10 +306,21 @@ class SelfPlay(Resumable):
             )  # fmt: skip
             splines[rows] = encoded.frames.to_world(network.numpy())[:, 0]
         for row in np.flatnonzero(guessed):
-            one = situations[row]
-            action = Arrange(one.action) if arranging[row] else one.action
-            splines[row], ways[row] = aim(one.points, action, 1, rng)[0], GUESS
+            splines[row], ways[row] = self._guess(situations[row], bool(arranging[row])), GUESS
         return _Play(situations, values, arranging, splines, ways)
+
+    def _guess(self, situation: _Situation, arranging: bool) -> NDArray[np.float64]:
+        """A spline (6,) that nobody learned, the best of many as far as can be told."""
+        points, action = situation.points, situation.action
+        if arranging:
+            worth = partial(self._worth, action)
+            return nudge_predicted(points, 1, self._rng, worth)[0]
+        judged = partial(self.library.judged, points, action)
+        return aim_predicted(points, action, 1, self._rng, judged)[0]
+
+    def _worth(self, action: Action, shapes: NDArray) -> NDArray[np.float64]:
+        """Value (N,) of shapes (N, V, 3) for an action."""
+        return self._values([canonicalise(shape, action) for shape in shapes])
 
     def _remember(
         self,
