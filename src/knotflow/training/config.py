@@ -134,7 +134,7 @@ class SelfPlayConfig:
     are the first ones of more."""
     most_crossings: int = 4
     """Of the states that are played from and to."""
-    rounds: int = 150
+    rounds: int = 100
     """Rounds of trials and gradient steps."""
     ropes: int = 384
     """Trials in a round, each on a rope of its own."""
