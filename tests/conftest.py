@@ -1,9 +1,16 @@
 """What tests of several rooms share."""
 
+import sys
+from subprocess import CompletedProcess
+
 import numpy as np
 import pytest
+from hydra.core.singleton import Singleton
 from joblib.externals.loky import get_reusable_executor
 
+from knotflow.__main__ import HOME, main
+from knotflow.config import register
+from knotflow.overrides import OverrideError, checked
 from knotflow.simulation import RopeSimulator, SimulationConfig
 
 
@@ -29,3 +36,29 @@ def no_worker_outlives_the_tests():
 @pytest.fixture
 def rng():
     return np.random.default_rng(7)
+
+
+@pytest.fixture
+def command(monkeypatch, capfd):
+    """`python -m knotflow` with arguments, in this process, which has its imports behind it."""
+
+    def run(*arguments, results):
+        hydra = Singleton.get_state()
+        monkeypatch.setenv("KNOTFLOW_HOME", str(HOME))
+        register()
+        capfd.readouterr()
+        code, why = 0, ""
+        try:
+            asked = checked([*map(str, arguments), f"results_dir={results}"], HOME)
+            monkeypatch.setattr(sys, "argv", ["knotflow", *asked])
+            main()
+        except SystemExit as end:
+            code, why = (end.code, "") if isinstance(end.code, int) else (1, str(end.code))
+        except OverrideError as error:
+            code, why = 1, f"error: {error}"
+        finally:
+            Singleton.set_state(hydra)
+        out, err = capfd.readouterr()
+        return CompletedProcess(arguments, code, out, err + why)
+
+    return run

@@ -8,9 +8,7 @@ import sys
 import pytest
 import yaml
 
-from knotflow.__main__ import HOME, PACKAGE, main
-from knotflow.config import register
-from knotflow.overrides import checked
+from knotflow.__main__ import HOME, PACKAGE
 from knotflow.workflow import code_state
 
 
@@ -49,23 +47,6 @@ def test_errors_name_what_is_wrong_and_what_is_valid(arguments, message, tmp_pat
     assert not list(tmp_path.rglob("*.csv"))
 
 
-@pytest.fixture
-def refused(monkeypatch, tmp_path):
-    """Runs the command in this process, which has its imports behind it, and says why it ended."""
-
-    def run(*arguments):
-        monkeypatch.setenv("KNOTFLOW_HOME", str(HOME))
-        register()
-        asked = checked([*arguments, f"results_dir={tmp_path}"], HOME)
-        monkeypatch.setattr("sys.argv", ["knotflow", *asked])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        assert not list(tmp_path.rglob("*.csv"))
-        return str(ended.value)
-
-    return run
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -76,14 +57,20 @@ def refused(monkeypatch, tmp_path):
         (["+experiment=paper", "experiments=[benchmark,single]"], "single"),
     ],
 )
-def test_what_only_the_stages_know_to_be_wrong_is_named_as_well(refused, arguments, message):
-    assert message in refused(*arguments)
+def test_what_only_the_stages_know_to_be_wrong_is_named_as_well(
+    command, arguments, message, tmp_path
+):
+    refused = command(*arguments, results=tmp_path)
+    assert refused.returncode != 0
+    assert message in refused.stderr
+    assert not list(tmp_path.rglob("*.csv"))
 
 
-def test_a_package_that_is_missing_is_named_without_a_traceback(monkeypatch, refused):
+def test_a_package_that_is_missing_is_named_without_a_traceback(monkeypatch, command, tmp_path):
     monkeypatch.setattr("knotflow.workflow.metrics.importlib.util.find_spec", lambda name: None)
-    said = refused("+experiment=benchmark", "metrics=mlflow")
-    assert "'mlflow' need the package mlflow, which is not installed" in said
+    refused = command("+experiment=benchmark", "metrics=mlflow", results=tmp_path)
+    assert "'mlflow' need the package mlflow, which is not installed" in refused.stderr
+    assert "Traceback" not in refused.stderr
 
 
 def test_version_is_ours(tmp_path):
@@ -112,13 +99,13 @@ def test_the_paper_is_all_experiments():
 
 
 @pytest.mark.slow
-def test_several_experiments_run_with_the_same_overrides_and_go_on(tmp_path):
+def test_several_experiments_run_with_the_same_overrides_and_go_on(command, tmp_path):
     asked = [
         *("+experiment=paper", "experiments=[benchmark,demonstrator]", "budget=smoke"),
         *("benchmark.rollouts=2", "demonstrator.starts_per_task=0", "demonstrator.guesses=16"),
         *("demonstrator.iterations=1", "demonstrator.least_share=0", "workers.jobs=1"),
     ]
-    done = knotflow(*asked, f"results_dir={tmp_path}")
+    done = command(*asked, results=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     told = [line.split()[:2] for line in done.stdout.splitlines()[-3:]]
     assert told == [["benchmark", "2"], ["demonstrator", "1"], ["together", "3"]]
@@ -131,6 +118,6 @@ def test_several_experiments_run_with_the_same_overrides_and_go_on(tmp_path):
     assert config["stages"]["demonstrator"]["config"]["demonstrator"]["guesses"] == 16
     assert sorted(path.name for path in tmp_path.iterdir()) == [*records, "stages"]
     before = {name: path.read_bytes() for name, path in records.items()}
-    again = knotflow(*asked, f"results_dir={tmp_path}")
+    again = command(*asked, results=tmp_path)
     assert again.returncode == 0, again.stderr
     assert {name: path.read_bytes() for name, path in records.items()} == before

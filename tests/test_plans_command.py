@@ -1,10 +1,8 @@
 """The command that plans one knot, as a newcomer types it."""
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pandas as pd
@@ -18,21 +16,13 @@ from knotflow.planning import KnotPlan
 from knotflow.workflow import Workflow
 
 
-def knotflow(*arguments, results):
-    return subprocess.run(
-        [sys.executable, "-m", "knotflow", *arguments, f"results_dir={results}"],
-        capture_output=True,
-        text=True,
-        timeout=600,
-    )
-
-
-def plan(*arguments, **where):
-    return knotflow("+experiment=overhand", "sampler=aimed", *arguments, **where)
+@pytest.fixture
+def plan(command):
+    return partial(command, "+experiment=overhand", "sampler=aimed")
 
 
 @pytest.mark.slow
-def test_a_plan_is_told_written_and_told_again(tmp_path):
+def test_a_plan_is_told_written_and_told_again(plan, tmp_path):
     points = np.zeros((25, 3))
     points[:, 0] = np.linspace(-0.5, 0.5, 25)
     np.save(tmp_path / "measured.npy", points)
@@ -59,7 +49,7 @@ def test_a_plan_is_told_written_and_told_again(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_failed_search_says_so_and_a_bad_rope_is_named(tmp_path):
+def test_a_failed_search_says_so_and_a_bad_rope_is_named(plan, tmp_path):
     failed = plan("knot=pentagram", "planner.max_branches=2", results=tmp_path)
     assert failed.returncode == 1
     assert "pentagram: NOT tied (2 branches were simulated" in failed.stdout
@@ -80,8 +70,8 @@ def test_a_failed_search_says_so_and_a_bad_rope_is_named(tmp_path):
 
 
 @pytest.mark.slow
-def test_what_to_plan_is_refused_where_nothing_is_planned(tmp_path):
-    done = knotflow("+experiment=benchmark", "seed=3", results=tmp_path)
+def test_what_to_plan_is_refused_where_nothing_is_planned(command, tmp_path):
+    done = command("+experiment=benchmark", "seed=3", results=tmp_path)
     assert done.returncode != 0
     assert "'seed=3' says what to plan, but the experiment benchmark takes nothing" in done.stderr
     assert not list(tmp_path.rglob("*.csv"))
@@ -118,12 +108,12 @@ def test_files_of_one_name_and_other_points_have_folders_of_their_own(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_plan_of_another_search_takes_no_place(tmp_path):
+def test_a_plan_of_another_search_takes_no_place(command, tmp_path):
     (tmp_path / "overhand").mkdir()
     (tmp_path / "overhand" / "config.yaml").write_text(
         (HOME / "results" / "overhand" / "config.yaml").read_text("utf-8")
     )
-    done = knotflow(
+    done = command(
         "+experiment=overhand", "sampler=random", "planner.max_seconds=1", results=tmp_path
     )
     assert done.returncode == 1
