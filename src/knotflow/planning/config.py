@@ -25,8 +25,9 @@ class PlannerConfig:
     guess_fraction: float = 0.5
     """Share of the splines that are guesses: aimed ones where the sampler's critic gives an action
     less than `guess_below_value`, since there a policy's are all alike and all wrong, and where it
-    succeeded from the same shape before, so that another shape comes of it; small random moves
-    where the rope is arranged. By the paper's rule none is."""
+    succeeded from the same shape before, so that another shape comes of it; small moves where the
+    rope is arranged. Of many that are cheaply predicted the best are tried
+    (`demonstrations.prediction`). By the paper's rule none is a guess."""
     guess_below_value: float = 0.3
     """See `guess_fraction`."""
     undoing: bool = False

@@ -152,7 +152,7 @@ class SelfPlayConfig:
     guess_below_value: float = 0.3
     """Where the best value that the critic sees is below this, or the rope is to be arranged,"""
     guess_fraction: float = 0.5
-    """this share of the splines are guesses."""
+    """this share of the splines are guesses, the best of many that are cheaply predicted."""
     hindsight: bool = True
     """Whether trials count for other actions than the one that was meant."""
     hindsight_pull: float = 0.2
