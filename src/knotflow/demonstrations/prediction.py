@@ -17,7 +17,14 @@ from numpy.typing import NDArray
 
 from knotflow.demonstrations.aim import aim, nudge
 from knotflow.simulation import control_points, spline_basis, state_or_none
-from knotflow.topology import Action, InvalidStateError, TopologicalState, project
+from knotflow.topology import (
+    Action,
+    DegenerateCurveError,
+    InvalidStateError,
+    TopologicalState,
+    project,
+)
+from knotflow.topology.polyline import planar_crossings
 
 STEPS = 12
 """Steps in which a spline is followed; more of them predict no better."""
@@ -48,7 +55,7 @@ def followed(points: NDArray, splines: NDArray) -> NDArray[np.float64]:
         shape[:, :, 2] = np.maximum(shape[:, :, 2] - FALL, floor)
         shape[rows, grasped] = path[:, step]
         for side in (1, -1):
-            leader = path[:, step]
+            leader = path[:, step].copy()
             for away in range(1, vertices):
                 follower = grasped + side * away
                 there = rows[(follower >= 0) & (follower < vertices)]
@@ -56,7 +63,6 @@ def followed(points: NDArray, splines: NDArray) -> NDArray[np.float64]:
                     break
                 apart = shape[there, follower[there]] - leader[there]
                 length = np.maximum(np.linalg.norm(apart, axis=1, keepdims=True), 1e-9)
-                leader = leader.copy()
                 leader[there] += apart * (link / length)
                 shape[there, follower[there]] = leader[there]
     return shape
@@ -100,9 +106,7 @@ def aim_predicted(
     guesses = aim(points, action, GUESSES * count, rng)
     goal = project(points).state.apply(action)
     promising = np.flatnonzero([state == goal for state in predicted_states(points, guesses)])
-    if worth is not None and len(promising):
-        promising = promising[np.argsort(-worth(guesses[promising]), kind="stable")]
-    return _chosen(guesses, promising, count, rng)
+    return _chosen(guesses, promising, guesses, worth, count, rng)
 
 
 def nudge_predicted(
@@ -119,44 +123,48 @@ def nudge_predicted(
     # What lies on what is not followed: a strand that hardly moves keeps its height.
     shapes[..., 2] = points[:, 2]
     kept = np.flatnonzero([state_or_none(shape) == state for shape in shapes])
-    if len(kept):
-        kept = kept[np.argsort(-worth(shapes[kept]), kind="stable")]
-    return _chosen(moves, kept, count, rng)
+    return _chosen(moves, kept, shapes, worth, count, rng)
 
 
 def _chosen(
-    splines: NDArray, best: NDArray, count: int, rng: np.random.Generator
+    splines: NDArray,
+    good: NDArray,
+    judged: NDArray,
+    worth: Callable[[NDArray], NDArray] | None,
+    count: int,
+    rng: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """Of splines (N, 6) the first of the `best` rows, about a quarter others, `count` in all."""
-    first = best[: count - rng.binomial(count, 0.25)]
-    others = np.setdiff1d(np.arange(len(splines)), first)
-    others = np.concatenate([np.setdiff1d(others, best), np.intersect1d(others, best)])
-    return splines[np.concatenate([first, others[: count - len(first)]])]
+    """Of splines (N, 6) those of the `good` rows that are of most worth, as far as can be told of
+    what is `judged` (N, ...), and about a quarter others: (count, 6)."""
+    if worth is not None and len(good):
+        good = good[np.argsort(-worth(judged[good]), kind="stable")]
+    first = count - rng.binomial(count, 0.25)
+    others = np.setdiff1d(np.arange(len(splines)), good)
+    rows = np.concatenate([good[:first], others, np.sort(good[first:])])
+    return splines[rows[:count]]
 
 
 def _state(xy: NDArray, moved: NDArray, known: NDArray) -> TopologicalState | None:
     """The state of a predicted shape (V, 2), whose vertices moved so far (V,)."""
-    links = len(xy) - 1
-    along = np.diff(xy, axis=0)
-    first, second = np.triu_indices(links, SHORTEST_LOOP)
-    between = xy[second] - xy[first]
-    turn = _cross(along[first], along[second])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        on_first = _cross(between, along[second]) / turn
-        on_second = _cross(between, along[first]) / turn
-    meet = np.flatnonzero((on_first >= 0) & (on_first < 1) & (on_second >= 0) & (on_second < 1))
+    try:
+        met = planar_crossings(xy)
+    except DegenerateCurveError:  # an end that just touches a strand
+        return None
+    meet = np.flatnonzero(met.second - met.first >= SHORTEST_LOOP)
     if len(meet) > MOST_CROSSINGS:
         return None
-    places = np.stack([first[meet] + on_first[meet], second[meet] + on_second[meet]], 1) / links
+    first, second = met.first[meet], met.second[meet]
+    places = np.stack([first + met.first_along[meet], second + met.second_along[meet]], 1)
+    places /= len(xy) - 1
     ranks = np.empty(places.size, np.intp)
     ranks[np.argsort(places, axis=None)] = np.arange(1, places.size + 1)
-    first_over = moved[first[meet]] > moved[second[meet]]
+    first_over = moved[first] > moved[second]
     if len(known):
         apart = np.abs(places[:, None] - known[None, :, :2]).sum(2)  # (c, known)
         nearest = apart.argmin(1)
         same = apart[np.arange(len(meet)), nearest] < SAME_CROSSING
         first_over = np.where(same, known[nearest, 2] > 0, first_over)
-    signs = np.where(first_over, 1, -1) * np.where(turn[meet] > 0, 1, -1)
+    signs = np.where(first_over, 1, -1) * met.turn[meet].astype(int)
     try:
         return TopologicalState.from_crossings(
             (one, other, sign) if over else (other, one, sign)
@@ -166,8 +174,3 @@ def _state(xy: NDArray, moved: NDArray, known: NDArray) -> TopologicalState | No
         )
     except InvalidStateError:  # strands that are passed through
         return None
-
-
-def _cross(one: NDArray, other: NDArray) -> NDArray:
-    crossed: NDArray = one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
-    return crossed

@@ -33,8 +33,8 @@ class Imitation(Resumable):
             training.save(folder)
         primitive = training.primitive
 
-    The same arguments give the same weights on one machine. It may be interrupted after
-    any item, and goes on from what was saved.
+    The same arguments give the same weights on one machine. It may be interrupted after any item,
+    and goes on from what was saved.
     """
 
     def __init__(
