@@ -74,8 +74,8 @@ def prepare(request: Request) -> Tying:
     """Read a request.
 
     Raises:
-        ValueError: an unknown knot; a rope that cannot be used, is tied already, or lies in a
-            state from which no actions lead to the knot. See `planning.parse_goal`, `parse_rope`.
+        ValueError: an unknown knot; a rope that cannot be used or is tied already. See
+            `planning.parse_goal`, `parse_rope`.
     """
     from knotflow.topology import TopologicalState
 
@@ -84,7 +84,7 @@ def prepare(request: Request) -> Tying:
     rng = np.random.default_rng([request.seed, 0])
     points = parse_rope(request.rope, simulation.rope, rng, unit=request.rope_unit)
     state = TopologicalState.from_curve(points)
-    if goal.dag.distance(state) == 0:
+    if state in goal.states:
         raise ValueError(
             f"there is nothing to plan: the rope {request.rope!r} lies in the state {state}, "
             f"which is {request.knot} already"

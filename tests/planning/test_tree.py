@@ -189,15 +189,18 @@ def test_an_end_in_the_state_of_another_edge_is_kept_as_that(world, shape_of):
     assert not tried.success or tried.action == done
 
 
-def test_with_undoing_a_rope_in_any_state_has_a_plan(world, shape_of):
+@pytest.mark.parametrize("settings", [{}, {"undoing": True}, {"rule": "paper", "undoing": True}])
+def test_a_rope_in_any_state_has_a_plan(world, shape_of, settings):
     goal = Goal.named("overhand")
-    start = TopologicalState.trivial().apply(parse_action("R2(0,0,1,1)"))
-    points = shape_of(start)
-    with pytest.raises(UnreachableGoalError):
-        search(goal, world(), start=points)
-    plan = search(goal, world(), start=points, undoing=True, batch=4)
+    points = shape_of(TopologicalState.trivial().apply(parse_action("R2(0,0,1,1)")))
+    plan = search(goal, world(), start=points, batch=4, **settings)
     assert plan.solved and plan.states[-1] in goal.states
     assert isinstance(plan.actions[0], Undo)
+
+
+def test_the_papers_search_refuses_a_rope_outside_the_dag(world, shape_of):
+    with pytest.raises(UnreachableGoalError, match="only add crossings"):
+        search(Goal.named("unknot"), world(), start=shape_of(OVERHAND), rule="paper")
 
 
 def test_seconds_end_a_search(world, path_goal):
@@ -224,11 +227,6 @@ def test_a_tied_rope_needs_no_branch(world, shape_of):
     plan = search(Goal.named("overhand"), world(), start=shape_of(OVERHAND))
     assert (plan.solved, plan.branches, plan.steps) == (True, 0, ())
     assert "already" in plan.reason
-
-
-def test_a_rope_tangled_otherwise_is_refused(world, shape_of):
-    with pytest.raises(UnreachableGoalError, match="only add crossings"):
-        search(Goal.named("unknot"), world(), start=shape_of(OVERHAND))
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from knotflow.samplers import SamplerConfig
 from knotflow.simulation import SimulationConfig
 from knotflow.topology import TopologicalState, segment_intervals
 from knotflow.workflow import StageContext
-from knotflow.workflow.stages import overhand, plans, plans_tables
+from knotflow.workflow.stages import overhand, plans, plans_checks, plans_tables
 from knotflow.workflow.stages.plans import PlanCase, PlansConfig, make_plans, read_searches
 from knotflow.workflow.stages.plans_pull import PULL, PlansPullConfig, make_pulled
 from knotflow.workflow.stages.plans_shown import (
@@ -219,6 +219,26 @@ def test_a_large_dag_is_drawn_as_one_path(planned, monkeypatch):
     one = shown.shown_dag(failed)
     assert len(one) <= len(full)
     assert all(len(one.edges_from(state)) <= 1 for state in one.graph)
+
+
+def test_what_is_drawn_of_a_rope_outside_the_dag(planned):
+    table = read_searches(planned / "searches.csv")
+    plan = plan_of(planned, table[table["solved"]]["plan"].iloc[0])
+    goal, stray = plan.states[-1], TopologicalState.parse("1o4+2o3-")
+    failed = replace(plan, solved=False, steps=(), goal_states=(goal,), start_state=stray)
+    drawn = shown.shown_dag(failed)
+    assert stray in drawn
+    assert drawn.goals == {goal}
+
+
+def test_the_steps_of_plans_are_simulated_again(planned, tmp_path):
+    config = plans_checks.PlansChecksConfig(SIMULATION)
+    plans_checks.check(config, {"loops": planned}, StageContext(tmp_path))
+    table = pd.read_csv(tmp_path / "checks.csv")
+    solved = read_searches(planned / "searches.csv").query("solved")
+    assert len(table) == sum(len(plan_of(planned, name).steps) for name in solved["plan"])
+    assert table["reproduced"].all()
+    assert set(table["searches"]) == {"loops"}
 
 
 def test_a_head_is_pulled_out_and_the_knot_stays(tmp_path):

@@ -10,6 +10,7 @@ from .plan_file import PlanFormatError
 from .rope_file import RopeInputError
 from .ropes import ROPE_NAMES, lay_down, parse_rope, read_rope
 from .search_graph import SearchGraph
+from .soundness import StepCheck, check_steps
 from .tree import TreeSearch, plan_knot
 from .waypoints import GripperConfig, Waypoints
 
@@ -29,11 +30,13 @@ __all__ = [
     "SearchGraph",
     "SearchUpdate",
     "SolutionDag",
+    "StepCheck",
     "TreeSearch",
     "Tried",
     "UnreachableGoalError",
     "Waypoints",
     "attempt_arranged",
+    "check_steps",
     "confirm",
     "expected_type",
     "find_passages",

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from knotflow.planning.dag import SolutionDag
 from knotflow.planning.plan import KnotPlan
+from knotflow.planning.search_graph import SearchGraph
 from knotflow.simulation import Attempts, RopeSimulator, SimulationConfig, attempt
 
 RECORD_RATE = 50.0
@@ -49,11 +50,14 @@ def shown_dag(plan: KnotPlan) -> SolutionDag:
     """
     goals = [plan.states[-1]] if plan.solved else plan.goal_states
     ways = (SolutionDag.to(goal) for goal in goals)
-    dag = next(dag for dag in ways if plan.start_state in dag).after(plan.start_state)
-    if len(dag) <= DRAWN_STATES:
-        return dag
+    dag = next((dag for dag in ways if plan.start_state in dag), None)
+    if dag is None and not plan.steps:  # a rope whose crossings were to be undone first
+        dag = SearchGraph(SolutionDag.to(*goals), plan.start_state)
+    if dag is not None and len(after := dag.after(plan.start_state)) <= DRAWN_STATES:
+        return after
     if plan.steps:
         return SolutionDag.along(plan.actions, plan.start_state)
+    assert dag is not None
     actions, state = [], plan.start_state
     while state not in dag.goals:
         action, state = min(dag.edges_from(state), key=lambda edge: dag.distance(edge[1]))

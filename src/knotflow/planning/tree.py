@@ -86,9 +86,10 @@ class TreeSearch:
         self.config, self.observe = config or PlannerConfig(), observe
         points = check_points(points, simulator.config.rope)
         state = TopologicalState.from_curve(points)
-        self._dag = SearchGraph(goal.dag, state) if self.config.undoing else goal.dag
-        self._proposals = Proposals(sampler, goal, self.config, rng)
         self._paper = self.config.rule == "paper"
+        undoing = self.config.undoing or not (self._paper or state in goal.dag)
+        self._dag = SearchGraph(goal.dag, state) if undoing else goal.dag
+        self._proposals = Proposals(sampler, goal, self.config, rng)
         self._rule: Rule = (
             PaperRule(self.config, rng) if self._paper else PosteriorRule(self.config, self._dag)
         )
@@ -292,8 +293,8 @@ def plan_knot(
     The same rng gives the same plan for the same batch size, unless `max_seconds` ends it.
 
     Args:
-        points: (V, 3) the rope at rest, metres; its state may be any of the goal's solution DAG,
-            or any at all where the configuration allows undoing.
+        points: (V, 3) the rope at rest, metres, in any state. From one outside the goal's solution
+            DAG, crossings are undone first; the paper's rule does so only if `undoing` is set.
         goal: what to tie.
         sampler: proposes splines.
         simulator: executes them.

@@ -1,0 +1,52 @@
+"""Whether a plan's steps can be relied on: simulated again, by frame and at half the time step.
+
+A state is read when the rope is at rest, so a strand that slipped through another one on the way
+would go unnoticed; and what hangs by the time step is an accident of the simulation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from knotflow.planning.passing import StrandPassage, find_passages
+from knotflow.planning.plan_step import PlanStep
+from knotflow.simulation import RopeSimulator, SimulationConfig, end_states
+
+AT_ONCE = 64
+"""Steps that are simulated together; all their frames are kept meanwhile."""
+
+
+@dataclass(frozen=True)
+class StepCheck:
+    """What became of a step that was simulated again from the shape it began with.
+
+    Attributes:
+        passages: strands that passed through others on the way.
+        reproduced: it reached its state again, at the same time step.
+        steady: it reached its state at half the time step, too.
+    """
+
+    passages: tuple[StrandPassage, ...]
+    reproduced: bool
+    steady: bool
+
+
+def check_steps(steps: Sequence[PlanStep], simulation: SimulationConfig) -> list[StepCheck]:
+    """Simulate steps again: `simulation`, with every time step recorded, and with half of it."""
+    every = RopeSimulator(replace(simulation, record_rate=1.0 / simulation.timestep))
+    finer = RopeSimulator(replace(simulation, timestep=simulation.timestep / 2))
+    checks = []
+    for first in range(0, len(steps), AT_ONCE):
+        some = steps[first : first + AT_ONCE]
+        starts = np.stack([step.start for step in some])
+        splines = np.stack([step.spline for step in some])
+        rollouts = every.execute(starts, splines)
+        ends = end_states(rollouts), end_states(finer.execute(starts, splines))
+        for step, trajectory, again, halved in zip(some, rollouts.trajectory, *ends, strict=True):
+            passages = tuple(find_passages(trajectory))
+            reached = again == step.end_state, halved == step.end_state
+            checks.append(StepCheck(passages, *reached))
+    return checks
