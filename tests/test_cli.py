@@ -200,6 +200,34 @@ def test_a_rope_that_is_seen_can_be_planned_from(here, capsys, monkeypatch):
     assert main(words) == 2 and "exists already" in capsys.readouterr().err
 
 
+def test_the_next_action_is_planned_from_an_image_unless_it_is_in_doubt(
+    searches, here, capsys, monkeypatch
+):
+    from knotflow.perception import SAMPLE, RopeEstimate, seeing
+    from knotflow.simulation import RopeConfig, state_or_none, straight
+
+    points = straight(RopeConfig())
+    spread = np.full(len(points), 1e-3)
+    sure = RopeEstimate(points, spread > 0, state_or_none(points), (), 1.0, spread, True, ())
+    files = [str(SAMPLE / name) for name in ("overhand.png", "overhand-depth.png", "camera.yaml")]
+    words = ["next", LOOP, "--image", *files[:2], "--camera", files[2]]
+    monkeypatch.setattr(seeing, "estimate", lambda *_, **__: sure)
+    assert main(words) == 0
+    assert "the rope must then read 2o1+" in capsys.readouterr().out
+    monkeypatch.setattr(seeing, "estimate", lambda *_, **__: replace(sure, doubts=("hidden",)))
+    assert main(words) == 1
+    assert "in doubt" in capsys.readouterr().out
+    assert len(searches) == 1
+
+
+@pytest.mark.parametrize(
+    "words", [[], ["--rope", "arc", "--image", "a.png", "b.png"], ["--image", "a.png", "b.png"]]
+)
+def test_next_takes_a_rope_or_an_image_with_its_camera(words, capsys):
+    assert main(["next", LOOP, *words]) == 2
+    assert "either --rope, or --image" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [

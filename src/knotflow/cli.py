@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import re
 import sys
+import tempfile
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -114,8 +115,10 @@ def next_step(
     knot: str,
     /,
     *,
-    rope: Rope,
+    rope: Rope | None = None,
     rope_unit: Unit | None = None,
+    image: tuple[Path, Path] | None = None,
+    camera: Path | None = None,
     out: Path | None = None,
     seed: int = 0,
     max_seconds: float = 60.0,
@@ -128,6 +131,10 @@ def next_step(
         As in `knotflow plan`.
     rope_unit
         Of the numbers in the rope's file; the one in its header, such as "x [mm]", or metres.
+    image
+        Colours and depth, in place of a rope: as in `knotflow see`.
+    camera
+        Of the image: as in `knotflow see`.
     out
         CSV for the gripper's waypoints of this action alone.
     seed
@@ -140,9 +147,24 @@ def next_step(
     from knotflow import tie
     from knotflow.topology.words import describe
 
-    task = tie.prepare(tie.Request(knot, rope, rope_unit, seed, max_seconds))
     if out is not None:
         _check_free(out)
+    if (rope is None) == (image is None) or (image is None) != (camera is None):
+        raise ValueError("next takes either --rope, or --image COLOURS DEPTH with --camera")
+    if image is not None and camera is not None:
+        from knotflow.perception import seeing
+
+        seen, *_ = seeing.see(*image, camera)
+        print(seeing.describe(seen))
+        if seen.doubtful:
+            print("nothing is planned for a rope in doubt: lay its crossings apart, look again")
+            return 1
+        with tempfile.TemporaryDirectory() as folder:
+            seeing.write_rope(measured := Path(folder) / "seen.csv", seen.points)
+            task = tie.prepare(tie.Request(knot, str(measured), None, seed, max_seconds))
+    else:
+        assert rope is not None
+        task = tie.prepare(tie.Request(knot, rope, rope_unit, seed, max_seconds))
     found, _ = tie.search(task)
     if not found.solved:
         print(found.summary())
