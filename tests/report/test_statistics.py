@@ -8,39 +8,18 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from knotflow.intervals import wilson
 from knotflow.report.statistics import (
     bootstrap,
     clustered_rate,
     clustered_ratio,
     mean_difference,
     rate_ratio,
-    wilson,
 )
 
 
 def ratio(successes, trials, base_successes, base_trials):
     return rate_ratio(wilson(successes, trials), wilson(base_successes, base_trials))
-
-
-@pytest.mark.parametrize(("successes", "trials"), [(0, 400), (14, 400), (200, 400), (3, 7), (1, 1)])
-def test_wilson_is_mirror_symmetric(successes, trials):
-    one, other = wilson(successes, trials), wilson(trials - successes, trials)
-    assert one.estimate == pytest.approx(1 - other.estimate)
-    assert one.low == pytest.approx(1 - other.high)
-    assert 0 <= one.low <= one.estimate <= one.high <= 1
-
-
-def test_wilson_limits_solve_the_score_equation():
-    interval, z = wilson(14, 400), stats.norm.ppf(0.975)
-    for limit in (interval.low, interval.high):
-        score = (14 / 400 - limit) / math.sqrt(limit * (1 - limit) / 400)
-        assert abs(score) == pytest.approx(z)
-
-
-@pytest.mark.parametrize(("successes", "trials"), [(1, 0), (5, 4), (-1, 4)])
-def test_wilson_refuses_what_is_no_rate(successes, trials):
-    with pytest.raises(ValueError, match="is no rate"):
-        wilson(successes, trials)
 
 
 @pytest.mark.parametrize("counts", [(30, 100, 10, 100), (399, 400, 3, 400), (5, 20, 7, 300)])

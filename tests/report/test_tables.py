@@ -6,8 +6,8 @@ import math
 
 import pytest
 
+from knotflow.intervals import Interval
 from knotflow.report import tables
-from knotflow.report.statistics import Interval
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from knotflow.drawing.rope import draw_rope
+from knotflow.intervals import Interval, wilson
 from knotflow.report.claims import Claim, Judgement, NotMeasured, Verdict
 from knotflow.report.paper import SINGLE_STAGE
 from knotflow.report.results import (
@@ -27,7 +28,7 @@ from knotflow.report.results import (
     refuse,
 )
 from knotflow.report.section import Pictures, Section
-from knotflow.report.statistics import Interval, bootstrap, wilson
+from knotflow.report.statistics import bootstrap
 from knotflow.report.style import INK, MUTED, WIDTH, Picture, bare_axis, new_figure, render, styled
 from knotflow.report.tables import markdown_table, number, percent
 

@@ -6,9 +6,10 @@ from typing import Any
 
 import pandas as pd
 
+from knotflow.intervals import wilson
 from knotflow.report.results import AMOUNT, COUNT, FLAG, NOTE, TEXT, Column, Results, refuse
 from knotflow.report.section import Pictures, Section
-from knotflow.report.statistics import mean_difference, wilson
+from knotflow.report.statistics import mean_difference
 from knotflow.report.style import INK, Picture, bare_axis, new_figure, render, styled
 from knotflow.report.tables import NOTHING, duration, estimate, listed, markdown_table, percent
 

@@ -7,11 +7,11 @@ from typing import Any
 import pandas as pd
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator, PercentFormatter
 
+from knotflow.intervals import Interval, wilson
 from knotflow.report.learning import COLOURS
 from knotflow.report.results import AMOUNT, COUNT, FLAG, NOTE, TEXT, Results, refuse
 from knotflow.report.searches import FOUND, confirmation
 from knotflow.report.section import Pictures, Section
-from knotflow.report.statistics import Interval, wilson
 from knotflow.report.style import MUTED, Picture, bare_axis, new_figure, render, styled
 from knotflow.report.tables import NOTHING, duration, markdown_table, percent
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from knotflow.intervals import wilson
 from knotflow.report.results import AT_LEAST_ONE, COUNT, TEXT, Column, Results, refuse
 from knotflow.report.searches import confirmation, read_searches
 from knotflow.report.section import Pictures, Section
-from knotflow.report.statistics import wilson
 from knotflow.report.tables import NOTHING, duration, markdown_table, percent
 
 EXPERIMENT = "knots"

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 from matplotlib.ticker import PercentFormatter
 
+from knotflow.intervals import Interval, wilson
 from knotflow.report.claims import NotMeasured
 from knotflow.report.paper import ACTIONS, PRIMITIVES, Method, in_order
 from knotflow.report.results import (
@@ -21,7 +22,7 @@ from knotflow.report.results import (
     ResultsError,
     refuse,
 )
-from knotflow.report.statistics import Interval, clustered_rate, clustered_ratio, rate_ratio, wilson
+from knotflow.report.statistics import clustered_rate, clustered_ratio, rate_ratio
 from knotflow.report.style import INK, MUTED, Picture, bare_axis, new_figure, render, styled
 from knotflow.report.tables import NOTHING, listed, markdown_table, percent, times
 

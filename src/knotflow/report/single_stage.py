@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from knotflow.intervals import Interval, wilson
 from knotflow.report.claims import Claim, Judgement, NotMeasured, Verdict, of_two
 from knotflow.report.learning import imitation, read_curves, reinforcement
 from knotflow.report.paper import (
@@ -31,7 +32,6 @@ from knotflow.report.rates import (
 )
 from knotflow.report.results import COUNT, TEXT, Results
 from knotflow.report.section import Pictures, Section
-from knotflow.report.statistics import Interval, wilson
 from knotflow.report.tables import listed, markdown_table, percent, times
 from knotflow.report.timing import cost
 

@@ -8,49 +8,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
 
-LEVEL = 0.95
+from knotflow.intervals import LEVEL, Interval, wilson
+
 RESAMPLES = 9_999
 # One fixed seed: the report has to be the same bytes each time it is made from the same results.
 BOOTSTRAP_SEED = 0
-
-
-@dataclass(frozen=True)
-class Interval:
-    """An estimate and its confidence limits, which are None where the data allow none."""
-
-    estimate: float
-    low: float | None
-    high: float | None
-
-    def lies_above(self, value: float) -> bool:
-        """Whether the whole interval lies above `value`."""
-        return self.low is not None and self.low > value
-
-    def reaches(self, value: float) -> bool:
-        """Whether `value` or more is compatible with the data."""
-        return (self.estimate if self.high is None else self.high) >= value
-
-
-def wilson(successes: int, trials: int, level: float = LEVEL) -> Interval:
-    """Wilson score interval of a success rate.
-
-    Raises:
-        ValueError: no trials, or successes outside 0..trials.
-    """
-    if trials < 1 or not 0 <= successes <= trials:
-        raise ValueError(
-            f"{successes} successes in {trials} trials is no rate; "
-            "needs trials >= 1 and 0 <= successes <= trials"
-        )
-    limits = stats.binomtest(successes, trials).proportion_ci(level, method="wilson")
-    return Interval(successes / trials, float(limits.low), float(limits.high))
 
 
 def clustered_rate(successes: ArrayLike, trials: ArrayLike, level: float = LEVEL) -> Interval:

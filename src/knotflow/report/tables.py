@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from knotflow.report.statistics import Interval
+from knotflow.intervals import Interval
 
 #: Where nothing was measured.
 NOTHING = "–"

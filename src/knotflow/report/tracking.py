@@ -6,9 +6,10 @@ from typing import Any
 
 import pandas as pd
 
+from knotflow.intervals import wilson
 from knotflow.report.results import AMOUNT, COUNT, FLAG, SHARE, TEXT, Results
 from knotflow.report.section import Pictures, Section
-from knotflow.report.statistics import bootstrap, mean_difference, wilson
+from knotflow.report.statistics import bootstrap, mean_difference
 from knotflow.report.style import Picture, bare_axis, new_figure, render, styled
 from knotflow.report.tables import NOTHING, estimate, markdown_table, percent
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from knotflow.intervals import wilson
 from knotflow.primitives import SHIPPED_PRIMITIVES
-from knotflow.report.statistics import wilson
 from knotflow.samplers import Sampler, SamplerConfig, build_sampler
 from knotflow.tasks.evaluation import COLUMNS, evaluate
 from knotflow.tasks.public import public_tasks

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.stats import binomtest
+
+from knotflow.intervals import rate_columns
 
 PANEL_WAY_POINTS = 6
 
@@ -70,12 +71,4 @@ def compare(plans: pd.DataFrame, outcomes: Mapping[str, pd.DataFrame]) -> pd.Dat
                 rows.append((method, goal, *_SAMPLER, starts, len(own), hits))
     columns = ["method", "goal", "given", "returns", "success", "starts", "trials", "successes"]
     table = pd.DataFrame(rows, columns=columns)
-    limits = [
-        binomtest(int(hits), int(trials)).proportion_ci(0.95, method="wilson")
-        for hits, trials in zip(table["successes"], table["trials"], strict=True)
-    ]
-    return table.assign(
-        success_rate=table["successes"] / table["trials"],
-        ci_low=[limit.low for limit in limits],
-        ci_high=[limit.high for limit in limits],
-    )
+    return table.assign(**rate_columns(table["successes"], table["trials"]))

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
-from scipy.stats import binomtest
 
+from knotflow.intervals import wilson
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.plans import SEARCHES, read_searches
@@ -53,17 +53,16 @@ def count(config: PlansSuccessConfig, inputs: Mapping[str, Path], context: Stage
     searches = read_searches(inputs["plans"] / SEARCHES)
     for (goal, start), own in searches.groupby(["goal", "start"], sort=False):
         tied = own[own["solved"]]
-        rate = binomtest(len(tied), len(own))
-        limits = rate.proportion_ci(0.95, method="wilson")
+        rate = wilson(len(tied), len(own))
         rows.append(
             {
                 "goal": goal,
                 "start": start,
                 "searches": len(own),
                 "tied": len(tied),
-                "success_rate": rate.statistic,
-                "ci_low": limits.low,
-                "ci_high": limits.high,
+                "success_rate": rate.estimate,
+                "ci_low": rate.low,
+                "ci_high": rate.high,
                 "branches_median": tied["branches"].median() if len(tied) else "",
                 "seconds_median": tied["seconds"].median() if len(tied) else "",
                 "confirmed": int((tied["confirmed"] == "yes").sum()),

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
-from scipy.stats import binomtest
 
+from knotflow.intervals import rate_columns
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 
@@ -30,13 +30,7 @@ def tabulate(config: SuccessRatesConfig, inputs: Mapping[str, Path], context: St
     ]
     outcomes = pd.concat(tables)
     rates = _count(outcomes, ["method", "action"])
-    rates["success_rate"] = rates["successes"] / rates["trials"]
-    limits = [
-        binomtest(int(hits), int(trials)).proportion_ci(0.95, method="wilson")
-        for hits, trials in zip(rates["successes"], rates["trials"], strict=True)
-    ]
-    rates["ci_low"] = [limit.low for limit in limits]
-    rates["ci_high"] = [limit.high for limit in limits]
+    rates = rates.assign(**rate_columns(rates["successes"], rates["trials"]))
     with context.atomic("success_rates.csv") as path:
         rates.to_csv(path, index=False, float_format="%.6g")
     with context.atomic("per_start.csv") as path:
