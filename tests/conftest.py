@@ -39,6 +39,17 @@ def rng():
 
 
 @pytest.fixture
+def two_threads():
+    """PyTorch on two threads, so that it is seen who computes on one and puts the two back."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture
 def command(monkeypatch, capfd):
     """`python -m knotflow` with arguments, in this process, which has its imports behind it."""
 

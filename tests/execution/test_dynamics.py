@@ -7,8 +7,8 @@ import torch
 from knotflow.demonstrations import load_demonstrations
 from knotflow.execution import (
     FREE,
-    Foresight,
     LstmDynamics,
+    ModelPrediction,
     Motions,
     MujocoDynamics,
     Still,
@@ -154,6 +154,15 @@ def test_a_saved_model_predicts_the_same(tmp_path, rng):
     torch.testing.assert_close(again.predict(*arguments), model.predict(*arguments))
 
 
+@pytest.mark.usefixtures("two_threads")
+def test_the_learned_rope_is_predicted_on_one_thread(rng):
+    model, points, threads = LstmDynamics.load(), ropes(rng), []
+    model.register_forward_hook(lambda *_: threads.append(torch.get_num_threads()))
+    model.predict(points, torch.zeros_like(points), torch.full((3,), 4), drag(points, 4, steps=2))
+    assert threads == [1, 1]
+    assert torch.get_num_threads() == 2
+
+
 class Carried:
     """Every vertex goes where the held link goes."""
 
@@ -167,12 +176,12 @@ class Carried:
 def test_a_tracker_is_told_where_the_rope_is_when_the_image_is_taken(seconds, rng):
     points = random_curve(RopeConfig(), rng)
     gripper = points[8:10].mean(axis=0) + [0.02, -0.01, 0.03]
-    ahead = Foresight(Carried())(points, np.zeros_like(points), seconds, gripper, 8)
+    ahead = ModelPrediction(Carried())(points, np.zeros_like(points), seconds, gripper, 8)
     np.testing.assert_allclose(ahead, points + [0.02, -0.01, 0.03], atol=1e-6)
-    free = Foresight(Carried())(points, np.zeros_like(points), seconds, None, None)
+    free = ModelPrediction(Carried())(points, np.zeros_like(points), seconds, None, None)
     np.testing.assert_allclose(free, points, atol=1e-6)
 
 
 def test_at_the_same_moment_a_rope_is_where_it_is(rng):
     points = random_curve(RopeConfig(), rng)
-    assert np.array_equal(Foresight(Carried())(points, points, 0.0, points[3], 3), points)
+    assert np.array_equal(ModelPrediction(Carried())(points, points, 0.0, points[3], 3), points)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import torch
 
 from knotflow.execution import Mppi, MppiConfig, Still
 
@@ -61,6 +62,21 @@ def test_an_action_stays_within_its_bound_and_above_the_table():
     planned = reference[1, LINK] - reference[0, LINK]
     assert np.abs((there - centre - planned)[:2]).max() <= 0.004 + 1e-6
     assert there[2] >= config.table
+
+
+@pytest.mark.usefixtures("two_threads")
+def test_moves_are_chosen_on_one_thread(monkeypatch):
+    threads, predict = set(), Rigid.predict
+
+    def counted(*arguments):
+        threads.add(torch.get_num_threads())
+        return predict(*arguments)
+
+    monkeypatch.setattr(Rigid, "predict", counted)
+    controller, points, _ = begin(MppiConfig())
+    controller.act(points, np.zeros_like(points), points[LINK])
+    assert threads == {1}
+    assert torch.get_num_threads() == 2
 
 
 def test_where_actions_change_nothing_the_planned_path_is_kept():

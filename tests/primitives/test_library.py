@@ -129,6 +129,7 @@ def test_the_value_is_the_probability_of_the_best_spline(library, ropes):
     assert 0 < value < 1
 
 
+@pytest.mark.usefixtures("two_threads")
 def test_it_computes_on_one_thread_and_leaves_the_number_as_it_was(library, ropes, monkeypatch):
     threads = []
     for primitive in library.primitives.values():
@@ -139,12 +140,7 @@ def test_it_computes_on_one_thread_and_leaves_the_number_as_it_was(library, rope
             return search(*arguments)
 
         monkeypatch.setattr(primitive, "search", counted)
-    before = torch.get_num_threads()
-    torch.set_num_threads(2)
-    try:
-        library.sample(ropes["loop"], ACTION, 2, np.random.default_rng(0))
-        library.value(ropes["loop"], ACTION, np.random.default_rng(0))
-        assert threads == [1, 1]
-        assert torch.get_num_threads() == 2
-    finally:
-        torch.set_num_threads(before)
+    library.sample(ropes["loop"], ACTION, 2, np.random.default_rng(0))
+    library.value(ropes["loop"], ACTION, np.random.default_rng(0))
+    assert threads == [1, 1]
+    assert torch.get_num_threads() == 2

@@ -20,6 +20,7 @@ def test_tracks_have_a_row_a_method_and_image(tmp_path, monkeypatch):
     config = TrackingConfig(
         simulation=SimulationConfig(record_rate=2.5, threads=1),
         tracker=TrackerConfig(estimate=quick),
+        digest="shipped",
         levels=[1],
         rollouts=1,
         weights=str(SHIPPED_DYNAMICS),

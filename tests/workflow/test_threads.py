@@ -5,13 +5,7 @@ import torch
 
 from knotflow.threads import one_thread
 
-
-@pytest.fixture(autouse=True)
-def _two_threads():
-    before = torch.get_num_threads()
-    torch.set_num_threads(2)
-    yield
-    torch.set_num_threads(before)
+pytestmark = pytest.mark.usefixtures("two_threads")
 
 
 def test_the_number_of_threads_is_put_back_even_after_an_error():

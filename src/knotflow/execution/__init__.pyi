@@ -1,5 +1,5 @@
 from .arm import Arm, ArmError, Base, load_arm
-from .dynamics import Foresight, MujocoDynamics, RopeDynamics, Still
+from .dynamics import ModelPrediction, MujocoDynamics, RopeDynamics, Still
 from .errors import STEPS, predict_motions, prediction_errors
 from .execute import Execution, Replan, StepOutcome, execute
 from .export import Export, export_plan
@@ -37,11 +37,11 @@ __all__ = [
     "Execution",
     "ExecutionConfig",
     "Export",
-    "Foresight",
     "JointTrajectory",
     "Look",
     "LstmConfig",
     "LstmDynamics",
+    "ModelPrediction",
     "Motions",
     "Mppi",
     "MppiConfig",

@@ -168,7 +168,7 @@ class MujocoDynamics:
         return solved
 
 
-class Foresight:
+class ModelPrediction:
     """A model as the prediction of a `perception.Tracker`: where the rope will be when the next
     image is taken. Between two steps of the model the rope moves evenly."""
 

@@ -19,6 +19,7 @@ from torch import Tensor, nn
 from knotflow.execution.dynamics import grasped_at_each_step
 from knotflow.execution.rope_motions import FREE, STEP
 from knotflow.execution.training_config import SHIPPED_DYNAMICS, LstmConfig
+from knotflow.threads import one_thread
 
 
 class LstmDynamics(nn.Module):
@@ -64,6 +65,7 @@ class LstmDynamics(nn.Module):
         moved = moved + out[..., 4:] * velocities * STEP
         return self._with_links(points + moved @ turn.transpose(1, 2))
 
+    @one_thread()
     def predict(
         self, points: Tensor, velocities: Tensor, grasped: Tensor, gripper: Tensor
     ) -> Tensor:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.execution.rope_motions import STEP
+from knotflow.threads import one_thread
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -86,6 +87,7 @@ class Mppi:
             kernel=RBFKernel(config.horizon / config.knots),
         )
 
+    @one_thread()
     def act(self, points: NDArray, velocities: NDArray, gripper: NDArray) -> NDArray:
         """See `Controller`."""
         import torch

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from knotflow.execution.dynamics import Foresight, MujocoDynamics
+from knotflow.execution.dynamics import ModelPrediction, MujocoDynamics
 from knotflow.execution.execute import Execution, Replan, execute
 from knotflow.execution.follow import Controller, ExecutionConfig
 from knotflow.execution.sight import Estimated, Look, RopeSource, Tracked
@@ -102,9 +102,9 @@ def try_plan(
         if control.tracks:
             from knotflow.perception import Tracker
 
-            foresight = Foresight(MujocoDynamics(simulator))
+            prediction = ModelPrediction(MujocoDynamics(simulator))
             tracker = Tracker(
-                camera, simulator.rope, plan.start, predict=foresight, network=network
+                camera, simulator.rope, plan.start, predict=prediction, network=network
             )
             source = Tracked(tracker)
     if control.tracks:

@@ -38,7 +38,7 @@ Floats = NDArray[np.float64]
 Predict = Callable[[Floats, Floats, float, Floats | None, int | None], Floats]
 """Where a rope (V, 3), metres, with velocities (V, 3), metres a second, will be some seconds later,
 when the gripper, which holds the link of that index, will be at a place (3,), such as
-`execution.Foresight`; both are None where it holds nothing."""
+`execution.ModelPrediction`; both are None where it holds nothing."""
 
 _UNIT = 0.01  # metres, by which distances from the prediction are measured
 
@@ -217,8 +217,8 @@ class Tracker:
         found = self._alone(image, predicted)
         if found is None or found.explained <= share:
             return None
-        told = "the track was lost, and the rope estimated anew"
-        found = replace(found, doubts=(told, *found.doubts))
+        doubt = "the track was lost, and the rope estimated anew"
+        found = replace(found, doubts=(doubt, *found.doubts))
         self._take(found)
         return found
 

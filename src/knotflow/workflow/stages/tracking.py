@@ -20,7 +20,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from knotflow.demonstrations import SHIPPED, TASKS, load_demonstrations
-from knotflow.execution import ERRORS, Foresight, LstmDynamics, MujocoDynamics
+from knotflow.execution import ERRORS, LstmDynamics, ModelPrediction, MujocoDynamics
 from knotflow.perception import (
     Appearance,
     Camera,
@@ -64,8 +64,10 @@ class TrackingConfig:
 
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     """The simulator, around whose rope ropes are drawn; its record rate is the camera's."""
-    demonstrations: str = str(SHIPPED)
-    """Starts and splines of the rollouts."""
+    demonstrations: str = runtime(str(SHIPPED))
+    """Starts and splines of the rollouts; what counts is `digest`."""
+    digest: str
+    """Of that file."""
     noise: CameraNoiseConfig = field(default_factory=CameraNoiseConfig)
     """Of the camera, nominal at every level."""
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
@@ -115,12 +117,12 @@ def _track(config: TrackingConfig, shown: str, context: StageContext, name: str)
     camera, believed = Camera.overhead(), config.simulation.rope
     followers = {
         "rendering": None,
-        "rendering_lstm": Foresight(LstmDynamics.load(Path(config.weights))),
-        TRACKER: Foresight(MujocoDynamics(replace(config.simulation, threads=1))),
+        "rendering_lstm": ModelPrediction(LstmDynamics.load(Path(config.weights))),
+        TRACKER: ModelPrediction(MujocoDynamics(replace(config.simulation, threads=1))),
     }
     makers: dict[str, Callable[[], Tracker | PointDriftTracker]] = {
-        method: partial(Tracker, camera, believed, truth[0], config.tracker, foresight)
-        for method, foresight in followers.items()
+        method: partial(Tracker, camera, believed, truth[0], config.tracker, prediction)
+        for method, prediction in followers.items()
     } | {
         "point_drift": lambda: PointDriftTracker(camera, believed, truth[0], config.drift),
         "point_drift_predicted": lambda: PointDriftTracker(
