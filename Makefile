@@ -37,7 +37,7 @@ check: $(VENV)/.installed
 	$(BIN)/ruff format --check src tests
 	$(BIN)/mypy
 
-report: $(VENV)/.installed  ## reports/ again from results/ alone
+report: $(VENV)/.installed  ## reports/ reproduced from results/ alone
 	$(BIN)/python -m knotflow.report
 
 benchmark: $(VENV)/.installed

@@ -58,12 +58,12 @@ def _experiment(config: DictConfig) -> Experiment:
     return Experiment(config.results_name, workflow, Path(config.results_dir), config.overwrite)
 
 
-def _tell(outcome: Path) -> None:
+def _tell(file: Path) -> None:
     """Print what an experiment has to say, where it has; exit with 1 if it did not succeed."""
-    if outcome.is_file():
-        told = json.loads(outcome.read_text("utf-8"))
-        print(f"\n{told['text']}")
-        if not told["success"]:
+    if file.is_file():
+        outcome = json.loads(file.read_text("utf-8"))
+        print(f"\n{outcome['text']}")
+        if not outcome["success"]:
             sys.exit(1)
 
 

@@ -71,9 +71,9 @@ def describe(found: RopeEstimate) -> str:
             f"{'over' if one.first_over else 'under'} {second:.0%}, axes {1e3 * one.gap:.0f} mm "
             f"apart, {one.certainty:.0%} certain"
         )
-    told = "told from the tail" if found.head_known else "not known: both ends look alike"
+    ends = "told from the tail" if found.head_known else "not known: both ends look alike"
     lines += [
-        f"head      {told}",
+        f"head      {ends}",
         f"seen      {found.seen.mean():.0%} of the vertices, "
         f"known to {1e3 * float(np.median(found.spread)):.1f} mm (median)",
         f"image     the shape accounts for {found.explained:.0%} of the rope in it",

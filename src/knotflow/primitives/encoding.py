@@ -152,20 +152,21 @@ def encode(
 
 def encode_canonical(ropes: Sequence[Canonical], arranging: bool = False) -> Encoded:
     """Encode ropes that were brought to the learned counterpart; see `encode`."""
-    seen = [_look(rope, arranging) for rope in ropes]
+    looks = [_look(rope, arranging) for rope in ropes]
+    streams, origin, axis, grasp = (np.stack(part) for part in zip(*looks, strict=True))
     frames = Frames(
-        origin=np.stack([one[1] for one in seen]),
-        axis=np.stack([one[2] for one in seen]),
-        grasp=np.stack([one[3] for one in seen]),
+        origin=origin,
+        axis=axis,
+        grasp=grasp,
         mirror=np.array([rope.symmetry.mirror for rope in ropes]),
         reverse=np.array([rope.symmetry.reverse for rope in ropes]),
     )
     states = TensorDict(
         {
-            "streams": torch.from_numpy(np.stack([one[0] for one in seen]).astype(np.float32)),
+            "streams": torch.from_numpy(streams.astype(np.float32)),
             "grasp": torch.from_numpy(frames.grasp.astype(np.float32)),
         },
-        batch_size=[len(seen)],
+        batch_size=[len(ropes)],
     )
     if arranging:
         kind = torch.zeros(len(ropes), KINDS)

@@ -1,7 +1,7 @@
 """The table of all rollouts in a folder, kept beside them as ``index.parquet``.
 
-The index is a by-product: it can always be rebuilt from the recordings, and is made again
-for those that have changed since. It reads only facts, never trajectories.
+The index is a by-product: it can always be rebuilt from the recordings, and is
+reproduced for those that have changed since. It reads only facts, never trajectories.
 """
 
 from __future__ import annotations

@@ -58,9 +58,9 @@ class Trainer:
     def advance(self, steps: int) -> dict[str, float]:
         """Take gradient steps; means of the losses over them."""
         self.model.train()
-        told = [self._update() for _ in range(steps)]
+        losses = [self._update() for _ in range(steps)]
         self.step += steps
-        return {name: float(np.mean([one[name] for one in told])) for name in told[0]}
+        return {name: float(np.mean([one[name] for one in losses])) for name in losses[0]}
 
     def state_dict(self) -> dict[str, Any]:
         """Everything needed to go on, exactly as if never interrupted."""

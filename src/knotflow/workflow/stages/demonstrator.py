@@ -103,10 +103,10 @@ def _shapes(start: int, one: Demonstrated, rope: RopeConfig) -> pd.DataFrame:
     shown = one.demonstration
     controls = control_points(shown.points, shown.spline, rope.radius)
     head = {"action": str(shown.task.action), "start": start}
-    told = head | {"proposal": 0, "outcome": "success"}
+    facts = head | {"proposal": 0, "outcome": "success"}
     parts = [
         point_rows(shown.points, what=BEFORE, proposal="", outcome="", **head),
-        point_rows(controls, what=SPLINE, **told),
-        point_rows(one.scored.end, what=AFTER, **told),
+        point_rows(controls, what=SPLINE, **facts),
+        point_rows(one.scored.end, what=AFTER, **facts),
     ]
     return pd.concat(parts)[list(COLUMNS)]

@@ -104,8 +104,8 @@ def plan_one(config: OverhandConfig, inputs: Mapping[str, Path], context: StageC
         pd.DataFrame([row]).to_csv(path, index=False)
     write_plan(context, "plan", plan, config.simulation, config.sampler, last[0])
     with context.atomic("outcome.json") as path:
-        told = {"success": plan.solved, "text": plan.summary()}
-        path.write_text(json.dumps(told, indent=1) + "\n", "utf-8")
+        outcome = {"success": plan.solved, "text": plan.summary()}
+        path.write_text(json.dumps(outcome, indent=1) + "\n", "utf-8")
 
 
 def _refuse(plan: KnotPlan, config: OverhandConfig) -> None:

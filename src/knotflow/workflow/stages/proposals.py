@@ -70,16 +70,16 @@ def propose(config: ProposalsConfig, inputs: Mapping[str, Path], context: StageC
             head = {"action": str(task.action), "start": start}
             tables.append(point_rows(points, what=BEFORE, proposal="", outcome="", **head))
             for proposal, row in enumerate(own.itertuples()):
-                told = head | {"proposal": proposal, "outcome": row.outcome}
-                tables.append(point_rows(row.control_points, what=SPLINE, **told))
+                facts = head | {"proposal": proposal, "outcome": row.outcome}
+                tables.append(point_rows(row.control_points, what=SPLINE, **facts))
                 if proposal == 0 and np.isfinite(row.points[-1]).all():  # not where it blew up
-                    tables.append(point_rows(row.points[-1], what=AFTER, **told))
+                    tables.append(point_rows(row.points[-1], what=AFTER, **facts))
     table = pd.concat(tables, ignore_index=True)[list(COLUMNS)]
     with context.atomic("proposals.csv") as path:
         table.to_csv(path, index=False, float_format="%.3f")
 
 
-def point_rows(points: NDArray, **told: object) -> pd.DataFrame:
-    """A row for each of points (P, 3), with `told` in every one."""
+def point_rows(points: NDArray, **facts: object) -> pd.DataFrame:
+    """A row for each of points (P, 3), with `facts` in every one."""
     x, y, z = np.asarray(points, float).T
-    return pd.DataFrame({**told, "point": np.arange(len(x)), "x": x, "y": y, "z": z})
+    return pd.DataFrame({**facts, "point": np.arange(len(x)), "x": x, "y": y, "z": z})

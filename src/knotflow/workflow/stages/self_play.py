@@ -1,7 +1,7 @@
 """Stage `self_play`: the primitives learn all actions together (Sec. V-B c, and beyond).
 
 Its trials, about half a million, are not recorded: they would be seventy gigabytes. Their counts
-are, and one command makes them again.
+are, and one command reproduces them.
 """
 
 from __future__ import annotations
