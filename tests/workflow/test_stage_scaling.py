@@ -14,7 +14,8 @@ pytestmark = pytest.mark.slow
 def test_a_row_a_case_and_ray_only_where_it_is_installed(tmp_path, monkeypatch):
     monkeypatch.setattr(scaling, "SPLINES", 2)
     monkeypatch.setattr(scaling, "find_spec", lambda name: None)
-    config = ScalingConfig(simulation=SimulationConfig(), rollouts=4, run=0)
+    cases = {"backends": ["loky", "ray"], "rollouts": 4, "run": 0}
+    config = ScalingConfig(simulation=SimulationConfig(), **cases)
     time_workers(config, {}, StageContext(tmp_path))
     table = pd.read_csv(tmp_path / "scaling.csv")
     assert list(zip(table["backend"], table["workers"], strict=True)) == [("loky", 1), ("loky", 2)]

@@ -21,6 +21,7 @@ from knotflow.perception.losses import Target
 from knotflow.perception.network import FLIPS, Network, look
 from knotflow.perception.patch import Patch
 from knotflow.perception.segmentation import segment
+from knotflow.perception.training_config import SELF_SUPERVISION_STEPS
 from knotflow.perception.unmixing import coverage
 from knotflow.simulation import RopeConfig
 from knotflow.threads import one_thread
@@ -30,7 +31,7 @@ from knotflow.threads import one_thread
 class SelfSupervisionConfig:
     """The effort."""
 
-    steps: int = 200
+    steps: int = SELF_SUPERVISION_STEPS
     """Gradient steps."""
     batch: int = 8
     """Images of a step; a gradient costs about 10 ms an image."""

@@ -7,6 +7,8 @@ from pathlib import Path
 
 SHIPPED_NETWORK = Path(__file__).parent / "data" / "network.safetensors"
 """Where weights that come with the package lie."""
+SELF_SUPERVISION_STEPS = 200
+"""Gradient steps by which a network learns from images alone."""
 
 
 @dataclass

@@ -51,8 +51,6 @@ class PullConfig:
     """The action that the rope is to be ready for."""
     guesses: int = 32
     """Aimed guesses at it, by whose successes the ropes are compared."""
-    knots: int = 4
-    """Ropes tied and pulled, of which one is taken."""
     seed: int = 40
     """Of everything random."""
 
@@ -167,8 +165,12 @@ def random_pulls(points: NDArray, count: int, rng: np.random.Generator) -> NDArr
     return clip_splines(np.column_stack([np.zeros(count), middle, height, end]))
 
 
-def readiest(ropes: Sequence[PulledRope | None], config: PullConfig) -> NDArray[np.float64]:
+def readiest(ropes: Sequence[PulledRope | None], head: float) -> NDArray[np.float64]:
     """The rope (V, 3), metres, that is readiest for the next action; the first of equals.
+
+    Args:
+        ropes: those that were tied; None where the head did not come out far enough.
+        head: how far that is, metres.
 
     Raises:
         RuntimeError: there is none.
@@ -176,7 +178,7 @@ def readiest(ropes: Sequence[PulledRope | None], config: PullConfig) -> NDArray[
     pulled = [rope for rope in ropes if rope is not None]
     if not pulled:
         raise RuntimeError(
-            f"no head could be pulled out to {config.head:g} m in {config.knots} knots; lower "
+            f"no head could be pulled out to {head:g} m in {len(ropes)} knots; lower "
             "head, or raise pulls, rounds or knots"
         )
     return max(pulled, key=lambda rope: rope.onward).points

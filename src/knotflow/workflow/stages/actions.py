@@ -41,7 +41,7 @@ class ActionsConfig:
     """Of the states that actions lead to."""
     count: int
     """Start shapes in each state, and trials of each action."""
-    arranging: int = 3
+    arranging: int
     """Most arranging splines of a trial that arranges."""
     seed: int
     """Of start shapes and trials; used for nothing else."""

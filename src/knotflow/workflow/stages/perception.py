@@ -44,9 +44,9 @@ class PerceptionConfig:
     """Of the camera; its level is set here."""
     methods: list[str] = field(default_factory=lambda: list(METHODS))
     """Of `METHODS`; those that need a network are left out while there are no weights."""
-    levels: list[float] = field(default_factory=lambda: [0.0, 1.0, 2.0])
+    levels: list[float]
     """Of noise."""
-    crossings: list[int] = field(default_factory=lambda: [0, 1, 2, 3, 4, 5])
+    crossings: list[int]
     """Numbers of crossings that ropes have."""
     ropes: int
     """Ropes of each number of crossings; each is seen at every level."""

@@ -24,7 +24,7 @@ FIRST_PULL = 1_000_000
 """Number of the first pull; branches of the searches that tie are numbered from 0 on."""
 
 
-@dataclass
+@dataclass(kw_only=True)
 class PlansPullConfig(PullConfig):
     """What is tied by whom, and how its head is pulled."""
 
@@ -32,6 +32,8 @@ class PlansPullConfig(PullConfig):
     """The simulator it is done in."""
     sampler: SamplerConfig = field(default_factory=lambda: SamplerConfig("aimed"))
     """The method that ties it; the stages it learns from are inputs of this one."""
+    knots: int
+    """Ropes tied and pulled, of which one is taken."""
 
 
 @stage("plans_pull")
@@ -47,7 +49,7 @@ def make_pulled(config: PlansPullConfig, inputs: Mapping[str, Path], context: St
     sampler = build_sampler(config.sampler, inputs)
     puller = HeadPuller(config, sampler, RopeSimulator(config.simulation), branches, pulls)
     ropes = [puller.pull() for _ in context.progress(range(config.knots), desc="pull")]
-    points = readiest(ropes, config)
+    points = readiest(ropes, config.head)
     branches.save("recordings/tie.mcap")
     pulls.save("recordings/pull.mcap")
     write_index(context.out / "recordings")

@@ -27,6 +27,7 @@ from knotflow.simulation import (
     state_or_none,
 )
 from knotflow.workflow.context import StageContext
+from knotflow.workflow.signature import runtime
 from knotflow.workflow.stage import stage
 
 
@@ -38,8 +39,11 @@ class RootsConfig:
     """The simulator; its root is set here."""
     starts: StartsConfig = field(default_factory=StartsConfig)
     """The random curves that random splines start from."""
-    demonstrations: str = str(SHIPPED)
-    """Their starts, straight and tangled, are those of the aimed splines."""
+    demonstrations: str = runtime(str(SHIPPED))
+    """File; its starts, straight and tangled, are those of the aimed splines. What counts is
+    `digest`."""
+    digest: str
+    """Of that file."""
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     """Of the copies of the demonstrated splines, by which success rates are compared."""
     rollouts: int

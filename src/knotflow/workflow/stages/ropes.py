@@ -40,7 +40,7 @@ class RopesConfig:
     """The random curves that are moved."""
     shards: int
     """Shards of 32 ropes."""
-    rounds: int = 8
+    rounds: int
     """Splines that a rope is moved by, one after the other."""
     random_share: float = 0.25
     """Share of the splines that are random, not aimed at an action."""

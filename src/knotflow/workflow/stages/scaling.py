@@ -36,7 +36,7 @@ class ScalingConfig:
     """The random curves that splines start from."""
     rollouts: int
     """Random splines in each case, in shards of 32."""
-    backends: list[str] = field(default_factory=lambda: ["loky", "ray"])
+    backends: list[str]
     """Two workers of each are timed, beside one; Ray is left out where it is not installed."""
     seed: int = 4
     """Of starts and splines."""
