@@ -16,7 +16,7 @@ VERSIONS = {
     "training": 4,
     "planning": 4,
     "perception": 2,
-    "execution": 2,
+    "execution": 3,
 }
 """Package below knotflow -> its version. One inside another, with a number of its own, is not
 covered by that of the outer one."""

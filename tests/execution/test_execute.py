@@ -60,7 +60,7 @@ def test_open_loop_goes_where_the_plan_says_and_looks_at_nothing(plan):
     dragged = ~np.isnan(execution.reference[:, 0, 0])
     np.testing.assert_allclose(execution.gripper[dragged], plan.steps[0].gripper[1:19], atol=1e-3)
     assert execution.closed[dragged].all()
-    assert np.isnan(execution.points).all() and len(execution.tick_seconds) == 0
+    assert np.isnan(execution.points).all() and execution.ticks == ()
     travel = plan.waypoints(1 / STEP)
     np.testing.assert_allclose(execution.gripper[-len(travel) :], travel.positions, atol=1e-3)
 
@@ -133,9 +133,11 @@ class Scripted:
     """A look that shows what it was told to, one sight after the other."""
 
     def __init__(self, *sights):
-        self.sights = list(sights)
+        self.sights, self.likely, self.places = list(sights), [], []
 
-    def look(self, robot):
+    def look(self, robot, likely=()):
+        self.likely.append(likely)
+        self.places.append(robot.position)
         return self.sights.pop(0)
 
 
@@ -203,12 +205,31 @@ def test_a_knot_in_doubt_is_looked_at_again_and_not_reported(plan):
     unsure = Sight.of(plan.steps[0].end, ("a crossing is in doubt",))
     start = Sight.of(plan.start)
     _, replan = replanned(plan)
-    execution = execute(plan, Recorded(), look=Scripted(start, *[unsure] * 3), replan=replan)
+    look = Scripted(start, *[unsure] * 2)
+    execution = execute(plan, Recorded(), look=look, replan=replan)
     assert execution.tied is False
     assert "in doubt: a crossing is in doubt" in execution.reason
+    np.testing.assert_allclose(look.places[1] * [1, -1, 1], look.places[2], atol=1e-9)
     sure = Sight.of(plan.steps[0].end)
     execution = execute(plan, Recorded(), look=Scripted(start, unsure, sure), replan=replan)
     assert execution.tied
+
+
+def test_nothing_is_planned_from_a_rope_in_doubt(plan):
+    unsure = Sight.of(plan.start, ("a crossing is in doubt",))
+    asked, replan = replanned(plan)
+    robot = Recorded()
+    execution = execute(plan, robot, look=Scripted(*[unsure] * 2), replan=replan)
+    assert asked == [] and "grasp" not in robot.words and execution.tied is False
+    assert execution.reason.startswith("it cannot be planned after 0 actions: ")
+
+
+def test_a_look_knows_where_the_rope_was_and_where_it_should_be(plan):
+    start, end = Sight.of(plan.start), Sight.of(plan.steps[0].end)
+    look = Scripted(start, end)
+    execute(plan, Recorded(), look=look, replan=replanned(plan)[1])
+    np.testing.assert_array_equal(look.likely[0], [plan.start])
+    np.testing.assert_array_equal(look.likely[1], [plan.start, plan.steps[0].end])
 
 
 class Clumsy:

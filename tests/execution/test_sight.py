@@ -7,7 +7,7 @@ import pytest
 
 from knotflow.execution import STEP, Estimated, ExecutionConfig, Sight, Tracked, execute
 from knotflow.execution.follow import Run
-from knotflow.perception import Camera, RgbdImage, RopeEstimate
+from knotflow.perception import Camera, RgbdImage, RopeEstimate, Tracker, TrackerConfig
 from knotflow.simulation import RopeConfig, straight
 from knotflow.topology import TopologicalState
 
@@ -70,7 +70,7 @@ def test_a_table_alone_shows_no_rope_and_no_knot(plan):
 def test_frames_that_are_lost_for_a_second_are_waited_for(silent, monkeypatch):
     asked = []
 
-    def estimate(image, camera, rope, config=None, network=None):
+    def estimate(image, camera, rope, **_):
         asked.append(image.time)
         return SEEN
 
@@ -106,8 +106,23 @@ def test_ends_that_look_alike_are_a_doubt(monkeypatch):
     assert look.look(robot).doubts == ("head and tail cannot be told apart",)
 
 
+def test_a_look_begins_where_the_rope_may_be_and_the_tracker_goes_on_from_it(monkeypatch):
+    asked = {}
+    monkeypatch.setattr("knotflow.perception.estimate", lambda *_, **named: asked.update(named) or SEEN)
+    robot, tracker = Filmed(), Tracker(CAMERA, RopeConfig(), STRAIGHT + [0.0, 0.1, 0.0])
+    look = Estimated(CAMERA, tracker=tracker)
+    look.look(robot)
+    robot.move_to(robot.position, STEP)
+    look.look(robot, [STRAIGHT, STRAIGHT[::-1]])
+    assert asked["earlier"] is STRAIGHT and len(asked["likely"]) == 2
+    assert asked["network"] is not None  # the shipped one
+    np.testing.assert_array_equal(tracker.points, SEEN.points)
+
+
 class Guess:
     """A tracker that says nothing moves, and takes down which link it is told is held."""
+
+    config = TrackerConfig()
 
     def __init__(self):
         self.points, self.held = STRAIGHT, []

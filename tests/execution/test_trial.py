@@ -5,7 +5,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from knotflow.execution import CONTROLS, Sight, Twin, TwinConfig, failure, try_plan
+from knotflow.execution import (
+    CONTROLS,
+    ExecutionConfig,
+    Sight,
+    Twin,
+    TwinConfig,
+    failure,
+    try_plan,
+)
+from knotflow.perception import Camera
 from knotflow.planning import parse_goal
 from knotflow.simulation import RopeConfig, straight
 
@@ -35,15 +44,21 @@ def test_a_grasp_that_misses_is_the_cause(plan, goal):
 def test_every_failure_has_the_first_cause_that_applies(plan, goal):
     looped, flat = plan.steps[0].end, straight(RopeConfig())
 
-    def cause(points, sight, missed=0):
+    def cause(points, sight, missed=0, **last):
+        outcomes = (SimpleNamespace(**({"held": True, "followed": True} | last)),)
         return failure(
-            SimpleNamespace(sight=sight), goal, SimpleNamespace(points=points, missed=missed)
+            SimpleNamespace(sight=sight, outcomes=outcomes),
+            goal,
+            SimpleNamespace(points=points, missed=missed),
         )
 
     mirrored = looped * [1.0, -1.0, 1.0]
     assert cause(looped, None, missed=1) == ""
     assert cause(flat, Sight.nothing("dark")) == "rope not seen"
     assert cause(flat, Sight.of(looped)) == "state misread"
+    assert cause(flat, Sight.of(flat, ("blurred",)), held=False) == "state in doubt"
+    assert cause(flat, Sight.of(flat), held=False, followed=False) == "track lost"
+    assert cause(flat, Sight.of(flat), held=False) == "grasp missed"
     assert cause(flat, Sight.of(flat), missed=1) == "action failed"
     assert cause(flat, None, missed=1) == "grasp missed"
     assert cause(mirrored, None) == "out of the DAG"
@@ -55,4 +70,23 @@ def test_every_failure_has_the_first_cause_that_applies(plan, goal):
 def test_mppi_follows_a_plan_by_either_model(plan, goal, control):
     trial = try_plan(plan, goal, twin_of(plan), CONTROLS[control])
     assert trial.tied and trial.deviation < 0.03
-    assert len(trial.execution.tick_seconds) > 5
+    assert len(trial.execution.ticks) > 5
+    assert all(tick.control > 0 and tick.image == 0 for tick in trial.execution.ticks)
+
+
+@pytest.mark.slow
+def test_a_knot_is_tied_by_what_a_camera_sees(plan, goal):
+    camera = Camera.overhead()
+    twin = Twin(plan.start, TwinConfig(level=1), np.random.default_rng(1), camera)
+    config = ExecutionConfig(max_actions=1)
+    trial = try_plan(
+        plan, goal, twin, CONTROLS["mppi_replan"], config, lambda points: plan, camera
+    )
+    execution = trial.execution
+    assert trial.tied and execution.tied and execution.sight.doubts == ()
+    assert np.linalg.norm(execution.sight.points - twin.points, axis=1).mean() < 0.01
+    dragged = ~np.isnan(execution.reference[:, 0, 0])
+    followed = execution.points[dragged] - np.array(twin.trajectory)[dragged]
+    assert np.linalg.norm(followed, axis=-1).mean() < 0.015
+    assert len(execution.ticks) == dragged.sum()
+    assert all(min(tick.image, tick.track, tick.control) > 0 for tick in execution.ticks)

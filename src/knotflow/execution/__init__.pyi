@@ -3,13 +3,14 @@ from .dynamics import ModelPrediction, MujocoDynamics, RopeDynamics, Still
 from .errors import STEPS, predict_motions, prediction_errors
 from .execute import Execution, Replan, StepOutcome, execute
 from .export import Export, export_plan
-from .follow import Controller, ExecutionConfig
+from .faults import FAULTS, Faulty
+from .follow import Controller, ExecutionConfig, Tick
 from .franka import panda
 from .lstm import LstmDynamics
 from .mppi import Mppi, MppiConfig
 from .perturbation import ERRORS, Errors
 from .reach import Reached, follow_waypoints
-from .robot import Robot
+from .robot import Relay, Robot, Timed
 from .rope_motions import FREE, STEP, Motions, draw_motions
 from .sight import Estimated, Estimator, Look, RopeSource, Seen, Sight, Tracked
 from .timing import JointTrajectory, time_joints
@@ -21,6 +22,7 @@ from .twin import TrueState, Twin, TwinConfig
 __all__ = [
     "CONTROLS",
     "ERRORS",
+    "FAULTS",
     "FREE",
     "STEP",
     "STEPS",
@@ -37,6 +39,7 @@ __all__ = [
     "Execution",
     "ExecutionConfig",
     "Export",
+    "Faulty",
     "JointTrajectory",
     "Look",
     "LstmConfig",
@@ -47,6 +50,7 @@ __all__ = [
     "MppiConfig",
     "MujocoDynamics",
     "Reached",
+    "Relay",
     "Replan",
     "Robot",
     "RopeDynamics",
@@ -57,6 +61,8 @@ __all__ = [
     "Still",
     "Tracked",
     "Trial",
+    "Tick",
+    "Timed",
     "TrueState",
     "Twin",
     "TwinConfig",

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.execution.follow import Controller, ExecutionConfig, Run
+from knotflow.execution.follow import Controller, ExecutionConfig, Run, Tick
 from knotflow.execution.robot import Robot
 from knotflow.execution.rope_motions import STEP
 from knotflow.execution.sight import Look, RopeSource, Sight
@@ -34,12 +34,14 @@ class StepOutcome:
         expected: the state it leads to.
         found: the state that was seen after it; None where nobody looked, or it cannot be told.
         held: whether the rope was held until it was let go, as far as that was watched.
+        followed: whether it then was where it was followed to, as far as it was followed.
     """
 
     action: Action
     expected: TopologicalState
     found: TopologicalState | None
     held: bool
+    followed: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +55,7 @@ class Execution:
         step: (N,) how many actions had been begun before.
         reference: (N, V, 3) the rope of the plan, metres; NaN where the gripper does not drag.
         points: (N, V, 3) the rope as it was followed, metres; NaN where it was not.
-        tick_seconds: what the controller took for each move that it chose.
+        ticks: what each move that the controller chose took.
         outcomes: of each step, in the order executed.
         sight: the last look at the rope; None where nobody looked.
         tied: whether that look shows a state of the goal, and no doubt; None where nobody looked.
@@ -66,7 +68,7 @@ class Execution:
     step: NDArray[np.int64]
     reference: NDArray[np.float64]
     points: NDArray[np.float64]
-    tick_seconds: NDArray[np.float64]
+    ticks: tuple[Tick, ...]
     outcomes: tuple[StepOutcome, ...]
     sight: Sight | None
     tied: bool | None
@@ -139,18 +141,23 @@ class _Knot:
             reason = "every step was executed"
         if self.look is None:
             return reason
-        self.sight = self.run.see(self.look, len(self.outcomes))
+        self._see(self.look, self.plan.steps[-1].end if self.plan.steps else self.plan.start)
         return f"{reason}, and {self._seen()}"
 
     def tie(self, replan: Replan) -> str:
-        """Plan, execute one step, look, and so on; why it ended."""
+        """Plan, execute one step, look, and so on; why it ended.
+
+        Nothing is planned from a sight in doubt: the planner would tie a rope that is not there.
+        """
         assert self.look is not None
         config, lost = self.run.config, 0
-        sight = self.sight = self.run.see(self.look, 0)
+        sight = self._see(self.look, self.plan.start)
         begins = self.plan.solved and sight.state == self.plan.start_state
         plan = self.plan if begins else None
         while sight.points is not None and sight.state not in self.plan.goal_states:
             done = len(self.outcomes)
+            if sight.doubts:
+                return f"it cannot be planned after {done} actions: {self._seen()}"
             if lost == config.attempts:
                 return f"the rope was lost in {lost} actions one after the other: {self._seen()}"
             if done == config.max_actions:
@@ -162,15 +169,22 @@ class _Knot:
             if not plan.solved or not plan.steps:
                 return f"no plan was found after {done} actions: {plan.reason}"
             lost = 0 if self._step(plan.steps[0], plan) else lost + 1
-            sight = self.sight = self.run.see(self.look, len(self.outcomes))
+            sight = self._see(self.look, plan.steps[0].end)
             self.outcomes[-1] = replace(self.outcomes[-1], found=sight.state)
             plan = None
         return f"{self._seen()} after {len(self.outcomes)} actions"
 
     def _step(self, step: PlanStep, plan: KnotPlan) -> bool:
-        held = self.run.execute(step, plan, len(self.outcomes))
-        self.outcomes.append(StepOutcome(step.action, step.end_state, None, held))
-        return held
+        dragged = self.run.execute(step, plan, len(self.outcomes))
+        outcome = StepOutcome(step.action, step.end_state, None, dragged.held, dragged.followed)
+        self.outcomes.append(outcome)
+        return dragged.held
+
+    def _see(self, look: Look, expected: NDArray) -> Sight:
+        """What a look shows, that may be where the rope was seen last, or what is expected."""
+        known = [] if self.run.points is None else [self.run.points]
+        self.sight = self.run.see(look, len(self.outcomes), [*known, expected])
+        return self.sight
 
     def _tied(self) -> bool | None:
         if self.sight is None:
@@ -202,7 +216,7 @@ class _Knot:
             step=np.array([one.step for one in frames], np.int64),
             reference=np.reshape(references, (-1, *unknown.shape)),
             points=np.reshape(points, (-1, *unknown.shape)),
-            tick_seconds=np.array(self.run.ticks),
+            ticks=tuple(self.run.ticks),
             outcomes=tuple(self.outcomes),
             sight=self.sight,
             tied=self._tied(),

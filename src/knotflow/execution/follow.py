@@ -8,13 +8,14 @@ rope's state, so that it follows the rope of the plan.
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.execution.robot import Robot
+from knotflow.execution.robot import Robot, Timed
 from knotflow.execution.rope_motions import STEP
 from knotflow.execution.sight import Look, RopeSource, Sight
 from knotflow.planning import GripperConfig, KnotPlan, PlanStep
@@ -60,8 +61,9 @@ class ExecutionConfig:
     attempts: int = 3
     """How often a step is begun, in closed loop, whose grasp misses or slips."""
     aside: tuple[float, float, float] = (0.0, 0.45, 0.3)
-    """Where the gripper waits while the rope is looked at, metres: out of the camera's way."""
-    looks: int = 3
+    """Where the gripper waits while the rope is looked at, metres: out of the camera's way. For
+    another look it waits opposite."""
+    looks: int = 2
     """How often the rope is looked at while it is in doubt."""
     patience: float = 3.0
     """How long a new image is waited for, seconds."""
@@ -78,6 +80,24 @@ class Move:
     step: int
     reference: NDArray[np.float64] | None
     points: NDArray[np.float64] | None
+
+
+@dataclass(frozen=True)
+class Tick:
+    """What a move that the controller chose took, seconds."""
+
+    image: float
+    track: float
+    control: float
+
+
+@dataclass(frozen=True)
+class Dragged:
+    """What became of a drag: whether the rope was `held` until it was let go, as far as that was
+    watched, and whether it was still where it was `followed` to, as far as it was."""
+
+    held: bool
+    followed: bool
 
 
 @dataclass(eq=False)
@@ -100,10 +120,16 @@ class Run:
     error: NDArray = field(default_factory=lambda: np.zeros(3))
     """How far off the robot is from where it is sent, metres."""
     frames: list[Move] = field(default_factory=list)
-    ticks: list[float] = field(default_factory=list)
+    ticks: list[Tick] = field(default_factory=list)
 
-    def execute(self, step: PlanStep, plan: KnotPlan, number: int) -> bool:
-        """Grasp, drag, let go and rise; whether the rope was held until it was let go."""
+    def __post_init__(self) -> None:
+        self._camera = Timed(self.robot)
+
+    def execute(self, step: PlanStep, plan: KnotPlan, number: int) -> Dragged:
+        """Grasp, drag, let go and rise.
+
+        The rope is followed from the grasp until the fingers are open: else it lies still.
+        """
         self._look()
         rope = step.start if self.points is None else self.points
         link = int(grasped_link(step.spline, len(rope) - 1))
@@ -124,15 +150,18 @@ class Run:
             if phase == "close" and not self.closed:
                 self.robot.grasp()
                 self.closed = True
-            self._move(place, number)
+            self._move(place, number, follow=self.closed)
         planned = np.concatenate([before[-1:], waypoints.positions[drag]])
         held = self._drag(step, planned, number)
         self.robot.release()
         self.closed = False
         released = self.commanded
-        for place in after + released - planned[-1]:
-            self._move(np.maximum(place, [-np.inf, -np.inf, planned[-1, 2]]), number)
-        return held
+        places = after + released - planned[-1]
+        phases = waypoints.phases[drag[-1] + 1 :]
+        for place, phase in zip(places, phases, strict=True):
+            low = np.maximum(place, [-np.inf, -np.inf, planned[-1, 2]])
+            self._move(low, number, follow=phase == "open")
+        return Dragged(held, self.source is None or not self.source.lost)
 
     def _drag(self, step: PlanStep, path: NDArray, number: int) -> bool:
         """Drag the rope along path (T + 1, 3) or as the controller says, unless it gets lost."""
@@ -142,37 +171,49 @@ class Run:
         if self.controller is not None:
             self.controller.begin(reference, path, self._weights(step), link)
         for place, rope in zip(path[1:], reference[1:], strict=True):
+            control = 0.0
             if self.controller is not None:
+                began = time.perf_counter()
                 place = self._controlled(self.controller)
+                control = time.perf_counter() - began
             before = self.commanded
-            self._move(place, number, rope)
+            image, track = self._move(place, number, rope, follow=True)
+            if self.controller is not None:
+                self.ticks.append(Tick(image, track, control))
             trailing = self.config.lag * float(np.linalg.norm(place - before)) / STEP
             allowed = caught[link] + self.config.slip + trailing
             if self.source is not None and self._distances()[link] > allowed:
                 return False
         return True
 
-    def see(self, look: Look, number: int) -> Sight:
-        """Go out of the way and look, until the image is new and the rope is not in doubt.
+    def see(self, look: Look, number: int, likely: Sequence[NDArray] = ()) -> Sight:
+        """Go out of the way and look, then from the other side if the rope is in doubt.
 
-        Where that never comes, the last sight tells why.
+        Where that stays in doubt, the last sight tells why. `likely` is told to the look.
         """
-        aside, speed = np.array(self.config.aside), self.config.gripper.travel_speed
+        for turn in range(self.config.looks):
+            aside = np.array(self.config.aside) * [1, (-1) ** turn, 1]
+            sight = self._see_from(aside, look, number, likely)
+            if sight is None:
+                sight = Sight.nothing(f"no new image came for {self.config.patience:g} s")
+                break
+            if not sight.doubts:
+                break
+        self.before = self.points = sight.points
+        return sight
+
+    def _see_from(
+        self, aside: NDArray, look: Look, number: int, likely: Sequence[NDArray]
+    ) -> Sight | None:
+        """What is seen while the gripper waits at a place (3,); None where no new image comes."""
+        speed = self.config.gripper.travel_speed
         for place in [*_straight(self.robot.position, aside, speed), aside]:
             self._move(place, number)
-        waited, looked = 0.0, 0
-        while True:
-            sight = look.look(self.robot)
-            if sight is not None:
-                looked += 1
-                if not sight.doubts or looked == self.config.looks:
-                    self.before = self.points = sight.points
-                    return sight
-            elif waited >= self.config.patience:
-                return Sight.nothing(f"no new image came for {self.config.patience:g} s")
-            else:
-                waited += STEP
+        waited = 0.0
+        while (sight := look.look(self.robot, likely)) is None and waited < self.config.patience:
+            waited += STEP
             self._move(aside, number)
+        return sight
 
     def _distances(self) -> NDArray[np.float64]:
         """(V - 1,) of the links' centres from the gripper, metres; 0 where no rope is seen."""
@@ -184,11 +225,8 @@ class Run:
     def _controlled(self, controller: Controller) -> NDArray:
         """The controller's next place (3,)."""
         assert self.points is not None and self.before is not None
-        began = time.perf_counter()
         velocities = (self.points - self.before) / STEP
-        there = controller.act(self.points, velocities, self.robot.position)
-        self.ticks.append(time.perf_counter() - began)
-        return there
+        return controller.act(self.points, velocities, self.robot.position)
 
     def _weights(self, step: PlanStep) -> NDArray[np.float64]:
         """(V,) with the strands at the crossings of the step's end weighing most."""
@@ -199,22 +237,38 @@ class Run:
             weights = np.maximum(weights, 1 + (self.config.crossing_weight - 1) * near)
         return weights / weights.mean()
 
-    def _move(self, place: NDArray, number: int, reference: NDArray | None = None) -> None:
-        """Move for a tick, look, and note it down."""
+    def _move(
+        self,
+        place: NDArray,
+        number: int,
+        reference: NDArray | None = None,
+        follow: bool = False,
+    ) -> tuple[float, float]:
+        """Move for a tick, follow the rope if it may move, and note it down.
+
+        Returns:
+            What the image and following the rope in it took, seconds.
+        """
         self.commanded = place
         self.robot.move_to(place - self.error, STEP)
         if self.corrects:
             self.error = self.error + self.robot.position - place
             self.error = np.clip(self.error, -MOST_ERROR, MOST_ERROR)
-        self._look()
+        took = self._look() if follow else (0.0, 0.0)
         points = None if self.source is None else self.points
         self.frames.append(Move(place, self.closed, number, reference, points))
+        return took
 
-    def _look(self) -> None:
-        if self.source is not None:
-            now = self.source.points(self.robot, self.closed)
-            self.before = now if self.points is None else self.points
-            self.points = now
+    def _look(self) -> tuple[float, float]:
+        """Follow the rope; what the image and the rest took, seconds."""
+        if self.source is None:
+            return 0.0, 0.0
+        began, image = time.perf_counter(), self._camera.seconds
+        now = self.source.points(self._camera, self.closed)
+        self.before = now if self.points is None else self.points
+        self.points = now
+        image = self._camera.seconds - image
+        return image, time.perf_counter() - began - image
 
 
 MOST_ERROR = 0.03

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING, Protocol
 
 from numpy.typing import NDArray
@@ -51,3 +52,50 @@ class Robot(Protocol):
     def position(self) -> NDArray:
         """(3,) where the gripper is, as the robot measures it."""
         ...
+
+
+class Relay:
+    """A robot that passes the five words on to another; its kinds do something besides."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+
+    def observe(self) -> RgbdImage:
+        """See `Robot`."""
+        return self.robot.observe()
+
+    def move_to(self, position: NDArray, seconds: float) -> None:
+        """See `Robot`."""
+        self.robot.move_to(position, seconds)
+
+    def grasp(self) -> None:
+        """See `Robot`."""
+        self.robot.grasp()
+
+    def release(self) -> None:
+        """See `Robot`."""
+        self.robot.release()
+
+    @property
+    def position(self) -> NDArray:
+        """See `Robot`."""
+        return self.robot.position
+
+
+class Timed(Relay):
+    """A robot whose camera is timed: what a simulated image takes is the world's time, not that of
+    whoever follows the rope in it.
+
+    Attributes:
+        seconds: what all images took so far.
+    """
+
+    seconds = 0.0
+
+    def observe(self) -> RgbdImage:
+        """See `Robot`."""
+        began = time.perf_counter()
+        try:
+            return super().observe()
+        finally:
+            self.seconds += time.perf_counter() - began

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
@@ -30,8 +31,13 @@ class Estimator(Protocol):
 class RopeSource(Protocol):
     """Where the state of the rope comes from while it moves."""
 
+    @property
+    def lost(self) -> bool:
+        """Whether the rope is known not to be where it was followed to."""
+        ...
+
     def points(self, robot: Robot, grasped: bool) -> NDArray:
-        """The rope (V, 3), metres, now; asked for once after every move."""
+        """The rope (V, 3), metres, now; asked for after every move that may move it."""
         ...
 
 
@@ -40,6 +46,7 @@ class Seen:
     """The rope as an estimator finds it in the robot's images."""
 
     estimator: Estimator
+    lost = False
 
     def points(self, robot: Robot, grasped: bool) -> NDArray:
         """See `RopeSource`."""
@@ -56,6 +63,7 @@ class Tracked:
 
     tracker: Tracker
     """Began with the rope as it lay."""
+    lost: bool = field(default=False, init=False)
     _held: int | None = field(default=None, init=False)
 
     def points(self, robot: Robot, grasped: bool) -> NDArray:
@@ -70,7 +78,9 @@ class Tracked:
             image = robot.observe()
         except TimeoutError:
             return points
-        return self.tracker.update(image, gripper, self._held).points
+        found = self.tracker.update(image, gripper, self._held)
+        self.lost = found.explained < self.tracker.config.lost
+        return found.points
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,14 +114,26 @@ class Sight:
 class Look(Protocol):
     """Tells the rope's state between two actions, when the gripper is out of the way."""
 
-    def look(self, robot: Robot) -> Sight | None:
-        """What is seen now, or None to be asked again a tick later: there is no new image yet."""
+    def look(self, robot: Robot, likely: Sequence[NDArray] = ()) -> Sight | None:
+        """What is seen now, or None to be asked again a tick later: there is no new image yet.
+
+        Args:
+            robot: whose camera sees the rope.
+            likely: shapes (V, 3) that it may have, metres: where it was seen or tracked last comes
+                first, then where an action should have brought it.
+        """
         ...
 
 
 @dataclass
 class Estimated:
     """A `Look` at the robot's images, by `perception.estimate`.
+
+    The image alone is ambiguous where strands touch, and what is likely may not have come about. So
+    the estimate begins at the likely shapes, at the paths through the image and at the network's
+    guess, and takes the fit that accounts best for the image; where fits of different crossings
+    account for it alike, it is in doubt. Head and tail of a plain rope are told by its last known
+    shape.
 
     The first image only tells how late it is by the camera's clock: where frames are lost it may
     have been taken before the gripper was out of the way. A later one is read.
@@ -124,10 +146,19 @@ class Estimated:
     config: EstimateConfig | None = None
     """How it is estimated."""
     network: Network | None = None
-    """Proposes one more first guess."""
+    """Proposes one more first guess; the shipped one where none is given."""
+    tracker: Tracker | None = None
+    """Goes on from what is seen."""
     _before: float | None = field(default=None, init=False)
 
-    def look(self, robot: Robot) -> Sight | None:
+    def __post_init__(self) -> None:
+        """Take the network that the package ships."""
+        if self.network is None:
+            from knotflow.perception import Network
+
+            self.network = Network.load()
+
+    def look(self, robot: Robot, likely: Sequence[NDArray] = ()) -> Sight | None:
         """See `Look`."""
         from knotflow.perception import TraceError, estimate
 
@@ -141,9 +172,17 @@ class Estimated:
         self._before = None
         try:
             found = estimate(
-                image, self.camera, self.rope, config=self.config, network=self.network
+                image,
+                self.camera,
+                self.rope,
+                config=self.config,
+                earlier=likely[0] if likely else None,
+                network=self.network,
+                likely=likely,
             )
         except TraceError as error:
             return Sight.nothing(str(error))
+        if self.tracker is not None:
+            self.tracker.reseat(found, image.time)
         unknown = () if found.head_known else ("head and tail cannot be told apart",)
         return Sight.of(resample(found.points, self.rope), found.doubts + unknown)

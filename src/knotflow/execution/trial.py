@@ -9,6 +9,7 @@ import numpy as np
 
 from knotflow.execution.dynamics import ModelPrediction, MujocoDynamics
 from knotflow.execution.execute import Execution, Replan, execute
+from knotflow.execution.faults import FAULTS
 from knotflow.execution.follow import Controller, ExecutionConfig
 from knotflow.execution.sight import Estimated, Look, RopeSource, Tracked
 from knotflow.execution.training_config import SHIPPED_DYNAMICS
@@ -76,6 +77,7 @@ def try_plan(
     camera: Camera | None = None,
     weights: Path = SHIPPED_DYNAMICS,
     network: Network | None = None,
+    fault: str = "",
 ) -> Trial:
     """Execute a plan on a twin, which is then used up.
 
@@ -89,6 +91,7 @@ def try_plan(
         camera: the twin's, as it is believed to stand.
         weights: file of the learned dynamics.
         network: proposes first guesses at the rope in an image.
+        fault: what goes wrong with the twin, one of `FAULTS`.
     """
     simulator = SimulationConfig(rope=twin.config.rope, threads=1)
     source: RopeSource | None = None
@@ -98,15 +101,12 @@ def try_plan(
         source = look = TrueState(twin)
     elif control.state == "vision":
         assert camera is not None
-        look = Estimated(camera, simulator.rope, network=network)
-        if control.tracks:
-            from knotflow.perception import Tracker
+        from knotflow.perception import Tracker
 
-            prediction = ModelPrediction(MujocoDynamics(simulator))
-            tracker = Tracker(
-                camera, simulator.rope, plan.start, predict=prediction, network=network
-            )
-            source = Tracked(tracker)
+        prediction = ModelPrediction(MujocoDynamics(simulator))
+        tracker = Tracker(camera, simulator.rope, plan.start, predict=prediction, network=network)
+        source = Tracked(tracker)
+        look = Estimated(camera, simulator.rope, network=network, tracker=tracker)
     if control.tracks:
         from knotflow.execution.lstm import LstmDynamics
         from knotflow.execution.mppi import Mppi
@@ -114,7 +114,8 @@ def try_plan(
         mujoco = control.model == "mujoco"
         controller = Mppi(MujocoDynamics(simulator) if mujoco else LstmDynamics.load(weights))
     replan = replan if control.replans else None
-    execution = execute(plan, twin.robot(), config, source, controller, look, replan)
+    robot = FAULTS[fault](twin.robot())
+    execution = execute(plan, robot, config, source, controller, look, replan)
     away = np.linalg.norm(
         execution.reference - np.reshape(twin.trajectory, execution.reference.shape), axis=-1
     )
@@ -136,7 +137,11 @@ def failure(execution: Execution, goal: Goal, twin: Twin) -> str:
         return "rope not seen"
     if sight is not None and sight.state != truth:
         return "state misread"
-    if sight is None and twin.missed:
+    if sight is not None and sight.doubts:
+        return "state in doubt"
+    if any(not one.followed for one in execution.outcomes[-1:]):
+        return "track lost"
+    if twin.missed if sight is None else any(not one.held for one in execution.outcomes[-1:]):
         return "grasp missed"
     if truth is None or truth not in goal.dag:
         return "out of the DAG"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
@@ -191,12 +192,13 @@ class TrueState:
     """The rope's true state, in place of vision: a yardstick that no lab has."""
 
     twin: Twin
+    lost = False
 
     def points(self, robot: Robot, grasped: bool) -> NDArray[np.float64]:
         """See `RopeSource`."""
         return self.twin.points
 
-    def look(self, robot: Robot) -> Sight:
+    def look(self, robot: Robot, likely: Sequence[NDArray] = ()) -> Sight:
         """See `Look`."""
         return Sight.of(self.twin.points)
 

@@ -8,6 +8,7 @@ account for the image, or a crossing in doubt, makes the estimate doubtful.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +23,7 @@ from knotflow.perception.lifting import lift
 from knotflow.perception.losses import Target
 from knotflow.perception.network import Network
 from knotflow.perception.segmentation import segment
-from knotflow.perception.tracing import trace
+from knotflow.perception.tracing import TraceError, trace
 from knotflow.perception.uncertainty import spread
 from knotflow.simulation import RopeConfig, state_or_none
 from knotflow.topology import TopologicalState
@@ -90,6 +91,7 @@ def estimate(
     config: EstimateConfig | None = None,
     earlier: NDArray | None = None,
     network: Network | None = None,
+    likely: Sequence[NDArray] = (),
 ) -> RopeEstimate:
     """The rope of an image.
 
@@ -103,6 +105,9 @@ def estimate(
         earlier: (V, 3) metres, the shape it had shortly before, head first. It tells which end is
             the head where no colour does.
         network: proposes one more first guess, where `initial` is not given.
+        likely: shapes (V, 3), metres, that it may have for other reasons than the image, such as a
+            track's or a plan's. They are tried first; the image alone is ambiguous where strands
+            touch, so its own guesses are added only where none of these accounts for it.
 
     Raises:
         ImageError: an image of another size.
@@ -110,14 +115,18 @@ def estimate(
     """
     config = config or EstimateConfig()
     target = observe(image, camera, rope)
-    if initial is not None:
-        guesses = [initial]
-    else:
+    if initial is None and not bool(target.rope.any()):
+        raise TraceError("nothing in the image is taken for rope")
+    guesses = list(likely) if initial is None else [initial]
+    shapes = [fit(guess, target, camera, rope, config.fit) for guess in guesses]
+    shares = [explained(shape, target, camera, rope) for shape in shapes]
+    if initial is None and max(shares, default=0.0) < config.explained:
         guesses = _guesses(target, image, camera, rope, config)
         if network is not None:
             guesses.append(propose_points(image, camera, rope, network))
-    shapes = [fit(guess, target, camera, rope, config.fit) for guess in guesses]
-    shares = [explained(shape, target, camera, rope) for shape in shapes]
+        found = [fit(guess, target, camera, rope, config.fit) for guess in guesses]
+        shapes += found
+        shares += [explained(shape, target, camera, rope) for shape in found]
     best = int(np.argmax(shares))
     shape, crossings = weigh_crossings(shapes[best], target, camera, rope, config.fit)
     head = _head(shape, target, image, camera, config)
@@ -202,6 +211,7 @@ def _guesses(
     distance = float(np.nanmedian(visible)) if np.isfinite(visible).any() else 1.0
     pixels = camera.fx / distance  # of a metre at the rope
     paths = trace(target.coverage.numpy(), 2 * rope.radius * pixels, rope.length * pixels)
+    paths = [path for path in paths if np.ptp(path.pixels, axis=0).any()]  # no single dots
     return [lift(path, mask, image.depth, camera, rope) for path in paths[: config.candidates]]
 
 

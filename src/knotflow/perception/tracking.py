@@ -179,9 +179,13 @@ class Tracker:
             alone = self._alone(image, self.points)
             if alone is not None and alone.explained > found.explained:
                 found = alone
-        self._time = image.time
-        self._take(found)
+        self.reseat(found, image.time)
         return found
+
+    def reseat(self, found: RopeEstimate, time: float) -> None:
+        """Go on from an estimate of the rope at rest, from an image taken at that time, seconds."""
+        self._time = time
+        self._take(found)
 
     def _fit(
         self,

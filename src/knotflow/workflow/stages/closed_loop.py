@@ -176,7 +176,6 @@ def _row(
     network = Network.load(seen_by) if camera is not None and seen_by.is_file() else None
     trial = try_plan(plan, goal, twin, control, config.execution, anew, camera, weights, network)
     execution = trial.execution
-    ticks = execution.tick_seconds
     return {
         "tied": trial.tied,
         "reported": {None: "", True: "yes", False: "no"}[execution.tied],
@@ -184,7 +183,15 @@ def _row(
         "mean_deviation_mm": "" if math.isnan(trial.deviation) else round(1e3 * trial.deviation, 1),
         "seconds": round(float(execution.times[-1]), 1) if len(execution.times) else 0.0,
         "planning_seconds": round(planner.seconds, 1),
-        "tick_ms": round(1e3 * float(ticks.mean()), 1) if len(ticks) else "",
+        "image_ms": _milliseconds([tick.image for tick in execution.ticks]),
+        "track_ms": _milliseconds([tick.track for tick in execution.ticks]),
+        "mppi_ms": _milliseconds([tick.control for tick in execution.ticks]),
+        "tick_ms": _milliseconds([tick.track + tick.control for tick in execution.ticks]),
         "cause": trial.cause if plan.solved or control.replans else "no plan",
         "reason": execution.reason,
     }
+
+
+def _milliseconds(seconds: list[float]) -> float | str:
+    """Their mean; nothing where nothing was timed."""
+    return round(1e3 * float(np.mean(seconds)), 1) if seconds else ""
