@@ -7,14 +7,16 @@ from knotflow.report.page import compose
 from knotflow.report.results import Results, ResultsError
 from knotflow.report.section import Pictures
 
-COLUMNS = ("controller", "level", "twin", "knot", "tied", "reported", "actions_done")
-COLUMNS += ("mean_deviation_mm", "seconds", "tick_ms", "cause", "reason")
+COLUMNS = ("controller", "level", "twin", "knot", "fault", "tied", "reported", "actions_done")
+COLUMNS += ("mean_deviation_mm", "seconds", "planning_seconds", "image_ms", "track_ms", "mppi_ms")
+COLUMNS += ("tick_ms", "cause", "reason")
 
 
-def row(controller, level, twin, tied, cause="", reported="", tick=""):
+def row(controller, level, twin, tied, cause="", reported="", tick="", fault="", planning=5.0):
     seconds, reason = 24.0 + twin, "every step was executed"
-    told = (tied, reported, 3, 12.5, seconds, tick, cause, reason)
-    return (controller, level, twin, "overhand", *told)
+    ticks = ("", "", tick, tick)
+    told = (tied, reported, 3, 12.5, seconds, planning, *ticks, cause, reason)
+    return (controller, level, twin, "overhand", fault, *told)
 
 
 def executions():
@@ -24,6 +26,10 @@ def executions():
         seen = {"reported": "yes", "cause": "" if twin else "state misread"}
         yield row("replan", 1, twin, bool(twin), **seen)
     yield row("mppi_true_state", 2, 0, True, tick=52.0)
+    yield row("replan_true_state", 1, 0, True, reported="yes")
+    yield row("open_loop_robust", 1, 1, True, planning=11.0)
+    yield row("replan", 1, 0, True, reported="yes", fault="rope dropped")
+    yield row("replan", 1, 1, False, "rope not seen", reported="no", fault="rope dropped")
 
 
 def test_the_difference_is_of_the_same_twins(write):
@@ -32,11 +38,21 @@ def test_the_difference_is_of_the_same_twins(write):
     (line,) = [one for one in found["table"].splitlines() if "planned anew |" in one]
     # Seven of eight against six of the same eight: twins 6 and 7 gained, twin 0 lost.
     assert "7 of 8" in line and "| 12.5 (" in line
-    assert (found["looked"], found["reported"]) == (8, 1)
+    assert "| −100 |" in line  # twin 0 by the true state
+    assert (found["looked"], found["reported"]) == (11, 1)
     assert found["missing"] == "MPPI and MPPI, planned anew"
     causes = found["causes"].splitlines()
     assert causes[0] == "| knot | level | executed | not tied | out of the DAG | state misread |"
     assert len(causes) == 4
+
+
+def test_time_robust_plans_and_faults_have_tables_of_their_own(write):
+    write.table("closed_loop", "executions.csv", COLUMNS, executions())
+    found = closed_loop.values(Results(write.root), Pictures())
+    assert found["ticks"].splitlines()[2] == "| MPPI, true state | – | – | 52 ms | 52 ms |"
+    assert found["robust"].splitlines()[2] == "| 1 | 5.0 s | 11 s | 6.0 | 0.0 |"
+    (line,) = found["faults"].splitlines()[2:]
+    assert line == "| rope dropped | planned anew | 2 | 1 | 1 | 0 | rope not seen 1 |"
 
 
 def test_the_section_shows_figure_tables_and_limits(write):

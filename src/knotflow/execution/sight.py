@@ -144,7 +144,7 @@ class Estimated:
     rope: RopeConfig = field(default_factory=RopeConfig)
     """The rope that is looked for."""
     config: EstimateConfig | None = None
-    """How it is estimated."""
+    """How it is estimated; by default bends count, too."""
     network: Network | None = None
     """Proposes one more first guess; the shipped one where none is given."""
     tracker: Tracker | None = None
@@ -152,11 +152,11 @@ class Estimated:
     _before: float | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        """Take the network that the package ships."""
-        if self.network is None:
-            from knotflow.perception import Network
+        """Take the network that the package ships, and the default configuration."""
+        from knotflow.perception import EstimateConfig, Network
 
-            self.network = Network.load()
+        self.network = self.network or Network.load()
+        self.config = self.config or EstimateConfig(bends=True)
 
     def look(self, robot: Robot, likely: Sequence[NDArray] = ()) -> Sight | None:
         """See `Look`."""

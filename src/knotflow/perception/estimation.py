@@ -12,19 +12,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from knotflow.perception.camera import Camera
 from knotflow.perception.certainty import CrossingEvidence, weigh_crossings
 from knotflow.perception.evidence import explained, observe, seen
-from knotflow.perception.fitting import FitConfig, fit
+from knotflow.perception.fitting import FitConfig, fit, image_loss, shape_loss
 from knotflow.perception.image import RgbdImage
 from knotflow.perception.lifting import lift
 from knotflow.perception.losses import Target
 from knotflow.perception.network import Network
 from knotflow.perception.segmentation import segment
 from knotflow.perception.tracing import TraceError, trace
-from knotflow.perception.uncertainty import spread
+from knotflow.perception.uncertainty import CORRELATED, spread
 from knotflow.simulation import RopeConfig, state_or_none
 from knotflow.topology import TopologicalState
 
@@ -32,6 +33,7 @@ Floats = NDArray[np.float64]
 Pairs = frozenset[tuple[int, int]]
 
 _BORDER = 2  # pixels: the last one may have lost its depth
+_KINKED = 1.0  # cost of a shape that turns as no rope does: right fits cost 0.3 to 0.8, wrong 1.6
 
 
 @dataclass
@@ -48,6 +50,10 @@ class EstimateConfig:
     """A shape that accounts for less of the rope's image is in doubt."""
     rival: float = 0.01
     """A path with other crossings is a rival if it accounts for at most this much less."""
+    bends: bool = False
+    """Compare paths by how a rope bends, too: one that turns where it should cross accounts for the
+    image as well, with kinks. The likeliest is taken then, and a rival is a path whose probability
+    beside it is not below 1 - `certain`."""
     head_contrast: float = 0.15
     """Distance in RGB (0..1) from the rope's colour that marks a head."""
 
@@ -120,14 +126,24 @@ def estimate(
     guesses = list(likely) if initial is None else [initial]
     shapes = [fit(guess, target, camera, rope, config.fit) for guess in guesses]
     shares = [explained(shape, target, camera, rope) for shape in shapes]
-    if initial is None and max(shares, default=0.0) < config.explained:
+    good = [
+        share >= config.explained and _cost(shape, target, rope, config.fit) < _KINKED
+        for shape, share in zip(shapes, shares, strict=True)
+    ]
+    if initial is None and not any(good):
         guesses = _guesses(target, image, camera, rope, config)
         if network is not None:
             guesses.append(propose_points(image, camera, rope, network))
         found = [fit(guess, target, camera, rope, config.fit) for guess in guesses]
         shapes += found
         shares += [explained(shape, target, camera, rope) for shape in found]
-    best = int(np.argmax(shares))
+    if config.bends:
+        misfits = np.array([_misfit(shape, target, camera, rope, config.fit) for shape in shapes])
+        best = int(np.argmin(misfits))
+        close = misfits - misfits[best] < np.log(config.certain / (1 - config.certain))
+    else:
+        best = int(np.argmax(shares))
+        close = np.array(shares) > shares[best] - config.rival
     shape, crossings = weigh_crossings(shapes[best], target, camera, rope, config.fit)
     head = _head(shape, target, image, camera, config)
     if head is None and earlier is not None:
@@ -138,11 +154,7 @@ def estimate(
 
     share = explained(shape, target, camera, rope)
     state = None if leaves_image(target) else state_or_none(shape)
-    rivals = {
-        _shadow(one)
-        for one, accounted in zip(shapes, shares, strict=True)
-        if accounted > shares[best] - config.rival
-    }
+    rivals = {_shadow(one) for one, near in zip(shapes, close, strict=True) if near}
     doubts = list_doubts(state, crossings, share, target, config)
     if len(rivals) > 1:
         doubts.append("another path through the image accounts for it as well")
@@ -235,6 +247,28 @@ def _head(
     if max(contrast) <= max(config.head_contrast, 2 * min(contrast)):
         return None
     return 0 if contrast[0] > contrast[1] else -1
+
+
+def _misfit(
+    shape: Floats, target: Target, camera: Camera, rope: RopeConfig, config: FitConfig | None
+) -> float:
+    """Negative log likelihood of a shape (V, 3) as a rope in that image, up to a constant."""
+    with torch.no_grad():
+        points = torch.as_tensor(shape)
+        loss = float(image_loss(points, target, camera, rope, config or FitConfig()))
+    return _pixels(target) * loss + _cost(shape, target, rope, config)
+
+
+def _cost(shape: Floats, target: Target, rope: RopeConfig, config: FitConfig | None) -> float:
+    """The part of `_misfit` that is the rope's own: bends, above all."""
+    with torch.no_grad():
+        loss = float(shape_loss(torch.as_tensor(shape), rope, config or FitConfig()))
+    return _pixels(target) * loss
+
+
+def _pixels(target: Target) -> float:
+    """How many independent pixels of rope an image has."""
+    return float(target.rope.sum()) / CORRELATED
 
 
 def _apart(one: Floats, other: Floats) -> float:

@@ -27,28 +27,38 @@ CONTROLLERS = {
     "mppi_replan": ("MPPI, planned anew", "#009e73"),
     "mppi_replan_true_state": ("MPPI, planned anew, true state", "#7fc8a9"),
 }
+#: How the names of controllers end that are told the true state.
+TRUE = "_true_state"
+ROBUST = "open_loop_robust"
+TICK = {"image_ms": "image", "track_ms": "track", "mppi_ms": "MPPI", "tick_ms": "together"}
 MAYBE = Column("number", 0, optional=True)
-KEY = {"controller": TEXT, "knot": TEXT, "level": COUNT, "twin": COUNT}
-COLUMNS = KEY | {"tied": FLAG, "actions_done": COUNT, "seconds": AMOUNT, "tick_ms": MAYBE}
-COLUMNS |= {"mean_deviation_mm": MAYBE, "reported": NOTE, "cause": NOTE}
+KEY = {"controller": TEXT, "knot": TEXT, "level": COUNT, "fault": NOTE, "twin": COUNT}
+COLUMNS = KEY | {"tied": FLAG, "actions_done": COUNT, "seconds": AMOUNT, "planning_seconds": AMOUNT}
+COLUMNS |= dict.fromkeys(("mean_deviation_mm", *TICK), MAYBE)
+COLUMNS |= {"reported": NOTE, "cause": NOTE, "reason": NOTE}
 
 
 def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
-    """The figure, a line a controller, knot and level, and the failures by cause."""
+    """The figures, a line a controller, knot and level, the failures by cause, and the faults."""
     runs = results.table(EXPERIMENT, "executions.csv", COLUMNS, key=tuple(KEY))
     if runs is None:
         return None
     unknown = ~runs["controller"].isin(CONTROLLERS)
     refuse(runs, "controller", unknown, f"'{{controller}}' is none of {listed([*CONTROLLERS])}")
     refuse(runs, "cause", runs["tied"] & (runs["cause"] != ""), "tied, and failed by {cause}")
-    groups = _groups(runs)
     false = runs[(runs["reported"] == "yes") & ~runs["tied"]]
+    looked = int((runs["reported"] != "").sum())
+    faulty, runs = runs[runs["fault"] != ""], runs[runs["fault"] == ""]
+    groups = _groups(runs)
     return {
         "figure": pictures.add(_figure(runs)),
-        "table": _table(groups, runs),
+        "table": _table(groups),
         "causes": _causes(groups),
+        "ticks": _ticks(runs),
+        "robust": _robust(runs),
+        "faults": _faults(faulty),
         "reported": len(false),
-        "looked": int((runs["reported"] != "").sum()),
+        "looked": looked,
         "missing": listed([CONTROLLERS[name][0] for name in ("mppi", "mppi_replan")
                            if name not in set(runs["controller"])]),
     }  # fmt: skip
@@ -70,7 +80,7 @@ def _groups(runs: pd.DataFrame) -> dict[Group, pd.DataFrame]:
     }
 
 
-def _table(groups: dict[Group, pd.DataFrame], runs: pd.DataFrame) -> str:
+def _table(groups: dict[Group, pd.DataFrame]) -> str:
     lines = []
     for (knot, name, level), own in groups.items():
         lines.append(
@@ -81,19 +91,66 @@ def _table(groups: dict[Group, pd.DataFrame], runs: pd.DataFrame) -> str:
                 f"{percent(wilson(int(own['tied'].sum()), len(own)))}<br>"
                 f"{own['tied'].sum()} of {len(own)}",
                 _gain(own, groups.get((knot, BASE, level))) if name != BASE else NOTHING,
+                _gain(own, groups.get((knot, name + TRUE, level))),
                 f"{own['actions_done'].mean():.1f}",
                 _mean(own["mean_deviation_mm"], "{:.0f} mm"),
                 duration(own["seconds"].median()),
-                _mean(own["tick_ms"], "{:.0f} ms"),
+                duration(own["planning_seconds"].median()),
             ]
         )
-    header = ["knot", "level", "executed", "tied", "points above open loop", "actions"]
-    header += ["deviation", "time, median", "a tick"]
-    return markdown_table(header, lines, "lrlrrrrrr")
+    header = ["knot", "level", "executed", "tied", "points above open loop"]
+    header += ["vision minus truth, points", "actions", "deviation", "time, median"]
+    header += ["planning, median"]
+    return markdown_table(header, lines, "lrlrrrrrrr")
+
+
+def _ticks(runs: pd.DataFrame) -> str:
+    """What a tick takes, for those that MPPI executes; none where there are none."""
+    timed = runs[runs["tick_ms"].notna()]
+    lines = [
+        [CONTROLLERS[name][0], *(_mean(own[column], "{:.0f} ms") for column in TICK)]
+        for name in CONTROLLERS
+        if len(own := timed[timed["controller"] == name])
+    ]
+    header = ["executed", "image, simulated", "track", "MPPI", "track and MPPI"]
+    return markdown_table(header, lines, "lrrrr") if lines else ""
+
+
+def _robust(runs: pd.DataFrame) -> str:
+    """What plans cost and bring that an ensemble judged, on the same twins; "" without any."""
+    lines = []
+    for level, own in runs[runs["controller"] == ROBUST].groupby("level"):
+        base = runs[(runs["controller"] == BASE) & (runs["level"] == level)]
+        both = own.merge(base, on=["knot", "twin"], suffixes=("", "_base"))
+        if both.empty:
+            continue
+        seconds = [both[f"planning_seconds{end}"] for end in ("_base", "")]
+        more = mean_difference(seconds[1].tolist(), seconds[0].tolist(), paired=True)
+        lines.append(
+            [str(level), *(duration(one.mean()) for one in seconds), estimate(more)]
+            + [_gain(own, base)]
+        )
+    header = ["level", "planning, mean", "with an ensemble", "seconds more", "points more tied"]
+    return markdown_table(header, lines, "rrrrr") if lines else ""
+
+
+def _faults(runs: pd.DataFrame) -> str:
+    """What became of executions in which something failed; "" without any."""
+    lines = []
+    for (fault, name), own in runs.groupby(["fault", "controller"], sort=False):
+        told = own["reported"] == "yes"
+        reasons = own[~told]["cause"].replace("", "tied, not told").value_counts()
+        lines.append(
+            [fault, CONTROLLERS[name][0], str(len(own)), str((told & own["tied"]).sum())]
+            + [str((~told).sum()), str((told & ~own["tied"]).sum())]
+            + [", ".join(f"{reason} {count}" for reason, count in reasons.items()) or NOTHING]
+        )
+    header = ["fault", "executed", "twins", "recovered", "stopped", "falsely reported tied"]
+    return markdown_table(header + ["why stopped"], lines, "llrrrrl") if lines else ""
 
 
 def _gain(own: pd.DataFrame, base: pd.DataFrame | None) -> str:
-    """Percentage points tied above open loop, on the twins that both were executed on."""
+    """Percentage points tied above others, on the twins that both were executed on."""
     if base is None:
         return NOTHING
     both = own.merge(base, on="twin", suffixes=("", "_base"))

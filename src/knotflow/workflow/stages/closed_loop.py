@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.execution import CONTROLS, ExecutionConfig, Twin, TwinConfig, try_plan
+from knotflow.execution import CONTROLS, FAULTS, ExecutionConfig, Twin, TwinConfig, try_plan
 from knotflow.perception import Camera, Network
 from knotflow.planning import Goal, KnotPlan, PlannerConfig, parse_goal, plan_knot
 from knotflow.samplers import Sampler, SamplerConfig, build_sampler
@@ -37,13 +37,17 @@ class ExecutionCase:
     """How many; the first of a level and knot are the same for every controller."""
     knot: str = "overhand"
     """What is tied, by name."""
+    fault: str = ""
+    """What goes wrong with robot or camera, one of `execution.FAULTS`; nothing where empty."""
 
     def __post_init__(self) -> None:
-        """Refuse a controller that there is none of."""
+        """Refuse a controller or fault that there is none of."""
         if self.controller not in CONTROLS:
             raise ValueError(
                 f"unknown controller {self.controller!r}; there are {', '.join(CONTROLS)}"
             )
+        if self.fault not in FAULTS:
+            raise ValueError(f"unknown fault {self.fault!r}; there are {', '.join(FAULTS)}")
 
 
 @dataclass(kw_only=True)
@@ -113,17 +117,18 @@ def _shard(
     planner = _Planner(config, goal, build_sampler(config.sampler, inputs))
     rope = np.random.default_rng([config.seed, number, 0])
     points = random_curve(config.simulation.rope, rope, config.starts)
-    controllers = [
-        one.controller
+    cases = [
+        one
         for one in config.cases
         if (one.knot, one.level) == (knot, level) and number < one.twins
     ]
-    robust = {CONTROLS[controller].robust for controller in controllers}
+    robust = {CONTROLS[one.controller].robust for one in cases}
     plans = {one: planner.first(points, number, one) for one in sorted(robust)}
     rows = [
-        {"controller": controller, "level": level, "twin": number, "knot": knot}
-        | _row(config, plans[CONTROLS[controller].robust], goal, controller, level, number, planner)
-        for controller in controllers
+        {"controller": one.controller, "level": level, "twin": number, "knot": knot}
+        | {"fault": one.fault}
+        | _row(config, plans[CONTROLS[one.controller].robust], goal, one, number, planner)
+        for one in cases
     ]
     with context.atomic(f"rows/{name}.csv") as path:
         pd.DataFrame(rows).to_csv(path, index=False)
@@ -160,13 +165,12 @@ def _row(
     config: ClosedLoopConfig,
     plan: KnotPlan,
     goal: Goal,
-    controller: str,
-    level: int,
+    case: ExecutionCase,
     number: int,
     planner: _Planner,
 ) -> dict[str, object]:
     """What became of one execution."""
-    control = CONTROLS[controller]
+    control, level = CONTROLS[case.controller], case.level
     camera = Camera.overhead() if control.state == "vision" else None
     drawn = np.random.default_rng([config.seed, number, 2, level])
     twin = Twin(plan.start, TwinConfig(level=level, rope=config.simulation.rope), drawn, camera)
@@ -174,7 +178,9 @@ def _row(
     anew = partial(planner.anew, np.random.default_rng([config.seed, number, 3, level]))
     weights, seen_by = Path(config.weights), Path(config.network)
     network = Network.load(seen_by) if camera is not None and seen_by.is_file() else None
-    trial = try_plan(plan, goal, twin, control, config.execution, anew, camera, weights, network)
+    trial = try_plan(
+        plan, goal, twin, control, config.execution, anew, camera, weights, network, case.fault
+    )
     execution = trial.execution
     return {
         "tied": trial.tied,
