@@ -200,6 +200,8 @@ class ClosedLoopBudget:
     """Twins of level 1 on which MPPI predicts by simulating, which takes a second a tick."""
     figure_eight: int = 30
     """Twins of level 1 on which a figure eight is tied."""
+    faults: int = 20
+    """Twins of level 1 with each fault of robot or camera."""
     ensemble: int = 8
     """Perturbed ropes that judge the plans that are to be robust."""
     seed: int = 5_500_003
@@ -208,6 +210,20 @@ class ClosedLoopBudget:
     """How a tree grows, and when it is given up."""
     execution: ExecutionConfig = field(default_factory=ExecutionConfig)
     """Heights, speeds, and when an execution is given up."""
+
+
+@dataclass
+class ArmBudget:
+    """Plans that an arm follows."""
+
+    plans: int = 50
+    """From a random rope each."""
+    max_speed: float = 0.25
+    """Of the tip, metres per second."""
+    seed: int = 5_100_019
+    """Of ropes and plans; used for nothing else."""
+    planner: PlannerConfig = field(default_factory=lambda: replace(FAST_SEARCH))
+    """How a tree grows, and when it is given up."""
 
 
 @dataclass
@@ -390,6 +406,8 @@ class Config:
     """Predictions of ropes that are dragged."""
     closed_loop: ClosedLoopBudget = field(default_factory=ClosedLoopBudget)
     """Executions on twins."""
+    arm: ArmBudget = field(default_factory=ArmBudget)
+    """Plans as joint trajectories."""
     plan: PlanRequest = field(default_factory=PlanRequest)
     workflow: dict[str, Any] = field(default_factory=dict)
     """The stages of the experiment, from workflows/."""

@@ -15,7 +15,7 @@ from knotflow.execution import (
     TwinConfig,
     execute,
 )
-from knotflow.execution.follow import from_grasp, rope_at
+from knotflow.execution.follow import Run, from_grasp, rope_at
 from knotflow.planning import UnreachableGoalError
 from knotflow.simulation import state_or_none
 
@@ -205,8 +205,9 @@ def test_a_knot_in_doubt_is_looked_at_again_and_not_reported(plan):
     unsure = Sight.of(plan.steps[0].end, ("a crossing is in doubt",))
     start = Sight.of(plan.start)
     _, replan = replanned(plan)
+    config = ExecutionConfig(pulls=0)
     look = Scripted(start, *[unsure] * 2)
-    execution = execute(plan, Recorded(), look=look, replan=replan)
+    execution = execute(plan, Recorded(), config, look=look, replan=replan)
     assert execution.tied is False
     assert "in doubt: a crossing is in doubt" in execution.reason
     np.testing.assert_allclose(look.places[1] * [1, -1, 1], look.places[2], atol=1e-9)
@@ -218,10 +219,23 @@ def test_a_knot_in_doubt_is_looked_at_again_and_not_reported(plan):
 def test_nothing_is_planned_from_a_rope_in_doubt(plan):
     unsure = Sight.of(plan.start, ("a crossing is in doubt",))
     asked, replan = replanned(plan)
-    robot = Recorded()
-    execution = execute(plan, robot, look=Scripted(*[unsure] * 2), replan=replan)
-    assert asked == [] and "grasp" not in robot.words and execution.tied is False
+    look = Scripted(*[unsure] * 4)
+    execution = execute(plan, Recorded(), look=look, replan=replan)
+    assert asked == [] and execution.outcomes == () and execution.tied is False
     assert execution.reason.startswith("it cannot be planned after 0 actions: ")
+    assert look.likely == [[plan.start]] * 4  # what was seen in doubt is not what is likely
+
+
+def test_a_rope_in_doubt_is_pulled_apart_and_keeps_its_state(plan):
+    step = plan.steps[0]
+    twin = Twin(step.end, TwinConfig(level=1), np.random.default_rng(1))
+    run = Run(twin.robot(), ExecutionConfig(), points=twin.points)
+    before = twin.points
+    run.pull(0)
+    moved = np.linalg.norm(twin.points - before, axis=1)[[0, -1]]
+    assert 0.02 < moved.max() < 0.06
+    assert state_or_none(twin.points) == step.end_state
+    assert not run.closed and not twin.grasped
 
 
 def test_a_look_knows_where_the_rope_was_and_where_it_should_be(plan):

@@ -44,9 +44,7 @@ def test_an_image_of_the_table_alone_shows_no_rope(plan):
 def test_a_dropped_rope_is_not_reported_tied(plan):
     twin = twin_of(plan)
     true = TrueState(twin)
-    execution = execute(
-        plan, FAULTS["rope dropped"](twin.robot()), source=true, look=true
-    )
+    execution = execute(plan, FAULTS["rope dropped"](twin.robot()), source=true, look=true)
     assert not execution.outcomes[0].held
     assert execution.tied == (state_or_none(twin.points) in plan.goal_states)
 

@@ -108,7 +108,9 @@ def test_ends_that_look_alike_are_a_doubt(monkeypatch):
 
 def test_a_look_begins_where_the_rope_may_be_and_the_tracker_goes_on_from_it(monkeypatch):
     asked = {}
-    monkeypatch.setattr("knotflow.perception.estimate", lambda *_, **named: asked.update(named) or SEEN)
+    monkeypatch.setattr(
+        "knotflow.perception.estimate", lambda *_, **named: asked.update(named) or SEEN
+    )
     robot, tracker = Filmed(), Tracker(CAMERA, RopeConfig(), STRAIGHT + [0.0, 0.1, 0.0])
     look = Estimated(CAMERA, tracker=tracker)
     look.look(robot)

@@ -79,9 +79,7 @@ def test_a_knot_is_tied_by_what_a_camera_sees(plan, goal):
     camera = Camera.overhead()
     twin = Twin(plan.start, TwinConfig(level=1), np.random.default_rng(1), camera)
     config = ExecutionConfig(max_actions=1)
-    trial = try_plan(
-        plan, goal, twin, CONTROLS["mppi_replan"], config, lambda points: plan, camera
-    )
+    trial = try_plan(plan, goal, twin, CONTROLS["mppi_replan"], config, lambda points: plan, camera)
     execution = trial.execution
     assert trial.tied and execution.tied and execution.sight.doubts == ()
     assert np.linalg.norm(execution.sight.points - twin.points, axis=1).mean() < 0.01

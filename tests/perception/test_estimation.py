@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from knotflow.perception import estimation
 from knotflow.perception.certainty import weigh_crossings
 from knotflow.perception.estimation import EstimateConfig, estimate
 from knotflow.perception.fitting import FitConfig
@@ -49,6 +50,26 @@ def test_a_guess_of_the_shape_still_has_its_head_looked_for():
 
 def test_without_colour_and_past_the_head_is_unknown():
     assert not estimate(image(s_curve()), CAMERA, ROPE, config=QUICK).head_known
+
+
+@pytest.mark.slow
+def test_what_is_likely_must_account_for_the_image(monkeypatch):
+    truth, config = loop(1), replace(QUICK, bends=True)
+    seen, asked = image(truth, head=True), []
+    trace = estimation.trace
+    monkeypatch.setattr(estimation, "trace", lambda *one: asked.append(one) or trace(*one))
+    near, far = truth + [0.0, 0.005, 0.0], s_curve()
+    found = estimate(seen, CAMERA, ROPE, config=config, likely=[far, near])
+    assert asked == [] and np.linalg.norm(found.points - truth, axis=1).mean() < 4e-3
+    found = estimate(seen, CAMERA, ROPE, config=config, likely=[far])
+    assert asked and found.state == TopologicalState.from_curve(truth)
+
+
+def test_nothing_likely_is_seen_on_a_bare_table():
+    bare = image(s_curve())
+    table = RgbdImage(np.full_like(bare.rgb, 60), np.full_like(bare.depth, CAMERA.position[2]))
+    with pytest.raises(TraceError):
+        estimate(table, CAMERA, ROPE, config=QUICK, likely=[s_curve()])
 
 
 @pytest.mark.slow

@@ -20,7 +20,8 @@ def png(shade):
 @pytest.fixture
 def camera(make_rollout):
     points = make_rollout(3, frames=5).points
-    return RolloutImages(tuple(png(20 * frame) for frame in range(5)), points + 0.001)
+    images = tuple(png(20 * frame) for frame in range(5))
+    return RolloutImages(images, points + 0.001, points - 0.002)
 
 
 def test_images_and_estimates_are_read_as_they_were_written(tmp_path, make_rollout, camera):
@@ -30,6 +31,11 @@ def test_images_and_estimates_are_read_as_they_were_written(tmp_path, make_rollo
     assert read[1] is None and read[2] is None
     assert read[3].images == camera.images
     assert np.array_equal(read[3].points, camera.points)
+    assert np.array_equal(read[3].reference, camera.reference)
+    write_recording(
+        tmp_path / "b.mcap", [replace(seen, camera=replace(camera, reference=None))], {}
+    )
+    assert next(read_recording(tmp_path / "b.mcap")).camera.reference is None
 
 
 def test_a_sight_has_a_frame_for_each_of_the_rope(make_rollout, camera):
@@ -37,6 +43,8 @@ def test_a_sight_has_a_frame_for_each_of_the_rope(make_rollout, camera):
         replace(make_rollout(3, frames=6), camera=camera)
     with pytest.raises(ValueError, match="as many images"):
         RolloutImages(camera.images[:4], camera.points)
+    with pytest.raises(ValueError, match="as many ropes as estimates"):
+        replace(camera, reference=camera.points[:4])
     with pytest.raises(ValueError, match="image 1 of a rollout is neither"):
         RolloutImages((camera.images[0], b"GIF89a"), camera.points[:2])
 

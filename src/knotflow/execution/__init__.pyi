@@ -4,6 +4,7 @@ from .errors import STEPS, predict_motions, prediction_errors
 from .execute import Execution, Replan, StepOutcome, execute
 from .export import Export, export_plan
 from .faults import FAULTS, Faulty
+from .film import Filming, Frame, animate_execution, draw_execution, frames, jpeg
 from .follow import Controller, ExecutionConfig, Tick
 from .franka import panda
 from .lstm import LstmDynamics
@@ -40,6 +41,8 @@ __all__ = [
     "ExecutionConfig",
     "Export",
     "Faulty",
+    "Filming",
+    "Frame",
     "JointTrajectory",
     "Look",
     "LstmConfig",
@@ -66,11 +69,15 @@ __all__ = [
     "TrueState",
     "Twin",
     "TwinConfig",
+    "animate_execution",
+    "draw_execution",
     "draw_motions",
     "execute",
     "export_plan",
     "failure",
     "follow_waypoints",
+    "frames",
+    "jpeg",
     "load_arm",
     "panda",
     "predict_motions",

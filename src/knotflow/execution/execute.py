@@ -30,18 +30,26 @@ class StepOutcome:
     """What became of one step.
 
     Attributes:
-        action: what it was for; an `Arrange` keeps the state.
-        expected: the state it leads to.
+        step: as it was planned.
         found: the state that was seen after it; None where nobody looked, or it cannot be told.
         held: whether the rope was held until it was let go, as far as that was watched.
         followed: whether it then was where it was followed to, as far as it was followed.
     """
 
-    action: Action
-    expected: TopologicalState
+    step: PlanStep
     found: TopologicalState | None
     held: bool
-    followed: bool = True
+    followed: bool
+
+    @property
+    def action(self) -> Action:
+        """What it was for; an `Arrange` keeps the state."""
+        return self.step.action
+
+    @property
+    def expected(self) -> TopologicalState:
+        """The state it leads to."""
+        return self.step.end_state
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +159,7 @@ class _Knot:
         """
         assert self.look is not None
         config, lost = self.run.config, 0
-        sight = self._see(self.look, self.plan.start)
+        sight = self._see(self.look, self.plan.start, config.pulls)
         begins = self.plan.solved and sight.state == self.plan.start_state
         plan = self.plan if begins else None
         while sight.points is not None and sight.state not in self.plan.goal_states:
@@ -169,21 +177,29 @@ class _Knot:
             if not plan.solved or not plan.steps:
                 return f"no plan was found after {done} actions: {plan.reason}"
             lost = 0 if self._step(plan.steps[0], plan) else lost + 1
-            sight = self._see(self.look, plan.steps[0].end)
+            sight = self._see(self.look, plan.steps[0].end, config.pulls)
             self.outcomes[-1] = replace(self.outcomes[-1], found=sight.state)
             plan = None
         return f"{self._seen()} after {len(self.outcomes)} actions"
 
     def _step(self, step: PlanStep, plan: KnotPlan) -> bool:
         dragged = self.run.execute(step, plan, len(self.outcomes))
-        outcome = StepOutcome(step.action, step.end_state, None, dragged.held, dragged.followed)
-        self.outcomes.append(outcome)
+        self.outcomes.append(StepOutcome(step, None, dragged.held, dragged.followed))
         return dragged.held
 
-    def _see(self, look: Look, expected: NDArray) -> Sight:
-        """What a look shows, that may be where the rope was seen last, or what is expected."""
-        known = [] if self.run.points is None else [self.run.points]
-        self.sight = self.run.see(look, len(self.outcomes), [*known, expected])
+    def _see(self, look: Look, expected: NDArray, pulls: int = 0) -> Sight:
+        """What a look shows, that may be where the rope was seen last, or what is expected.
+
+        A rope in doubt is pulled at an end so often. What was seen of it then is no evidence of
+        how it lies now.
+        """
+        run, done = self.run, len(self.outcomes)
+        likely = [expected] if run.points is None else [run.points, expected]
+        self.sight = run.see(look, done, likely)
+        while pulls and self.sight.doubts and self.sight.points is not None:
+            run.pull(done)
+            self.sight = run.see(look, done, likely)
+            pulls -= 1
         return self.sight
 
     def _tied(self) -> bool | None:

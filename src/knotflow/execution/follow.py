@@ -65,6 +65,11 @@ class ExecutionConfig:
     another look it waits opposite."""
     looks: int = 2
     """How often the rope is looked at while it is in doubt."""
+    pulls: int = 1
+    """How often a rope that stays in doubt is pulled at an end, where the plan goes on from what is
+    seen, and looked at again."""
+    pull: float = 0.04
+    """How far, metres."""
     patience: float = 3.0
     """How long a new image is waited for, seconds."""
     max_actions: int = 12
@@ -201,6 +206,33 @@ class Run:
                 break
         self.before = self.points = sight.points
         return sight
+
+    def pull(self, number: int) -> None:
+        """Draw the end that sticks out farther outward, so that what touches comes apart.
+
+        An end that leaves along itself crosses nothing, and undoes nothing that is tied.
+        """
+        assert self.points is not None
+        gripper, points = self.config.gripper, self.points
+        from_middle = np.linalg.norm((points - points.mean(axis=0))[:, :2], axis=1)
+        if from_middle[-1] > from_middle[0]:
+            points = points[::-1]
+        outward = (points[0] - points[4]) * [1.0, 1.0, 0.0]
+        place = (points[0] + points[1]) / 2
+        goal = place + self.config.pull * outward / max(float(np.linalg.norm(outward)), 1e-9)
+        above, raised = np.array([place, goal]) * [1, 1, 0] + [0, 0, gripper.approach_height]
+        way = [*_straight(self.robot.position, above, gripper.travel_speed)]
+        for at in [*way, *_straight(above, place, gripper.vertical_speed)]:
+            self._move(at, number)
+        self.robot.grasp()
+        self.closed = True
+        closing = [place] * round(gripper.close_time / STEP)
+        for at in [*closing, *_straight(place, goal, gripper.vertical_speed)]:
+            self._move(at, number, follow=True)
+        self.robot.release()
+        self.closed = False
+        for at in _straight(goal, raised, gripper.vertical_speed):
+            self._move(at, number, follow=True)
 
     def _see_from(
         self, aside: NDArray, look: Look, number: int, likely: Sequence[NDArray]

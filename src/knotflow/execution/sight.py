@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -144,12 +144,13 @@ class Estimated:
     rope: RopeConfig = field(default_factory=RopeConfig)
     """The rope that is looked for."""
     config: EstimateConfig | None = None
-    """How it is estimated; by default bends count, too."""
+    """How it is estimated; by default bends count, too. After a doubt more paths are tried."""
     network: Network | None = None
     """Proposes one more first guess; the shipped one where none is given."""
     tracker: Tracker | None = None
     """Goes on from what is seen."""
     _before: float | None = field(default=None, init=False)
+    _doubted: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         """Take the network that the package ships, and the default configuration."""
@@ -175,14 +176,25 @@ class Estimated:
                 image,
                 self.camera,
                 self.rope,
-                config=self.config,
+                config=self._config(),
                 earlier=likely[0] if likely else None,
                 network=self.network,
                 likely=likely,
             )
         except TraceError as error:
             return Sight.nothing(str(error))
+        self._doubted = found.doubtful
         if self.tracker is not None:
             self.tracker.reseat(found, image.time)
         unknown = () if found.head_known else ("head and tail cannot be told apart",)
         return Sight.of(resample(found.points, self.rope), found.doubts + unknown)
+
+    def _config(self) -> EstimateConfig:
+        """For the next look."""
+        assert self.config is not None
+        more = MORE if self._doubted else 1
+        return replace(self.config, candidates=more * self.config.candidates)
+
+
+MORE = 3
+"""Times as many paths through an image are tried after a doubt."""

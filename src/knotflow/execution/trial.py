@@ -9,8 +9,8 @@ import numpy as np
 
 from knotflow.execution.dynamics import ModelPrediction, MujocoDynamics
 from knotflow.execution.execute import Execution, Replan, execute
-from knotflow.execution.faults import FAULTS
 from knotflow.execution.follow import Controller, ExecutionConfig
+from knotflow.execution.robot import Robot
 from knotflow.execution.sight import Estimated, Look, RopeSource, Tracked
 from knotflow.execution.training_config import SHIPPED_DYNAMICS
 from knotflow.execution.twin import TrueState, Twin
@@ -77,7 +77,7 @@ def try_plan(
     camera: Camera | None = None,
     weights: Path = SHIPPED_DYNAMICS,
     network: Network | None = None,
-    fault: str = "",
+    robot: Robot | None = None,
 ) -> Trial:
     """Execute a plan on a twin, which is then used up.
 
@@ -91,7 +91,7 @@ def try_plan(
         camera: the twin's, as it is believed to stand.
         weights: file of the learned dynamics.
         network: proposes first guesses at the rope in an image.
-        fault: what goes wrong with the twin, one of `FAULTS`.
+        robot: the twin's, or one that passes on to it, such as one of `FAULTS`.
     """
     simulator = SimulationConfig(rope=twin.config.rope, threads=1)
     source: RopeSource | None = None
@@ -114,8 +114,7 @@ def try_plan(
         mujoco = control.model == "mujoco"
         controller = Mppi(MujocoDynamics(simulator) if mujoco else LstmDynamics.load(weights))
     replan = replan if control.replans else None
-    robot = FAULTS[fault](twin.robot())
-    execution = execute(plan, robot, config, source, controller, look, replan)
+    execution = execute(plan, robot or twin.robot(), config, source, controller, look, replan)
     away = np.linalg.norm(
         execution.reference - np.reshape(twin.trajectory, execution.reference.shape), axis=-1
     )

@@ -112,8 +112,9 @@ def estimate(
             the head where no colour does.
         network: proposes one more first guess, where `initial` is not given.
         likely: shapes (V, 3), metres, that it may have for other reasons than the image, such as a
-            track's or a plan's. They are tried first; the image alone is ambiguous where strands
-            touch, so its own guesses are added only where none of these accounts for it.
+            track's or a plan's. They are tried first, one after the other; the image alone is
+            ambiguous where strands touch, so its own guesses are added only where none of these
+            accounts for it.
 
     Raises:
         ImageError: an image of another size.
@@ -123,20 +124,22 @@ def estimate(
     target = observe(image, camera, rope)
     if initial is None and not bool(target.rope.any()):
         raise TraceError("nothing in the image is taken for rope")
-    guesses = list(likely) if initial is None else [initial]
-    shapes = [fit(guess, target, camera, rope, config.fit) for guess in guesses]
-    shares = [explained(shape, target, camera, rope) for shape in shapes]
-    good = [
-        share >= config.explained and _cost(shape, target, rope, config.fit) < _KINKED
-        for shape, share in zip(shapes, shares, strict=True)
-    ]
-    if initial is None and not any(good):
-        guesses = _guesses(target, image, camera, rope, config)
+    shapes, shares = [], []
+
+    def good(guess: NDArray) -> bool:
+        """Fit a guess; whether it then accounts for the image, and lies as a rope does."""
+        shapes.append(fit(guess, target, camera, rope, config.fit))
+        shares.append(explained(shapes[-1], target, camera, rope))
+        kinked = _cost(shapes[-1], target, rope, config.fit) > _KINKED
+        return shares[-1] >= config.explained and not kinked
+
+    if initial is not None:
+        good(initial)
+    elif not any(good(guess) for guess in likely):
+        for guess in _guesses(target, image, camera, rope, config):
+            good(guess)
         if network is not None:
-            guesses.append(propose_points(image, camera, rope, network))
-        found = [fit(guess, target, camera, rope, config.fit) for guess in guesses]
-        shapes += found
-        shares += [explained(shape, target, camera, rope) for shape in found]
+            good(propose_points(image, camera, rope, network))
     if config.bends:
         misfits = np.array([_misfit(shape, target, camera, rope, config.fit) for shape in shapes])
         best = int(np.argmin(misfits))

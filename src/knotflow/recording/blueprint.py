@@ -65,8 +65,11 @@ def blueprint(rope_radius: float, camera: bool = False) -> rrb.Blueprint:
         "(pink), table (10 cm grid)"
     )
     if camera:
-        shown.append(topics.ESTIMATE)
-        name += ", estimate (white)"
+        shown += [topics.ESTIMATE, topics.REFERENCE]
+        name += ", estimate (white), what was wanted (violet)"
+        overrides[topics.REFERENCE] = [
+            rr.Points3D.from_fields(radii=0.004, colors=[(204, 121, 167, 255)]).visualizer()
+        ]
         overrides[topics.ESTIMATE] = [
             rr.Points3D.from_fields(radii=0.004, colors=[(255, 255, 255, 255)]).visualizer()
         ]

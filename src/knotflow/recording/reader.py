@@ -132,6 +132,7 @@ class _Assembly:
     gripper: list[tuple[float, float, float]] = field(default_factory=list)
     images: list[bytes] = field(default_factory=list)
     estimates: list[np.ndarray] = field(default_factory=list)
+    references: list[np.ndarray] = field(default_factory=list)
 
     @property
     def whole(self) -> bool:
@@ -145,14 +146,18 @@ class _Assembly:
             self.gripper.append(gripper_position(data))
         elif topic == topics.CAMERA:
             self.images.append(image_file(data))
-        else:
+        elif topic == topics.ESTIMATE:
             self.estimates.append(cloud_points(data))
+        else:
+            self.references.append(cloud_points(data))
 
     def rollout(self) -> RecordedRollout:
         whole = self.facts.rollout(self.log_times, np.array(self.points), np.array(self.gripper))
         if not self.images:
             return whole
-        return replace(whole, camera=RolloutImages(tuple(self.images), np.array(self.estimates)))
+        reference = np.array(self.references) if self.references else None
+        seen = RolloutImages(tuple(self.images), np.array(self.estimates), reference)
+        return replace(whole, camera=seen)
 
 
 def _rollouts(path: Path) -> Iterator[tuple[Facts, RecordedRollout]]:
@@ -188,7 +193,8 @@ def _rollouts(path: Path) -> Iterator[tuple[Facts, RecordedRollout]]:
 
 def _messages(path: Path) -> Iterator[tuple[str, int, bytes]]:
     """Topic, log time in ns and encoded data of each message with facts or a frame."""
-    wanted = (topics.ROLLOUT, topics.ROPE, topics.GRIPPER, topics.CAMERA, topics.ESTIMATE)
+    wanted = (topics.ROLLOUT, topics.ROPE, topics.GRIPPER)
+    wanted += (topics.CAMERA, topics.ESTIMATE, topics.REFERENCE)
     with path.open("rb") as stream, damage_named(path):
         reader = NonSeekingReader(stream, validate_crcs=True)  # reads nothing unchecked
         for _, channel, message in reader.iter_messages(wanted, log_time_order=False):

@@ -24,13 +24,15 @@ class RolloutImages:
     Attributes:
         images: of every frame, each the bytes of a PNG or JPEG file.
         points: (T, V, 3) m float32, the rope as it was estimated from them, head first.
+        reference: (T, V, 3) m float32, the rope as it was wanted; None where nobody said.
 
     Raises:
-        ValueError: images that are neither, or not one for each estimate.
+        ValueError: images that are neither, or not one for each estimate and reference.
     """
 
     images: tuple[bytes, ...]
     points: NDArray[np.float32]
+    reference: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", np.asarray(self.points, np.float32))
@@ -39,6 +41,13 @@ class RolloutImages:
                 f"a rollout has as many images as estimates (T, V, 3), got {len(self.images)} and "
                 f"{self.points.shape}"
             )
+        if self.reference is not None:
+            object.__setattr__(self, "reference", np.asarray(self.reference, np.float32))
+            if self.reference.shape != self.points.shape:
+                raise ValueError(
+                    f"a reference is as many ropes as estimates, got {self.reference.shape} and "
+                    f"{self.points.shape}"
+                )
         for frame, image in enumerate(self.images):
             if not image.startswith(tuple(IMAGE_FORMATS)):
                 raise ValueError(f"image {frame} of a rollout is neither a PNG nor a JPEG file")

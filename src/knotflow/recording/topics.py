@@ -9,6 +9,7 @@ GRIPPER = "/gripper"  # foxglove.PoseInFrame, one a frame, exact
 SPLINE = "/spline"  # foxglove.SceneUpdate, one a rollout: control points and curve
 CAMERA = "/camera"  # foxglove.CompressedImage, one a frame, where a camera looked on
 ESTIMATE = "/estimate"  # foxglove.PointCloud, one a frame: the vertices found in its images
+REFERENCE = "/reference"  # foxglove.PointCloud, one a frame: the vertices as they were wanted
 TOPOLOGY = "/topology"  # foxglove.Log, at the start and at the end of a rollout
 FRAMES = "/tf"  # foxglove.FrameTransforms, once: the root of the frames
 

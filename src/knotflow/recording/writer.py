@@ -38,6 +38,7 @@ _TYPES = {
     topics.TOPOLOGY: Log,
 }
 _CAMERA = {topics.CAMERA: CompressedImage, topics.ESTIMATE: PointCloud}
+_CAMERA |= {topics.REFERENCE: PointCloud}
 
 
 def write_recording(
@@ -178,6 +179,8 @@ class _Timeline:
         cloud = self._painter(self._clouds, scene.RopeCloud, camera.points.shape[1])
         self._log(topics.CAMERA, log_time, scene.image_message(log_time, camera.images[frame]))
         self._log(topics.ESTIMATE, log_time, cloud.frame(log_time, camera.points[frame]))
+        if camera.reference is not None:
+            self._log(topics.REFERENCE, log_time, cloud.frame(log_time, camera.reference[frame]))
 
     @staticmethod
     def _painter(known: dict[Any, Any], kind: Any, *looks: float) -> Any:

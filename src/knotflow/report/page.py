@@ -13,6 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from knotflow.report import (
     ablation_actor_critic,
     actions,
+    arm,
     benchmark,
     causal_infogan,
     closed_loop,
@@ -60,6 +61,7 @@ FURTHER: tuple[Section, ...] = (
     tracking.SECTION,
     dynamics.SECTION,
     closed_loop.SECTION,
+    arm.SECTION,
     benchmark.SECTION,
 )
 SECTIONS = PAPER + FURTHER

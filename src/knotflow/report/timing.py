@@ -47,7 +47,7 @@ STAGES_OF_KIND = {
         "perception_training reinforcement self_play"
     ).split(),
     EVALUATION: (
-        "actions causal_infogan_plans closed_loop dynamics evaluation goals overhand "
+        "actions arm causal_infogan_plans closed_loop dynamics evaluation goals overhand "
         "perception plans tracking"
     ).split(),
 }

@@ -5,6 +5,7 @@ Importing this package registers them all.
 
 from knotflow.workflow.stages import (
     actions,
+    arm,
     benchmark,
     causal_infogan,
     causal_infogan_ends,
@@ -43,6 +44,7 @@ from knotflow.workflow.stages import (
 
 __all__ = [
     "actions",
+    "arm",
     "benchmark",
     "causal_infogan",
     "causal_infogan_ends",

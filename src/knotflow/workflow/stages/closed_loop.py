@@ -13,7 +13,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.execution import CONTROLS, FAULTS, ExecutionConfig, Twin, TwinConfig, try_plan
+from knotflow.execution import (
+    CONTROLS,
+    FAULTS,
+    ExecutionConfig,
+    Filming,
+    Twin,
+    TwinConfig,
+    try_plan,
+)
 from knotflow.perception import Camera, Network
 from knotflow.planning import Goal, KnotPlan, PlannerConfig, parse_goal, plan_knot
 from knotflow.samplers import Sampler, SamplerConfig, build_sampler
@@ -21,8 +29,13 @@ from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, r
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.signature import runtime
 from knotflow.workflow.stage import stage
+from knotflow.workflow.stages.closed_loop_shown import show
 
 TABLE = "executions.csv"
+FILM = "film"
+"""Begins the names of folders in which executions are shown, one a knot and level."""
+SHOWN = ("mppi_replan", "", 0)
+"""Controller, fault and twin of those."""
 
 
 @dataclass
@@ -118,16 +131,14 @@ def _shard(
     rope = np.random.default_rng([config.seed, number, 0])
     points = random_curve(config.simulation.rope, rope, config.starts)
     cases = [
-        one
-        for one in config.cases
-        if (one.knot, one.level) == (knot, level) and number < one.twins
+        one for one in config.cases if (one.knot, one.level) == (knot, level) and number < one.twins
     ]
     robust = {CONTROLS[one.controller].robust for one in cases}
     plans = {one: planner.first(points, number, one) for one in sorted(robust)}
     rows = [
         {"controller": one.controller, "level": level, "twin": number, "knot": knot}
         | {"fault": one.fault}
-        | _row(config, plans[CONTROLS[one.controller].robust], goal, one, number, planner)
+        | _row(config, plans[CONTROLS[one.controller].robust], goal, one, number, planner, context)
         for one in cases
     ]
     with context.atomic(f"rows/{name}.csv") as path:
@@ -168,8 +179,9 @@ def _row(
     case: ExecutionCase,
     number: int,
     planner: _Planner,
+    context: StageContext,
 ) -> dict[str, object]:
-    """What became of one execution."""
+    """What became of one execution; the first of those that are shown is recorded."""
     control, level = CONTROLS[case.controller], case.level
     camera = Camera.overhead() if control.state == "vision" else None
     drawn = np.random.default_rng([config.seed, number, 2, level])
@@ -178,10 +190,14 @@ def _row(
     anew = partial(planner.anew, np.random.default_rng([config.seed, number, 3, level]))
     weights, seen_by = Path(config.weights), Path(config.network)
     network = Network.load(seen_by) if camera is not None and seen_by.is_file() else None
+    robot = FAULTS[case.fault](twin.robot())
+    film = Filming(robot) if (case.controller, case.fault, number) == SHOWN else None
     trial = try_plan(
-        plan, goal, twin, control, config.execution, anew, camera, weights, network, case.fault
+        plan, goal, twin, control, config.execution, anew, camera, weights, network, film or robot
     )
     execution = trial.execution
+    if film is not None and camera is not None:
+        show(context, f"{FILM}-{case.knot}-{level}", execution, twin, camera, film)
     return {
         "tied": trial.tied,
         "reported": {None: "", True: "yes", False: "no"}[execution.tied],

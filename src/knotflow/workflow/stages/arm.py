@@ -1,0 +1,136 @@
+"""Stage `arm`: plans as joint trajectories of an arm, checked by its forward kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from knotflow.execution import Arm, Export, export_plan, panda
+from knotflow.execution.arm import PREFIX
+from knotflow.planning import PlannerConfig, parse_goal, plan_knot
+from knotflow.samplers import SamplerConfig, build_sampler
+from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, random_curve
+from knotflow.workflow.context import StageContext
+from knotflow.workflow.stage import stage
+
+TABLE = "trajectories.csv"
+BETWEEN = 4
+"""Configurations checked from one waypoint to the next, where joints move evenly."""
+
+
+@dataclass(kw_only=True)
+class ArmConfig:
+    """Which plans an arm follows, and how fast."""
+
+    simulation: SimulationConfig = field(default_factory=SimulationConfig)
+    """The planner's simulator."""
+    starts: StartsConfig = field(default_factory=StartsConfig)
+    """What a random rope looks like."""
+    sampler: SamplerConfig = field(default_factory=SamplerConfig)
+    """Who proposes splines; the stages it learns from are inputs of this one."""
+    planner: PlannerConfig = field(default_factory=PlannerConfig)
+    """How plans are found."""
+    knot: str = "overhand"
+    """What is tied, by name."""
+    plans: int
+    """How many, each from a random rope of its own."""
+    max_speed: float = 0.25
+    """Of the tip, metres per second."""
+    seed: int
+    """Of ropes and plans; used for nothing else."""
+
+
+@stage("arm")
+def follow_plans(config: ArmConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
+    """Makes trajectories.csv, a row a plan.
+
+    Inputs: what the sampler needs.
+    """
+    names = [f"rows/{number:03d}" for number in range(config.plans)]
+    context.each(partial(_follow, config, dict(inputs)), context.pending(names, ".csv"), "plans")
+    with context.atomic(TABLE) as path:
+        rows = [pd.read_csv(context.out / f"{name}.csv") for name in names]
+        pd.concat(rows).to_csv(path, index=False)
+
+
+def _follow(
+    config: ArmConfig, inputs: Mapping[str, Path], context: StageContext, name: str
+) -> None:
+    number = int(Path(name).name)
+    goal = parse_goal(config.knot, config.simulation.rope)
+    points = random_curve(
+        config.simulation.rope, np.random.default_rng([config.seed, number, 0]), config.starts
+    )
+    plan = plan_knot(
+        points,
+        goal,
+        build_sampler(config.sampler, inputs),
+        RopeSimulator(config.simulation),
+        np.random.default_rng([config.seed, number, 1]),
+        config.planner,
+    )
+    row: dict[str, Any] = {"plan": number, "knot": config.knot, "solved": plan.solved}
+    if plan.solved:
+        arm = panda()
+        row |= check(arm, export_plan(plan, arm, max_speed=config.max_speed))
+    with context.atomic(f"{name}.csv") as path:
+        pd.DataFrame([row], columns=COLUMNS).to_csv(path, index=False)
+
+
+COLUMNS = [
+    *("plan", "knot", "solved", "waypoints", "unreached", "tip_error_mm", "tip_speed"),
+    *("limit_margin_deg", "joint_speed_share", "seconds", "slowed"),
+]
+
+
+def check(arm: Arm, export: Export) -> dict[str, float]:
+    """What an exported trajectory is like, by the arm's own forward kinematics.
+
+    Errors are of the waypoints that it says it reaches; `limit_margin_deg` is how far any joint
+    stays from the ends of its range, degrees.
+    """
+    trajectory = export.trajectory
+    joints, times = trajectory.reached.joints, trajectory.times
+    even = np.linspace(0.0, 1.0, BETWEEN, endpoint=False)
+    fine = (times[:-1, None] + np.diff(times)[:, None] * even).ravel()
+    passed = np.stack([np.interp(fine, times, joint) for joint in joints.T], axis=1)
+    tips, low, high = _tips(arm, passed)
+    at = _tips(arm, joints)[0]
+    error = np.linalg.norm(at - trajectory.waypoints.positions, axis=1)
+    speeds = np.linalg.norm(np.diff(tips, axis=0), axis=1) / np.diff(fine)
+    margin = np.minimum(joints - low, high - joints).min()
+    return {
+        "waypoints": len(times),
+        "unreached": len(trajectory.unreachable),
+        "tip_error_mm": round(1e3 * float(error[trajectory.reached.ok].max(initial=0.0)), 3),
+        "tip_speed": round(float(speeds.max()), 4),
+        "limit_margin_deg": round(float(np.rad2deg(margin)), 2),
+        "joint_speed_share": round(trajectory.peaks()["joint_speed"], 3),
+        "seconds": round(float(times[-1]), 1),
+        "slowed": round(export.slowed, 2),
+    }
+
+
+def _tips(
+    arm: Arm, joints: NDArray
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Where the tip is (N, 3) in configurations (N, n), metres, and each joint's range (n,)."""
+    import mujoco
+
+    model = arm.model()
+    data, tip = mujoco.MjData(model), model.site(PREFIX + arm.tip).id
+    numbers = [model.joint(PREFIX + name).id for name in arm.joints]
+    where, places = model.jnt_qposadr[numbers], np.empty((len(joints), 3))
+    for place, configuration in zip(places, joints, strict=True):
+        data.qpos[where] = configuration
+        mujoco.mj_kinematics(model, data)
+        place[:] = data.site_xpos[tip]
+    low, high = model.jnt_range[numbers].T
+    return places, low, high

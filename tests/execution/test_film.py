@@ -1,0 +1,43 @@
+"""What is shown of an execution is what the camera saw of its drags."""
+
+import numpy as np
+from PIL import Image
+
+from knotflow.execution import (
+    Filming,
+    TrueState,
+    Twin,
+    TwinConfig,
+    animate_execution,
+    draw_execution,
+    execute,
+    frames,
+)
+from knotflow.perception import Camera
+
+CAMERA = Camera.overhead(80, 60)
+
+
+class Watched(TrueState):
+    """The true state, asked for with an image, as one who tracks would."""
+
+    def points(self, robot, grasped):
+        robot.observe()
+        return super().points(robot, grasped)
+
+
+def test_every_second_image_of_a_drag_is_shown(plan, tmp_path):
+    twin = Twin(plan.start, TwinConfig(level=0), np.random.default_rng(1), CAMERA)
+    film = Filming(twin.robot())
+    execution = execute(plan, film, source=Watched(twin), look=TrueState(twin))
+    shown = frames(execution, twin, film.images)
+    dragged = np.flatnonzero(np.isfinite(execution.reference[:, 0, 0]))
+    assert [one.number for one in shown] == dragged[::2].tolist()
+    for one in shown:
+        assert abs(one.image.time - twin.times[one.number]) < 1e-6 and one.step == 0
+        np.testing.assert_allclose(execution.points[one.number], twin.trajectory[one.number])
+    draw_execution(tmp_path / "a", execution, CAMERA, shown, film.images[-1])
+    assert {path.suffix for path in tmp_path.iterdir()} == {".png", ".svg"}
+    animate_execution(tmp_path / "a.gif", execution, CAMERA, shown)
+    with Image.open(tmp_path / "a.gif") as animation:
+        assert animation.n_frames > 1
