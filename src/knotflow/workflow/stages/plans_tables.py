@@ -9,6 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from knotflow.intervals import wilson
+from knotflow.planning import KnotPlan
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.plans import SEARCHES, read_searches
@@ -22,20 +23,41 @@ class PlansTableConfig:
     """Name of the column, in front of the others, that holds an input's name; "" for none."""
 
 
-@stage("plans_table")
+@stage("plans_table", version=2)
 def tabulate(config: PlansTableConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
-    """Makes branches.csv, a row a search.
+    """Makes branches.csv, a row a search, and tried.csv, where its branches went: a row for each
+    state and action, all searches of an input and start together.
 
     Inputs: `plans` stages, in the order of the table.
     """
-    tables = []
+    tables, tried = [], []
     for name, folder in inputs.items():
-        table = read_searches(folder / SEARCHES).drop(columns="plan")
+        table = read_searches(folder / SEARCHES)
+        spent = _tried(folder, table)
+        table = table.drop(columns="plan")
         if config.column:
             table.insert(0, config.column, name)
+            spent.insert(0, config.column, name)
         tables.append(table)
-    with context.atomic("branches.csv") as path:
-        pd.concat(tables, ignore_index=True).to_csv(path, index=False)
+        tried.append(spent)
+    for file, all_of in (("branches.csv", tables), ("tried.csv", tried)):
+        with context.atomic(file) as path:
+            pd.concat(all_of, ignore_index=True).to_csv(path, index=False)
+
+
+def _tried(folder: Path, searches: pd.DataFrame) -> pd.DataFrame:
+    """Branches and successes of each state and action; those most tried first."""
+    rows = [
+        (search.start, str(one.state), str(one.action), one.branches, one.branches * one.success)
+        for search in searches.itertuples()
+        for one in KnotPlan.from_json(
+            (folder / "plans" / f"{search.plan}.json").read_text("utf-8")
+        ).tried
+    ]
+    keys = ["start", "state", "action"]
+    table = pd.DataFrame(rows, columns=[*keys, "branches", "successes"])
+    total = table.groupby(keys, sort=False, as_index=False).sum()
+    return total.sort_values("branches", ascending=False, kind="stable")
 
 
 @dataclass
