@@ -57,6 +57,7 @@ def made(*commits, **more):
     [
         (made("a" * 40, "a" * 40), "commit `aaaaaaaaaa`"),
         (made("a" * 40, "b" * 40, "c" * 40), "3 commits, from `aaaaaaaaaa` to `cccccccccc`"),
+        (made("b", commits=["a", "b"]), "2 commits, from `a` to `b`"),
         (made("a", None), "commit `a`, unknown for 1 of 2 stages"),
         (made("a", dirty=True), "commit `a`, with uncommitted changes"),
         (made(None), "commit unknown"),

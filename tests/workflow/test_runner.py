@@ -83,6 +83,31 @@ def test_a_finished_stage_keeps_the_commit_that_made_it(go: Go, mapping: dict[st
     assert made == {"toy_count": ("abc", False), "adding": ("def", True)}
 
 
+def test_a_stage_that_is_resumed_keeps_the_commits_of_all_attempts(
+    go: Go, mapping: dict[str, Any], between: Callable[..., None]
+) -> None:
+    def stop() -> None:
+        raise KeyboardInterrupt
+
+    def attempt(commit: str, dirty: bool, finished: int) -> None:
+        """One that is interrupted in the shard after so many."""
+        left = iter(range(finished))
+        between(lambda: next(left, None) is None and stop())
+        with pytest.raises(KeyboardInterrupt):
+            go(mapping, code=CodeState(commit, dirty))
+
+    attempt("nothing of it is left", True, 0)
+    attempt("abc", True, 1)
+    attempt("def", False, 1)
+    attempt("abc", False, 0)
+    between(lambda: None)
+    folder = go(mapping, code=CodeState("def", False))
+    told = json.loads((folder / "run.json").read_text())["stages"]
+    count, adding = told["toy_count"], told["adding"]
+    assert (count["commits"], count["commit"], count["dirty"]) == (["abc", "def"], "def", True)
+    assert "commits" not in adding and (adding["commit"], adding["dirty"]) == ("def", False)
+
+
 def test_never_twice(go: Go, mapping: dict[str, Any], calls: list[str]) -> None:
     first = go(mapping)
     before = {path: path.read_bytes() for path in first.rglob("*") if path.is_file()}

@@ -159,6 +159,7 @@ class StageRun:
     """How many of its shards could run side by side; 0 where it has none, or nobody noted it."""
     cpus: int | None = None
     """Of the machine that made it; None where nobody noted it."""
+    commits: tuple[str, ...] = ()  # of all attempts that it was made in
 
 
 @dataclass(frozen=True)
@@ -215,6 +216,7 @@ class ExperimentResults:
                     memory_mb=None if memory is None else float(memory),
                     shards=int(made.get("shards") or 0),
                     cpus=made.get("cpus"),
+                    commits=tuple(made.get("commits") or [made.get("commit") or ""]),
                 )
             )
         return found
@@ -222,7 +224,7 @@ class ExperimentResults:
     @property
     def commits(self) -> str:
         """The commits that its stages were made with, as a reader needs them; earliest first."""
-        known = list(dict.fromkeys(stage.commit for stage in self.stages if stage.commit))
+        known = list(dict.fromkeys(one for stage in self.stages for one in stage.commits if one))
         short = [f"`{commit[:10]}`" for commit in known]
         if len(short) > 1:
             words = f"{len(short)} commits, from {short[0]} to {short[-1]}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +56,7 @@ def run(
         experiment: name of the results folder.
         results_dir: holds experiments, `stages/` and `metrics/`; made if missing.
         code: goes into the record of each stage that is made now; one that is finished keeps
-            the commit that made it.
+            the commit that made it, one that is resumed keeps those of its earlier attempts.
         budget: goes into run.json.
         overwrite: replace results of another configuration.
         metrics: kind of metrics logger the stages get, see `metrics.open_metrics`.
@@ -151,7 +151,7 @@ def _make(
                 return recovered, "run now"
             folder.partial.mkdir(parents=True, exist_ok=True)
             remove_temporaries(folder.partial)
-            clock = Clock(folder.partial)
+            clock = Clock(folder.partial, code)
             clock.save()
             with PeakMemory() as memory:
                 shards = _call(step, inputs, results_dir, metrics, workers, clock)
@@ -168,7 +168,7 @@ def _make(
                 "memory_mb": round(memory.megabytes),
                 "shards": shards,
                 "cpus": os.cpu_count(),
-                **asdict(code),
+                **clock.provenance(),
                 "versions": library_versions(),
             }
             return folder.finish(record), "run now"
@@ -216,7 +216,7 @@ def _call(
 
 def _entry(step: Step, record: Mapping[str, Any], origin: str) -> dict[str, Any]:
     """What run.json says of a node: of its making, what the stage's own record says."""
-    as_made = ("seconds", "memory_mb", "shards", "cpus", "commit", "dirty", "versions")
+    as_made = ("seconds", "memory_mb", "shards", "cpus", "commit", "commits", "dirty", "versions")
     return {
         "stage": step.node.stage,
         "version": record["version"],

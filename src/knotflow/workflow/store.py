@@ -17,7 +17,7 @@ import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +25,10 @@ from filelock import FileLock, Timeout
 
 from . import durable
 from .errors import DamagedStageError
+from .provenance import CodeState
 
 RECORD = "stage.json"
-CLOCK = ".clock.json"  # seconds of earlier attempts; only in partial folders
+CLOCK = ".clock.json"  # seconds and code of earlier attempts; only in partial folders
 
 
 @dataclass(frozen=True)
@@ -122,13 +123,20 @@ class StageFolder:
 
 
 class Clock:
-    """Wall time of a stage over all attempts; a killed one counts up to its last save."""
+    """Wall time of a stage over all attempts, and the code that made it; a killed attempt counts up
+    to its last save."""
 
     SAVE_EVERY = 2.0  # seconds; a stage with tiny shards must not spend its time on this
 
-    def __init__(self, partial: Path) -> None:
+    def __init__(self, partial: Path, code: CodeState | None = None) -> None:
         self.path = partial / CLOCK
-        self.earlier = float(self._read().get("seconds", 0.0))
+        known = self._read()
+        self.earlier = float(known.get("seconds", 0.0))
+        self.code: list[CodeState] = []
+        """Of the attempts that the output comes from, this one last; empty for who only reads."""
+        if code is not None:
+            left = known.get("code", ()) if _sizes(partial) else ()
+            self.code = [one for one in (CodeState(*one) for one in left) if one != code] + [code]
         self.started = self.saved = time.monotonic()
 
     def seconds(self) -> float:
@@ -138,8 +146,17 @@ class Clock:
     def save(self) -> None:
         """Writes the time down."""
         owner = {"pid": os.getpid(), "host": socket.gethostname()}
-        durable.write_json(self.path, {"seconds": round(self.seconds(), 3)} | owner)
+        known = {"seconds": round(self.seconds(), 3), "code": list(map(astuple, self.code))}
+        durable.write_json(self.path, known | owner)
         self.saved = time.monotonic()
+
+    def provenance(self) -> dict[str, Any]:
+        """What a record says of the code: the last `commit`, whether any attempt's was `dirty`, and
+        all `commits` where there are several."""
+        commits = list(dict.fromkeys(one.commit for one in self.code))
+        last = self.code[-1]
+        record = {"commit": last.commit, "dirty": last.dirty or any(one.dirty for one in self.code)}
+        return record | ({"commits": commits} if len(commits) > 1 else {})
 
     def save_sometimes(self) -> None:
         """Writes the time down if the last time is a while ago."""
