@@ -30,13 +30,15 @@ def found():
 
 
 @pytest.mark.slow
-def test_the_sample_is_seen_as_the_overhand_that_it_is_or_in_doubt():
+def test_the_sample_is_seen_where_it_lies_and_what_is_misread_is_in_doubt():
     """Without a first guess a tight knot may be traced wrongly; then it says so."""
     seen, _, _ = see(*FILES)
     truth = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
-    right = seen.state == TopologicalState.from_curve(truth)
-    assert right or seen.doubtful
-    assert right or "in doubt" in describe(seen)
+    error = np.linalg.norm(seen.points - truth, axis=1)
+    assert error.mean() < 0.015 and np.median(error[seen.seen]) < 0.012
+    assert seen.head_known and seen.seen.mean() > 0.7 and seen.explained > 0.9
+    if seen.state != TopologicalState.from_curve(truth):
+        assert seen.doubtful and "in doubt" in describe(seen)
 
 
 @pytest.mark.parametrize("shipped", [True, False])
