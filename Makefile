@@ -14,7 +14,7 @@ $(VENV)/.installed: $(VENV)/.package
 	$(BIN)/pip install --quiet -e ".[test]"
 	touch $@
 
-.PHONY: run test quick check smoke report benchmark
+.PHONY: run test quick check smoke smoke-all report benchmark
 
 # Two workers, a thread each; the tests of a file share its fixtures, and so stay on one worker.
 PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
@@ -24,6 +24,10 @@ run: $(VENV)/.package  ## a plan for the overhand in a random rope, with the shi
 
 smoke: $(VENV)/.installed  ## in small: demonstrations, training, baselines, evaluation, report
 	$(BIN)/python -m knotflow +experiment=single_stage budget=smoke
+	$(BIN)/python -m knotflow.report --results results/smoke --out reports/smoke
+
+smoke-all: $(VENV)/.installed  ## every experiment in small, and the report
+	$(BIN)/python -m knotflow +experiment=paper budget=smoke
 	$(BIN)/python -m knotflow.report --results results/smoke --out reports/smoke
 
 test: $(VENV)/.installed check  ## everything that must hold
