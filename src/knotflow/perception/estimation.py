@@ -124,7 +124,8 @@ def estimate(
     target = observe(image, camera, rope)
     if initial is None and not bool(target.rope.any()):
         raise TraceError("nothing in the image is taken for rope")
-    shapes, shares = [], []
+    shapes: list[Floats] = []
+    shares: list[float] = []
 
     def good(guess: NDArray) -> bool:
         """Fit a guess; whether it then accounts for the image, and lies as a rope does."""

@@ -86,7 +86,7 @@ class ClosedLoopConfig:
     network: str = runtime("")
     """File of the network that sees ropes; what counts is `network_contents`."""
     network_contents: str = ""
-    """Digest of what the file holds; without a file, ropes are seen without the network."""
+    """Digest of what the file holds; without a file, the shipped network is used."""
     cases: list[ExecutionCase]
     """What is compared."""
     seed: int
