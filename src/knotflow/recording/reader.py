@@ -193,8 +193,8 @@ def _rollouts(path: Path) -> Iterator[tuple[Facts, RecordedRollout]]:
 
 def _messages(path: Path) -> Iterator[tuple[str, int, bytes]]:
     """Topic, log time in ns and encoded data of each message with facts or a frame."""
-    wanted = (topics.ROLLOUT, topics.ROPE, topics.GRIPPER)
-    wanted += (topics.CAMERA, topics.ESTIMATE, topics.REFERENCE)
+    seen = (topics.CAMERA, topics.ESTIMATE, topics.REFERENCE)
+    wanted = (topics.ROLLOUT, topics.ROPE, topics.GRIPPER, *seen)
     with path.open("rb") as stream, damage_named(path):
         reader = NonSeekingReader(stream, validate_crcs=True)  # reads nothing unchecked
         for _, channel, message in reader.iter_messages(wanted, log_time_order=False):
