@@ -196,13 +196,12 @@ class Run:
 
         Where that stays in doubt, the last sight tells why. `likely` is told to the look.
         """
+        sight = Sight.nothing(f"no new image came for {self.config.patience:g} s")
         for turn in range(self.config.looks):
             aside = np.array(self.config.aside) * [1, (-1) ** turn, 1]
-            sight = self._see_from(aside, look, number, likely)
-            if sight is None:
-                sight = Sight.nothing(f"no new image came for {self.config.patience:g} s")
-                break
-            if not sight.doubts:
+            seen = self._see_from(aside, look, number, likely)
+            sight = seen or sight
+            if seen is None or not seen.doubts:
                 break
         self.before = self.points = sight.points
         return sight
