@@ -52,12 +52,24 @@ def made(*commits, **more):
     return {str(i): {"commit": commit, **more} for i, commit in enumerate(commits)}
 
 
+def dated(**hours):
+    """Stages by the hour and zone at which their commit was made, in the order of the stages."""
+    return {
+        name: {"commit": name * 40, "commit_date": hour and f"2026-11-22T{hour}"}
+        for name, hour in hours.items()
+    }
+
+
 @pytest.mark.parametrize(
     ("stages", "words"),
     [
         (made("a" * 40, "a" * 40), "commit `aaaaaaaaaa`"),
-        (made("a" * 40, "b" * 40, "c" * 40), "3 commits, from `aaaaaaaaaa` to `cccccccccc`"),
-        (made("b", commits=["a", "b"]), "2 commits, from `a` to `b`"),
+        (
+            dated(b="09:00:00+00:00", c="10:00:00+00:00", a="10:30:00+02:00"),
+            "3 commits, from `aaaaaaaaaa` to `cccccccccc`",
+        ),
+        (dated(b="09:00:00+00:00", a=None), "2 commits: `bbbbbbbbbb`, `aaaaaaaaaa`"),
+        (made("b", commits=["a", "b"]), "2 commits: `a`, `b`"),
         (made("a", None), "commit `a`, unknown for 1 of 2 stages"),
         (made("a", dirty=True), "commit `a`, with uncommitted changes"),
         (made(None), "commit unknown"),

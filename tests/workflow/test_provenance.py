@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -45,13 +46,13 @@ def test_commit_and_dirty(tmp_path: Path, git: Git) -> None:
     assert code_state(package) == NONE  # nothing is committed yet
     git("add", ".")
     git("commit", "--no-verify", "-m", "first")
-    clean = CodeState(git("rev-parse", "HEAD"), False)
+    clean = CodeState(git("rev-parse", "HEAD"), False, git("log", "-1", "--format=%cI"))
     assert code_state(package) == clean
     (tmp_path / "results").mkdir()
     (tmp_path / "results" / "table.csv").write_text("1")
     assert code_state(package) == clean  # results come from the code, they are not it
     (package / "__init__.py").write_text("2")
-    assert code_state(package) == CodeState(clean.commit, True)
+    assert code_state(package) == replace(clean, dirty=True)
 
 
 def test_outside_of_a_repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Callable
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -77,10 +78,12 @@ def test_a_raised_package_version_makes_it_again(
 def test_a_finished_stage_keeps_the_commit_that_made_it(go: Go, mapping: dict[str, Any]) -> None:
     go(mapping)
     mapping["stages"]["adding"]["config"]["offset"] = 1.0
-    folder = go(mapping, code=CodeState("def", True), overwrite=True)
+    later = CodeState("def", True, "2026-11-22T07:29:04+00:00")
+    folder = go(mapping, code=later, overwrite=True)
     told = json.loads((folder / "run.json").read_text())["stages"]
-    made = {name: (node["commit"], node["dirty"]) for name, node in told.items()}
-    assert made == {"toy_count": ("abc", False), "adding": ("def", True)}
+    keys = ("commit", "dirty", "commit_date")
+    made = {name: tuple(node[key] for key in keys) for name, node in told.items()}
+    assert made == {"toy_count": ("abc", False, None), "adding": astuple(later)}
 
 
 def test_a_stage_that_is_resumed_keeps_the_commits_of_all_attempts(

@@ -11,6 +11,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -149,6 +150,8 @@ class StageRun:
     caption: str
     commit: str
     """The commit it was made with, '' where nothing says."""
+    commit_date: str
+    """When that was committed, in ISO 8601; '' where nobody noted it."""
     dirty: bool
     """Whether it was made with changes that the commit does not have."""
     packages: Mapping[str, int]
@@ -211,6 +214,7 @@ class ExperimentResults:
                     shared=bool(made.get("shared")) or made.get("origin") == "shared",
                     caption=str(made.get("caption") or ""),
                     commit=str(made.get("commit") or ""),
+                    commit_date=str(made.get("commit_date") or ""),
                     dirty=bool(made.get("dirty")),
                     packages=_mapping(made.get("packages", FIRST_VERSIONS), path),
                     memory_mb=None if memory is None else float(memory),
@@ -223,13 +227,20 @@ class ExperimentResults:
 
     @property
     def commits(self) -> str:
-        """The commits that its stages were made with, as a reader needs them; earliest first."""
-        known = list(dict.fromkeys(one for stage in self.stages for one in stage.commits if one))
-        short = [f"`{commit[:10]}`" for commit in known]
-        if len(short) > 1:
-            words = f"{len(short)} commits, from {short[0]} to {short[-1]}"
-        else:
+        """The commits that its stages were made with, as a reader needs them.
+
+        The earliest and the latest where every commit's date was noted, else each of them.
+        """
+        dates = {commit: "" for stage in self.stages for commit in stage.commits if commit}
+        dates |= {stage.commit: stage.commit_date for stage in self.stages if stage.commit}
+        short = [f"`{commit[:10]}`" for commit in dates]
+        if len(short) < 2:
             words = f"commit {short[0]}" if short else "commit unknown"
+        elif all(dates.values()):
+            first, *_, last = sorted(dates, key=lambda one: datetime.fromisoformat(dates[one]))
+            words = f"{len(short)} commits, from `{first[:10]}` to `{last[:10]}`"
+        else:
+            words = f"{len(short)} commits: {', '.join(short)}"
         unknown = sum(not stage.commit for stage in self.stages)
         if short and unknown:
             words += f", unknown for {unknown} of {len(self.stages)} stages"

@@ -21,6 +21,8 @@ class CodeState:
     """Of the checkout, or "none, version X" where the code is installed from a wheel."""
     dirty: bool | None = None
     """Whether the checkout differs from its commit; None without a commit."""
+    commit_date: str | None = None
+    """When it was committed, in ISO 8601; None without a commit."""
 
 
 def code_state(package: Path) -> CodeState:
@@ -43,7 +45,7 @@ def code_state(package: Path) -> CodeState:
     changes = _git(Path(top), "status", "--porcelain", "--", ".", *excluded)
     if commit is None or changes is None:
         return no_commit
-    return CodeState(commit, bool(changes))
+    return CodeState(commit, bool(changes), _git(package, "log", "-1", "--format=%cI", commit))
 
 
 def _is_knotflow(top: Path, package: Path) -> bool:

@@ -216,7 +216,7 @@ def _call(
 
 def _entry(step: Step, record: Mapping[str, Any], origin: str) -> dict[str, Any]:
     """What run.json says of a node: of its making, what the stage's own record says."""
-    as_made = ("seconds", "memory_mb", "shards", "cpus", "commit", "commits", "dirty", "versions")
+    as_made = "seconds memory_mb shards cpus commit commits commit_date dirty versions".split()
     return {
         "stage": step.node.stage,
         "version": record["version"],
