@@ -3,8 +3,7 @@
 import pandas as pd
 import pytest
 
-from knotflow.report.actions import SECTION, success_rates
-from knotflow.report.actions_figure import arranging, binned, by_kind
+from knotflow.report.actions import SECTION, arranging, binned, by_kind, success_rates
 from knotflow.report.page import compose
 from knotflow.report.results import Results, ResultsError
 from knotflow.report.section import Pictures

@@ -8,17 +8,15 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from knotflow.drawing.palette import GOOD, INK, MUTED, RULE
-from knotflow.drawing.rope import draw_rope
-from knotflow.drawing.spline import draw_spline, spline_bounds
+from knotflow.drawing.spline import draw_spline
 from knotflow.drawing.style import WIDTH, styled
+from knotflow.report.proposals.pair import draw_pair, window
 from knotflow.report.proposals.records import Rope
 from knotflow.report.style import Picture, render
 
 ROPE_WIDTH = 2.0  # points, about that of a rope 16 mm thick
-BANDS = 16  # of one colour each along a rope
 COLUMNS = 8
 # Inches.
 CELL, PAD = WIDTH / COLUMNS, 0.1
@@ -74,21 +72,10 @@ def _rows(ropes: Sequence[Rope]) -> list[list[Rope]]:
 
 
 def _pair(figure: Figure, rope: Rope, left: float, top: float, tall: float) -> None:
-    """The rope with its spline, and the rope after below it, in one window and scale."""
-    (spline,) = rope.splines
-    parts = [rope.before[:, :2], *spline_bounds(spline.controls)]
-    parts += [] if rope.after is None else [rope.after[:, :2]]
-    flat = np.vstack(parts)
-    low, high = flat.min(axis=0), flat.max(axis=0)
+    """The rope with its spline, and the rope after below it."""
+    low, high = window(rope)
     scale = float(((np.array([CELL, PANEL]) - PAD) / (high - low)).min())  # inches a metre
-    reach: NDArray = np.array([CELL, PANEL]) / scale / 2
-    for place, points in enumerate((rope.before, rope.after)):
-        axes = figure.add_axes((left, top - (place + 1) * tall, 1 / COLUMNS, tall))
-        axes.set_axis_off()
-        middle = (low + high) / 2
-        axes.set_xlim(middle[0] - reach[0], middle[0] + reach[0])
-        axes.set_ylim(middle[1] - reach[1], middle[1] + reach[1])
-        if points is not None:
-            draw_rope(axes, points, ROPE_WIDTH / 72 / scale, bands=BANDS)
-        if place == 0:
-            draw_spline(axes, spline.controls, GOOD, linewidth=1.1, release="o")
+    upper, lower = ((left, top - row * tall, 1 / COLUMNS, tall) for row in (1, 2))
+    before, _ = draw_pair(figure, rope, (upper, lower), scale, ROPE_WIDTH)
+    (spline,) = rope.splines
+    draw_spline(before, spline.controls, GOOD, linewidth=1.1, release="o")

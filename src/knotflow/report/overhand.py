@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
-from knotflow.report.planning.pictures import stored
 from knotflow.report.results import Results
 from knotflow.report.searches import read_searches
 from knotflow.report.section import Pictures, Section
@@ -19,12 +19,12 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     if searches is None:
         return None
     search = searches.iloc[0].to_dict()
-    add = pictures.add
+    shown = partial(pictures.stored, results, EXPERIMENT)
     return {
         "search": search,
         "seconds": duration(search["seconds"]),
-        "plan": stored(results, add, EXPERIMENT, "plan", "overhand_plan", "A plan, step by step"),
-        "dag": stored(results, add, EXPERIMENT, "dag", "overhand_dag", "Solution DAG of the knot"),
+        "plan": shown("plan", "A plan, step by step"),
+        "dag": shown("dag", "Solution DAG of the knot"),
     }
 
 

@@ -6,7 +6,6 @@ import statistics
 from typing import Any
 
 from knotflow.report.claims import Claim, Judgement, NotMeasured, Verdict
-from knotflow.report.planning.pictures import stored
 from knotflow.report.results import Results
 from knotflow.report.searches import confirmation, read_searches, search_table, sizes
 from knotflow.report.section import Pictures, Section
@@ -33,15 +32,11 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         "table": search_table(("start",), [line for line in groups if len(line[1])]),
         "confirmation": confirmation(searches),
         "paper": PAPER_BRANCHES,
-        "pulled": _plan(results, pictures, "pulled"),
-        "tied": _plan(results, pictures, "tied"),
-        "untangled": _plan(results, pictures, "untangled"),
+        **{
+            one: pictures.stored(results, EXPERIMENT, f"{one}/plan", f"Plan, {one}")
+            for one in ("pulled", "tied", "untangled")
+        },
     }
-
-
-def _plan(results: Results, pictures: Pictures, folder: str) -> str:
-    name = f"pentagram_{folder}"
-    return stored(results, pictures.add, EXPERIMENT, f"{folder}/plan", name, f"Plan, {folder}")
 
 
 def pulled_out(results: Results) -> Judgement:

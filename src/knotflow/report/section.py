@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from knotflow.report.claims import Claim
 from knotflow.report.results import Results, read_table
-from knotflow.report.style import Picture
+from knotflow.report.style import Picture, without_blanks
 from knotflow.report.tables import markdown_table
 
 #: Longer tables are cut here in a plain section; the file itself is one link away.
@@ -27,6 +28,22 @@ class Pictures:
             raise ValueError(f"two figures are called {picture.name!r}; names have to differ")
         self.made.append(picture)
         return self.shown[picture.name]
+
+    def stored(self, results: Results, experiment: str, stem: str, alt: str) -> str:
+        """Keep a picture that an experiment drew itself; '' where there is none.
+
+        Args:
+            results: where it is.
+            experiment: that made it.
+            stem: path in the experiment's folder, without the endings png and svg; the figure is
+                called after the experiment and the first part of it.
+            alt: what it shows in words.
+        """
+        name = f"{experiment}_{Path(stem).parts[0]}"
+        png, svg = (Path(f"{results.root / experiment / stem}.{end}") for end in ("png", "svg"))
+        if not (png.is_file() and svg.is_file()):
+            return ""
+        return self.add(Picture(name, png.read_bytes(), without_blanks(svg.read_bytes()), alt))
 
     @property
     def shown(self) -> dict[str, str]:

@@ -23,6 +23,7 @@ __all__ = [
     "new_figure",
     "render",
     "styled",
+    "without_blanks",
 ]
 
 
@@ -47,9 +48,12 @@ def render(figure: Figure, name: str, alt: str) -> Picture:
     figure.savefig(png, format="png", dpi=PNG_DPI, metadata={"Software": None})
     nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
     figure.savefig(svg, format="svg", metadata=nothing)
-    # matplotlib ends lines of path data with blanks, which a repository does not like.
-    clean = re.sub(rb"[ \t]+$", b"", svg.getvalue(), flags=re.MULTILINE)
-    return Picture(name, png.getvalue(), clean, alt)
+    return Picture(name, png.getvalue(), without_blanks(svg.getvalue()), alt)
+
+
+def without_blanks(svg: bytes) -> bytes:
+    """matplotlib ends lines of path data with blanks, which a repository does not like."""
+    return re.sub(rb"[ \t]+$", b"", svg, flags=re.MULTILINE)
 
 
 def bare_axis(axes: Axes, *, grid: str) -> None:

@@ -9,7 +9,6 @@ import pandas as pd
 
 from knotflow.report.claims import Claim, Judgement, NotMeasured, of_two
 from knotflow.report.paper import OVERHAND_LIMIT, STARTS, TREE_SIZE, with_extras
-from knotflow.report.planning.pictures import stored
 from knotflow.report.results import Results
 from knotflow.report.searches import branches, of, read_searches, search_table, sizes
 from knotflow.report.section import Pictures, Section
@@ -47,7 +46,7 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         "table": search_table(("start", "method"), [line for line in groups if len(line[1])]),
         "missing": listed([method.label for method in methods if method.name not in found]),
         "limit": OVERHAND_LIMIT,
-        "dag": stored(results, pictures.add, EXPERIMENT, "dag", "tree_size_dag", "Solution DAG"),
+        "dag": pictures.stored(results, EXPERIMENT, "dag", "Solution DAG"),
         "unsolved": sum(~searches["solved"]),
         "paper": results.paper(EXPERIMENT),
     }

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from knotflow.drawing.palette import BAD, GOOD, INK, MUTED, RULE, rope_colour
-from knotflow.drawing.rope import draw_rope
-from knotflow.drawing.spline import draw_spline, spline_bounds
+from knotflow.drawing.spline import draw_spline
 from knotflow.drawing.style import WIDTH, styled
 from knotflow.report.paper import in_order
+from knotflow.report.proposals.pair import draw_pair, window
 from knotflow.report.proposals.records import Proposed, Rope
 from knotflow.report.style import Picture, render
 
 ROPE_WIDTH = 2.4  # points, about that of a rope 16 mm thick
-BANDS = 16  # of one colour each along a rope
 # Inches.
 LABEL, CELL, BETWEEN, GUTTER = 0.84, 1.15, 0.06, 0.16
 TALLEST, LOWEST, PAD, TOP, BOTTOM = 1.25, 0.72, 0.13, 0.3, 0.34
@@ -68,19 +66,9 @@ def _left(place: int) -> float:
     return LABEL + place * (2 * CELL + BETWEEN + GUTTER)
 
 
-def _window(rope: Rope) -> tuple[NDArray, NDArray]:
-    """The lowest and highest x and y of all that is drawn of a rope, metres."""
-    parts: list[ArrayLike] = [rope.before[:, :2]]
-    parts += [spline_bounds(spline.controls) for spline in rope.splines]
-    if rope.after is not None:
-        parts.append(rope.after[:, :2])
-    flat = np.vstack(parts)
-    return flat.min(axis=0), flat.max(axis=0)
-
-
 def _size(rope: Rope) -> NDArray:
     """Width and height (2,) of what is drawn of a rope, metres."""
-    low, high = _window(rope)
+    low, high = window(rope)
     return high - low
 
 
@@ -91,27 +79,20 @@ def _scale(rope: Rope) -> float:
 
 
 def _pair(figure: Figure, rope: Rope, left: float, top: float, tall: float, height: float) -> None:
-    low, high = _window(rope)
-    middle, scale = (low + high) / 2, _scale(rope)
-    reach = np.array([CELL, tall]) / scale / 2
-    for column, points in enumerate((rope.before, rope.after)):
-        x = left + column * (CELL + BETWEEN)
-        axes = figure.add_axes((x / WIDTH, (top - tall) / height, CELL / WIDTH, tall / height))
-        axes.set_axis_off()
-        axes.set_xlim(middle[0] - reach[0], middle[0] + reach[0])
-        axes.set_ylim(middle[1] - reach[1], middle[1] + reach[1])
-        if points is None:
-            axes.text(
-                middle[0], middle[1], "simulation\nblew up", ha="center", va="center", color=BAD
-            )
-            continue
-        draw_rope(axes, points, ROPE_WIDTH / 72 / scale, bands=BANDS)
-        if column == 0:
-            _bar(axes, middle - reach, scale)
-            for number, spline in reversed(list(enumerate(rope.splines))):
-                _spline(axes, spline, first=number == 0)
-        else:
-            _verdict(axes, rope.splines[0])
+    first, second = (
+        (x / WIDTH, (top - tall) / height, CELL / WIDTH, tall / height)
+        for x in (left, left + CELL + BETWEEN)
+    )
+    scale = _scale(rope)
+    before, after = draw_pair(figure, rope, (first, second), scale, ROPE_WIDTH)
+    _bar(before, scale)
+    for number, spline in reversed(list(enumerate(rope.splines))):
+        _spline(before, spline, first=number == 0)
+    if rope.after is None:
+        middle = {"ha": "center", "va": "center", "transform": after.transAxes}
+        after.text(0.5, 0.5, "simulation\nblew up", color=BAD, **middle)
+    else:
+        _verdict(after, rope.splines[0])
 
 
 def _spline(axes: Axes, spline: Proposed, *, first: bool) -> None:
@@ -155,9 +136,9 @@ def _headings(figure: Figure, height: float, columns: int) -> None:
             )
 
 
-def _bar(axes: Axes, corner: NDArray, scale: float) -> None:
+def _bar(axes: Axes, scale: float) -> None:
     """A bar of 10 cm in the lower left corner, for every rope has a scale of its own."""
-    x, y = corner + 0.045 / scale
+    x, y = axes.get_xlim()[0] + 0.045 / scale, axes.get_ylim()[0] + 0.045 / scale
     axes.plot([x, x + 0.1], [y, y], color=MUTED, linewidth=1.0, clip_on=False)
     axes.text(x + 0.1, y, " 10 cm", va="center", fontsize=5.5, color=MUTED)
 
