@@ -89,8 +89,8 @@ def _pair(figure: Figure, rope: Rope, left: float, top: float, tall: float, heig
     for number, spline in reversed(list(enumerate(rope.splines))):
         _spline(before, spline, first=number == 0)
     if rope.after is None:
-        middle = {"ha": "center", "va": "center", "transform": after.transAxes}
-        after.text(0.5, 0.5, "simulation\nblew up", color=BAD, **middle)
+        words = "simulation\nblew up"
+        after.text(0.5, 0.5, words, ha="center", va="center", transform=after.transAxes, color=BAD)
     else:
         _verdict(after, rope.splines[0])
 
