@@ -1,4 +1,4 @@
-"""Every state of the overhand, and the figure eight, from randomly lying ropes."""
+"""Named knots from ropes as they lie: which are tied, and with what effort."""
 
 from __future__ import annotations
 
@@ -48,7 +48,8 @@ SECTION = Section(
     EXPERIMENT,
     "Knots from random ropes",
     "Not in the paper",
-    "How often a knot is tied within the limit of time: the overhand in its four states "
-    "(handedness, and which end goes over first), and the figure eight.",
+    "How often a knot is tied within the limit of time: from randomly lying ropes the overhand in "
+    "its four states (handedness, and which end goes over first) and larger knots, and the "
+    "overhand from tangled ropes.",
     values,
 )

@@ -155,7 +155,9 @@ def compose(results: Results, link: str) -> Report:
         systems=templates.get_template("systems.md.j2").render(),
         timing=templates.get_template("timing.md.j2").render(**timing(results, pictures)),
         commands=_commands(results, sections),
-        differences=templates.get_template("differences.md.j2").render(ropes=_ropes(results)),
+        differences=templates.get_template("differences.md.j2").render(
+            ropes=_ropes(results), setting=results.setting
+        ),
         methods=templates.get_template("methods.md.j2").render(resamples=RESAMPLES),
     )
     body = re.sub(r"\n{3,}", "\n\n", body).strip()

@@ -32,6 +32,7 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         "table": search_table(("start",), [line for line in groups if len(line[1])]),
         "confirmation": confirmation(searches),
         "paper": PAPER_BRANCHES,
+        "head": results.setting(EXPERIMENT, "pull", "head"),
         **{
             one: pictures.stored(results, EXPERIMENT, f"{one}/plan", f"Plan, {one}")
             for one in ("pulled", "tied", "untangled")

@@ -311,6 +311,14 @@ class Results:
         path = self.root / experiment / name
         return read_table(path, columns, key) if path.is_file() else None
 
+    def setting(self, experiment: str, node: str, *keys: str) -> Any:
+        """What a stage of an experiment was configured with, None where nothing says."""
+        found = self.experiments.get(experiment)
+        value: Any = found.config if found else None
+        for key in ("stages", node, "config", *keys):
+            value = value.get(key) if isinstance(value, dict) else None
+        return value
+
     def paper(self, experiment: str) -> bool:
         """Whether an experiment was run with the paper's counts."""
         found = self.experiments.get(experiment)

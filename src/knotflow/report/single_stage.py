@@ -69,6 +69,7 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         "intervals": rates.intervals,
         "feasible": feasible(results, rates),
         "arranged": reached(rates, ARRANGED),
+        "arranging": results.setting(EXPERIMENT, ARRANGED.name, "arranging"),
         "proposals": pictures.add(proposals(ropes, "proposals")) if ropes else "",
         "imitation": pictures.add(imitation(imitated, "imitation")) if imitated else "",
         "reinforcement": pictures.add(reinforcement(reinforced, "reinforcement"))
