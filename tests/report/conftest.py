@@ -33,6 +33,7 @@ GOAL_COLUMNS = ("set", "goal", "rope_seed", "solved", "branches", "seconds", "no
 GOAL_COLUMNS += ("knot_type", "confirmed", "reason")
 ACTION_COLUMNS = ("start", "action", "class", "arranging", "trials", "successes")
 BRANCH_COLUMNS = ("start", "seed", "branches", "solved", "seconds")
+FOUND = ("path", "knot_type", "confirmed", "reason")
 
 GOALS = (("three", "1o2+3o4+5o6+"), ("three", "1o4+5o2+3o6+"), ("four", "1o2+3o4+5o6+7o8+"))
 TRIALS = (
@@ -85,6 +86,18 @@ class Writer:
             shown = (rate, round(limits.low, 4), round(limits.high, 4))
             rows.append((method, action, trials, successes, *shown))
         return self.table(experiment, "success_rates.csv", RATE_COLUMNS, rows, budget)
+
+    def searches(
+        self, experiment: str, column: str, rows: Sequence[tuple], *, with_start: bool = True
+    ) -> Path:
+        """branches.csv from `column`, start, seed, branches, solved and seconds."""
+        columns = (column, *BRANCH_COLUMNS[not with_start :], *FOUND)
+        found = [
+            ("C(0,1,1)", "+3_1", "yes", "tied") if row[-2] else ("", "", "", "gave up")
+            for row in rows
+        ]
+        cells = [row + own for row, own in zip(rows, found, strict=True)]
+        return self.table(experiment, "branches.csv", columns, cells)
 
     def goals(
         self,
@@ -157,13 +170,14 @@ def write_everything(root: Path, budget: str = "paper") -> Writer:
                 solved = not (method == "icp" and branches > 250)
                 took = round(branches * 0.11, 2)
                 trees.append((method, start, seed, branches, solved, took))
-    write.table("tree_size", "branches.csv", ("method", *BRANCH_COLUMNS), trees, budget)
+    write.run("tree_size", {}, budget)
+    write.searches("tree_size", "method", trees)
     joint = [
         (primitives, seed, 3 + int(rng.exponential(mean)), True, 0.5)
         for primitives, mean in (("independent", 1.9), ("joint", 0.7))
         for seed in range(50)
     ]
-    write.table("joint_finetuning", "branches.csv", ("primitives", *BRANCH_COLUMNS[1:]), joint)
+    write.searches("joint_finetuning", "primitives", joint, with_start=False)
     write.goals(
         [
             (*goal, seconds < 60, seconds)

@@ -8,8 +8,6 @@ from knotflow.report.claims import Verdict
 from knotflow.report.page import CLAIMS, compose
 from knotflow.report.results import Results
 
-BRANCHES = ("method", "start", "seed", "branches", "solved", "seconds")
-
 
 def judgement(write, number):
     return CLAIMS[number][1].judgement(Results(write.root))
@@ -21,7 +19,7 @@ def trees(write, method, straight, arc, unsolved=()):
         for start, counts in (("straight", straight), ("arc", arc))
         for seed, branches in enumerate(counts)
     ]
-    write.table("tree_size", "branches.csv", BRANCHES, rows)
+    write.searches("tree_size", "method", rows)
 
 
 def test_the_papers_numbers_are_all_there():
@@ -156,7 +154,7 @@ def test_joint_finetuning(write, joint, verdict):
         for primitives, counts in (("independent", independent), ("joint", joint))
         for seed, branches in enumerate(counts)
     ]
-    write.table("joint_finetuning", "branches.csv", ("primitives", *BRANCHES[2:]), rows)
+    write.searches("joint_finetuning", "primitives", rows, with_start=False)
     found = judgement(write, 7)
     assert found.verdict is verdict
     assert found.ours.startswith("4.2 ± 2.0 / ")

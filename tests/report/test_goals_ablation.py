@@ -34,4 +34,5 @@ def test_a_method_whose_counterpart_is_missing_differs_from_nothing(write, name)
 def test_it_is_part_of_the_report_once_it_was_run(write):
     assert SECTION.values(Results(write.root), Pictures()) is None
     write_method(write, "complete", [1, 1, 1, 1, 0, 0])
-    assert "What each part brings" in compose(Results(write.root), "results").markdown
+    text = compose(Results(write.root), "results").markdown
+    assert "What each part brings" in text and "type of 4 of 4 tied ropes" in text

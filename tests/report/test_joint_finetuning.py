@@ -1,4 +1,4 @@
-"""Joint finetuning in the report: self-play, and the results of earlier versions."""
+"""Joint finetuning in the report: searches, self-play, and single actions afterwards."""
 
 from knotflow.report.learning import read_curves
 from knotflow.report.page import compose
@@ -16,44 +16,38 @@ PLAYED += [
     for step in range(150)
     for metric in ("pairs_tried", "pairs_solved")
 ]
+RATES = ("method", "action", "trials", "successes", "success_rate", "ci_low", "ci_high")
 TRIALS = ("start", "action", "trials", "successes", "recent_rate")
-SEARCH = ("primitives", "seed", "branches", "solved", "seconds", "goal")
-PATH = "R1(0,1,1) C(0,1,1) C(2,0,1)"
-
-
-def write_searches(write, goal):
-    rows = [
-        (method, seed, 3 + seed, True, 0.5, goal)
-        for method in ("independent", "joint")
-        for seed in (0, 1)
-    ]
-    write.table("joint_finetuning", "branches.csv", SEARCH, rows)
+METHODS = ("independent", "joint")
 
 
 def report(write):
+    rows = [(method, seed, 3 + seed, True, 0.5) for method in METHODS for seed in (0, 1)]
+    write.searches("joint_finetuning", "primitives", rows, with_start=False)
     return compose(Results(write.root), "results")
 
 
 def test_self_play_says_what_it_tried(write):
-    write_searches(write, "overhand")
     write.table("joint_finetuning", "curves_joint.csv", CURVES, PLAYED)
     rows = [("trivial", "R1(0,1,1)", 1000, 900, 0.9), ("2o1+", "C(0,1,1)", 500, 20, 0.1)]
     write.table("joint_finetuning", "trials.csv", TRIALS, [*rows, ("2o1+", "C(0,2,1)", 9, 0, 0)])
     text = report(write).markdown
-    assert "learned together by\nself-play" in text and "along any path" in text
-    assert "(figures/self_play.png)" in text and "(figures/joint.png)" not in text
+    assert "learned together by\nself-play" in text and "(figures/self_play.png)" in text
+    assert "confirms the knot type of 4 of 4 tied ropes" in text
     found = trials(Results(write.root), "joint_finetuning")
     assert found == {"trials": "1,509", "pairs": "3", "solved": "2", "often": "1"}
 
 
-def test_what_was_trained_along_one_path_is_still_read_and_says_so(write):
-    write_searches(write, PATH)
-    rows = [(1, step, "policy_success/R1(0,1,1)", 0.5) for step in range(3)]
-    rows += [(4, step, "episode_success", 0.1 * step) for step in range(3)]
-    write.table("joint_finetuning", "curves_joint.csv", CURVES, rows)
+def test_single_actions_have_their_starts_resampled_where_these_were_kept(write):
+    rates = [(method, "C(0,1,1)", 16, 8, 0.5, 0.28, 0.72) for method in METHODS]
+    write.table("joint_finetuning", "single_actions.csv", RATES, rates)
     text = report(write).markdown
-    assert "keep to one path" in text and "self-play:" not in text
-    assert "(figures/joint.png)" in text and "(figures/self_play.png)" not in text
+    assert "Wilson intervals, rollouts taken as independent" in text and "of 2 starts" not in text
+    starts = [(*rate[:2], start, 8, 8 * start) for rate in rates for start in (0, 1)]
+    columns = (*RATES[:2], "start", *RATES[2:4])
+    write.table("joint_finetuning", "single_actions_per_start.csv", columns, starts)
+    text = report(write).markdown
+    assert "with the starts resampled" in text and "8 of 16<br>1 of 2 starts" in text
 
 
 def test_primitives_beyond_the_papers_are_named(write):

@@ -6,7 +6,6 @@ from knotflow.report import ResultsError
 from knotflow.report.learning import (
     by_action,
     imitation,
-    joint,
     read_curves,
     reinforcement,
     smoothed,
@@ -37,9 +36,9 @@ def read(write, rows, name="curves_imitation.csv"):
     return read_curves(Results(write.root), "single_stage", name)
 
 
-def test_the_weights_that_were_kept_have_the_lowest_loss(write):
+def test_curves_are_by_primitive_and_metric_from_1_on(write):
     curves = read(write, IMITATED)
-    assert curves[3, "validation_loss_critic"].idxmin() == 2
+    assert curves[3, "validation_loss_critic"].to_dict() == {1: 3.7, 2: 3.4, 3: 3.5}
     assert (2, "validation_loss_critic") not in curves
     assert "imitation of 2 primitives" in imitation(curves, "i").alt
 
@@ -51,12 +50,6 @@ def test_actions_have_curves_of_their_own(write):
     assert found["C(0,1,1)"].index.tolist() == [1, 2, 3]
     svg = reinforcement(curves, "r").svg
     assert svg.index(b">C(0,1,1)<") < svg.index(b">C(4,2,1)<")
-
-
-def test_joint_finetuning_shows_episodes_beside_their_steps(write):
-    episodes = [(3, step, "episode_success", 0.1 * step) for step in range(3)]
-    svg = joint(read(write, REINFORCED + episodes), "j").svg
-    assert svg.index(b">all steps<") < svg.index(b">C(4,2,1)<")
 
 
 @pytest.mark.parametrize(

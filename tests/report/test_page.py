@@ -58,6 +58,8 @@ def test_everything_run_is_everything_shown(reports):
         assert (reports / "figures" / f"{name}.png").is_file()
         assert (reports / "figures" / f"{name}.svg").is_file()
     assert "{{" not in text and "{%" not in text
+    tree_size = text[text.index("\n## Tree size") : text.index("\n## Ablation")]
+    assert "An independent library (topoly) confirms" in tree_size
 
 
 def test_same_results_same_bytes(everything, reports):

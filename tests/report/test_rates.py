@@ -9,7 +9,7 @@ import matplotlib
 import pytest
 
 from knotflow.report.paper import SINGLE_STAGE, with_extras
-from knotflow.report.rates import read_rates, success_rates
+from knotflow.report.rates import rate_table, read_rates, success_rates
 from knotflow.report.results import Results, ResultsError
 
 RATE = ("method", "action", "trials", "successes", "success_rate", "ci_low", "ci_high")
@@ -111,6 +111,17 @@ def test_an_action_that_one_method_lacks_is_marked(write, rate_counts):
     counts = rate_counts(("random", "icp"))
     del counts["icp", "C(2,4,1)"]
     assert "–" in words(drawn(write, counts))
+
+
+def test_the_last_line_is_the_mean_of_a_method_that_was_measured_on_every_action(
+    write, rate_counts
+):
+    counts = dict.fromkeys(rate_counts(("random", "icp")), (20, 40))
+    counts["random", "C(2,4,1)"] = (36, 40)
+    del counts["icp", "C(2,4,1)"]
+    write.rates("single_stage", counts)
+    (last,) = rate_table(read(write), SINGLE_STAGE[:2]).splitlines()[-1:]
+    assert last.startswith("| mean | 55.0 % (") and last.endswith(") | – |")
 
 
 def test_intervals_come_from_the_starts_where_they_are_known(write, rate_counts):

@@ -6,11 +6,9 @@ from knotflow.report.paper import TREE_SIZE
 from knotflow.report.results import Results, ResultsError
 from knotflow.report.searches import branches, read_searches, sizes
 
-BRANCHES = ("method", "start", "seed", "branches", "solved", "seconds")
-
 
 def read(write, *rows):
-    write.table("tree_size", "branches.csv", BRANCHES, rows)
+    write.searches("tree_size", "method", rows)
     return read_searches(Results(write.root), "tree_size", "method")
 
 

@@ -14,12 +14,22 @@ from knotflow.report.statistics import (
     clustered_rate,
     clustered_ratio,
     mean_difference,
+    mean_rate,
     rate_ratio,
 )
 
 
 def ratio(successes, trials, base_successes, base_trials):
     return rate_ratio(wilson(successes, trials), wilson(base_successes, base_trials))
+
+
+def test_a_mean_of_four_like_rates_is_known_twice_as_well_as_one():
+    one = wilson(3, 20)
+    assert mean_rate([one]) == one
+    mean = mean_rate([one] * 4)
+    assert mean.estimate == pytest.approx(one.estimate)
+    assert mean.estimate - mean.low == pytest.approx((one.estimate - one.low) / 2)
+    assert mean.high - mean.estimate == pytest.approx((one.high - one.estimate) / 2)
 
 
 @pytest.mark.parametrize("counts", [(30, 100, 10, 100), (399, 400, 3, 400), (5, 20, 7, 300)])

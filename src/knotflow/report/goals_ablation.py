@@ -8,6 +8,7 @@ import pandas as pd
 
 from knotflow.report.goals import COLUMNS, share_tied, tied_over_time
 from knotflow.report.results import Results
+from knotflow.report.searches import confirmation
 from knotflow.report.section import Pictures, Section
 from knotflow.report.statistics import mean_difference
 from knotflow.report.tables import NOTHING, estimate, markdown_table, percent
@@ -50,6 +51,7 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     return {
         "figure": pictures.add(tied_over_time(shown, EXPERIMENT)),
         "table": markdown_table(header, lines, "l" + "r" * (len(sets) + 1)),
+        "confirmation": confirmation(pd.concat(tables.values())),
     }
 
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from knotflow.report.claims import Claim, Judgement, NotMeasured, Verdict
-from knotflow.report.learning import EPISODE_SUCCESS, Curves, joint, read_curves
+from knotflow.report.learning import read_curves
 from knotflow.report.paper import JOINT, OVERHAND_LIMIT, with_extras
 from knotflow.report.rates import rate_table, read_rates
 from knotflow.report.results import Results
-from knotflow.report.searches import branches, of, read_searches, search_table
+from knotflow.report.searches import branches, confirmation, of, read_searches, search_table
 from knotflow.report.section import Pictures, Section
 from knotflow.report.self_play import self_play, trials
 from knotflow.report.statistics import bootstrap, mean_difference
@@ -32,14 +31,10 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     methods = with_extras(JOINT, found)
     groups = [((method.label,), of(searches, method.name)) for method in methods]
     curves = read_curves(results, EXPERIMENT, "curves_joint.csv")
-    single = read_rates(results, EXPERIMENT, "single_actions.csv")
+    single = read_rates(results, EXPERIMENT, "single_actions.csv", "single_actions_per_start.csv")
     return {
-        "along_path": along_path(searches),
         "trials": trials(results, EXPERIMENT),
-        "episodes": pictures.add(joint(curves, "joint")) if curves and in_episodes(curves) else "",
-        "self_play": ""
-        if curves is None or in_episodes(curves)
-        else pictures.add(self_play(curves, "self_play")),
+        "self_play": pictures.add(self_play(curves, "self_play")) if curves else "",
         "single": rate_table(single, JOINT) if single else "",
         "intervals": single.intervals if single else "",
         "figure": pictures.add(branches(searches, methods, [""], EXPERIMENT, {})),
@@ -47,18 +42,8 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         "missing": listed([method.label for method in methods if method.name not in found]),
         "limit": OVERHAND_LIMIT,
         "unsolved": sum(~searches["solved"]),
-        "paper": results.paper(EXPERIMENT),
+        "confirmation": confirmation(searches),
     }
-
-
-def along_path(searches: pd.DataFrame) -> bool:
-    """Whether searches were bound to one path of the DAG; results of earlier versions are."""
-    return "goal" in searches and searches["goal"].str.contains("(", regex=False).all()
-
-
-def in_episodes(curves: Curves) -> bool:
-    """Whether training went by episodes along one path; results of earlier versions are such."""
-    return any(metric == EPISODE_SUCCESS for _, metric in curves)
 
 
 def fewer_branches(results: Results) -> Judgement:

@@ -1,4 +1,4 @@
-"""Learning curves: read, and a figure for imitation, for reinforcement, for joint finetuning."""
+"""Learning curves of the primitives: read, and a figure for imitation and for reinforcement."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from knotflow.report.paper import PRIMITIVES, in_order
 from knotflow.report.results import AT_LEAST_ONE, COUNT, NUMBER, TEXT, Results
-from knotflow.report.style import INK, MUTED, PAPER, Picture, bare_axis, new_figure, render, styled
+from knotflow.report.style import INK, MUTED, Picture, bare_axis, new_figure, render, styled
 
 #: Of the Okabe-Ito palette, by primitive, or by action within one.
 COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00")
@@ -21,10 +21,10 @@ PANELS = {
     "loss_actor": "actor: REINFORCE loss",
     "critic_accuracy": "critic: judged rightly",
 }
+#: How a metric is drawn whose name has this in front.
+LINES = {"": {"linewidth": 0.8, "alpha": 0.45}, "validation_": {"linewidth": 1.5}}
 #: Metrics of a single action are called "policy_success/C(2,0,1)".
 POLICY_SUCCESS = "policy_success/"
-#: Of joint finetuning: the share of a round's episodes that tied the rope.
-EPISODE_SUCCESS = "episode_success"
 #: Rounds that a smoothed rate is the mean of; the attempts of one round are few.
 SMOOTHED = 5
 SHORT = {
@@ -63,23 +63,17 @@ def by_action(curves: Curves, primitive: int) -> dict[str, pd.Series]:
 
 
 def imitation(curves: Curves, name: str) -> Picture:
-    """Validation (solid) and training (pale), a colour a primitive; a dot where weights were kept.
-
-    Actor and critic each keep the weights of their own lowest validation loss.
-    """
+    """Held-out demonstrations (solid) and training (pale), a colour a primitive."""
     with styled():
         figure = new_figure(2.65)
         for axes, metric in zip(figure.subplots(1, len(PANELS)), PANELS, strict=True):
             for primitive in _primitives(curves):
-                _losses(axes, curves, primitive, metric)
-            axes.set_title(PANELS[metric], fontsize=8.5, color=INK)
-            axes.set_xlabel("validation")
-            axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
-            if metric == "critic_accuracy":
-                axes.yaxis.set_major_formatter(PercentFormatter(1, decimals=0, symbol=" %"))
-            elif metric == "loss_critic":
+                for held_out, style in LINES.items():
+                    if (curve := curves.get((primitive, held_out + metric))) is not None:
+                        axes.plot(curve, color=_colour(primitive), **style)
+            panel(axes, PANELS[metric], "validation", ticks=5, rate=metric == "critic_accuracy")
+            if metric == "loss_critic":
                 axes.set_ylim(0, None)
-            bare_axis(axes, grid="y")
         handles = [
             Line2D([], [], color=_colour(number), linewidth=1.5, label=_title(number))
             for number in _primitives(curves)
@@ -89,20 +83,6 @@ def imitation(curves: Curves, name: str) -> Picture:
         )
         alt = f"Learning curves of the imitation of {len(handles)} primitives"
         return render(figure, name, alt)
-
-
-def _losses(axes: Axes, curves: Curves, primitive: int, metric: str) -> None:
-    colour = _colour(primitive)
-    if (training := curves.get((primitive, metric))) is not None:
-        axes.plot(training, color=colour, linewidth=0.8, alpha=0.45)
-    if (held_out := curves.get((primitive, f"validation_{metric}"))) is None:
-        return
-    axes.plot(held_out, color=colour, linewidth=1.5)
-    deciding = metric if metric.startswith("loss") else "loss_critic"
-    kept = curves.get((primitive, f"validation_{deciding}"))
-    if kept is not None and kept.idxmin() in held_out:
-        at = (kept.idxmin(), held_out[kept.idxmin()], "o")
-        axes.plot(*at, markersize=5, color=colour, markeredgecolor=PAPER, markeredgewidth=0.9)
 
 
 def reinforcement(curves: Curves, name: str) -> Picture:
@@ -115,33 +95,16 @@ def reinforcement(curves: Curves, name: str) -> Picture:
             of_action = by_action(curves, primitive)
             for place, (action, curve) in enumerate(of_action.items()):
                 _rounds(axes, curve, COLOURS[place % len(COLOURS)], action)
-            axes.set_title(_title(primitive), fontsize=8.5, color=INK)
+            panel(axes, _title(primitive), rate=True)
+            axes.set_ylim(0, 1.04)
             rounds = max((curve.index[-1] for curve in of_action.values()), default=1)
             axes.set_xlim(0, rounds + 1)
             axes.set_yticks(np.linspace(0, 1, 6))
-            _rate_axes(axes, ticks=4)
             axes.legend(loc="lower right", frameon=False, fontsize=7.5, handlelength=1.2)
         panels[0].set_ylabel("attempts that succeed", color=MUTED)
         actions = sum(len(by_action(curves, number)) for number in primitives)
         alt = f"Success rates of {actions} actions over the rounds of reinforcement"
         return render(figure, name, alt)
-
-
-def joint(curves: Curves, name: str) -> Picture:
-    """How many episodes tied the rope, and of each step how many of the policy's own attempts."""
-    episodes = [curve for (_, metric), curve in curves.items() if metric == EPISODE_SUCCESS]
-    found = {"all steps": episodes[0]} if episodes else {}
-    for primitive in _primitives(curves):
-        found |= by_action(curves, primitive)
-    with styled():
-        figure = new_figure(2.4)
-        axes = figure.add_subplot()
-        for colour, (label, curve) in zip((INK, *COLOURS), found.items(), strict=False):
-            _rounds(axes, curve, colour, label)
-        axes.set_ylabel("share that succeeds", color=MUTED)
-        _rate_axes(axes, ticks=6)
-        figure.legend(loc="outside upper left", ncols=len(found), frameon=False, fontsize=8)
-        return render(figure, name, "Success of episodes and of their steps by round")
 
 
 def smoothed(values: Sequence[float]) -> list[float]:
@@ -157,11 +120,15 @@ def _rounds(axes: Axes, curve: pd.Series, colour: str, label: str) -> None:
     axes.plot(curve.index, smoothed(curve.tolist()), color=colour, linewidth=1.6, label=label)
 
 
-def _rate_axes(axes: Axes, ticks: int) -> None:
-    axes.set_xlabel("round")
-    axes.set_ylim(0, 1.04)
-    axes.yaxis.set_major_formatter(PercentFormatter(1, decimals=0, symbol=" %"))
+def panel(
+    axes: Axes, title: str, over: str = "round", *, ticks: int = 4, rate: bool = False
+) -> None:
+    """What is common to the panels of learning curves; a `rate` is written in per cent."""
+    axes.set_title(title, fontsize=8.5, color=INK)
+    axes.set_xlabel(over)
     axes.xaxis.set_major_locator(MaxNLocator(ticks, integer=True))
+    if rate:
+        axes.yaxis.set_major_formatter(PercentFormatter(1, decimals=0, symbol=" %"))
     bare_axis(axes, grid="y")
 
 

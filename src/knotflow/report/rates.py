@@ -22,7 +22,7 @@ from knotflow.report.results import (
     ResultsError,
     refuse,
 )
-from knotflow.report.statistics import clustered_rate, clustered_ratio, rate_ratio
+from knotflow.report.statistics import clustered_rate, clustered_ratio, mean_rate, rate_ratio
 from knotflow.report.style import INK, MUTED, Picture, bare_axis, new_figure, render, styled
 from knotflow.report.tables import NOTHING, listed, markdown_table, percent, times
 
@@ -86,8 +86,13 @@ class Rates:
         return [a for a in self.actions if all((m, a) in self._counts for m in methods)]
 
 
-def read_rates(results: Results, experiment: str, name: str = "success_rates.csv") -> Rates | None:
-    """A table of success rates and the starts in per_start.csv beside it; None before a run.
+def read_rates(
+    results: Results,
+    experiment: str,
+    name: str = "success_rates.csv",
+    of_starts: str = "per_start.csv",
+) -> Rates | None:
+    """A table of success rates, and of their starts where one lies beside it; None before a run.
 
     Each rate has to agree with its counts, each written interval with Wilson's, and the starts
     have to sum to the rates.
@@ -98,7 +103,7 @@ def read_rates(results: Results, experiment: str, name: str = "success_rates.csv
     table = results.table(experiment, name, columns | written, key=("method", "action"))
     if table is None:
         return None
-    _check_counts(table)
+    check_counts(table)
     right = [wilson(row.successes, row.trials) for row in table.itertuples()]
     for column, values, meaning in (
         ("success_rate", [one.estimate for one in right], "the share"),
@@ -107,12 +112,10 @@ def read_rates(results: Results, experiment: str, name: str = "success_rates.csv
     ):
         problem = f"{{{column}}} disagrees with {{successes}}/{{trials}}: not {meaning}"
         refuse(table, column, (table[column] - values).abs() > TOLERANCE, problem)
-    if name != "success_rates.csv":
-        return Rates(table)
     key = ("method", "action", "start")
-    starts = results.table(experiment, "per_start.csv", columns | {"start": TEXT}, key)
+    starts = results.table(experiment, of_starts, columns | {"start": TEXT}, key)
     if starts is not None:
-        _check_counts(starts)
+        check_counts(starts)
         sums = starts.groupby(["method", "action"])[["successes", "trials"]].sum()
         for row in table.itertuples():
             own = (row.method, row.action)
@@ -120,12 +123,13 @@ def read_rates(results: Results, experiment: str, name: str = "success_rates.csv
                 raise ResultsError(
                     f"{starts.attrs['path']}, columns 'successes' and 'trials': the rows of "
                     f"{row.method} on {row.action} sum to {'/'.join(map(str, sums.loc[own]))}, "
-                    f"success_rates.csv says {row.successes}/{row.trials}"
+                    f"{name} says {row.successes}/{row.trials}"
                 )
     return Rates(table, starts)
 
 
-def _check_counts(table: pd.DataFrame) -> None:
+def check_counts(table: pd.DataFrame) -> None:
+    """Refuse a row of no topological action, or with more successes than trials."""
     unknown = ~table["action"].str.fullmatch(ACTION)
     refuse(table, "action", unknown, "'{action}' is no topological action such as 'C(2,0,1)'")
     many = table["successes"] > table["trials"]
@@ -160,6 +164,8 @@ def rate_table(rates: Rates, methods: Sequence[Method]) -> str:
         [f"`{action}`", *(_cell(rates, method.name, action) for method in methods)]
         for action in rates.actions
     ]
+    if len(rates.actions) > 1:
+        lines.append(["mean", *(_mean(rates, method.name) for method in methods)])
     return markdown_table(
         ["action", *(method.label for method in methods)], lines, "l" + "r" * len(methods)
     )
@@ -171,6 +177,13 @@ def _cell(rates: Rates, method: str, action: str) -> str:
     solved = rates.solved(method, action)
     starts = f"<br>{solved[0]} of {solved[1]} starts" if solved else ""
     return f"{percent(rates.interval(method, action))}<br>{counts[0]:,} of {counts[1]:,}{starts}"
+
+
+def _mean(rates: Rates, method: str) -> str:
+    """Over all actions, which have starts of their own; nothing where one is missing."""
+    if rates.shared_actions(method) != rates.actions:
+        return NOTHING
+    return percent(mean_rate([rates.interval(method, action) for action in rates.actions]))
 
 
 def ratio_table(rates: Rates, pairs: Sequence[tuple[Method, Method]]) -> str:

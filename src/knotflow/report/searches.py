@@ -33,8 +33,7 @@ def read_searches(
     """
     keys = {method: TEXT, **({"start": TEXT} if with_start else {}), "seed": COUNT}
     columns = keys | {"branches": COUNT, "solved": FLAG, "seconds": AMOUNT}
-    if method == "goal":
-        columns |= dict.fromkeys(FOUND, NOTE)
+    columns |= dict.fromkeys(FOUND, NOTE)
     table = results.table(experiment, "branches.csv", columns, key=tuple(keys))
     if table is None:
         return None

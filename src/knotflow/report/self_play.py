@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from matplotlib.ticker import MaxNLocator, PercentFormatter
-
-from knotflow.report.learning import COLOURS, SHORT, Curves, smoothed
+from knotflow.report.learning import COLOURS, SHORT, Curves, panel, smoothed
 from knotflow.report.paper import PRIMITIVES
 from knotflow.report.results import AT_LEAST_ONE, COUNT, SHARE, TEXT, Results, refuse
-from knotflow.report.style import INK, MUTED, Picture, bare_axis, new_figure, render, styled
+from knotflow.report.style import INK, MUTED, Picture, new_figure, render, styled
 
 #: The primitives by number: the paper's four, and those beyond it.
 NAMES = {number: SHORT.get(one.name, one.name) for number, one in enumerate(PRIMITIVES, 1)}
@@ -53,19 +51,14 @@ def self_play(curves: Curves, name: str) -> Picture:
                 color=colours[number - 1], linewidth=1.5, label=NAMES[number],
             )  # fmt: skip
         rates.set_ylim(0, 1.04)
-        rates.yaxis.set_major_formatter(PercentFormatter(1, decimals=0, symbol=" %"))
-        rates.set_title("the policy's own splines that succeed", fontsize=8.5, color=INK)
+        panel(rates, "the policy's own splines that succeed", rate=True)
         for colour, (metric, label) in zip((MUTED, COLOURS[0]), PAIRS.items(), strict=True):
             if (1, metric) in curves:
                 pairs.plot(curves[1, metric], color=colour, linewidth=1.5, label=label)
         pairs.set_ylim(0, None)
-        pairs.set_title("pairs of state and action", fontsize=8.5, color=INK)
+        panel(pairs, "pairs of state and action")
         pairs.yaxis.set_major_formatter("{x:,.0f}")
         pairs.legend(loc="lower right", frameon=False, fontsize=7.5)
-        for axes in (rates, pairs):
-            axes.set_xlabel("round")
-            axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
-            bare_axis(axes, grid="y")
         handles, labels = rates.get_legend_handles_labels()
         figure.legend(
             handles, labels, loc="outside upper left", ncols=3, frameon=False, fontsize=7.5

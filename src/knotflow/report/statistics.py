@@ -91,6 +91,14 @@ def rate_ratio(top: Interval, base: Interval) -> Interval:
     return Interval(estimate, low, high)
 
 
+def mean_rate(rates: Sequence[Interval]) -> Interval:
+    """Mean of independent success rates, with the MOVER interval made from theirs."""
+    estimates, lows, highs = np.array([(r.estimate, r.low, r.high) for r in rates], float).T
+    mean = float(estimates.mean())
+    below, above = (np.linalg.norm(estimates - side) / len(rates) for side in (lows, highs))
+    return Interval(mean, mean - float(below), mean + float(above))
+
+
 def _all_alike(successes: np.ndarray, trials: np.ndarray) -> bool:
     return bool(np.all(successes * trials[0] == successes[0] * trials))
 
