@@ -1,12 +1,16 @@
 """What single actions and ablation cost: every stage once, by kind, beside the aim."""
 
+import shutil
+
 import pytest
 import yaml
 
+import knotflow.workflow.stages  # noqa: F401  registers them
 from knotflow.report.page import compose
 from knotflow.report.results import Results
 from knotflow.report.section import Pictures
-from knotflow.report.timing import cost, spent, timing
+from knotflow.report.timing import KIND_OF_STAGE, cost, spent, timing
+from knotflow.workflow.stage import STAGES
 
 
 def stage(name, seconds, signature):
@@ -38,13 +42,13 @@ def told(write, seconds=2000.0, budget="paper"):
 def test_each_stage_is_counted_once_and_by_its_kind(write):
     told(write)
     split = spent(Results(write.root))
-    assert split["single_stage"] == {
+    assert dict(split["single_stage"]) == {
         "simulation": 500.0,
         "training": 3900.0,
         "evaluation": 60.0,
         "tables": 1.0,
     }
-    assert sum(split["ablation_actor_critic"].values()) == 2000.0
+    assert split["ablation_actor_critic"].total() == 2000.0
 
 
 @pytest.mark.parametrize(("seconds", "within"), [(2000.0, True), (7000.0, False)])
@@ -91,6 +95,37 @@ def test_time_and_memory_are_told_by_stage_and_by_kind(write):
     assert "| training | 2 | 1 h 5 min | – |" in kinds
     assert "| evaluation | 1 | 1 min 30 s | 1,234 MB |" in kinds
     assert found["table"].count("MB") == 1
+
+
+def test_every_stage_that_can_be_run_has_a_kind_and_any_other_is_unknown(write):
+    ours = {name for name, one in STAGES.items() if one.function.__module__.startswith("knotflow.")}
+    assert ours == KIND_OF_STAGE.keys()
+    write.run("goals", {"mine": stage("my_own", 90.0, "g")})
+    found = timing(Results(write.root), Pictures())
+    assert found["kinds"].splitlines()[2:] == ["| unknown | 1 | 1 min 30 s | – |"]
+
+
+def test_trainings_of_what_is_shipped_stand_beside_all_else(write):
+    write.run("joint_finetuning", {"self_play": stage("self_play", 7200.0, "s")})
+    write.run("perception_training", {"learn": stage("perception_training", 3600.0, "p")})
+    write.run("goals_ablation", {"self_play": stage("self_play", 60.0, "a")})  # of its own
+    assert "and dynamics) it was\n1 min 0 s; these trainings took 3 h 0 min." in page(write)
+    shutil.rmtree(write.root / "joint_finetuning")
+    shutil.rmtree(write.root / "perception_training")
+    assert "these trainings" not in page(write)
+
+
+def page(write):
+    return compose(Results(write.root), "results").markdown
+
+
+def test_captions_that_repeat_have_their_experiment_before_them(write):
+    for name, caption in (("goals", "Same"), ("knots", "Same"), ("roots", "Another")):
+        write.run(name, {"one": stage("roots", 9.0, name) | {"caption": caption}})
+    pictures = Pictures()
+    timing(Results(write.root), pictures)
+    svg = pictures.made[0].svg
+    assert all(label in svg for label in (b">goals: Same<", b">knots: Same<", b">Another<"))
 
 
 def test_a_cluster_is_as_fast_as_the_shards_allow(write):

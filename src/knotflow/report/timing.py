@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -34,24 +35,33 @@ AIM_HOURS = 3.0
 #: Of a cluster whose time is estimated.
 CPUS = (2, 8, 32, 128)
 
-SIMULATION, TRAINING, EVALUATION, OTHER = "simulation", "training", "evaluation", "tables"
-KINDS = {SIMULATION: "#0072b2", TRAINING: "#e69f00", EVALUATION: "#009e73", OTHER: "#8a8f98"}
-#: Kinds of the stages; any other makes tables and recordings from what is there.
-STAGES_OF_KIND = {
-    SIMULATION: (
-        "benchmark causal_infogan_ends demonstrations demonstrator motions plans_pull "
-        "pools roots ropes scaling starts"
-    ).split(),
-    TRAINING: (
-        "causal_infogan dynamics_training imitation perception_networks "
-        "perception_training reinforcement self_play"
-    ).split(),
-    EVALUATION: (
-        "actions arm causal_infogan_plans closed_loop dynamics evaluation goals overhand "
-        "perception plans tracking"
-    ).split(),
+#: The trainings of the weights that come with the package: the stage, and its experiment.
+SHIPPED = {
+    "self_play": "joint_finetuning",
+    "perception_training": "perception_training",
+    "dynamics_training": "dynamics_training",
 }
-KIND_OF_STAGE = {stage: kind for kind, stages in STAGES_OF_KIND.items() for stage in stages}
+
+UNKNOWN = "unknown"
+KINDS = {
+    "simulation": "#0072b2",
+    "training": "#e69f00",
+    "evaluation": "#009e73",
+    "tables": "#8a8f98",
+    UNKNOWN: "#cc79a7",
+}
+STAGES_OF_KIND = {
+    "simulation": "benchmark causal_infogan_ends demonstrations demonstrator motions plans_pull "
+    "pools roots ropes scaling starts",
+    "training": "causal_infogan dynamics_training imitation perception_networks "
+    "perception_training reinforcement self_play",
+    "evaluation": "actions arm causal_infogan_plans closed_loop dynamics evaluation goals "
+    "overhand perception plans plans_checks tracking",
+    "tables": "exemplars library plans_dag plans_exemplar plans_success plans_table proposals "
+    "shipped success_rates",
+}
+KIND_OF_STAGE = {one: kind for kind, stages in STAGES_OF_KIND.items() for one in stages.split()}
+"""Any other is unknown: of an earlier version, or somebody's own."""
 
 
 def timing(results: Results, pictures: Pictures) -> dict[str, Any]:
@@ -70,13 +80,18 @@ def timing(results: Results, pictures: Pictures) -> dict[str, Any]:
         ]
         for name, stage in once.values()
     ]
-    timed = [stage for _, stage in once.values() if stage.seconds is not None]
-    longest = sorted(timed, key=lambda stage: -(stage.seconds or 0.0))[:STAGES_DRAWN]
+    named = [(name, stage) for name, stage in once.values() if stage.seconds is not None]
+    longest = sorted(named, key=lambda one: -_seconds(one[1]))[:STAGES_DRAWN]
+    timed = [stage for _, stage in named]
+    total = sum(map(_seconds, timed))
+    shipped = sum(_seconds(stage) for name, stage in named if SHIPPED.get(stage.stage) == name)
     header = ["experiment", "stage", "what it makes", "time", "memory"]
     return {
         "figure": pictures.add(_longest(longest)) if len(longest) > 1 else "",
         "shown": len(longest),
-        "total": duration(sum(stage.seconds or 0.0 for stage in timed)),
+        "total": duration(total),
+        "shipped": duration(shipped) if shipped else "",
+        "others": duration(total - shipped),
         "count": len(once),
         "kinds": _kinds(timed),
         "cluster": _cluster(timed),
@@ -89,11 +104,11 @@ def _kinds(stages: Sequence[StageRun]) -> str:
     """A line a kind of work: how many stages, their time, and what the largest held."""
     lines = []
     for kind in KINDS:
-        own = [one for one in stages if KIND_OF_STAGE.get(one.stage, OTHER) == kind]
+        own = [one for one in stages if _kind(one) == kind]
         memory = [one.memory_mb for one in own if one.memory_mb is not None]
-        seconds = sum(one.seconds or 0.0 for one in own)
         most = _memory(max(memory, default=None))
-        lines.append([kind, str(len(own)), duration(seconds), most])
+        if own:
+            lines.append([kind, str(len(own)), duration(sum(map(_seconds, own))), most])
     return markdown_table(["kind of work", "stages", "time", "most memory"], lines, "lrrr")
 
 
@@ -108,22 +123,37 @@ def _cluster(stages: Sequence[StageRun]) -> str:
 
 def _expected(stage: StageRun, cpus: int) -> float:
     """Seconds of a stage whose shards all take as long as each other, on so many CPUs."""
-    seconds = stage.seconds or 0.0
+    seconds = _seconds(stage)
     if not stage.cpus or stage.shards < 2:
         return seconds
     rounds, before = (math.ceil(stage.shards / one) for one in (cpus, stage.cpus))
     return seconds * rounds / before
 
 
+def _seconds(stage: StageRun) -> float:
+    return stage.seconds or 0.0
+
+
+def _kind(stage: StageRun) -> str:
+    return KIND_OF_STAGE.get(stage.stage, UNKNOWN)
+
+
 def _memory(megabytes: float | None) -> str:
     return NOTHING if megabytes is None else f"{megabytes:,.0f} MB"
 
 
-def _longest(stages: Sequence[StageRun]) -> Picture:
+def _longest(stages: Sequence[tuple[str, StageRun]]) -> Picture:
+    """A bar a stage; its experiment stands before a caption that several have."""
+    captions = [stage.caption or stage.node.replace("_", " ") for _, stage in stages]
+    count = Counter(captions)
+    labels = [
+        f"{name}: {caption}" if count[caption] > 1 else caption
+        for (name, _), caption in zip(stages, captions, strict=True)
+    ]
     return bars(
-        [textwrap.fill(stage.caption or stage.node.replace("_", " "), 46) for stage in stages],
-        [(stage.seconds or 0.0) / 60 for stage in stages],
-        [duration(stage.seconds) for stage in stages],
+        [textwrap.fill(label, 48) for label in labels],
+        [_seconds(stage) / 60 for _, stage in stages],
+        [duration(stage.seconds) for _, stage in stages],
         axis="minutes",
         name="stages",
         alt=f"Wall-clock time of {len(stages)} stages",
@@ -164,7 +194,7 @@ def cost(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     split = spent(results)
     if not split:
         return None
-    total = sum(sum(kinds.values()) for kinds in split.values())
+    total = sum(kinds.total() for kinds in split.values())
     paper = all(results.paper(name) for name in split)
     attempts, pace = _attempts(results), _pace(results)
     return {
@@ -180,12 +210,11 @@ def cost(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     }
 
 
-def spent(results: Results) -> dict[str, dict[str, float]]:
+def spent(results: Results) -> dict[str, Counter[str]]:
     """Seconds by kind of each experiment that was run; a stage both need is the first's."""
-    split: dict[str, dict[str, float]] = {}
+    split: dict[str, Counter[str]] = {}
     for found, stage in _stages(results):
-        kinds = split.setdefault(found.name, dict.fromkeys(KINDS, 0.0))
-        kinds[KIND_OF_STAGE.get(stage.stage, OTHER)] += stage.seconds or 0.0
+        split.setdefault(found.name, Counter()).update({_kind(stage): _seconds(stage)})
     return split
 
 
@@ -219,29 +248,37 @@ def _pace(results: Results) -> float | None:
     return None
 
 
-def _table(split: Mapping[str, Mapping[str, float]]) -> str:
-    rows = {f"`{name}`": [kinds[kind] for kind in KINDS] for name, kinds in split.items()}
+def _there(split: Mapping[str, Counter[str]]) -> list[str]:
+    """The kinds that anything was spent on."""
+    return [kind for kind in KINDS if any(kinds[kind] for kinds in split.values())]
+
+
+def _table(split: Mapping[str, Counter[str]]) -> str:
+    there = _there(split)
+    rows = {f"`{name}`": [kinds[kind] for kind in there] for name, kinds in split.items()}
     if len(split) > 1:
         rows["together"] = [sum(column) for column in zip(*rows.values(), strict=True)]
     lines = [[name, *map(duration, times), duration(sum(times))] for name, times in rows.items()]
-    return markdown_table(["experiment", *KINDS, "in all"], lines, "lrrrrr")
+    return markdown_table(["experiment", *there, "in all"], lines, "l" + "r" * (1 + len(there)))
 
 
-def _split(split: Mapping[str, Mapping[str, float]], *, paper: bool) -> Picture:
+def _split(split: Mapping[str, Counter[str]], *, paper: bool) -> Picture:
     """A stacked bar an experiment, one after the other; the aim where counts are the paper's."""
     unit, word = (3600.0, "hours") if paper else (60.0, "minutes")
+    there = _there(split)
     with styled():
         figure = new_figure(0.95 + 0.38 * len(split))
         axes = figure.add_subplot()
         left = 0.0
         for y, kinds in enumerate(split.values()):
             begin = left
-            for kind, colour in KINDS.items():
+            for kind in there:
                 width = kinds[kind] / unit
-                axes.barh(y, width, 0.6, left, color=colour, label=kind if y == 0 else None)
+                label = kind if y == 0 else None
+                axes.barh(y, width, 0.6, left, color=KINDS[kind], label=label)
                 left += width
             axes.annotate(
-                duration(sum(kinds.values())),
+                duration(kinds.total()),
                 (left, y),
                 (6, 0),
                 textcoords="offset points",
@@ -260,5 +297,5 @@ def _split(split: Mapping[str, Mapping[str, float]], *, paper: bool) -> Picture:
         axes.set_xlim(0, max(left, AIM_HOURS if paper else 0.0) * 1.14)
         axes.set_xlabel(word)
         bare_axis(axes, grid="x")
-        figure.legend(loc="outside upper left", ncols=len(KINDS), frameon=False, fontsize=8.5)
+        figure.legend(loc="outside upper left", ncols=len(there), frameon=False, fontsize=8.5)
         return render(figure, "cost", f"Time of {listed(names)} by kind of work")
