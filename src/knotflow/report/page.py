@@ -26,9 +26,11 @@ from knotflow.report import (
     overhand,
     pentagram,
     perception,
+    roots,
     single_stage,
     tables,
     tracking,
+    trainings,
     tree_size,
 )
 from knotflow.report.claims import Verdict
@@ -58,11 +60,14 @@ FURTHER: tuple[Section, ...] = (
     goals_ablation.SECTION,
     actions.SECTION,
     perception.SECTION,
+    trainings.PERCEPTION,
     tracking.SECTION,
     dynamics.SECTION,
+    trainings.DYNAMICS,
     closed_loop.SECTION,
     arm.SECTION,
     benchmark.SECTION,
+    roots.SECTION,
 )
 SECTIONS = PAPER + FURTHER
 CLAIMS = [(section.experiment, claim) for section in SECTIONS for claim in section.claims]
