@@ -40,6 +40,7 @@ from knotflow.report.section import Pictures, Section, plain
 from knotflow.report.statistics import RESAMPLES
 from knotflow.report.style import Picture
 from knotflow.report.timing import timing
+from knotflow.report.weights import origins
 
 #: In the order of the paper. To add one: write `<experiment>.py` with a `SECTION` and
 #: `templates/<experiment>.md.j2` with its words, and put it here, or below if the paper lacks it.
@@ -210,6 +211,7 @@ def _section(
         section=section,
         body=None if values is None else templates.get_template(section.words).render(**values),
         experiment=found,
+        weights=origins(found, results) if found else [],
         recordings=_recordings(found, results, link) if found else [],
         link=link,
     )

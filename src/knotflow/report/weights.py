@@ -1,0 +1,49 @@
+"""Where the weights come from that an experiment began with: a training in results/, if any."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+from knotflow.report.results import ExperimentResults, Results
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Weights in results/: what they are of, the experiment and its stage that train them."""
+
+    what: str
+    experiment: str
+    stage: str
+    files: str
+    """A pattern of paths in the experiment's folder."""
+
+
+PRIMITIVES = Kept("primitives", "joint_finetuning", "self_play", "primitives/*")
+DYNAMICS = Kept("dynamics", "dynamics_training", "dynamics_training", "dynamics.safetensors")
+#: By the name that a configuration has for the digests of their files.
+KEPT = {"contents": PRIMITIVES, "primitives_contents": PRIMITIVES, "weights_contents": DYNAMICS}
+
+
+def origins(found: ExperimentResults, results: Results) -> list[str]:
+    """A phrase for each weights that the experiment's configuration has digests of."""
+    stages = (found.config.get("stages") or {}).values()
+    configured = [item for stage in stages for item in (stage.get("config") or {}).items()]
+    phrases = [
+        _origin(KEPT[key], told, results) for key, told in configured if told and key in KEPT
+    ]
+    return list(dict.fromkeys(phrases))
+
+
+def _origin(kept: Kept, digests: str, results: Results) -> str:
+    files = sorted((results.root / kept.experiment).glob(kept.files))
+    # As `knotflow.config.contents` writes them.
+    if digests != "-".join(hashlib.sha256(one.read_bytes()).hexdigest()[:16] for one in files):
+        return f"{kept.what} from elsewhere (not those in `results/{kept.experiment}`)"
+    commits = [
+        f"commit `{stage.commit[:10]}`"
+        for stage in results.experiments[kept.experiment].stages
+        if stage.stage == kept.stage and stage.commit
+    ]
+    made = commits[0] if commits else "commit unknown"
+    return f"{kept.what} from `{kept.stage}` of `results/{kept.experiment}`, {made}"
