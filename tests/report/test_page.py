@@ -182,4 +182,4 @@ def test_the_report_imports_nothing_that_simulates():
     ours = [m for m in done.stdout.split() if m.split(".")[0] == "knotflow"]
     assert "knotflow.report.page" in ours
     packages = {m.split(".")[1] for m in ours if m != "knotflow"}
-    assert packages == {"report", "drawing", "topology", "arrays", "versions"}
+    assert packages == {"report", "drawing", "topology", "arrays", "intervals", "versions"}

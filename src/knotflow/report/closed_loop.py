@@ -7,7 +7,6 @@ from typing import Any
 import pandas as pd
 
 from knotflow.intervals import wilson
-from knotflow.report.planning.pictures import stored
 from knotflow.report.results import AMOUNT, COUNT, FLAG, NOTE, TEXT, Column, Results, refuse
 from knotflow.report.section import Pictures, Section
 from knotflow.report.statistics import mean_difference
@@ -28,7 +27,7 @@ CONTROLLERS = {
     "mppi_replan": ("MPPI, planned anew", "#009e73"),
     "mppi_replan_true_state": ("MPPI, planned anew, true state", "#7fc8a9"),
 }
-SHOWN, SHOWN_IS = "execution", "An execution, a panel a drag: the camera's image with the rope"
+SHOWN = "An execution, a panel a drag: the camera's image with the rope"
 #: How the names of controllers end that are told the true state.
 TRUE = "_true_state"
 ROBUST = "open_loop_robust"
@@ -54,7 +53,7 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     groups = _groups(runs)
     return {
         "figure": pictures.add(_figure(runs)),
-        "shown": stored(results, pictures.add, EXPERIMENT, "execution/execution", SHOWN, SHOWN_IS),
+        "shown": pictures.stored(results, EXPERIMENT, "execution/execution", SHOWN),
         "table": _table(groups),
         "causes": _causes(groups),
         "ticks": _ticks(runs),

@@ -34,7 +34,7 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     return {
         "figure": pictures.add(tied_over_time(_named(sets), EXPERIMENT)),
         "table": _table(sets),
-        "confirmation": confirmation(table),
+        "confirmation": confirmation(results, EXPERIMENT, table),
         "missed": len(missed),
         "reasons": _reasons(missed),
     }

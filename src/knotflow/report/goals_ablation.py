@@ -51,7 +51,7 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     return {
         "figure": pictures.add(tied_over_time(shown, EXPERIMENT)),
         "table": markdown_table(header, lines, "l" + "r" * (len(sets) + 1)),
-        "confirmation": confirmation(pd.concat(tables.values())),
+        "confirmation": confirmation(results, EXPERIMENT, pd.concat(tables.values())),
     }
 
 

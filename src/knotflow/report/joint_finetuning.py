@@ -11,7 +11,7 @@ from knotflow.report.learning import read_curves
 from knotflow.report.paper import JOINT, OVERHAND_LIMIT, with_extras
 from knotflow.report.rates import rate_table, read_rates
 from knotflow.report.results import Results
-from knotflow.report.searches import branches, confirmation, of, read_searches, search_table
+from knotflow.report.searches import branches, confirmation, of, read_searches, search_table, spent
 from knotflow.report.section import Pictures, Section
 from knotflow.report.self_play import self_play, trials
 from knotflow.report.statistics import bootstrap, mean_difference
@@ -42,7 +42,8 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         "missing": listed([method.label for method in methods if method.name not in found]),
         "limit": OVERHAND_LIMIT,
         "unsolved": sum(~searches["solved"]),
-        "confirmation": confirmation(searches),
+        "confirmation": confirmation(results, EXPERIMENT, searches),
+        "spent": spent(results, EXPERIMENT, "primitives"),
     }
 
 

@@ -40,7 +40,7 @@ def values(results: Results, _: Pictures) -> dict[str, Any] | None:
     header = ["knot", "start", "tied", "branches, median", "time, median", "type confirmed"]
     return {
         "table": markdown_table(header, lines, "llrrrr"),
-        "confirmation": confirmation(searches),
+        "confirmation": confirmation(results, EXPERIMENT, searches),
     }
 
 

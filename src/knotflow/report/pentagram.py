@@ -30,7 +30,7 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     groups = [((name,), searches[searches["start"] == start]) for start, name in STARTS.items()]
     return {
         "table": search_table(("start",), [line for line in groups if len(line[1])]),
-        "confirmation": confirmation(searches),
+        "confirmation": confirmation(results, EXPERIMENT, searches),
         "paper": PAPER_BRANCHES,
         "head": results.setting(EXPERIMENT, "pull", "head"),
         **{

@@ -11,16 +11,29 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
+from knotflow.intervals import wilson
 from knotflow.report.paper import OVERHAND_LIMIT, Method
 from knotflow.report.results import AMOUNT, COUNT, FLAG, NOTE, TEXT, Results
 from knotflow.report.statistics import bootstrap
 from knotflow.report.style import INK, MUTED, PAPER, Picture, bare_axis, new_figure, render, styled
-from knotflow.report.tables import NOTHING, duration, estimate, markdown_table, tenths
+from knotflow.report.tables import (
+    NOTHING,
+    duration,
+    estimate,
+    markdown_table,
+    percent,
+    tenths,
+)
 
 #: Points across, of a dot that stands for all searches of its line.
 LARGEST_DOT = 17.0
 #: What a search found: its path, and the knot type that an independent library finds.
 FOUND = ("path", "knot_type", "confirmed", "reason")
+#: The steps of plans, simulated again.
+CHECKS = {"searches": TEXT, "plan": TEXT, "step": COUNT, "action": TEXT, "passages": COUNT}
+CHECKS |= {"reproduced": FLAG, "steady": FLAG}
+#: Lines of each method in the table of where branches went.
+MOST_TRIED = 4
 
 
 def read_searches(
@@ -54,15 +67,42 @@ def sizes(searches: pd.DataFrame) -> list[float]:
     )
 
 
-def confirmation(searches: pd.DataFrame) -> str:
-    """How many of the tied ropes an independent library found to be the knot they should be."""
-    checks = [check for check in searches["confirmed"] if check]
-    if not checks:
+def confirmation(results: Results, experiment: str, searches: pd.DataFrame) -> str:
+    """How many of the tied ropes an independent library found to be the knot they should be, and
+    what became of their steps when they were simulated again (checks.csv, where there is one)."""
+    confirmed = [check for check in searches["confirmed"] if check]
+    if not confirmed:
         return "No rope was tied."
-    unchecked = sum(check not in ("yes", "no") for check in checks)
+    unchecked = sum(check not in ("yes", "no") for check in confirmed)
     missing = f"; {unchecked} were not checked" if unchecked else ""
-    confirmed = f"{checks.count('yes')} of {len(checks)} tied ropes"
-    return f"An independent library (topoly) confirms the knot type of {confirmed}{missing}."
+    share = f"{confirmed.count('yes')} of {len(confirmed)} tied ropes"
+    words = f"An independent library (topoly) confirms the knot type of {share}{missing}."
+    checks = results.table(experiment, "checks.csv", CHECKS, key=("searches", "plan", "step"))
+    if checks is None or checks.empty:
+        return words
+    passed = int((checks["passages"] > 0).sum())
+    steady = wilson(int(checks["steady"].sum()), len(checks))
+    return (
+        f"{words} Of the {len(checks)} steps of these plans, simulated again, {passed or 'none'} "
+        f"had a strand pass through another, and {percent(steady)} reached their state at half the "
+        "time step, too."
+    )
+
+
+def spent(results: Results, experiment: str, method: str) -> str:
+    """Where most branches of each method went, and how many succeeded; empty without tried.csv."""
+    keys = (method, "start", "state", "action")
+    columns = dict.fromkeys(keys, TEXT) | {"branches": COUNT, "successes": COUNT}
+    tried = results.table(experiment, "tried.csv", columns, key=keys)
+    if tried is None:
+        return ""
+    total = tried.groupby([method, "state", "action"], sort=False, as_index=False).sum()
+    lines = [
+        [name, f"`{one.state}`", f"`{one.action}`", f"{one.branches:,}", f"{one.successes:,}"]
+        for name, own in total.groupby(method, sort=False)
+        for one in own.nlargest(MOST_TRIED, "branches").itertuples()
+    ]
+    return markdown_table(["", "state", "action", "branches", "succeeded"], lines, "lllrr")
 
 
 def search_table(header: Sequence[str], lines: Sequence[tuple[Sequence[str], pd.DataFrame]]) -> str:

@@ -10,7 +10,15 @@ import pandas as pd
 from knotflow.report.claims import Claim, Judgement, NotMeasured, of_two
 from knotflow.report.paper import OVERHAND_LIMIT, STARTS, TREE_SIZE, with_extras
 from knotflow.report.results import Results
-from knotflow.report.searches import branches, confirmation, of, read_searches, search_table, sizes
+from knotflow.report.searches import (
+    branches,
+    confirmation,
+    of,
+    read_searches,
+    search_table,
+    sizes,
+    spent,
+)
 from knotflow.report.section import Pictures, Section
 from knotflow.report.statistics import bootstrap
 from knotflow.report.tables import estimate, listed
@@ -48,8 +56,8 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         "limit": OVERHAND_LIMIT,
         "dag": pictures.stored(results, EXPERIMENT, "dag", "Solution DAG"),
         "unsolved": sum(~searches["solved"]),
-        "confirmation": confirmation(searches),
-        "paper": results.paper(EXPERIMENT),
+        "confirmation": confirmation(results, EXPERIMENT, searches),
+        "spent": spent(results, EXPERIMENT, "method"),
     }
 
 
