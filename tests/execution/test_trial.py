@@ -1,5 +1,6 @@
 """Executions are judged by where the rope truly lies."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,10 +9,12 @@ import pytest
 from knotflow.execution import (
     CONTROLS,
     ExecutionConfig,
+    MppiConfig,
     Sight,
     Twin,
     TwinConfig,
     failure,
+    mppi,
     try_plan,
 )
 from knotflow.perception import Camera
@@ -67,7 +70,8 @@ def test_every_failure_has_the_first_cause_that_applies(plan, goal):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("control", ["mppi_true_state", "mppi_true_state_mujoco"])
-def test_mppi_follows_a_plan_by_either_model(plan, goal, control):
+def test_mppi_follows_a_plan_by_either_model(plan, goal, control, monkeypatch):
+    monkeypatch.setattr(mppi, "MppiConfig", partial(MppiConfig, samples=16, horizon=3))
     trial = try_plan(plan, goal, twin_of(plan), CONTROLS[control])
     assert trial.tied and trial.deviation < 0.03
     assert len(trial.execution.ticks) > 5

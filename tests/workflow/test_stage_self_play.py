@@ -38,7 +38,7 @@ CONFIG = room.SelfPlayStageConfig(
     simulation=SIMULATION,
     training=SelfPlayConfig(
         LearnerConfig(demonstration_trials=4, rollout_ropes=8, rollout_trials=1),
-        rounds=3, ropes=12, memory=4, steps=1, settle_steps=1, population=8, capacity=100,
+        rounds=2, ropes=8, memory=4, steps=1, settle_steps=1, population=8, capacity=100,
         refreshed=4,
     ),
     seed=40,
@@ -110,7 +110,7 @@ def test_the_table_counts_the_trials_of_every_pair(played):
     assert not table.duplicated(["start", "action"]).any()
     assert (table["trials"] >= table["successes"]).all() and (table["trials"] > 0).all()
     # Four earlier attempts are remembered, and some of the ropes were to be arranged.
-    assert 4 < table["trials"].sum() <= 4 + 3 * 12
+    assert 4 < table["trials"].sum() <= 4 + 2 * 8
     assert table["recent_rate"].between(0, 1).all()
     for start in table["start"]:
         TopologicalState.parse(start)
@@ -120,7 +120,7 @@ def test_the_curves_go_round_by_round(played):
     curves = pd.read_csv(played / "curves.csv")
     assert list(curves.columns) == ["primitive", "step", "metric", "value"]
     losses = curves[curves["metric"] == "loss_critic"]
-    assert losses[losses["primitive"] == 1]["step"].tolist() == [0, 1, 2]
+    assert losses[losses["primitive"] == 1]["step"].tolist() == [0, 1]
     pairs = curves[curves["metric"] == "pairs_tried"]["value"]
     assert pairs.is_monotonic_increasing
     assert pairs.iloc[-1] == len(pd.read_csv(played / "trials.csv"))
