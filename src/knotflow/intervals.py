@@ -22,10 +22,6 @@ class Interval:
         """Whether the whole interval lies above `value`."""
         return self.low is not None and self.low > value
 
-    def covers(self, value: float) -> bool:
-        """Whether `value` is compatible with the data."""
-        return self.reaches(value) and (self.estimate if self.low is None else self.low) <= value
-
     def reaches(self, value: float) -> bool:
         """Whether `value` or more is compatible with the data."""
         return (self.estimate if self.high is None else self.high) >= value

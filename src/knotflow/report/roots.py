@@ -34,13 +34,14 @@ def values(results: Results, _: Pictures) -> dict[str, Any] | None:
     if ends is None or rates is None:
         return None
     kinds = {str(kind): own for kind, own in ends.groupby("splines")}
-    ratios = {a: rates.ratio(MIDDLE.name, HEAD.name, a) for a in rates.actions}
+    ratios = {action: rates.ratio(MIDDLE.name, HEAD.name, action) for action in rates.actions}
+    differ = [action for action, one in ratios.items() if one.lies_above(1) or not one.reaches(1)]
     return {
         "ends": _table(kinds),
         "farther": listed([kind for kind, own in kinds.items() if farther(own).lies_above(0)]),
         "rates": rate_table(rates, (MIDDLE, HEAD)),
         "ratios": ratio_table(rates, [(MIDDLE, HEAD)]),
-        "differ": listed([f"`{action}`" for action, one in ratios.items() if not one.covers(1)]),
+        "differ": listed([f"`{action}`" for action in differ]),
         "actions": len(ratios),
     }
 

@@ -43,13 +43,8 @@ SHIPPED = {
 }
 
 UNKNOWN = "unknown"
-KINDS = {
-    "simulation": "#0072b2",
-    "training": "#e69f00",
-    "evaluation": "#009e73",
-    "tables": "#8a8f98",
-    UNKNOWN: "#cc79a7",
-}
+KINDS = {"simulation": "#0072b2", "training": "#e69f00", "evaluation": "#009e73"}
+KINDS |= {"tables": "#8a8f98", UNKNOWN: "#cc79a7"}
 STAGES_OF_KIND = {
     "simulation": "benchmark causal_infogan_ends demonstrations demonstrator motions plans_pull "
     "pools roots ropes scaling starts",
@@ -194,7 +189,7 @@ def cost(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     split = spent(results)
     if not split:
         return None
-    total = sum(kinds.total() for kinds in split.values())
+    total = sum(sum(kinds.values()) for kinds in split.values())
     paper = all(results.paper(name) for name in split)
     attempts, pace = _attempts(results), _pace(results)
     return {
@@ -210,11 +205,14 @@ def cost(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     }
 
 
-def spent(results: Results) -> dict[str, Counter[str]]:
+def spent(results: Results) -> dict[str, dict[str, float]]:
     """Seconds by kind of each experiment that was run; a stage both need is the first's."""
-    split: dict[str, Counter[str]] = {}
-    for found, stage in _stages(results):
-        split.setdefault(found.name, Counter()).update({_kind(stage): _seconds(stage)})
+    stages = _stages(results)
+    there = [kind for kind in KINDS if any(_kind(stage) == kind for _, stage in stages)]
+    split: dict[str, dict[str, float]] = {}
+    for found, stage in stages:
+        kinds = split.setdefault(found.name, dict.fromkeys(there, 0.0))
+        kinds[_kind(stage)] += _seconds(stage)
     return split
 
 
@@ -248,37 +246,30 @@ def _pace(results: Results) -> float | None:
     return None
 
 
-def _there(split: Mapping[str, Counter[str]]) -> list[str]:
-    """The kinds that anything was spent on."""
-    return [kind for kind in KINDS if any(kinds[kind] for kinds in split.values())]
-
-
-def _table(split: Mapping[str, Counter[str]]) -> str:
-    there = _there(split)
-    rows = {f"`{name}`": [kinds[kind] for kind in there] for name, kinds in split.items()}
+def _table(split: Mapping[str, Mapping[str, float]]) -> str:
+    rows = {f"`{name}`": [*kinds.values()] for name, kinds in split.items()}
+    there = [*next(iter(split.values()))]
     if len(split) > 1:
         rows["together"] = [sum(column) for column in zip(*rows.values(), strict=True)]
     lines = [[name, *map(duration, times), duration(sum(times))] for name, times in rows.items()]
     return markdown_table(["experiment", *there, "in all"], lines, "l" + "r" * (1 + len(there)))
 
 
-def _split(split: Mapping[str, Counter[str]], *, paper: bool) -> Picture:
+def _split(split: Mapping[str, Mapping[str, float]], *, paper: bool) -> Picture:
     """A stacked bar an experiment, one after the other; the aim where counts are the paper's."""
     unit, word = (3600.0, "hours") if paper else (60.0, "minutes")
-    there = _there(split)
     with styled():
         figure = new_figure(0.95 + 0.38 * len(split))
         axes = figure.add_subplot()
         left = 0.0
         for y, kinds in enumerate(split.values()):
             begin = left
-            for kind in there:
-                width = kinds[kind] / unit
+            for kind, seconds in kinds.items():
                 label = kind if y == 0 else None
-                axes.barh(y, width, 0.6, left, color=KINDS[kind], label=label)
-                left += width
+                axes.barh(y, seconds / unit, 0.6, left, color=KINDS[kind], label=label)
+                left += seconds / unit
             axes.annotate(
-                duration(kinds.total()),
+                duration(sum(kinds.values())),
                 (left, y),
                 (6, 0),
                 textcoords="offset points",
@@ -297,5 +288,5 @@ def _split(split: Mapping[str, Counter[str]], *, paper: bool) -> Picture:
         axes.set_xlim(0, max(left, AIM_HOURS if paper else 0.0) * 1.14)
         axes.set_xlabel(word)
         bare_axis(axes, grid="x")
-        figure.legend(loc="outside upper left", ncols=len(there), frameon=False, fontsize=8.5)
+        figure.legend(loc="outside upper left", ncols=len(KINDS), frameon=False, fontsize=8.5)
         return render(figure, "cost", f"Time of {listed(names)} by kind of work")
