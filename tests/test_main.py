@@ -32,7 +32,7 @@ def knotflow(*arguments, cwd=None):
         ),
         (
             ["+experiment=single"],
-            "no experiment 'single'; experiments are: ablation_actor_critic, actions, benchmark, ",
+            "no experiment 'single'; experiments are: ablation_actor_critic, actions, arm, ",
         ),
         (["+experiment=benchmark", "budget=huge"], "paper"),
         (["+experiment=benchmark", "simulation.rope.lenght=2"], "lenght"),

@@ -66,7 +66,7 @@ def blueprint(rope_radius: float, camera: bool = False) -> rrb.Blueprint:
     )
     if camera:
         shown += [topics.ESTIMATE, topics.REFERENCE]
-        name += ", estimate (white), what was wanted (violet)"
+        name += ", estimate (white), reference (violet)"
         overrides[topics.REFERENCE] = [
             rr.Points3D.from_fields(radii=0.004, colors=[(204, 121, 167, 255)]).visualizer()
         ]

@@ -17,7 +17,7 @@ import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import astuple, dataclass
+from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -151,11 +151,11 @@ class Clock:
         self.saved = time.monotonic()
 
     def provenance(self) -> dict[str, Any]:
-        """What a record says of the code: the last `commit`, whether any attempt's was `dirty`, and
-        all `commits` where there are several."""
+        """What a record says of the code: the last `commit` and its date, whether any attempt's was
+        `dirty`, and all `commits` where there are several."""
         commits = list(dict.fromkeys(one.commit for one in self.code))
         last = self.code[-1]
-        record = {"commit": last.commit, "dirty": last.dirty or any(one.dirty for one in self.code)}
+        record = asdict(last) | {"dirty": last.dirty or any(one.dirty for one in self.code)}
         return record | ({"commits": commits} if len(commits) > 1 else {})
 
     def save_sometimes(self) -> None:
