@@ -50,7 +50,7 @@ class RopesConfig:
     """Of everything random."""
 
 
-@stage("ropes", inputs=())
+@stage("ropes", inputs=(), version=2)
 def make_ropes(config: RopesConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes ropes.npz: `points` (N, V, 3) float32, metres, and their number of `crossings` (N,)."""
     shards = [f"shard-{number:04d}" for number in range(config.shards)]
@@ -72,7 +72,7 @@ def _move(config: RopesConfig, context: StageContext, shard: str) -> None:
     rope = config.simulation.rope
     ropes = np.stack([random_curve(rope, rng, config.starts) for _ in range(TOGETHER)])
     states = [TopologicalState.trivial()] * TOGETHER
-    points, crossings = [*ropes], [0] * TOGETHER
+    points, crossings = [*ropes.copy()], [0] * TOGETHER
     for _ in range(config.rounds):
         splines = np.stack(
             [
