@@ -8,7 +8,7 @@ account for the image, or a crossing in doubt, makes the estimate doubtful.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,16 +20,18 @@ from knotflow.perception.fitting import FitConfig, fit
 from knotflow.perception.image import RgbdImage
 from knotflow.perception.lifting import lift
 from knotflow.perception.losses import Target
-from knotflow.perception.network import Network
+from knotflow.perception.network import Network, shipped_network
+from knotflow.perception.searching import SearchConfig, search, total_loss
 from knotflow.perception.segmentation import segment
 from knotflow.perception.tracing import trace
-from knotflow.perception.uncertainty import spread
+from knotflow.perception.uncertainty import CORRELATED, spread
 from knotflow.simulation import RopeConfig, state_or_none
 from knotflow.topology import TopologicalState
 
 Floats = NDArray[np.float64]
 Pairs = frozenset[tuple[int, int]]
 
+_MARGIN = 10  # pixels around what is seen of a rope, that a fit looks at
 _BORDER = 2  # pixels: the last one may have lost its depth
 
 
@@ -39,14 +41,19 @@ class EstimateConfig:
 
     fit: FitConfig | None = None
     """The gradient steps; None is the default ones."""
-    candidates: int = 3
-    """First guesses that are fitted, of which the one that accounts best for the image is taken."""
+    propose: bool = True
+    """Whether a network proposes a first guess, beside the paths through the mask."""
+    search: SearchConfig = field(default_factory=SearchConfig)
+    """How first guesses are chosen among, and rearranged."""
+    paths: int = 8
+    """Paths through the mask, the likeliest ones, that are first guesses."""
     certain: float = 0.95
     """A crossing whose certainty is lower is in doubt."""
     explained: float = 0.97
     """A shape that accounts for less of the rope's image is in doubt."""
-    rival: float = 0.01
-    """A path with other crossings is a rival if it accounts for at most this much less."""
+    rival: float = 3.0
+    """A path with other crossings is a rival if the logarithm of its likelihood is at most this
+    much less."""
     head_contrast: float = 0.15
     """Distance in RGB (0..1) from the rope's colour that marks a head."""
 
@@ -102,7 +109,8 @@ def estimate(
         config: how.
         earlier: (V, 3) metres, the shape it had shortly before, head first. It tells which end is
             the head where no colour does.
-        network: proposes one more first guess, where `initial` is not given.
+        network: proposes one more first guess, where `initial` is not given; the one that the
+            package ships without.
 
     Raises:
         ImageError: an image of another size.
@@ -111,15 +119,18 @@ def estimate(
     config = config or EstimateConfig()
     target = observe(image, camera, rope)
     if initial is not None:
-        guesses = [initial]
+        guesses = [np.asarray(initial, np.float64)]
     else:
         guesses = _guesses(target, image, camera, rope, config)
-        if network is not None:
+        if config.propose and (network := network or shipped_network()) is not None:
             guesses.append(propose_points(image, camera, rope, network))
-    shapes = [fit(guess, target, camera, rope, config.fit) for guess in guesses]
-    shares = [explained(shape, target, camera, rope) for shape in shapes]
-    best = int(np.argmax(shares))
-    shape, crossings = weigh_crossings(shapes[best], target, camera, rope, config.fit)
+    window = _window(target, np.stack(guesses), camera)
+    near, eye = target.cropped(*window), camera.cropped(*window)
+    if initial is not None:
+        shapes = fit(np.stack(guesses), near, eye, rope, config.fit)
+    else:
+        shapes = search(guesses, near, eye, rope, config.search, config.fit)
+    shape, crossings = weigh_crossings(shapes[0], near, eye, rope, config.fit)
     head = _head(shape, target, image, camera, config)
     if head is None and earlier is not None:
         head = -1 if _apart(shape[::-1], earlier) < _apart(shape, earlier) else 0
@@ -127,13 +138,11 @@ def estimate(
         shape = shape[::-1].copy()
         crossings = tuple(sorted((one.turned() for one in crossings), key=lambda x: x.fractions))
 
-    share = explained(shape, target, camera, rope)
+    share = explained(shape, near, eye, rope)
     state = None if leaves_image(target) else state_or_none(shape)
-    rivals = {
-        _shadow(one)
-        for one, accounted in zip(shapes, shares, strict=True)
-        if accounted > shares[best] - config.rival
-    }
+    losses = total_loss(shapes, near, eye, rope, config.fit or FitConfig())
+    worse = (losses - losses[0]) * float(target.rope.sum()) / CORRELATED
+    rivals = {_shadow(one) for one, less in zip(shapes, worse, strict=True) if less < config.rival}
     doubts = list_doubts(state, crossings, share, target, config)
     if len(rivals) > 1:
         doubts.append("another path through the image accounts for it as well")
@@ -143,7 +152,7 @@ def estimate(
         state,
         crossings,
         share,
-        spread(shape, target, camera, rope, config.fit),
+        spread(shape, near, eye, rope, config.fit),
         head is not None,
         tuple(doubts),
     )
@@ -202,7 +211,19 @@ def _guesses(
     distance = float(np.nanmedian(visible)) if np.isfinite(visible).any() else 1.0
     pixels = camera.fx / distance  # of a metre at the rope
     paths = trace(target.coverage.numpy(), 2 * rope.radius * pixels, rope.length * pixels)
-    return [lift(path, mask, image.depth, camera, rope) for path in paths[: config.candidates]]
+    return [lift(path, mask, image.depth, camera, rope) for path in paths[: config.paths]]
+
+
+def _window(target: Target, shapes: NDArray, camera: Camera) -> tuple[slice, slice]:
+    """Rows and columns of the image around its rope and shapes (N, V, 3): what matters of it."""
+    row, column = np.nonzero(target.rope.numpy())
+    u, v, _ = np.nan_to_num(camera.project(shapes.reshape(-1, 3))).round().astype(int).T
+    spans = []
+    for shown, drawn, size in ((row, v, camera.height), (column, u, camera.width)):
+        places = np.clip(np.r_[shown, drawn], 0, size - 1)
+        low, high = int(places.min()) - _MARGIN, int(places.max()) + _MARGIN + 1
+        spans.append(slice(max(0, low), min(size, high)))
+    return spans[0], spans[1]
 
 
 def _head(
