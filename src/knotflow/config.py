@@ -319,6 +319,10 @@ class PerceptionBudget:
     """File of the network's weights; yours may take its place."""
     adaptation: AdaptationBudget = field(default_factory=AdaptationBudget)
     """Its learning from images alone."""
+    planned: int = 20
+    """Random ropes from whose estimates, and true shapes, the overhand is planned."""
+    planner: PlannerConfig = field(default_factory=lambda: replace(FAST_SEARCH))
+    """How these plans are searched for."""
 
 
 @dataclass

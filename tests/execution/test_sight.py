@@ -117,7 +117,6 @@ def test_a_look_begins_where_the_rope_may_be_and_the_tracker_goes_on_from_it(mon
     robot.move_to(robot.position, STEP)
     look.look(robot, [STRAIGHT, STRAIGHT[::-1]])
     assert asked["earlier"] is STRAIGHT and len(asked["likely"]) == 2
-    assert asked["network"] is not None  # the shipped one
     np.testing.assert_array_equal(tracker.points, SEEN.points)
 
 
@@ -125,7 +124,7 @@ def test_after_a_doubt_more_paths_are_tried(monkeypatch):
     tried, found = [], [replace(SEEN, doubts=("a crossing is in doubt",)), SEEN, SEEN]
 
     def estimate(*_, config, **__):
-        tried.append(config.candidates)
+        tried.append(config.paths)
         return found.pop(0)
 
     monkeypatch.setattr("knotflow.perception.estimate", estimate)
@@ -133,7 +132,7 @@ def test_after_a_doubt_more_paths_are_tried(monkeypatch):
     for _ in range(6):
         look.look(robot, [STRAIGHT])
         robot.move_to(robot.position, STEP)
-    assert tried == [3, 9, 3]
+    assert tried == [8, 24, 8]
 
 
 class Guess:

@@ -10,12 +10,14 @@ from knotflow.perception.certainty import weigh_crossings
 from knotflow.perception.estimation import EstimateConfig, estimate
 from knotflow.perception.fitting import FitConfig
 from knotflow.perception.image import ImageError, RgbdImage
+from knotflow.perception.network import Network, shipped_network
+from knotflow.perception.searching import SearchConfig
 from knotflow.perception.tracing import TraceError
 from knotflow.topology import TopologicalState
 
 from .shapes import CAMERA, ROPE, image, loop, s_curve, target
 
-QUICK = EstimateConfig(fit=FitConfig(steps=30), candidates=1)
+QUICK = EstimateConfig(FitConfig(steps=30), search=SearchConfig(candidates=1, rounds=0))
 
 
 @pytest.mark.slow
@@ -54,7 +56,7 @@ def test_without_colour_and_past_the_head_is_unknown():
 
 @pytest.mark.slow
 def test_what_is_likely_must_account_for_the_image(monkeypatch):
-    truth, config = loop(1), replace(QUICK, bends=True)
+    truth, config = loop(1), QUICK
     seen, asked = image(truth, head=True), []
     trace = estimation.trace
     monkeypatch.setattr(estimation, "trace", lambda *one: asked.append(one) or trace(*one))
@@ -122,6 +124,20 @@ def test_an_image_without_rope_holds_none():
     depth = np.full_like(bare.depth, CAMERA.position[2])
     with pytest.raises(TraceError):
         estimate(RgbdImage(np.full_like(bare.rgb, 60), depth), CAMERA, ROPE)
+
+
+def test_the_shipped_network_proposes_unless_it_shall_not(monkeypatch):
+    asked = []
+
+    def propose(_image, _camera, _rope, network):
+        asked.append(network)
+        return s_curve()
+
+    monkeypatch.setattr(estimation, "propose_points", propose)
+    given = object()
+    for network, config in ((None, QUICK), (given, QUICK), (None, replace(QUICK, propose=False))):
+        estimate(image(s_curve()), CAMERA, ROPE, config=config, network=network)
+    assert asked == [shipped_network(), given] and isinstance(asked[0], Network)
 
 
 def test_an_image_of_another_size_is_refused():

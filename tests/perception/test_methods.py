@@ -8,12 +8,13 @@ import pytest
 from knotflow.perception.estimation import EstimateConfig, estimate, propose
 from knotflow.perception.fitting import FitConfig
 from knotflow.perception.methods import METHODS, SELF_SUPERVISED, SUPERVISED
+from knotflow.perception.searching import SearchConfig
 from knotflow.topology import TopologicalState
 
 from .shapes import CAMERA, ROPE, image, s_curve
 from .test_network import knowing, shape_error
 
-QUICK = EstimateConfig(fit=FitConfig(steps=2), candidates=1)
+QUICK = EstimateConfig(FitConfig(steps=2), search=SearchConfig(candidates=1, rounds=0))
 NEAR = 0.015
 """Metres; a network that knows a shape knows five nodes of it."""
 

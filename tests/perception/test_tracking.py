@@ -9,6 +9,7 @@ from knotflow.perception import (
     EstimateConfig,
     FitConfig,
     RgbdImage,
+    SearchConfig,
     TraceError,
     Tracker,
     TrackerConfig,
@@ -17,7 +18,9 @@ from knotflow.perception import (
 
 from .shapes import CAMERA, ROPE, image, s_curve
 
-QUICK = TrackerConfig(estimate=EstimateConfig(fit=FitConfig(steps=25), candidates=1))
+QUICK = TrackerConfig(
+    estimate=EstimateConfig(FitConfig(steps=25), search=SearchConfig(candidates=1, rounds=0))
+)
 LINK = 20
 
 

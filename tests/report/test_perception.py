@@ -15,7 +15,7 @@ def results(tmp_path):
             "method": method, "noise": noise, "crossings": crossings, "rope": rope,
             "mean_error_mm": 2.0 + rope, "p95_error_mm": 4.0, "off_curve_error_mm": 1.0,
             "state_correct": int(rope != 2), "head_correct": 1, "doubtful": int(rope == 2),
-            "seconds": 3.0,
+            "rope_iou": 0.9, "seconds": 3.0,
         }
         for method in ("rendering", "rendering_poor_start")
         for noise in (0.0, 1.0) for crossings in (0, 3, 5) for rope in range(3)
@@ -44,6 +44,20 @@ def test_estimates_are_told_by_method_noise_and_crossings(results):
     assert "| skeleton and rendering | 1 | 0 to 3 | 6 | 3.0" in told["table"]
     assert "2 of 2" in lines[0] and "66.7 %" in lines[0]
     assert told["figure"]
+
+
+def test_plans_from_estimates_are_held_against_those_from_true_ropes(results):
+    rows = [
+        {
+            "rope": f"{rope:03d}", "planned_from": planned_from, "planned": 1, "branches": 3,
+            "tied": int(planned_from == "true" or rope > 0), "seconds": 2.0, "mean_error_mm": 1.0,
+        }
+        for rope in range(4) for planned_from in ("true", "estimated")
+    ]  # fmt: skip
+    assert perception.values(results, Pictures())["plans"] is None
+    pd.DataFrame(rows).to_csv(results.root / "perception" / "plans.csv", index=False)
+    plans = perception.values(Results(results.root), Pictures())["plans"]
+    assert plans["true"]["tied"].startswith("100") and plans["estimated"]["tied"].startswith("75")
 
 
 def test_methods_whose_network_was_not_there_are_not_run(results):

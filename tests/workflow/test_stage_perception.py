@@ -7,6 +7,7 @@ import pytest
 from knotflow.perception import SAMPLE, EstimateConfig, FitConfig, Network, NetworkError
 from knotflow.perception.coarse_to_fine import CoarseToFine
 from knotflow.perception.methods import METHODS, SELF_SUPERVISED, SUPERVISED
+from knotflow.perception.searching import SearchConfig
 from knotflow.perception.training_config import CoarseToFineConfig
 from knotflow.simulation import RopeConfig, straight
 from knotflow.workflow import StageContext
@@ -41,17 +42,19 @@ def networks(tmp_path):
 
 
 def config(**changes):
-    quick = EstimateConfig(fit=FitConfig(steps=5), candidates=1)
+    quick = EstimateConfig(FitConfig(steps=5), search=SearchConfig(candidates=1, rounds=0))
     given = {"estimate": quick, "levels": [0.0], "crossings": [0, 3], "ropes": 1, "seed": 1}
     return PerceptionConfig(**(given | changes))
 
 
-def test_ropes_are_chosen_by_crossings_among_those_in_view(ropes):
+def test_ropes_are_chosen_by_crossings_among_those_in_view(ropes, capsys):
     chosen = choose_ropes(config(crossings=[0], ropes=2), ropes / "ropes.npz")
     assert sorted(chosen) == [(0, 0), (0, 1)]
     assert all(points[:, 0].max() < 0.55 for points in chosen.values())
-    with pytest.raises(ValueError, match="2 ropes of 0 crossings in the camera's view, but 3"):
-        choose_ropes(config(crossings=[0], ropes=3), ropes / "ropes.npz")
+    assert len(choose_ropes(config(crossings=[0], ropes=3), ropes / "ropes.npz")) == 2
+    assert "only 2 ropes of 0 crossings" in capsys.readouterr().out
+    with pytest.raises(ValueError, match="no rope of 4 crossings in the camera's view"):
+        choose_ropes(config(crossings=[4]), ropes / "ropes.npz")
 
 
 def test_a_method_that_there_is_not_is_refused(ropes, tmp_path):
@@ -80,8 +83,9 @@ def test_estimates_have_a_row_a_method_and_rope(ropes, networks, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     given = {"ropes": ropes, "networks": networks}
-    estimate_ropes(config(crossings=[0], ropes=2), given, StageContext(out))
+    estimate_ropes(config(crossings=[0], ropes=2, levels=[1.0]), given, StageContext(out))
     table = pd.read_csv(out / TABLE)
+    assert (out / "estimates.png").exists() and (out / "estimates.svg").exists()
     assert len(table) == 2 * len(METHODS)
     assert set(table["method"]) == set(METHODS)
     of = dict(iter(table.groupby("method")))
@@ -90,4 +94,5 @@ def test_estimates_have_a_row_a_method_and_rope(ropes, networks, tmp_path):
     # What was not trained is wrong, and says so, until rendering mends it.
     assert (of["network"]["mean_error_mm"] > 20).all() and of["network"]["doubtful"].all()
     assert (of["network_tracing_rendering"]["off_curve_error_mm"] < 5).all()
+    assert table["rope_iou"].between(0.7, 1).all()
     assert (table["off_curve_error_mm"] <= table["mean_error_mm"] + 1e-6).all()

@@ -5,6 +5,7 @@ import pytest
 
 from knotflow.execution.training_config import SHIPPED_DYNAMICS
 from knotflow.perception import EstimateConfig, FitConfig, TrackerConfig
+from knotflow.perception.searching import SearchConfig
 from knotflow.recording import read_recording
 from knotflow.simulation import SimulationConfig
 from knotflow.workflow import StageContext
@@ -16,7 +17,7 @@ pytestmark = pytest.mark.slow
 
 def test_tracks_have_a_row_a_method_and_image(tmp_path, monkeypatch):
     monkeypatch.setattr(tracking, "TASKS", tracking.TASKS[:1])
-    quick = EstimateConfig(fit=FitConfig(steps=10), candidates=1)
+    quick = EstimateConfig(FitConfig(steps=10), search=SearchConfig(candidates=1, rounds=0))
     config = TrackingConfig(
         simulation=SimulationConfig(record_rate=2.5, threads=1),
         tracker=TrackerConfig(estimate=quick),
@@ -25,6 +26,7 @@ def test_tracks_have_a_row_a_method_and_image(tmp_path, monkeypatch):
         rollouts=1,
         weights=str(SHIPPED_DYNAMICS),
         weights_contents="shipped",
+        network_contents="shipped",
         seed=0,
     )
     track_rollouts(config, {}, StageContext(tmp_path, "0123456789abcdef"))

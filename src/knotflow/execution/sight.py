@@ -144,7 +144,7 @@ class Estimated:
     rope: RopeConfig = field(default_factory=RopeConfig)
     """The rope that is looked for."""
     config: EstimateConfig | None = None
-    """How it is estimated; by default bends count, too. After a doubt more paths are tried."""
+    """How it is estimated. After a doubt more paths are tried."""
     network: Network | None = None
     """Proposes one more first guess; the shipped one where none is given."""
     tracker: Tracker | None = None
@@ -153,11 +153,10 @@ class Estimated:
     _doubted: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
-        """Take the network that the package ships, and the default configuration."""
-        from knotflow.perception import EstimateConfig, Network
+        """Take the default configuration."""
+        from knotflow.perception import EstimateConfig
 
-        self.network = self.network or Network.load()
-        self.config = self.config or EstimateConfig(bends=True)
+        self.config = self.config or EstimateConfig()
 
     def look(self, robot: Robot, likely: Sequence[NDArray] = ()) -> Sight | None:
         """See `Look`."""
@@ -193,7 +192,7 @@ class Estimated:
         """For the next look."""
         assert self.config is not None
         more = MORE if self._doubted else 1
-        return replace(self.config, candidates=more * self.config.candidates)
+        return replace(self.config, paths=more * self.config.paths)
 
 
 MORE = 3

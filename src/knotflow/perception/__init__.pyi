@@ -13,6 +13,7 @@ from .noise import CameraNoiseConfig, add_noise
 from .point_drift import PointDriftConfig, PointDriftTracker
 from .rendering import render
 from .sample import SAMPLE
+from .searching import SearchConfig
 from .seeing import see
 from .segmentation import Segmentation, segment
 from .self_supervision import SelfSupervision, SelfSupervisionConfig
@@ -44,6 +45,7 @@ __all__ = [
     "PointDriftTracker",
     "RgbdImage",
     "RopeEstimate",
+    "SearchConfig",
     "Segmentation",
     "SelfSupervision",
     "SelfSupervisionConfig",

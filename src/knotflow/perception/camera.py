@@ -126,6 +126,18 @@ class Camera:
             cy=(self.cy + 0.5) / factor - 0.5,
         )
 
+    def cropped(self, rows: slice, columns: slice) -> Camera:
+        """The camera whose image is these rows and columns of this one's."""
+        top, bottom, _ = rows.indices(self.height)
+        left, right, _ = columns.indices(self.width)
+        return replace(
+            self,
+            width=right - left,
+            height=bottom - top,
+            cx=self.cx - left,
+            cy=self.cy - top,
+        )
+
     @classmethod
     def overhead(
         cls, width: int = 320, height: int = 240, distance: float = 1.2, field_of_view: float = 60.0

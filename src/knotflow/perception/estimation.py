@@ -9,7 +9,7 @@ account for the image, or a crossing in doubt, makes the estimate doubtful.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 from knotflow.perception.camera import Camera
 from knotflow.perception.certainty import CrossingEvidence, weigh_crossings
 from knotflow.perception.evidence import explained, observe, seen
-from knotflow.perception.fitting import FitConfig, fit, image_loss, shape_loss
+from knotflow.perception.fitting import FitConfig, fit, shape_loss
 from knotflow.perception.image import RgbdImage
 from knotflow.perception.lifting import lift
 from knotflow.perception.losses import Target
-from knotflow.perception.network import Network
+from knotflow.perception.network import Network, shipped_network
+from knotflow.perception.searching import SearchConfig, search, total_loss
 from knotflow.perception.segmentation import segment
 from knotflow.perception.tracing import TraceError, trace
 from knotflow.perception.uncertainty import CORRELATED, spread
@@ -32,6 +33,7 @@ from knotflow.topology import TopologicalState
 Floats = NDArray[np.float64]
 Pairs = frozenset[tuple[int, int]]
 
+_MARGIN = 10  # pixels around what is seen of a rope, that a fit looks at
 _BORDER = 2  # pixels: the last one may have lost its depth
 _KINKED = 1.0  # cost of a shape that turns as no rope does: right fits cost 0.3 to 0.8, wrong 1.6
 
@@ -42,18 +44,19 @@ class EstimateConfig:
 
     fit: FitConfig | None = None
     """The gradient steps; None is the default ones."""
-    candidates: int = 3
-    """First guesses that are fitted, of which the one that accounts best for the image is taken."""
+    propose: bool = True
+    """Whether a network proposes a first guess, beside the paths through the mask."""
+    search: SearchConfig = field(default_factory=SearchConfig)
+    """How first guesses are chosen among, and rearranged."""
+    paths: int = 8
+    """Paths through the mask, the likeliest ones, that are first guesses."""
     certain: float = 0.95
     """A crossing whose certainty is lower is in doubt."""
     explained: float = 0.97
     """A shape that accounts for less of the rope's image is in doubt."""
-    rival: float = 0.01
-    """A path with other crossings is a rival if it accounts for at most this much less."""
-    bends: bool = False
-    """Compare paths by how a rope bends, too: one that turns where it should cross accounts for the
-    image as well, with kinks. The likeliest is taken then, and a rival is a path whose probability
-    beside it is not below 1 - `certain`."""
+    rival: float = 3.0
+    """A path with other crossings is a rival if the logarithm of its likelihood is at most this
+    much less."""
     head_contrast: float = 0.15
     """Distance in RGB (0..1) from the rope's colour that marks a head."""
 
@@ -110,10 +113,11 @@ def estimate(
         config: how.
         earlier: (V, 3) metres, the shape it had shortly before, head first. It tells which end is
             the head where no colour does.
-        network: proposes one more first guess, where `initial` is not given.
+        network: proposes one more first guess, where `initial` is not given; the one that the
+            package ships without.
         likely: shapes (V, 3), metres, that it may have for other reasons than the image, such as a
             track's or a plan's. They are tried first, one after the other; the image alone is
-            ambiguous where strands touch, so its own guesses are added only where none of these
+            ambiguous where strands touch, so its own guesses are searched only where none of these
             accounts for it.
 
     Raises:
@@ -124,31 +128,26 @@ def estimate(
     target = observe(image, camera, rope)
     if initial is None and not bool(target.rope.any()):
         raise TraceError("nothing in the image is taken for rope")
+    fine = config.fit or FitConfig()
     shapes: list[Floats] = []
-    shares: list[float] = []
-
-    def good(guess: NDArray) -> bool:
-        """Fit a guess; whether it then accounts for the image, and lies as a rope does."""
-        shapes.append(fit(guess, target, camera, rope, config.fit))
-        shares.append(explained(shapes[-1], target, camera, rope))
-        kinked = _cost(shapes[-1], target, rope, config.fit) > _KINKED
-        return shares[-1] >= config.explained and not kinked
-
     if initial is not None:
-        good(initial)
-    elif not any(good(guess) for guess in likely):
-        for guess in _guesses(target, image, camera, rope, config):
-            good(guess)
-        if network is not None:
-            good(propose_points(image, camera, rope, network))
-    if config.bends:
-        misfits = np.array([_misfit(shape, target, camera, rope, config.fit) for shape in shapes])
-        best = int(np.argmin(misfits))
-        close = misfits - misfits[best] < np.log(config.certain / (1 - config.certain))
+        near, eye = _view([initial], target, camera)
+        shapes = [fit(initial, near, eye, rope, fine)]
     else:
-        best = int(np.argmax(shares))
-        close = np.array(shares) > shares[best] - config.rival
-    shape, crossings = weigh_crossings(shapes[best], target, camera, rope, config.fit)
+        near, eye = _view(likely, target, camera)
+        for guess in likely:
+            shapes.append(fit(guess, near, eye, rope, fine))
+            if _is_good(shapes[-1], near, eye, rope, config):
+                break
+        else:
+            guesses = _guesses(target, image, camera, rope, config)
+            if config.propose and (network := network or shipped_network()) is not None:
+                guesses.append(propose_points(image, camera, rope, network))
+            near, eye = _view([*guesses, *shapes], target, camera)
+            shapes = [*search(guesses, near, eye, rope, config.search, fine), *shapes]
+    losses = total_loss(np.stack(shapes), near, eye, rope, fine)
+    best = int(losses.argmin())
+    shape, crossings = weigh_crossings(shapes[best], near, eye, rope, fine)
     head = _head(shape, target, image, camera, config)
     if head is None and earlier is not None:
         head = -1 if _apart(shape[::-1], earlier) < _apart(shape, earlier) else 0
@@ -156,9 +155,12 @@ def estimate(
         shape = shape[::-1].copy()
         crossings = tuple(sorted((one.turned() for one in crossings), key=lambda x: x.fractions))
 
-    share = explained(shape, target, camera, rope)
+    share = explained(shape, near, eye, rope)
     state = None if leaves_image(target) else state_or_none(shape)
-    rivals = {_shadow(one) for one, near in zip(shapes, close, strict=True) if near}
+    less_likely = (losses - losses[best]) * _pixels(target)
+    rivals = {
+        _shadow(one) for one, less in zip(shapes, less_likely, strict=True) if less < config.rival
+    } - {None}
     doubts = list_doubts(state, crossings, share, target, config)
     if len(rivals) > 1:
         doubts.append("another path through the image accounts for it as well")
@@ -168,7 +170,7 @@ def estimate(
         state,
         crossings,
         share,
-        spread(shape, target, camera, rope, config.fit),
+        spread(shape, near, eye, rope, fine),
         head is not None,
         tuple(doubts),
     )
@@ -228,7 +230,30 @@ def _guesses(
     pixels = camera.fx / distance  # of a metre at the rope
     paths = trace(target.coverage.numpy(), 2 * rope.radius * pixels, rope.length * pixels)
     paths = [path for path in paths if np.ptp(path.pixels, axis=0).any()]  # no single dots
-    return [lift(path, mask, image.depth, camera, rope) for path in paths[: config.candidates]]
+    return [lift(path, mask, image.depth, camera, rope) for path in paths[: config.paths]]
+
+
+def _view(shapes: Sequence[NDArray], target: Target, camera: Camera) -> tuple[Target, Camera]:
+    """The part of an image around its rope and shapes (V, 3), and the camera of that part."""
+    row, column = np.nonzero(target.rope.numpy())
+    drawn = np.concatenate([*shapes, np.empty((0, 3))])
+    u, v, _ = np.nan_to_num(camera.project(drawn)).round().astype(int).T
+    spans = []
+    for shown, places, size in ((row, v, camera.height), (column, u, camera.width)):
+        inside = np.clip(np.r_[shown, places], 0, size - 1)
+        low, high = int(inside.min()) - _MARGIN, int(inside.max()) + _MARGIN + 1
+        spans.append(slice(max(0, low), min(size, high)))
+    return target.cropped(*spans), camera.cropped(*spans)
+
+
+def _is_good(
+    shape: Floats, target: Target, camera: Camera, rope: RopeConfig, config: EstimateConfig
+) -> bool:
+    """Whether a shape (V, 3) accounts for the image, and bends as a rope does."""
+    with torch.no_grad():
+        unlike = float(shape_loss(torch.as_tensor(shape), rope, config.fit or FitConfig()))
+    kinked = _pixels(target) * unlike > _KINKED
+    return not kinked and explained(shape, target, camera, rope) >= config.explained
 
 
 def _head(
@@ -251,23 +276,6 @@ def _head(
     if max(contrast) <= max(config.head_contrast, 2 * min(contrast)):
         return None
     return 0 if contrast[0] > contrast[1] else -1
-
-
-def _misfit(
-    shape: Floats, target: Target, camera: Camera, rope: RopeConfig, config: FitConfig | None
-) -> float:
-    """Negative log likelihood of a shape (V, 3) as a rope in that image, up to a constant."""
-    with torch.no_grad():
-        points = torch.as_tensor(shape)
-        loss = float(image_loss(points, target, camera, rope, config or FitConfig()))
-    return _pixels(target) * loss + _cost(shape, target, rope, config)
-
-
-def _cost(shape: Floats, target: Target, rope: RopeConfig, config: FitConfig | None) -> float:
-    """The part of `_misfit` that is the rope's own: bends, above all."""
-    with torch.no_grad():
-        loss = float(shape_loss(torch.as_tensor(shape), rope, config or FitConfig()))
-    return _pixels(target) * loss
 
 
 def _pixels(target: Target) -> float:

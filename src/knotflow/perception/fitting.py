@@ -75,7 +75,7 @@ def image_loss(
     config: FitConfig,
     softness: float | None = None,
 ) -> Tensor:
-    """How badly a shape (V, 3) accounts for an image: silhouette and depth."""
+    """How badly a shape (..., V, 3) accounts for an image: silhouette and depth."""
     depth, occupancy = render(
         points, rope.radius, camera, config.softness[1] if softness is None else softness
     )
@@ -85,7 +85,7 @@ def image_loss(
 
 
 def shape_loss(points: Tensor, rope: RopeConfig, config: FitConfig) -> Tensor:
-    """How unlike a rope on a table a shape (V, 3) is, whatever the image."""
+    """How unlike a rope on a table a shape (..., V, 3) is, whatever the image."""
     return (
         config.length * length_loss(points, rope.link_length)
         + config.bending * bending_loss(points, rope.link_length)
@@ -103,16 +103,16 @@ def fit(
     config: FitConfig | None = None,
     prior: Callable[[Tensor], Tensor] | None = None,
 ) -> NDArray[np.float64]:
-    """The shape (V, 3), metres, near a first guess `points` (V, 3) that accounts for an image.
+    """The shape (V, 3), metres, near a first guess `points` (V, 3) that accounts for an image; many
+    guesses (B, V, 3) are fitted each by itself.
 
     A `prior` is a further loss of the shape, for what is known besides.
     """
     config = config or FitConfig()
-    smooth = _smoothing(len(points), config.smoothing)
+    smooth = _smoothing(points.shape[-2], config.smoothing)
     start = torch.tensor(np.ascontiguousarray(points, np.float64))
     moves = torch.zeros_like(start, requires_grad=True)
     optimiser = torch.optim.Adam([moves], lr=config.step_size, betas=(0.8, 0.95))
-    schedule = torch.optim.lr_scheduler.ExponentialLR(optimiser, 0.1 ** (1 / config.steps))
     soft, sharp = config.softness
     for step in range(config.steps):
         softness = soft * (sharp / soft) ** (step / max(1, config.steps - 1))
@@ -122,10 +122,13 @@ def fit(
         if prior is not None:
             loss = loss + prior(shape)
         optimiser.zero_grad()
-        loss.backward()
+        loss.sum().backward()
         optimiser.step()
-        schedule.step()
-    return project_lengths((start + smooth @ moves).detach().numpy(), rope.link_length)
+        optimiser.param_groups[0]["lr"] *= 0.1 ** (1 / config.steps)
+    shapes = (start + smooth @ moves).detach().numpy()
+    each = shapes.reshape(-1, *shapes.shape[-2:])
+    found = [project_lengths(shape, rope.link_length) for shape in each]
+    return np.stack(found).reshape(shapes.shape)
 
 
 def _smoothing(vertices: int, amount: float) -> Tensor:

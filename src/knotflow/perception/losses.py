@@ -44,6 +44,10 @@ class Target:
             torch.as_tensor(rope if coverage is None else coverage).double(),
         )
 
+    def cropped(self, rows: slice, columns: slice) -> Target:
+        """The same for a camera `cropped` to these rows and columns."""
+        return Target(*(one[rows, columns] for one in vars(self).values()))
+
     def binned(self, factor: int) -> Target:
         """The same for a camera `binned` by that factor: each pixel holds a square of these."""
         height, width = (size // factor * factor for size in self.rope.shape)
@@ -63,27 +67,29 @@ class Target:
 
 
 def silhouette_loss(occupancy: Tensor, target: Target) -> Tensor:
-    """Squared difference of the share of each known pixel that is rope, per pixel of rope."""
-    difference = (occupancy - target.coverage.to(occupancy))[target.known]
-    return difference.square().sum() / target.rope.sum().clamp(min=1)
+    """Squared difference of the share of each known pixel that is rope, per pixel of rope; of
+    images (..., H, W), for each."""
+    difference = (occupancy - target.coverage.to(occupancy)) * target.known
+    return difference.square().sum((-2, -1)) / target.rope.sum().clamp(min=1)
 
 
 def depth_loss(depth: Tensor, occupancy: Tensor, target: Target, scale: float) -> Tensor:
-    """Huber loss of the depth in units of `scale`, metres, per pixel of rope.
+    """Huber loss of the depth in units of `scale`, metres, per pixel of rope; of images
+    (..., H, W), for each.
 
     Pixels count by their occupancy, which gets no gradient: to leave a pixel is no way to
     account for its depth.
     """
     both = target.rope & ~target.depth.isnan() & ~depth.isnan()
-    error = (depth[both] - target.depth[both]) / scale
-    each = huber_loss(error, torch.zeros_like(error), reduction="none")
-    return (each * occupancy[both].detach()).sum() / target.rope.sum().clamp(min=1)
+    error = ((depth - target.depth) / scale).where(both, 0.0)
+    each = huber_loss(error, torch.zeros_like(error), reduction="none") * occupancy.detach()
+    return each.sum((-2, -1)) / target.rope.sum().clamp(min=1)
 
 
 def length_loss(points: Tensor, link_length: float) -> Tensor:
-    """Squared relative error of the links' lengths, in units of a tenth; points (V, 3) metres."""
-    lengths = (points[1:] - points[:-1]).norm(dim=1)
-    return ((lengths / link_length - 1) / 0.1).square().mean()
+    """Squared relative error of the links' lengths, in tenths; points (..., V, 3) metres."""
+    lengths = (points[..., 1:, :] - points[..., :-1, :]).norm(dim=-1)
+    return ((lengths / link_length - 1) / 0.1).square().mean(-1)
 
 
 def bending_loss(points: Tensor, link_length: float) -> Tensor:
@@ -91,24 +97,27 @@ def bending_loss(points: Tensor, link_length: float) -> Tensor:
 
     Bending itself is not held against a rope, or its loops would shrink.
     """
-    bend = (points[2:] - 2 * points[1:-1] + points[:-2]) / link_length
-    return (bend[1:] - bend[:-1]).square().sum(1).mean()
+    bend = torch.diff(points, n=2, dim=-2) / link_length
+    return torch.diff(bend, dim=-2).square().sum(-1).mean(-1)
 
 
 def table_loss(points: Tensor, radius: float) -> Tensor:
     """Squared depth of the rope in the table at z = 0, in radii, the mean over vertices."""
-    return (1 - points[:, 2] / radius).clamp(min=0).square().mean()
+    return (1 - points[..., 2] / radius).clamp(min=0).square().mean(-1)
 
 
 def overlap_loss(points: Tensor, radius: float) -> Tensor:
     """Squared depth of strands in each other, in radii, summed over pairs of links."""
-    links = len(points) - 1
-    one, other = torch.triu_indices(links, links, offset=3)
-    middle = 0.5 * (points[1:] + points[:-1]).detach()
-    longest = float((points[1:] - points[:-1]).detach().norm(dim=1).max())
-    near = (middle[one] - middle[other]).norm(dim=1) < longest + 2 * radius
-    distance = segment_distance(points, one[near], other[near])
-    return (2 - distance / radius).clamp(min=0).square().sum()
+    ropes = points.reshape(-1, *points.shape[-2:])  # (B, V, 3)
+    vertices = ropes.shape[1]
+    middle = 0.5 * (ropes[:, 1:] + ropes[:, :-1]).detach()
+    longest = float((ropes[:, 1:] - ropes[:, :-1]).detach().norm(dim=-1).max())
+    near = torch.cdist(middle, middle) < longest + 2 * radius
+    rope, one, other = torch.nonzero(near.triu(3), as_tuple=True)
+    first = vertices * rope
+    distance = segment_distance(ropes.reshape(-1, 3), first + one, first + other)
+    depth = (2 - distance / radius).clamp(min=0).square()
+    return ropes.new_zeros(len(ropes)).index_add(0, rope, depth).view(points.shape[:-2])
 
 
 def segment_distance(points: Tensor, one: Tensor, other: Tensor) -> Tensor:
@@ -116,9 +125,8 @@ def segment_distance(points: Tensor, one: Tensor, other: Tensor) -> Tensor:
 
     Source: Ericson, Real-Time Collision Detection, Sec. 5.1.9.
     """
-    start, end = points[:-1], points[1:]
-    p, d = start[one], end[one] - start[one]
-    q, e = start[other], end[other] - start[other]
+    p, d = points[one], points[one + 1] - points[one]
+    q, e = points[other], points[other + 1] - points[other]
     r = p - q
     dd, ee, de = (d * d).sum(1), (e * e).sum(1), (d * e).sum(1)
     dr, er = (d * r).sum(1), (e * r).sum(1)

@@ -40,6 +40,8 @@ class EstimationMethod:
     """Fit by gradient steps on the rendering; otherwise the start is the estimate."""
     depth: bool = True
     """Let these steps see depth."""
+    plain: bool = False
+    """No colour marks the head: it is told by a shape that is off by `POOR`."""
 
     def estimate(
         self,
@@ -59,8 +61,8 @@ class EstimationMethod:
             rope: its length, radius and number of links.
             config: how.
             networks: by name, the one that is started from among them.
-            truth: (V, 3) metres, the true shape, for poor starts only.
-            rng: of poor starts.
+            truth: (V, 3) metres, the true shape, for poor starts and earlier shapes only.
+            rng: of these.
 
         Raises:
             TraceError: there is no rope in the image.
@@ -69,7 +71,9 @@ class EstimationMethod:
         if not self.depth:
             config = replace(config, fit=replace(config.fit or FitConfig(), depth=0.0))
         if self.tracing:
-            return estimate(image, camera, rope, config=config, network=network)
+            config = replace(config, propose=network is not None)
+            earlier = _moved(truth, rope, rng) if self.plain else None
+            return estimate(image, camera, rope, None, config, earlier, network)
         if network is None:
             return estimate(image, camera, rope, _moved(truth, rope, rng), config)
         if not self.rendering:
@@ -87,6 +91,9 @@ METHODS = {
     "network_rendering_without_self_supervision": EstimationMethod(network=SUPERVISED),
     "network_rendering_without_depth": EstimationMethod(network=SELF_SUPERVISED, depth=False),
     "network_tracing_rendering": EstimationMethod(tracing=True, network=SELF_SUPERVISED),
+    "network_tracing_rendering_plain_rope": EstimationMethod(
+        tracing=True, network=SELF_SUPERVISED, plain=True
+    ),
 }
 """What the experiment compares, by name."""
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from dataclasses import asdict
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -136,6 +137,12 @@ class Network:
         except RuntimeError as error:
             raise NetworkError(f"{path}: weights do not fit: {error}") from error
         return cls(model)
+
+
+@cache
+def shipped_network() -> Network | None:
+    """The network that the package ships; None where it ships none."""
+    return Network.load() if SHIPPED_NETWORK.exists() else None
 
 
 def look(

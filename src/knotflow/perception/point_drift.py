@@ -29,17 +29,25 @@ Floats = NDArray[np.float64]
 
 @dataclass
 class PointDriftConfig:
-    """Coherent point drift."""
+    """Coherent point drift.
+
+    Stiffness, coherence and first deviation were tuned on eight rollouts, one of each action, of
+    ropes of level 1 and a seed of their own, for the error in motion without prediction and at the
+    end: 33 mm, where a stiffness of 1/m^2 with a coherence of 0.1 m had 88 mm. Three times less or
+    ten times more stiffness, a coherence of 0.2 or 0.4 m, more points or iterations and another
+    visibility change it by a few millimetres or for the worse.
+    """
 
     points: int = 400
     """Points of the rope's image that are registered."""
     iterations: int = 30
     """Of expectation and maximisation."""
-    coherence: float = 0.1
+    coherence: float = 0.3
     """Length along the rope over which vertices move together, metres."""
-    stiffness: float = 1.0
-    """Weight of moving together, in units of the points' variance."""
-    deviation: float = 0.02
+    stiffness: float = 3000.0
+    """Weight of moving together, 1/m^2: lambda of Myronenko and Song, whose points have unit
+    variance, over the variance of the rope's points."""
+    deviation: float = 0.06
     """Standard deviation of the points around the vertices at first, metres."""
     outliers: float = 0.05
     """Share of points that belong to no vertex."""

@@ -25,28 +25,32 @@ _STEEPEST = 0.3  # sine of the angle between ray and link, below which a link is
 def render(
     points: Tensor, radius: float, camera: Camera, softness: float = 1e-3
 ) -> tuple[Tensor, Tensor]:
-    """Depth and occupancy of a rope's image.
+    """Depth and occupancy of the image of a rope, or of many, each in an image of its own.
 
     Args:
-        points: (V, 3) vertices, metres, world frame.
+        points: (..., V, 3) vertices, metres, world frame.
         radius: of the rope, metres.
         camera: that looks at it.
         softness: distance over which the rope's edge fades, metres. A gradient reaches a few times
             as far: large for a rough guess, small for a close one.
 
     Returns:
-        depth (H, W): of the rope's surface along the optical axis, metres; NaN where no link is
-            near. Where the rope covers a pixel in part, the depth is that of the covered part.
-        occupancy (H, W): share of a pixel that the rope covers, 0..1.
+        depth (..., H, W): of the rope's surface along the optical axis, metres; NaN where no link
+            is near. Where the rope covers a pixel in part, the depth is that of the covered part.
+        occupancy (..., H, W): share of a pixel that the rope covers, 0..1.
     """
-    rope = _in_camera(points, camera)  # (V, 3)
-    start, link = rope[:-1], rope[1:] - rope[:-1]  # (E, 3)
-    pixel, owner = _pairs(rope.detach(), radius + _REACH * softness, camera)  # (P,)
-    distance, depth = _pass(start[owner], link[owner], _rays(pixel, camera), radius)
+    rope = _in_camera(points.reshape(-1, *points.shape[-2:]), camera)  # (B, V, 3)
+    start = rope[:, :-1].reshape(-1, 3).T  # (3, B E)
+    link = (rope[:, 1:] - rope[:, :-1]).reshape(-1, 3).T
+    pixel, owner = _pairs(start.detach(), link.detach(), radius + _REACH * softness, camera)  # (P,)
+    distance, depth = _pass(
+        start.index_select(1, owner), link.index_select(1, owner), _rays(pixel, camera), radius
+    )
+    image = owner // (rope.shape[1] - 1)
+    pixel = pixel + camera.height * camera.width * image
 
-    # Front to back within each pixel: by depth first, then stably by pixel.
-    order = torch.argsort(depth.detach())
-    order = order[torch.argsort(pixel[order], stable=True)]
+    # By pixel, and front to back within each, as far as a kilometre.
+    order = torch.argsort(pixel + 1e-3 * depth.detach())
     pixel, depth = pixel[order], depth[order]
     inside = (radius - distance[order]) / softness
     left = torch.cumsum(logsigmoid(-inside), 0)  # log of what all links so far leave uncovered
@@ -57,63 +61,73 @@ def render(
     seen = pixel[first]
     covered = weight.new_zeros(len(first)).index_add(0, group, weight)
     mean = weight.new_zeros(len(first)).index_add(0, group, weight * depth) / (covered + 1e-12)
-    shape = camera.height * camera.width
-    image = points.new_full((shape,), torch.nan).index_put((seen,), mean)
-    occupancy = points.new_zeros(shape).index_put((seen,), covered)
-    return image.view(camera.height, camera.width), occupancy.view(camera.height, camera.width)
+    shape = *points.shape[:-2], camera.height, camera.width
+    size = len(rope) * camera.height * camera.width
+    deep = points.new_full((size,), torch.nan).index_put((seen,), mean)
+    occupancy = points.new_zeros(size).index_put((seen,), covered)
+    return deep.view(shape), occupancy.view(shape)
 
 
 def _in_camera(points: Tensor, camera: Camera) -> Tensor:
-    """Points (V, 3) in the camera's frame: x right, y down, z along the optical axis."""
+    """Points (..., 3) in the camera's frame: x right, y down, z along the optical axis."""
     rotation, position = (
         torch.as_tensor(array, dtype=points.dtype) for array in (camera.rotation, camera.position)
     )
     return (points - position) @ rotation
 
 
-def _pairs(rope: Tensor, reach: float, camera: Camera) -> tuple[Tensor, Tensor]:
-    """Pixels (P,) as flat indices, each with a link (P,) that may lie within `reach` of its ray."""
-    middle = 0.5 * (rope[1:] + rope[:-1])
-    ahead = torch.nonzero(rope[1:, 2].minimum(rope[:-1, 2]) > reach)[:, 0]
+def _pairs(start: Tensor, link: Tensor, reach: float, camera: Camera) -> tuple[Tensor, Tensor]:
+    """Pixels (P,) as flat indices, each with one of the links (3, E) that lies within `reach` of
+    its ray."""
+    ahead = torch.nonzero(start[2].minimum(start[2] + link[2]) > reach)[:, 0]
     if len(ahead) == 0:
         return ahead, ahead
-    middle = middle[ahead]
-    column = camera.fx * middle[:, 0] / middle[:, 2] + camera.cx
-    row = camera.fy * middle[:, 1] / middle[:, 2] + camera.cy
-    half = 0.5 * (rope[1:] - rope[:-1]).norm(dim=1)[ahead]
-    oblique = middle.norm(dim=1) / middle[:, 2]  # a ball off the axis is drawn longer
-    size = (half + reach) * oblique / (middle[:, 2] - half) * max(camera.fx, camera.fy)
+    middle = (start + 0.5 * link)[:, ahead]
+    column = camera.fx * middle[0] / middle[2] + camera.cx
+    row = camera.fy * middle[1] / middle[2] + camera.cy
+    half = 0.5 * link[:, ahead].norm(dim=0)
+    oblique = middle.norm(dim=0) / middle[2]  # a ball off the axis is drawn longer
+    size = (half + reach) * oblique / (middle[2] - half) * max(camera.fx, camera.fy)
     # Links that leave the picture are cut, so a window never needs to exceed it.
     extent = int(torch.ceil(size.max()).clamp(max=max(camera.width, camera.height)))
     step = torch.arange(-extent, extent + 1)
     u = column.round().long()[:, None, None] + step[None, None, :]
     v = row.round().long()[:, None, None] + step[None, :, None]
     within = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-    flat = v * camera.width + u
-    owner = ahead[:, None, None].expand_as(flat)
-    return flat[within], owner[within]
+    flat = (v * camera.width + u)[within]
+    owner = ahead[:, None, None].expand_as(within)[within]
+    # Of this square around the link's middle, what lies in the band along it.
+    offset, *_ = _apart(start[:, owner], link[:, owner], _rays(flat, camera))
+    near = offset.square().sum(0) < reach**2
+    return flat[near], owner[near]
 
 
 def _rays(pixel: Tensor, camera: Camera) -> Tensor:
-    """Unit directions (P, 3) in the camera's frame."""
+    """Unit directions (3, P) in the camera's frame."""
     x = (pixel % camera.width - camera.cx) / camera.fx
     y = (pixel // camera.width - camera.cy) / camera.fy
-    direction = torch.stack([x, y, torch.ones_like(x)], dim=1).double()
-    return direction / direction.norm(dim=1, keepdim=True)
+    direction = torch.stack([x, y, torch.ones_like(x)]).double()
+    return direction / direction.square().sum(0).sqrt()
 
 
 def _pass(start: Tensor, link: Tensor, ray: Tensor, radius: float) -> tuple[Tensor, Tensor]:
-    """How rays (P, 3) from the origin pass links (P, 3): distance (P,) of ray and link, and depth
+    """How rays (3, P) from the origin pass links (3, P): distance (P,) of ray and link, and depth
     (P,) at which the ray enters the link, metres."""
-    ray = ray.to(start.dtype)
-    ahead, onward = (start * ray).sum(1), (link * ray).sum(1)
-    aside, across = start - ahead[:, None] * ray, link - onward[:, None] * ray
-    square = (across * across).sum(1)
-    along = (-(aside * across).sum(1) / (square + 1e-12)).clamp(0, 1)
-    distance = ((aside + along[:, None] * across).square().sum(1) + 1e-14).sqrt()
+    offset, square, reached = _apart(start, link, ray)
+    distance = (offset.square().sum(0) + 1e-14).sqrt()
     chord = (radius**2 - distance**2).clamp(min=_GRAZING * radius**2).sqrt()
-    sine = (square / (link * link).sum(1)).clamp(min=_STEEPEST**2).sqrt()
-    return distance, (ahead + along * onward - chord / sine) * ray[:, 2]
+    sine = (square / (link * link).sum(0)).clamp(min=_STEEPEST**2).sqrt()
+    return distance, (reached - chord / sine) * ray[2]
+
+
+def _apart(start: Tensor, link: Tensor, ray: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """From rays (3, P) from the origin to the nearest point of links (3, P): offset (3, P), the
+    square (P,) of the link's length across the ray, and how far along the ray it is (P,)."""
+    ahead, onward = (start * ray).sum(0), (link * ray).sum(0)
+    aside, across = start - ahead * ray, link - onward * ray
+    square = (across * across).sum(0)
+    along = (-(aside * across).sum(0) / (square + 1e-12)).clamp(0, 1)
+    return aside + along * across, square, ahead + along * onward
 
 
 def _groups(pixel: Tensor) -> tuple[Tensor, Tensor]:

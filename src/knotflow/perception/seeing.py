@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,10 +13,8 @@ from numpy.typing import NDArray
 from knotflow.perception.camera import Camera, CameraError
 from knotflow.perception.estimation import RopeEstimate, estimate
 from knotflow.perception.image import ImageError, RgbdImage
-from knotflow.perception.network import Network
 from knotflow.perception.segmentation import table_error
 from knotflow.perception.tracing import TraceError
-from knotflow.perception.training_config import SHIPPED_NETWORK
 from knotflow.simulation import RopeConfig
 
 MOST_OFF, MOST_TILT = 0.05, 0.1
@@ -37,8 +37,6 @@ def see(
     Raises:
         CameraError: a camera file that cannot be used, or does not put the table where it is seen.
         ImageError: files that make no image of that camera, or in which no rope is seen.
-
-    The network that the package ships, if it does, proposes a first shape beside the mask's own.
     """
     rope = rope or RopeConfig()
     pinhole = Camera.load(camera)
@@ -50,9 +48,8 @@ def see(
             f"{np.rad2deg(tilt):.0f} degrees, but most of an image is the table, at z = 0; "
             "position is in metres"
         )
-    network = Network.load(SHIPPED_NETWORK) if SHIPPED_NETWORK.exists() else None
     try:
-        return estimate(image, pinhole, rope, network=network), image, pinhole
+        return estimate(image, pinhole, rope), image, pinhole
     except TraceError as error:
         raise ImageError(
             f"{rgb}, {depth}: no rope of radius {1e3 * rope.radius:g} mm is seen above the table: "
@@ -101,29 +98,71 @@ def draw_overlay(
         for axes in (bare, drawn):
             axes.imshow(image.rgb)
             axes.set_axis_off()
-        draw_estimate(drawn, camera, rope, found)
-        pixels = camera.project(found.points)[:, :2]
-        middle, half = (pixels.max(0) + pixels.min(0)) / 2, np.ptp(pixels, axis=0).max() / 2 + 12
-        across = half * camera.width / camera.height
-        drawn.set_xlim(middle[0] - across, middle[0] + across)
-        drawn.set_ylim(middle[1] + half, middle[1] - half)
+        draw_estimate(drawn, camera, rope, found.points, found.seen)
+        _zoom(drawn, camera, found.points)
         bare.set_title("image")
         doubt = " (in doubt)" if found.doubtful else ""
         drawn.set_title(f"estimate: {found.state or 'state unknown'}{doubt}")
         figure.savefig(path, dpi=PNG_DPI)
 
 
-def draw_estimate(axes: Axes, camera: Camera, rope: RopeConfig, found: RopeEstimate) -> None:
-    """The estimated rope over its image in `axes`, thinner than it is, so that both are seen.
+@dataclass(frozen=True, eq=False)
+class DrawnEstimate:
+    """What a picture of an estimate needs: the image's `rgb` (H, W, 3) uint8, the vertices that
+    were `found` (V, 3), metres, which of them were `seen` (V,), and the `truth` (V, 3), metres."""
 
-    Vertices that the image does not show are ringed.
+    rgb: NDArray[np.uint8]
+    found: NDArray
+    seen: NDArray[np.bool_]
+    truth: NDArray
+
+
+def draw_estimates(
+    path: Path, estimates: Sequence[DrawnEstimate], camera: Camera, rope: RopeConfig
+) -> None:
+    """Writes a picture with a row an estimate: image, estimate over it, error along the rope."""
+    from matplotlib.figure import Figure
+
+    from knotflow.drawing.style import PNG_DPI, WIDTH, styled
+
+    with styled():
+        figure = Figure((WIDTH, 0.22 * WIDTH * len(estimates)), layout="constrained")
+        rows = figure.subplots(len(estimates), 3, squeeze=False)
+        for (bare, drawn, errors), one in zip(rows, estimates, strict=True):
+            for axes in (bare, drawn):
+                axes.imshow(one.rgb)
+                axes.set_axis_off()
+                _zoom(axes, camera, one.truth)
+            draw_estimate(drawn, camera, rope, one.found, one.seen)
+            along = np.linspace(0, 100, len(one.truth))
+            errors.plot(along, 1e3 * np.linalg.norm(one.found - one.truth, axis=1))
+            errors.set(ylabel="error, mm", ylim=(0, None), xlim=(0, 100))
+        rows[-1, 2].set_xlabel("along the rope from its head, %")
+        figure.savefig(path, dpi=PNG_DPI)
+
+
+def _zoom(axes: Axes, camera: Camera, points: NDArray) -> None:
+    """Shows the part of an image in `axes` where points (V, 3) are."""
+    pixels = camera.project(points)[:, :2]
+    middle, half = (pixels.max(0) + pixels.min(0)) / 2, np.ptp(pixels, axis=0).max() / 2 + 12
+    across = half * camera.width / camera.height
+    axes.set_xlim(middle[0] - across, middle[0] + across)
+    axes.set_ylim(middle[1] + half, middle[1] - half)
+
+
+def draw_estimate(
+    axes: Axes, camera: Camera, rope: RopeConfig, points: NDArray, seen: NDArray[np.bool_]
+) -> None:
+    """The estimated rope (V, 3) over its image in `axes`, thinner than it is: both are seen.
+
+    Vertices that the image does not show, which are not `seen` (V,), are ringed.
     """
     from knotflow.drawing.palette import BAD
     from knotflow.drawing.rope import draw_rope
 
-    column, row, depth = camera.project(found.points).T
+    column, row, depth = camera.project(points).T
     width = 2 * rope.radius * camera.fx / float(np.median(depth))
     # The nearest strand is on top, as heights are in a drawing.
     draw_rope(axes, np.stack([column, row, depth.max() - depth], axis=1), 0.6 * width, zorder=3)
-    hidden = ~found.seen
+    hidden = ~seen
     axes.scatter(column[hidden], row[hidden], s=14, facecolors="none", edgecolors=BAD, zorder=4)

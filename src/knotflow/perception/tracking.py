@@ -91,7 +91,8 @@ class Tracker:
             config: how.
             predict: tells the next shape before it is seen; without, the rope goes on as it moved
                 (`motion.go_on`).
-            network: proposes one more guess where a lost rope is looked for.
+            network: proposes one more guess where a lost rope is looked for; the one that the
+                package ships without.
 
         Raises:
             ValueError: points of another rope.

@@ -40,10 +40,10 @@ def spread(
     count = len(points)
     pixels = float(target.rope.sum()) / CORRELATED
 
-    def gradient(shape: NDArray) -> NDArray[np.float64]:
-        moved = torch.tensor(shape, requires_grad=True)
+    def gradients(shapes: NDArray) -> NDArray[np.float64]:
+        moved = torch.tensor(shapes, requires_grad=True)
         loss = image_loss(moved, target, camera, rope, config) + shape_loss(moved, rope, config)
-        (slope,) = torch.autograd.grad(pixels * loss, moved)
+        (slope,) = torch.autograd.grad(pixels * loss.sum(), moved)
         return slope.numpy()
 
     # Half a pixel: the ends of a rope, which alone keep it from sliding along itself, are seen in
@@ -51,14 +51,14 @@ def spread(
     size = 0.5 * float(camera.project(points)[:, 2].mean()) / camera.fx
     stride = 2 * _BAND + 1
     hessian = np.zeros((count, 3, count, 3))
-    for first in range(min(stride, count)):
-        for axis in range(3):
-            step = np.zeros((count, 3))
+    for axis in range(3):
+        steps = np.zeros((min(stride, count), count, 3))
+        for first, step in enumerate(steps):
             step[first::stride, axis] = size
-            column = (gradient(points + step) - gradient(points - step)) / (2 * size)
-            for vertex in range(first, count, stride):
-                near = slice(max(0, vertex - _BAND), vertex + _BAND + 1)
-                hessian[near, :, vertex, axis] = column[near]
+        columns = (gradients(points + steps) - gradients(points - steps)) / (2 * size)
+        for vertex in range(count):
+            near = slice(max(0, vertex - _BAND), vertex + _BAND + 1)
+            hessian[near, :, vertex, axis] = columns[vertex % stride][near]
     flat = hessian.reshape(3 * count, 3 * count)
     # Between the steps of pixels the loss may curve downwards, though it rises further away.
     free = _keeping_lengths(points)  # (3 V, n)

@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 
 from knotflow.intervals import wilson
-from knotflow.report.results import AMOUNT, COUNT, FLAG, TEXT, Column, Results
+from knotflow.report.results import AMOUNT, COUNT, FLAG, SHARE, TEXT, Column, Results
 from knotflow.report.section import Pictures, Section
 from knotflow.report.statistics import bootstrap
 from knotflow.report.style import Picture, bare_axis, new_figure, render, styled
@@ -18,7 +18,11 @@ ERROR = Column("number", 0, optional=True)
 """Empty where no rope was found."""
 COLUMNS = {"method": TEXT, "noise": AMOUNT, "crossings": COUNT, "rope": COUNT, "seconds": AMOUNT}
 COLUMNS |= dict.fromkeys(("mean_error_mm", "p95_error_mm", "off_curve_error_mm"), ERROR)
+COLUMNS["rope_iou"] = SHARE
 COLUMNS |= dict.fromkeys(("state_correct", "head_correct", "doubtful"), FLAG)
+PLANS = {"rope": TEXT, "planned_from": TEXT, "planned": FLAG, "tied": FLAG, "branches": COUNT}
+PLANS |= {"seconds": AMOUNT, "mean_error_mm": ERROR}
+STEPS = {"grid": COUNT, "milliseconds": AMOUNT}
 GROUPS = ((0, 3), (4, 5))
 """Ropes are put together by their number of crossings, from and to."""
 METHODS = {
@@ -33,6 +37,7 @@ METHODS = {
     ),
     "network_rendering_without_depth": "network and rendering, without depth",
     "network_tracing_rendering": "network, skeleton and rendering",
+    "network_tracing_rendering_plain_rope": "the same, head not coloured",
 }
 """Methods and what the report calls them."""
 SHOWN = ("network_tracing_rendering", "rendering")
@@ -59,12 +64,34 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     header = ["method", "noise", "crossings", "ropes", "mean error, mm", "off the curve, mm"]
     header += ["state right", "wrong states in doubt", "head right", "CPU time"]
     run = set(estimates["method"])
+    images = estimates.drop_duplicates(["noise", "crossings", "rope"]).groupby("noise")
+    steps = results.table("benchmark", "gradient_steps.csv", STEPS, ("grid",))
     shown = next((method for method in SHOWN if method in run), None)
     return {
         "table": markdown_table(header, lines, "llrrrrrrrr"),
         "shown": METHODS.get(shown or ""),
         "figure": shown and pictures.add(_figure(estimates[estimates["method"] == shown])),
+        "pictures": pictures.stored(results, EXPERIMENT, "estimates", "Estimates of ropes"),
+        "iou": [f"{of['rope_iou'].mean():.2f} at noise {noise:g}" for noise, of in images],
+        "plans": _plans(results),
+        "steps": None if steps is None else steps.to_dict("records"),
         "without_network": not any(method.startswith("network") for method in run),
+    }
+
+
+def _plans(results: Results) -> dict[str, dict[str, str]] | None:
+    """Shares of ropes for which a plan was found, and tied the true rope, by what was planned
+    from; None where nothing was."""
+    plans = results.table(EXPERIMENT, "plans.csv", PLANS, ("rope", "planned_from"))
+    if plans is None:
+        return None
+    return {
+        str(planned_from): {"ropes": str(len(of))}
+        | {
+            column: percent(wilson(int(of[column].sum()), len(of)))
+            for column in ("planned", "tied")
+        }
+        for planned_from, of in plans.groupby("planned_from")
     }
 
 

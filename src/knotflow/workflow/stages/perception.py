@@ -18,18 +18,27 @@ from knotflow.perception import (
     Camera,
     CameraNoiseConfig,
     EstimateConfig,
+    Label,
     NetworkError,
+    RgbdImage,
     RopeEstimate,
     SimulatedCamera,
     TraceError,
+    add_noise,
+    segment,
 )
 from knotflow.perception.methods import METHODS
-from knotflow.simulation import SimulationConfig, check_points, resample, state_or_none
+from knotflow.perception.seeing import DrawnEstimate, draw_estimates
+from knotflow.simulation import RopeConfig, SimulationConfig, check_points, resample, state_or_none
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.perception_networks import load_networks
 
 TABLE = "estimates.csv"
+NOMINAL = 1.0
+"""Level of noise of the images that are drawn."""
+SHOWN = ("network_tracing_rendering", "rendering")
+"""The first of these that is run is drawn."""
 
 
 @dataclass(kw_only=True)
@@ -61,7 +70,7 @@ def estimate_ropes(
     """Makes estimates.csv, a row a method, level and rope.
 
     Raises:
-        ValueError: an unknown method, or too few ropes.
+        ValueError: an unknown method, or no rope of a number of crossings.
         NetworkError: all methods need a network, and there is none.
     """
     unknown = sorted(set(config.methods) - set(METHODS))
@@ -77,15 +86,18 @@ def estimate_ropes(
         pd.concat([pd.read_csv(context.out / f"{name}.csv") for name in names]).to_csv(
             path, index=False
         )
+    _draw(context, config.simulation.rope)
     for name in names:
         (context.out / f"{name}.csv").unlink()
 
 
 def choose_ropes(config: PerceptionConfig, path: Path) -> dict[tuple[int, int], NDArray]:
-    """Shapes (V, 3), metres, by number of crossings and a count; none is seen from half outside.
+    """Shapes (V, 3), metres, by number of crossings and a count; all of each is in view.
+
+    Where there are fewer of a number of crossings than wanted, all of these are taken.
 
     Raises:
-        ValueError: too few ropes of a number of crossings.
+        ValueError: no rope of a number of crossings.
     """
     with np.load(path) as file:
         points, crossings = file["points"].astype(np.float64), file["crossings"]
@@ -94,12 +106,14 @@ def choose_ropes(config: PerceptionConfig, path: Path) -> dict[tuple[int, int], 
     chosen: dict[tuple[int, int], NDArray] = {}
     for count in config.crossings:
         rows = [row for row in np.flatnonzero(crossings == count) if _in_view(points[row], camera)]
-        if len(rows) < config.ropes:
+        if not rows:
             raise ValueError(
-                f"{path} has {len(rows)} ropes of {count} crossings in the camera's view, but "
-                f"{config.ropes} are wanted: raise perception.shards"
+                f"{path} has no rope of {count} crossings in the camera's view: raise "
+                "perception.shards"
             )
-        for number, row in enumerate(rng.choice(rows, config.ropes, replace=False)):
+        if len(rows) < config.ropes:
+            print(f"only {len(rows)} ropes of {count} crossings are in view", flush=True)
+        for number, row in enumerate(rng.permutation(rows)[: config.ropes]):
             chosen[count, number] = check_points(
                 resample(points[row], config.simulation.rope), config.simulation.rope
             )
@@ -146,8 +160,11 @@ def _estimate_rope(
         rng = np.random.default_rng([config.seed, 1, crossings, number, round(100 * level)])
         noise = replace(config.noise, level=level)
         eye = SimulatedCamera(camera, rope, noise, Appearance.draw(rng, noise))
-        image = eye.capture(truth, rng)
+        marked = _image(eye, truth, rng)
+        eye.appearance = replace(eye.appearance, head=None)
+        plain = _image(eye, truth, rng)
         for method in config.methods:
+            image, rope_iou = plain if METHODS[method].plain else marked
             began = time.process_time()
             try:
                 found = METHODS[method].estimate(
@@ -159,10 +176,43 @@ def _estimate_rope(
             rows.append(
                 {"method": method, "noise": level, "crossings": crossings, "rope": number}
                 | _measures(found, truth)
-                | {"seconds": round(seconds, 3)}
+                | {"rope_iou": round(rope_iou, 4), "seconds": round(seconds, 3)}
             )
+            if found is not None and (method, level, number) == (_shown(config), NOMINAL, 0):
+                with context.atomic(f"shown/{crossings}.npz") as path:
+                    np.savez(path, rgb=image.rgb, found=found.points, seen=found.seen, truth=truth)
     with context.atomic(f"{name}.csv") as path:
         pd.DataFrame(rows).to_csv(path, index=False)
+
+
+def _image(
+    eye: SimulatedCamera, truth: NDArray, rng: np.random.Generator
+) -> tuple[RgbdImage, float]:
+    """An image with noise, and the intersection over union of its rope, as it is segmented, with
+    the pixels that show rope."""
+    view = eye.view(truth)
+    image = add_noise(view.image, eye.camera, eye.noise, rng)
+    found, there = segment(image, eye.camera, eye.rope.radius).rope, view.labels == Label.ROPE
+    return image, float((found & there).sum() / (found | there).sum())
+
+
+def _shown(config: PerceptionConfig) -> str:
+    """The method whose estimates are drawn."""
+    return next((method for method in SHOWN if method in config.methods), config.methods[-1])
+
+
+def _draw(context: StageContext, rope: RopeConfig) -> None:
+    """Makes estimates.png and estimates.svg of the estimates that were kept."""
+    paths = sorted((context.out / "shown").glob("*.npz"))
+    if not paths:
+        return
+    drawn = []
+    for path in paths:
+        with np.load(path) as file:
+            drawn.append(DrawnEstimate(**file))
+    for ending in ("png", "svg"):
+        with context.atomic(f"estimates.{ending}") as path:
+            draw_estimates(path, drawn, Camera.overhead(), rope)
 
 
 def _measures(found: RopeEstimate | None, truth: NDArray) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from knotflow.perception import (
     Camera,
     CameraNoiseConfig,
     Label,
+    Network,
     PointDriftConfig,
     PointDriftTracker,
     RgbdImage,
@@ -35,6 +36,7 @@ from knotflow.perception import (
     add_noise,
     seen,
 )
+from knotflow.perception.training_config import SHIPPED_NETWORK
 from knotflow.recording import RecordedRollout, RolloutImages, write_recording
 from knotflow.simulation import (
     Attempts,
@@ -78,6 +80,10 @@ class TrackingConfig:
     """File of the learned dynamics; what counts is `weights_contents`."""
     weights_contents: str
     """Digest of what the file holds."""
+    network: str = runtime(str(SHIPPED_NETWORK))
+    """File of the network with which a lost rope is found; what counts is `network_contents`."""
+    network_contents: str
+    """Digest of what the file holds, or its name where there is none."""
     levels: list[int]
     """How far ropes and camera are from what is believed, see `execution.perturbation`."""
     rollouts: int
@@ -115,13 +121,14 @@ def _track(config: TrackingConfig, shown: str, context: StageContext, name: str)
     (*images, at_rest), (*shows, rest_shows) = _images(config, rope, int(level), attempts, rng)
     truth = attempts.rollouts.trajectory[0].astype(np.float64)
     camera, believed = Camera.overhead(), config.simulation.rope
+    network = Network.load(config.network) if Path(config.network).exists() else None
     followers = {
         "rendering": None,
         "rendering_lstm": ModelPrediction(LstmDynamics.load(Path(config.weights))),
         TRACKER: ModelPrediction(MujocoDynamics(replace(config.simulation, threads=1))),
     }
     makers: dict[str, Callable[[], Tracker | PointDriftTracker]] = {
-        method: partial(Tracker, camera, believed, truth[0], config.tracker, prediction)
+        method: partial(Tracker, camera, believed, truth[0], config.tracker, prediction, network)
         for method, prediction in followers.items()
     } | {
         "point_drift": lambda: PointDriftTracker(camera, believed, truth[0], config.drift),

@@ -1,0 +1,232 @@
+"""Which way a rope runs through its image: first guesses are rearranged while that accounts better.
+
+Gradient steps move strands, but do not take one off another, nor lead the rope on differently where
+strands meet. So where strands of the likeliest shape meet or touch, the loop between is run through
+the other way round, over and under are exchanged, and strands that touch are crossed twice; and
+where rope is seen that the shape leaves out, an end is led there, over or under what lies between.
+All these shapes take gradient steps at once, on a grid coarser than the image; the few that then
+account best for silhouette and depth are fitted to the image as it is, and the best of them is
+rearranged again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from knotflow.perception.camera import Camera
+from knotflow.perception.certainty import exchange
+from knotflow.perception.evidence import explained
+from knotflow.perception.fitting import FitConfig, fit, image_loss, project_lengths, shape_loss
+from knotflow.perception.losses import Target
+from knotflow.perception.patch import seen_places
+from knotflow.perception.rendering import render
+from knotflow.simulation import RopeConfig
+from knotflow.topology.polyline import planar_crossings
+
+Floats = NDArray[np.float64]
+
+_FINE = 4  # places of a link at which strands are compared
+_TOUCHING = 3.0  # radii between the axes of strands, in the plane, that may touch
+_APART = 6.0  # radii along the rope, from where on two places are two strands
+_SAME = 3e-3  # metres, mean over vertices, up to which two shapes are the same
+_MISSED = 0.5  # share of a pixel that is rope, more than a shape has
+_PARTS = 3  # pieces of rope left out, the largest ones, to which an end is led
+_REACH = 0.12  # metres from an end to these pieces
+_TWIST = 4.0  # radii along a strand from its middle to either of two crossings
+
+
+@dataclass
+class SearchConfig:
+    """How first guesses are chosen among, and rearranged."""
+
+    coarse: FitConfig = field(
+        default_factory=lambda: FitConfig(steps=40, step_size=4e-3, softness=(6e-3, 3e-3))
+    )
+    """The gradient steps that all shapes take, on the coarser grid."""
+    grid: int = 2
+    """Pixels of the image along each side of one that these steps look at."""
+    candidates: int = 3
+    """Of these shapes the ones that account best, which then are fitted to the image as it is."""
+    rounds: int = 3
+    """Times that the likeliest shape is rearranged, at most; it ends where none accounts better."""
+    enough: float = 0.995
+    """A shape that accounts for this share of the rope's image is not rearranged."""
+    contacts: int = 8
+    """Places where strands meet or nearly do, the closest ones, that are rearranged."""
+
+
+def search(
+    guesses: list[Floats],
+    target: Target,
+    camera: Camera,
+    rope: RopeConfig,
+    config: SearchConfig | None = None,
+    fine: FitConfig | None = None,
+) -> Floats:
+    """Shapes (N, V, 3), metres, from `guesses` (V, 3) or rearranged, fitted as `fine` has it; the
+    likeliest first."""
+    config, fine = config or SearchConfig(), fine or FitConfig()
+    coarse, eye = target.binned(config.grid), camera.binned(config.grid)
+
+    def fitted(first: list[Floats]) -> tuple[Floats, Floats]:
+        rough = fit(np.stack(first), coarse, eye, rope, config.coarse)
+        order = total_loss(rough, target, camera, rope, fine).argsort(kind="stable")
+        found = fit(_different(rough[order], config.candidates), target, camera, rope, fine)
+        return found, total_loss(found, target, camera, rope, fine)
+
+    shapes, losses = fitted(guesses)
+    for _ in range(config.rounds):
+        best = int(losses.argmin())
+        if explained(shapes[best], target, camera, rope) >= config.enough:
+            break
+        others = rearranged(shapes[best], rope, config.contacts)
+        others += reaching(shapes[best], coarse, eye, rope)
+        if not others:
+            break
+        more, worse = fitted(others)
+        shapes, losses = np.concatenate([shapes, more]), np.r_[losses, worse]
+        if losses.argmin() == best:
+            break
+    return shapes[losses.argsort(kind="stable")]
+
+
+def _different(shapes: Floats, count: int) -> Floats:
+    """The first `count` shapes of (N, V, 3) that are not the same from either end."""
+    kept: list[Floats] = []
+    for shape in shapes:
+        apart = [
+            min(np.linalg.norm(one - shape, axis=1).mean() for one in (other, other[::-1]))
+            for other in kept
+        ]
+        if len(kept) < count and min(apart, default=np.inf) > _SAME:
+            kept.append(shape)
+    return np.stack(kept)
+
+
+def total_loss(
+    shapes: NDArray, target: Target, camera: Camera, rope: RopeConfig, config: FitConfig
+) -> Floats:
+    """(N,) how badly shapes (N, V, 3) account for an image, and how unlike a rope they are."""
+    points = torch.as_tensor(shapes)
+    with torch.no_grad():
+        loss = image_loss(points, target, camera, rope, config) + shape_loss(points, rope, config)
+    return loss.numpy()
+
+
+def rearranged(shape: Floats, rope: RopeConfig, contacts: int) -> list[Floats]:
+    """Shapes (V, 3), metres, that differ from one (V, 3) in how strands go on where they meet."""
+    found = []
+    for first, second, cross in _contacts(shape, rope)[:contacts]:
+        found.append(_turned(shape, first, second, rope))
+        if cross:
+            found.append(exchange(shape, first, second, rope))
+        else:
+            found += [
+                _twisted(shape, first, second, before, after, rope)
+                for before in (1, -1)
+                for after in (1, -1)
+            ]
+    return found
+
+
+def reaching(shape: Floats, target: Target, camera: Camera, rope: RopeConfig) -> list[Floats]:
+    """Shapes (V, 3), metres, of which an end reaches rope that one (V, 3) leaves out."""
+    from scipy import ndimage
+
+    with torch.no_grad():
+        _, occupancy = render(torch.as_tensor(shape), rope.radius, camera)
+    missed = ((target.coverage - occupancy > _MISSED) & target.known).numpy()
+    parts, count = ndimage.label(missed, np.ones((3, 3)))
+    sizes = np.bincount(parts.ravel(), minlength=count + 1)[1:]
+    found = []
+    for part in np.argsort(-sizes)[:_PARTS] + 1:
+        places = seen_places(parts == part, camera, rope.radius)
+        for towards_tail in (True, False):
+            ordered = shape if towards_tail else shape[::-1]
+            apart = np.hypot(*(places - ordered[-1, :2]).T)
+            if apart.min() > _REACH:
+                continue
+            far = places[apart.argmax()]
+            # As many links from the end as it takes to reach there.
+            links = np.arange(1, len(shape) // 2)
+            needed = np.hypot(*(ordered[-1 - links, :2] - far).T) / rope.link_length
+            back = int(links[np.abs(needed - links).argmin()])
+            for height in (rope.radius, 3 * rope.radius):
+                led = ordered.copy()
+                share = np.arange(1, back + 1)[:, None] / back
+                end = np.r_[far, height]
+                led[-back:] = led[-1 - back] + share * (end - led[-1 - back])
+                led[-back:, 2] = height
+                led = project_lengths(led, rope.link_length)
+                found.append(led if towards_tail else led[::-1].copy())
+    return found
+
+
+def _contacts(shape: Floats, rope: RopeConfig) -> list[tuple[float, float, bool]]:
+    """Where strands meet or nearly do, the closest first: both fractions of the rope's length, and
+    whether they cross."""
+    met = planar_crossings(shape[:, :2])
+    links = len(shape) - 1
+    found = [
+        (0.0, (one + s) / links, (other + t) / links, True)
+        for one, s, other, t in zip(
+            met.first, met.first_along, met.second, met.second_along, strict=True
+        )
+    ]
+    along = np.linspace(0, 1, _FINE * links + 1)
+    fine = np.stack([np.interp(along, np.linspace(0, 1, links + 1), shape[:, k]) for k in (0, 1)])
+    apart = np.hypot(*(fine[:, :, None] - fine[:, None])) / rope.radius
+    reach = round(_APART * rope.radius / rope.length * len(along))
+    near = np.argwhere(np.triu(apart < _TOUCHING, reach))
+    for i, j in sorted(near, key=lambda pair: apart[tuple(pair)]):
+        apart_along = [abs(along[i] - s) + abs(along[j] - t) for _, s, t, _ in found]
+        if min(apart_along, default=np.inf) > 2 * reach / len(along):
+            found.append((float(apart[i, j]), float(along[i]), float(along[j]), False))
+    return [one[1:] for one in sorted(found, key=lambda one: one[0])]
+
+
+def _turned(shape: Floats, first: float, second: float, rope: RopeConfig) -> Floats:
+    """The shape with what is between two places run through the other way round."""
+    along = np.linspace(0, 1, len(shape))
+    inside = (along > first) & (along < second)
+    at = along.copy()
+    at[inside] = first + second - along[inside]
+    turned = np.stack([np.interp(at, along, shape[:, k]) for k in range(3)], axis=1)
+    return project_lengths(turned, rope.link_length)
+
+
+def _twisted(
+    shape: Floats, first: float, second: float, before: int, after: int, rope: RopeConfig
+) -> Floats:
+    """The shape with two strands that touch crossed twice; the first is over where the signs
+    `before` and `after` the middle are +1."""
+    along = np.linspace(0, 1, len(shape))
+    at = {
+        place: np.array([np.interp(place, along, shape[:, k]) for k in range(3)])
+        for place in (first, second)
+    }
+    aside = at[second][:2] - at[first][:2]
+    distance = gap = float(np.hypot(*aside))
+    step = 2 / (len(shape) - 1)
+    ways = [
+        np.array([np.interp(one + step, along, shape[:, k]) for k in (0, 1)])
+        - np.array([np.interp(one - step, along, shape[:, k]) for k in (0, 1)])
+        for one in (first, second)
+    ]
+    if gap < 1e-9:
+        aside, gap = np.array([-ways[0][1], ways[0][0]]), float(np.hypot(*ways[0]))
+    middle = max(0.5 * (at[first][2] + at[second][2]), 2 * rope.radius)
+    twisted = shape.copy()
+    alike = 1.0 if ways[0] @ ways[1] >= 0 else -1.0
+    for place, side, way in ((first, 1.0, 1.0), (second, -1.0, alike)):
+        offset = (along - place) * rope.length / (_TWIST * rope.radius)
+        bump = np.exp(-(offset**2))
+        twisted[:, :2] += (side * (0.5 * distance + rope.radius) * bump)[:, None] * aside / gap
+        over = np.where(way * offset < 0, before, after) * side
+        near = np.abs(offset) < 1.7
+        twisted[near, 2] = middle + over[near] * 1.1 * rope.radius
+    return project_lengths(twisted, rope.link_length)

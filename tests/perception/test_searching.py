@@ -1,0 +1,50 @@
+"""Where gradient steps cannot go, a shape is rearranged."""
+
+import numpy as np
+import pytest
+
+from knotflow.perception.searching import reaching, rearranged, search
+from knotflow.simulation import resample, state_or_none
+from knotflow.topology import TopologicalState
+
+from .shapes import CAMERA, ROPE, loop, s_curve, target
+
+
+def hairpin(gap: float) -> np.ndarray:
+    """A rope (V, 3) that lies folded, with a gap between its halves, metres."""
+    t = np.linspace(0, 1, 400)
+    fold = np.column_stack([np.abs(t - 0.5), gap * np.tanh(12 * (t - 0.5)) / 2, 0 * t])
+    return resample(fold + [0, 0, ROPE.radius], ROPE)
+
+
+def test_a_shape_without_contacts_stays_as_it_is():
+    assert rearranged(s_curve(), ROPE, 8) == []
+
+
+def test_strands_that_touch_are_crossed_twice_in_all_four_ways():
+    states = [state_or_none(one) for one in rearranged(hairpin(0.018), ROPE, 4)]
+    assert len({str(state) for state in states if state and state.num_crossings == 2}) == 4
+
+
+def test_a_crossing_is_exchanged_and_its_loop_run_through_the_other_way():
+    shape = loop(1)
+    turned, exchanged = rearranged(shape, ROPE, 1)
+    assert TopologicalState.from_curve(exchanged) == TopologicalState.from_curve(loop(-1))
+    middle = len(shape) // 2
+    assert np.linalg.norm(turned[middle] - shape[middle]) < 0.02  # the loop's tip stays
+    links = np.linalg.norm(np.diff(turned, axis=0), axis=1)
+    assert np.allclose(links, ROPE.link_length, rtol=1e-6)
+
+
+def test_an_end_is_led_to_rope_that_is_left_out():
+    points = s_curve()
+    short = points.copy()
+    short[-5:] = points[-6] + np.linspace(0, 1, 5)[:, None] * [0, 0.1, 0]
+    led = reaching(short, target(points), CAMERA, ROPE)
+    assert min(np.linalg.norm(one[-1, :2] - points[-1, :2]) for one in led) < 0.02
+
+
+@pytest.mark.slow
+def test_a_crossing_the_wrong_way_round_is_found():
+    found, *_ = search([loop(-1)], target(loop(1)), CAMERA, ROPE)
+    assert TopologicalState.from_curve(found) == TopologicalState.from_curve(loop(1))
