@@ -46,8 +46,8 @@ UNKNOWN = "unknown"
 KINDS = {"simulation": "#0072b2", "training": "#e69f00", "evaluation": "#009e73"}
 KINDS |= {"tables": "#8a8f98", UNKNOWN: "#cc79a7"}
 STAGES_OF_KIND = {
-    "simulation": "benchmark causal_infogan_ends demonstrations demonstrator gradient_steps motions "
-    "plans_pull pools roots ropes scaling starts",
+    "simulation": "benchmark causal_infogan_ends demonstrations demonstrator gradient_steps "
+    "motions plans_pull pools roots ropes scaling starts",
     "training": "causal_infogan dynamics_training imitation perception_networks "
     "perception_training reinforcement self_play",
     "evaluation": "actions arm causal_infogan_plans closed_loop dynamics evaluation goals "
