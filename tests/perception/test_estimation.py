@@ -17,7 +17,7 @@ from knotflow.topology import TopologicalState
 
 from .shapes import CAMERA, ROPE, image, loop, s_curve, target
 
-QUICK = EstimateConfig(FitConfig(steps=30), search=SearchConfig(candidates=1, rounds=0))
+QUICK = EstimateConfig(FitConfig(steps=30), search=SearchConfig(first=1, rounds=0))
 
 
 @pytest.mark.slow
@@ -131,9 +131,9 @@ def test_the_shipped_network_proposes_unless_it_shall_not(monkeypatch):
 
     def propose(_image, _camera, _rope, network):
         asked.append(network)
-        return s_curve()
+        return [s_curve()]
 
-    monkeypatch.setattr(estimation, "propose_points", propose)
+    monkeypatch.setattr(estimation, "_proposed", propose)
     given = object()
     for network, config in ((None, QUICK), (given, QUICK), (None, replace(QUICK, propose=False))):
         estimate(image(s_curve()), CAMERA, ROPE, config=config, network=network)

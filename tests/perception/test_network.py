@@ -79,6 +79,8 @@ def test_of_the_mirror_images_the_one_is_proposed_that_accounts_for_the_image():
     )
     assert shape_error(proposed, points) < 0.02
     assert shape_error(proposed * [1, -1, 1], points) > 0.05
+    guesses = knowing(points * [1, -1, 1]).guesses(image(points), CAMERA, ROPE, exact(points)[0])
+    assert len(guesses) == 4 and (guesses[0][0] == proposed).all()
 
 
 @pytest.mark.parametrize("half", [False, True])

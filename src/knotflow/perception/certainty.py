@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from knotflow.perception.camera import Camera
 from knotflow.perception.fitting import FitConfig, fit, image_loss
 from knotflow.perception.losses import Target
-from knotflow.perception.uncertainty import CORRELATED
 from knotflow.simulation import RopeConfig
 from knotflow.topology import DegenerateCurveError, project
 
@@ -68,7 +67,7 @@ def weigh_crossings(
         config, steps=_STEPS, softness=(config.softness[1],) * 2, step_size=config.step_size / 2
     )
     shape = np.asarray(points, np.float64)
-    pixels = float(target.rope.sum()) / CORRELATED
+    pixels = target.independent_pixels
 
     def misfit(one: Floats) -> float:
         with torch.no_grad():

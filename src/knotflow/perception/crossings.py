@@ -17,7 +17,6 @@ from knotflow.perception.camera import Camera
 from knotflow.perception.certainty import CrossingEvidence, exchange, meetings
 from knotflow.perception.fitting import FitConfig, image_loss
 from knotflow.perception.losses import Target
-from knotflow.perception.uncertainty import CORRELATED
 from knotflow.simulation import RopeConfig
 
 Floats = NDArray[np.float64]
@@ -67,7 +66,7 @@ class CrossingMemory:
         Returns:
             The shape, metres, and its crossings in the order met.
         """
-        pixels = float(target.rope.sum()) / CORRELATED
+        pixels = target.independent_pixels
 
         def misfit(one: Floats) -> float:
             with torch.no_grad():

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import huber_loss
 
+_CORRELATED = 4.0  # neighbouring pixels share their error: so many count as one
+
 
 @dataclass(frozen=True, eq=False)
 class Target:
@@ -43,6 +45,12 @@ class Target:
             torch.as_tensor(depth).double(),
             torch.as_tensor(rope if coverage is None else coverage).double(),
         )
+
+    @property
+    def independent_pixels(self) -> float:
+        """Pixels of rope whose errors are independent: a loss times these is the negative logarithm
+        of a likelihood."""
+        return float(self.rope.sum()) / _CORRELATED
 
     def cropped(self, rows: slice, columns: slice) -> Target:
         """The same for a camera `cropped` to these rows and columns."""

@@ -58,13 +58,7 @@ class Network:
     def propose(
         self, image: RgbdImage, camera: Camera, rope: RopeConfig, segmentation: Segmentation
     ) -> tuple[Floats, Floats]:
-        """A first guess at the rope of an image.
-
-        Args:
-            image: of this camera.
-            camera: any that sees the rope from above.
-            rope: its length, radius and number of links.
-            segmentation: of this image.
+        """A first guess at the rope of an image, the likeliest of `guesses`.
 
         Returns:
             points (V, 3): metres, from either end.
@@ -74,24 +68,45 @@ class Network:
         Raises:
             TraceError: there is no rope in the segmentation.
         """
+        return self.guesses(image, camera, rope, segmentation)[0]
+
+    @torch.inference_mode()
+    def guesses(
+        self, image: RgbdImage, camera: Camera, rope: RopeConfig, segmentation: Segmentation
+    ) -> list[tuple[Floats, Floats]]:
+        """First guesses at the rope of an image, one from each mirror image of its patch; the one
+        that covers the segmentation best comes first.
+
+        Args:
+            image: of this camera.
+            camera: any that sees the rope from above.
+            rope: its length, radius and number of links.
+            segmentation: of this image.
+
+        Returns:
+            points (V, 3) and confidence (V,) of each, as `propose` has them.
+
+        Raises:
+            TraceError: there is no rope in the segmentation.
+        """
         share = coverage(image, segmentation)
         patch, crop = look(segmentation, share, camera, rope, self.model.config.size)
         self.model.eval()
         mirrored = torch.stack(list(_mirrored(torch.as_tensor(crop))))
         nodes = self.model(mirrored)[-1]
-        best: tuple[float, Floats, Floats] | None = None
+        found: list[tuple[float, Floats, Floats]] = []
         for flip, places, log_scale in zip(FLIPS, *nodes, strict=True):
             shape = patch.flipped(*flip).to_world(places.double().numpy(), camera)
             shape = project_lengths(shape, rope.length / (len(shape) - 1))
+            scale = patch.half * np.exp(log_scale.double().numpy())
+            confidence = np.interp(
+                np.linspace(0, 1, rope.num_vertices),
+                np.linspace(0, 1, len(shape)),
+                1.0 - np.exp(-2 * rope.radius / scale),
+            )
             missed = _missed(shape, share, segmentation, camera, rope)
-            if best is None or missed < best[0]:
-                scale = patch.half * np.exp(log_scale.double().numpy())
-                best = missed, shape, 1.0 - np.exp(-2 * rope.radius / scale)
-        assert best is not None
-        _, shape, confidence = best
-        return resample(shape, rope), np.interp(
-            np.linspace(0, 1, rope.num_vertices), np.linspace(0, 1, len(shape)), confidence
-        )
+            found.append((missed, resample(shape, rope), confidence))
+        return [one[1:] for one in sorted(found, key=lambda one: one[0])]
 
     def save(self, path: Path | str, half: bool = True) -> None:
         """Write weights (by default in half precision) and sizes to one safetensors file."""

@@ -20,9 +20,6 @@ from knotflow.perception.losses import Target
 from knotflow.simulation import RopeConfig
 from knotflow.threads import one_thread
 
-CORRELATED = 4.0
-"""Neighbouring pixels share their error: so many count as one."""
-
 _BAND = 3  # vertices on either side that the loss couples one to
 _LARGEST = 0.03  # metres, where neither image nor neighbours hold a vertex
 
@@ -38,7 +35,7 @@ def spread(
     """Standard deviation (V,) of the distance of each vertex of a fitted shape (V, 3), metres."""
     config = config or FitConfig()
     count = len(points)
-    pixels = float(target.rope.sum()) / CORRELATED
+    pixels = target.independent_pixels
 
     def gradients(shapes: NDArray) -> NDArray[np.float64]:
         moved = torch.tensor(shapes, requires_grad=True)
