@@ -29,7 +29,7 @@ def test_a_row_a_plan(tmp_path: Path):
     follow_plans(config, {}, StageContext(tmp_path))
     table = pd.read_csv(tmp_path / "trajectories.csv")
     assert table["plan"].tolist() == [0, 1] and table["solved"].all()
-    assert (table["tip_speed"] <= 0.26).all() and (table["tip_error_mm"] <= 1.0).all()
+    assert (table["tip_speed"] <= 0.2501).all() and (table["tip_error_mm"] <= 1.0).all()
     assert (table["limit_margin_deg"] >= 0).all()
 
 

@@ -127,6 +127,27 @@ class Arm:
         scene.attach(self.spec(), prefix=PREFIX, frame=frame)
         return scene.compile()
 
+    def tips(self, joints: NDArray) -> NDArray[np.float64]:
+        """Where the tip is (N, 3) in configurations (N, n), metres, by forward kinematics; the arm
+        stands on its own base."""
+        import mujoco
+
+        model = self.model()
+        data, tip = mujoco.MjData(model), model.site(PREFIX + self.tip).id
+        where = model.jnt_qposadr[[model.joint(PREFIX + name).id for name in self.joints]]
+        places = np.empty((len(joints), 3))
+        for place, configuration in zip(places, joints, strict=True):
+            data.qpos[where] = configuration
+            mujoco.mj_kinematics(model, data)
+            place[:] = data.site_xpos[tip]
+        return places
+
+    def ranges(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lower and upper ends (n,) of the joints' ranges, radians (metres for slides)."""
+        model = self.model()
+        low, high = model.jnt_range[[model.joint(PREFIX + name).id for name in self.joints]].T
+        return low, high
+
 
 def load_arm(
     path: Path,

@@ -11,6 +11,8 @@ from knotflow.execution.arm import Arm
 from knotflow.execution.reach import Reached
 from knotflow.planning import Waypoints
 
+_PARTS = 8  # of the way between two waypoints, at which the tip's pace is measured
+
 
 @dataclass(frozen=True, eq=False)
 class JointTrajectory:
@@ -74,7 +76,7 @@ def time_joints(
     """Give each phase the time that tip and joints need: the waypoints' own, or longer.
 
     A phase goes from rest to rest and is slowed as a whole, so its path and the shape of its
-    speed are kept.
+    speed are kept. Between waypoints joints go straight, and the tip, in an arc, a little farther.
 
     Args:
         arm: whose limits hold.
@@ -84,19 +86,29 @@ def time_joints(
     """
     even = float(waypoints.times[1] - waypoints.times[0]) if len(waypoints) > 1 else 0.0
     intervals = np.full(len(waypoints), even)
+    farthest = _ways(arm, reached.joints)
     for rows in _phases(waypoints):
         if len(rows) < 2:
             continue
-        tip_speed, _ = _peaks(reached.positions[rows], even)
         speed, acceleration = _peaks(reached.joints[rows], even)
         intervals[rows[1:]] *= max(
             1.0,
-            float(np.linalg.norm(tip_speed, axis=1).max()) / max_speed,
+            float(farthest[rows[:-1]].max()) / even / max_speed,
             _share(speed, arm.max_speed),
             np.sqrt(_share(acceleration, arm.max_acceleration)),
         )
     intervals[:1] = 0.0
     return JointTrajectory(arm, waypoints, reached, np.cumsum(intervals))
+
+
+def _ways(arm: Arm, joints: NDArray) -> NDArray[np.float64]:
+    """(N - 1,) metres: how far the tip would go from each of N configurations to the next at the
+    pace of its fastest part."""
+    part = np.linspace(0.0, 1.0, _PARTS + 1)[:-1, None]
+    between = joints[:-1, None] + part * np.diff(joints, axis=0)[:, None]  # (N - 1, parts, n)
+    tips = arm.tips(np.concatenate([between.reshape(-1, joints.shape[1]), joints[-1:]]))
+    ways = np.linalg.norm(np.diff(tips, axis=0), axis=1).reshape(-1, _PARTS)
+    return _PARTS * ways.max(axis=1)
 
 
 def _phases(waypoints: Waypoints) -> list[NDArray[np.intp]]:

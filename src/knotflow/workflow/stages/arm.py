@@ -10,10 +10,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from knotflow.execution import Arm, Export, export_plan, panda
-from knotflow.execution.arm import PREFIX
 from knotflow.planning import PlannerConfig, parse_goal, plan_knot
 from knotflow.samplers import SamplerConfig, build_sampler
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, random_curve
@@ -101,9 +99,8 @@ def check(arm: Arm, export: Export) -> dict[str, float]:
     even = np.linspace(0.0, 1.0, BETWEEN, endpoint=False)
     fine = (times[:-1, None] + np.diff(times)[:, None] * even).ravel()
     passed = np.stack([np.interp(fine, times, joint) for joint in joints.T], axis=1)
-    tips, low, high = _tips(arm, passed)
-    at = _tips(arm, joints)[0]
-    error = np.linalg.norm(at - trajectory.waypoints.positions, axis=1)
+    tips, (low, high) = arm.tips(passed), arm.ranges()
+    error = np.linalg.norm(arm.tips(joints) - trajectory.waypoints.positions, axis=1)
     speeds = np.linalg.norm(np.diff(tips, axis=0), axis=1) / np.diff(fine)
     margin = np.minimum(joints - low, high - joints).min()
     return {
@@ -116,21 +113,3 @@ def check(arm: Arm, export: Export) -> dict[str, float]:
         "seconds": round(float(times[-1]), 1),
         "slowed": round(export.slowed, 2),
     }
-
-
-def _tips(
-    arm: Arm, joints: NDArray
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Where the tip is (N, 3) in configurations (N, n), metres, and each joint's range (n,)."""
-    import mujoco
-
-    model = arm.model()
-    data, tip = mujoco.MjData(model), model.site(PREFIX + arm.tip).id
-    numbers = [model.joint(PREFIX + name).id for name in arm.joints]
-    where, places = model.jnt_qposadr[numbers], np.empty((len(joints), 3))
-    for place, configuration in zip(places, joints, strict=True):
-        data.qpos[where] = configuration
-        mujoco.mj_kinematics(model, data)
-        place[:] = data.site_xpos[tip]
-    low, high = model.jnt_range[numbers].T
-    return places, low, high
