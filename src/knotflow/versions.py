@@ -16,7 +16,7 @@ VERSIONS = {
     "training": 4,
     "planning": 4,
     "perception": 3,
-    "execution": 3,
+    "execution": 4,
 }
 """Package below knotflow -> its version. One inside another, with a number of its own, is not
 covered by that of the outer one."""
