@@ -70,9 +70,10 @@ def test_methods_that_need_a_network_are_left_out_while_there_is_none(ropes, tmp
     out = tmp_path / "out"
     out.mkdir()
     given = {"ropes": ropes, "networks": tmp_path}
-    some = config(methods=["rendering_poor_start", "network"], crossings=[0])
+    some = config(methods=["rendering_poor_start", "network"], crossings=[0], levels=[0.0, 1.0])
     estimate_ropes(some, given, StageContext(out))
-    assert set(pd.read_csv(out / TABLE)["method"]) == {"rendering_poor_start"}
+    table = pd.read_csv(out / TABLE)
+    assert set(table["method"]) == {"rendering_poor_start"} and set(table["noise"]) == {1.0}
     assert "not run, as there is no network: network" in capsys.readouterr().out
     with pytest.raises(NetworkError, match="perception_training trains one"):
         estimate_ropes(config(methods=["network"]), given, StageContext(out))

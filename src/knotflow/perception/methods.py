@@ -42,6 +42,8 @@ class EstimationMethod:
     """Let these steps see depth."""
     plain: bool = False
     """No colour marks the head: it is told by a shape that is off by `POOR`."""
+    nominal: bool = False
+    """Compared at nominal noise only."""
 
     def estimate(
         self,
@@ -83,16 +85,22 @@ class EstimationMethod:
 
 METHODS = {
     "rendering": EstimationMethod(tracing=True),
-    "rendering_without_depth": EstimationMethod(tracing=True, depth=False),
-    "rendering_poor_start": EstimationMethod(),
+    "rendering_without_depth": EstimationMethod(tracing=True, depth=False, nominal=True),
+    "rendering_poor_start": EstimationMethod(nominal=True),
     "network": EstimationMethod(network=SELF_SUPERVISED, rendering=False),
-    "network_without_self_supervision": EstimationMethod(network=SUPERVISED, rendering=False),
+    "network_without_self_supervision": EstimationMethod(
+        network=SUPERVISED, rendering=False, nominal=True
+    ),
     "network_rendering": EstimationMethod(network=SELF_SUPERVISED),
-    "network_rendering_without_self_supervision": EstimationMethod(network=SUPERVISED),
-    "network_rendering_without_depth": EstimationMethod(network=SELF_SUPERVISED, depth=False),
+    "network_rendering_without_self_supervision": EstimationMethod(
+        network=SUPERVISED, nominal=True
+    ),
+    "network_rendering_without_depth": EstimationMethod(
+        network=SELF_SUPERVISED, depth=False, nominal=True
+    ),
     "network_tracing_rendering": EstimationMethod(tracing=True, network=SELF_SUPERVISED),
     "network_tracing_rendering_plain_rope": EstimationMethod(
-        tracing=True, network=SELF_SUPERVISED, plain=True
+        tracing=True, network=SELF_SUPERVISED, plain=True, nominal=True
     ),
 }
 """What the experiment compares, by name."""

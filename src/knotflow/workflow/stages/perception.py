@@ -36,7 +36,7 @@ from knotflow.workflow.stages.perception_networks import load_networks
 
 TABLE = "estimates.csv"
 NOMINAL = 1.0
-"""Level of noise of the images that are drawn."""
+"""Level of noise of the images that are drawn, and at which all methods are compared."""
 SHOWN = ("network_tracing_rendering", "rendering")
 """The first of these that is run is drawn."""
 
@@ -54,7 +54,7 @@ class PerceptionConfig:
     methods: list[str] = field(default_factory=lambda: list(METHODS))
     """Of `METHODS`; those that need a network are left out while there are no weights."""
     levels: list[float]
-    """Of noise."""
+    """Of noise; some methods are compared at 1 only."""
     crossings: list[int]
     """Numbers of crossings that ropes have."""
     ropes: int
@@ -164,6 +164,8 @@ def _estimate_rope(
         eye.appearance = replace(eye.appearance, head=None)
         plain = _image(eye, truth, rng)
         for method in config.methods:
+            if METHODS[method].nominal and level != NOMINAL:
+                continue
             image, rope_iou = plain if METHODS[method].plain else marked
             began = time.process_time()
             try:
