@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from knotflow.workflow import StageContext
@@ -75,3 +76,22 @@ def test_shards_that_could_run_side_by_side_are_counted_the_finished_ones_too(tm
 
 def _nothing(context, shard):
     pass
+
+
+def test_a_table_goes_on_after_the_rows_that_are_kept(tmp_path: Path) -> None:
+    made: list[str] = []
+
+    def rows(_context: StageContext, name: str) -> pd.DataFrame:
+        made.append(name)
+        if name == "c" and made.count("c") == 1:
+            raise KeyboardInterrupt
+        return pd.DataFrame({"name": [name] * 2, "share": [0.5, None], "note": ["", "NA"]})
+
+    context = StageContext(tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        context.table("all.csv", rows, ["b", "a", "c"], "rows")
+    assert not (tmp_path / "all.csv").exists()
+    context.table("all.csv", rows, ["b", "a", "c"], "rows")
+    assert made == ["b", "a", "c", "c"] and context.shards == 6
+    text = "name,share,note\n" + "".join(f"{one},0.5,\n{one},,NA\n" for one in "bac")
+    assert (tmp_path / "all.csv").read_text("utf-8") == text

@@ -17,6 +17,7 @@ from .progress import progress
 from .workers import WorkersConfig, each
 
 if TYPE_CHECKING:
+    import pandas as pd
     from tqdm import tqdm
 
     from .metrics import Metrics
@@ -92,6 +93,32 @@ class StageContext:
             for _ in each(work_here, shards, self.workers, self.after_save):
                 bar.update()
 
+    def table(
+        self,
+        file: str,
+        work: Callable[[StageContext, str], pd.DataFrame],
+        names: Sequence[str],
+        desc: str,
+    ) -> None:
+        """Makes a table, `file`: the rows that `work(context, name)` returns, for every name.
+
+        Each name is a shard. Its rows are kept in rows/NAME.csv as soon as they are made, so that
+        interrupted work goes on after them, and join the table as they are written there.
+
+        Raises:
+            ValueError: a name occurs twice.
+        """
+        import pandas as pd  # takes half a second
+
+        pending = self.pending([f"rows/{name}" for name in names], ".csv")
+        self.each(partial(_keep_rows, work), [one.removeprefix("rows/") for one in pending], desc)
+        with self.atomic(file) as path:
+            rows = [
+                pd.read_csv(self.out / "rows" / f"{name}.csv", dtype=str, keep_default_na=False)
+                for name in names
+            ]
+            pd.concat(rows).to_csv(path, index=False)
+
     @contextmanager
     def atomic(self, path: str | Path) -> Iterator[Path]:
         """A temporary path to write to; it becomes `path`, whole, when the block ends well.
@@ -130,6 +157,14 @@ class StageContext:
     def __getstate__(self) -> dict[str, Any]:
         """For worker processes: without the logger and the runner's clock."""
         return self.__dict__ | {"_logger": None, "after_save": None}
+
+
+def _keep_rows(
+    work: Callable[[StageContext, str], pd.DataFrame], context: StageContext, name: str
+) -> None:
+    rows = work(context, name)
+    with context.atomic(f"rows/{name}.csv") as path:
+        rows.to_csv(path, index=False)
 
 
 def _call(work: Callable[[StageContext, Any], None], context: StageContext, shard: Any) -> None:

@@ -55,12 +55,7 @@ def try_actions(config: ActionsConfig, inputs: Mapping[str, Path], context: Stag
     tied as a plan meets them, each from a random rope by a search; one shard a state.
     """
     names = [str(state) for state in start_states(config.most_crossings)]
-    pending = context.pending([f"rows/{name}" for name in names], ".csv")
-    work = partial(_try, config, dict(inputs))
-    context.each(work, [Path(one).name for one in pending], "actions")
-    with context.atomic(TABLE) as path:
-        rows = [pd.read_csv(context.out / "rows" / f"{name}.csv") for name in names]
-        pd.concat(rows).to_csv(path, index=False)
+    context.table(TABLE, partial(_try, config, dict(inputs)), names, "actions")
 
 
 def start_states(most_crossings: int) -> list[TopologicalState]:
@@ -71,7 +66,7 @@ def start_states(most_crossings: int) -> list[TopologicalState]:
 
 def _try(
     config: ActionsConfig, inputs: Mapping[str, Path], context: StageContext, name: str
-) -> None:
+) -> pd.DataFrame:
     state = TopologicalState.parse(name)
     number = [str(one) for one in start_states(config.most_crossings)].index(name)
     rng = np.random.default_rng([config.seed, number])
@@ -88,9 +83,8 @@ def _try(
         kind = CLASSES[primitive_of(action, state.num_segments)]
         for most, success in ((0, single.success), (config.arranging, several.success)):
             rows.append((name, str(action), kind, most, len(points), int(success.sum())))
-    with context.atomic(f"rows/{name}.csv") as path:
-        columns = ["start", "action", "class", "arranging", "trials", "successes"]
-        pd.DataFrame(rows, columns=columns).to_csv(path, index=False)
+    columns = ["start", "action", "class", "arranging", "trials", "successes"]
+    return pd.DataFrame(rows, columns=columns)
 
 
 def _start_shapes(

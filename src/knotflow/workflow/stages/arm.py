@@ -51,17 +51,14 @@ def follow_plans(config: ArmConfig, inputs: Mapping[str, Path], context: StageCo
 
     Inputs: what the sampler needs.
     """
-    names = [f"rows/{number:03d}" for number in range(config.plans)]
-    context.each(partial(_follow, config, dict(inputs)), context.pending(names, ".csv"), "plans")
-    with context.atomic(TABLE) as path:
-        rows = [pd.read_csv(context.out / f"{name}.csv") for name in names]
-        pd.concat(rows).to_csv(path, index=False)
+    names = [f"{number:03d}" for number in range(config.plans)]
+    context.table(TABLE, partial(_follow, config, dict(inputs)), names, "plans")
 
 
 def _follow(
     config: ArmConfig, inputs: Mapping[str, Path], context: StageContext, name: str
-) -> None:
-    number = int(Path(name).name)
+) -> pd.DataFrame:
+    number = int(name)
     goal = parse_goal(config.knot, config.simulation.rope)
     points = random_curve(
         config.simulation.rope, np.random.default_rng([config.seed, number, 0]), config.starts
@@ -78,8 +75,7 @@ def _follow(
     if plan.solved:
         arm = panda()
         row |= check(arm, export_plan(plan, arm, max_speed=config.max_speed))
-    with context.atomic(f"{name}.csv") as path:
-        pd.DataFrame([row], columns=COLUMNS).to_csv(path, index=False)
+    return pd.DataFrame([row], columns=COLUMNS)
 
 
 COLUMNS = [

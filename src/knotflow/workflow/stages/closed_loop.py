@@ -110,12 +110,7 @@ def execute_plans(
         for one in config.cases
         for twin in range(one.twins)
     }
-    pending = context.pending([f"rows/{name}" for name in shards], ".csv")
-    names = [Path(row).name for row in pending]
-    context.each(partial(_shard, config, dict(inputs), shards), names, "twins")
-    with context.atomic(TABLE) as path:
-        rows = [pd.read_csv(context.out / "rows" / f"{name}.csv") for name in shards]
-        pd.concat(rows).to_csv(path, index=False)
+    context.table(TABLE, partial(_shard, config, dict(inputs), shards), [*shards], "twins")
 
 
 def _shard(
@@ -124,7 +119,7 @@ def _shard(
     shards: Mapping[str, Shard],
     context: StageContext,
     name: str,
-) -> None:
+) -> pd.DataFrame:
     knot, level, number = shards[name]
     goal = parse_goal(knot, config.simulation.rope)
     planner = _Planner(config, goal, build_sampler(config.sampler, inputs))
@@ -141,8 +136,7 @@ def _shard(
         | _row(config, plans[CONTROLS[one.controller].robust], goal, one, number, planner, context)
         for one in cases
     ]
-    with context.atomic(f"rows/{name}.csv") as path:
-        pd.DataFrame(rows).to_csv(path, index=False)
+    return pd.DataFrame(rows)
 
 
 @dataclass(eq=False)

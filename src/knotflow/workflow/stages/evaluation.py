@@ -46,17 +46,13 @@ def evaluate(config: EvaluationConfig, inputs: Mapping[str, Path], context: Stag
     """
     names = [task.name for task in TASKS]
     work = partial(_evaluate, config, dict(inputs))
-    pending = context.pending([f"outcomes/{name}" for name in names], ".csv")
-    context.each(work, [Path(shard).name for shard in pending], "evaluation")
-    with context.atomic("outcomes.csv") as path:
-        tables = [pd.read_csv(context.out / "outcomes" / f"{name}.csv") for name in names]
-        pd.concat(tables).to_csv(path, index=False)
+    context.table("outcomes.csv", work, names, "evaluation")
     write_index(context.out / "recordings")
 
 
 def _evaluate(
     config: EvaluationConfig, inputs: Mapping[str, Path], context: StageContext, name: str
-) -> None:
+) -> pd.DataFrame:
     simulator = RopeSimulator(config.simulation)
     sampler = build_sampler(config.sampler, inputs)
     number = [task.name for task in TASKS].index(name)
@@ -72,8 +68,7 @@ def _evaluate(
         success = _tried(points, task, config, sampler, simulator, rng, recorder)
         rows += [(str(task.action), start, int(hit)) for hit in success]
     recorder.save(f"recordings/{name}.mcap")
-    with context.atomic(f"outcomes/{name}.csv") as path:
-        pd.DataFrame(rows, columns=["action", "start", "success"]).to_csv(path, index=False)
+    return pd.DataFrame(rows, columns=["action", "start", "success"])
 
 
 def _tried(

@@ -18,7 +18,6 @@ from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.plans import (
     SearchesConfig,
-    read_searches,
     recorded_search,
     search_row,
 )
@@ -57,12 +56,8 @@ def search_goals(config: GoalsConfig, inputs: Mapping[str, Path], context: Stage
     result.
     """
     goals = drawn_goals(config.sets, config.seed)
-    pending = [Path(row).name for row in context.pending([f"rows/{one}" for one in goals], ".csv")]
     alone = replace(context, workers=WorkersConfig(jobs=1))
-    alone.each(partial(_search, config, dict(inputs), goals), pending, "goals")
-    with context.atomic(TABLE) as path:
-        rows = [read_searches(context.out / "rows" / f"{name}.csv") for name in goals]
-        pd.concat(rows).to_csv(path, index=False)
+    alone.table(TABLE, partial(_search, config, dict(inputs), goals), [*goals], "goals")
     write_index(context.out / "recordings")
 
 
@@ -83,7 +78,7 @@ def _search(
     goals: Mapping[str, tuple[str, int, TopologicalState]],
     context: StageContext,
     name: str,
-) -> None:
+) -> pd.DataFrame:
     chosen, number, state = goals[name]
     rope, crossings = config.simulation.rope, state.num_crossings
     of_rope, of_search = (
@@ -94,8 +89,5 @@ def _search(
     plan = recorded_search(config, inputs, context, name, place, points, goal, of_search)
     row = search_row(plan, str(state), "random", number)
     columns = ["solved", "branches", "seconds", "nodes", "path", "knot_type", "confirmed", "reason"]
-    with context.atomic(f"rows/{name}.csv") as path:
-        pd.DataFrame(
-            [{"set": chosen, "goal": row["goal"], "rope_seed": number}
-             | {column: row[column] for column in columns}]
-        ).to_csv(path, index=False)  # fmt: skip
+    facts = {"set": chosen, "goal": row["goal"], "rope_seed": number}
+    return pd.DataFrame([facts | {column: row[column] for column in columns}])

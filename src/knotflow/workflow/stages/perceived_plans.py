@@ -76,17 +76,12 @@ def plan_what_is_seen(
     """
     names = [f"{number:03d}" for number in range(config.ropes)]
     work = partial(_plan_both, config, dict(inputs))
-    context.each(work, context.pending(names, ".csv"), "perceived plans")
-    with context.atomic(TABLE) as path:
-        tables = [pd.read_csv(context.out / f"{name}.csv", dtype={"rope": str}) for name in names]
-        pd.concat(tables).to_csv(path, index=False)
-    for name in names:
-        (context.out / f"{name}.csv").unlink()
+    context.table(TABLE, work, names, "perceived plans")
 
 
 def _plan_both(
     config: PerceivedPlansConfig, inputs: Mapping[str, Path], context: StageContext, name: str
-) -> None:
+) -> pd.DataFrame:
     rope, camera = config.simulation.rope, Camera.overhead()
     rng = np.random.default_rng([config.seed, int(name)])
     truth = random_curve(rope, rng, config.starts)
@@ -103,8 +98,7 @@ def _plan_both(
         {"rope": name, "planned_from": planned_from} | _outcome(config, inputs, points, truth, name)
         for planned_from, points in (("true", truth), ("estimated", seen))
     ]
-    with context.atomic(f"{name}.csv") as path:
-        pd.DataFrame(rows).to_csv(path, index=False)
+    return pd.DataFrame(rows)
 
 
 def _outcome(

@@ -81,14 +81,8 @@ def estimate_ropes(
     names = [f"{crossings}-{number}" for crossings, number in chosen]
     ropes = dict(zip(names, chosen.values(), strict=True))
     work = partial(_estimate_rope, config, ropes, inputs["networks"])
-    context.each(work, context.pending(names, ".csv"), "perception")
-    with context.atomic(TABLE) as path:
-        pd.concat([pd.read_csv(context.out / f"{name}.csv") for name in names]).to_csv(
-            path, index=False
-        )
+    context.table(TABLE, work, names, "perception")
     _draw(context, config.simulation.rope)
-    for name in names:
-        (context.out / f"{name}.csv").unlink()
 
 
 def choose_ropes(config: PerceptionConfig, path: Path) -> dict[tuple[int, int], NDArray]:
@@ -151,7 +145,7 @@ def _estimate_rope(
     weights: Path,
     context: StageContext,
     name: str,
-) -> None:
+) -> pd.DataFrame:
     truth, rope, camera = ropes[name], config.simulation.rope, Camera.overhead()
     networks = load_networks(weights)
     crossings, number = map(int, name.split("-"))
@@ -183,8 +177,7 @@ def _estimate_rope(
             if found is not None and (method, level, number) == (_shown(config), NOMINAL, 0):
                 with context.atomic(f"shown/{crossings}.npz") as path:
                     np.savez(path, rgb=image.rgb, found=found.points, seen=found.seen, truth=truth)
-    with context.atomic(f"{name}.csv") as path:
-        pd.DataFrame(rows).to_csv(path, index=False)
+    return pd.DataFrame(rows)
 
 
 def _image(

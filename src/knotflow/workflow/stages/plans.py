@@ -93,15 +93,11 @@ def make_plans(config: PlansConfig, inputs: Mapping[str, Path], context: StageCo
         parse_goal(case.goal, config.simulation.rope)
         _check_start(case.start, config, inputs)
     names = _names(config)
-    pending = [Path(row).name for row in context.pending([f"rows/{one}" for one in names], ".csv")]
     # A search of one branch after the other uses one core, so others may run beside it. One in
     # batches has all cores, and the seconds it takes with them are a result: it runs alone.
     if config.planner.batch > 1:
         context = replace(context, workers=WorkersConfig(jobs=1))
-    context.each(partial(_search, config, dict(inputs)), pending, "plans")
-    with context.atomic(SEARCHES) as path:
-        rows = [read_searches(context.out / "rows" / f"{name}.csv") for name in names]
-        pd.concat(rows).to_csv(path, index=False)
+    context.table(SEARCHES, partial(_search, config, dict(inputs)), [*names], "plans")
     if any((context.out / "recordings").glob("*.mcap")):
         write_index(context.out / "recordings")
 
@@ -117,16 +113,14 @@ def _names(config: PlansConfig) -> dict[str, tuple[int, int]]:
 
 def _search(
     config: PlansConfig, inputs: Mapping[str, Path], context: StageContext, name: str
-) -> None:
+) -> pd.DataFrame:
     names, rope = _names(config), config.simulation.rope
     number, seed = names[name]
     case, rng = config.cases[number], np.random.default_rng([config.seed, seed, 1])
     points, goal = _start(case, config, seed, inputs), parse_goal(case.goal, rope)
     place = [*names].index(name)
     plan = recorded_search(config, inputs, context, name, place, points, goal, rng)
-    with context.atomic(f"rows/{name}.csv") as path:
-        row = search_row(plan, case.goal, case.start, seed)
-        pd.DataFrame([{"plan": name, **row}]).to_csv(path, index=False)
+    return pd.DataFrame([{"plan": name} | search_row(plan, case.goal, case.start, seed)])
 
 
 def recorded_search(

@@ -103,16 +103,10 @@ def track_rollouts(
         for task in TASKS
         for number in range(config.rollouts)
     ]
-    context.each(partial(_track, config, names[0]), context.pending(names, ".csv"), "tracking")
-    with context.atomic(TABLE) as path:
-        pd.concat([pd.read_csv(context.out / f"{name}.csv") for name in names]).to_csv(
-            path, index=False
-        )
-    for name in names:
-        (context.out / f"{name}.csv").unlink()
+    context.table(TABLE, partial(_track, config, names[0]), names, "tracking")
 
 
-def _track(config: TrackingConfig, shown: str, context: StageContext, name: str) -> None:
+def _track(config: TrackingConfig, shown: str, context: StageContext, name: str) -> pd.DataFrame:
     """One rollout; that of the name `shown` is recorded with its images."""
     level, action, number = name.split("-")
     rng = np.random.default_rng([config.seed, int(level), *map(ord, action), int(number)])
@@ -160,9 +154,7 @@ def _track(config: TrackingConfig, shown: str, context: StageContext, name: str)
                 points = np.stack([one.points for one in found]).astype(np.float32)
                 _record(context, rope, attempts, RolloutImages(tuple(map(_jpeg, images)), points))
     table = pd.DataFrame(rows).assign(level=int(level), action=action, rollout=name)
-    table = table[COLUMNS].round({"mean_error_mm": 3, "visible_share": 3, "seconds": 4})
-    with context.atomic(f"{name}.csv") as path:
-        table.to_csv(path, index=False)
+    return table[COLUMNS].round({"mean_error_mm": 3, "visible_share": 3, "seconds": 4})
 
 
 COLUMNS = [
