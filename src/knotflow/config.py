@@ -120,6 +120,10 @@ class JointBudget:
         default_factory=lambda: PlansBudget(seeds=50, seed=41, planner=STEADY_SEARCH)
     )
     """Searches from random ropes, before and after."""
+    posterior: PlannerConfig = field(
+        default_factory=lambda: PlannerConfig(max_branches=500, max_seconds=3600.0)
+    )
+    """How a tree grows from the same ropes by the rule that is not the paper's."""
 
 
 @dataclass

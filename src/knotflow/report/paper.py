@@ -42,6 +42,10 @@ IMITATION = Method("imitation", "imitation", "#56b4e9")
 REINFORCEMENT = Method("reinforcement", "imitation + RL", "#0072b2")
 
 ARRANGED = Method("reinforcement_arranged", "RL + arranging", "#009e73")
+BY_POSTERIOR = (
+    Method("independent_posterior", "independently, posterior rule", "#e69f00"),
+    Method("joint_posterior", "jointly, posterior rule", "#009e73"),
+)
 
 SINGLE_STAGE = (RANDOM, ICP, IMITATION, REINFORCEMENT)
 TREE_SIZE = (ICP, IMITATION, REINFORCEMENT)
@@ -57,7 +61,7 @@ JOINT = (
 STARTS = ("straight", "arc")
 
 #: Further methods of ours, shown where they were measured.
-FURTHER = {ARRANGED.name: ARRANGED}
+FURTHER = {method.name: method for method in (ARRANGED, *BY_POSTERIOR)}
 # For whatever else is measured beyond the paper's methods (a sampler of one's own, say).
 _EXTRA_COLOURS = ("#cc79a7", "#d55e00", "#009e73", "#f0e442")
 
