@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
+from knotflow.intervals import Interval
 from knotflow.report.claims import Claim, Judgement, NotMeasured, Verdict
 from knotflow.report.learning import read_curves
-from knotflow.report.paper import JOINT, OVERHAND_LIMIT, with_extras
+from knotflow.report.paper import BY_POSTERIOR, JOINT, OVERHAND_LIMIT, with_extras
 from knotflow.report.rates import rate_table, read_rates
 from knotflow.report.results import Results
 from knotflow.report.searches import branches, confirmation, of, read_searches, search_table, spent
@@ -57,16 +59,18 @@ def fewer_branches(results: Results) -> Judgement:
     if missing:
         raise NotMeasured(f"needs {listed(missing)} in {EXPERIMENT}")
     base, first = methods.values()
-    # The same seed is the same start: with all seeds on both sides the pairs are resampled.
-    paired = first["seed"].tolist() == base["seed"].tolist()
     before, after = (own["branches"].to_numpy(float) for own in (base, first))
-    fewer = mean_difference(after, before, paired=paired)
+    fewer = _fewer(base, first)
     unsolved = sum(~first["solved"]) + sum(~base["solved"])
     ours = (
         f"{_mean_spread(before)} / {_mean_spread(after)} over {len(before)} and "
         f"{len(after)} starts; difference {estimate(fewer)}"
         + (f"; {unsolved} gave up" if unsolved else "")
     )
+    others = [of(searches, method.name).sort_values("seed") for method in BY_POSTERIOR]
+    if not any(own.empty for own in others):
+        spreads = " / ".join(_mean_spread(own["branches"].to_numpy(float)) for own in others)
+        ours += f"; by the posterior rule {spreads}, difference {estimate(_fewer(*others))}"
     if fewer.estimate >= 0:
         return Judgement(ours, Verdict.FAILS)
     sure = fewer.high is not None and fewer.high < 0
@@ -79,6 +83,14 @@ def fewer_branches(results: Results) -> Judgement:
     told = f"means of {estimate(means[0])} and {estimate(means[1])} branches"
     size = told if sure and outside else ""
     return Judgement(ours, Verdict.HOLDS if sure and narrower else Verdict.PARTLY, size)
+
+
+def _fewer(base: pd.DataFrame, first: pd.DataFrame) -> Interval:
+    """Branches of `first` less those of `base`. The same seed is the same start: with all seeds on
+    both sides the pairs are resampled."""
+    paired = first["seed"].tolist() == base["seed"].tolist()
+    before, after = (own["branches"].to_numpy(float) for own in (base, first))
+    return mean_difference(after, before, paired=paired)
 
 
 def _mean_spread(counts: np.ndarray) -> str:
