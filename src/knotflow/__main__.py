@@ -38,6 +38,8 @@ def main(config: DictConfig) -> None:
             workers=WorkersConfig(**config.workers),
         )
     except (ValueError, RuntimeError, OSError, ModuleNotFoundError) as error:
+        if os.environ.get("HYDRA_FULL_ERROR") == "1":  # Hydra's own switch for a traceback
+            raise
         notes = getattr(error, "__notes__", ())  # there only once something was noted
         sys.exit(f"error: {error}" + "".join(f"\n{note}" for note in notes))
     for folder in folders:

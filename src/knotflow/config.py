@@ -87,8 +87,8 @@ STEADY_SEARCH = PlannerConfig(
 """One branch after the other (Sec. V-B d), straight on towards the goal, but soon elsewhere where
 nothing succeeds, such as at loops that are too tight. What counts is the number of branches."""
 FAST_SEARCH = PlannerConfig(batch=4, max_branches=20_000, max_seconds=60.0)
-"""In batches, to use all cores; what counts is the time. On two cores an overhand takes a quarter of
-the time that it takes in batches of 16, and hard goals as long; with more cores raise it."""
+"""In batches, to use all cores; what counts is the time. On two cores an overhand takes a quarter
+of the time that it takes in batches of 16, and hard goals as long; with more cores raise it."""
 
 
 @dataclass

@@ -15,12 +15,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from knotflow.planning.homfly import homfly_type
 from knotflow.topology import TopologicalState
 from knotflow.topology.draw import draw
-
-MOST_CROSSINGS = 40
-"""Of the closed curve as topoly projects it; of more, its answer is "TMC", too many. Its default of
-15 is too few for a pentagram at rest."""
 
 
 class KnotMismatchError(ValueError):
@@ -51,25 +48,9 @@ def knot_type(points: ArrayLike) -> str:
 
     Raises:
         ModuleNotFoundError: topoly, of the extra `test`, is not installed.
+        RuntimeError: topoly failed; says how.
     """
-    try:
-        from topoly import homfly
-        from topoly.params import Closure
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            "confirming a knot's type needs topoly: pip install 'knotflow[test]'"
-        ) from error
-    return str(
-        homfly(
-            closed_curve(points).tolist(),
-            closure=Closure.CLOSED,
-            chiral=True,
-            max_cross=MOST_CROSSINGS,
-            # Its default forks a pool even for a single curve, which can hang for good beside the
-            # threads of a simulator.
-            run_parallel=False,
-        )
-    )
+    return homfly_type(closed_curve(points).tolist())
 
 
 def expected_type(state: TopologicalState) -> str:
