@@ -17,6 +17,13 @@ class Rigid:
         return points[:, None] + (gripper - centre[:, None])[:, :, None]
 
 
+class Biased(Rigid):
+    """Besides, it believes that the rope drifts by 1 cm a tick."""
+
+    def predict(self, *asked):
+        return super().predict(*asked) + torch.tensor([0.0, 0.01, 0.0])
+
+
 def begin(config, off=(0.03, -0.02, 0.0), dynamics=None):
     """A controller, and the rope, which is off the reference by some metres."""
     controller = Mppi(dynamics or Rigid(), config)
@@ -47,6 +54,13 @@ def test_a_rope_off_the_plan_is_brought_back():
 
 def test_a_rope_on_the_plan_stays_there():
     assert follow(*begin(MppiConfig(), off=(0.0, 0.0, 0.0))).max() < 0.006
+
+
+def test_what_the_model_gets_wrong_on_the_plan_is_not_corrected():
+    on_plan = begin(MppiConfig(), off=(0.0, 0.0, 0.0), dynamics=Biased())
+    assert follow(*on_plan).max() < 0.006
+    off = follow(*begin(MppiConfig(), dynamics=Biased()))
+    assert off[-5:].max() < 0.006
 
 
 def test_the_same_seed_chooses_the_same_moves():

@@ -5,6 +5,11 @@ with actions "initialized by the planned spline". Here an action is what is adde
 displacement of a tick, so the planned spline is the zero action. The sampling, weighting and
 averaging of action sequences is pytorch-mppi's. Sequences are drawn at a few knots and run smoothly
 between them: of as many samples independent in every tick, most only shake the rope.
+
+A learned model errs even where the rope lies as planned, and would be corrected for it: steered by
+the distance from the plan itself, fewer plans succeed on the very rope that they were made for than
+without control. So the rope is to be where the model predicts the planned rope under the planned
+motion. There the zero action is the best.
 """
 
 from __future__ import annotations
@@ -69,6 +74,7 @@ class Mppi:
         self._weights = torch.from_numpy(np.asarray(weights, np.float32))
         self._grasped, self._tick = grasped, 0
         self._vertices = len(weights)
+        self._expected = self._predicted_plan()
         bound = torch.full((3,), config.bound)
         self._planner = KMPPI(
             self._next,
@@ -105,6 +111,26 @@ class Mppi:
         low = [-self.config.reach, -self.config.reach, self.config.table]
         return np.clip(there, low, [self.config.reach, self.config.reach, np.inf])
 
+    @one_thread()
+    def _predicted_plan(self) -> Tensor:
+        """(T, horizon + 1, V, 3) metres: the planned rope of each frame, and where the model takes
+        it from there in the ticks to come, by the planned motion."""
+        import torch
+
+        with torch.no_grad():
+            points, path = self._reference, self._path
+            velocities = torch.diff(points, dim=0, prepend=points[:1]) / STEP
+            held = torch.full((len(points),), self._grasped)
+            gripper = (points[:, self._grasped] + points[:, self._grasped + 1]) / 2
+            frames, now = torch.arange(len(points)), [points]
+            for ahead in range(self.config.horizon):
+                step = path[(frames + ahead + 1).clamp(max=len(path) - 1)]
+                gripper = gripper + step - path[(frames + ahead).clamp(max=len(path) - 1)]
+                moved = self.dynamics.predict(now[-1], velocities, held, gripper[:, None])[:, 0]
+                velocities = (moved - now[-1]) / STEP
+                now.append(moved)
+        return torch.stack(now, 1)
+
     def _at(self, ahead: int) -> int:
         """Index of the planned frame that many ticks ahead; the last one stays."""
         return min(self._tick + ahead, len(self._path) - 1)
@@ -137,8 +163,9 @@ class Mppi:
         return self.config.terminal * self._deviation(points, self.config.horizon)
 
     def _deviation(self, points: Tensor, ahead: int) -> Tensor:
-        """Weighted mean square distance (K,) from the planned rope, square centimetres."""
-        square = (points - self._reference[self._at(ahead)]).square().sum(-1)
+        """Weighted mean square distance (K,) from the planned rope as the model sees it, square
+        centimetres."""
+        square = (points - self._expected[self._at(0), ahead]).square().sum(-1)
         return (square * self._weights).mean(1) * _CM2
 
     def _split(self, states: Tensor) -> tuple[Tensor, Tensor, Tensor]:
