@@ -108,7 +108,7 @@ def test_several_experiments_run_with_the_same_overrides_and_go_on(command, tmp_
     done = command(*asked, results=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     told = [line.split()[:2] for line in done.stdout.splitlines()[-3:]]
-    assert told == [["benchmark", "2"], ["demonstrator", "1"], ["together", "3"]]
+    assert told == [["benchmark", "3"], ["demonstrator", "1"], ["together", "4"]]
     records = {name: tmp_path / name / "run.json" for name in ("benchmark", "demonstrator")}
     runs = [json.loads(path.read_text()) for path in records.values()]
     commits = {node["commit"] for run in runs for node in run["stages"].values()}
