@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import deque
 
 import numpy as np
@@ -10,6 +11,15 @@ import topoly
 
 from knotflow.topology import KNOT_NAMES, Cross, TopologicalState, knot
 from knotflow.topology.draw import draw
+
+
+@pytest.fixture(autouse=True)
+def descriptor_0():
+    """topoly closes it, see `knotflow.planning.homfly`."""
+    kept = os.dup(0)
+    yield
+    os.dup2(kept, 0)
+    os.close(kept)
 
 
 def homfly_of_diagram(state):
