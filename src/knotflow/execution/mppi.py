@@ -69,12 +69,12 @@ class Mppi:
         from pytorch_mppi.mppi import KMPPI, RBFKernel
 
         config = self.config
-        self._reference = torch.from_numpy(np.asarray(reference, np.float32))
-        self._path = torch.from_numpy(np.asarray(path, np.float32))
+        planned = torch.from_numpy(np.asarray(path, np.float32))
+        self._steps = torch.diff(planned, dim=0, append=planned[-1:])  # at its end it stays
         self._weights = torch.from_numpy(np.asarray(weights, np.float32))
         self._grasped, self._tick = grasped, 0
         self._vertices = len(weights)
-        self._expected = self._predicted_plan()
+        self._expected = self._predicted(torch.from_numpy(np.asarray(reference, np.float32)))
         bound = torch.full((3,), config.bound)
         self._planner = KMPPI(
             self._next,
@@ -105,46 +105,47 @@ class Mppi:
             torch.manual_seed(self.config.seed + self._tick)
             action = self._planner.command(state.float(), self._tick > 0)
         action = action.clamp(-self.config.bound, self.config.bound)  # knots overshoot
-        planned = self._path[self._at(1)] - self._path[self._at(0)]
+        planned = self._steps[self._at(0)]
         self._tick += 1
         there = gripper + (planned + action).numpy().astype(np.float64)
         low = [-self.config.reach, -self.config.reach, self.config.table]
         return np.clip(there, low, [self.config.reach, self.config.reach, np.inf])
 
     @one_thread()
-    def _predicted_plan(self) -> Tensor:
-        """(T, horizon + 1, V, 3) metres: the planned rope of each frame, and where the model takes
-        it from there in the ticks to come, by the planned motion."""
+    def _predicted(self, points: Tensor) -> Tensor:
+        """(T, horizon + 1, V, 3) metres: the planned rope (T, V, 3) of each frame, and where the
+        model takes it from there in the ticks to come, by the planned motion."""
         import torch
 
         with torch.no_grad():
-            points, path = self._reference, self._path
             velocities = torch.diff(points, dim=0, prepend=points[:1]) / STEP
-            held = torch.full((len(points),), self._grasped)
             gripper = (points[:, self._grasped] + points[:, self._grasped + 1]) / 2
-            frames, now = torch.arange(len(points)), [points]
+            frames, shapes = torch.arange(len(points)), [points]
             for ahead in range(self.config.horizon):
-                step = path[(frames + ahead + 1).clamp(max=len(path) - 1)]
-                gripper = gripper + step - path[(frames + ahead).clamp(max=len(path) - 1)]
-                moved = self.dynamics.predict(now[-1], velocities, held, gripper[:, None])[:, 0]
-                velocities = (moved - now[-1]) / STEP
-                now.append(moved)
-        return torch.stack(now, 1)
+                gripper = gripper + self._steps[(frames + ahead).clamp(max=len(self._steps) - 1)]
+                points, velocities = self._moved(points, velocities, gripper)
+                shapes.append(points)
+        return torch.stack(shapes, 1)
+
+    def _moved(self, points: Tensor, velocities: Tensor, gripper: Tensor) -> tuple[Tensor, Tensor]:
+        """The rope's vertices and velocities (K, V, 3) when the gripper is at (K, 3), a tick on."""
+        import torch
+
+        held = torch.full((len(points),), self._grasped)
+        moved = self.dynamics.predict(points, velocities, held, gripper[:, None])[:, 0]
+        return moved, (moved - points) / STEP
 
     def _at(self, ahead: int) -> int:
         """Index of the planned frame that many ticks ahead; the last one stays."""
-        return min(self._tick + ahead, len(self._path) - 1)
+        return min(self._tick + ahead, len(self._steps) - 1)
 
     def _next(self, states: Tensor, actions: Tensor, step: int) -> Tensor:
         import torch
 
         points, velocities, gripper = self._split(states)
-        planned = self._path[self._at(step + 1)] - self._path[self._at(step)]
-        gripper = gripper + planned + actions
-        grasped = torch.full((len(states),), self._grasped)
-        moved = self.dynamics.predict(points, velocities, grasped, gripper[:, None])[:, 0]
-        velocities = (moved - points) / STEP
-        return torch.cat([moved.flatten(1), velocities.flatten(1), gripper], 1)
+        gripper = gripper + self._steps[self._at(step)] + actions
+        points, velocities = self._moved(points, velocities, gripper)
+        return torch.cat([points.flatten(1), velocities.flatten(1), gripper], 1)
 
     def _cost(self, states: Tensor, actions: Tensor, step: int) -> Tensor:
         config = self.config

@@ -146,7 +146,7 @@ class Estimated:
     config: EstimateConfig | None = None
     """How it is estimated. After a doubt more paths are tried."""
     network: Network | None = None
-    """Proposes one more first guess; the shipped one where none is given."""
+    """Proposes further first guesses; the shipped one where none is given."""
     tracker: Tracker | None = None
     """Goes on from what is seen."""
     _before: float | None = field(default=None, init=False)

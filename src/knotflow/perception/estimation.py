@@ -22,7 +22,7 @@ from knotflow.perception.image import RgbdImage
 from knotflow.perception.lifting import lift
 from knotflow.perception.losses import Target
 from knotflow.perception.network import Network, shipped_network
-from knotflow.perception.searching import SearchConfig, rope_cost, search, total_loss
+from knotflow.perception.searching import SearchConfig, is_plausible, search, total_loss
 from knotflow.perception.segmentation import segment
 from knotflow.perception.tracing import TraceError, trace
 from knotflow.perception.uncertainty import spread
@@ -136,7 +136,7 @@ def estimate(
         near, eye = _view(likely, target, camera)
         for guess in likely:
             shapes.append(fit(guess, near, eye, rope, fine))
-            if _is_good(shapes[-1], near, eye, rope, config):
+            if is_plausible(shapes[-1], near, eye, rope, config.explained, config.search, fine):
                 break
         else:
             guesses = _guesses(target, image, camera, rope, config)
@@ -250,15 +250,6 @@ def _view(shapes: Sequence[NDArray], target: Target, camera: Camera) -> tuple[Ta
         low, high = int(inside.min()) - _MARGIN, int(inside.max()) + _MARGIN + 1
         spans.append(slice(max(0, low), min(size, high)))
     return target.cropped(*spans), camera.cropped(*spans)
-
-
-def _is_good(
-    shape: Floats, target: Target, camera: Camera, rope: RopeConfig, config: EstimateConfig
-) -> bool:
-    """Whether a shape (V, 3) accounts for the image, and bends as a rope does."""
-    cost = rope_cost(shape, target, rope, config.fit or FitConfig())
-    share = explained(shape, target, camera, rope)
-    return cost < config.search.plain and share >= config.explained
 
 
 def _head(

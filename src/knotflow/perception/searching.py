@@ -93,9 +93,9 @@ def search(
 
     def settled(shape: Floats) -> bool:
         """Whether nothing is left to be accounted for by a shape that was rearranged."""
-        share = explained(shape, target, camera, rope)
-        plain = rope_cost(shape, target, rope, fine) < config.plain
-        return _is_among(shape, done) and plain and share >= config.enough
+        return _is_among(shape, done) and is_plausible(
+            shape, target, camera, rope, config.enough, config, fine
+        )
 
     done: list[Floats] = []
     shapes = ordered(fitted(guesses, config.first))
@@ -137,6 +137,20 @@ def total_loss(
     with torch.no_grad():
         loss = image_loss(points, target, camera, rope, config) + shape_loss(points, rope, config)
     return loss.numpy()
+
+
+def is_plausible(
+    shape: Floats,
+    target: Target,
+    camera: Camera,
+    rope: RopeConfig,
+    share: float,
+    config: SearchConfig,
+    fine: FitConfig,
+) -> bool:
+    """Whether a shape (V, 3) accounts for that share of the rope's image, and bends as a rope."""
+    plain = rope_cost(shape, target, rope, fine) < config.plain
+    return plain and explained(shape, target, camera, rope) >= share
 
 
 def rope_cost(shape: Floats, target: Target, rope: RopeConfig, config: FitConfig) -> float:
