@@ -24,6 +24,7 @@ from knotflow.execution.training_config import SHIPPED_DYNAMICS
 from knotflow.perception.training_config import (
     SELF_SUPERVISION_STEPS,
     SHIPPED_NETWORK,
+    StrandTrainingConfig,
     TrainingConfig,
 )
 from knotflow.planning import PlannerConfig
@@ -344,14 +345,16 @@ class TrackingBudget:
 
 @dataclass
 class PerceptionTrainingBudget:
-    """The network that sees ropes."""
+    """The networks that see ropes."""
 
     shards: int = 100
     """Of 32 ropes, whose shapes are learned from."""
     rounds: int = ROUNDS
     """Splines that each of these is moved by, one after the other."""
     training: TrainingConfig = field(default_factory=TrainingConfig)
-    """Learning from drawings of these shapes."""
+    """Learning to see a whole rope, from drawings of these shapes."""
+    strands: StrandTrainingConfig = field(default_factory=StrandTrainingConfig)
+    """Learning to follow strands, from windows along them."""
     seed: int = 4_500_007
     """Of shapes, weights and drawings; used for nothing else."""
 

@@ -18,10 +18,19 @@ from .seeing import see
 from .segmentation import Segmentation, segment
 from .self_supervision import SelfSupervision, SelfSupervisionConfig
 from .simulated import SimulatedCamera, View
+from .strand_network import StrandNetwork
+from .strand_training import StrandTraining
 from .tracing import Trace, TraceError, trace
 from .tracking import Tracker, TrackerConfig
 from .training import Training
-from .training_config import CoarseToFineConfig, ExamplesConfig, LossConfig, TrainingConfig
+from .training_config import (
+    CoarseToFineConfig,
+    ExamplesConfig,
+    LossConfig,
+    StrandNetworkConfig,
+    StrandTrainingConfig,
+    TrainingConfig,
+)
 from .uncertainty import spread
 from .unmixing import coverage
 
@@ -50,6 +59,10 @@ __all__ = [
     "SelfSupervision",
     "SelfSupervisionConfig",
     "SimulatedCamera",
+    "StrandNetwork",
+    "StrandNetworkConfig",
+    "StrandTraining",
+    "StrandTrainingConfig",
     "Target",
     "Trace",
     "TraceError",

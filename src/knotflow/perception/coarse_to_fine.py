@@ -108,11 +108,13 @@ def _halving(before: int, channels: int, residuals: int) -> nn.Sequential:
         nn.Conv2d(before, channels, 4, stride=2, padding=1, bias=False),
         nn.BatchNorm2d(channels),
         nn.ReLU(),
-        *(_Residual(channels) for _ in range(residuals)),
+        *(Residual(channels) for _ in range(residuals)),
     )
 
 
-class _Residual(nn.Module):
+class Residual(nn.Module):
+    """A convolution (N, C, H, W) beside the identity."""
+
     def __init__(self, channels: int) -> None:
         super().__init__()
         self.body = nn.Sequential(

@@ -1,8 +1,9 @@
-"""The state estimation network: a first guess at a rope from one RGB-D image (Sec. VI, [15]).
+"""State estimation networks: first guesses at a rope from one RGB-D image (Sec. VI, [15]).
 
-The network sees the rope's patch of the table in each of its four mirror images, so that its guess
-turns and mirrors with the rope, and of the four guesses the one is taken that accounts best for
-where rope is seen. The fit does the rest: `estimate(image, camera, rope, initial=points)`.
+One network sees the rope's patch of the table in each of its four mirror images, so that its guess
+turns and mirrors with the rope. Another follows strands from window to window. Of all their guesses
+the one counts first that accounts best for where rope is seen. The fit does the rest:
+`estimate(image, camera, rope, initial=points)`.
 """
 
 from __future__ import annotations
@@ -26,17 +27,26 @@ from knotflow.perception.image import RgbdImage
 from knotflow.perception.patch import Patch, seen_places
 from knotflow.perception.rendering import render
 from knotflow.perception.segmentation import Segmentation
+from knotflow.perception.strand_network import StrandNetwork
+from knotflow.perception.strand_tracing import trace_rope
 from knotflow.perception.tracing import TraceError
-from knotflow.perception.training_config import SHIPPED_NETWORK, CoarseToFineConfig
+from knotflow.perception.training_config import (
+    SHIPPED_NETWORK,
+    CoarseToFineConfig,
+    StrandNetworkConfig,
+)
 from knotflow.perception.unmixing import coverage
 from knotflow.simulation import RopeConfig, resample
 from knotflow.threads import one_thread
 
 FORMAT = "knotflow state estimation"
 VERSION = "1"
-"""Raised when the patch or the network change, so that older weights mean something else."""
+"""Raised when patch, window or networks change, so that older weights mean something else."""
+_STRANDS = "strands."  # begins the names of the second network's weights
 FLIPS = ((1, 1), (-1, 1), (1, -1), (-1, -1))
 """The patch's mirror images: signs of its first and second axis."""
+PATHS = 12
+"""Paths along the strands that are guesses, most."""
 SOFTNESS = 4e-3
 """Softness of the rendering by which guesses are compared, metres."""
 
@@ -48,10 +58,15 @@ class NetworkError(ValueError):
 
 
 class Network:
-    """A trained network; proposes ropes for images. It computes on one thread of PyTorch."""
+    """Trained networks; they propose ropes for images, on one thread of PyTorch.
 
-    def __init__(self, model: CoarseToFine) -> None:
-        self.model = model
+    Attributes:
+        model: sees a whole rope.
+        strands: follows strands; None where only whole ropes are seen.
+    """
+
+    def __init__(self, model: CoarseToFine, strands: StrandNetwork | None = None) -> None:
+        self.model, self.strands = model, strands
 
     @one_thread()
     @torch.no_grad()
@@ -74,8 +89,8 @@ class Network:
     def guesses(
         self, image: RgbdImage, camera: Camera, rope: RopeConfig, segmentation: Segmentation
     ) -> list[tuple[Floats, Floats]]:
-        """First guesses at the rope of an image, one from each mirror image of its patch; the one
-        that covers the segmentation best comes first.
+        """First guesses at the rope of an image, one from each mirror image of its patch, and the
+        `PATHS` likeliest along its strands; the one that covers the segmentation best comes first.
 
         Args:
             image: of this camera.
@@ -94,7 +109,7 @@ class Network:
         self.model.eval()
         mirrored = torch.stack(list(_mirrored(torch.as_tensor(crop))))
         nodes = self.model(mirrored)[-1]
-        found: list[tuple[float, Floats, Floats]] = []
+        found: list[tuple[Floats, Floats]] = []
         for flip, places, log_scale in zip(FLIPS, *nodes, strict=True):
             shape = patch.flipped(*flip).to_world(places.double().numpy(), camera)
             shape = project_lengths(shape, rope.length / (len(shape) - 1))
@@ -104,20 +119,30 @@ class Network:
                 np.linspace(0, 1, len(shape)),
                 1.0 - np.exp(-2 * rope.radius / scale),
             )
-            missed = _missed(shape, share, segmentation, camera, rope)
-            found.append((missed, resample(shape, rope), confidence))
-        return [one[1:] for one in sorted(found, key=lambda one: one[0])]
+            found.append((resample(shape, rope), confidence))
+        if self.strands is not None:
+            found += trace_rope(self.strands, segmentation, share, camera, rope)[:PATHS]
+
+        def missed(guess: tuple[Floats, Floats]) -> float:
+            return _missed(guess[0], share, segmentation, camera, rope)
+
+        return sorted(found, key=missed)
 
     def save(self, path: Path | str, half: bool = True) -> None:
         """Write weights (by default in half precision) and sizes to one safetensors file."""
         from safetensors.torch import save_file
 
+        about = {"format": FORMAT, "version": VERSION}
+        about["network"] = json.dumps(asdict(self.model.config))
+        weights = dict(self.model.state_dict())
+        if self.strands is not None:
+            about["strands"] = json.dumps(asdict(self.strands.config))
+            weights |= {_STRANDS + name: one for name, one in self.strands.state_dict().items()}
         weights = {
             name: (one.half() if half and one.is_floating_point() else one).contiguous()
-            for name, one in self.model.state_dict().items()
+            for name, one in weights.items()
         }
-        sizes = json.dumps(asdict(self.model.config))
-        save_file(weights, path, {"format": FORMAT, "version": VERSION, "network": sizes})
+        save_file(weights, path, about)
 
     @classmethod
     def load(cls, path: Path | str = SHIPPED_NETWORK) -> Network:
@@ -131,7 +156,7 @@ class Network:
         try:
             with safe_open(path, "pt") as file:
                 about = file.metadata() or {}
-                weights: dict[str, Tensor] = {name: file.get_tensor(name) for name in file.keys()}
+                weights = {name: _float(file.get_tensor(name)) for name in file.keys()}
         except (OSError, SafetensorError) as error:
             raise NetworkError(
                 f"{path}: no network can be read ({error}); "
@@ -142,16 +167,29 @@ class Network:
                 f"{path}: is {about.get('format', 'of no known format')}, version "
                 f"{about.get('version', 'unknown')}; {FORMAT}, version {VERSION} is needed"
             )
-        sizes: dict[str, Any] = json.loads(about["network"])
-        lists = {name: tuple(one) for name, one in sizes.items() if isinstance(one, list)}
-        model = CoarseToFine(CoarseToFineConfig(**(sizes | lists)))
+        model = CoarseToFine(CoarseToFineConfig(**_sizes(about["network"])))
+        strands = None
+        if "strands" in about:
+            strands = StrandNetwork(StrandNetworkConfig(**_sizes(about["strands"])))
+        whole = {name: one for name, one in weights.items() if not name.startswith(_STRANDS)}
+        others = {name.removeprefix(_STRANDS): weights[name] for name in weights.keys() - whole}
         try:
-            model.load_state_dict(
-                {n: one.float() if one.is_floating_point() else one for n, one in weights.items()}
-            )
+            model.load_state_dict(whole)
+            if strands is not None:
+                strands.load_state_dict(others)
         except RuntimeError as error:
             raise NetworkError(f"{path}: weights do not fit: {error}") from error
-        return cls(model)
+        return cls(model, strands)
+
+
+def _float(weights: Tensor) -> Tensor:
+    return weights.float() if weights.is_floating_point() else weights
+
+
+def _sizes(text: str) -> dict[str, Any]:
+    """A network's sizes as they were saved."""
+    sizes: dict[str, Any] = json.loads(text)
+    return {name: tuple(one) if isinstance(one, list) else one for name, one in sizes.items()}
 
 
 @cache

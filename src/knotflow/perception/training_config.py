@@ -37,6 +37,16 @@ class CoarseToFineConfig:
 
 
 @dataclass
+class StrandNetworkConfig:
+    """Sizes of the network that follows strands."""
+
+    channels: tuple[int, ...] = (16, 32, 64)
+    """Features of the encoder, each at half the resolution of the one before."""
+    width: int = 96
+    """Features of what is told from them."""
+
+
+@dataclass
 class ExamplesConfig:
     """How much examples differ from the shapes they are drawn from; uniform unless said."""
 
@@ -79,15 +89,11 @@ class LossConfig:
 
 
 @dataclass
-class TrainingConfig:
-    """The effort, and what is learned from."""
+class EffortConfig:
+    """The effort of a training, and what is learned from."""
 
-    network: CoarseToFineConfig = field(default_factory=CoarseToFineConfig)
-    """Sizes of the network."""
     examples: ExamplesConfig = field(default_factory=ExamplesConfig)
     """How the ropes are seen."""
-    loss: LossConfig = field(default_factory=LossConfig)
-    """What counts."""
     validations: int = 100
     """Validations, and checkpoints, until the end."""
     steps: int = 200
@@ -102,3 +108,24 @@ class TrainingConfig:
     """Gradients are cut to this length."""
     held_out: float = 0.05
     """Share of the shapes, the last ones, that are for validation."""
+
+
+@dataclass
+class TrainingConfig(EffortConfig):
+    """How the network learns that sees a whole rope."""
+
+    network: CoarseToFineConfig = field(default_factory=CoarseToFineConfig)
+    """Its sizes."""
+    loss: LossConfig = field(default_factory=LossConfig)
+    """What counts."""
+
+
+@dataclass
+class StrandTrainingConfig(EffortConfig):
+    """How the network learns that follows strands."""
+
+    network: StrandNetworkConfig = field(default_factory=StrandNetworkConfig)
+    """Its sizes."""
+    validations: int = 25
+    batch: int = 192
+    learning_rate: float = 1.5e-3

@@ -62,6 +62,7 @@ FURTHER: tuple[Section, ...] = (
     actions.SECTION,
     perception.SECTION,
     trainings.PERCEPTION,
+    trainings.STRANDS,
     tracking.SECTION,
     dynamics.SECTION,
     trainings.DYNAMICS,

@@ -39,6 +39,7 @@ CPUS = (2, 8, 32, 128)
 SHIPPED = {
     "self_play": "joint_finetuning",
     "perception_training": "perception_training",
+    "strand_training": "strand_training",
     "dynamics_training": "dynamics_training",
 }
 
@@ -49,7 +50,7 @@ STAGES_OF_KIND = {
     "simulation": "benchmark causal_infogan_ends demonstrations demonstrator gradient_steps "
     "motions plans_pull pools roots ropes scaling starts",
     "training": "causal_infogan dynamics_training imitation perception_networks "
-    "perception_training reinforcement self_play",
+    "perception_training reinforcement self_play strand_training",
     "evaluation": "actions arm causal_infogan_plans closed_loop dynamics evaluation goals "
     "overhand perceived_plans perception plans plans_checks tracking",
     "tables": "exemplars library plans_dag plans_exemplar plans_success plans_table proposals "

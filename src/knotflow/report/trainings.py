@@ -13,6 +13,8 @@ from knotflow.report.results import AMOUNT, AT_LEAST_ONE, Results
 from knotflow.report.section import Pictures, Section
 from knotflow.report.style import Picture, new_figure, render, styled
 
+#: Columns that are shares.
+RATES = ("validation_crossings", "validation_headings", "validation_ends")
 #: What a panel is of: the columns it draws, and what they are called.
 Panels = Mapping[str, Mapping[str, str]]
 
@@ -43,7 +45,7 @@ def _figure(curves: pd.DataFrame, panels: Panels, name: str) -> Picture:
             for colour, (column, label) in zip(COLOURS, drawn.items(), strict=False):
                 style = LINES["validation_" if column.startswith("validation_") else ""]
                 axes.plot(curves[column], color=colour, label=label, **style)
-            rate = column == "validation_crossings"
+            rate = column in RATES
             panel(axes, title, "gradient step", ticks=5, rate=rate)
             axes.xaxis.set_major_formatter("{x:,.0f}")
             axes.set_ylim(0, None)
@@ -70,6 +72,22 @@ PERCEPTION = _section(
             "validation_median_mm": "median rope",
         },
         "crossings the right way round": {"validation_crossings": "held out"},
+    },
+)
+STRANDS = _section(
+    "strand_training",
+    "Training: strands of a rope",
+    "The network that follows strands learns from windows along simulated ropes.",
+    "After {step:,} gradient steps, {validation_headings:.1%} of steps along ropes held out go the "
+    "right way within 0.3 radians, {validation_ends:.1%} of ends are told, and heights are off by "
+    "{validation_height:.2f} radii.",
+    {
+        "loss": {"loss": "training", "validation_loss": "held out"},
+        "share right": {
+            "validation_headings": "steps held out",
+            "validation_ends": "ends held out",
+        },
+        "error in height, radii": {"validation_height": "held out"},
     },
 )
 DYNAMICS = _section(

@@ -21,8 +21,10 @@ class Kept:
 
 PRIMITIVES = Kept("primitives", "joint_finetuning", "self_play", "primitives/*")
 DYNAMICS = Kept("dynamics", "dynamics_training", "dynamics_training", "dynamics.safetensors")
+NETWORK = Kept("networks", "strand_training", "strand_training", "network.safetensors")
 #: By the name that a configuration has for the digests of their files.
 KEPT = {"contents": PRIMITIVES, "primitives_contents": PRIMITIVES, "weights_contents": DYNAMICS}
+KEPT |= {"network_contents": NETWORK}
 
 
 def origins(found: ExperimentResults, results: Results) -> list[str]:

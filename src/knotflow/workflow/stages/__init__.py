@@ -40,6 +40,7 @@ from knotflow.workflow.stages import (
     self_play,
     shipped,
     starts,
+    strand_training,
     success_rates,
     tracking,
 )
@@ -81,6 +82,7 @@ __all__ = [
     "self_play",
     "shipped",
     "starts",
+    "strand_training",
     "success_rates",
     "tracking",
 ]
