@@ -19,6 +19,7 @@ from .segmentation import Segmentation, segment
 from .self_supervision import SelfSupervision, SelfSupervisionConfig
 from .simulated import SimulatedCamera, View
 from .strand_network import StrandNetwork
+from .strand_tracing import trace_rope
 from .strand_training import StrandTraining
 from .tracing import Trace, TraceError, trace
 from .tracking import Tracker, TrackerConfig
@@ -88,5 +89,6 @@ __all__ = [
     "shape_loss",
     "spread",
     "trace",
+    "trace_rope",
     "weigh_crossings",
 ]

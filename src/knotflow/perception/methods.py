@@ -36,6 +36,8 @@ class EstimationMethod:
     network: str | None = None
     """Start from the guess of `SUPERVISED` or `SELF_SUPERVISED`; with both starts, the fit that
     accounts best for the image counts; with neither, from the true shape moved by `POOR`."""
+    strands: bool = True
+    """Whether the network's guesses come from following strands, too."""
     rendering: bool = True
     """Fit by gradient steps on the rendering; otherwise the start is the estimate."""
     depth: bool = True
@@ -70,6 +72,8 @@ class EstimationMethod:
             TraceError: there is no rope in the image.
         """
         network = None if self.network is None else networks[self.network]
+        if network is not None and not self.strands:
+            network = Network(network.model)
         if not self.depth:
             config = replace(config, fit=replace(config.fit or FitConfig(), depth=0.0))
         if self.tracing:
@@ -99,6 +103,9 @@ METHODS = {
         network=SELF_SUPERVISED, depth=False, nominal=True
     ),
     "network_tracing_rendering": EstimationMethod(tracing=True, network=SELF_SUPERVISED),
+    "network_tracing_rendering_without_strands": EstimationMethod(
+        tracing=True, network=SELF_SUPERVISED, strands=False, nominal=True
+    ),
     "network_tracing_rendering_plain_rope": EstimationMethod(
         tracing=True, network=SELF_SUPERVISED, plain=True, nominal=True
     ),

@@ -37,7 +37,8 @@ METHODS = {
     ),
     "network_rendering_without_depth": "network and rendering, without depth",
     "network_tracing_rendering": "network, skeleton and rendering",
-    "network_tracing_rendering_plain_rope": "the same, head not coloured",
+    "network_tracing_rendering_without_strands": "the same, strands not followed",
+    "network_tracing_rendering_plain_rope": "network, skeleton and rendering, head not coloured",
 }
 """Methods and what the report calls them."""
 SHOWN = ("network_tracing_rendering", "rendering")
