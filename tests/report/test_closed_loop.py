@@ -25,6 +25,9 @@ def executions():
     for twin in range(8):  # on fewer twins: only these are compared
         seen = {"reported": "yes", "cause": "" if twin else "state misread"}
         yield row("replan", 1, twin, bool(twin), **seen)
+
+
+def executions_of_parts():
     yield row("mppi_true_state", 2, 0, True, tick=52.0)
     yield row("replan_true_state", 1, 0, True, reported="yes")
     yield row("open_loop_robust", 1, 1, True, planning=11.0)
@@ -34,6 +37,7 @@ def executions():
 
 def test_the_difference_is_of_the_same_twins(write):
     write.table("closed_loop", "executions.csv", COLUMNS, executions())
+    write.table("closed_loop_ablation", "executions.csv", COLUMNS, executions_of_parts())
     found = closed_loop.values(Results(write.root), Pictures())
     (line,) = [one for one in found["table"].splitlines() if "planned anew |" in one]
     # Seven of eight against six of the same eight: twins 6 and 7 gained, twin 0 lost.
@@ -48,8 +52,11 @@ def test_the_difference_is_of_the_same_twins(write):
 
 def test_time_robust_plans_and_faults_have_tables_of_their_own(write):
     write.table("closed_loop", "executions.csv", COLUMNS, executions())
+    assert closed_loop.parts(Results(write.root), Pictures()) is None
+    write.table("closed_loop_ablation", "executions.csv", COLUMNS, executions_of_parts())
     found = closed_loop.values(Results(write.root), Pictures())
     assert found["ticks"].splitlines()[2] == "| MPPI, true state | – | – | 52 ms | 52 ms |"
+    found = closed_loop.parts(Results(write.root), Pictures())
     assert found["robust"].splitlines()[2] == "| 1 | 5.0 s | 11 s | 6.0 | 0.0 |"
     (line,) = found["faults"].splitlines()[2:]
     assert line == "| rope dropped | planned anew | 2 | 1 | 1 | 0 | rope not seen 1 |"
@@ -57,9 +64,11 @@ def test_time_robust_plans_and_faults_have_tables_of_their_own(write):
 
 def test_the_section_shows_figure_tables_and_limits(write):
     write.table("closed_loop", "executions.csv", COLUMNS, executions())
+    write.table("closed_loop_ablation", "executions.csv", COLUMNS, executions_of_parts())
     text = compose(Results(write.root), "results").markdown
     assert "figures/executions.png" in text
     assert "1\nreported a knot that is not there" in text
+    assert "| rope dropped | planned anew |" in text
     assert "What simulation cannot say" in text
 
 

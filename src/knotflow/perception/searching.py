@@ -26,7 +26,8 @@ from knotflow.perception.fitting import FitConfig, fit, image_loss, project_leng
 from knotflow.perception.losses import Target
 from knotflow.perception.patch import seen_places
 from knotflow.perception.rendering import render
-from knotflow.simulation import RopeConfig
+from knotflow.simulation import RopeConfig, state_or_none
+from knotflow.topology import TopologicalState
 from knotflow.topology.polyline import planar_crossings
 
 Floats = NDArray[np.float64]
@@ -34,6 +35,7 @@ Floats = NDArray[np.float64]
 _FINE = 4  # places of a link at which strands are compared
 _TOUCHING = 3.0  # radii between the axes of strands, in the plane, that may touch
 _APART = 6.0  # radii along the rope, from where on two places are two strands
+_NEAR = 1.5  # radii, mean over vertices, up to which first guesses in the same state are the same
 _SAME = 3e-3  # metres, mean over vertices, up to which two shapes are the same
 _MISSED = 0.5  # share of a pixel that is rope, more than a shape has
 _PARTS = 3  # pieces of rope left out, the largest ones, to which an end is led
@@ -98,7 +100,7 @@ def search(
         )
 
     done: list[Floats] = []
-    shapes = ordered(fitted(guesses, config.first))
+    shapes = ordered(fitted(_unlike(guesses, rope), config.first))
     for _ in range(config.rounds):
         fresh = [one for one in shapes[: config.beam] if not _is_among(one, done)]
         if settled(shapes[0]) or not fresh:
@@ -120,13 +122,31 @@ def _different(shapes: list[Floats]) -> list[Floats]:
     return kept
 
 
+def _unlike(guesses: Sequence[Floats], rope: RopeConfig) -> list[Floats]:
+    """Guesses (V, 3) without those that an earlier one is as good as: near it, in its state."""
+    kept: list[tuple[Floats, TopologicalState | None]] = []
+    for guess in guesses:
+        states = [state_or_none(one) for one in (guess, guess[::-1])]
+        if not any(
+            state is not None
+            and state == before
+            and _mean_distance(one, other) < _NEAR * rope.radius
+            for other, before in kept
+            for one, state in zip((guess, guess[::-1]), states, strict=True)
+        ):
+            kept.append((guess, states[0]))
+    return [guess for guess, _ in kept]
+
+
 def _is_among(shape: Floats, others: list[Floats]) -> bool:
     """Whether a shape (V, 3) is the same as one of others, from either end."""
     return any(
-        np.linalg.norm(one - shape, axis=1).mean() <= _SAME
-        for other in others
-        for one in (other, other[::-1])
+        _mean_distance(one, shape) <= _SAME for other in others for one in (other, other[::-1])
     )
+
+
+def _mean_distance(shape: Floats, other: Floats) -> float:
+    return float(np.linalg.norm(shape - other, axis=1).mean())
 
 
 def total_loss(

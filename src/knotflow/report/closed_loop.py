@@ -14,6 +14,8 @@ from knotflow.report.style import INK, Picture, bare_axis, new_figure, render, s
 from knotflow.report.tables import NOTHING, duration, estimate, listed, markdown_table, percent
 
 EXPERIMENT = "closed_loop"
+PARTS = "closed_loop_ablation"
+"""Its executions are on the same twins."""
 BASE = "open_loop"
 #: Controllers in the order shown: what they are called, and their colour.
 CONTROLLERS = {
@@ -41,15 +43,12 @@ COLUMNS |= {"reported": NOTE, "cause": NOTE, "reason": NOTE}
 
 def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     """The figures, a line a controller, knot and level, the failures by cause, and the faults."""
-    runs = results.table(EXPERIMENT, "executions.csv", COLUMNS, key=tuple(KEY))
-    if runs is None:
+    if _table_of(results, EXPERIMENT) is None:
         return None
-    unknown = ~runs["controller"].isin(CONTROLLERS)
-    refuse(runs, "controller", unknown, f"'{{controller}}' is none of {listed([*CONTROLLERS])}")
-    refuse(runs, "cause", runs["tied"] & (runs["cause"] != ""), "tied, and failed by {cause}")
+    runs = _runs(results)
     false = runs[(runs["reported"] == "yes") & ~runs["tied"]]
     looked = int((runs["reported"] != "").sum())
-    faulty, runs = runs[runs["fault"] != ""], runs[runs["fault"] == ""]
+    runs = runs[runs["fault"] == ""]
     groups = _groups(runs)
     return {
         "figure": pictures.add(_figure(runs)),
@@ -57,13 +56,38 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         "table": _table(groups),
         "causes": _causes(groups),
         "ticks": _ticks(runs),
-        "robust": _robust(runs),
-        "faults": _faults(faulty),
         "reported": len(false),
         "looked": looked,
         "missing": listed([CONTROLLERS[name][0] for name in ("mppi", "mppi_replan")
                            if name not in set(runs["controller"])]),
     }  # fmt: skip
+
+
+def parts(results: Results, _: Pictures) -> dict[str, Any] | None:
+    """Robust plans against others, and what became of executions in which something failed."""
+    if _table_of(results, PARTS) is None:
+        return None
+    runs = _runs(results)
+    return {
+        "robust": _robust(runs[runs["fault"] == ""]),
+        "faults": _faults(runs[runs["fault"] != ""]),
+    }
+
+
+def _runs(results: Results) -> pd.DataFrame:
+    """The executions of both experiments, those that there are."""
+    tables = [_table_of(results, experiment) for experiment in (EXPERIMENT, PARTS)]
+    return pd.concat([one for one in tables if one is not None], ignore_index=True)
+
+
+def _table_of(results: Results, experiment: str) -> pd.DataFrame | None:
+    runs = results.table(experiment, "executions.csv", COLUMNS, key=tuple(KEY))
+    if runs is not None:
+        unknown = ~runs["controller"].isin(CONTROLLERS)
+        refuse(runs, "controller", unknown, f"'{{controller}}' is none of {listed([*CONTROLLERS])}")
+        contradicted = runs["tied"] & (runs["cause"] != "")
+        refuse(runs, "cause", contradicted, "tied, and failed by {cause}")
+    return runs
 
 
 Group = tuple[str, str, int]
@@ -226,4 +250,12 @@ SECTION = Section(
     "damping, density and radius, by a gripper that errs: level 0 not at all, level 1 a little, "
     "level 2 twice as much. All controllers meet the same twins.",
     values,
+)
+ABLATION = Section(
+    PARTS,
+    "Execution in closed loop: its parts",
+    "beyond the paper",
+    "The same twins, with plans that an ensemble of ropes judged, by the rope's true state in "
+    "place of vision, without MPPI, and with faults of robot and camera.",
+    parts,
 )

@@ -67,6 +67,7 @@ FURTHER: tuple[Section, ...] = (
     dynamics.SECTION,
     trainings.DYNAMICS,
     closed_loop.SECTION,
+    closed_loop.ABLATION,
     arm.SECTION,
     benchmark.SECTION,
     roots.SECTION,
