@@ -11,7 +11,7 @@ from hydra import compose, initialize_config_dir
 
 import knotflow.workflow.stages  # noqa: F401  registers them
 from knotflow.__main__ import HOME
-from knotflow.config import STEADY_SEARCH, contents, plan_folder, register
+from knotflow.config import SPARING_SEARCH, contents, plan_folder, register
 from knotflow.planning import KnotPlan
 from knotflow.workflow import Workflow
 
@@ -167,7 +167,7 @@ def test_the_tree_size_is_measured_branch_by_branch_and_by_one_rule_for_all(work
     workflow = workflow_of("+experiment=tree_size")
     for name in ("icp", "imitation_search", "reinforcement_search"):
         config = workflow.config(name)
-        assert config.planner == STEADY_SEARCH
+        assert config.planner == SPARING_SEARCH
         assert (config.planner.batch, config.planner.value_bias) == (1, 0.0)
         assert {case.goal for case in config.cases} == {"R1(0,1,1) C(0,1,1) C(2,0,1)"}
         assert [case.start for case in config.cases] == ["straight", "arc"]

@@ -82,12 +82,12 @@ class TrainingBudget:
 
 ROUNDS = 8
 """Splines that move a rope, one after the other, whose shapes perception sees."""
-STEADY_SEARCH = PlannerConfig(
+SPARING_SEARCH = PlannerConfig(
     rule="paper", bias=100.0, failure_discount=0.5, max_branches=500, max_seconds=3600.0
 )
 """One branch after the other (Sec. V-B d), straight on towards the goal, but soon elsewhere where
 nothing succeeds, such as at loops that are too tight. What counts is the number of branches."""
-FAST_SEARCH = PlannerConfig(batch=4, max_branches=20_000, max_seconds=60.0)
+FAST_SEARCH = PlannerConfig(batch=4, steady=True, max_branches=20_000, max_seconds=60.0)
 """In batches, to use all cores; what counts is the time. On two cores an overhand takes a quarter
 of the time that it takes in batches of 16, and hard goals as long; with more cores raise it."""
 
@@ -119,7 +119,7 @@ class JointBudget:
     """The searches that tell what learning together brings (Sec. VII-B2)."""
 
     plans: PlansBudget = field(
-        default_factory=lambda: PlansBudget(seeds=50, seed=41, planner=STEADY_SEARCH)
+        default_factory=lambda: PlansBudget(seeds=50, seed=41, planner=SPARING_SEARCH)
     )
     """Searches from random ropes, before and after."""
     posterior: PlannerConfig = field(
@@ -240,7 +240,7 @@ class PentagramBudget:
     """Ropes whose head is pulled out, of which one is taken."""
     tied_by: str = "primitives"
     """The sampler that ties them."""
-    pulled: PlansBudget = field(default_factory=lambda: PlansBudget(planner=STEADY_SEARCH))
+    pulled: PlansBudget = field(default_factory=lambda: PlansBudget(planner=SPARING_SEARCH))
     """Searches from the overhand whose head was pulled out."""
     untangled: PlansBudget = field(
         default_factory=lambda: PlansBudget(planner=replace(FAST_SEARCH, max_seconds=120.0))
@@ -393,7 +393,7 @@ class Config:
     benchmark: BenchmarkBudget = field(default_factory=BenchmarkBudget)
     roots: RootsBudget = field(default_factory=RootsBudget)
     causal_infogan: CausalInfoGanBudget = field(default_factory=CausalInfoGanBudget)
-    tree_size: PlansBudget = field(default_factory=lambda: PlansBudget(planner=STEADY_SEARCH))
+    tree_size: PlansBudget = field(default_factory=lambda: PlansBudget(planner=SPARING_SEARCH))
     """Trees for the overhand along one path."""
     self_play: SelfPlayBudget = field(default_factory=SelfPlayBudget)
     """Primitives trained together on all actions."""

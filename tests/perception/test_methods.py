@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from knotflow.perception.estimation import EstimateConfig, estimate, propose
 from knotflow.perception.fitting import FitConfig
 from knotflow.perception.methods import METHODS, SELF_SUPERVISED, SUPERVISED
+from knotflow.perception.network import Network
 from knotflow.perception.searching import SearchConfig
 from knotflow.topology import TopologicalState
 
@@ -42,6 +44,21 @@ def test_a_networks_guess_is_one_more_and_the_best_counts():
         both = estimate(seen, CAMERA, ROPE, config=QUICK, network=knowing(s_curve(), off))
         assert both.explained >= traced.explained
         assert shape_error(both.points, s_curve()) < 8e-3
+
+
+def test_strands_are_followed_unless_a_method_leaves_them_out():
+    class Asked(Exception):
+        pass
+
+    class Strands(torch.nn.Module):
+        def forward(self, windows, height):
+            raise Asked
+
+    networks = {SELF_SUPERVISED: Network(knowing(s_curve()).model, Strands())}
+    asked = image(s_curve()), CAMERA, ROPE, QUICK, networks, s_curve(), np.random.default_rng(0)
+    with pytest.raises(Asked):
+        METHODS["network_tracing_rendering"].estimate(*asked)
+    METHODS["network_tracing_rendering_without_strands"].estimate(*asked)
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ from knotflow.perception.unmixing import coverage
 from knotflow.simulation import state_or_none
 
 from .shapes import CAMERA, ROPE, image, loop, s_curve
-from .test_network import shape_error
+from .test_network import knowing, shape_error
 from .test_patch import exact
 from .test_training import CROSSINGS, SHAPES
 from .test_training import TINY as WHOLE
@@ -165,6 +165,16 @@ def test_a_network_with_strands_outlives_a_file(tmp_path):
     assert loaded.strands is not None and loaded.strands.config == TINY
     for name, one in network.strands.state_dict().items():
         assert torch.equal(one, loaded.strands.state_dict()[name]), name
+
+
+def test_of_all_guesses_the_one_along_the_strands_is_proposed_where_it_accounts_best():
+    points = loop(1)
+    asked = image(points), CAMERA, ROPE, exact(points)[0]
+    whole = knowing(s_curve())
+    both = Network(whole.model, Hound())
+    assert len(both.guesses(*asked)) > len(whole.guesses(*asked)) == 4
+    assert shape_error(whole.propose(*asked)[0], points) > 0.05
+    assert shape_error(both.propose(*asked)[0], points) < 0.015
 
 
 def training() -> StrandTraining:

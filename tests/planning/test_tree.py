@@ -9,6 +9,7 @@ from knotflow.planning import (
     UnreachableGoalError,
     parse_goal,
     plan_knot,
+    tree,
 )
 from knotflow.planning.branches import DIVERGED
 from knotflow.planning.config import RULES
@@ -48,6 +49,25 @@ def test_a_perfect_sampler_needs_as_many_branches_as_actions(world, path_goal, r
     assert plan.branches == 3
     assert plan.nodes == 4
     assert [str(action) for action in plan.actions] == ["R1(0,1,1)", "C(0,1,1)", "C(2,0,1)"]
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_a_plan_that_hangs_by_the_time_step_is_none(world, path_goal, rule, monkeypatch):
+    seen = []
+
+    def are_steady(steps, simulation):
+        seen.append(steps)
+        return [number != 1 or len(seen) > 2 for number in range(len(steps))]
+
+    monkeypatch.setattr(tree, "are_steady", are_steady)
+    plan = search(path_goal, world(), rule=rule, bias=1e6, steady=True)
+    assert_valid(plan, path_goal)
+    # Twice the second step was not steady: it and the third were done anew, the first was kept.
+    assert len(seen) == 3 and plan.branches == 7 and plan.nodes == 4
+    assert all(steps[0] is plan.steps[0] for steps in seen)
+    assert len({id(steps[1]) for steps in seen}) == 3
+    seen.clear()
+    assert search(path_goal, world(), rule=rule, bias=1e6).branches == 3 and not seen
 
 
 def test_outgoing_edges_are_chosen_evenly(world):

@@ -50,10 +50,8 @@ UNLIKELY = 0.03
 """A way on is not followed if it is less probable."""
 MODE = 3
 """Headings to either side that belong to a mode."""
-LONGEST = 1.1
-"""A path is not followed farther, rope lengths."""
-SHORTEST = 0.85
-"""A shorter path is none, rope lengths."""
+SHORTEST, LONGEST = 0.85, 1.15
+"""A shorter or longer path is none, rope lengths."""
 ALONG_ITSELF = 4
 """Steps, one after the other, along which a path may touch itself,"""
 OVERLAP = 0.9
@@ -186,7 +184,8 @@ def trace_strands(network: StrandNetwork, seen: Tensor, length: float) -> list[S
                 ends.append(StrandPath.begun(last, float(np.arctan2(back[1], back[0]))))
     for paths in _follow(network, seen, ends, length, BEAM, SHORTEST * length):
         found += paths
-    return sorted((one for one in found if one.length > SHORTEST * length), key=badness)
+    whole = [one for one in found if SHORTEST <= one.length / length <= LONGEST]
+    return sorted(whole, key=badness)
 
 
 def _seeds(seen: Tensor) -> list[tuple[Floats, float]]:
@@ -201,8 +200,7 @@ def _seeds(seen: Tensor) -> list[tuple[Floats, float]]:
     rows, columns = np.nonzero(flat)
     order = np.argsort(mass[rows, columns])
     chosen: list[tuple[Floats, float]] = []
-    skip = len(order) // 4  # the least are ends
-    for index in order[skip:]:
+    for index in order[len(order) // 4 :]:  # where least is seen, the rope ends
         row, column = rows[index], columns[index]
         place = (np.array([column, row]) + 0.5 - size / 2) * PIXEL
         if all(np.hypot(*(place - other)) > 10 * STEP for other, _ in chosen):
@@ -239,7 +237,7 @@ def _follow(
             more = [one for _ in paths for one in next(onward)]
             growing[number] = []
             for one in sorted(more, key=lambda path: -path.likelihood):
-                if one.ended or one.length > LONGEST * length:
+                if one.ended or one.length + STEP > LONGEST * length:
                     done[number].append(one)
                 elif len(growing[number]) < beam and not any(
                     _alike(one, other) for other in growing[number]

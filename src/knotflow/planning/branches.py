@@ -78,14 +78,13 @@ class Node:
             return 0
         return 1 + self.parent.arranged
 
+    def way(self) -> tuple[Node, ...]:
+        """The nodes from the root, which is left out, to here."""
+        return () if self.parent is None else (*self.parent.way(), self)
+
     def steps(self) -> tuple[PlanStep, ...]:
         """What was executed from the root to here."""
-        steps: list[PlanStep] = []
-        node: Node | None = self
-        while node is not None and node.step is not None:
-            steps.append(node.step)
-            node = node.parent
-        return tuple(reversed(steps))
+        return tuple(node.step for node in self.way() if node.step is not None)
 
 
 ACT, ARRANGE = 0, 1
@@ -135,6 +134,10 @@ class Rule(Protocol):
 
     def add(self, node: Node) -> None:
         """Take a new node, valued, into account; after the branches of its batch were learnt."""
+        ...
+
+    def drop(self, nodes: Sequence[Node]) -> None:
+        """Choose none of these nodes any more; all that grew from them is among them."""
         ...
 
 

@@ -53,6 +53,10 @@ class PlannerConfig:
     the paper has. Below 1 the search leaves nodes from which nothing succeeds, such as loops that
     are too tight."""
 
+    steady: bool = False
+    """Whether a plan counts only if all of its splines lead to the same states at half the time
+    step, as what hangs by the time step is an accident of the simulation. Of a plan that does not,
+    the search forgets what begins with the first such spline, and goes on."""
     ensemble: int = 0
     """Perturbed ropes that execute every branch that succeeds, so that plans are robust; 0 is the
     paper, which knows the planner's rope alone (`planning.ensemble`)."""

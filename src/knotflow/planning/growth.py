@@ -41,6 +41,10 @@ class PaperRule:
         """Draw it, too, from now on."""
         self._nodes.append(node)
 
+    def drop(self, nodes: Sequence[Node]) -> None:
+        """Draw them no more."""
+        self._nodes = [node for node in self._nodes if node not in nodes]
+
     def learn(self, branch: Branch, child: Node | None) -> None:
         """Count a failure."""
         branch.node.failures += child is None

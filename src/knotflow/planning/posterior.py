@@ -18,6 +18,7 @@ one number each, and branches go where it is least.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -145,6 +146,8 @@ class PosteriorRule:
         # where actions can be undone, they are those of the choice before.
         for state in sorted(self._pools, key=lambda state: (self._dag.distance(state), state)):
             pool = self._pools[state]
+            if not pool.nodes:
+                continue
             onward[state] = [self._boxes(ahead) for _, ahead in pool.edges]
             pool.appraise(onward[state], self._arranging)
         chosen = []
@@ -167,6 +170,14 @@ class PosteriorRule:
         if node.arranged and node.parent is not None:
             node.tries[ACT] = node.parent.tries[ACT]
             node.successes[ACT] = node.parent.successes[ACT]
+
+    def drop(self, nodes: Sequence[Node]) -> None:
+        """Take them out of their pools, which keep what was learned from them."""
+        for pool in self._pools.values():
+            left = [node for node in pool.nodes if node not in nodes]
+            if len(left) < len(pool.nodes):
+                pool.nodes = left
+                vars(pool).pop("costs", None)  # not computed yet for a new pool
 
     def learn(self, branch: Branch, child: Node | None) -> None:
         """Hold the outcome of a branch against what was promised."""

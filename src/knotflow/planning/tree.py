@@ -9,7 +9,8 @@ ends when a goal state is reached. Which branch is grown is a rule's business: t
 Beyond the paper, a branch may also be for a spline that keeps the state and makes room for the
 edge's action (Sec. VIII). And where a branch fails, its end is kept all the same if it is of use:
 in the state at the end of another edge, or in the state it began in, as a further shape of it.
-With an ensemble (`planning.ensemble`) no end is kept that too few perturbed ropes reach.
+With an ensemble (`planning.ensemble`) no end is kept that too few perturbed ropes reach. And a plan
+that hangs by the time step is none where it shall be `steady`.
 
 With `batch` above 1 as many expansions are chosen by the same rule from the tree as it stands, and
 simulated at once. Every plan found is as valid as one found one by one; the tree is somewhat
@@ -47,6 +48,7 @@ from knotflow.planning.plan import KnotPlan, PlanStep, Tried
 from knotflow.planning.posterior import PosteriorRule
 from knotflow.planning.proposals import Proposals, together
 from knotflow.planning.search_graph import SearchGraph
+from knotflow.planning.soundness import are_steady
 from knotflow.samplers import Sampler
 from knotflow.simulation import Observer, Rollouts, check_points, end_states
 from knotflow.topology import Action, Arrange, TopologicalState
@@ -133,7 +135,7 @@ class TreeSearch:
         self._add([self.nodes.pop()])
         reason = ""
         while not reason:
-            if any(node.distance == 0 for node in self.nodes):
+            if self._tied():
                 tied = "the rope was tied already" if not self.branches else "the goal was reached"
                 return self._plan(solved=True, reason=tied)
             if self.branches >= config.max_branches:
@@ -252,9 +254,29 @@ class TreeSearch:
             return Arrange(branch.wanted) if room else None
         return next((action for action, end in branch.node.edges if end == state), None)
 
+    def _tied(self) -> bool:
+        """Whether a goal state is reached; what hangs by the time step is forgotten."""
+        while (best := self._nearest()).distance == 0:
+            way = best.way()
+            if not (self.config.steady and way):
+                return True
+            clock = time.perf_counter()
+            steady = are_steady(best.steps(), self.simulator.config)
+            self._clock.simulation += time.perf_counter() - clock
+            if all(steady):
+                return True
+            first = way[steady.index(False)]
+            below = [node for node in self.nodes if first in node.way()]
+            self.nodes = [node for node in self.nodes if node not in below]
+            self._rule.drop(below)
+        return False
+
+    def _nearest(self) -> Node:
+        """The goal's node, or that which came nearest; the first with fewest steps."""
+        return min(self.nodes, key=lambda node: (node.distance, len(node.way())))
+
     def _plan(self, solved: bool, reason: str) -> KnotPlan:
-        # The goal's node, or the farthest that a failed search came; the first with fewest steps.
-        best = min(self.nodes, key=lambda node: (node.distance, len(node.steps())))
+        best = self._nearest()
         root, simulation = self.nodes[0], self.simulator.config
         return KnotPlan(
             goal=self.goal.name,
