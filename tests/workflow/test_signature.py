@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+import knotflow
 from knotflow.workflow.signature import plain, runtime, runtime_fields, signature
 
 
@@ -153,5 +154,8 @@ def test_runtime_fields_are_listed_by_dotted_key() -> None:
         "device": "cpu",
         "logging": {},
     }
+    here = str(Path(knotflow.__file__).parent / "primitives" / "data")
+    assert runtime_fields(Config(device=here))["device"] == "knotflow/primitives/data"
+    assert runtime_fields(Config(device="/elsewhere/data"))["device"] == "/elsewhere/data"
     assert "device" not in plain(Config(), with_runtime=False)
     assert plain(Config())["simulation"] == {"step": 0.01, "threads": 1}

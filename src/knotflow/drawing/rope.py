@@ -93,7 +93,8 @@ def rope_pieces(points: NDArray, width: float, bands: int = _BANDS) -> list[Piec
         pieces += _bands(curve, edges, bends, (begin, cut.ends), bands)
         begin = (max(begin[0], cut.resumes[0]), max(begin[1], cut.resumes[1]))
     pieces.append(_disc(curve[-1], 0.5 * width, rope_colour(1.0)))
-    pieces.sort(key=lambda piece: piece.height)
+    # What lies equally high stays in order: the last digits differ from one processor to the next.
+    pieces.sort(key=lambda piece: round(piece.height, 5))
     # The mark is not to disappear under the rope that it ends.
     return [
         *pieces,

@@ -11,11 +11,12 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping
 from enum import Enum
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import Any, TypeVar
 
 T = TypeVar("T")
 AFFECTS_RESULT = "affects_result"
+_INSTALLED = Path(__file__).parents[2]  # where the package is
 LENGTH = 16  # hex digits, 64 bits: no two of a million configurations meet by chance
 
 
@@ -108,7 +109,10 @@ def plain(value: Any, *, with_runtime: bool = True, _key: str = "") -> Any:
 
 
 def runtime_fields(value: Any, prefix: str = "") -> dict[str, Any]:
-    """The fields that were left out of the signature, by dotted key: {"simulation.threads": 2}."""
+    """The fields that were left out of the signature, by dotted key: {"simulation.threads": 2}.
+
+    A path into the package begins with the package's name, wherever it is installed.
+    """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         found: dict[str, Any] = {}
         for field in dataclasses.fields(value):
@@ -116,7 +120,7 @@ def runtime_fields(value: Any, prefix: str = "") -> dict[str, Any]:
             if affects_result(field):
                 found |= runtime_fields(item, f"{key}.")
             else:
-                found[key] = plain(item)
+                found[key] = _from_package(plain(item))
         return found
     items: Any = ()
     if isinstance(value, Mapping):
@@ -128,6 +132,13 @@ def runtime_fields(value: Any, prefix: str = "") -> dict[str, Any]:
         for name, child in items
         for key, item in runtime_fields(child, f"{prefix}{plain(name)}.").items()
     }
+
+
+def _from_package(value: Any) -> Any:
+    """A text that names a file or folder of the package, from the package on; else as it is."""
+    if isinstance(value, str) and Path(value).is_relative_to(_INSTALLED):
+        return Path(value).relative_to(_INSTALLED).as_posix()
+    return value
 
 
 def affects_result(field: dataclasses.Field[Any]) -> bool:
