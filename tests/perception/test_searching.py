@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from knotflow.perception.lifting import passages
 from knotflow.perception.searching import reaching, rearranged, search
 from knotflow.simulation import resample, state_or_none
 from knotflow.topology import TopologicalState
+from knotflow.topology.polyline import DegenerateCurveError, planar_crossings
 
 from .shapes import CAMERA, ROPE, loop, s_curve, target
 
@@ -48,3 +50,21 @@ def test_an_end_is_led_to_rope_that_is_left_out():
 def test_a_crossing_the_wrong_way_round_is_found():
     found, *_ = search([loop(-1)], target(loop(1)), CAMERA, ROPE)
     assert TopologicalState.from_curve(found) == TopologicalState.from_curve(loop(1))
+
+
+def test_a_guess_whose_end_touches_a_strand_is_rearranged_as_any():
+    touching = np.linspace([-0.39, 0, ROPE.radius], [0.41, 0, ROPE.radius], 31)
+    back = np.linspace([0.41, 0.1, ROPE.radius], [0.0, 0.1, ROPE.radius], 9)
+    down = np.linspace([0.0, 0.09, ROPE.radius], [0.0, 0.0, ROPE.radius], 5)
+    shape = np.concatenate([touching, back, down])
+    with pytest.raises(DegenerateCurveError):
+        planar_crossings(shape[:, :2])
+    assert passages(shape).shape == (0, 2)
+    assert rearranged(shape, ROPE, 8)
+    through = shape.copy()
+    through[-1, 1] = -0.01
+    (crossing,) = passages(through)
+    assert crossing == pytest.approx([14.6, 43.7], abs=0.2)
+    along = np.concatenate([touching, touching[::-1] + [0, 0.002, 0]])
+    along[-1, 1] = 0.0  # it ends along the strand that it began with
+    assert len(passages(along)) <= 1

@@ -9,10 +9,11 @@ from knotflow.perception.camera import Camera
 from knotflow.perception.fitting import project_lengths
 from knotflow.perception.tracing import Trace
 from knotflow.simulation import RopeConfig
-from knotflow.topology.polyline import planar_crossings
+from knotflow.topology.polyline import DegenerateCurveError, planar_crossings
 
 Floats = NDArray[np.float64]
 
+_LITTLE, _DRAWN_BACK = 0.01, 3  # share of a link that an end is drawn back, and how often
 _BESIDE = (1.2, 3.0)  # radii from a crossing, between which a strand's height is its own
 
 
@@ -64,12 +65,9 @@ def _part_strands(shape: Floats, rope: RopeConfig) -> Floats:
     At a crossing the image shows the upper strand only. Beside it, the upper strand is still
     above where the lower one is back on its own height.
     """
-    meetings = planar_crossings(shape[:, :2])
     along = _reached(shape[:, :2])
     lifted = shape.copy()
-    first = along[meetings.first] + meetings.first_along * rope.link_length
-    second = along[meetings.second] + meetings.second_along * rope.link_length
-    for places in zip(first, second, strict=True):
+    for places in np.interp(passages(shape), np.arange(len(shape)), along):
         beside = [
             [place + side * reach * rope.radius for side in (-1, 1) for reach in _BESIDE]
             for place in places
@@ -81,6 +79,23 @@ def _part_strands(shape: Floats, rope: RopeConfig) -> Floats:
             near = np.abs(along - places[strand]) < _BESIDE[1] * rope.radius
             lifted[near, 2] = height
     return lifted
+
+
+def passages(shape: NDArray) -> Floats:
+    """(C, 2) where a shape (V, 3) crosses itself, 0..V-1, the earlier passage first.
+
+    An end that only touches a strand is no crossing: a guess may well end there.
+    """
+    curve = np.array(shape[:, :2], np.float64)
+    for _ in range(_DRAWN_BACK):
+        try:
+            met = planar_crossings(curve)
+        except DegenerateCurveError:
+            curve[0] += _LITTLE * (curve[1] - curve[0])
+            curve[-1] += _LITTLE * (curve[-2] - curve[-1])
+        else:
+            return np.stack([met.first + met.first_along, met.second + met.second_along], axis=1)
+    return np.empty((0, 2))  # it ends along a strand
 
 
 def _reached(curve: Floats) -> Floats:

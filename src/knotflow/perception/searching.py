@@ -23,12 +23,12 @@ from knotflow.perception.camera import Camera
 from knotflow.perception.certainty import exchange
 from knotflow.perception.evidence import explained
 from knotflow.perception.fitting import FitConfig, fit, image_loss, project_lengths, shape_loss
+from knotflow.perception.lifting import passages
 from knotflow.perception.losses import Target
 from knotflow.perception.patch import seen_places
 from knotflow.perception.rendering import render
 from knotflow.simulation import RopeConfig, state_or_none
 from knotflow.topology import TopologicalState
-from knotflow.topology.polyline import planar_crossings
 
 Floats = NDArray[np.float64]
 
@@ -232,14 +232,8 @@ def reaching(shape: Floats, target: Target, camera: Camera, rope: RopeConfig) ->
 def _contacts(shape: Floats, rope: RopeConfig) -> list[tuple[float, float, bool]]:
     """Where strands meet or nearly do, the closest first: both fractions of the rope's length, and
     whether they cross."""
-    met = planar_crossings(shape[:, :2])
     links = len(shape) - 1
-    found = [
-        (0.0, (one + s) / links, (other + t) / links, True)
-        for one, s, other, t in zip(
-            met.first, met.first_along, met.second, met.second_along, strict=True
-        )
-    ]
+    found = [(0.0, float(one), float(other), True) for one, other in passages(shape) / links]
     along = np.linspace(0, 1, _FINE * links + 1)
     fine = np.stack([np.interp(along, np.linspace(0, 1, links + 1), shape[:, k]) for k in (0, 1)])
     apart = np.hypot(*(fine[:, :, None] - fine[:, None])) / rope.radius

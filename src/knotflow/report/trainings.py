@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
+from string import Formatter
 from typing import Any
 
 import pandas as pd
@@ -13,8 +14,6 @@ from knotflow.report.results import AMOUNT, AT_LEAST_ONE, Results
 from knotflow.report.section import Pictures, Section
 from knotflow.report.style import Picture, new_figure, render, styled
 
-#: Columns that are shares.
-RATES = ("validation_crossings", "validation_headings", "validation_ends")
 #: What a panel is of: the columns it draws, and what they are called.
 Panels = Mapping[str, Mapping[str, str]]
 
@@ -23,7 +22,8 @@ def values(
     experiment: str, panels: Panels, line: str, results: Results, pictures: Pictures
 ) -> dict[str, Any] | None:
     """The learning curves, and the last validation in a line."""
-    columns = {column: AMOUNT for drawn in panels.values() for column in drawn}
+    told = [name for _, name, _, _ in Formatter().parse(line) if name]
+    columns = {column: AMOUNT for drawn in (*panels.values(), told) for column in drawn}
     columns["step"] = AT_LEAST_ONE
     curves = results.table(experiment, "curves.csv", columns, key=("step",))
     if curves is None:
@@ -45,7 +45,7 @@ def _figure(curves: pd.DataFrame, panels: Panels, name: str) -> Picture:
             for colour, (column, label) in zip(COLOURS, drawn.items(), strict=False):
                 style = LINES["validation_" if column.startswith("validation_") else ""]
                 axes.plot(curves[column], color=colour, label=label, **style)
-            rate = column in RATES
+            rate = column == "validation_crossings"
             panel(axes, title, "gradient step", ticks=5, rate=rate)
             axes.xaxis.set_major_formatter("{x:,.0f}")
             axes.set_ylim(0, None)
@@ -83,10 +83,6 @@ STRANDS = _section(
     "{validation_height:.2f} radii.",
     {
         "loss": {"loss": "training", "validation_loss": "held out"},
-        "share right": {
-            "validation_headings": "steps held out",
-            "validation_ends": "ends held out",
-        },
         "error in height, radii": {"validation_height": "held out"},
     },
 )
