@@ -37,6 +37,7 @@ from knotflow.perception import (
     CameraNoiseConfig,
     SimulatedCamera,
     add_noise,
+    estimate,
     segment,
 )
 from knotflow.planning import Goal, PlannerConfig, PlanStep, SolutionDag, plan_knot
@@ -322,14 +323,17 @@ def planning() -> dict[str, Any]:
 
 
 def perception() -> dict[str, Any]:
-    """A noisy image of a held rope, and what its pixels are taken for."""
+    """A noisy image of a held rope, what its pixels are taken for, and the rope estimated in it."""
     camera, rng = Camera.overhead(), np.random.default_rng(0)
     noise = CameraNoiseConfig()
     simulated = SimulatedCamera(camera, ROPE, noise, Appearance.draw(rng, noise))
     view = simulated.view(loop(), gripper=loop()[5])
     image = add_noise(view.image, camera, noise, rng)
     labels = (view.labels, segment(image, camera, ROPE.radius).labels)
+    found = estimate(image, camera, ROPE, likely=[loop()])
     return {
+        "estimate": found.points[::10],
+        "explained": [found.explained, found.seen_radius],
         "depth": view.image.depth[::30, ::40],
         "noise": [np.isnan(image.depth).mean(), np.nanstd(image.depth - view.image.depth)],
         "colour": image.rgb.reshape(-1, 3).mean(0) / 255,

@@ -28,7 +28,9 @@ def loop(over: int = 1) -> np.ndarray:
     return _rope(x, y, 2.1 * ROPE.radius * np.exp(-(((t - at) / 0.05) ** 2)))
 
 
-def seen_exactly(points: np.ndarray, camera: Camera = CAMERA) -> tuple[np.ndarray, np.ndarray]:
+def seen_exactly(
+    points: np.ndarray, camera: Camera = CAMERA, radius: float = ROPE.radius
+) -> tuple[np.ndarray, np.ndarray]:
     """Depth (H, W) of rope and table along the optical axis, metres, and where the rope is.
 
     Worked out by marching along the rays, in another way than the renderer does.
@@ -44,7 +46,7 @@ def seen_exactly(points: np.ndarray, camera: Camera = CAMERA) -> tuple[np.ndarra
     for ball, u, v in zip(centre, column.round().astype(int), row.round().astype(int), strict=True):
         window = np.s_[max(0, v - 4) : v + 5, max(0, u - 4) : u + 5]
         along = rays[window] @ ball
-        square = ROPE.radius**2 - (ball @ ball - along**2)
+        square = radius**2 - (ball @ ball - along**2)
         hit = square > 0
         entered = (along - np.sqrt(square.clip(0))) * axis[window]
         depth[window] = np.where(hit, np.minimum(depth[window], entered), depth[window])
@@ -57,9 +59,9 @@ def target(points: np.ndarray) -> Target:
     return Target.of(mask, np.ones_like(mask), depth)
 
 
-def image(points: np.ndarray, head: bool = False) -> RgbdImage:
+def image(points: np.ndarray, head: bool = False, radius: float = ROPE.radius) -> RgbdImage:
     """A perfect image of a light rope, whose first 50 mm may be red, on a dark table."""
-    depth, mask = seen_exactly(points)
+    depth, mask = seen_exactly(points, radius=radius)
     rgb = np.full((*mask.shape, 3), 60, np.uint8)
     rgb[mask] = (220, 210, 180)
     if head:

@@ -67,6 +67,18 @@ def test_what_is_likely_must_account_for_the_image(monkeypatch):
     assert asked and found.state == TopologicalState.from_curve(truth)
 
 
+@pytest.mark.parametrize("share", [0.8, 1.25])
+def test_a_rope_thinner_or_thicker_than_it_is_said_to_be_is_no_doubt(monkeypatch, share):
+    points = s_curve()
+    monkeypatch.setattr(estimation, "search", None)  # the likely shape does
+    seen = image(points, radius=share * ROPE.radius)
+    found = estimate(seen, CAMERA, ROPE, config=QUICK, likely=[points + [0, 0.004, 0]])
+    assert not found.doubts and found.explained > 0.99
+    assert np.linalg.norm(found.points - points, axis=1).mean() < 4e-3
+    nominal = estimate(image(points), CAMERA, ROPE, points, QUICK).seen_radius
+    assert found.seen_radius == pytest.approx(share * nominal, rel=0.06)
+
+
 def test_nothing_likely_is_seen_on_a_bare_table():
     bare = image(s_curve())
     table = RgbdImage(np.full_like(bare.rgb, 60), np.full_like(bare.depth, CAMERA.position[2]))

@@ -9,14 +9,14 @@ account for the image, or a crossing in doubt, makes the estimate doubtful.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.perception.camera import Camera
 from knotflow.perception.certainty import CrossingEvidence, weigh_crossings
-from knotflow.perception.evidence import explained, observe, seen
+from knotflow.perception.evidence import explained, measure_radius, observe, seen
 from knotflow.perception.fitting import FitConfig, fit
 from knotflow.perception.image import RgbdImage
 from knotflow.perception.lifting import lift
@@ -52,6 +52,8 @@ class EstimateConfig:
     """A crossing whose certainty is lower is in doubt."""
     explained: float = 0.98
     """A shape that accounts for less of the rope's image is in doubt."""
+    settled: float = 0.99
+    """A likely shape that accounts for less is compared with what the image alone suggests."""
     rival: float = 1.5
     """A path with other crossings is a rival if the logarithm of its likelihood is at most this
     much less: of 40 ropes of 0 to 3 crossings, of a seed of their own, the true path was the
@@ -74,6 +76,7 @@ class RopeEstimate:
         spread: (V,) metres, standard deviation of each vertex's distance, were the crossings right.
         head_known: whether a colour or an earlier shape told head from tail.
         doubts: what is in doubt, in words; empty for an estimate to rely on.
+        seen_radius: of its silhouette, metres, see `Target`; None where it was not measured.
     """
 
     points: Floats
@@ -84,6 +87,7 @@ class RopeEstimate:
     spread: Floats
     head_known: bool
     doubts: tuple[str, ...]
+    seen_radius: float | None = None
 
     @property
     def doubtful(self) -> bool:
@@ -117,7 +121,7 @@ def estimate(
         likely: shapes (V, 3), metres, that it may have for other reasons than the image, such as a
             track's or a plan's. They are tried first, one after the other; the image alone is
             ambiguous where strands touch, so its own guesses are searched only where none of these
-            accounts for it.
+            accounts for nearly all of it.
 
     Raises:
         ImageError: an image of another size.
@@ -130,19 +134,23 @@ def estimate(
     fine = config.fit or FitConfig()
     shapes: list[Floats] = []
     if initial is not None:
+        target = _sized(initial, target, camera, rope, config)
         near, eye = _view([initial], target, camera)
         shapes = [fit(initial, near, eye, rope, fine)]
     else:
+        if len(likely):
+            target = _sized(likely[0], target, camera, rope, config)
         near, eye = _view(likely, target, camera)
         for guess in likely:
             shapes.append(fit(guess, near, eye, rope, fine))
-            if is_plausible(shapes[-1], near, eye, rope, config.explained, config.search, fine):
+            if is_plausible(shapes[-1], near, eye, rope, config.settled, config.search, fine):
                 break
         else:
             guesses = _guesses(target, image, camera, rope, config)
             if config.propose and (network := network or shipped_network()) is not None:
                 guesses += _proposed(image, camera, rope, network)
             guesses += shapes
+            target = _sized(guesses[0], target, camera, rope, config)
             near, eye = _view(guesses, target, camera)
             shapes = [*search(guesses, near, eye, rope, config.search, fine)]
     losses = total_loss(np.stack(shapes), near, eye, rope, fine)
@@ -173,6 +181,7 @@ def estimate(
         spread(shape, near, eye, rope, fine),
         head is not None,
         tuple(doubts),
+        target.seen_radius,
     )
 
 
@@ -237,6 +246,16 @@ def _guesses(
     paths = trace(target.coverage.numpy(), 2 * rope.radius * pixels, rope.length * pixels)
     paths = [path for path in paths if np.ptp(path.pixels, axis=0).any()]  # no single dots
     return [lift(path, mask, image.depth, camera, rope) for path in paths[: config.paths]]
+
+
+def _sized(
+    guess: NDArray, target: Target, camera: Camera, rope: RopeConfig, config: EstimateConfig
+) -> Target:
+    """The target with its rope as thick as it is seen to be along a first guess (V, 3)."""
+    near, eye = _view([guess], target, camera)
+    grid = config.search.grid
+    shape = fit(guess, near.binned(grid), eye.binned(grid), rope, config.search.coarse)
+    return replace(target, seen_radius=measure_radius(shape, near, eye, rope))
 
 
 def _view(shapes: Sequence[NDArray], target: Target, camera: Camera) -> tuple[Target, Camera]:

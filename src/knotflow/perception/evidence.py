@@ -15,6 +15,9 @@ from knotflow.perception.unmixing import coverage
 from knotflow.simulation import RopeConfig
 
 _CLEARLY = 0.7  # difference in the share of a pixel that is rope, which is no matter of edges
+_SOFTNESS = 1.5e-3  # metres, at which silhouettes are compared
+_AROUND = 1.2  # widths of the rope from its centre line, within which its thickness is measured
+_RADII = (0.7, 1.4)  # thinnest and thickest that it can look, in its radius
 
 
 def observe(image: RgbdImage, camera: Camera, rope: RopeConfig) -> Target:
@@ -36,9 +39,43 @@ def explained(shape: NDArray, target: Target, camera: Camera, rope: RopeConfig) 
     the rope's edges, which are rope in part, for neither.
     """
     with torch.no_grad():
-        _, occupancy = render(torch.as_tensor(shape), rope.radius, camera)
+        radius = target.seen_radius or rope.radius
+        _, occupancy = render(torch.as_tensor(shape), radius, camera)
     wrong = ((occupancy - target.coverage).abs() > _CLEARLY) & target.known
     return max(0.0, 1 - float(wrong.sum() / target.coverage.sum().clamp(min=1)))
+
+
+def measure_radius(shape: NDArray, target: Target, camera: Camera, rope: RopeConfig) -> float:
+    """The radius, metres, at which the silhouette of a shape (V, 3) is as thick as the rope's in the
+    image where the shape lies on it; the rope's own where it never does."""
+    from scipy.optimize import minimize_scalar
+    from scipy.spatial import cKDTree
+
+    points = torch.as_tensor(shape)
+    at = np.linspace(0, len(shape) - 1, 5 * len(shape))
+    column, row, depth = camera.project(
+        np.stack([np.interp(at, range(len(shape)), one) for one in shape.T], axis=1)
+    ).T
+    rows, columns = np.indices(target.rope.shape).reshape(2, -1)
+    distance, nearest = cKDTree(np.stack([column, row], 1)).query(np.stack([columns, rows], 1))
+    u, v = (
+        np.clip(np.nan_to_num(np.round(one)), 0, size - 1).astype(int)
+        for one, size in ((column, camera.width), (row, camera.height))
+    )
+    width = 2 * rope.radius * camera.fx / float(depth.mean())
+    near = target.rope.numpy()[v, u][nearest] & (distance < _AROUND * width)
+    looked_at = torch.as_tensor(near).view_as(target.known) & target.known
+
+    if not looked_at.any():
+        return rope.radius
+
+    def misfit(radius: float) -> float:
+        with torch.no_grad():
+            _, occupancy = render(points, radius, camera, _SOFTNESS)
+        return float(((occupancy - target.coverage).square() * looked_at).sum())
+
+    limits = [share * rope.radius for share in _RADII]
+    return float(minimize_scalar(misfit, bounds=limits, options={"xatol": 0.01 * rope.radius}).x)
 
 
 def seen(

@@ -76,9 +76,8 @@ def image_loss(
     softness: float | None = None,
 ) -> Tensor:
     """How badly a shape (..., V, 3) accounts for an image: silhouette and depth."""
-    depth, occupancy = render(
-        points, rope.radius, camera, config.softness[1] if softness is None else softness
-    )
+    softness = config.softness[1] if softness is None else softness
+    depth, occupancy = render(points, rope.radius, camera, softness, target.seen_radius)
     return config.silhouette * silhouette_loss(occupancy, target) + config.depth * depth_loss(
         depth, occupancy, target, config.depth_scale
     )

@@ -27,12 +27,15 @@ class Target:
             something hides the table.
         depth: (H, W) metres along the optical axis, NaN where unknown.
         coverage: (H, W) share of each pixel that is rope, 0..1.
+        seen_radius: of the rope's silhouette, metres; None where it is taken for the rope's. Ropes
+            are not as thick as they are said to be, and blur, light and noise thicken or thin them.
     """
 
     rope: Tensor
     known: Tensor
     depth: Tensor
     coverage: Tensor
+    seen_radius: float | None = None
 
     @classmethod
     def of(
@@ -54,7 +57,8 @@ class Target:
 
     def cropped(self, rows: slice, columns: slice) -> Target:
         """The same for a camera `cropped` to these rows and columns."""
-        return Target(*(one[rows, columns] for one in vars(self).values()))
+        images = (self.rope, self.known, self.depth, self.coverage)
+        return Target(*(one[rows, columns] for one in images), self.seen_radius)
 
     def binned(self, factor: int) -> Target:
         """The same for a camera `binned` by that factor: each pixel holds a square of these."""
@@ -71,6 +75,7 @@ class Target:
             squares(self.known).all(2),
             on_rope.nanmean(2),
             squares(self.coverage).mean(2),
+            self.seen_radius,
         )
 
 

@@ -23,7 +23,11 @@ _STEEPEST = 0.3  # sine of the angle between ray and link, below which a link is
 
 
 def render(
-    points: Tensor, radius: float, camera: Camera, softness: float = 1e-3
+    points: Tensor,
+    radius: float,
+    camera: Camera,
+    softness: float = 1e-3,
+    seen_radius: float | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Depth and occupancy of the image of a rope, or of many, each in an image of its own.
 
@@ -33,6 +37,8 @@ def render(
         camera: that looks at it.
         softness: distance over which the rope's edge fades, metres. A gradient reaches a few times
             as far: large for a rough guess, small for a close one.
+        seen_radius: of the rope's silhouette, metres, where it is seen thicker or thinner than its
+            surface is high, see `Target`.
 
     Returns:
         depth (..., H, W): of the rope's surface along the optical axis, metres; NaN where no link
@@ -42,7 +48,9 @@ def render(
     rope = _in_camera(points.reshape(-1, *points.shape[-2:]), camera)  # (B, V, 3)
     start = rope[:, :-1].reshape(-1, 3).T  # (3, B E)
     link = (rope[:, 1:] - rope[:, :-1]).reshape(-1, 3).T
-    pixel, owner = _pairs(start.detach(), link.detach(), radius + _REACH * softness, camera)  # (P,)
+    seen_radius = radius if seen_radius is None else seen_radius
+    reach = seen_radius + _REACH * softness
+    pixel, owner = _pairs(start.detach(), link.detach(), reach, camera)  # (P,)
     distance, depth = _pass(
         start.index_select(1, owner), link.index_select(1, owner), _rays(pixel, camera), radius
     )
@@ -52,7 +60,7 @@ def render(
     # By pixel, and front to back within each, as far as a kilometre.
     order = torch.argsort(pixel + 1e-3 * depth.detach())
     pixel, depth = pixel[order], depth[order]
-    inside = (radius - distance[order]) / softness
+    inside = (seen_radius - distance[order]) / softness
     left = torch.cumsum(logsigmoid(-inside), 0)  # log of what all links so far leave uncovered
     group, first = _groups(pixel)
     before = torch.cat([left.new_zeros(1), left[:-1]])  # what links before this one leave

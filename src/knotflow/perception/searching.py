@@ -201,7 +201,8 @@ def reaching(shape: Floats, target: Target, camera: Camera, rope: RopeConfig) ->
     from scipy import ndimage
 
     with torch.no_grad():
-        _, occupancy = render(torch.as_tensor(shape), rope.radius, camera)
+        seen = target.seen_radius or rope.radius
+        _, occupancy = render(torch.as_tensor(shape), seen, camera)
     missed = ((target.coverage - occupancy > _MISSED) & target.known).numpy()
     parts, count = ndimage.label(missed, np.ones((3, 3)))
     sizes = np.bincount(parts.ravel(), minlength=count + 1)[1:]

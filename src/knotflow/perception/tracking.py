@@ -10,7 +10,7 @@ estimated anew.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,7 +22,7 @@ from knotflow.perception.camera import Camera
 from knotflow.perception.certainty import CrossingEvidence
 from knotflow.perception.crossings import CrossingMemory
 from knotflow.perception.estimation import EstimateConfig, RopeEstimate, estimate, list_doubts
-from knotflow.perception.evidence import explained, observe, seen
+from knotflow.perception.evidence import explained, measure_radius, observe, seen
 from knotflow.perception.fitting import FitConfig, fit
 from knotflow.perception.image import RgbdImage
 from knotflow.perception.losses import Target
@@ -102,6 +102,7 @@ class Tracker:
         self._time: float | None = None
         self._waited = self.config.patience
         self._trailing: Floats | None = None
+        self._seen_radius: float | None = None
         points = np.array(initial.points if isinstance(initial, RopeEstimate) else initial, float)
         if points.shape != (rope.num_vertices, 3) or not np.isfinite(points).all():
             raise ValueError(
@@ -138,7 +139,7 @@ class Tracker:
             predicted = go_on(*now, held, grasped)
         else:  # a model knows how far behind the gripper its link is
             predicted = self._predict(*now, None if grasped is None else gripper, grasped)
-        target = observe(image, self.camera, self.rope)
+        target = replace(observe(image, self.camera, self.rope), seen_radius=self._seen_radius)
         coarse, camera = target.binned(self.config.grid), self.camera.binned(self.config.grid)
         shape = predicted
         if bool(target.rope.any()):
@@ -147,6 +148,9 @@ class Tracker:
             known = target.known.numpy()[self._pixels(laid)]
             shape = self._fit(laid, known, coarse, camera, held, grasped)
         shape, crossings = self._crossings.update(shape, coarse, camera, self.rope, self.config.fit)
+        if self._seen_radius is None:
+            self._seen_radius = measure_radius(shape, target, self.camera, self.rope)
+            target = replace(target, seen_radius=self._seen_radius)
         share = explained(shape, target, self.camera, self.rope)
         if share < self.config.lost:
             found = self._find(image, share, predicted)
@@ -165,21 +169,14 @@ class Tracker:
         return self._estimate(shape, crossings, share, shown, target)
 
     def look(self, image: RgbdImage) -> RopeEstimate:
-        """The rope at rest, estimated with care from where it was tracked to; takes a second.
-
-        A lost one is estimated from the image alone as well. One that is not is no better off with
-        that: another path may account for more of the image than the one that was followed.
+        """The rope at rest, estimated with care; takes a second where the shape it was tracked to
+        accounts for the image, and several where others are looked for.
 
         Raises:
             ImageError: an image of another size.
+            TraceError: no rope in the image.
         """
-        found = estimate(
-            image, self.camera, self.rope, self.points, self.config.estimate, self.points
-        )
-        if found.explained < self.config.lost:
-            alone = self._alone(image, self.points)
-            if alone is not None and alone.explained > found.explained:
-                found = alone
+        found = self._estimated(image, self.points, likely=[self.points])
         self.reseat(found, image.time)
         return found
 
@@ -219,34 +216,37 @@ class Tracker:
         if self._waited < self.config.patience:
             return None
         self._waited = 0
-        found = self._alone(image, predicted)
-        if found is None or found.explained <= share:
+        try:
+            found = self._estimated(image, predicted)
+        except TraceError:
+            return None
+        if found.explained <= share:
             return None
         doubt = "the track was lost, and the rope estimated anew"
         found = replace(found, doubts=(doubt, *found.doubts))
         self._take(found)
         return found
 
-    def _alone(self, image: RgbdImage, earlier: Floats) -> RopeEstimate | None:
-        """The rope estimated from an image alone; None where it shows none."""
-        try:
-            return estimate(
-                image,
-                self.camera,
-                self.rope,
-                None,
-                self.config.estimate,
-                earlier=earlier,
-                network=self._network,
-            )
-        except TraceError:
-            return None
+    def _estimated(
+        self, image: RgbdImage, earlier: Floats, likely: Sequence[Floats] = ()
+    ) -> RopeEstimate:
+        """The rope estimated from an image, from its own guesses and from `likely` shapes."""
+        return estimate(
+            image,
+            self.camera,
+            self.rope,
+            config=self.config.estimate,
+            earlier=earlier,
+            network=self._network,
+            likely=likely,
+        )
 
     def _take(self, found: RopeEstimate) -> None:
         """Go on from an estimate of a rope at rest."""
         self.points, self._spread = found.points.copy(), found.spread.copy()
         self.velocities = np.zeros_like(self.points)
         self._crossings = CrossingMemory.of(found.crossings)
+        self._seen_radius = found.seen_radius
 
     def _estimate(
         self,
@@ -261,7 +261,15 @@ class Tracker:
         if share < self.config.lost:
             doubts.insert(0, "the track is lost")
         return RopeEstimate(
-            shape.copy(), shown, state, crossings, share, self._spread.copy(), True, tuple(doubts)
+            shape.copy(),
+            shown,
+            state,
+            crossings,
+            share,
+            self._spread.copy(),
+            True,
+            tuple(doubts),
+            target.seen_radius,
         )
 
     def _spreads(self, shape: Floats, predicted: Floats, shown: NDArray[np.bool_]) -> Floats:
