@@ -46,8 +46,10 @@ def explained(shape: NDArray, target: Target, camera: Camera, rope: RopeConfig) 
 
 
 def measure_radius(shape: NDArray, target: Target, camera: Camera, rope: RopeConfig) -> float:
-    """The radius, metres, at which the silhouette of a shape (V, 3) is as thick as the rope's in the
-    image where the shape lies on it; the rope's own where it never does."""
+    """The radius, metres, at which a shape (V, 3) looks as thick as the rope in the image.
+
+    It is measured where the shape lies on the rope; where it never does it is the rope's own.
+    """
     from scipy.optimize import minimize_scalar
     from scipy.spatial import cKDTree
 
