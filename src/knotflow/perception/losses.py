@@ -57,8 +57,10 @@ class Target:
 
     def cropped(self, rows: slice, columns: slice) -> Target:
         """The same for a camera `cropped` to these rows and columns."""
-        images = (self.rope, self.known, self.depth, self.coverage)
-        return Target(*(one[rows, columns] for one in images), self.seen_radius)
+        rope, known, depth, coverage = (
+            one[rows, columns] for one in (self.rope, self.known, self.depth, self.coverage)
+        )
+        return Target(rope, known, depth, coverage, self.seen_radius)
 
     def binned(self, factor: int) -> Target:
         """The same for a camera `binned` by that factor: each pixel holds a square of these."""
