@@ -16,6 +16,7 @@ SOURCE = Path(knotflow.__file__).parent
 KNOWS = {
     "versions": set(),
     "threads": set(),
+    "supervised": set(),
     "arrays": set(),
     "intervals": set(),
     "topology": {"arrays"},
@@ -30,7 +31,7 @@ KNOWS = {
     "execution": {"planning", "perception"},
     "tasks": {"planning", "baselines", "primitives"},
     "recording": {"simulation"},
-    "perception": {"simulation", "drawing", "threads"},
+    "perception": {"simulation", "drawing", "threads", "supervised"},
     "workflow": {"versions", "baselines", "training", "planning", "recording", "execution"},
     "report": {"drawing", "intervals", "versions"},
     "config": {"workflow"},

@@ -14,18 +14,16 @@ from knotflow.perception.strand_network import (
     HEADINGS,
     SIDE,
     STEP,
-    TRAIL,
     WIDEST,
     Onward,
     StrandNetwork,
     headings,
 )
 from knotflow.perception.strand_tracing import PIXEL, StrandPath, trace_rope, trace_strands
-from knotflow.perception.strand_training import StrandTraining, onward_loss
+from knotflow.perception.strand_training import onward_loss
 from knotflow.perception.training_config import (
     ExamplesConfig,
     StrandNetworkConfig,
-    StrandTrainingConfig,
 )
 from knotflow.perception.unmixing import coverage
 from knotflow.simulation import state_or_none
@@ -33,7 +31,6 @@ from knotflow.simulation import state_or_none
 from .shapes import CAMERA, ROPE, image, loop, s_curve
 from .test_network import knowing, shape_error
 from .test_patch import exact
-from .test_training import CROSSINGS, SHAPES
 from .test_training import TINY as WHOLE
 
 PERFECT = ExamplesConfig(noise=0, blur=0, sharpen=0, lost=0, hidden=0)
@@ -177,26 +174,8 @@ def test_of_all_guesses_the_one_along_the_strands_is_proposed_where_it_accounts_
     assert shape_error(both.propose(*asked)[0], points) < 0.015
 
 
-def training() -> StrandTraining:
-    config = StrandTrainingConfig(network=TINY, validations=3, steps=2, batch=4)
-    return StrandTraining(SHAPES, CROSSINGS, ROPE, config, 0)
-
-
-def test_a_resumed_training_is_the_uninterrupted_one(tmp_path):
-    whole, broken, resumed = training(), training(), training()
-    metrics = list(whole)
-    next(iter(broken))
-    broken.save(tmp_path / "checkpoint.pt")
-    resumed.load(tmp_path / "checkpoint.pt")
-    list(resumed)
-    assert resumed.history == metrics
-    for name, one in whole.model.state_dict().items():
-        assert torch.equal(one, resumed.model.state_dict()[name]), name
-
-
 def test_the_network_learns_windows_by_heart():
     found = windows(*[loop(1), s_curve()] * 16)
-    assert TRAIL > 0
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
         model = StrandNetwork(TINY)

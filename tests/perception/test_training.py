@@ -6,9 +6,16 @@ import torch
 
 from knotflow.perception.coarse_to_fine import CoarseToFine
 from knotflow.perception.examples import draw
+from knotflow.perception.strand_training import StrandTraining
 from knotflow.perception.supervision import nodes_loss, vertex_error
 from knotflow.perception.training import Training
-from knotflow.perception.training_config import CoarseToFineConfig, ExamplesConfig, TrainingConfig
+from knotflow.perception.training_config import (
+    CoarseToFineConfig,
+    ExamplesConfig,
+    StrandNetworkConfig,
+    StrandTrainingConfig,
+    TrainingConfig,
+)
 
 from .shapes import ROPE, loop, s_curve
 
@@ -22,8 +29,15 @@ def training(seed: int = 0) -> Training:
     return Training(SHAPES, CROSSINGS, ROPE, config, seed)
 
 
-def test_a_resumed_training_is_the_uninterrupted_one(tmp_path):
-    whole, broken, resumed = training(), training(), training(seed=0)
+def strand_training() -> StrandTraining:
+    network = StrandNetworkConfig(channels=(4, 8, 8), width=16)
+    config = StrandTrainingConfig(network=network, validations=3, steps=2, batch=4)
+    return StrandTraining(SHAPES, CROSSINGS, ROPE, config, 0)
+
+
+@pytest.mark.parametrize("training", [training, strand_training])
+def test_a_resumed_training_is_the_uninterrupted_one(training, tmp_path):
+    whole, broken, resumed = training(), training(), training()
     metrics = list(whole)
     next(iter(broken))
     broken.save(tmp_path / "checkpoint.pt")

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -14,20 +12,17 @@ from knotflow.execution.errors import STEPS, predict_motions
 from knotflow.execution.lstm import LstmDynamics
 from knotflow.execution.rope_motions import STEP, Motions
 from knotflow.execution.training_config import DynamicsTrainingConfig
+from knotflow.supervised import SupervisedTraining
 
 VALIDATION = 256
 """Motions that are held out, most."""
 
 
-class DynamicsTraining:
-    """Trains a model on parts of motions; iterating trains, and gives metrics per validation.
+class DynamicsTraining(SupervisedTraining):
+    """A `SupervisedTraining` on parts of motions; at last `training.model.save(path)`."""
 
-        for metrics in training:
-            training.save(path)
-        training.model.save(path)
-
-    It may be interrupted after any item, and goes on from what was saved as if it had not been.
-    """
+    measure = "error_mm"
+    model: LstmDynamics
 
     def __init__(self, motions: Motions, config: DynamicsTrainingConfig, seed: int) -> None:
         """Draws the first weights from `seed`.
@@ -48,7 +43,8 @@ class DynamicsTraining:
             )
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.model = LstmDynamics(config.network)
+            model = LstmDynamics(config.network)
+        super().__init__(model, config, seed)
         self.config = config
         held = max(1, round(config.held_out * len(motions)))
         self._held_out = motions[-held:][:VALIDATION]
@@ -56,19 +52,6 @@ class DynamicsTraining:
         self._points = torch.from_numpy(learned.points)
         self._gripper = torch.from_numpy(learned.gripper)
         self._grasped = torch.from_numpy(learned.grasped)
-        self._generator = torch.Generator().manual_seed(seed)
-        self._optimizer = torch.optim.AdamW(
-            self.model.parameters(), config.learning_rate, weight_decay=config.weight_decay
-        )
-        self.history: list[dict[str, float]] = []
-        """The metrics so far, an item a validation."""
-
-    def __iter__(self) -> Iterator[dict[str, float]]:
-        while len(self.history) < self.config.validations:
-            first = len(self.history) * self.config.steps
-            errors = [self._step(first + step) for step in range(self.config.steps)]
-            self.history.append({"error_mm": 1e3 * float(np.mean(errors))} | self.validate())
-            yield self.history[-1]
 
     def validate(self) -> dict[str, float]:
         """Mean error (mm) of held-out motions after each number of `STEPS`, from rest."""
@@ -76,44 +59,19 @@ class DynamicsTraining:
         error = 1e3 * np.linalg.norm(away, axis=-1).mean(axis=(0, 2))  # (T - 1,)
         return {f"validation_{steps}_mm": float(error[steps - 1]) for steps in STEPS}
 
-    def save(self, path: Path) -> None:
-        """Write all that is needed to go on."""
-        torch.save(
-            {
-                "model": self.model.state_dict(),
-                "optimizer": self._optimizer.state_dict(),
-                "generator": self._generator.get_state(),
-                "history": self.history,
-            },
-            path,
-        )
-
-    def load(self, path: Path) -> None:
-        """Go on from what `save` wrote, of a training with the same arguments."""
-        state = torch.load(path, weights_only=True)
-        self.model.load_state_dict(state["model"])
-        self._optimizer.load_state_dict(state["optimizer"])
-        self._generator.set_state(state["generator"])
-        self.history = list(state["history"])
-
     def _step(self, step: int) -> float:
-        """Mean error of a batch, metres."""
-        config = self.config
-        done = step / (config.validations * config.steps)
-        for group in self._optimizer.param_groups:
-            cosine = 0.5 * (1 + math.cos(math.pi * done))
-            group["lr"] = config.learning_rate * (0.01 + 0.99 * cosine)
-        horizon = min(config.horizon, 2 + 2 * int(8 * done))
+        """Mean error of a batch, millimetres."""
+        done = self._done(step)
+        horizon = min(self.config.horizon, 2 + 2 * int(8 * done))
         points, velocities, grasped, gripper, truth = self._batch(horizon)
         ahead = self.model.predict(points, velocities, grasped, gripper)
         error = (ahead - truth).norm(dim=-1)  # (B, H, V)
-        self._optimizer.zero_grad(set_to_none=True)
         # Far steps are wrong by more, and must not drown the near ones.
         scale = torch.arange(1, horizon + 1).sqrt()[:, None]
-        (error / scale).mean().backward()
-        torch.nn.utils.clip_grad_norm_(self.model.parameters(), config.gradient_norm)
-        self._optimizer.step()
-        return float(error.detach().mean())
+        cosine = 0.5 * (1 + math.cos(math.pi * done))
+        rate = self.config.learning_rate * (0.01 + 0.99 * cosine)
+        self._descend((error / scale).mean(), rate)
+        return 1e3 * float(error.detach().mean())
 
     def _batch(self, horizon: int) -> tuple[Tensor, ...]:
         """Parts of motions, mirrored and reversed at random: laws that ropes obey."""
@@ -135,8 +93,8 @@ class DynamicsTraining:
         grasped = torch.where(reverse[:, None], other, grasped)
         now = points[:, 0]
         velocities = (now - before) / STEP
-        noise = torch.randn(now.shape, generator=self._generator) * self.config.noise
+        noise = torch.randn(now.shape, generator=self.generator) * self.config.noise
         return now + noise, velocities, grasped[:, :-1], gripper[:, 1:], points[:, 1:]
 
     def _draw(self, high: int, count: int) -> Tensor:
-        return torch.randint(high, (count,), generator=self._generator)
+        return torch.randint(high, (count,), generator=self.generator)
