@@ -187,7 +187,7 @@ def test_joint_finetuning_is_measured_on_any_overhand_before_and_after(workflow_
 
 EXPERIMENTS = (
     *("single_stage", "tree_size", "ablation_actor_critic", "joint_finetuning", "pentagram"),
-    *("knots", "goals", "goals_ablation", "actions"),
+    *("knots", "goals", "goals_ablation", "self_play_ablation", "actions"),
 )
 
 
@@ -213,12 +213,14 @@ def test_ablations_search_for_the_same_goals_and_lack_one_part(workflow_of):
         "without_arranging": {"arranging": 0},
         "without_onward": {"onward": False},
         "paper_search": {"rule": "paper"},
-        "with_hindsight": {},
-        "without_hindsight": {},
     }
     for name, changes in lacking.items():
         planner = replace(complete.planner, **changes)
         assert workflow.config(name) == replace(complete, planner=planner)
+    workflow = workflow_of("+experiment=self_play_ablation")
+    for name in ("with_hindsight", "without_hindsight"):
+        config = workflow.config(name)
+        assert config == replace(complete, sampler=config.sampler)
     taught, untaught = (
         workflow.config(workflow.stages[name].needs["primitives"])
         for name in ("with_hindsight", "without_hindsight")

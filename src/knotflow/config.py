@@ -144,13 +144,13 @@ class GoalsBudget:
 
 @dataclass
 class GoalsAblationBudget:
-    """What each part of planning and self-play brings on random goals."""
+    """What each part of planning and of self-play brings on random goals."""
 
-    three: int = 30
+    three: int = 20
     """Goals of three crossings, the first of those of `goals`."""
-    four: int = 20
+    four: int = 10
     """Goals of four crossings, the first of those of `goals`."""
-    rounds: int = 75
+    rounds: int = 30
     """Of self-play with and without hindsight."""
 
 
@@ -158,7 +158,7 @@ class GoalsAblationBudget:
 class ActionsBudget:
     """All actions that lead to at most three crossings."""
 
-    count: int = 20
+    count: int = 10
     """Start shapes in each state, and trials of each action."""
     seed: int = 3_000_017
     """Of start shapes and trials; used for nothing else."""
@@ -313,7 +313,7 @@ class PerceptionBudget:
     """Of 32 ropes, among whose shapes ropes are chosen."""
     rounds: int = ROUNDS
     """Splines that each of these is moved by, one after the other."""
-    ropes: int = 20
+    ropes: int = 12
     """Ropes of each number of crossings."""
     crossings: list[int] = field(default_factory=lambda: [0, 1, 2, 3, 4, 5])
     """Numbers of crossings."""

@@ -108,7 +108,7 @@ def test_every_stage_that_can_be_run_has_a_kind_and_any_other_is_unknown(write):
 def test_trainings_of_what_is_shipped_stand_beside_all_else(write):
     write.run("joint_finetuning", {"self_play": stage("self_play", 7200.0, "s")})
     write.run("perception_training", {"learn": stage("perception_training", 3600.0, "p")})
-    write.run("goals_ablation", {"self_play": stage("self_play", 60.0, "a")})  # of its own
+    write.run("self_play_ablation", {"self_play": stage("self_play", 60.0, "a")})  # of its own
     assert "and dynamics) it was\n1 min 0 s; these trainings took 3 h 0 min." in page(write)
     shutil.rmtree(write.root / "joint_finetuning")
     shutil.rmtree(write.root / "perception_training")

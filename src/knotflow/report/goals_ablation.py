@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import pandas as pd
@@ -13,45 +14,46 @@ from knotflow.report.section import Pictures, Section
 from knotflow.report.statistics import mean_difference
 from knotflow.report.tables import NOTHING, estimate, markdown_table, percent
 
-EXPERIMENT = "goals_ablation"
-METHODS = {
+PLANNING = {
     "complete": "complete",
     "without_arranging": "without arranging",
     "without_onward": "without value beyond the step",
     "paper_search": "with the paper's search",
+}
+SELF_PLAY = {
     "with_hindsight": "short self-play",
     "without_hindsight": "the same without hindsight",
 }
-AGAINST = {"without_hindsight": "with_hindsight"} | dict.fromkeys(
-    ("without_arranging", "without_onward", "paper_search"), "complete"
-)
-"""What each differs from by one part."""
+"""Methods of either experiment, by their tables; all others lack a part that the first has."""
 
 
-def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
+def values(
+    experiment: str, methods: dict[str, str], results: Results, pictures: Pictures
+) -> dict[str, Any] | None:
     """A line a method, with the difference from what it lacks one part of."""
     found = {
-        name: results.table(EXPERIMENT, f"{name}.csv", COLUMNS, key=("set", "goal"))
-        for name in METHODS
+        name: results.table(experiment, f"{name}.csv", COLUMNS, key=("set", "goal"))
+        for name in methods
     }
     tables = {name: table for name, table in found.items() if table is not None}
     if not tables:
         return None
     sets = list(dict.fromkeys(name for table in tables.values() for name in table["set"]))
+    complete = next(iter(methods))
     header = ["method", *(f"tied, {name} crossings" for name in sets), "difference, points"]
     lines = [
         [
-            METHODS[name],
+            methods[name],
             *(_share(table[table["set"] == one]) for one in sets),
-            _difference(table, tables.get(AGAINST.get(name, ""))),
+            _difference(table, tables.get(complete) if name != complete else None),
         ]
         for name, table in tables.items()
     ]
-    shown = {METHODS[name]: table for name, table in tables.items()}
+    shown = {methods[name]: table for name, table in tables.items()}
     return {
-        "figure": pictures.add(tied_over_time(shown, EXPERIMENT)),
+        "figure": pictures.add(tied_over_time(shown, experiment)),
         "table": markdown_table(header, lines, "l" + "r" * (len(sets) + 1)),
-        "confirmation": confirmation(results, EXPERIMENT, pd.concat(tables.values())),
+        "confirmation": confirmation(results, experiment, pd.concat(tables.values())),
     }
 
 
@@ -72,10 +74,16 @@ def _difference(table: pd.DataFrame, complete: pd.DataFrame | None) -> str:
 
 
 SECTION = Section(
-    EXPERIMENT,
-    "What each part brings",
+    "goals_ablation",
+    "What each part of planning brings",
     "Not in the paper",
-    "The first of the goals drawn at random, searched for without one part of planning or of "
-    "self-play at a time.",
-    values,
+    "The first of the goals drawn at random, searched for without one part of planning at a time.",
+    partial(values, "goals_ablation", PLANNING),
+)
+HINDSIGHT = Section(
+    "self_play_ablation",
+    "What hindsight brings",
+    "Not in the paper",
+    "The same goals, searched for with primitives of a self-play with and without hindsight.",
+    partial(values, "self_play_ablation", SELF_PLAY),
 )

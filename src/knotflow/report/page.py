@@ -59,6 +59,7 @@ FURTHER: tuple[Section, ...] = (
     knots.SECTION,
     goals.SECTION,
     goals_ablation.SECTION,
+    goals_ablation.HINDSIGHT,
     actions.SECTION,
     perception.SECTION,
     trainings.PERCEPTION,
