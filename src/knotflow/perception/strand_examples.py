@@ -101,13 +101,13 @@ def along(ropes: Tensor, at: Tensor) -> Tensor:
     return found.reshape(*at.shape, -1)
 
 
-def turned(points: Tensor, middle: Tensor, angle: Tensor, mirror: Tensor | float = 1.0) -> Tensor:
+def turned(points: Tensor, middle: Tensor, angle: Tensor, mirror: Tensor | None = None) -> Tensor:
     """Points (N, K, 3), radii, in windows around `middle` (N, 2): places in units of HALF, the
-    first axis at an `angle` (N,), radians; heights as they were."""
+    first axis at an `angle` (N,), radians, the second times `mirror` (N,); heights as they were."""
     cosine, sine = angle.cos()[:, None], angle.sin()[:, None]
     x, y = (points[..., :2] - middle[:, None]).unbind(-1)
     first, second = cosine * x + sine * y, cosine * y - sine * x
-    if isinstance(mirror, Tensor):
+    if mirror is not None:
         second = second * mirror[:, None]
     return torch.stack([first / HALF, second / HALF, points[..., 2]], dim=-1)
 
