@@ -200,11 +200,11 @@ class ClosedLoopBudget:
 
     twins: int = 16
     """Twins of levels 0 and 2, and those of a yardstick that knows the true state."""
-    twins_level_1: int = 20
+    twins_level_1: int = 16
     """Twins of level 1."""
     yardsticks: int = 10
     """Twins of level 1 on which MPPI predicts by simulating, which takes a second a tick."""
-    figure_eight: int = 8
+    figure_eight: int = 4
     """Twins of level 1 on which a figure eight is tied."""
     faults: int = 10
     """Twins of level 1 with each fault of robot or camera."""

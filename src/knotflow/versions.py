@@ -14,7 +14,7 @@ VERSIONS = {
     "baselines.causal_infogan": 1,
     "primitives": 2,
     "training": 4,
-    "planning": 4,
+    "planning": 5,
     "perception": 4,
     "execution": 4,
 }

@@ -55,8 +55,8 @@ class PlannerConfig:
 
     steady: bool = False
     """Whether a plan counts only if all of its splines lead to the same states at half the time
-    step, as what hangs by the time step is an accident of the simulation. Of a plan that does not,
-    the search forgets what begins with the first such spline, and goes on."""
+    step, and these last (`planning.soundness`). Of a plan that does not, the search forgets what
+    begins with the first such spline, and goes on."""
     ensemble: int = 0
     """Perturbed ropes that execute every branch that succeeds, so that plans are robust; 0 is the
     paper, which knows the planner's rope alone (`planning.ensemble`)."""
