@@ -14,7 +14,6 @@ from knotflow.workflow import StageContext
 from knotflow.workflow.stages.perception import (
     TABLE,
     PerceptionConfig,
-    choose_ropes,
     estimate_ropes,
 )
 from knotflow.workflow.stages.perception_networks import weights_file
@@ -45,16 +44,6 @@ def config(**changes):
     quick = EstimateConfig(FitConfig(steps=5), search=SearchConfig(first=1, rounds=0))
     given = {"estimate": quick, "levels": [0.0], "crossings": [0, 3], "ropes": 1, "seed": 1}
     return PerceptionConfig(**(given | changes))
-
-
-def test_ropes_are_chosen_by_crossings_among_those_in_view(ropes, capsys):
-    chosen = choose_ropes(config(crossings=[0], ropes=2), ropes / "ropes.npz")
-    assert sorted(chosen) == [(0, 0), (0, 1)]
-    assert all(points[:, 0].max() < 0.55 for points in chosen.values())
-    assert len(choose_ropes(config(crossings=[0], ropes=3), ropes / "ropes.npz")) == 2
-    assert "only 2 ropes of 0 crossings" in capsys.readouterr().out
-    with pytest.raises(ValueError, match="no rope of 4 crossings in the camera's view"):
-        choose_ropes(config(crossings=[4]), ropes / "ropes.npz")
 
 
 def test_a_method_that_there_is_not_is_refused(ropes, tmp_path):

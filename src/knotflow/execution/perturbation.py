@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from knotflow.simulation import ACTUATION
+
+if TYPE_CHECKING:
+    from knotflow.perception import Camera
 
 
 @dataclass(frozen=True)
@@ -31,3 +35,12 @@ ERRORS = (
     Errors(ACTUATION[2], ACTUATION[2], 0.002, np.deg2rad(0.2), 1.0),
 )
 """Of each level of `simulation.perturbation`."""
+
+
+def displaced(camera: Camera, errors: Errors, rng: np.random.Generator) -> Camera:
+    """A camera that stands not quite where it is believed to."""
+    from scipy.spatial.transform import Rotation
+
+    shift = rng.uniform(-1, 1, 3) * errors.camera_shift
+    turn = Rotation.from_rotvec(rng.uniform(-1, 1, 3) * errors.camera_turn).as_matrix()
+    return replace(camera, position=camera.position + shift, rotation=turn @ camera.rotation)

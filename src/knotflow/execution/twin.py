@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.execution.perturbation import ERRORS, Errors
+from knotflow.execution.perturbation import ERRORS, Errors, displaced
 from knotflow.execution.robot import Robot
 from knotflow.execution.sight import Sight
 from knotflow.simulation import RopeConfig, build_model, check_points, perturb_rope, pose
@@ -219,13 +219,9 @@ def _camera(
     camera: Camera, rope: RopeConfig, errors: Errors, rng: np.random.Generator
 ) -> SimulatedCamera:
     """A camera that is not quite where it is believed to be, in a light of its own."""
-    from scipy.spatial.transform import Rotation
-
     from knotflow.perception import Appearance, CameraNoiseConfig, SimulatedCamera
 
-    shift = rng.uniform(-1, 1, 3) * errors.camera_shift
-    turn = Rotation.from_rotvec(rng.uniform(-1, 1, 3) * errors.camera_turn).as_matrix()
-    moved = replace(camera, position=camera.position + shift, rotation=turn @ camera.rotation)
+    moved = displaced(camera, errors, rng)
     noise = CameraNoiseConfig(level=errors.camera_noise)
     return SimulatedCamera(moved, rope, noise, Appearance.draw(rng, noise))
 

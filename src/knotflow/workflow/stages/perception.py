@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,18 +17,14 @@ from knotflow.perception import (
     Camera,
     CameraNoiseConfig,
     EstimateConfig,
-    Label,
     NetworkError,
-    RgbdImage,
-    RopeEstimate,
     SimulatedCamera,
     TraceError,
-    add_noise,
-    segment,
 )
+from knotflow.perception.measures import choose_ropes, measures, noisy_image
 from knotflow.perception.methods import METHODS
 from knotflow.perception.seeing import DrawnEstimate, draw_estimates
-from knotflow.simulation import RopeConfig, SimulationConfig, check_points, resample, state_or_none
+from knotflow.simulation import RopeConfig, SimulationConfig
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.perception_networks import load_networks
@@ -77,51 +72,13 @@ def estimate_ropes(
     if unknown:
         raise ValueError(f"unknown methods {unknown}; methods are: {', '.join(METHODS)}")
     config = replace(config, methods=_that_can_run(config.methods, inputs["networks"]))
-    chosen = choose_ropes(config, inputs["ropes"] / "ropes.npz")
+    rope, path = config.simulation.rope, inputs["ropes"] / "ropes.npz"
+    chosen = choose_ropes(path, config.crossings, config.ropes, rope, config.seed)
     names = [f"{crossings}-{number}" for crossings, number in chosen]
     ropes = dict(zip(names, chosen.values(), strict=True))
     work = partial(_estimate_rope, config, ropes, inputs["networks"])
     context.table(TABLE, work, names, "perception")
     _draw(context, config.simulation.rope)
-
-
-def choose_ropes(config: PerceptionConfig, path: Path) -> dict[tuple[int, int], NDArray]:
-    """Shapes (V, 3), metres, by number of crossings and a count; all of each is in view.
-
-    Where there are fewer of a number of crossings than wanted, all of these are taken.
-
-    Raises:
-        ValueError: no rope of a number of crossings.
-    """
-    with np.load(path) as file:
-        points, crossings = file["points"].astype(np.float64), file["crossings"]
-    rng = np.random.default_rng([config.seed, 0])
-    camera = Camera.overhead()
-    chosen: dict[tuple[int, int], NDArray] = {}
-    for count in config.crossings:
-        rows = [row for row in np.flatnonzero(crossings == count) if _in_view(points[row], camera)]
-        if not rows:
-            raise ValueError(
-                f"{path} has no rope of {count} crossings in the camera's view: raise "
-                "perception.shards"
-            )
-        if len(rows) < config.ropes:
-            print(f"only {len(rows)} ropes of {count} crossings are in view", flush=True)
-        for number, row in enumerate(rng.permutation(rows)[: config.ropes]):
-            chosen[count, number] = check_points(
-                resample(points[row], config.simulation.rope), config.simulation.rope
-            )
-    return chosen
-
-
-def _in_view(points: NDArray, camera: Camera) -> bool:
-    """Whether the whole rope is seen, with some pixels to spare."""
-    column, row, _ = camera.project(points).T
-    return bool(
-        min(column.min(), row.min()) > 4
-        and column.max() < camera.width - 5
-        and row.max() < camera.height - 5
-    )
 
 
 def _that_can_run(methods: list[str], networks: Path) -> list[str]:
@@ -154,9 +111,9 @@ def _estimate_rope(
         rng = np.random.default_rng([config.seed, 1, crossings, number, round(100 * level)])
         noise = replace(config.noise, level=level)
         eye = SimulatedCamera(camera, rope, noise, Appearance.draw(rng, noise))
-        marked = _image(eye, truth, rng)
+        marked = noisy_image(eye, truth, rng)
         eye.appearance = replace(eye.appearance, head=None)
-        plain = _image(eye, truth, rng)
+        plain = noisy_image(eye, truth, rng)
         for method in config.methods:
             if METHODS[method].nominal and level != NOMINAL:
                 continue
@@ -171,24 +128,13 @@ def _estimate_rope(
             seconds = time.process_time() - began
             rows.append(
                 {"method": method, "noise": level, "crossings": crossings, "rope": number}
-                | _measures(found, truth)
+                | measures(found, truth)
                 | {"rope_iou": round(rope_iou, 4), "seconds": round(seconds, 3)}
             )
             if found is not None and (method, level, number) == (_shown(config), NOMINAL, 0):
                 with context.atomic(f"shown/{crossings}.npz") as path:
                     np.savez(path, rgb=image.rgb, found=found.points, seen=found.seen, truth=truth)
     return pd.DataFrame(rows)
-
-
-def _image(
-    eye: SimulatedCamera, truth: NDArray, rng: np.random.Generator
-) -> tuple[RgbdImage, float]:
-    """An image with noise, and the intersection over union of its rope, as it is segmented, with
-    the pixels that show rope."""
-    view = eye.view(truth)
-    image = add_noise(view.image, eye.camera, eye.noise, rng)
-    found, there = segment(image, eye.camera, eye.rope.radius).rope, view.labels == Label.ROPE
-    return image, float((found & there).sum() / (found | there).sum())
 
 
 def _shown(config: PerceptionConfig) -> str:
@@ -208,23 +154,3 @@ def _draw(context: StageContext, rope: RopeConfig) -> None:
     for ending in ("png", "svg"):
         with context.atomic(f"estimates.{ending}") as path:
             draw_estimates(path, drawn, Camera.overhead(), rope)
-
-
-def _measures(found: RopeEstimate | None, truth: NDArray) -> dict[str, Any]:
-    """How far an estimate is from the true rope (V, 3); empty where no rope was found."""
-    if found is None:
-        empty = dict.fromkeys(("mean_error_mm", "p95_error_mm", "off_curve_error_mm"), np.nan)
-        return empty | dict.fromkeys(("state_correct", "head_correct"), 0) | {"doubtful": 1}
-    error = 1e3 * np.linalg.norm(found.points - truth, axis=1)
-    turned = 1e3 * np.linalg.norm(found.points[::-1] - truth, axis=1)
-    fine = np.linspace(0, len(truth) - 1, 10 * len(truth))
-    curve = np.stack([np.interp(fine, np.arange(len(truth)), truth[:, k]) for k in range(3)], 1)
-    off = np.linalg.norm(found.points[:, None] - curve, axis=2).min(axis=1)
-    return {
-        "mean_error_mm": round(float(error.mean()), 3),
-        "p95_error_mm": round(float(np.quantile(error, 0.95)), 3),
-        "off_curve_error_mm": round(float(1e3 * off.mean()), 3),
-        "state_correct": int(found.state == state_or_none(truth)),
-        "head_correct": int(error.mean() < turned.mean()),
-        "doubtful": int(found.doubtful),
-    }

@@ -20,30 +20,24 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from knotflow.demonstrations import SHIPPED, TASKS, load_demonstrations
-from knotflow.execution import ERRORS, LstmDynamics, ModelPrediction, MujocoDynamics
+from knotflow.execution import LstmDynamics, ModelPrediction, MujocoDynamics
+from knotflow.execution.filmed import film_rollout
 from knotflow.perception import (
-    Appearance,
     Camera,
     CameraNoiseConfig,
-    Label,
     Network,
     PointDriftConfig,
     PointDriftTracker,
     RgbdImage,
-    SimulatedCamera,
     Tracker,
     TrackerConfig,
-    add_noise,
-    seen,
 )
 from knotflow.perception.training_config import SHIPPED_NETWORK
 from knotflow.recording import RecordedRollout, RolloutImages, write_recording
 from knotflow.simulation import (
     Attempts,
     RopeConfig,
-    RopeSimulator,
     SimulationConfig,
-    attempt,
     grasped_link,
     perturb_rope,
     state_or_none,
@@ -92,7 +86,7 @@ class TrackingConfig:
     """Of ropes, cameras and noise; used for nothing else."""
 
 
-@stage("tracking", inputs=())
+@stage("tracking", inputs=(), version=2)
 def track_rollouts(
     config: TrackingConfig, inputs: Mapping[str, Path], context: StageContext
 ) -> None:
@@ -111,8 +105,10 @@ def _track(config: TrackingConfig, shown: str, context: StageContext, name: str)
     level, action, number = name.split("-")
     rng = np.random.default_rng([config.seed, int(level), *map(ord, action), int(number)])
     rope = perturb_rope(config.simulation.rope, int(level), rng)
-    attempts = _rollout(config, rope, action, rng)
-    (*images, at_rest), (*shows, rest_shows) = _images(config, rope, int(level), attempts, rng)
+    demonstrations = load_demonstrations(Path(config.demonstrations))
+    of_action = [one for one in demonstrations if one.task.name == action]
+    film = film_rollout(of_action, rope, int(level), config.simulation, config.noise, rng)
+    attempts, (*images, at_rest), (*shows, rest_shows) = film.attempts, film.images, film.shows
     truth = attempts.rollouts.trajectory[0].astype(np.float64)
     camera, believed = Camera.overhead(), config.simulation.rope
     network = Network.load(config.network) if Path(config.network).exists() else None
@@ -172,56 +168,6 @@ def _row(method: str, frame: int, found: Any, truth: NDArray) -> dict[str, Any]:
         "state_correct": int(state is not None and found.state == state),
         "lost": int(any("lost" in doubt for doubt in found.doubts)),
     }
-
-
-def _rollout(
-    config: TrackingConfig, rope: RopeConfig, action: str, rng: np.random.Generator
-) -> Attempts:
-    """A demonstrated spline of an action on a rope that differs from the demonstrated one."""
-    simulator = RopeSimulator(replace(config.simulation, rope=rope))
-    demonstrations = load_demonstrations(Path(config.demonstrations))
-    of_action = [one for one in demonstrations if one.task.name == action]
-    while True:
-        shown = of_action[int(rng.integers(len(of_action)))]
-        points = shown.points + [0.0, 0.0, rope.radius - config.simulation.rope.radius]
-        task = shown.task
-        tried = attempt(simulator, points, shown.spline[None], task.action, task.start_state)
-        if not tried.rollouts.diverged.any():
-            return tried
-
-
-def _images(
-    config: TrackingConfig,
-    rope: RopeConfig,
-    level: int,
-    attempts: Attempts,
-    rng: np.random.Generator,
-) -> tuple[list[RgbdImage], list[NDArray[np.bool_]]]:
-    """An image a frame and one of the end without gripper, and which vertices (V,) each shows."""
-    from scipy.spatial.transform import Rotation
-
-    believed, errors = Camera.overhead(), ERRORS[level]
-    turn = Rotation.from_rotvec(rng.uniform(-1, 1, 3) * errors.camera_turn).as_matrix()
-    camera = replace(
-        believed,
-        position=believed.position + rng.uniform(-1, 1, 3) * errors.camera_shift,
-        rotation=turn @ believed.rotation,
-    )
-    eye = SimulatedCamera(camera, rope, config.noise, Appearance.draw(rng, config.noise))
-    images, shows = [], []
-    rollouts = attempts.rollouts
-    ends = rollouts.trajectory[0, -1:], rollouts.times[-1:] + 1 / config.simulation.record_rate
-    for seconds, points, gripper in zip(
-        np.concatenate([rollouts.times, ends[1]]),
-        np.concatenate([rollouts.trajectory[0], ends[0]]).astype(np.float64),
-        [*rollouts.gripper[0], None],
-        strict=True,
-    ):
-        closed = 0 < seconds < config.simulation.move_time
-        view = eye.view(points, gripper, bool(closed), float(seconds))
-        images.append(add_noise(view.image, camera, config.noise, rng))
-        shows.append(seen(points, view.labels == Label.ROPE, view.image, camera, rope))
-    return images, shows
 
 
 def _record(
