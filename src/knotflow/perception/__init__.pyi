@@ -8,7 +8,7 @@ from .image import ImageError, Label, RgbdImage
 from .lifting import lift
 from .losses import Target
 from .motion import go_on
-from .network import Network, NetworkError
+from .network import Network, NetworkError, network_of
 from .noise import CameraNoiseConfig, add_noise
 from .point_drift import PointDriftConfig, PointDriftTracker
 from .rendering import render
@@ -81,6 +81,7 @@ __all__ = [
     "image_loss",
     "lift",
     "observe",
+    "network_of",
     "project_lengths",
     "render",
     "see",

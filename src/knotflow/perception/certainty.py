@@ -12,11 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from knotflow.perception.camera import Camera
-from knotflow.perception.fitting import FitConfig, fit, image_loss
+from knotflow.perception.fitting import FitConfig, fit, misfit
 from knotflow.perception.losses import Target
 from knotflow.simulation import RopeConfig
 from knotflow.topology import DegenerateCurveError, project
@@ -67,20 +66,14 @@ def weigh_crossings(
         config, steps=_STEPS, softness=(config.softness[1],) * 2, step_size=config.step_size / 2
     )
     shape = np.asarray(points, np.float64)
-    pixels = target.independent_pixels
-
-    def misfit(one: Floats) -> float:
-        with torch.no_grad():
-            return pixels * float(image_loss(torch.as_tensor(one), target, camera, rope, config))
-
     weighed: dict[int, float] = {}
-    loss = misfit(shape)
+    loss = misfit(shape, target, camera, rope, config)
     for index in range(len(meetings(shape))):
         pairs = meetings(shape)
         if index >= len(pairs):
             break
         other = fit(exchange(shape, *pairs[index], rope), target, camera, rope, brief)
-        worse = misfit(other) - loss
+        worse = misfit(other, target, camera, rope, config) - loss
         if worse < 0 and len(meetings(other)) == len(pairs):
             shape, loss, worse = other, loss + worse, -worse
         weighed[index] = float(1 / (1 + np.exp(-min(abs(worse), 50.0))))

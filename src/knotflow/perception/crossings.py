@@ -10,12 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from knotflow.perception.camera import Camera
 from knotflow.perception.certainty import CrossingEvidence, exchange, meetings
-from knotflow.perception.fitting import FitConfig, image_loss
+from knotflow.perception.fitting import FitConfig, misfit
 from knotflow.perception.losses import Target
 from knotflow.simulation import RopeConfig
 
@@ -66,21 +65,14 @@ class CrossingMemory:
         Returns:
             The shape, metres, and its crossings in the order met.
         """
-        pixels = target.independent_pixels
-
-        def misfit(one: Floats) -> float:
-            with torch.no_grad():
-                return pixels * float(
-                    image_loss(torch.as_tensor(one), target, camera, rope, config)
-                )
-
+        image = target, camera, rope, config
         pairs = meetings(shape)
-        loss = misfit(shape) if pairs else 0.0
+        loss = misfit(shape, *image) if pairs else 0.0
         known, evidence = [], []
         for pair in pairs:
             over = _height(shape, pair[0]) > _height(shape, pair[1])
             other = exchange(shape, *pair, rope)
-            worse = misfit(other) - loss
+            worse = misfit(other, *image) - loss
             favours = float(np.clip(worse, -_MOST_EACH, _MOST_EACH))
             odds = _FADING * self._earlier(pair) + (1 if over else -1) * favours
             odds = float(np.clip(odds, -_MOST, _MOST))

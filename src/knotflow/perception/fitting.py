@@ -83,6 +83,15 @@ def image_loss(
     )
 
 
+def misfit(
+    shape: NDArray, target: Target, camera: Camera, rope: RopeConfig, config: FitConfig
+) -> float:
+    """How unlikely an image is if the rope lies in a shape (V, 3): the negative logarithm."""
+    with torch.no_grad():
+        loss = image_loss(torch.as_tensor(shape), target, camera, rope, config)
+    return target.independent_pixels * float(loss)
+
+
 def shape_loss(points: Tensor, rope: RopeConfig, config: FitConfig) -> Tensor:
     """How unlike a rope on a table a shape (..., V, 3) is, whatever the image."""
     return (

@@ -195,7 +195,16 @@ def _sizes(text: str) -> dict[str, Any]:
 @cache
 def shipped_network() -> Network | None:
     """The network that the package ships; None where it ships none."""
-    return Network.load() if SHIPPED_NETWORK.exists() else None
+    return network_of(SHIPPED_NETWORK)
+
+
+def network_of(file: Path) -> Network | None:
+    """The network in a file; None where there is no such file.
+
+    Raises:
+        NetworkError: see `Network.load`.
+    """
+    return Network.load(file) if file.is_file() else None
 
 
 def look(

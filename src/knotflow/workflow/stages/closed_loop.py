@@ -22,7 +22,7 @@ from knotflow.execution import (
     TwinConfig,
     try_plan,
 )
-from knotflow.perception import Camera, Network
+from knotflow.perception import Camera, network_of
 from knotflow.planning import Goal, KnotPlan, PlannerConfig, parse_goal, plan_knot
 from knotflow.samplers import Sampler, SamplerConfig, build_sampler
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, random_curve
@@ -182,8 +182,8 @@ def _row(
     twin = Twin(plan.start, TwinConfig(level=level, rope=config.simulation.rope), drawn, camera)
     planner.seconds = plan.seconds
     anew = partial(planner.anew, np.random.default_rng([config.seed, number, 3, level]))
-    weights, seen_by = Path(config.weights), Path(config.network)
-    network = Network.load(seen_by) if camera is not None and seen_by.is_file() else None
+    weights = Path(config.weights)
+    network = None if camera is None else network_of(Path(config.network))
     robot = FAULTS[case.fault](twin.robot())
     film = Filming(robot) if (case.controller, case.fault, number) == SHOWN else None
     trial = try_plan(

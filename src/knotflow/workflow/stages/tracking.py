@@ -25,12 +25,12 @@ from knotflow.execution.filmed import film_rollout
 from knotflow.perception import (
     Camera,
     CameraNoiseConfig,
-    Network,
     PointDriftConfig,
     PointDriftTracker,
     RgbdImage,
     Tracker,
     TrackerConfig,
+    network_of,
 )
 from knotflow.perception.training_config import SHIPPED_NETWORK
 from knotflow.recording import RecordedRollout, RolloutImages, write_recording
@@ -111,7 +111,7 @@ def _track(config: TrackingConfig, shown: str, context: StageContext, name: str)
     attempts, (*images, at_rest), (*shows, rest_shows) = film.attempts, film.images, film.shows
     truth = attempts.rollouts.trajectory[0].astype(np.float64)
     camera, believed = Camera.overhead(), config.simulation.rope
-    network = Network.load(config.network) if Path(config.network).exists() else None
+    network = network_of(Path(config.network))
     followers = {
         "rendering": None,
         "rendering_lstm": ModelPrediction(LstmDynamics.load(Path(config.weights))),
