@@ -55,17 +55,12 @@ def measure_radius(shape: NDArray, target: Target, camera: Camera, rope: RopeCon
 
     points = torch.as_tensor(shape)
     at = np.linspace(0, len(shape) - 1, 5 * len(shape))
-    column, row, depth = camera.project(
-        np.stack([np.interp(at, range(len(shape)), one) for one in shape.T], axis=1)
-    ).T
+    fine = np.stack([np.interp(at, range(len(shape)), one) for one in shape.T], axis=1)
+    column, row, depth = camera.project(fine).T
     rows, columns = np.indices(target.rope.shape).reshape(2, -1)
     distance, nearest = cKDTree(np.stack([column, row], 1)).query(np.stack([columns, rows], 1))
-    u, v = (
-        np.clip(np.nan_to_num(np.round(one)), 0, size - 1).astype(int)
-        for one, size in ((column, camera.width), (row, camera.height))
-    )
     width = 2 * rope.radius * camera.fx / float(depth.mean())
-    near = target.rope.numpy()[v, u][nearest] & (distance < _AROUND * width)
+    near = target.rope.numpy()[nearest_pixels(fine, camera)][nearest] & (distance < _AROUND * width)
     looked_at = torch.as_tensor(near).view_as(target.known) & target.known
 
     if not looked_at.any():
@@ -89,7 +84,15 @@ def seen(
     inside = (np.abs(column - (camera.width - 1) / 2) < camera.width / 2) & (
         np.abs(row - (camera.height - 1) / 2) < camera.height / 2
     )
-    u = np.clip(np.nan_to_num(np.round(column)), 0, camera.width - 1).astype(int)
-    v = np.clip(np.nan_to_num(np.round(row)), 0, camera.height - 1).astype(int)
-    off = np.abs(image.depth[v, u] - (depth - rope.radius))
-    return np.asarray(inside & mask[v, u] & (off < 1.5 * rope.radius))
+    shown = nearest_pixels(shape, camera)
+    off = np.abs(image.depth[shown] - (depth - rope.radius))
+    return np.asarray(inside & mask[shown] & (off < 1.5 * rope.radius))
+
+
+def nearest_pixels(points: NDArray, camera: Camera) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns (N,) at which points (N, 3) are seen, the nearest in the image."""
+    u, v, _ = np.nan_to_num(camera.project(points)).T
+    return (
+        np.clip(np.round(v), 0, camera.height - 1).astype(np.intp),
+        np.clip(np.round(u), 0, camera.width - 1).astype(np.intp),
+    )

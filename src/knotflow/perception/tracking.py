@@ -22,7 +22,7 @@ from knotflow.perception.camera import Camera
 from knotflow.perception.certainty import CrossingEvidence
 from knotflow.perception.crossings import CrossingMemory
 from knotflow.perception.estimation import EstimateConfig, RopeEstimate, estimate, list_doubts
-from knotflow.perception.evidence import explained, measure_radius, observe, seen
+from knotflow.perception.evidence import explained, measure_radius, nearest_pixels, observe, seen
 from knotflow.perception.fitting import FitConfig, fit
 from knotflow.perception.image import RgbdImage
 from knotflow.perception.losses import Target
@@ -145,7 +145,7 @@ class Tracker:
         if bool(target.rope.any()):
             cloud = rope_points(image, target, self.camera, self.rope, self.config.points)
             laid = register(predicted, cloud, self.rope)
-            known = target.known.numpy()[self._pixels(laid)]
+            known = target.known.numpy()[nearest_pixels(laid, self.camera)]
             shape = self._fit(laid, known, coarse, camera, held, grasped)
         shape, crossings = self._crossings.update(shape, coarse, camera, self.rope, self.config.fit)
         if self._seen_radius is None:
@@ -279,14 +279,6 @@ class Tracker:
         off = np.linalg.norm(shape - predicted, axis=1)
         drift = float(np.sqrt((off[shown] ** 2).mean())) if shown.any() else known
         return np.where(shown, known, np.hypot(self._spread, drift))
-
-    def _pixels(self, points: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Rows and columns (V,) at which points (V, 3) are seen, the nearest in the image."""
-        u, v, _ = np.nan_to_num(self.camera.project(points)).T
-        return (
-            np.clip(np.round(v), 0, self.camera.height - 1).astype(np.intp),
-            np.clip(np.round(u), 0, self.camera.width - 1).astype(np.intp),
-        )
 
     def _without_noise(self, moves: Floats) -> Floats:
         """Moves (V, 3), metres, with those of less than half a pixel damped: they would add up."""
