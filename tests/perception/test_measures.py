@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from knotflow.perception import SAMPLE
+from knotflow.perception import SAMPLE, RopeEstimate
 from knotflow.perception.measures import choose_ropes, measures
-from knotflow.simulation import RopeConfig, straight
+from knotflow.simulation import RopeConfig, state_or_none, straight
 
 
 @pytest.fixture
@@ -32,3 +32,23 @@ def test_what_was_not_found_is_doubtful_and_right_in_nothing():
     found = measures(None, straight(RopeConfig()))
     assert np.isnan(found["mean_error_mm"]) and found["doubtful"]
     assert not found["state_correct"] and not found["head_correct"]
+
+
+def test_sliding_along_the_rope_is_no_error_off_the_curve():
+    # A vertex of the true rope is on its curve, and so is the middle of a link; beside it is not.
+    truth = straight(RopeConfig())
+    middles = (truth[:-1] + truth[1:]) / 2
+    slid = np.concatenate([middles, truth[-1:]])
+    link = 1e3 * np.linalg.norm(truth[1] - truth[0])
+    for points, error, off in (
+        (truth, 0, 0),
+        (slid, link / 2 * (1 - 1 / len(truth)), 0),
+        (truth + [0, 0.003, 0.004], 5, 5),
+    ):
+        spread = np.zeros(len(truth))
+        found = measures(
+            RopeEstimate(points, spread == 0, state_or_none(points), (), 1.0, spread, True, ()),
+            truth,
+        )
+        assert found["mean_error_mm"] == pytest.approx(error, abs=1e-3)
+        assert found["off_curve_error_mm"] == pytest.approx(off, abs=1e-3)
