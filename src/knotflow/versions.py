@@ -15,7 +15,7 @@ VERSIONS = {
     "primitives": 2,
     "training": 4,
     "planning": 5,
-    "perception": 4,
+    "perception": 5,
     "execution": 4,
 }
 """Package below knotflow -> its version. One inside another, with a number of its own, is not

@@ -67,6 +67,26 @@ def test_what_is_likely_must_account_for_the_image(monkeypatch):
     assert asked and found.state == TopologicalState.from_curve(truth)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("credit", "kept"), [(2.0, True), (0.0, False), (2.0, False)])
+def test_a_state_that_was_likely_gives_way_to_one_that_is_much_likelier(monkeypatch, credit, kept):
+    # Whatever the image: what a search finds and how likely that is are given here.
+    likely, other = loop(1), s_curve()
+    lead = 1.0 if kept or credit == 0 else 3.0
+
+    def losses(shapes, target, camera, rope, config):
+        return np.array([0.0, lead]) / target.independent_pixels
+
+    monkeypatch.setattr(estimation, "is_plausible", lambda *_: False)
+    monkeypatch.setattr(estimation, "search", lambda *_: np.stack([other, likely]))
+    monkeypatch.setattr(estimation, "total_loss", losses)
+    config = replace(QUICK, credit=credit, propose=False)
+    found = estimate(image(likely), CAMERA, ROPE, config=config, likely=[likely])
+    assert found.state == TopologicalState.from_curve(likely if kept else other)
+    # Either way they are near each other: the other one is named as a doubt.
+    assert any("another path" in doubt for doubt in found.doubts)
+
+
 @pytest.mark.parametrize("share", [0.8, 1.25])
 def test_a_rope_thinner_or_thicker_than_it_is_said_to_be_is_no_doubt(monkeypatch, share):
     points = s_curve()
