@@ -301,9 +301,7 @@ def _head(
     return 0 if contrast[0] > contrast[1] else -1
 
 
-def _credit(
-    shape: Floats, expected: set[TopologicalState | None], config: EstimateConfig
-) -> float:
+def _credit(shape: Floats, expected: set[TopologicalState | None], config: EstimateConfig) -> float:
     """What speaks for a shape (V, 3) beside the image, a logarithm."""
     return config.credit if state_or_none(shape) in expected - {None} else 0.0
 
