@@ -114,6 +114,22 @@ class SelfPlayBudget:
     """Of the trials and batches; searches have ropes of their own."""
 
 
+def _longer() -> SelfPlayConfig:
+    return SelfPlayConfig(rounds=280, capacity=60_000, settle_every=140, settle_steps=1500)
+
+
+@dataclass
+class LibraryTrainingBudget:
+    """The primitives that ship: self-play that goes on where joint finetuning ended."""
+
+    begin: str = "results/joint_finetuning/primitives"
+    """A library's file, or a folder of files: what it begins with."""
+    training: SelfPlayConfig = field(default_factory=_longer)
+    """Learning from self-play; of earlier attempts there are none."""
+    seed: int = 46
+    """Of the trials and batches; searches have ropes of their own."""
+
+
 @dataclass
 class JointBudget:
     """The searches that tell what learning together brings (Sec. VII-B2)."""
@@ -397,6 +413,8 @@ class Config:
     """Trees for the overhand along one path."""
     self_play: SelfPlayBudget = field(default_factory=SelfPlayBudget)
     """Primitives trained together on all actions."""
+    library_training: LibraryTrainingBudget = field(default_factory=LibraryTrainingBudget)
+    """Primitives that go on learning all actions."""
     joint_finetuning: JointBudget = field(default_factory=JointBudget)
     """Searches for the overhand before and after."""
     pentagram: PentagramBudget = field(default_factory=PentagramBudget)

@@ -38,6 +38,18 @@ def test_self_play_says_what_it_tried(write):
     assert found == {"trials": "1,509", "pairs": "3", "solved": "2", "often": "1"}
 
 
+def test_the_training_of_what_ships_goes_on_from_there(write):
+    assert "library_training" not in report(write).markdown.split("# Beyond the paper")[0]
+    write.table("library_training", "curves.csv", CURVES, PLAYED)
+    text = compose(Results(write.root), "results").markdown
+    own = text.split("## Training: the primitives that ship")[1].split("\n## ")[0]
+    assert "(figures/library_training.png)" in own and "Self-play spent" not in own
+    rows = [("trivial", "R1(0,1,1)", 1000, 900, 0.9)]
+    write.table("library_training", "trials.csv", TRIALS, rows)
+    text = compose(Results(write.root), "results").markdown
+    assert "Self-play spent 1,000 trials on 1 pairs" in text
+
+
 def test_single_actions_have_their_starts_resampled_where_these_were_kept(write):
     rates = [(method, "C(0,1,1)", 16, 8, 0.5, 0.28, 0.72) for method in METHODS]
     write.table("joint_finetuning", "single_actions.csv", RATES, rates)

@@ -72,15 +72,15 @@ def inputs(tmp_path_factory, simulator):
         {number: [] for number in ALL_PRIMITIVES},
         SIMULATION.rope,
     )
-    (folder / "reinforcement").mkdir()
-    library.save(folder / "reinforcement" / FILE)
+    (folder / "primitives").mkdir()
+    library.save(folder / "primitives" / FILE)
     action = task("R1(0,1,1)").action
-    recorder = Recorder(StageContext(folder / "reinforcement"), "reinforcement", SIMULATION.rope)
+    recorder = Recorder(StageContext(folder / "primitives"), "reinforcement", SIMULATION.rope)
     for points in (straight(SIMULATION.rope), arc(SIMULATION.rope)):
         splines = aim(points, action, 3, rng)
         attempt(simulator, points, splines, action, TopologicalState.trivial(), recorder)
     recorder.save("recordings/primitive-1-000.mcap")
-    return {name: folder / name for name in ("demonstrations", "reinforcement")}
+    return {name: folder / name for name in ("demonstrations", "primitives")}
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def played(inputs, tmp_path_factory):
 
 def test_the_library_is_whole_and_has_learned(played, inputs):
     after = PrimitiveLibrary.load(played / FILE, SIMULATION.rope)
-    before = PrimitiveLibrary.load(inputs["reinforcement"] / FILE, SIMULATION.rope)
+    before = PrimitiveLibrary.load(inputs["primitives"] / FILE, SIMULATION.rope)
     assert set(after.primitives) == set(ALL_PRIMITIVES)
     changed = [
         any(
@@ -155,7 +155,7 @@ def test_an_interrupted_stage_goes_on_and_ends_the_same(played, inputs, tmp_path
 
 
 def test_the_newest_attempts_are_remembered(inputs):
-    recordings = inputs["reinforcement"] / "recordings"
+    recordings = inputs["primitives"] / "recordings"
     table = load(recordings, trajectories=True)
     (all_of_them,) = room.earlier_attempts(recordings, 100)
     (some,) = room.earlier_attempts(recordings, 4)

@@ -27,6 +27,7 @@ from knotflow.report import (
     pentagram,
     perception,
     roots,
+    self_play,
     single_stage,
     tables,
     tracking,
@@ -56,6 +57,7 @@ PAPER: tuple[Section, ...] = (
 )
 #: What the paper has no figures of; of Sec. VI it describes the method.
 FURTHER: tuple[Section, ...] = (
+    self_play.SECTION,
     knots.SECTION,
     goals.SECTION,
     goals_ablation.SECTION,

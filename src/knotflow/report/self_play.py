@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from knotflow.report.learning import COLOURS, SHORT, Curves, panel, smoothed
+from knotflow.report.learning import COLOURS, SHORT, Curves, panel, read_curves, smoothed
 from knotflow.report.paper import PRIMITIVES
 from knotflow.report.results import AT_LEAST_ONE, COUNT, SHARE, TEXT, Results, refuse
+from knotflow.report.section import Pictures, Section
 from knotflow.report.style import INK, MUTED, Picture, new_figure, render, styled
 
+EXPERIMENT = "library_training"
 #: The primitives by number: the paper's four, and those beyond it.
 NAMES = {number: SHORT.get(one.name, one.name) for number, one in enumerate(PRIMITIVES, 1)}
 NAMES |= {5: "5: arranging, state kept", 6: "6: undoing"}
@@ -17,6 +19,17 @@ SUCCESS = "policy_success"
 PAIRS = {"pairs_tried": "tried", "pairs_solved": "done at least once"}
 KEY = ("start", "action")
 COLUMNS = {"start": TEXT, "action": TEXT, "trials": AT_LEAST_ONE, "successes": COUNT}
+
+
+def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
+    """The learning curves, and what was tried."""
+    curves = read_curves(results, EXPERIMENT, "curves.csv")
+    if curves is None:
+        return None
+    return {
+        "self_play": pictures.add(self_play(curves, EXPERIMENT)),
+        "trials": trials(results, EXPERIMENT),
+    }
 
 
 def trials(results: Results, experiment: str) -> dict[str, Any] | None:
@@ -64,3 +77,12 @@ def self_play(curves: Curves, name: str) -> Picture:
             handles, labels, loc="outside upper left", ncols=3, frameon=False, fontsize=7.5
         )
         return render(figure, name, f"Self-play of {len(played)} primitives by round")
+
+
+SECTION = Section(
+    EXPERIMENT,
+    "Training: the primitives that ship",
+    "Sec. V-B c",
+    "The primitives go on learning all actions from ropes that they made themselves.",
+    values,
+)

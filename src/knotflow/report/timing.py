@@ -35,12 +35,13 @@ AIM_HOURS = 3.0
 #: Of a cluster whose time is estimated.
 CPUS = (2, 8, 32, 128)
 
-#: The trainings of the weights that come with the package: the stage, and its experiment.
+#: The trainings of the weights that come with the package: the experiment, and its stage.
 SHIPPED = {
-    "self_play": "joint_finetuning",
-    "perception_training": "perception_training",
-    "strand_training": "strand_training",
-    "dynamics_training": "dynamics_training",
+    ("joint_finetuning", "self_play"),
+    ("library_training", "self_play"),
+    ("perception_training", "perception_training"),
+    ("strand_training", "strand_training"),
+    ("dynamics_training", "dynamics_training"),
 }
 
 UNKNOWN = "unknown"
@@ -80,7 +81,7 @@ def timing(results: Results, pictures: Pictures) -> dict[str, Any]:
     longest = sorted(named, key=lambda one: -_seconds(one[1]))[:STAGES_DRAWN]
     timed = [stage for _, stage in named]
     total = sum(map(_seconds, timed))
-    shipped = sum(_seconds(stage) for name, stage in named if SHIPPED.get(stage.stage) == name)
+    shipped = sum(_seconds(stage) for name, stage in named if (name, stage.stage) in SHIPPED)
     header = ["experiment", "stage", "what it makes", "time", "memory"]
     return {
         "figure": pictures.add(_longest(longest)) if len(longest) > 1 else "",

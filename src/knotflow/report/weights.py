@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from knotflow.report.results import ExperimentResults, Results
@@ -19,10 +20,13 @@ class Kept:
     """A pattern of paths in the experiment's folder."""
 
 
-PRIMITIVES = Kept("primitives", "joint_finetuning", "self_play", "primitives/*")
-DYNAMICS = Kept("dynamics", "dynamics_training", "dynamics_training", "dynamics.safetensors")
-NETWORK = Kept("networks", "strand_training", "strand_training", "network.safetensors")
-#: By the name that a configuration has for the digests of their files.
+PRIMITIVES = tuple(
+    Kept("primitives", experiment, "self_play", "primitives/*")
+    for experiment in ("library_training", "joint_finetuning")
+)
+DYNAMICS = (Kept("dynamics", "dynamics_training", "dynamics_training", "dynamics.safetensors"),)
+NETWORK = (Kept("networks", "strand_training", "strand_training", "network.safetensors"),)
+#: Where weights may come from, by the name that a configuration has for their files' digests.
 KEPT = {"contents": PRIMITIVES, "primitives_contents": PRIMITIVES, "weights_contents": DYNAMICS}
 KEPT |= {"network_contents": NETWORK}
 
@@ -37,11 +41,12 @@ def origins(found: ExperimentResults, results: Results) -> list[str]:
     return list(dict.fromkeys(phrases))
 
 
-def _origin(kept: Kept, digests: str, results: Results) -> str:
-    files = sorted((results.root / kept.experiment).glob(kept.files))
-    # As `knotflow.config.contents` writes them.
-    if digests != "-".join(hashlib.sha256(one.read_bytes()).hexdigest()[:16] for one in files):
-        return f"{kept.what} from elsewhere (not those in `results/{kept.experiment}`)"
+def _origin(trainings: Sequence[Kept], digests: str, results: Results) -> str:
+    found = [one for one in trainings if _digests(one, results) == digests]
+    if not found:
+        folders = " or ".join(f"`results/{one.experiment}`" for one in trainings)
+        return f"{trainings[0].what} from elsewhere (not those in {folders})"
+    kept = found[0]
     commits = [
         f"commit `{stage.commit[:10]}`"
         for stage in results.experiments[kept.experiment].stages
@@ -49,3 +54,9 @@ def _origin(kept: Kept, digests: str, results: Results) -> str:
     ]
     made = commits[0] if commits else "commit unknown"
     return f"{kept.what} from `{kept.stage}` of `results/{kept.experiment}`, {made}"
+
+
+def _digests(kept: Kept, results: Results) -> str:
+    """As `knotflow.config.contents` writes them."""
+    files = sorted((results.root / kept.experiment).glob(kept.files))
+    return "-".join(hashlib.sha256(one.read_bytes()).hexdigest()[:16] for one in files)

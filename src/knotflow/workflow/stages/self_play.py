@@ -1,6 +1,6 @@
 """Stage `self_play`: the primitives learn all actions together (Sec. V-B c, and beyond).
 
-Its trials, about half a million, are not recorded: they would be seventy gigabytes. Their counts
+Its trials, ten thousands of them, are not recorded: they would be gigabytes. Their counts
 are, and one command reproduces them.
 """
 
@@ -42,15 +42,16 @@ class SelfPlayStageConfig:
     """Of everything random."""
 
 
-@stage("self_play", version=2, inputs=("demonstrations", "reinforcement"))
+@stage("self_play", version=2, inputs=("demonstrations", "primitives"))
 def play(config: SelfPlayStageConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes primitives.safetensors, curves.csv and trials.csv, a row for each pair of state and
     action that was tried."""
     demonstrated = load_trials(inputs["demonstrations"])
+    recordings = inputs["primitives"] / "recordings"  # none of a library from a file
     training = SelfPlay(
-        PrimitiveLibrary.load(inputs["reinforcement"] / FILE, config.simulation.rope),
+        PrimitiveLibrary.load(inputs["primitives"] / FILE, config.simulation.rope),
         {task: demonstrated[task.action] for task in TASKS},
-        earlier_attempts(inputs["reinforcement"] / "recordings", config.training.memory),
+        earlier_attempts(recordings, config.training.memory) if recordings.exists() else (),
         RopeSimulator(config.simulation),
         config.training,
         config.seed,
