@@ -2,4 +2,4 @@
 
 import os
 
-os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # torchrl tells of every buffer, once imported
+os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # torchrl logs every buffer, once imported

@@ -132,7 +132,7 @@ class LibraryTrainingBudget:
 
 @dataclass
 class JointBudget:
-    """The searches that tell what learning together brings (Sec. VII-B2)."""
+    """The searches that measure what learning together brings (Sec. VII-B2)."""
 
     plans: PlansBudget = field(
         default_factory=lambda: PlansBudget(seeds=50, seed=41, planner=SPARING_SEARCH)

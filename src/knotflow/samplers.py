@@ -55,7 +55,7 @@ class Foresight(Protocol):
 
 
 class Valuer(Protocol):
-    """Tells how well an action can be done from a shape."""
+    """Estimates how well an action can be done from a shape."""
 
     def values(
         self, points: NDArray, actions: Sequence[Action], rng: np.random.Generator
@@ -65,7 +65,7 @@ class Valuer(Protocol):
 
 
 class Judge(Protocol):
-    """Tells how well splines that others propose do an action."""
+    """Estimates how well splines that others propose do an action."""
 
     def judged(self, points: NDArray, action: Action, splines: NDArray) -> NDArray[np.float64]:
         """(N,) probability that each of N splines (N, 6) succeeds on a rope (V, 3)."""

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 
 class Effort(Protocol):
-    """What every such training is told."""
+    """What every such training is given."""
 
     validations: int
     steps: int

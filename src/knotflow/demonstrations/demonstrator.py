@@ -43,7 +43,7 @@ def demonstrate_task(
 
     Args:
         task: begins tangled, from random starts, or untangled.
-        simulator: tells which splines succeed.
+        simulator: decides which splines succeed.
         rng: everything random comes from it.
         config: the effort to spend, and the least share that must succeed.
         starts: what a random start looks like.

@@ -134,8 +134,8 @@ def _chosen(
     count: int,
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """Of splines (N, 6) those of the `good` rows that are of most worth, as far as can be told of
-    what is `judged` (N, ...), and about a quarter others: (count, 6)."""
+    """Of splines (N, 6) those of the `good` rows that are of most worth by what is
+    `judged` (N, ...), and about a quarter others: (count, 6)."""
     if worth is not None and len(good):
         good = good[np.argsort(-worth(judged[good]), kind="stable")]
     first = count - rng.binomial(count, 0.25)

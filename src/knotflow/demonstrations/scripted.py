@@ -110,7 +110,7 @@ def demonstrate(
     Args:
         points: (V, 3) rope vertices in the task's start state, metres.
         task: the action to demonstrate.
-        simulator: tells which splines succeed.
+        simulator: decides which splines succeed.
         rng: everything random comes from it.
         config: the effort to spend.
         observe: is shown every attempt.

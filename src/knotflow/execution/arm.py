@@ -85,7 +85,7 @@ class Arm:
             gripper points down most, as the arm stands, is its home.
         max_speed: (n,) of each joint, rad/s (m/s).
         max_acceleration: (n,) of each joint, rad/s^2 (m/s^2).
-        base: where it stands unless told otherwise.
+        base: where it stands unless given otherwise.
         gripper: name of the gripper's joint in trajectories.
         opening: its position when open and when closed.
     """

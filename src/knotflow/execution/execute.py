@@ -31,7 +31,7 @@ class StepOutcome:
 
     Attributes:
         step: as it was planned.
-        found: the state that was seen after it; None where nobody looked, or it cannot be told.
+        found: the state that was seen after it; None where nobody looked, or it cannot be read.
         held: whether the rope was held until it was let go, as far as that was watched.
         followed: whether it then was where it was followed to, as far as it was followed.
     """
@@ -101,7 +101,7 @@ def execute(
         source: follows the rope while it is dragged, so that a rope that is lost is noticed.
         controller: corrects the drag. Without one, but with a source, the spline begins where the
             rope is and is then followed blindly.
-        look: tells the rope's state at the end, and with `replan` after each action.
+        look: reads the rope's state at the end, and with `replan` after each action.
         replan: plans the rest after each action. Only the first step of each plan is executed; the
             given plan's if the rope is seen to lie in the state it begins with.
 

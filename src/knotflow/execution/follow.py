@@ -194,7 +194,7 @@ class Run:
     def see(self, look: Look, number: int, likely: Sequence[NDArray] = ()) -> Sight:
         """Go out of the way and look, then from the other side if the rope is in doubt.
 
-        Where that stays in doubt, the last sight tells why. `likely` is told to the look.
+        Where that stays in doubt, the last sight has the reason. `likely` is handed to the look.
         """
         sight = Sight.nothing(f"no new image came for {self.config.patience:g} s")
         for turn in range(self.config.looks):

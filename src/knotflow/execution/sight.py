@@ -89,7 +89,7 @@ class Sight:
 
     Attributes:
         points: (V, 3) metres, a shape of the rope; None where none was seen.
-        state: its topological state; None where it cannot be told.
+        state: its topological state; None where it cannot be read.
         doubts: why it may be another one, in words; empty for a sight to rely on.
     """
 
@@ -112,7 +112,7 @@ class Sight:
 
 
 class Look(Protocol):
-    """Tells the rope's state between two actions, when the gripper is out of the way."""
+    """Reads the rope's state between two actions, when the gripper is out of the way."""
 
     def look(self, robot: Robot, likely: Sequence[NDArray] = ()) -> Sight | None:
         """What is seen now, or None to be asked again a tick later: there is no new image yet.
@@ -132,10 +132,10 @@ class Estimated:
     The image alone is ambiguous where strands touch, and what is likely may not have come about. So
     the estimate begins at the likely shapes, at the paths through the image and at the network's
     guess, and takes the fit that accounts best for the image; where fits of different crossings
-    account for it alike, it is in doubt. Head and tail of a plain rope are told by its last known
-    shape.
+    account for it alike, it is in doubt. Head and tail of a plain rope are distinguished by its
+    last known shape.
 
-    The first image only tells how late it is by the camera's clock: where frames are lost it may
+    The first image only shows how late it is by the camera's clock: where frames are lost it may
     have been taken before the gripper was out of the way. A later one is read.
     """
 

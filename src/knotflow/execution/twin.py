@@ -154,7 +154,7 @@ class Twin:
 
     @property
     def position(self) -> NDArray[np.float64]:
-        """See `Robot`: as the joints tell it, with all that moving it does wrong."""
+        """See `Robot`: as the joints report it, with all that moving it does wrong."""
         return self._commanded + self._sway.at(self._time)
 
     def _advance(self, target: NDArray, seconds: float) -> None:

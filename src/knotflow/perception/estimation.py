@@ -79,7 +79,7 @@ class RopeEstimate:
         crossings: each with its certainty, in the order met.
         explained: share of the rope in the image that `points` account for, 0..1.
         spread: (V,) metres, standard deviation of each vertex's distance, were the crossings right.
-        head_known: whether a colour or an earlier shape told head from tail.
+        head_known: whether a colour or an earlier shape distinguished head from tail.
         doubts: what is in doubt, in words; empty for an estimate to rely on.
         seen_radius: of its silhouette, metres, see `Target`; None where it was not measured.
     """
@@ -119,7 +119,7 @@ def estimate(
         initial: (V, 3) metres, a guess of the shape, from either end. Without, the mask's skeleton
             is followed.
         config: how.
-        earlier: (V, 3) metres, the shape it had shortly before, head first. It tells which end is
+        earlier: (V, 3) metres, the shape it had shortly before, head first. It decides which end is
             the head where no colour does.
         network: proposes further first guesses, where `initial` is not given; the one that the
             package ships without.

@@ -21,7 +21,7 @@ _RADII = (0.7, 1.4)  # thinnest and thickest that it can look, in its radius
 
 
 def observe(image: RgbdImage, camera: Camera, rope: RopeConfig) -> Target:
-    """What an image says of a rope: its pixels are told from table and gripper, see `segment`.
+    """What an image says of a rope: its pixels are separated from table and gripper, see `segment`.
 
     Raises:
         ImageError: an image of another size.

@@ -23,7 +23,7 @@ class Label(IntEnum):
     """What a pixel shows."""
 
     UNKNOWN = 0
-    """Nothing that can be told: no depth, or nothing that belongs here."""
+    """Unknown: no depth, or nothing that belongs here."""
     TABLE = 1
     ROPE = 2
     GRIPPER = 3

@@ -43,7 +43,7 @@ class EstimationMethod:
     depth: bool = True
     """Let these steps see depth."""
     plain: bool = False
-    """No colour marks the head: it is told by a shape that is off by `POOR`."""
+    """No colour marks the head: it is found by a shape that is off by `POOR`."""
     nominal: bool = False
     """Compared at nominal noise only."""
 

@@ -1,7 +1,7 @@
 """A rope laid onto its points in the image: iterated closest points with a rope's constraints.
 
 Each point of the rope pulls the place on the rope that is nearest to it, but only across the rope:
-where along it a point belongs, one cannot tell, except beyond an end. Links keep their lengths and
+where along it a point belongs is unknown, except beyond an end. Links keep their lengths and
 neighbours move alike (Gauss-Newton on squared errors, Besl and McKay's closest points). It takes
 a few milliseconds and reaches farther than gradients in image space do.
 """

@@ -111,7 +111,7 @@ def table_error(image: RgbdImage, camera: Camera) -> tuple[float, float]:
     """How far the plane that fills most of an image is from the table at z = 0, where the camera's
     pose puts it: metres in height, at the middle of what is seen, and radians of tilt.
 
-    Zero where too little depth is known to tell.
+    Zero where too little depth is known.
     """
     image.check(camera)
     points, plane = _table(image, camera)

@@ -3,8 +3,8 @@
 Where a whole rope is hard to read at one glance, a tight knot above all, how a strand goes on from
 here is not: HANDLOOM (Shivakumar et al., CoRL 2023) follows real cables so, crop by crop. The
 window is turned along the strand and shows, beside what the camera sees, the strand as it was
-followed so far. What the network tells is a distribution: where strands meet it may have two modes,
-and both are followed, see `strand_tracing`.
+followed so far. What the network predicts is a distribution: where strands meet it may have two
+modes, and both are followed, see `strand_tracing`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ STEP = 2.0
 TRAIL = 12
 """Steps back that the window shows."""
 HEADINGS = 32
-"""Directions of a step that are told apart,"""
+"""Directions of a step that are distinguished,"""
 WIDEST = 1.6
 """up to this angle to either side, radians."""
 

@@ -40,7 +40,7 @@ class StrandTraining(ShapeTraining):
 
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
-        """Loss, share of headings nearly right, error in height (radii) and share of ends told."""
+        """Loss, share of headings nearly right, error in height (radii) and share of ends found."""
         self.model.eval()
         truth = self._validation
         found = self.model(truth.windows, truth.height)

@@ -89,7 +89,7 @@ class Tracker:
             initial: the rope at first, or its points (V, 3), metres, head first, which are taken
                 for right, over and under too.
             config: how.
-            predict: tells the next shape before it is seen; without, the rope goes on as it moved
+            predict: gives the next shape before it is seen; without, the rope goes on as it moved
                 (`motion.go_on`).
             network: proposes one more guess where a lost rope is looked for; the one that the
                 package ships without.

@@ -43,7 +43,7 @@ class StrandNetworkConfig:
     channels: tuple[int, ...] = (16, 32, 64)
     """Features of the encoder, each at half the resolution of the one before."""
     width: int = 96
-    """Features of what is told from them."""
+    """Features of what is predicted from them."""
 
 
 @dataclass

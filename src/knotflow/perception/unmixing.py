@@ -16,7 +16,7 @@ def coverage(image: RgbdImage, segmentation: Segmentation) -> NDArray[np.float64
     """Share (H, W) of each pixel that the rope covers, 0..1.
 
     A rope a few pixels wide covers many of them in part, and their colour lies between the table's
-    and the rope's: that tells apart two strands with a gap of less than a pixel. Colour is known
+    and the rope's: that separates two strands with a gap of less than a pixel. Colour is known
     where depth is not, too. Where rope and table look alike, and where neither has such a colour,
     such as on a coloured head, it is the segmentation's yes or no.
     """
@@ -32,7 +32,7 @@ def coverage(image: RgbdImage, segmentation: Segmentation) -> NDArray[np.float64
     whole = np.where(unknown, share > 0.5, mask).astype(float)
     if not mask.any() or not table.any():
         return whole
-    thinned = image.rgb[::2, ::2][table[::2, ::2]]  # a quarter tells the table's colour as well
+    thinned = image.rgb[::2, ::2][table[::2, ::2]]  # a quarter gives the table's colour as well
     bare = (thinned if len(thinned) else image.rgb[table]).astype(float)
     background, rope = np.median(bare, axis=0), np.median(image.rgb[mask], axis=0)
     line = rope - background

@@ -47,8 +47,8 @@ class Node:
             empty without an ensemble.
         failures: branches from this node that did not become nodes.
         values: (E,) probability of success along each edge, as far as one is known; else 1.
-        arranged_values: (E,) the same after an arranging spline, as far as the sampler told; else
-            `values`.
+        arranged_values: (E,) the same after an arranging spline, where the sampler estimates it;
+            else `values`.
         tries: (2, E) branches from here, those that act (`ACT`) and those that arrange (`ARRANGE`).
         successes: (2, E) those that reached the edge's state, or kept this one.
     """
@@ -67,7 +67,7 @@ class Node:
     successes: NDArray[np.float64] = field(init=False)
 
     def __post_init__(self) -> None:
-        """Every edge is as promising as any, until a critic tells."""
+        """Every edge is as promising as any, until a critic values it."""
         self.values = self.arranged_values = np.ones(len(self.edges))
         self.tries, self.successes = np.zeros((2, 2, len(self.edges)))
 

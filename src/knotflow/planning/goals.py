@@ -112,7 +112,7 @@ def most_crossings(rope: RopeConfig) -> int:
     one strand to the middle of the next there is half a rope to either side and one diameter in
     which to come down from over to under; and at least one link of the model, which does not bend
     within. This is a bound on what fits tightly packed: the loops that a gripper can still work
-    with are larger, so a goal below it may be out of reach all the same, which the search tells.
+    with are larger, so a goal below it may be out of reach all the same, which the search reports.
     """
     segment = max(SEGMENT_RADII * rope.radius, rope.link_length)
     # Half a micrometre of slack, for 1 m over 40 links is 25 mm only up to rounding.

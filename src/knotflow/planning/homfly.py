@@ -94,7 +94,7 @@ def _answer() -> None:
                 run_parallel=False,
             )
             answer = {"type": str(found)}
-        except Exception as error:  # whatever it is, the other process shall tell
+        except Exception as error:  # whatever it is, the other process reports it
             answer = {"error": repr(error)}
         answers.write(json.dumps(answer) + "\n")
         answers.flush()

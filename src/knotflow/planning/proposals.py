@@ -77,7 +77,7 @@ class Proposals:
         return np.concatenate(found)
 
     def _guess(self, branch: Branch, count: int) -> NDArray[np.float64]:
-        """Guesses (count, 6), the best of many as far as the sampler can tell."""
+        """Guesses (count, 6), the best of many by the sampler's own estimate."""
         points, action, rng = branch.node.points, branch.wanted, self._rng
         blind = self._aimed(action)
         if branch.kind == ARRANGE:

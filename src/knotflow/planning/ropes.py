@@ -70,7 +70,7 @@ def read_rope(path: Path, rope: RopeConfig, unit: str | None = None) -> NDArray[
     The file has the points of the rope's centre line, one a row: x, y, z, world frame (z up, any
     table height), head first, at least `MIN_VERTICES`; see `rope_file` for what a CSV may look like
     and for units.
-    Where the rope does not cross itself its heights are not used. Where it does, z tells which
+    Where the rope does not cross itself its heights are not used. Where it does, z says which
     strand is on top; a rope whose heights are not those of a rope at rest is lifted at its over
     strands by what its diameter takes.
 
@@ -80,7 +80,7 @@ def read_rope(path: Path, rope: RopeConfig, unit: str | None = None) -> NDArray[
     Raises:
         RopeInputError: no such file, not (V, 3) finite numbers, too few, another length than the
             model's rope, out of the splines' reach, bent sharper than the model can, or crossings
-            that cannot be told or are lost between the model's links.
+            that cannot be read or are lost between the model's links.
     """
     curve = read_points(path, unit)
     _check_lies(path, curve)
@@ -88,7 +88,7 @@ def read_rope(path: Path, rope: RopeConfig, unit: str | None = None) -> NDArray[
         state = TopologicalState.from_curve(curve)
     except DegenerateCurveError as error:
         raise RopeInputError(
-            f"{path}: it cannot be told how this rope crosses itself when seen from above: {error}."
+            f"{path}: how this rope crosses itself cannot be read when seen from above: {error}."
             " Measure the strands at the crossing more closely: z must say which one is on top, and"
             " neither an end nor two strands may lie exactly on another in x and y"
         ) from error

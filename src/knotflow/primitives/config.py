@@ -33,7 +33,7 @@ class NetworkConfig:
     lookup: int = 16
     """Size of what a look-up brings."""
     kinds: int = 0
-    """Kinds of actions that one primitive tells apart by a one-hot input; 0 for a single one."""
+    """Kinds of actions that one primitive distinguishes by a one-hot input; 0 for a single one."""
     smallest_spread: float = 0.05
     """Least standard deviation of the actor along any direction, normalised units."""
     initial_spread: float = 0.5

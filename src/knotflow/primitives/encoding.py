@@ -16,7 +16,7 @@ from its tip where that is the rope's end (primitive 3), which is where ends are
 
 Undoing (primitive 6) pulls a piece of rope off a strand. The first stream is that piece, from
 crossing to crossing or to its tip, the second the strand, from the crossing before those that are
-taken back to the one after; which of the two is over is told by the channels of that name. The
+taken back to the one after; which of the two is over is given by the channels of that name. The
 frame's origin is the crossing (of R2, the middle between the two) on the strand, and its x axis
 runs along the strand; R1's strand is its under passage. Any part of the rope may be grasped: the
 grasp counts from the piece's middle or, where it is the rope's end, from its crossing.
@@ -47,7 +47,7 @@ CHANNELS = 8
 """Of each stream point: x, y, z, position along the rope, direction x and y, and whether it is on
 the over and on the under segment."""
 KINDS = UNDO + 1
-"""Length of "kind", which tells arranging what is wanted: 1 at the number of each of `kinds_of`."""
+"""Length of "kind", which gives arranging what is wanted: 1 at the number of each of `kinds_of`."""
 
 PLANE_SCALE = 0.2
 """Metres a unit of x and y in network space."""

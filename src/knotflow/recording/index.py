@@ -102,7 +102,7 @@ def file_table(path: Path) -> pa.Table:
         FileNotFoundError, NotARecordingError, DamagedRecordingError: as for ``read_recording``.
     """
     facts = _facts_of_whole_file(existing_recording(path))
-    if facts is None:  # only reading it through tells which rollouts are whole
+    if facts is None:  # only reading it through shows which rollouts are whole
         facts = [each for each, _ in read_with_facts(path)]
     rows = [{"file": path.name, **each.row()} for each in facts]
     for row in rows:
@@ -160,6 +160,6 @@ def _indexed_files(table: pa.Table) -> dict[str, Any]:
 
 
 def _stamps(folder: Path) -> dict[str, list[int]]:
-    """Size and modification time of each recording: what tells a changed file."""
+    """Size and modification time of each recording: by which a changed file is noticed."""
     stats = {file.name: file.stat() for file in recordings_in(folder)}
     return {name: [stat.st_size, stat.st_mtime_ns] for name, stat in stats.items()}

@@ -49,7 +49,7 @@ def spline_curve(control_points: NDArray[np.float64], count: int = CURVE_POINTS)
 def rope_radius(control_points: NDArray[np.float64]) -> float:
     """Radius of the rope, m, that a spline with control points (3, 3) m was made for.
 
-    A spline ends at the height of a resting rope's centre line, so every recording tells it.
+    A spline ends at the height of a resting rope's centre line, so every recording has it.
     """
     return max(float(control_points[2, 2]), THINNEST)
 

@@ -215,6 +215,6 @@ def _rerun(*arguments: str) -> None:
 
 
 def _last_error(log: str) -> str:
-    """The line that says what went wrong, without what Rerun tells of its own working."""
+    """The line that says what went wrong, without what Rerun reports of its own working."""
     lines = [line for line in log.splitlines() if line.strip()]
     return next((line for line in reversed(lines) if "rror" in line), "\n".join(lines[-3:]))

@@ -266,17 +266,17 @@ def far_projections(results: Results) -> Judgement:
     if plans is None or seeds is None or not ropes:
         raise NotMeasured(f"needs plans.csv, seeds.csv and config.yaml in {EXPERIMENT}")
     healthy = sound(seeds, "single")
-    told = f"{len(healthy)} of {sum(seeds['model'] == 'single')} trainings did not collapse"
+    trained = f"{len(healthy)} of {sum(seeds['model'] == 'single')} trainings did not collapse"
     unseen = (plans["model"] == "single") & (plans["shapes"] == "unseen")
     own = plans[unseen & plans["seed"].isin(healthy)]
     if own.empty:
-        return Judgement(told, Verdict.FAILS)
+        return Judgement(trained, Verdict.FAILS)
     distance = bootstrap(1000 * own["end_distance"])
     other = int((~own["end_kept"]).sum())
     apart, _, limits = _millimetres(distance).partition(" ")
     ours = (
         f"{apart} mm apart{limits and f' {limits}'} on the average of {len(own)} plans, "
-        f"{other} projected ends of another topology; {told}"
+        f"{other} projected ends of another topology; {trained}"
     )
     far = distance.lies_above(2000 * ropes[0]["radius"])
     verdicts = {2: Verdict.HOLDS, 1: Verdict.PARTLY, 0: Verdict.FAILS}

@@ -30,7 +30,7 @@ CONTROLLERS = {
     "mppi_replan_true_state": ("MPPI, planned anew, true state", "#7fc8a9"),
 }
 SHOWN = "An execution, a panel a drag: the camera's image with the rope"
-#: How the names of controllers end that are told the true state.
+#: How the names of controllers end that are given the true state.
 TRUE = "_true_state"
 ROBUST = "open_loop_robust"
 TICK = {"image_ms": "image", "track_ms": "track", "mppi_ms": "MPPI", "tick_ms": "together"}
@@ -164,11 +164,11 @@ def _faults(runs: pd.DataFrame) -> str:
     """What became of executions in which something failed; "" without any."""
     lines = []
     for (fault, name), own in runs.groupby(["fault", "controller"], sort=False):
-        told = own["reported"] == "yes"
-        reasons = own[~told]["cause"].replace("", "tied, not told").value_counts()
+        reported = own["reported"] == "yes"
+        reasons = own[~reported]["cause"].replace("", "tied, not reported").value_counts()
         lines.append(
-            [fault, CONTROLLERS[name][0], str(len(own)), str((told & own["tied"]).sum())]
-            + [str((~told).sum()), str((told & ~own["tied"]).sum())]
+            [fault, CONTROLLERS[name][0], str(len(own)), str((reported & own["tied"]).sum())]
+            + [str((~reported).sum()), str((reported & ~own["tied"]).sum())]
             + [", ".join(f"{reason} {count}" for reason, count in reasons.items()) or NOTHING]
         )
     header = ["fault", "executed", "twins", "recovered", "stopped", "falsely reported tied"]

@@ -80,8 +80,8 @@ def fewer_branches(results: Results) -> Judgement:
         mean.lies_above(paper) or not mean.reaches(paper)
         for mean, paper in zip(means, PAPER_MEANS, strict=True)
     )
-    told = f"means of {estimate(means[0])} and {estimate(means[1])} branches"
-    size = told if sure and outside else ""
+    words = f"means of {estimate(means[0])} and {estimate(means[1])} branches"
+    size = words if sure and outside else ""
     return Judgement(ours, Verdict.HOLDS if sure and narrower else Verdict.PARTLY, size)
 
 

@@ -158,8 +158,8 @@ def imitation_over_icp(results: Results) -> Judgement:
     better = [action for action, ratio in ratios.items() if ratio.estimate > 1]
     named = ("R1(0,1,1)", "R2(0,0,1,1)")
     parts = (2 * len(better) > len(ratios), all(action in better for action in named))
-    told = listed([f"{times(ratios[action])} on `{action}`" for action in named])
-    return Judgement(f"better on {len(better)} of {len(ratios)} actions; {told}", of_two(*parts))
+    sizes = listed([f"{times(ratios[action])} on `{action}`" for action in named])
+    return Judgement(f"better on {len(better)} of {len(ratios)} actions; {sizes}", of_two(*parts))
 
 
 def reinforcement_over_imitation(results: Results) -> Judgement:
@@ -191,10 +191,10 @@ def _extremes(ratios: dict[str, Interval]) -> tuple[str, str]:
     A ratio to a rate of 0 has only a lower limit: it is the largest where there is no other.
     """
     finite = [action for action, ratio in ratios.items() if math.isfinite(ratio.estimate)]
-    told = finite or [action for action, ratio in ratios.items() if ratio.estimate > 1]
-    if not told:
+    candidates = finite or [action for action, ratio in ratios.items() if ratio.estimate > 1]
+    if not candidates:
         raise NotMeasured("needs a success of either method in single_stage")
-    ordered = sorted(told, key=lambda action: (ratios[action].estimate, ratios[action].low))
+    ordered = sorted(candidates, key=lambda action: (ratios[action].estimate, ratios[action].low))
     return ordered[0], ordered[-1]
 
 

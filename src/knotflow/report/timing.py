@@ -240,7 +240,7 @@ def _attempts(results: Results) -> int:
 
 
 def _pace(results: Results) -> float | None:
-    """Seconds a rollout of the demonstrations took; no run tells that of attempts apart."""
+    """Seconds a rollout of the demonstrations took; no run has that of attempts by itself."""
     for found, stage in _stages(results):
         table = results.table(found.name, "demonstrations.csv", {"trials": AT_LEAST_ONE})
         if stage.stage == "demonstrations" and stage.seconds and table is not None:

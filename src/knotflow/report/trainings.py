@@ -22,8 +22,8 @@ def values(
     experiment: str, panels: Panels, line: str, results: Results, pictures: Pictures
 ) -> dict[str, Any] | None:
     """The learning curves, and the last validation in a line."""
-    told = [name for _, name, _, _ in Formatter().parse(line) if name]
-    columns = {column: AMOUNT for drawn in (*panels.values(), told) for column in drawn}
+    named = [name for _, name, _, _ in Formatter().parse(line) if name]
+    columns = {column: AMOUNT for drawn in (*panels.values(), named) for column in drawn}
     columns["step"] = AT_LEAST_ONE
     curves = results.table(experiment, "curves.csv", columns, key=("step",))
     if curves is None:
@@ -79,8 +79,8 @@ STRANDS = _section(
     "Training: strands of a rope",
     "The network that follows strands learns from windows along simulated ropes.",
     "After {step:,} gradient steps, {validation_headings:.1%} of steps along ropes held out go the "
-    "right way within 0.3 radians, {validation_ends:.1%} of ends are told, and heights are off by "
-    "{validation_height:.2f} radii.",
+    "right way within 0.3 radians, {validation_ends:.1%} of ends are recognised, and heights are "
+    "off by {validation_height:.2f} radii.",
     {
         "loss": {"loss": "training", "validation_loss": "held out"},
         "error in height, radii": {"validation_height": "held out"},

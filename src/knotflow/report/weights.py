@@ -36,7 +36,9 @@ def origins(found: ExperimentResults, results: Results) -> list[str]:
     stages = (found.config.get("stages") or {}).values()
     configured = [item for stage in stages for item in (stage.get("config") or {}).items()]
     phrases = [
-        _origin(KEPT[key], told, results) for key, told in configured if told and key in KEPT
+        _origin(KEPT[key], digests, results)
+        for key, digests in configured
+        if digests and key in KEPT
     ]
     return list(dict.fromkeys(phrases))
 

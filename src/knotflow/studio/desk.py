@@ -64,7 +64,7 @@ class Desk:
         self._on_rope.append(listener)
 
     def rope_changed(self, text: str) -> None:
-        """Show the session's rope, tell the tabs, and say what happened."""
+        """Show the session's rope, update the tabs, and say what happened."""
         session = self.session
         self.takes_click = None
         self.watch.hide()

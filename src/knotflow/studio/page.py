@@ -65,6 +65,6 @@ class Page:
 
 def _step_back(client: viser.ClientHandle) -> None:
     """Let a new browser see the whole table, however narrow what the panel leaves of its window."""
-    camera = client.camera  # which tells of the whole window: the panel is not laid out yet
+    camera = client.camera  # which describes the whole window: the panel is not laid out yet
     camera.position = eye(max(camera.image_width - WIDTH, 1) / camera.image_height)
     camera.look_at = (0.0, 0.0, 0.0)  # which has moved along with the position

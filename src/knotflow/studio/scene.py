@@ -27,7 +27,7 @@ _CURVE = np.linspace(0.0, 1.0, 33)
 
 
 class Scene:
-    """Draws what it is told to, each thing in place of the one before."""
+    """Draws what it is given, each thing in place of the one before."""
 
     def __init__(self, server: viser.ViserServer, rope: RopeConfig) -> None:
         """An empty table under a rope of that size."""

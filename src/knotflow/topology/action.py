@@ -51,7 +51,7 @@ class Action(ABC):
 
     @abstractmethod
     def reversed(self, num_segments: int) -> Self:
-        """The action told from the other end of a rope with `num_segments` segments (Sec. V-A).
+        """The action read from the other end of a rope with `num_segments` segments (Sec. V-A).
 
         Raises:
             IllegalActionError: the action names a segment that such a rope does not have.

@@ -1,4 +1,4 @@
-"""Where a polyline in the plane crosses itself, and where it only nearly tells."""
+"""Where a polyline in the plane crosses itself, and where that is nearly undecided."""
 
 from __future__ import annotations
 

@@ -4,12 +4,12 @@ The rope is a polyline, points (V, 3) in metres, head first, projected along z o
 Strands that cross in the projection, the order in which the rope meets these crossings, the sign
 and which strand is higher make the signed Gauss code.
 
-A projection can fail to tell the state: a vertex on another strand, strands on top of each other,
-three strands through one point, upright links. Then upright links are laid down along the rope
-and the vertices are moved sideways by a ten millionth of the rope's length, in fixed pseudo-random
-directions and their opposites. When every one of these neighbours has the same state the
-degeneracy was harmless and this is the answer; when two differ, or the strands of a crossing are
-not clearly one above the other, DegenerateCurveError says where.
+A projection can fail to determine the state: a vertex on another strand, strands on top of each
+other, three strands through one point, upright links. Then upright links are laid down along the
+rope and the vertices are moved sideways by a ten millionth of the rope's length, in fixed
+pseudo-random directions and their opposites. When every one of these neighbours has the same state
+the degeneracy was harmless and this is the answer; when two differ, or the strands of a crossing
+are not clearly one above the other, DegenerateCurveError says where.
 """
 
 from __future__ import annotations

@@ -221,7 +221,7 @@ class TopologicalState:
         return TopologicalState._trusted((o, u, -sign) for o, u, sign in self.crossings)
 
     def reversed(self) -> TopologicalState:
-        """The same rope told from tail to head: positions count from the other end (Sec. V-A)."""
+        """The same rope read from tail to head: positions count from the other end (Sec. V-A)."""
         count = self.num_segments
         return TopologicalState._trusted((count - o, count - u, s) for o, u, s in self.crossings)
 

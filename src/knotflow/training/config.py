@@ -110,7 +110,7 @@ class ReinforcementConfig:
     """Rounds after which the critic begins anew and the learning rate falls to 0, as both do after
     the last,"""
     settle_steps: int = 1000
-    """over so many gradient steps: what the attempts tell is more than the few steps of a round
+    """over so many gradient steps: what the attempts teach is more than the few steps of a round
     take in."""
 
 

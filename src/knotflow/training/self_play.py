@@ -310,7 +310,7 @@ class SelfPlay(Resumable):
         return _Play(situations, values, arranging, splines, ways)
 
     def _guess(self, situation: _Situation, arranging: bool) -> NDArray[np.float64]:
-        """A spline (6,) that nobody learned, the best of many as far as can be told."""
+        """A spline (6,) that nobody learned, the best of many by prediction."""
         points, action = situation.points, situation.action
         if arranging:
             worth = partial(self._worth, action)

@@ -55,7 +55,7 @@ def each(
 ) -> Iterator[None]:
     """Runs `work(shard)` for every shard; yields once for each that is finished.
 
-    On Ray it yields for all of them at the end: joblib's Ray backend tells no earlier.
+    On Ray it yields for all of them at the end: joblib's Ray backend reports no earlier.
 
     Args:
         work: can be pickled, unless everything runs in this process. It leaves what it makes in
@@ -124,7 +124,7 @@ def _meanwhile(call: Callable[[], None] | None) -> Iterator[None]:
         try:
             while call is not None and not over.wait(2.0):
                 call()
-        except Exception as error:  # raised below: a thread has nobody to tell
+        except Exception as error:  # raised below: a thread has no caller
             failures.append(error)
 
     thread = threading.Thread(target=repeat, daemon=True)

@@ -1,6 +1,6 @@
-"""Whether a training has collapsed, told from what the generator makes.
+"""Whether a training has collapsed, judged by what the generator makes.
 
-Three ways to fail are told apart, each as a number that is near 1 for a healthy model:
+Three ways to fail are distinguished, each as a number that is near 1 for a healthy model:
 
 - spread: the mean distance between two generated shapes over that between two shapes of the data.
   Mode collapse makes all shapes alike, and brings it to 0.
@@ -42,7 +42,7 @@ class Health:
 
     @property
     def collapsed(self) -> list[str]:
-        """The numbers that tell of a collapse; none for a healthy model."""
+        """The numbers that indicate a collapse; none for a healthy model."""
         numbers = asdict(self)
         return [name for name, least in LEAST.items() if not numbers[name] >= least]
 

@@ -31,7 +31,7 @@ class DemonstrationsConfig:
     """How many noisy copies of which demonstrations."""
 
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
-    """The simulator that tells which copies succeed."""
+    """The simulator that decides which copies succeed."""
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     """The noise that is added."""
     copies: int

@@ -17,7 +17,7 @@ from knotflow.workflow.stages.plans import SEARCHES, read_searches
 
 @dataclass
 class PlansTableConfig:
-    """How the inputs are told apart."""
+    """How the inputs are distinguished."""
 
     column: str = ""
     """Name of the column, in front of the others, that holds an input's name; "" for none."""

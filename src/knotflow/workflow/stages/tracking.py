@@ -1,7 +1,7 @@
 """Stage `tracking`: ropes followed through whole rollouts of all actions, image by image.
 
 The ropes differ from the planner's, and the camera stands not quite where it is believed to be, as
-in the closed loop. Every tracker begins with the true shape: how well an image alone tells it is
+in the closed loop. Every tracker begins with the true shape: how well an image alone gives it is
 the perception experiment's question.
 """
 
