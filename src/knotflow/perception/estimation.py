@@ -157,11 +157,14 @@ def estimate(
                 guesses += _proposed(image, camera, rope, network)
             guesses += shapes
             expected = {state_or_none(one) for fitted in shapes for one in (fitted, fitted[::-1])}
+            expected.discard(None)
             target = _sized(guesses[0], target, camera, rope, config)
             near, eye = _view(guesses, target, camera)
             shapes = [*search(guesses, near, eye, rope, config.search, fine)]
     losses = total_loss(np.stack(shapes), near, eye, rope, fine)
-    losses -= [_credit(one, expected, config) / target.independent_pixels for one in shapes]
+    if expected:
+        credited = [state_or_none(one) in expected for one in shapes]
+        losses[credited] -= config.credit / target.independent_pixels
     best = int(losses.argmin())
     shape, crossings = weigh_crossings(shapes[best], near, eye, rope, fine)
     head = _head(shape, target, image, camera, config)
@@ -299,11 +302,6 @@ def _head(
     if max(contrast) <= max(config.head_contrast, 2 * min(contrast)):
         return None
     return 0 if contrast[0] > contrast[1] else -1
-
-
-def _credit(shape: Floats, expected: set[TopologicalState | None], config: EstimateConfig) -> float:
-    """What speaks for a shape (V, 3) beside the image, a logarithm."""
-    return config.credit if state_or_none(shape) in expected - {None} else 0.0
 
 
 def _apart(one: Floats, other: Floats) -> float:

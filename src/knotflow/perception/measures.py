@@ -13,6 +13,7 @@ from knotflow.perception.camera import Camera
 from knotflow.perception.estimation import RopeEstimate
 from knotflow.perception.image import Label, RgbdImage
 from knotflow.perception.noise import add_noise
+from knotflow.perception.registration import nearest_on_chain
 from knotflow.perception.segmentation import segment
 from knotflow.perception.simulated import SimulatedCamera
 from knotflow.simulation import RopeConfig, check_points, resample, state_or_none
@@ -80,7 +81,7 @@ def measures(found: RopeEstimate | None, truth: NDArray) -> dict[str, Any]:
         return empty | dict.fromkeys(("state_correct", "head_correct"), 0) | {"doubtful": 1}
     error = 1e3 * np.linalg.norm(found.points - truth, axis=1)
     turned = 1e3 * np.linalg.norm(found.points[::-1] - truth, axis=1)
-    off = _off_chain(found.points, truth)
+    off = np.linalg.norm(nearest_on_chain(found.points, truth)[2], axis=1)
     return {
         "mean_error_mm": round(float(error.mean()), 3),
         "p95_error_mm": round(float(np.quantile(error, 0.95)), 3),
@@ -89,11 +90,3 @@ def measures(found: RopeEstimate | None, truth: NDArray) -> dict[str, Any]:
         "head_correct": int(error.mean() < turned.mean()),
         "doubtful": int(found.doubtful),
     }
-
-
-def _off_chain(points: NDArray, chain: NDArray) -> NDArray:
-    """How far each of points (N, 3) is from a chain of straight links (V, 3): (N,), metres."""
-    starts, links = chain[:-1], np.diff(chain, axis=0)
-    there = points[:, None] - starts
-    along = (there * links).sum(axis=2) / (links**2).sum(axis=1)
-    return np.linalg.norm(there - np.clip(along, 0, 1)[..., None] * links, axis=2).min(axis=1)

@@ -38,7 +38,7 @@ def register(start: Floats, cloud: Floats, rope: RopeConfig) -> Floats:
         length = np.linalg.norm(links, axis=1)
         unit = links / length[:, None]
         stretch = (first[:, :, None] * unit[:, None]).reshape(count - 1, -1)  # (V - 1, 3 V)
-        pull, towards = _pull(shape, links, unit, cloud)
+        pull, towards = _pull(shape, unit, cloud)
         normal = still + pull + _LENGTH * stretch.T @ stretch
         right = towards + _LENGTH * stretch.T @ (rope.link_length - length)
         shape = shape + np.linalg.solve(normal, right).reshape(count, 3)
@@ -47,16 +47,23 @@ def register(start: Floats, cloud: Floats, rope: RopeConfig) -> Floats:
     return shape
 
 
-def _pull(shape: Floats, links: Floats, unit: Floats, cloud: Floats) -> tuple[Floats, Floats]:
-    """Normal equations of the points' pull: (3 V, 3 V) and (3 V,)."""
-    count = len(shape)
+def nearest_on_chain(points: Floats, chain: Floats) -> tuple[NDArray[np.intp], Floats, Floats]:
+    """Where a chain of straight links (V, 3) is nearest to points (N, 3): the link (N,), the share
+    of it that lies before that place (N,), and the way from there to the point (N, 3)."""
+    links = np.diff(chain, axis=0)
     square = (links**2).sum(axis=1)
-    offset = cloud[:, None] - shape[:-1]  # (N, V - 1, 3)
+    offset = points[:, None] - chain[:-1]  # (N, V - 1, 3)
     along = np.clip((offset * links).sum(axis=2) / square, 0.0, 1.0)
     apart = offset - along[..., None] * links
     nearest = (apart**2).sum(axis=2).argmin(axis=1)
-    rows = np.arange(len(cloud))
-    share, off = along[rows, nearest], apart[rows, nearest]
+    rows = np.arange(len(points))
+    return nearest, along[rows, nearest], apart[rows, nearest]
+
+
+def _pull(shape: Floats, unit: Floats, cloud: Floats) -> tuple[Floats, Floats]:
+    """Normal equations of the points' pull: (3 V, 3 V) and (3 V,)."""
+    count = len(shape)
+    nearest, share, off = nearest_on_chain(cloud, shape)
     weight = 1.0 / (1.0 + (off**2).sum(axis=1) / _FAR**2)
     beyond = ((nearest == 0) & (share == 0)) | ((nearest == count - 2) & (share == 1))
     t = np.where(beyond[:, None], 0.0, unit[nearest])

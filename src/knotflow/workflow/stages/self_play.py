@@ -1,6 +1,6 @@
 """Stage `self_play`: the primitives learn all actions together (Sec. V-B c, and beyond).
 
-Its trials, ten thousands of them, are not recorded: they would be gigabytes. Their counts
+Its trials, tens of thousands, are not recorded: they would be gigabytes. Their counts
 are, and one command reproduces them.
 """
 
