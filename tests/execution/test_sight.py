@@ -103,7 +103,7 @@ def test_ends_that_look_alike_are_a_doubt(monkeypatch):
     robot, look = Filmed(), Estimated(CAMERA)
     look.look(robot)
     robot.move_to(robot.position, STEP)
-    assert look.look(robot).doubts == ("head and tail cannot be told apart",)
+    assert look.look(robot).doubts == ("head and tail look alike",)
 
 
 def test_a_look_begins_where_the_rope_may_be_and_the_tracker_goes_on_from_it(monkeypatch):

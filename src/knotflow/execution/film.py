@@ -12,22 +12,28 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from knotflow.drawing.palette import SPLINE
+from knotflow.drawing.palette import INK
 from knotflow.drawing.style import PNG_DPI, WIDTH, styled
 from knotflow.execution.execute import Execution
 from knotflow.execution.robot import Relay, Robot
 from knotflow.execution.twin import Twin
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from knotflow.perception import Camera, RgbdImage
 
 EVERY = 2
 """Of so many images one is kept: they would be most of a recording, and its limit is 1 MB."""
 QUALITY = 60
 """Of the images' JPEG files."""
-FOLLOWED = "#ffffff"
-"""Colour of the rope as it was followed; what was wanted has that of a plan's splines."""
-_SHRUNK, _COLOURS = (240, 180), 48  # pixels and palette of the animation
+WANTED, FOLLOWED = "#ffd33d", "#ffffff"
+"""Colours of the rope as it was wanted and as it was followed; dark edges set them off from tables
+of any colour."""
+_MARGIN = 0.15  # of what is shown, around the ropes
+_SIZE, _COLOURS = (320, 240), 64  # pixels and palette of the animation
+
+_Box = tuple[float, float, float, float]  # left, top, right and bottom, pixels
 
 
 class Filming(Relay):
@@ -86,6 +92,8 @@ def draw_execution(
 ) -> None:
     """Writes stem.png and stem.svg: an image from the middle of each drag, and the last one.
 
+    Only the part of the images around the ropes is drawn.
+
     Args:
         stem: path without ending.
         execution: what was wanted and followed.
@@ -95,6 +103,7 @@ def draw_execution(
     """
     from matplotlib.figure import Figure
 
+    left, top, right, bottom = _window(execution, camera, shown)
     drags = [[one for one in shown if one.step == n] for n in range(len(execution.outcomes))]
     middles = [drag[len(drag) // 2] for drag in drags if drag]
     columns = min(4, len(middles) + 1)
@@ -106,14 +115,16 @@ def draw_execution(
             axes.set_axis_off()
         for number, (axes, frame) in enumerate(zip(panels, middles, strict=False), 1):
             axes.imshow(frame.image.rgb)
-            for points, colour in _ropes(execution, frame):
-                axes.plot(*camera.project(points)[:, :2].T, color=colour, linewidth=1.0)
+            _draw_rope(axes, camera, execution.reference[frame.number], WANTED)
+            _draw_rope(axes, camera, execution.points[frame.number], FOLLOWED)
             axes.set_title(f"{number}.  {execution.outcomes[frame.step].action}")
         axes = panels[len(middles)]
         axes.imshow(last.rgb)
         if execution.sight is not None and execution.sight.points is not None:
-            axes.plot(*camera.project(execution.sight.points)[:, :2].T, color=FOLLOWED, lw=1.0)
+            _draw_rope(axes, camera, execution.sight.points, FOLLOWED)
         axes.set_title("tied" if execution.tied else "stopped")
+        for axes in panels:
+            axes.set(xlim=(left, right), ylim=(bottom, top))
         figure.savefig(stem.with_suffix(".png"), dpi=PNG_DPI)
         figure.savefig(stem.with_suffix(".svg"), dpi=PNG_DPI, metadata={"Date": None})
 
@@ -122,20 +133,52 @@ def animate_execution(
     path: Path, execution: Execution, camera: Camera, shown: Sequence[Frame]
 ) -> None:
     """Writes a GIF of the drags: the camera's images, with what is wanted and followed on them."""
+    window = _window(execution, camera, shown)
     images = []
     for frame in shown:
-        picture = Image.fromarray(frame.image.rgb)
+        picture = Image.fromarray(frame.image.rgb).resize(_SIZE, box=window)
         canvas = ImageDraw.Draw(picture)
-        for points, colour in _ropes(execution, frame):
-            canvas.line([(u, v) for u, v, _ in camera.project(points).tolist()], colour, width=1)
-        small = picture.resize(_SHRUNK, Image.Resampling.LANCZOS)
-        images.append(small.quantize(_COLOURS, dither=Image.Dither.NONE))
+        wanted, followed = (
+            _enlarged(camera.project(ropes[frame.number]), window)
+            for ropes in (execution.reference, execution.points)
+        )
+        for colour, width in ((INK, 3), (WANTED, 1)):
+            canvas.line(wanted, colour, width, joint="curve")
+        for place in followed:
+            canvas.circle(place, 2, FOLLOWED, INK)
+        images.append(
+            picture.quantize(_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+        )
     images[0].save(
         path, save_all=True, append_images=images[1:], duration=100 * EVERY, loop=0, optimize=True
     )
 
 
-def _ropes(execution: Execution, frame: Frame) -> tuple[tuple[NDArray[np.float64], str], ...]:
-    """Ropes (V, 3) to be drawn on a frame, and their colours."""
-    wanted, followed = execution.reference[frame.number], execution.points[frame.number]
-    return (wanted, SPLINE), (followed, FOLLOWED)
+def _window(execution: Execution, camera: Camera, shown: Sequence[Frame]) -> _Box:
+    """What is drawn of the images: all ropes of the frames and some space around them, in the
+    images' proportions."""
+    rows = [frame.number for frame in shown]
+    ropes = np.concatenate([execution.reference[rows], execution.points[rows]])
+    pixels = camera.project(ropes.reshape(-1, 3))[:, :2]
+    size = np.array([camera.width, camera.height])
+    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    half = size * min(0.5, (0.5 + _MARGIN) * float(((high - low) / size).max()))
+    middle = np.clip((low + high) / 2, half, size - half)
+    return (*(middle - half).tolist(), *(middle + half).tolist())
+
+
+def _enlarged(pixels: NDArray[np.float64], window: _Box) -> list[tuple[float, float]]:
+    """Where pixels (V, at least 2) of an image are in the animation, whose size the window has."""
+    low, high = np.reshape(window, (2, 2))
+    return [(u, v) for u, v in ((pixels[:, :2] - low) * _SIZE / (high - low)).tolist()]
+
+
+def _draw_rope(axes: Axes, camera: Camera, points: NDArray[np.float64], colour: str) -> None:
+    """A rope (V, 3) in a panel: a line where it was wanted, and dots, between which it is seen,
+    where it was followed to."""
+    pixels = camera.project(points)[:, :2].T
+    if colour == WANTED:
+        for paint, width in ((INK, 1.8), (WANTED, 0.9)):
+            axes.plot(*pixels, color=paint, linewidth=width)
+    else:
+        axes.plot(*pixels, "o", markersize=2.2, color=FOLLOWED, mec=INK, mew=0.4)

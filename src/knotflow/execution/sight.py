@@ -185,7 +185,7 @@ class Estimated:
         self._doubted = found.doubtful
         if self.tracker is not None:
             self.tracker.reseat(found, image.time)
-        unknown = () if found.head_known else ("head and tail cannot be told apart",)
+        unknown = () if found.head_known else ("head and tail look alike",)
         return Sight.of(resample(found.points, self.rope), found.doubts + unknown)
 
     def _config(self) -> EstimateConfig:

@@ -68,7 +68,7 @@ def describe(found: RopeEstimate) -> str:
             f"{'over' if one.first_over else 'under'} {second:.0%}, axes {1e3 * one.gap:.0f} mm "
             f"apart, {one.certainty:.0%} certain"
         )
-    ends = "told from the tail" if found.head_known else "not known: both ends look alike"
+    ends = "known" if found.head_known else "not known: both ends look alike"
     lines += [
         f"head      {ends}",
         f"seen      {found.seen.mean():.0%} of the vertices, "
