@@ -12,7 +12,7 @@ VERSIONS = {
     "demonstrations": 2,
     "baselines": 1,
     "baselines.causal_infogan": 1,
-    "primitives": 2,
+    "primitives": 3,
     "training": 4,
     "planning": 5,
     "perception": 5,

@@ -62,8 +62,8 @@ def test_the_critic_sees_the_grasped_point_where_the_gripper_grasps(ropes, shape
     splines = np.random.default_rng(1).uniform(SPLINE_LOW, SPLINE_HIGH, (1, 9, 6))
     # A link's middle, so that the grasped link is not a matter of rounding.
     splines[0, :, 0] = (np.arange(9) * 4 + 2.5) / 40
-    network = torch.from_numpy(seen.frames.to_network(splines)[0]).float()
-    features = control_features(seen.states, network, torch.zeros(9, dtype=torch.long))
+    network = torch.from_numpy(seen.frames.to_network(splines)).float()
+    features = control_features(seen.states, network)[0]
     expected = control_points(rope.points, splines[0], 0.008)[:, 0, :2]
     moved = (expected - seen.frames.origin) / PLANE_SCALE
     cos, sin = seen.frames.axis[0]

@@ -124,8 +124,12 @@ def test_proposals_for_many_ropes_come_in_their_order(library, ropes):
 def test_the_value_is_the_probability_of_the_best_spline(library, ropes):
     value = library.value(ropes["loop"], ACTION, np.random.default_rng(0))
     seen = encode(ropes["loop"][None], [ACTION])
-    _, best = library.primitives[3].search(seen, 1, np.random.default_rng(0))
-    assert value == pytest.approx(best.item())
+    primitive = library.primitives[3]
+    mean, factor = primitive.gaussian(seen.states)
+    (noise,) = primitive.value_noise(1, np.random.default_rng(0))
+    values = primitive.scorer(seen.states, 1)(mean[:, None] + noise @ factor.mT).exp()
+    assert values.shape == (1, primitive.config.cem.valued)
+    assert value == pytest.approx(values.max().item())
     assert 0 < value < 1
 
 
@@ -133,13 +137,13 @@ def test_the_value_is_the_probability_of_the_best_spline(library, ropes):
 def test_it_computes_on_one_thread_and_leaves_the_number_as_it_was(library, ropes, monkeypatch):
     threads = []
     for primitive in library.primitives.values():
-        search = primitive.search
+        for name in ("search", "values"):
 
-        def counted(*arguments, search=search):
-            threads.append(torch.get_num_threads())
-            return search(*arguments)
+            def counted(*arguments, computed=getattr(primitive, name)):
+                threads.append(torch.get_num_threads())
+                return computed(*arguments)
 
-        monkeypatch.setattr(primitive, "search", counted)
+            monkeypatch.setattr(primitive, name, counted)
     library.sample(ropes["loop"], ACTION, 2, np.random.default_rng(0))
     library.value(ropes["loop"], ACTION, np.random.default_rng(0))
     assert threads == [1, 1]

@@ -51,12 +51,12 @@ def test_what_lies_where_a_spline_passes_counts_more_than_what_is_far(library, s
     points = streams[0, -STREAM_POINTS[-1] :, :2]
     near = points[5]
     far = (points - near).norm(dim=1).argmax()
-    controls = torch.zeros(1, CONTROL_FEATURES)
+    controls = torch.zeros(1, 1, CONTROL_FEATURES)
     for columns in ((7, 8), (1, 2), (4, 5)):  # a spline that stays at one place
-        controls[0, list(columns)] = near
+        controls[0, 0, list(columns)] = near
     shape = (1, STREAM_POINTS[-1], passage.of_points.out_features)
     of_points = torch.randn(shape).requires_grad_()
-    passage(of_points, streams, controls, torch.zeros(1, dtype=torch.long)).sum().backward()
+    passage(of_points, streams, controls).sum().backward()
     felt = of_points.grad[0, :, -4:].norm(dim=1)
     assert felt[5] > 3 * felt[far] > 0
 

@@ -24,10 +24,10 @@ from knotflow.training.curriculum import outcomes
 from knotflow.training.self_play import _Lesson
 
 NETWORK = NetworkConfig(lstm=8, attention=4, stream=8, feature=16, head=16)
-SMALL = PrimitiveConfig("actor_critic", NETWORK, CemConfig(population=16, elites=4))
+SMALL = PrimitiveConfig("actor_critic", NETWORK, CemConfig(population=16, valued=8, elites=4))
 CONFIG = SelfPlayConfig(
     LearnerConfig(rollout_ropes=16, rollout_trials=1),
-    rounds=2, ropes=24, steps=1, new_steps=1, successes_per_step=1, settle_steps=1, population=8,
+    rounds=2, ropes=24, steps=1, new_steps=1, successes_per_step=1, settle_steps=1,
     capacity=200, refreshed=8,
 )  # fmt: skip
 

@@ -99,10 +99,9 @@ def test_values_are_those_of_the_library(primitive_config, curves, states):
     primitive = Primitive(primitive_config).eval()
     library = PrimitiveLibrary({1: primitive}, {1: [ACTION]}, RopeConfig())
     expected = library.values(curves, [ACTION] * len(curves), np.random.default_rng(1))
-    population = primitive_config.cem.population
-    found = best_values(primitive, states, population, np.random.default_rng(1))
+    found = best_values(primitive, states, np.random.default_rng(1))
     np.testing.assert_allclose(found.numpy(), expected, atol=1e-6)
-    assert best_values(primitive, states[:0], population, np.random.default_rng(1)).shape == (0,)
+    assert best_values(primitive, states[:0], np.random.default_rng(1)).shape == (0,)
 
 
 def test_successes_are_counted(buffer):

@@ -33,12 +33,12 @@ pytestmark = pytest.mark.slow
 
 SIMULATION = SimulationConfig(threads=1)
 NETWORK = NetworkConfig(lstm=8, attention=4, stream=8, feature=16, head=16)
-SMALL = PrimitiveConfig("actor_critic", NETWORK, CemConfig(population=16, elites=4))
+SMALL = PrimitiveConfig("actor_critic", NETWORK, CemConfig(population=16, valued=8, elites=4))
 CONFIG = room.SelfPlayStageConfig(
     simulation=SIMULATION,
     training=SelfPlayConfig(
         LearnerConfig(demonstration_trials=4, rollout_ropes=8, rollout_trials=1),
-        rounds=2, ropes=8, memory=4, steps=1, settle_steps=1, population=8, capacity=100,
+        rounds=2, ropes=8, memory=4, steps=1, settle_steps=1, capacity=100,
         refreshed=4,
     ),
     seed=40,

@@ -11,6 +11,7 @@ succeed 38 %.
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,28 +44,29 @@ GUESSES, NUDGES = 32, 8
 
 def followed(points: NDArray, splines: NDArray) -> NDArray[np.float64]:
     """The shapes (N, V, 3) that N splines (N, 6) will give a rope (V, 3), metres."""
+    points = np.asarray(points, dtype=np.float64)
     splines = np.asarray(splines, dtype=np.float64)
-    vertices = len(points)
-    shape = np.repeat(np.asarray(points, dtype=np.float64)[None], len(splines), axis=0)
+    vertices, count = len(points), len(splines)
     link = np.linalg.norm(np.diff(points, axis=0), axis=1).mean()
     floor = points[:, 2].min()
     path = spline_basis(np.linspace(0, 1, STEPS + 1)[1:]) @ control_points(points, splines, floor)
+    path = np.concatenate([path, path]).transpose(1, 2, 0)  # (STEPS, 3, 2 N)
+    # From the grasped vertex outward, towards the tail and towards the head; beyond either end
+    # comes what is not of the rope.
     grasped = np.rint(splines[:, 0] * (vertices - 1)).astype(np.intp)
-    rows = np.arange(len(splines))
-    for step in range(STEPS):
-        shape[:, :, 2] = np.maximum(shape[:, :, 2] - FALL, floor)
-        shape[rows, grasped] = path[:, step]
-        for side in (1, -1):
-            leader = path[:, step].copy()
-            for away in range(1, vertices):
-                follower = grasped + side * away
-                there = rows[(follower >= 0) & (follower < vertices)]
-                if not len(there):
-                    break
-                apart = shape[there, follower[there]] - leader[there]
-                length = np.maximum(np.linalg.norm(apart, axis=1, keepdims=True), 1e-9)
-                leader[there] += apart * (link / length)
-                shape[there, follower[there]] = leader[there]
+    away = np.arange(max(grasped.max(), vertices - 1 - grasped.min()) + 1)[:, None]
+    vertex = np.concatenate([grasped + away, grasped - away], axis=1)  # (V, 2 N)
+    chain = points[np.clip(vertex, 0, vertices - 1)].swapaxes(1, 2).copy()  # (V, 3, 2 N)
+    for places in path:
+        chain[:, 2] = np.maximum(chain[:, 2] - FALL, floor)
+        chain[0] = places
+        for leader, follower in pairwise(chain):
+            apart = follower - leader
+            length = np.sqrt(np.einsum("kn,kn->n", apart, apart))
+            follower[:] = leader + apart * (link / np.maximum(length, 1e-9))
+    shape = np.empty((count, vertices, 3))
+    steps, columns = np.nonzero((vertex >= 0) & (vertex < vertices))
+    shape[columns % count, vertex[steps, columns]] = chain[steps, :, columns]
     return shape
 
 

@@ -50,6 +50,9 @@ class CemConfig:
     """Iterations from a wide Gaussian, without an actor (Sec. VII-B1)."""
     population: int = 256
     """Splines scored in each iteration of a search."""
+    valued: int = 64
+    """The same where the spline does not matter, but the value of the rope that the best one gives:
+    four times as many make it hardly larger."""
     elites: int = 12
     """Best splines of a population, which the next one is fitted to."""
     wide_spread: float = 1.3

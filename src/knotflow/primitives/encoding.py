@@ -220,7 +220,7 @@ def _unit(x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
     return x / length, y / length
 
 
-def control_features(states: TensorDict, splines: Tensor, owner: Tensor) -> Tensor:
+def control_features(states: TensorDict, splines: Tensor) -> Tensor:
     """Splines as the critic sees them: the six numbers and the grasped point on the rope.
 
     A spline's first control point lies on the rope (Sec. V): it is looked up there, because a
@@ -228,22 +228,20 @@ def control_features(states: TensorDict, splines: Tensor, owner: Tensor) -> Tens
 
     Args:
         states: [S] encoded ropes.
-        splines: (N, 6) in network space.
-        owner: (N,) the rope of each.
+        splines: (S, n, 6) in network space, n on each rope.
 
     Returns:
-        (N, 12): the spline; position along the rope; grasped point x, y, z and direction x, y.
+        (S, n, 12): the spline; position along the rope; grasped point x, y, z and direction x, y.
     """
-    centre, unit = states["grasp"][owner].split(1, dim=1)
-    grasp = (centre + unit * splines[:, :1]).clamp(0, 1)  # (N, 1)
+    centre, unit = states["grasp"][:, None].split(1, dim=2)
+    grasp = (centre + unit * splines[..., :1]).clamp(0, 1)  # (S, n, 1)
     count = STREAM_POINTS[-1]
     place = grasp * (count - 1)
     low = place.floor().clamp(max=count - 2)
-    row = (owner * sum(STREAM_POINTS) + sum(STREAM_POINTS[:-1])) + low[:, 0].long()
-    flat = states["streams"].flatten(0, 1)  # (S * P, CHANNELS)
-    before, after = flat[row], flat[row + 1]
-    held = torch.lerp(before, after, place - low)
-    return torch.cat([splines, 2 * grasp - 1, held[:, [0, 1, 2, 4, 5]]], dim=-1)
+    rope = states["streams"][:, -count:]  # (S, count, CHANNELS)
+    row = low.long().expand(-1, -1, CHANNELS)
+    held = torch.lerp(rope.gather(1, row), rope.gather(1, row + 1), place - low)
+    return torch.cat([splines, 2 * grasp - 1, held[..., [0, 1, 2, 4, 5]]], dim=-1)
 
 
 CONTROL_FEATURES = 12

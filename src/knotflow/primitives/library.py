@@ -227,10 +227,9 @@ class PrimitiveLibrary:
         """`value` (S,) of ropes (S, V, 3) with an action each; see `propose` for the rest."""
         out = np.empty(len(actions))
         for number, rows, encoded in self._encoded(points, actions, arranging):
-            _, best = self.primitives[number].search(encoded, 1, rng, onward)
-            if best is None:
-                raise ValueError(f"primitive {number} has no critic to value a rope")
-            out[rows] = best[:, 0].numpy()
+            primitive = self.primitives[number]
+            noise = primitive.value_noise(len(rows), rng)
+            out[rows] = primitive.values(encoded.states, noise, onward).numpy()
         return out
 
     def arranged_values(

@@ -116,28 +116,30 @@ class Passage(nn.Module):
     _weights: Tensor
     _t: Tensor
 
-    def forward(
-        self, of_points: Tensor, streams: Tensor, controls: Tensor, owner: Tensor
-    ) -> Tensor:
-        """Splines (N, 12) as `control_features` makes them -> (N, head)."""
-        held = controls.new_zeros(len(controls))
-        x = torch.stack([controls[:, 7], controls[:, 1], controls[:, 4]], dim=1)
-        y = torch.stack([controls[:, 8], controls[:, 2], controls[:, 5]], dim=1)
-        z = torch.stack([held, controls[:, 3], held], dim=1)
-        path = torch.stack([x, y, z], dim=2)  # (N, 3 control points, 3)
-        path = self._weights @ path  # (N, sites, 3)
-        place = torch.cat([path, self._t.expand(len(path), -1, -1)], dim=-1)
-        points = streams[:, -STREAM_POINTS[-1] :, :2]  # (S, Q, 2)
-        distance = (path[:, :, None, :2] - points[owner][:, None]).square().sum(-1)
-        answers = of_points[owner]  # (N, Q, lookups * key + lookup)
+    def forward(self, of_points: Tensor, streams: Tensor, controls: Tensor) -> Tensor:
+        """Splines (S, n, 12) as `control_features` makes them, n on each rope -> (S, n, head)."""
+        held = controls.new_zeros(controls.shape[:-1])
+        x = torch.stack([controls[..., 7], controls[..., 1], controls[..., 4]], dim=-1)
+        y = torch.stack([controls[..., 8], controls[..., 2], controls[..., 5]], dim=-1)
+        z = torch.stack([held, controls[..., 3], held], dim=-1)
+        path = self._weights @ torch.stack([x, y, z], dim=-1)  # (S, n, sites, 3)
+        place = torch.cat([path, self._t.expand(*path.shape[:-1], 1)], dim=-1)
         size = self.query.out_features
-        query = self.query(place).unflatten(-1, (self.lookups, -1)).transpose(1, 2)
-        key = answers[..., :size].unflatten(-1, (self.lookups, -1)).permute(0, 2, 3, 1)
+        query = self.query(place).flatten(1, 2).unflatten(-1, (self.lookups, -1)).transpose(1, 2)
+        key = of_points[..., :size].unflatten(-1, (self.lookups, -1)).transpose(1, 2)
+        # Of the squared distance |p - x|^2 = |p|^2 - 2 p x + |x|^2 a softmax over x needs the last
+        # two terms only: products of what is appended to queries (S, lookups, n sites, ...) and
+        # keys (S, lookups, Q, ...).
         rate = self.log_rate.exp()[:, None, None]
-        attention = query @ key / key.shape[2] ** 0.5 - rate * distance[:, None]
-        brought = attention.softmax(-1) @ answers[:, None, :, size:]  # (N, lookups, sites, lookup)
-        brought = brought.transpose(1, 2).flatten(2)
-        return self.out(self.at_place(torch.cat([place, brought], dim=-1)).flatten(1))
+        p = path[..., :2].flatten(1, 2)[:, None]
+        x = streams[:, None, -STREAM_POINTS[-1] :, :2].expand(-1, self.lookups, -1, -1)
+        one = p.new_ones(*p.shape[:-1], 1)
+        query = torch.cat([query / key.shape[-1] ** 0.5, 2 * rate * p, -rate * one], dim=-1)
+        key = torch.cat([key, x, x.square().sum(-1, keepdim=True)], dim=-1)
+        value = of_points[:, None, :, size:].expand(-1, self.lookups, -1, -1)
+        brought = (query @ key.mT).softmax(-1) @ value
+        brought = brought.transpose(1, 2).unflatten(1, place.shape[1:3]).flatten(3)
+        return self.out(self.at_place(torch.cat([place, brought], dim=-1)).flatten(2))
 
 
 _PLACE = 4  # x, y, height and position along the spline
@@ -215,18 +217,18 @@ class Critic(nn.Module):
         of_rope = self.of_rope(_with_kind(feature, states, self.kinds))
         return of_rope, self.passage.of_points(seen)
 
-    def score(
-        self, features: tuple[Tensor, Tensor], states: TensorDict, splines: Tensor, owner: Tensor
-    ) -> Tensor:
-        """Logits (N, 2), success and onward, of splines (N, 6) on the ropes `owner` (N,) of S."""
+    def score(self, features: tuple[Tensor, Tensor], states: TensorDict, splines: Tensor) -> Tensor:
+        """Logits (S, n, 2), success and onward, of splines (S, n, 6), n on each rope."""
         of_rope, of_points = features
-        controls = control_features(states, splines, owner)
-        passed = self.passage(of_points, states["streams"], controls, owner)
-        return self.head(of_rope[owner] + self.of_spline(controls) + passed)
+        controls = control_features(states, splines)
+        passed = self.passage(of_points, states["streams"], controls)
+        return self.head(of_rope[:, None] + self.of_spline(controls) + passed)
 
     def forward(self, states: TensorDict, splines: Tensor, owner: Tensor) -> Tensor:
         """Logits (N, 2) of splines (N, 6) in network space on ropes `owner` (N,) of `states`."""
-        return self.score(self.features(states), states, splines, owner)
+        of_rope, of_points = self.features(states)
+        features = of_rope[owner], of_points[owner]
+        return self.score(features, states[owner], splines[:, None])[:, 0]
 
 
 def log_value(logits: Tensor, onward: bool) -> Tensor:

@@ -43,19 +43,43 @@ class Primitive(nn.Module):
         `onward`, for what it leaves as well.
         """
         cem, ropes = self.config.cem, len(encoded.frames)
-        mean, factor = self.gaussian(encoded)
+        mean, factor = self.gaussian(encoded.states)
         if self.critic is None:
             noise = standard_normal(rng, (ropes, count, SPLINE))
             return mean[:, None] + noise @ factor.mT, None
-        iterations = cem.critic_only_iterations if self.actor is None else cem.iterations
         found, best = cross_entropy(
             self.scorer(encoded.states, count, onward),
             mean.repeat_interleave(count, 0),
             factor.repeat_interleave(count, 0),
-            standard_normal(rng, (iterations, ropes * count, cem.population, SPLINE)),
+            standard_normal(rng, (self._iterations, ropes * count, cem.population, SPLINE)),
             cem.elites,
         )
         return found.reshape(ropes, count, SPLINE), best.exp().reshape(ropes, count)
+
+    @torch.no_grad()
+    def values(self, states: TensorDict, noise: Tensor, onward: bool = False) -> Tensor:
+        """max Q (S,), in 0..1, of ropes [S] (Sec. V-B c): what the best spline found is worth.
+
+        Args:
+            states: encoded ropes.
+            noise: `value_noise` of as many ropes, all the randomness there is.
+            onward: of a spline counts what it leaves as well, not success alone.
+
+        Raises:
+            ValueError: there is no critic.
+        """
+        elites = min(self.config.cem.elites, self.config.cem.valued)
+        score = self.scorer(states, 1, onward)
+        return cross_entropy(score, *self.gaussian(states), noise, elites)[1].exp()
+
+    def value_noise(self, ropes: int, rng: np.random.Generator) -> Tensor:
+        """Standard normal numbers (iterations, ropes, `valued`, 6) for `values`."""
+        return standard_normal(rng, (self._iterations, ropes, self.config.cem.valued, SPLINE))
+
+    @property
+    def _iterations(self) -> int:
+        cem = self.config.cem
+        return cem.critic_only_iterations if self.actor is None else cem.iterations
 
     @torch.no_grad()
     def judged(self, encoded: Encoded, splines: NDArray) -> NDArray[np.float64]:
@@ -68,11 +92,11 @@ class Primitive(nn.Module):
         values: NDArray[np.float64] = self.scorer(encoded.states, 1)(network).exp().double().numpy()
         return values
 
-    def gaussian(self, encoded: Encoded) -> tuple[Tensor, Tensor]:
+    def gaussian(self, states: TensorDict) -> tuple[Tensor, Tensor]:
         """Mean (S, 6) and Cholesky factor (S, 6, 6) of the actor, or of the wide Gaussian."""
         if self.actor is not None:
-            return self.actor(encoded.states)
-        ropes = len(encoded.frames)
+            return self.actor(states)
+        ropes = len(states)
         factor = self.config.cem.wide_spread * torch.eye(SPLINE).expand(ropes, SPLINE, SPLINE)
         return torch.zeros(ropes, SPLINE), factor
 
@@ -88,11 +112,10 @@ class Primitive(nn.Module):
         if critic is None:
             raise ValueError(f"a primitive of variant {self.config.variant} has no critic")
         features = critic.features(states)
-        searches = torch.arange(len(states)).repeat_interleave(count)
 
         def score(splines: Tensor) -> Tensor:
-            owner = searches.repeat_interleave(splines.shape[1])
-            logits = critic.score(features, states, splines.reshape(-1, SPLINE), owner)
+            of_ropes = splines.reshape(len(states), -1, SPLINE)
+            logits = critic.score(features, states, of_ropes)
             return log_value(logits, onward).reshape(splines.shape[:2])
 
         return score

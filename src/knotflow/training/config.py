@@ -163,8 +163,6 @@ class SelfPlayConfig:
     """Trials that stay in each primitive's replay buffer, the newest."""
     memory: int = 4000
     """Attempts of independent training that it begins with, the newest, for each action."""
-    population: int = 64
-    """Splines among which the best value of a shape is sought."""
     refreshed: int = 256
     """Stored trials of each primitive whose next value is worked out anew in a round."""
     steps: int = 8

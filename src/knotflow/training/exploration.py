@@ -102,7 +102,7 @@ def _wider(
     primitive: Primitive, encoded: Encoded, config: ExplorationConfig
 ) -> tuple[Tensor, Tensor]:
     """The actor's Gaussian, widened; the wide one of a critic-only policy is wide enough."""
-    mean, factor = primitive.gaussian(encoded)
+    mean, factor = primitive.gaussian(encoded.states)
     if primitive.actor is None:
         return mean, factor
     floor = config.floor**2 * torch.eye(SPLINE)

@@ -499,7 +499,7 @@ class SelfPlay(Resumable):
 
     def _value(self, number: int, states: TensorDict) -> Tensor:
         primitive = self.library.primitives[number]
-        return best_values(primitive, states, self.config.population, self._rng)
+        return best_values(primitive, states, self._rng)
 
     def _fit(
         self, steps: int, new_steps: int, settling: bool = False
