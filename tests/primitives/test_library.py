@@ -138,10 +138,11 @@ def test_it_computes_on_one_thread_and_leaves_the_number_as_it_was(library, rope
     threads = []
     for primitive in library.primitives.values():
         for name in ("search", "values"):
+            compute = getattr(primitive, name)
 
-            def counted(*arguments, computed=getattr(primitive, name)):
+            def counted(*arguments, compute=compute):
                 threads.append(torch.get_num_threads())
-                return computed(*arguments)
+                return compute(*arguments)
 
             monkeypatch.setattr(primitive, name, counted)
     library.sample(ropes["loop"], ACTION, 2, np.random.default_rng(0))
