@@ -38,7 +38,7 @@ def test_the_table_has_every_bar(results):
     assert list(zip(table["method"], table["action"], strict=True)) == [
         (method, action) for method in METHODS for action in ACTIONS
     ]
-    assert (table["trials"] == 12).all()
+    assert (table["trials"] == 6).all()
     assert (table["successes"] / table["trials"]).round(4).equals(table["success_rate"].round(4))
     assert (table["ci_low"] <= table["success_rate"] + 1e-9).all()
     assert (table["success_rate"] <= table["ci_high"] + 1e-9).all()
