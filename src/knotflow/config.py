@@ -124,7 +124,7 @@ def _longer() -> SelfPlayConfig:
 
 @dataclass
 class LibraryTrainingBudget:
-    """The primitives that ship: self-play that goes on where joint finetuning ended."""
+    """Primitives for longer: self-play that goes on where joint finetuning ended."""
 
     begin: str = "results/joint_finetuning/primitives"
     """A library's file, or a folder of files: what it begins with."""

@@ -42,7 +42,7 @@ def test_the_training_of_what_ships_goes_on_from_there(write):
     assert "library_training" not in report(write).markdown.split("# Beyond the paper")[0]
     write.table("library_training", "curves.csv", CURVES, PLAYED)
     text = compose(Results(write.root), "results").markdown
-    own = text.split("## Training: the primitives that ship")[1].split("\n## ")[0]
+    own = text.split("## Training: longer self-play")[1].split("\n## ")[0]
     assert "(figures/library_training.png)" in own and "Self-play spent" not in own
     rows = [("trivial", "R1(0,1,1)", 1000, 900, 0.9)]
     write.table("library_training", "trials.csv", TRIALS, rows)

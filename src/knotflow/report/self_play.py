@@ -81,7 +81,7 @@ def self_play(curves: Curves, name: str) -> Picture:
 
 SECTION = Section(
     EXPERIMENT,
-    "Training: the primitives that ship",
+    "Training: longer self-play",
     "Sec. V-B c",
     "The primitives go on learning all actions from ropes that they made themselves.",
     values,
