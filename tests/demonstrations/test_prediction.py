@@ -51,6 +51,7 @@ def test_splines_are_followed_alone_as_together(rope, splines):
     together = followed(rope, splines)
     for row in range(0, len(splines), 7):
         np.testing.assert_array_equal(followed(rope, splines[row : row + 1])[0], together[row])
+    assert followed(rope, splines[:0]).shape == (0, *rope.shape)
 
 
 def test_a_mirrored_rope_follows_in_the_mirror(rope, splines):

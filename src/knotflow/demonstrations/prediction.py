@@ -54,7 +54,7 @@ def followed(points: NDArray, splines: NDArray) -> NDArray[np.float64]:
     # From the grasped vertex outward, towards the tail and towards the head; beyond either end
     # comes what is not of the rope.
     grasped = np.rint(splines[:, 0] * (vertices - 1)).astype(np.intp)
-    away = np.arange(max(grasped.max(), vertices - 1 - grasped.min()) + 1)[:, None]
+    away = np.arange(np.maximum(grasped, vertices - 1 - grasped).max(initial=0) + 1)[:, None]
     vertex = np.concatenate([grasped + away, grasped - away], axis=1)  # (V, 2 N)
     chain = points[np.clip(vertex, 0, vertices - 1)].swapaxes(1, 2).copy()  # (V, 3, 2 N)
     for places in path:

@@ -115,13 +115,15 @@ def draw_execution(
             axes.set_axis_off()
         for number, (axes, frame) in enumerate(zip(panels, middles, strict=False), 1):
             axes.imshow(frame.image.rgb)
-            _draw_rope(axes, camera, execution.reference[frame.number], WANTED)
-            _draw_rope(axes, camera, execution.points[frame.number], FOLLOWED)
+            wanted = camera.project(execution.reference[frame.number])[:, :2].T
+            for colour, width in ((INK, 1.8), (WANTED, 0.9)):
+                axes.plot(*wanted, color=colour, linewidth=width)
+            _draw_followed(axes, camera, execution.points[frame.number])
             axes.set_title(f"{number}.  {execution.outcomes[frame.step].action}")
         axes = panels[len(middles)]
         axes.imshow(last.rgb)
         if execution.sight is not None and execution.sight.points is not None:
-            _draw_rope(axes, camera, execution.sight.points, FOLLOWED)
+            _draw_followed(axes, camera, execution.sight.points)
         axes.set_title("tied" if execution.tied else "stopped")
         for axes in panels:
             axes.set(xlim=(left, right), ylim=(bottom, top))
@@ -173,12 +175,7 @@ def _enlarged(pixels: NDArray[np.float64], window: _Box) -> list[tuple[float, fl
     return [(u, v) for u, v in ((pixels[:, :2] - low) * _SIZE / (high - low)).tolist()]
 
 
-def _draw_rope(axes: Axes, camera: Camera, points: NDArray[np.float64], colour: str) -> None:
-    """A rope (V, 3) in a panel: a line where it was wanted, and dots, between which it is seen,
-    where it was followed to."""
+def _draw_followed(axes: Axes, camera: Camera, points: NDArray[np.float64]) -> None:
+    """A rope (V, 3) in a panel, as dots between which it is seen."""
     pixels = camera.project(points)[:, :2].T
-    if colour == WANTED:
-        for paint, width in ((INK, 1.8), (WANTED, 0.9)):
-            axes.plot(*pixels, color=paint, linewidth=width)
-    else:
-        axes.plot(*pixels, "o", markersize=2.2, color=FOLLOWED, mec=INK, mew=0.4)
+    axes.plot(*pixels, "o", markersize=2.2, color=FOLLOWED, mec=INK, mew=0.4)

@@ -115,7 +115,7 @@ def canonicalise(points: NDArray, action: Action) -> Canonical:
         DegenerateCurveError: the segments of the rope cannot be read.
     """
     points = np.asarray(points, dtype=np.float64)
-    segments = _segments(points)
+    segments = _segments(points.tobytes())
     symmetry = canonical_symmetry(action, len(segments))
     if symmetry.mirror:
         points = points * [1, -1, 1]
@@ -124,17 +124,13 @@ def canonicalise(points: NDArray, action: Action) -> Canonical:
     if symmetry.mirror or symmetry.reverse:
         # Read again, not transformed: rounding would make the law hold to 1e-16 only, and then
         # not at all after the networks' float32.
-        segments = _segments(points)
+        segments = _segments(points.tobytes())
     action = symmetry.of_action(action, len(segments))
     return Canonical(np.ascontiguousarray(points), action, segments, symmetry)
 
 
-def _segments(points: NDArray) -> NDArray[np.float64]:
-    return _segments_of(points.tobytes())
-
-
 @lru_cache(maxsize=64)
-def _segments_of(points: bytes) -> NDArray[np.float64]:
+def _segments(points: bytes) -> NDArray[np.float64]:
     """`segment_intervals`, read once of a rope that is asked for with every action it allows."""
     segments = segment_intervals(np.frombuffer(points).reshape(-1, 3))
     segments.flags.writeable = False

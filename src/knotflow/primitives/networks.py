@@ -127,15 +127,15 @@ class Passage(nn.Module):
         size = self.query.out_features
         query = self.query(place).flatten(1, 2).unflatten(-1, (self.lookups, -1)).transpose(1, 2)
         key = of_points[..., :size].unflatten(-1, (self.lookups, -1)).transpose(1, 2)
-        # Of the squared distance |p - x|^2 = |p|^2 - 2 p x + |x|^2 a softmax over x needs the last
+        # Of the squared distance |p - q|^2 = |p|^2 - 2 p q + |q|^2 a softmax over q needs the last
         # two terms only: products of what is appended to queries (S, lookups, n sites, ...) and
         # keys (S, lookups, Q, ...).
         rate = self.log_rate.exp()[:, None, None]
         p = path[..., :2].flatten(1, 2)[:, None]
-        x = streams[:, None, -STREAM_POINTS[-1] :, :2].expand(-1, self.lookups, -1, -1)
-        one = p.new_ones(*p.shape[:-1], 1)
-        query = torch.cat([query / key.shape[-1] ** 0.5, 2 * rate * p, -rate * one], dim=-1)
-        key = torch.cat([key, x, x.square().sum(-1, keepdim=True)], dim=-1)
+        q = streams[:, None, -STREAM_POINTS[-1] :, :2].expand(-1, self.lookups, -1, -1)
+        falls = (-rate).expand(*query.shape[:-1], 1)
+        query = torch.cat([query / key.shape[-1] ** 0.5, 2 * rate * p, falls], dim=-1)
+        key = torch.cat([key, q, q.square().sum(-1, keepdim=True)], dim=-1)
         value = of_points[:, None, :, size:].expand(-1, self.lookups, -1, -1)
         brought = (query @ key.mT).softmax(-1) @ value
         brought = brought.transpose(1, 2).unflatten(1, place.shape[1:3]).flatten(3)

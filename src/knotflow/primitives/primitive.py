@@ -48,7 +48,7 @@ class Primitive(nn.Module):
             noise = standard_normal(rng, (ropes, count, SPLINE))
             return mean[:, None] + noise @ factor.mT, None
         found, best = cross_entropy(
-            self.scorer(encoded.states, count, onward),
+            self.scorer(encoded.states, onward),
             mean.repeat_interleave(count, 0),
             factor.repeat_interleave(count, 0),
             standard_normal(rng, (self._iterations, ropes * count, cem.population, SPLINE)),
@@ -69,7 +69,7 @@ class Primitive(nn.Module):
             ValueError: there is no critic.
         """
         elites = min(self.config.cem.elites, self.config.cem.valued)
-        score = self.scorer(states, 1, onward)
+        score = self.scorer(states, onward)
         return cross_entropy(score, *self.gaussian(states), noise, elites)[1].exp()
 
     def value_noise(self, ropes: int, rng: np.random.Generator) -> Tensor:
@@ -89,7 +89,7 @@ class Primitive(nn.Module):
             ValueError: there is no critic.
         """
         network = torch.from_numpy(encoded.frames.to_network(splines)).float()
-        values: NDArray[np.float64] = self.scorer(encoded.states, 1)(network).exp().double().numpy()
+        values: NDArray[np.float64] = self.scorer(encoded.states)(network).exp().double().numpy()
         return values
 
     def gaussian(self, states: TensorDict) -> tuple[Tensor, Tensor]:
@@ -100,10 +100,8 @@ class Primitive(nn.Module):
         factor = self.config.cem.wide_spread * torch.eye(SPLINE).expand(ropes, SPLINE, SPLINE)
         return torch.zeros(ropes, SPLINE), factor
 
-    def scorer(
-        self, states: TensorDict, count: int, onward: bool = False
-    ) -> Callable[[Tensor], Tensor]:
-        """The critic of `count` searches on each rope: splines (S * count, P, 6) -> log values.
+    def scorer(self, states: TensorDict, onward: bool = False) -> Callable[[Tensor], Tensor]:
+        """The critic of as many searches on each rope: splines (R, P, 6) -> log values (R, P).
 
         Raises:
             ValueError: there is no critic.

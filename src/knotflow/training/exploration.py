@@ -73,7 +73,7 @@ def _search(
     mean, factor = _wider(primitive, encoded, config)
     cem = primitive.config.cem
     found, _ = cross_entropy(
-        primitive.scorer(encoded.states, count, onward),
+        primitive.scorer(encoded.states, onward),
         mean.repeat_interleave(count, 0),
         factor.repeat_interleave(count, 0),
         standard_normal(rng, (config.iterations, len(mean) * count, cem.population, SPLINE)),
