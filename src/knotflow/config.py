@@ -115,10 +115,11 @@ class SelfPlayBudget:
 
 
 def _longer() -> SelfPlayConfig:
-    """Twice as often from one crossing: every plan goes through there, and R1 was learned least."""
-    shares = [0.5, 3.0, 7.0, 2.0, 0.2]
+    """More often from one crossing and from three: every plan goes through there, and of what leads
+    on from three there is most to learn."""
+    shares = [0.5, 2.5, 6.0, 4.0, 0.2]
     return SelfPlayConfig(
-        rounds=250, crossings_shares=shares, capacity=60_000, settle_every=125, settle_steps=1500
+        rounds=400, crossings_shares=shares, capacity=60_000, settle_every=100, settle_steps=1500
     )
 
 

@@ -13,8 +13,8 @@ VERSIONS = {
     "baselines": 1,
     "baselines.causal_infogan": 1,
     "primitives": 3,
-    "training": 4,
-    "planning": 5,
+    "training": 5,
+    "planning": 6,
     "perception": 5,
     "execution": 4,
 }

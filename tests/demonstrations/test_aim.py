@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from knotflow.demonstrations import TASKS, aim, aim_anywhere, nudge, succeed, task
+from knotflow.demonstrations import TASKS, aim, aim_anywhere, nudge, rearrange, succeed, task
 from knotflow.simulation import (
     RopeConfig,
     check_splines,
@@ -14,7 +14,7 @@ from knotflow.simulation import (
     reached,
     straight,
 )
-from knotflow.topology import R1, TopologicalState, segment_intervals
+from knotflow.topology import R1, TopologicalState, parse_action, segment_intervals
 
 
 @pytest.mark.slow
@@ -51,6 +51,30 @@ def test_nudges_are_short_and_low_and_begin_anywhere(rng):
     assert 0.05 < np.median(moved) < 0.15
     assert splines[:, 3].max() <= 0.15
     assert np.histogram(splines[:, 0], bins=4, range=(0, 1))[0].min() > 60
+
+
+def test_what_may_make_room_moves_the_strands_that_the_action_is_about(rng):
+    """Of a rope with a loop, C(0,1,1) lays its head over the loop: both are moved, and the head's
+    tip is brought to where the loop is."""
+    turn = np.linspace(-4.0, 2.2, 60)
+    points = np.stack([0.1 * turn - 0.12 * np.sin(turn), -0.12 * np.cos(turn), 0 * turn], axis=1)
+    points[:38, 2] = 0.02
+    assert TopologicalState.from_curve(points).num_crossings == 1
+    action = parse_action("C(0,1,1)")
+    head, loop, tail = segment_intervals(points)
+    grasp, *_, x, y = check_splines(rearrange(points, action, 400, rng)).T
+    aimed = slice(300)  # the others are nudges
+    assert (grasp[aimed] < tail[0]).all()
+    assert (grasp[aimed] > loop[0]).mean() > 0.3
+    of_tip = np.flatnonzero(grasp[aimed] < 0.15 * head[1])
+    assert len(of_tip) > 60
+    on_loop = points[(np.linspace(0, 1, 60) > loop[0]) & (np.linspace(0, 1, 60) < loop[1])]
+    apart = np.linalg.norm(np.stack([x, y], 1)[of_tip, None] - on_loop[:, :2], axis=2).min(1)
+    assert 0.3 < (apart < 0.12).mean() < 0.9
+    (undo, _), *_ = TopologicalState.from_curve(points).undoings()
+    low, high = segment_intervals(points)[undo.pulled_segment(3)]
+    grasp = check_splines(rearrange(points, undo, 40, rng))[:30, 0]
+    assert ((grasp >= low) & (grasp <= high)).all()
 
 
 def random_curve_of_default_rope():

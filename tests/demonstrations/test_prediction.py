@@ -9,9 +9,9 @@ from knotflow.demonstrations import (
     aim,
     aim_predicted,
     followed,
-    nudge,
-    nudge_predicted,
     predicted_states,
+    rearrange,
+    rearrange_predicted,
 )
 from knotflow.simulation import (
     RopeConfig,
@@ -129,15 +129,15 @@ def test_without_a_promising_guess_there_are_guesses_all_the_same():
     assert len(np.unique(some, axis=0)) == 300
 
 
-def test_small_moves_are_chosen_by_what_they_are_predicted_to_leave(rope):
+def test_moves_are_chosen_by_what_they_are_predicted_to_leave(rope):
     def worth(shapes):
         return shapes[:, 0, 0]
 
-    moves = nudge_predicted(rope, 4, np.random.default_rng(4), worth)
-    all_moves = nudge(rope, 4 * 8, np.random.default_rng(4))
+    moves = rearrange_predicted(rope, R1_ACTION, 4, np.random.default_rng(4), worth)
+    all_moves = rearrange(rope, R1_ACTION, 4 * 16, np.random.default_rng(4))
     shapes = followed(rope, all_moves)
     shapes[..., 2] = rope[:, 2]
-    kept = [row for row in range(32) if state_or_none(shapes[row]) == TopologicalState.trivial()]
+    kept = [row for row in range(64) if state_or_none(shapes[row]) == TopologicalState.trivial()]
     best = max(kept, key=lambda row: shapes[row, 0, 0])
     np.testing.assert_array_equal(moves[0], all_moves[best])
     assert moves.shape == (4, 6)

@@ -1,6 +1,6 @@
 """Demonstrations: the eight tasks, the scripted demonstrator, the dataset and its noisy copies."""
 
-from knotflow.demonstrations.aim import aim, aim_anywhere, nudge
+from knotflow.demonstrations.aim import aim, aim_anywhere, nudge, rearrange
 from knotflow.demonstrations.dataset import (
     SHIPPED,
     Demonstration,
@@ -14,8 +14,8 @@ from knotflow.demonstrations.noise import NoiseConfig, noisy_copies
 from knotflow.demonstrations.prediction import (
     aim_predicted,
     followed,
-    nudge_predicted,
     predicted_states,
+    rearrange_predicted,
 )
 from knotflow.demonstrations.scripted import DemonstratorConfig, Scored, demonstrate, succeed
 from knotflow.demonstrations.tasks import TASKS, Task, task, task_at
@@ -42,8 +42,9 @@ __all__ = [
     "merge_demonstrations",
     "noisy_copies",
     "nudge",
-    "nudge_predicted",
     "predicted_states",
+    "rearrange",
+    "rearrange_predicted",
     "save_demonstrations",
     "succeed",
     "task",

@@ -171,3 +171,34 @@ def nudge(points: NDArray, count: int, rng: np.random.Generator) -> NDArray:
     end = begin + rng.normal(0, 0.08, (count, 2))
     mid = (begin + end) / 2 + rng.normal(0, 0.03, (count, 2))
     return clip_splines(np.column_stack([grasp, mid, rng.uniform(0.03, 0.15, count), end]))
+
+
+def rearrange(
+    points: NDArray, action: Action, count: int, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Moves (count, 6) of a rope (V, 3) that may make room for an action.
+
+    A place on one of the two segments that the action is about, or the rope's tip where that is an
+    end, is pulled somewhere, or brought beside the other segment; one in four is a `nudge`.
+    """
+    segments = segment_intervals(points)
+    if isinstance(action, Undo):
+        about = np.full(2, action.pulled_segment(len(segments)))
+    else:
+        about = np.array([action.over_segment, action.under_segment])
+    which = rng.integers(2, size=count)
+    own, other = about[which], segments[about[1 - which]]
+    side, along = rng.random((2, count))
+    along = np.where((own == 0) & (side < 0.5), TIP * along, along)
+    along = np.where((own == len(segments) - 1) & (side > 0.5), 1 - TIP * along, along)
+    grasp = segments[own, 0] + along * (segments[own, 1] - segments[own, 0])
+    begin = _at(points, grasp)
+    beside = (about[0] != about[1]) & (rng.random(count) < 0.5)
+    origin = np.where(beside[:, None], _at(points, rng.uniform(other[:, 0], other[:, 1])), begin)
+    angle = rng.uniform(-np.pi, np.pi, count)
+    far = rng.uniform(np.where(beside, 0.02, 0.03), np.where(beside, 0.1, 0.15))
+    end = origin + far[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    mid = (begin + end) / 2 + rng.normal(0, 0.05, (count, 2))
+    moves = clip_splines(np.column_stack([grasp, mid, rng.uniform(0.03, 0.2, count), end]))
+    nudges = count // 4
+    return np.concatenate([moves[: count - nudges], nudge(points, nudges, rng)])

@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.demonstrations.aim import aim, nudge
+from knotflow.demonstrations.aim import aim, rearrange
 from knotflow.simulation import control_points, spline_basis, state_or_none
 from knotflow.topology import (
     Action,
@@ -38,8 +38,8 @@ SAME_CROSSING = 0.12
 be the same, with the same strand on top."""
 MOST_CROSSINGS = 8
 """Shapes of more are not read."""
-GUESSES, NUDGES = 32, 8
-"""Guesses, and small moves, from which one is chosen."""
+GUESSES, MOVES = 32, 16
+"""Guesses, and moves that may make room, from which one is chosen."""
 
 
 def followed(points: NDArray, splines: NDArray) -> NDArray[np.float64]:
@@ -111,15 +111,17 @@ def aim_predicted(
     return _chosen(guesses, promising, guesses, worth, count, rng)
 
 
-def nudge_predicted(
+def rearrange_predicted(
     points: NDArray,
+    action: Action,
     count: int,
     rng: np.random.Generator,
     worth: Callable[[NDArray], NDArray],
 ) -> NDArray[np.float64]:
-    """Of many small moves of a rope (V, 3) those (count, 6) that are predicted to keep its state
-    and to leave the shapes (N, V, 3) of most `worth` (N,); one of four is as `nudge` makes it."""
-    moves = nudge(points, NUDGES * count, rng)
+    """Of many moves of a rope (V, 3) that may make room for an action those (count, 6) that are
+    predicted to keep its state and to leave the shapes (N, V, 3) of most `worth` (N,); one of four
+    is as `rearrange` makes it."""
+    moves = rearrange(points, action, MOVES * count, rng)
     state = project(points).state
     shapes = followed(points, moves)
     # What lies on what is not followed: a strand that hardly moves keeps its height.

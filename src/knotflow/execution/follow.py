@@ -72,7 +72,7 @@ class ExecutionConfig:
     """How far, metres."""
     patience: float = 3.0
     """How long a new image is waited for, seconds."""
-    max_actions: int = 12
+    max_actions: int = 20
     """Give up after so many actions, where each is planned anew."""
 
 

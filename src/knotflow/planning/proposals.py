@@ -9,7 +9,7 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.demonstrations import aim, aim_predicted, nudge_predicted
+from knotflow.demonstrations import aim, aim_predicted, rearrange_predicted
 from knotflow.planning.branches import ACT, ARRANGE, Branch, Node
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal
@@ -83,7 +83,8 @@ class Proposals:
         if branch.kind == ARRANGE:
             if self._values is None or blind:
                 return aim(points, branch.action, count, rng)
-            return nudge_predicted(points, count, rng, partial(self._worth, action))
+            worth = partial(self._worth, action)
+            return rearrange_predicted(points, action, count, rng, worth)
         judged = None if self._judged is None or blind else partial(self._judged, points, action)
         return aim_predicted(points, action, count, rng, judged)
 

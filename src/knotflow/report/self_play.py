@@ -71,7 +71,7 @@ def self_play(curves: Curves, name: str) -> Picture:
         pairs.set_ylim(0, None)
         panel(pairs, "pairs of state and action")
         pairs.yaxis.set_major_formatter("{x:,.0f}")
-        pairs.legend(loc="lower right", frameon=False, fontsize=7.5)
+        pairs.legend(loc="upper left", frameon=False, fontsize=7.5)
         handles, labels = rates.get_legend_handles_labels()
         figure.legend(
             handles, labels, loc="outside upper left", ncols=3, frameon=False, fontsize=7.5

@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from tensordict import TensorDict
 from torch import Tensor
 
-from knotflow.demonstrations import Task, Trials, aim_predicted, nudge_predicted
+from knotflow.demonstrations import Task, Trials, aim_predicted, rearrange_predicted
 from knotflow.primitives.canonical import ALL_PRIMITIVES, ARRANGE, Canonical, canonicalise
 from knotflow.primitives.config import PrimitiveConfig
 from knotflow.primitives.encoding import KINDS, encode_canonical
@@ -314,7 +314,7 @@ class SelfPlay(Resumable):
         points, action = situation.points, situation.action
         if arranging:
             worth = partial(self._worth, action)
-            return nudge_predicted(points, 1, self._rng, worth)[0]
+            return rearrange_predicted(points, action, 1, self._rng, worth)[0]
         judged = partial(self.library.judged, points, action)
         return aim_predicted(points, action, 1, self._rng, judged)[0]
 
