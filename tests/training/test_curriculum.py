@@ -45,15 +45,16 @@ def test_rarely_solved_pairs_are_drawn_more_often():
     solved = parse_action("R1(0,1,1)")
     for _ in range(1000):
         curriculum.record(TRIVIAL, solved).add(True)
-    drawn = [curriculum.draw([TRIVIAL], rng)[1] for _ in range(400)]
+    drawn = [curriculum.draw({0: [TRIVIAL]}, rng)[1] for _ in range(400)]
     assert 0 < drawn.count(solved) < 40 < drawn.count(parse_action("R1(0,-1,1)"))
 
 
 def test_draws_respect_the_shares_of_crossings_and_of_undoing():
     curriculum, rng = Curriculum(3, [1.0, 3.0], 0.25), np.random.default_rng(0)
     beyond = LOOP.apply(parse_action("C(0,1,1)"))
-    drawn = [curriculum.draw([TRIVIAL, LOOP, beyond], rng) for _ in range(800)]
-    assert beyond not in {state for state, _ in drawn}
+    known = curriculum.by_crossings([TRIVIAL, LOOP, beyond])
+    assert known == {0: [TRIVIAL], 1: [LOOP]}
+    drawn = [curriculum.draw(known, rng) for _ in range(800)]
     looped = [action for state, action in drawn if state == LOOP]
     assert len(looped) / len(drawn) == pytest.approx(0.75, abs=0.05)
     undone = sum(isinstance(action, Undo) for action in looped)
@@ -92,6 +93,6 @@ def test_kinds_are_drawn_by_their_shares():
     assert sum(state.num_crossings == 3 for state in reached) == 528
     curriculum, rng = Curriculum(3, [0.0, 1.0], 0.0), np.random.default_rng(0)
     of = {pair: kind for kind, pairs in pairs_by_kind(LOOP, 3).items() for pair in pairs}
-    drawn = [of[curriculum.draw([LOOP], rng)] for _ in range(600)]
+    drawn = [of[curriculum.draw({1: [LOOP]}, rng)] for _ in range(600)]
     shares = {name: share / sum(KIND_SHARES.values()) for name, share in KIND_SHARES.items()}
     assert {name: drawn.count(name) / 600 for name in shares} == pytest.approx(shares, abs=0.06)

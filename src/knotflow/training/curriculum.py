@@ -111,16 +111,26 @@ class Curriculum:
         """What is known of a pair."""
         return self.records.setdefault((state, action), Record())
 
-    def draw(self, states: Iterable[TopologicalState], rng: np.random.Generator) -> Pair:
+    def by_crossings(
+        self, states: Iterable[TopologicalState]
+    ) -> Mapping[int, Sequence[TopologicalState]]:
+        """The states that are drawn at all, by their number of crossings."""
+        found: dict[int, list[TopologicalState]] = {}
+        for state in states:
+            if state.num_crossings < len(self.crossings_shares):
+                found.setdefault(state.num_crossings, []).append(state)
+        return found
+
+    def draw(
+        self,
+        by_crossings: Mapping[int, Sequence[TopologicalState]],
+        rng: np.random.Generator,
+    ) -> Pair:
         """A state out of those given, and an action.
 
         First the number of crossings by its share, then the kind of action by its share; among the
         pairs left, by need.
         """
-        by_crossings: dict[int, list[TopologicalState]] = {}
-        for state in states:
-            if state.num_crossings < len(self.crossings_shares):
-                by_crossings.setdefault(state.num_crossings, []).append(state)
         shares = np.array([self.crossings_shares[count] for count in sorted(by_crossings)])
         crossings = sorted(by_crossings)[rng.choice(len(shares), p=shares / shares.sum())]
         some = by_crossings[crossings]

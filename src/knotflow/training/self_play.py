@@ -265,7 +265,9 @@ class SelfPlay(Resumable):
         count = self.config.ropes * self.config.candidates
         rope, rng = self.simulator.config.rope, self._rng
         trivial = TopologicalState.trivial()
-        known = [trivial, *(state for state in self._shapes if state != trivial)]
+        known = self._curriculum.by_crossings(
+            [trivial, *(state for state in self._shapes if state != trivial)]
+        )
         drawn: list[_Situation] = []
         while len(drawn) < count:
             state, action = self._curriculum.draw(known, rng)
