@@ -20,13 +20,13 @@ class PlannerConfig:
     """At most so many splines in a row that keep the state and make room, before one that acts; 0
     is the paper. The paper's rule has none."""
     onward: bool = True
-    """Whether splines are sampled for what they leave as well, where the sampler can and another
-    action follows; by the paper's rule never."""
+    """Whether splines are sampled for what they leave as well (Sec. V-B c), where the sampler can
+    and another action follows."""
     guess_fraction: float = 0.5
     """Share of the splines that are guesses: aimed ones where the sampler's critic gives an action
     less than `guess_below_value`, since there a policy's are all alike and all wrong, and where it
-    succeeded from the same shape before, so that another shape comes of it; small moves where the
-    rope is arranged. Of many that are cheaply predicted the best are tried
+    succeeded from the same shape before, so that another shape comes of it; moves that may make
+    room where the rope is arranged. Of many that are cheaply predicted the best are tried
     (`demonstrations.prediction`). By the paper's rule none is a guess."""
     guess_below_value: float = 0.3
     """See `guess_fraction`."""

@@ -31,8 +31,7 @@ class Proposals:
         self, sampler: Sampler, goal: Goal, config: PlannerConfig, rng: np.random.Generator
     ) -> None:
         self._sampler, self._goals, self._rng = sampler, goal.states, rng
-        foresight = config.onward and config.rule != "paper"
-        self._onward = (foresight and ability(sampler, "sample_onward")) or sampler.sample
+        self._onward = (config.onward and ability(sampler, "sample_onward")) or sampler.sample
         self._arrange = ability(sampler, "arrange")
         self._judged = ability(sampler, "judged")
         self._undoes = "undo" not in getattr(sampler, "lacks", ())
