@@ -119,7 +119,7 @@ def _longer() -> SelfPlayConfig:
     on from three there is most to learn."""
     shares = [0.5, 2.5, 6.0, 4.0, 0.2]
     return SelfPlayConfig(
-        rounds=300, crossings_shares=shares, capacity=60_000, settle_every=100, settle_steps=1500
+        rounds=200, crossings_shares=shares, capacity=60_000, settle_every=100, settle_steps=1500
     )
 
 
