@@ -212,7 +212,7 @@ def test_ablations_search_for_the_same_goals_and_lack_one_part(workflow_of):
     lacking = {
         "without_arranging": {"arranging": 0},
         "without_onward": {"onward": False},
-        "paper_search": {"rule": "paper"},
+        "paper_search": {"rule": "paper", "onward": False},
     }
     for name, changes in lacking.items():
         planner = replace(complete.planner, **changes)
