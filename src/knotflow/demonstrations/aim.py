@@ -150,6 +150,16 @@ def _at(points: NDArray, fraction: NDArray) -> NDArray:
     return np.stack([np.interp(fraction, along, points[:, k]) for k in (0, 1)], axis=1)
 
 
+def _around(
+    places: NDArray, least: NDArray | float, most: NDArray | float, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Others (N, 2) in any direction from places (N, 2), `least` to `most` metres off."""
+    angle = rng.uniform(-np.pi, np.pi, len(places))
+    far = rng.uniform(least, most, len(places))
+    direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return np.asarray(places + far[:, None] * direction)
+
+
 def _drag(
     points: NDArray, segment: NDArray, count: int, rng: np.random.Generator
 ) -> NDArray[np.float64]:
@@ -158,8 +168,7 @@ def _drag(
     low, high = max(segment[0] - BESIDE, 0.0), min(segment[1] + BESIDE, 1.0)
     grasp = rng.uniform(low, high, count)
     begin = _at(points, grasp)
-    angle, far = rng.uniform(-np.pi, np.pi, count), rng.uniform(0.1, 0.5, (count, 1))
-    end = begin + far * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    end = _around(begin, 0.1, 0.5, rng)
     mid = (begin + end) / 2 + rng.normal(0, 0.03, (count, 2))
     return clip_splines(np.column_stack([grasp, mid, rng.uniform(0.04, 0.2, count), end]))
 
@@ -195,9 +204,7 @@ def rearrange(
     begin = _at(points, grasp)
     beside = (about[0] != about[1]) & (rng.random(count) < 0.5)
     origin = np.where(beside[:, None], _at(points, rng.uniform(other[:, 0], other[:, 1])), begin)
-    angle = rng.uniform(-np.pi, np.pi, count)
-    far = rng.uniform(np.where(beside, 0.02, 0.03), np.where(beside, 0.1, 0.15))
-    end = origin + far[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    end = _around(origin, np.where(beside, 0.02, 0.03), np.where(beside, 0.1, 0.15), rng)
     mid = (begin + end) / 2 + rng.normal(0, 0.05, (count, 2))
     moves = clip_splines(np.column_stack([grasp, mid, rng.uniform(0.03, 0.2, count), end]))
     nudges = count // 4
