@@ -45,6 +45,7 @@ class Node:
         step: what was executed there; None for the root.
         ensemble: (V, 3) perturbed ropes that were executed with it, None for those that were lost;
             empty without an ensemble.
+        steady: its step was simulated again and can be relied on (`soundness.are_steady`).
         failures: branches from this node that did not become nodes.
         values: (E,) probability of success along each edge, as far as one is known; else 1.
         arranged_values: (E,) the same after an arranging spline, where the sampler estimates it;
@@ -60,6 +61,7 @@ class Node:
     parent: Node | None = None
     step: PlanStep | None = None
     ensemble: tuple[NDArray[np.float64] | None, ...] = ()
+    steady: bool = False
     failures: int = 0
     values: NDArray[np.float64] = field(init=False)
     arranged_values: NDArray[np.float64] = field(init=False)

@@ -257,15 +257,18 @@ class TreeSearch:
     def _tied(self) -> bool:
         """Whether a goal state is reached; what hangs by the time step is forgotten."""
         while (best := self._nearest()).distance == 0:
-            way = best.way()
-            if not (self.config.steady and way):
+            unproven = [node for node in best.way() if not node.steady]
+            if not (self.config.steady and unproven):
                 return True
             clock = time.perf_counter()
-            steady = are_steady(best.steps(), self.simulator.config)
+            steps = [node.step for node in unproven if node.step is not None]
+            found = are_steady(steps, self.simulator.config)
+            for node, steady in zip(unproven, found, strict=True):
+                node.steady = steady
             self._clock.simulation += time.perf_counter() - clock
-            if all(steady):
+            first = next((node for node in unproven if not node.steady), None)
+            if first is None:
                 return True
-            first = way[steady.index(False)]
             below = [node for node in self.nodes if first in node.way()]
             self.nodes = [node for node in self.nodes if node not in below]
             self._rule.drop(below)
