@@ -73,10 +73,10 @@ def test_estimates_have_a_row_a_method_and_rope(ropes, networks, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     given = {"ropes": ropes, "networks": networks}
-    estimate_ropes(config(crossings=[0], levels=[1.0]), given, StageContext(out))
+    estimate_ropes(config(crossings=[0], ropes=2, levels=[1.0]), given, StageContext(out))
     table = pd.read_csv(out / TABLE)
     assert (out / "estimates.png").exists() and (out / "estimates.svg").exists()
-    assert len(table) == len(METHODS)
+    assert len(table) == 2 * len(METHODS)
     assert set(table["method"]) == set(METHODS)
     of = dict(iter(table.groupby("method")))
     assert (of["rendering"]["off_curve_error_mm"] < 5).all()

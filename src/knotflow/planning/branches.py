@@ -86,7 +86,12 @@ class Node:
 
     def steps(self) -> tuple[PlanStep, ...]:
         """What was executed from the root to here."""
-        return tuple(node.step for node in self.way() if node.step is not None)
+        return steps_to(self.way())
+
+
+def steps_to(nodes: Sequence[Node]) -> tuple[PlanStep, ...]:
+    """What each of some nodes was reached by; the root by nothing."""
+    return tuple(node.step for node in nodes if node.step is not None)
 
 
 ACT, ARRANGE = 0, 1

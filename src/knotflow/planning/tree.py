@@ -39,6 +39,7 @@ from knotflow.planning.branches import (
     SearchUpdate,
     Simulator,
     by_action,
+    steps_to,
 )
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.ensemble import Ensemble
@@ -261,14 +262,13 @@ class TreeSearch:
             if not (self.config.steady and unproven):
                 return True
             clock = time.perf_counter()
-            steps = [node.step for node in unproven if node.step is not None]
-            found = are_steady(steps, self.simulator.config)
+            found = are_steady(steps_to(unproven), self.simulator.config)
+            self._clock.simulation += time.perf_counter() - clock
             for node, steady in zip(unproven, found, strict=True):
                 node.steady = steady
-            self._clock.simulation += time.perf_counter() - clock
-            first = next((node for node in unproven if not node.steady), None)
-            if first is None:
+            if all(found):
                 return True
+            first = unproven[found.index(False)]
             below = [node for node in self.nodes if first in node.way()]
             self.nodes = [node for node in self.nodes if node not in below]
             self._rule.drop(below)
