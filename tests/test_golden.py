@@ -253,12 +253,13 @@ def settling() -> dict[str, float]:
 
 
 class Obedient:
-    """Sampler and simulator in one: every third of its splines does what its action says, and the
-    others change nothing."""
+    """Sampler and simulator in one: one in so many of its splines does what its action says, and
+    the others change nothing."""
 
     config = SimulationConfig(rope=RopeConfig(links=120, radius=0.004))
 
-    def __init__(self) -> None:
+    def __init__(self, every: int = 3) -> None:
+        self.every = every
         self.ends: dict[bytes, np.ndarray] = {}
 
     def sample(
@@ -268,7 +269,7 @@ class Obedient:
         state = TopologicalState.from_curve(points).apply(action)
         splines = rng.uniform(SPLINE_LOW, SPLINE_HIGH, (count, 6))
         for spline in splines:
-            does = len(self.ends) % 3 == 2
+            does = len(self.ends) % self.every == self.every - 1
             self.ends[spline.tobytes()] = self.shape(state) if does else points
         return splines
 
@@ -287,10 +288,11 @@ class Obedient:
         return Rollouts(np.array([0.0, 1.0]), frames, frames[:, :, 0], ends, unharmed)
 
 
-def searched(rule: str) -> list[Any]:
-    """What a search tries, and what it finds."""
-    world = Obedient()
-    start, config = straight(world.config.rope), PlannerConfig(rule=rule, batch=4, max_branches=40)
+def searched(rule: str, state: TopologicalState | None = None) -> list[Any]:
+    """What a search tries, and what it finds, from a straight rope, or where it hardly gets on."""
+    world = Obedient(every=30 if state else 3)
+    start = world.shape(state) if state else straight(world.config.rope)
+    config = PlannerConfig(rule=rule, batch=4, max_branches=40)
     goal, rng = Goal.named("overhand"), np.random.default_rng(0)
     plan = plan_knot(start, goal, world, world, rng, config)
     tried = [
@@ -319,6 +321,7 @@ def planning() -> dict[str, Any]:
         "probabilities": node_probabilities(nodes, config),
         "branches": branches,
         "searches": [searched(rule) for rule in RULES],
+        "onward": [searched(rule, nodes[-1].state) for rule in RULES],
     }
 
 

@@ -14,7 +14,7 @@ VERSIONS = {
     "baselines.causal_infogan": 1,
     "primitives": 3,
     "training": 5,
-    "planning": 6,
+    "planning": 7,
     "perception": 5,
     "execution": 4,
 }

@@ -220,6 +220,19 @@ def test_a_rope_in_any_state_has_a_plan(world, shape_of, settings):
     assert isinstance(plan.actions[0], Undo)
 
 
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("crossings", [0, 3])
+def test_crossings_of_the_start_may_be_taken_back(world, shape_of, rule, crossings):
+    goal = Goal.named("pentagram")
+    start = straight(world.config.rope) if crossings == 0 else shape_of(OVERHAND)
+    sampler = world(chance=0.0)  # no way on: all that may be tried is tried
+    plan = search(goal, sampler, start=start, rule=rule, max_branches=100)
+    assert not plan.solved
+    tried = {action for _, action, _ in sampler.requests}
+    undone = any(action.startswith("undo") for action in tried)
+    assert undone == (crossings > 0 and rule != "paper")
+
+
 def test_the_papers_search_refuses_a_rope_outside_the_dag(world, shape_of):
     with pytest.raises(UnreachableGoalError, match="only add crossings"):
         search(Goal.named("unknot"), world(), start=shape_of(OVERHAND), rule="paper")

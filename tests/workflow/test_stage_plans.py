@@ -11,7 +11,7 @@ from knotflow.planning import KnotPlan, PlannerConfig, SolutionDag, shown
 from knotflow.recording import load
 from knotflow.samplers import SamplerConfig
 from knotflow.simulation import SimulationConfig
-from knotflow.topology import TopologicalState, segment_intervals
+from knotflow.topology import TopologicalState, Undo, segment_intervals
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages import overhand, plans, plans_checks, plans_tables
 from knotflow.workflow.stages.plans import PlanCase, PlansConfig, make_plans, read_searches
@@ -221,6 +221,19 @@ def test_a_large_dag_is_drawn_as_one_path(planned, monkeypatch):
     one = shown.shown_dag(failed)
     assert len(one) <= len(full)
     assert all(len(one.edges_from(state)) <= 1 for state in one.graph)
+
+
+def test_of_a_plan_that_takes_crossings_back_its_own_way_is_drawn(planned):
+    table = read_searches(planned / "searches.csv")
+    plan = plan_of(planned, table[table["solved"]]["plan"].iloc[0])
+    (tie,) = plan.steps
+    undo = replace(
+        tie, action=Undo(tie.action), start_state=tie.end_state, end_state=tie.start_state
+    )
+    twice = replace(plan, steps=(tie, undo, tie))
+    drawn = shown.shown_dag(twice)
+    assert set(drawn.graph) == set(twice.states)
+    assert [str(action) for action, _ in drawn.edges_from(tie.end_state)] == [f"undo {LOOP}"]
 
 
 def test_what_is_drawn_of_a_rope_outside_the_dag(planned):

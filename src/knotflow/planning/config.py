@@ -32,9 +32,9 @@ class PlannerConfig:
     """See `guess_fraction`."""
     undoing: bool = False
     """Whether crossings may be taken back (`planning.search_graph`) wherever it helps: from every
-    rope then leads a way to every goal. If not set, they may only from a rope outside the goal's
-    solution DAG, and by the paper's rule never. For a sampler that does not know `Undo`, drags are
-    aimed."""
+    rope then leads a way to every goal. If not set, they may only where the rope has crossings at
+    the start, which may be none of the goal's or too tight to go on from, and by the paper's rule
+    never. For a sampler that does not know `Undo`, drags are aimed."""
     bias: float = 10.0
     """The paper's rule: how many times likelier a node is chosen than one that is one edge farther
     from the goal; 1 is no bias."""

@@ -141,14 +141,18 @@ def _arrows(dag: SolutionDag, lit: set[tuple[TopologicalState, TopologicalState]
 
 
 def _draw_arrows(canvas: Axes, arrows: list[_Arrow], places: dict[TopologicalState, Place]) -> None:
-    """Edges from the bottom of one box to the top of another, labels where they meet least."""
+    """Edges from one box to another, down or, undoing, up; labels where they meet least."""
     taken: list[tuple[float, float, float, float]] = []
     # Few choices first: an edge with many labels takes more room than one with a single label.
     for arrow in sorted(arrows, key=lambda arrow: -len(arrow.actions)):
         begin, end = places[arrow.begin], places[arrow.end]
         spread = 0.35 * _BOX * np.clip((end - begin)[0] / (2.0 * _COLUMN), -1.0, 1.0)
-        tail = begin + (spread, -_BOX / 2 - 0.17)
-        head = end + (-spread, _BOX / 2)
+        if end[1] > begin[1]:  # an undoing, beside the action that it takes back
+            tail = begin + (spread + 0.4 * _BOX, _BOX / 2)
+            head = end + (-spread + 0.4 * _BOX, -_BOX / 2 - 0.17)
+        else:
+            tail = begin + (spread, -_BOX / 2 - 0.17)
+            head = end + (-spread, _BOX / 2)
         far = begin[1] - end[1] > 1.5 * _ROW  # it passes a row of boxes: bend it round them
         colour = SPLINE if arrow.lit else _EDGE
         canvas.add_patch(

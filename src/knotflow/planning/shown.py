@@ -9,6 +9,7 @@ from knotflow.planning.dag import SolutionDag
 from knotflow.planning.plan import KnotPlan
 from knotflow.planning.search_graph import SearchGraph
 from knotflow.simulation import Attempts, RopeSimulator, SimulationConfig, attempt
+from knotflow.topology import Undo
 
 RECORD_RATE = 50.0
 """Frames per second of the recording; every fifth of them is in the animation."""
@@ -46,8 +47,11 @@ def coarse(plan: KnotPlan, played: Sequence[Attempts]) -> KnotPlan:
 def shown_dag(plan: KnotPlan) -> SolutionDag:
     """What is drawn: all ways to the state that was tied, or to a goal that was not.
 
-    From the rope's start state on; where these are too many to see anything, only the plan's own.
+    From the rope's start state on; only the plan's own where these are too many to see anything, or
+    where it takes crossings back.
     """
+    if any(isinstance(action, Undo) for action in plan.actions):
+        return SolutionDag.along(plan.actions, plan.start_state)
     goals = [plan.states[-1]] if plan.solved else plan.goal_states
     ways = (SolutionDag.to(goal) for goal in goals)
     dag = next((dag for dag in ways if plan.start_state in dag), None)

@@ -90,7 +90,7 @@ class TreeSearch:
         points = check_points(points, simulator.config.rope)
         state = TopologicalState.from_curve(points)
         self._paper = self.config.rule == "paper"
-        undoing = self.config.undoing or not (self._paper or state in goal.dag)
+        undoing = self.config.undoing or not (self._paper or state.num_crossings == 0)
         self._dag = SearchGraph(goal.dag, state) if undoing else goal.dag
         self._proposals = Proposals(sampler, goal, self.config, rng)
         self._rule: Rule = (
@@ -318,8 +318,8 @@ def plan_knot(
     The same rng gives the same plan for the same batch size, unless `max_seconds` ends it.
 
     Args:
-        points: (V, 3) the rope at rest, metres, in any state. From one outside the goal's solution
-            DAG, crossings are undone first; the paper's rule does so only if `undoing` is set.
+        points: (V, 3) the rope at rest, metres, in any state. Crossings that it has may be undone;
+            by the paper's rule only if `undoing` is set.
         goal: what to tie.
         sampler: proposes splines.
         simulator: executes them.
