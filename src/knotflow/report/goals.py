@@ -89,7 +89,7 @@ def tied_over_time(sets: dict[str, pd.DataFrame], name: str) -> Picture:
         figure = new_figure(2.7)
         axes = figure.add_subplot()
         axes.set_xscale("log")
-        axes.set_xlim(first * stretch**-0.02, last * stretch**0.14)
+        axes.set_xlim(first * stretch**-0.02, last * stretch ** (0.02 + 0.06 * len(sets)))
         for place, (label, own) in enumerate(sets.items()):
             colour, rate = COLOURS[place % len(COLOURS)], share_tied(own)
             assert rate.low is not None and rate.high is not None
@@ -115,7 +115,7 @@ def tied_over_time(sets: dict[str, pd.DataFrame], name: str) -> Picture:
         axes.set_xlabel("time of the search")
         axes.set_ylabel("goals tied", color=MUTED)
         bare_axis(axes, grid="both")
-        figure.legend(loc="outside upper left", ncols=min(len(sets), 3), frameon=False, fontsize=8)
+        figure.legend(loc="outside upper left", ncols=4, frameon=False, fontsize=8)
         return render(figure, name, f"Share of {len(searches)} searches that tied over time")
 
 
