@@ -45,18 +45,30 @@ def test_totals_say_what_arranging_brings(write):
     ] == [(0, 1, 1, "50.0 %"), (3, 2, 0, "68.3 %")]
     # Of the 396 that lead to at most three crossings.
     assert (found["actions"], found["untried"]) == (3, 393)
-    assert (
-        found["worst"].splitlines()[2].startswith("| `2o1+` | `C(0,1,1)` | Cross, end over | 0 %")
-    )
     text = compose(Results(write.root), "results").markdown
     assert (
         "with one spline\n1 succeed in more than 70\u00a0% of their trials and 1 never did" in text
     )
 
 
+def test_actions_that_touch_an_end_stand_apart_from_those_that_do_not(write):
+    inner = [("2o1+", "R1(1,1,1)", "R1", 0, 10, 0), ("2o1+", "R1(1,1,1)", "R1", 3, 10, 0)]
+    outer = [("2o1+", "R1(2,1,1)", "R1", 0, 10, 4), ("2o1+", "R1(2,1,1)", "R1", 3, 10, 5)]
+    write.actions([*ROWS, *inner, *outer])
+    lines = values(write)["segments"].splitlines()[2:]
+    assert lines == [
+        "| Cross, end over | 1 | an end | 1 | 0 % | 30 % | 0 |",
+        "| Cross, end over | 2 | an end | 1 | 70 % | 75 % | 0 |",
+        "| R1 | 0 | an end | 1 | 80 % | 100 % | 0 |",
+        "| R1 | 1 | an end | 1 | 40 % | 50 % | 0 |",
+        "| R1 | 1 | none | 1 | 0 % | 0 % | 1 |",
+    ]
+
+
 def test_a_run_without_arranging_has_single_bars(write):
     write.actions([row for row in ROWS if not row[3]])
-    assert "0 arranging" in values(write)["worst"] and "3 arranging" not in values(write)["worst"]
+    segments = values(write)["segments"]
+    assert "one spline" in segments and "3 arranging" not in segments
 
 
 def test_the_picture_has_a_panel_a_class_and_counts_its_actions(write):

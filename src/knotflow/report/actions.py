@@ -14,7 +14,7 @@ from knotflow.report.results import AT_LEAST_ONE, COUNT, TEXT, Results, refuse
 from knotflow.report.section import Pictures, Section
 from knotflow.report.style import INK, MUTED, Picture, bare_axis, new_figure, render, styled
 from knotflow.report.tables import markdown_table
-from knotflow.topology import TopologicalState, all_states
+from knotflow.topology import TopologicalState, all_states, parse_action
 from knotflow.topology.symmetry import distinct_actions, representative
 
 EXPERIMENT = "actions"
@@ -23,7 +23,6 @@ COLUMNS = {"start": TEXT, "action": TEXT, "class": TEXT, "arranging": COUNT}
 COLUMNS |= {"trials": AT_LEAST_ONE, "successes": COUNT}
 MOST_CROSSINGS = 3
 """Of the states that the actions lead to."""
-WORST_SHOWN = 10
 #: A success rate above it is often.
 OFTEN = 0.7
 #: The highest success rate of each bin, what it is called, and its colour.
@@ -36,7 +35,7 @@ BINS = (
 
 
 def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
-    """The picture by kind and crossings, totals in words, and the actions done least often."""
+    """The picture by kind and crossings, totals in words, and what touches an end."""
     table = results.table(EXPERIMENT, "actions.csv", COLUMNS, key=KEY)
     if table is None:
         return None
@@ -60,8 +59,7 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         ],
         "actions": len(rates),
         "untried": max(0, _all_actions() - len(rates)),
-        "worst": _worst(rates),
-        "shown": min(WORST_SHOWN, len(rates)),
+        "segments": _by_segments(rates),
     }
 
 
@@ -88,16 +86,28 @@ def _all_actions() -> int:
     )
 
 
-def _worst(rates: pd.DataFrame) -> str:
-    """The actions that succeed least often, by the trials that arrange most."""
+def _by_segments(rates: pd.DataFrame) -> str:
+    """How often actions succeed by class, crossings of the start, and whether they touch an end."""
     limits = arranging(rates)
-    own = rates.sort_values([*reversed(limits), "crossings"], kind="stable").head(WORST_SHOWN)
-    lines = [
-        [f"`{start}`", f"`{action}`", kind, *(f"{100 * rate:.0f} %" for rate in shares)]
-        for start, action, kind, _, *shares in own.itertuples(index=False)
+    end = [
+        not {0, 2 * crossings}.isdisjoint(parse_action(action).segments)
+        for action, crossings in zip(rates["action"], rates["crossings"], strict=True)
     ]
-    header = ["start", "action", "kind", *(f"{most} arranging" for most in limits)]
-    return markdown_table(header, lines, "lll" + "r" * len(limits))
+    where = ["an end" if one else "none" for one in end]
+    lines = [
+        [kind, str(crossings), segments, str(len(own)),
+         *(f"{100 * own[most].mean():.0f} %" for most in limits),
+         str(int((own[limits] == 0).all(axis=1).sum()))]
+        for (kind, crossings, segments), own in rates.assign(where=where).groupby(
+            ["class", "crossings", "where"]
+        )
+    ]  # fmt: skip
+    header = ["kind", "crossings", "end touched", "actions", *map(_splines, limits), "never done"]
+    return markdown_table(header, lines, "lrl" + "r" * (len(limits) + 2))
+
+
+def _splines(most: int) -> str:
+    return f"mean, {most} arranging" if most else "mean, one spline"
 
 
 def arranging(rates: pd.DataFrame) -> list[int]:
