@@ -65,7 +65,7 @@ def test_every_rollout_is_recorded_with_its_outcome(results):
             assert of_method.loc[action, "successes"] == count
     node = record["stages"]["demonstrations"]
     copies = load(results / "stages" / node["stage"] / node["signature"] / "recordings")
-    assert len(copies) == 48 * 4 + 2 * 8
+    assert len(copies) == 48 * 2 + 2 * 8
     assert set(copies["signature"]) == {node["signature"]}
 
 

@@ -15,6 +15,7 @@ EXPERIMENT = "pentagram"
 PULLED = "pulled_overhand"
 STARTS = {
     PULLED: "overhand, its head pulled out",
+    "pulled_overhand_arranging": "the same, by the search that arranges",
     "R1(0,1,1) C(0,1,1) C(2,0,1)": "overhand as the planner leaves it",
     "straight": "straight rope, no hand in it",
 }
