@@ -267,8 +267,8 @@ class PentagramBudget:
     untangled: PlansBudget = field(
         default_factory=lambda: PlansBudget(planner=replace(FAST_SEARCH, max_seconds=120.0))
     )
-    """Searches with no hand's help: from overhands as the planner leaves them, and from a straight
-    rope."""
+    """Searches with no hand's help, from overhands as the planner leaves them and from a straight
+    rope; by its planner the pulled rope is searched from, too."""
 
 
 @dataclass

@@ -2,7 +2,7 @@ import pytest
 
 from knotflow.drawing.palette import SPLINE
 from knotflow.drawing.style import styled
-from knotflow.planning import Goal
+from knotflow.planning import Goal, SolutionDag
 from knotflow.planning.draw_dag import dag_figure, draw_dag
 from knotflow.topology import TopologicalState, Undo, parse_action
 
@@ -47,10 +47,9 @@ def test_a_path_that_leaves_the_dag_is_refused():
 
 def test_an_undoing_is_beside_the_action_that_it_takes_back():
     there = PATH[0]
-    dag = Goal.path([there]).dag
-    back = dag.along([there, Undo(there), there])
+    dag = SolutionDag.along([there, Undo(there), there])
     with styled():
-        figure = dag_figure(back, [there, Undo(there)])
+        figure = dag_figure(dag, [there, Undo(there)])
     (first, second) = (patch.get_path() for patch in figure.axes[0].patches[:2])
     assert {str(there), f"undo {there}"} <= {text.get_text() for text in figure.axes[0].texts}
     assert first.get_extents().x1 < second.get_extents().x0

@@ -50,11 +50,10 @@ def shown_dag(plan: KnotPlan) -> SolutionDag:
     From the rope's start state on; only the plan's own where these are too many to see anything, or
     where it takes crossings back.
     """
-    if any(isinstance(action, Undo) for action in plan.actions):
-        return SolutionDag.along(plan.actions, plan.start_state)
+    undoes = any(isinstance(action, Undo) for action in plan.actions)
     goals = [plan.states[-1]] if plan.solved else plan.goal_states
     ways = (SolutionDag.to(goal) for goal in goals)
-    dag = next((dag for dag in ways if plan.start_state in dag), None)
+    dag = None if undoes else next((dag for dag in ways if plan.start_state in dag), None)
     if dag is None and not plan.steps:  # a rope whose crossings were to be undone first
         dag = SearchGraph(SolutionDag.to(*goals), plan.start_state)
     if dag is not None and len(after := dag.after(plan.start_state)) <= DRAWN_STATES:
