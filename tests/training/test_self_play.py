@@ -16,12 +16,9 @@ from knotflow.primitives import (
     PrimitiveLibrary,
 )
 from knotflow.primitives.canonical import ALL_PRIMITIVES, ARRANGE
-from knotflow.simulation import Rollouts, SimulationConfig, resample, straight
+from knotflow.simulation import Rollouts, SimulationConfig, straight
 from knotflow.topology import TopologicalState, parse_action
-from knotflow.topology.draw import draw
 from knotflow.training import LearnerConfig, SelfPlay, SelfPlayConfig, Transitions
-from knotflow.training.curriculum import outcomes
-from knotflow.training.self_play import _Lesson
 
 NETWORK = NetworkConfig(lstm=8, attention=4, stream=8, feature=16, head=16)
 SMALL = PrimitiveConfig("actor_critic", NETWORK, CemConfig(population=16, valued=8, elites=4))
@@ -95,35 +92,6 @@ def test_shapes_are_remembered_in_the_states_they_read_as(simulator):
     rng = np.random.default_rng(0)
     for state in some._shapes:
         assert TopologicalState.from_curve(some._shapes.draw(state, rng)) == state
-
-
-def test_a_trial_that_did_something_else_is_a_success_of_that_in_hindsight():
-    some = training(Still())
-    trivial, rope = TopologicalState.trivial(), straight(SimulationConfig().rope)
-    meant, done = parse_action("R1(0,1,1)"), parse_action("R1(0,-1,1)")
-    end = outcomes(trivial, 4)[done]
-    one = (rope, np.full(6, 0.1), rope, trivial, meant)
-    (lesson,) = some._in_hindsight(*one, end, True)
-    assert (lesson.action, lesson.reward, lesson.weight) == (done, 1.0, 1.0)
-    assert lesson.pull < 1
-    # From then on a trial for the same action that ends elsewhere is a failure of that one.
-    (lesson,) = some._in_hindsight(*one, trivial, True)
-    assert (lesson.action, lesson.reward) == (done, 0.0)
-    # Success at what was meant is not told twice.
-    assert [
-        lesson.reward for lesson in some._in_hindsight(*one, outcomes(trivial, 4)[meant], True)
-    ] == [0.0]
-    assert not list(training(Still(), hindsight=False)._in_hindsight(*one, end, True))
-
-
-def test_grasps_far_from_where_an_action_grasps_teach_nothing():
-    some, loop = training(Still()), TopologicalState.parse("2o1+")
-    rope = resample(draw(loop), SimulationConfig().rope)
-    over = parse_action("C(0,1,1)")  # the head goes over
-    for grasp in (0.05, 0.9):
-        spline = np.array([grasp, 0.1, 0.1, 0.1, 0.1, 0.1])
-        some._store([_Lesson(rope, over, spline, 1.0)])
-    assert len(some._buffers[3]) == 1
 
 
 @pytest.mark.slow

@@ -7,15 +7,8 @@ the rope for it: a spline that keeps the state and shall raise the action's valu
 leaves is remembered, and so the states fill up, towards more crossings by actions and back by
 undoing them.
 
-What is learned from a trial:
-
-- whether the action succeeded, and of a success the value of what it leaves: the best that the next
-  action's critic expects of the end shape, for a next action drawn among all that are legal there;
-- of an arranging spline whether the state was kept, and the value of the wanted action after it;
-  an actor is pulled towards those that raised it, and splines that failed at an action without
-  having been meant to arrange teach the same;
-- hindsight: a rope that ends in the state of another legal action is a success of that one. So that
-  this stays unbiased, trials that could have ended there, but did not, are its failures.
+What a trial teaches, of the action that was meant and of others, is drawn from it by
+`training.lessons`.
 
 Where the critic sees hardly a way, the policy's splines are all alike and all wrong: there a share
 of the splines are a demonstrator's guesses, those that a follow-the-leader rope and the critic
@@ -25,7 +18,6 @@ the attempts of independent training.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -51,13 +43,7 @@ from knotflow.simulation import (
     state_or_none,
 )
 from knotflow.threads import one_thread
-from knotflow.topology import (
-    Action,
-    DegenerateCurveError,
-    IllegalActionError,
-    TopologicalState,
-    parse_action,
-)
+from knotflow.topology import Action, TopologicalState
 from knotflow.topology.symmetry import representative
 from knotflow.training.buffer import TransitionBuffer
 from knotflow.training.config import SelfPlayConfig
@@ -65,6 +51,7 @@ from knotflow.training.curriculum import Curriculum, need, outcomes
 from knotflow.training.exploration import POLICY, explore
 from knotflow.training.fitting import fit_each, settles
 from knotflow.training.learner import Learner, demonstration_buffer
+from knotflow.training.lessons import Lesson, Lessons, Trial, canonical_or_none, encoded
 from knotflow.training.resumable import Resumable
 from knotflow.training.shapes import ShapeMemory, transformed
 from knotflow.training.transitions import Transitions
@@ -72,25 +59,6 @@ from knotflow.training.values import best_values
 
 GUESS = -1
 """A way in which a spline is proposed, beside those of `exploration`."""
-FARTHEST_GRASP = 3.5
-"""Trials that grasp the rope farther away from where an action does, network units, teach nothing.
-It is half a segment beyond the end of the one that is grasped, or anywhere where all may be."""
-
-
-@dataclass
-class _Lesson:
-    """What one trial says of one action; trials of several actions may be the same spline."""
-
-    points: NDArray[np.float64]
-    action: Action
-    spline: NDArray[np.float64]
-    reward: float
-    after: NDArray[np.float64] | None = None
-    following: Action | None = None
-    arranging: bool = False
-    baseline: float = 0.0
-    weight: float = 1.0
-    pull: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -170,7 +138,7 @@ class SelfPlay(Resumable):
             config.most_crossings, config.crossings_shares, config.undo_share
         )
         self._shapes = ShapeMemory(config.shapes)
-        self._hindsight: dict[tuple[TopologicalState, Action], Counter[Action]] = {}
+        self._lessons = Lessons(self._curriculum, config, self._rng)
         self._learners = {
             number: self._learner(number, trials, seed) for number in self.library.primitives
         }
@@ -206,10 +174,7 @@ class SelfPlay(Resumable):
             "learners": {str(n): learner.state_dict() for n, learner in self._learners.items()},
             "shapes": self._shapes.state_dict(),
             "curriculum": self._curriculum.state_dict(),
-            "hindsight": {
-                f"{state} {action}": {str(other): n for other, n in counts.items()}
-                for (state, action), counts in self._hindsight.items()
-            },
+            "hindsight": self._lessons.state_dict(),
             "rng": self._rng.bit_generator.state,
             "done": self._done,
         }
@@ -219,12 +184,7 @@ class SelfPlay(Resumable):
             learner.load_state_dict(state["learners"][str(number)])
         self._shapes.load_state_dict(state["shapes"])
         self._curriculum.load_state_dict(state["curriculum"])
-        self._hindsight = {}
-        for name, counts in state["hindsight"].items():
-            before, action = name.split(" ", 1)
-            self._hindsight[TopologicalState.parse(before), parse_action(action)] = Counter(
-                {parse_action(other): count for other, count in counts.items()}
-            )
+        self._lessons.load_state_dict(state["hindsight"])
         self._rng.bit_generator.state = state["rng"]
         self._done = state["done"]
 
@@ -275,7 +235,7 @@ class SelfPlay(Resumable):
                 shape = random_curve(rope, rng, self._starts)
             else:
                 shape = self._shapes.draw(state, rng)
-            if (canonical := _canonical(shape, action)) is not None:
+            if (canonical := canonical_or_none(shape, action)) is not None:
                 drawn.append(_Situation(shape, state, action, canonical))
         values = self._values([situation.rope for situation in drawn])
         # The least weight lets the critic's errors be found out.
@@ -331,81 +291,18 @@ class SelfPlay(Resumable):
         ends: Sequence[TopologicalState | None],
     ) -> None:
         """Keep the shapes that trials left, and store what they teach."""
-        lessons: list[_Lesson] = []
+        lessons: list[Lesson] = []
         for row, (situation, end) in enumerate(zip(play.situations, ends, strict=True)):
-            state, action = situation.state, situation.action
-            one = situation.points, play.splines[row], after[row]
-            reached = outcomes(state, self.config.most_crossings)
-            success = end is not None and end == reached[action]
-            meant = not play.arranging[row]
-            if meant:
-                self._curriculum.record(state, action).add(success)
-                lessons.append(self._lesson(*one, action, end, success))
-            if not success and (not meant or self._rng.random() < self.config.arranging_share):
-                lessons.append(
-                    _Lesson(
-                        one[0],
-                        action,
-                        one[1],
-                        float(end == state),
-                        after=one[2] if end == state else None,
-                        following=action if end == state else None,
-                        arranging=True,
-                        baseline=play.values[row],
-                    )  # fmt: skip
-                )
-            lessons += self._in_hindsight(*one, state, action, end, meant)
+            points, state, action = situation.points, situation.state, situation.action
+            trial = Trial(points, state, action, play.splines[row], after[row], end)
+            arranging = bool(play.arranging[row])
+            if not arranging:
+                reached = outcomes(state, self.config.most_crossings)[action]
+                self._curriculum.record(state, action).add(end == reached)
+            lessons += self._lessons.of(trial, arranging, play.values[row])
             if end is not None and end.num_crossings <= self.config.most_crossings:
                 self._keep(after[row], end)
         self._store(lessons)
-
-    def _lesson(
-        self,
-        points: NDArray,
-        spline: NDArray,
-        after: NDArray,
-        action: Action,
-        end: TopologicalState | None,
-        success: bool,
-        weight: float = 1.0,
-    ) -> _Lesson:
-        """What a trial says of an action that it did or did not accomplish."""
-        lesson = _Lesson(points, action, spline, float(success), weight=weight)
-        if success and end is not None:
-            lesson.following = self._curriculum.next_action(end, self._rng)
-            lesson.after = after if lesson.following is not None else None
-        return lesson
-
-    def _in_hindsight(
-        self,
-        points: NDArray,
-        spline: NDArray,
-        after: NDArray,
-        state: TopologicalState,
-        action: Action,
-        end: TopologicalState | None,
-        meant: bool,
-    ) -> Iterator[_Lesson]:
-        """The trial as one of other actions: of the one it accomplished, and of one that other
-        trials for the same action accomplished; the latter stands for all such."""
-        if not self.config.hindsight:
-            return
-        rng = self._rng
-        reached = outcomes(state, self.config.most_crossings)
-        done = [other for other, onward in reached.items() if onward == end]
-        if meant and action in done:
-            done = []
-        others = self._hindsight.setdefault((state, action), Counter())
-        missed = sorted((other for other in others if reached[other] != end), key=str)
-        if done:
-            other = done[rng.integers(len(done))]
-            others[other] += 1
-            lesson = self._lesson(points, spline, after, other, end, True)
-            yield replace(lesson, pull=self.config.hindsight_pull)
-        if missed:
-            other = missed[rng.integers(len(missed))]
-            weight = min(len(missed), 4)
-            yield self._lesson(points, spline, after, other, end, False, weight)
 
     def _keep(self, points: NDArray, state: TopologicalState) -> None:
         """Remember a shape, if its image reads as the representative state does."""
@@ -413,59 +310,10 @@ class SelfPlay(Resumable):
         if state_or_none(transformed(points, symmetry)) == first:
             self._shapes.add(points, state, self._rng)
 
-    def _store(self, lessons: Sequence[_Lesson]) -> None:
+    def _store(self, lessons: Sequence[Lesson]) -> None:
         """Put lessons into their primitives' replay buffers, with the value of what follows."""
-        by_number: dict[int, list[tuple[_Lesson, Canonical]]] = {}
-        for lesson in lessons:
-            if (rope := _canonical(lesson.points, lesson.action)) is not None:
-                number = ARRANGE if lesson.arranging else rope.primitive
-                by_number.setdefault(number, []).append((lesson, rope))
-        for number in sorted(by_number):
-            own = [lesson for lesson, _ in by_number[number]]
-            encoded = encode_canonical([rope for _, rope in by_number[number]], number == ARRANGE)
-            splines = encoded.frames.to_network(np.stack([one.spline for one in own])[:, None])[
-                :, 0
-            ]
-            # In hindsight an action may have been done from anywhere. Counted in short segments,
-            # such grasps are thousands of units away: no way to learn to do it.
-            rows = np.flatnonzero(np.abs(splines[:, 0]) <= FARTHEST_GRASP)
-            if len(rows):
-                states = encoded.states[torch.from_numpy(rows)]
-                trials = self._trials(states, splines[rows], [own[row] for row in rows])
-                self._buffers[number].extend(trials)
-
-    def _trials(self, own: TensorDict, splines: NDArray, lessons: Sequence[_Lesson]) -> TensorDict:
-        """Lessons as `TransitionBuffer.extend` takes them, with encoded ropes [N] and splines
-        (N, 6) in network space."""
-        following = own.select("streams", "grasp").apply(torch.zeros_like)
-        follower = torch.full((len(lessons),), -1)
-        next_value = torch.full((len(lessons),), torch.nan)
-        onward: dict[int, list[tuple[int, Canonical]]] = {}
-        for row, lesson in enumerate(lessons):
-            if lesson.after is None or lesson.following is None:
-                continue
-            if (rope := _canonical(lesson.after, lesson.following)) is not None:
-                onward.setdefault(rope.primitive, []).append((row, rope))
-        for number, some in onward.items():
-            rows = torch.tensor([row for row, _ in some])
-            states = encode_canonical([rope for _, rope in some]).states
-            states = states.select("streams", "grasp")
-            following[rows], follower[rows] = states, number
-            next_value[rows] = self._value(number, states)
-        return TensorDict(
-            {
-                "states": own,
-                "following": following,
-                "follower": follower,
-                "spline": torch.from_numpy(splines).float(),
-                "reward": torch.tensor([lesson.reward for lesson in lessons]),
-                "baseline": torch.tensor([float(lesson.baseline) for lesson in lessons]),
-                "weight": torch.tensor([float(lesson.weight) for lesson in lessons]),
-                "pull": torch.tensor([float(lesson.pull) for lesson in lessons]),
-                "next_value": next_value,
-            },
-            batch_size=[len(lessons)],
-        )
+        for number, trials in encoded(lessons, self._value):
+            self._buffers[number].extend(trials)
 
     def _remember_earlier(self, transitions: Transitions) -> None:
         """Store attempts of independent training."""
@@ -478,7 +326,8 @@ class SelfPlay(Resumable):
             strict=True,
         ):  # fmt: skip
             end = goal if success else None
-            lessons.append(self._lesson(points, spline, after, action, end, bool(success)))
+            trial = Trial(points, transitions.start, action, spline, after, end)
+            lessons.append(self._lessons.at(trial, action, bool(success)))
             self._keep(points, transitions.start)
             if success:
                 self._keep(after, goal)
@@ -530,7 +379,7 @@ class SelfPlay(Resumable):
                 continue
             if play.arranging[row]:
                 by_number.setdefault(ARRANGE, []).append(end == state)
-                if end == state and _canonical(after[row], action) is not None:
+                if end == state and canonical_or_none(after[row], action) is not None:
                     kept.append(row)
             else:
                 number = situation.rope.primitive
@@ -569,11 +418,3 @@ def _completed(library: PrimitiveLibrary, seed: int) -> PrimitiveLibrary:
                 config.network.kinds = KINDS
             primitives[number], actions[number] = Primitive(config), ()
     return PrimitiveLibrary(primitives, actions, library.rope)
-
-
-def _canonical(points: NDArray, action: Action) -> Canonical | None:
-    """A rope and action as they are learned; None for the rare rope whose image reads otherwise."""
-    try:
-        return canonicalise(points, action)
-    except (DegenerateCurveError, IllegalActionError):
-        return None

@@ -74,7 +74,7 @@ class ClosedLoopConfig:
     sampler: SamplerConfig = field(default_factory=SamplerConfig)
     """Who proposes splines; the stages it learns from are inputs of this one."""
     planner: PlannerConfig = field(default_factory=PlannerConfig)
-    """How is planned before an execution, and with `undoing` after each action."""
+    """How is planned, before an execution and after each action."""
     ensemble: int
     """Perturbed ropes that judge the plans that are to be robust."""
     execution: ExecutionConfig = field(default_factory=ExecutionConfig)
@@ -158,10 +158,10 @@ class _Planner:
         return plan_knot(points, self.goal, self.sampler, self.simulator, rng, planner)
 
     def anew(self, rng: np.random.Generator, points: NDArray) -> KnotPlan:
-        """The plan of the rest, which may undo what went wrong."""
+        """The plan of the rest, which may undo what went wrong; never a robust one."""
         began = time.perf_counter()
-        undoing = replace(self.config.planner, undoing=True, ensemble=0)
-        plan = plan_knot(points, self.goal, self.sampler, self.simulator, rng, undoing)
+        planner = replace(self.config.planner, ensemble=0)
+        plan = plan_knot(points, self.goal, self.sampler, self.simulator, rng, planner)
         self.seconds += time.perf_counter() - began
         return plan
 
