@@ -103,7 +103,7 @@ def test_methods_not_run_are_named_and_have_no_bars(write, rate_counts):
 
 def test_a_further_method_of_ours_has_its_own_name_and_others_theirs():
     methods = with_extras(SINGLE_STAGE, ["reinforcement_arranged", "my_own", "icp"])[4:]
-    assert [method.label for method in methods] == ["RL + arranging", "my own"]
+    assert [method.label for method in methods] == ["self-play + arranging", "my own"]
     assert len({method.colour for method in (*SINGLE_STAGE, *methods)}) == 6
 
 

@@ -49,7 +49,7 @@ def test_arranging_is_a_further_method_that_changes_no_claim(write, rate_counts)
     assert "arranging" not in compose(results, "results").markdown.split("## Tree size")[0]
     write.rates("single_stage", rate_counts((*paper, "reinforcement_arranged")))
     text = compose(results, "results").markdown
-    assert "| action | random | ICP | imitation | imitation + RL | RL + arranging |" in text
-    assert "RL + arranging / imitation + RL" in text
+    assert "| action | random | ICP | imitation | imitation + RL | self-play + arranging |" in text
+    assert "self-play + arranging / imitation + RL" in text
     assert "Here the aim of 90\u00a0% is reached on all 8 actions." in text
     assert [claim.judgement(results) for claim in SECTION.claims] == claims

@@ -41,7 +41,7 @@ ICP = Method("icp", "ICP", "#e69f00")
 IMITATION = Method("imitation", "imitation", "#56b4e9")
 REINFORCEMENT = Method("reinforcement", "imitation + RL", "#0072b2")
 
-ARRANGED = Method("reinforcement_arranged", "RL + arranging", "#009e73")
+ARRANGED = Method("reinforcement_arranged", "self-play + arranging", "#009e73")
 BY_POSTERIOR = (
     Method("independent_posterior", "independently, posterior rule", "#e69f00"),
     Method("joint_posterior", "jointly, posterior rule", "#009e73"),
