@@ -217,7 +217,13 @@ class SelfPlay(Resumable):
         play = self._propose(*self._draw())
         rollouts = self.simulator.execute(play.points, play.splines)
         ends = end_states(rollouts)
-        self._remember(play, rollouts.end_points, ends)
+        trials = [
+            Trial(one.points, one.state, one.action, *came)
+            for one, *came in zip(
+                play.situations, play.splines, rollouts.end_points, ends, strict=True
+            )
+        ]
+        self._remember(trials, play.arranging, play.values)
         return self._measure(play, rollouts.end_points, ends)
 
     def _draw(self) -> tuple[list[_Situation], NDArray[np.float64]]:
@@ -284,24 +290,17 @@ class SelfPlay(Resumable):
         """Value (N,) of shapes (N, V, 3) for an action."""
         return self._values([canonicalise(shape, action) for shape in shapes])
 
-    def _remember(
-        self,
-        play: _Play,
-        after: NDArray,
-        ends: Sequence[TopologicalState | None],
-    ) -> None:
-        """Keep the shapes that trials left, and store what they teach."""
+    def _remember(self, trials: Sequence[Trial], arranging: NDArray, values: NDArray) -> None:
+        """Keep the shapes that trials left, and store what they teach; see `Lessons.of`."""
         lessons: list[Lesson] = []
-        for row, (situation, end) in enumerate(zip(play.situations, ends, strict=True)):
-            points, state, action = situation.points, situation.state, situation.action
-            trial = Trial(points, state, action, play.splines[row], after[row], end)
-            arranging = bool(play.arranging[row])
-            if not arranging:
-                reached = outcomes(state, self.config.most_crossings)[action]
-                self._curriculum.record(state, action).add(end == reached)
-            lessons += self._lessons.of(trial, arranging, play.values[row])
-            if end is not None and end.num_crossings <= self.config.most_crossings:
-                self._keep(after[row], end)
+        most = self.config.most_crossings
+        for trial, arranges, value in zip(trials, arranging, values, strict=True):
+            if not arranges:
+                reached = outcomes(trial.state, most)[trial.action]
+                self._curriculum.record(trial.state, trial.action).add(trial.end == reached)
+            lessons += self._lessons.of(trial, bool(arranges), value)
+            if trial.end is not None and trial.end.num_crossings <= most:
+                self._keep(trial.after, trial.end)
         self._store(lessons)
 
     def _keep(self, points: NDArray, state: TopologicalState) -> None:
