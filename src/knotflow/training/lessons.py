@@ -51,6 +51,11 @@ class Trial:
     after: NDArray[np.float64]
     end: TopologicalState | None
 
+    @property
+    def success(self) -> bool:
+        """Whether it ended in the action's state."""
+        return self.end == self.state.apply(self.action)
+
 
 @dataclass
 class Lesson:
@@ -87,8 +92,7 @@ class Lessons:
             arranging: it was meant to make room for the action, not to do it.
             value: of the action before.
         """
-        reached = outcomes(trial.state, self._config.most_crossings)
-        success = trial.end is not None and trial.end == reached[trial.action]
+        success = trial.success
         if not arranging:
             yield self.at(trial, trial.action, success)
         if not success and (arranging or self._rng.random() < self._config.arranging_share):

@@ -47,7 +47,7 @@ from knotflow.topology import Action, TopologicalState
 from knotflow.topology.symmetry import representative
 from knotflow.training.buffer import TransitionBuffer
 from knotflow.training.config import SelfPlayConfig
-from knotflow.training.curriculum import Curriculum, need, outcomes
+from knotflow.training.curriculum import Curriculum, need
 from knotflow.training.exploration import POLICY, explore
 from knotflow.training.fitting import fit_each, settles
 from knotflow.training.learner import Learner, demonstration_buffer
@@ -224,7 +224,7 @@ class SelfPlay(Resumable):
             )
         ]
         self._remember(trials, play.arranging, play.values)
-        return self._measure(play, rollouts.end_points, ends)
+        return self._measure(play, trials)
 
     def _draw(self) -> tuple[list[_Situation], NDArray[np.float64]]:
         """What to try, and what it is worth."""
@@ -293,13 +293,11 @@ class SelfPlay(Resumable):
     def _remember(self, trials: Sequence[Trial], arranging: NDArray, values: NDArray) -> None:
         """Keep the shapes that trials left, and store what they teach; see `Lessons.of`."""
         lessons: list[Lesson] = []
-        most = self.config.most_crossings
         for trial, arranges, value in zip(trials, arranging, values, strict=True):
             if not arranges:
-                reached = outcomes(trial.state, most)[trial.action]
-                self._curriculum.record(trial.state, trial.action).add(trial.end == reached)
+                self._curriculum.record(trial.state, trial.action).add(trial.success)
             lessons += self._lessons.of(trial, bool(arranges), value)
-            if trial.end is not None and trial.end.num_crossings <= most:
+            if trial.end is not None and trial.end.num_crossings <= self.config.most_crossings:
                 self._keep(trial.after, trial.end)
         self._store(lessons)
 
@@ -343,8 +341,8 @@ class SelfPlay(Resumable):
         numbers = np.array([rope.primitive for rope in ropes])
         for number in sorted(set(numbers.tolist())):
             rows = np.flatnonzero(numbers == number)
-            encoded = encode_canonical([ropes[row] for row in rows.tolist()])
-            values[rows] = self._value(number, encoded.states).numpy()
+            states = encode_canonical([ropes[row] for row in rows.tolist()]).states
+            values[rows] = self._value(number, states).numpy()
         return values
 
     def _value(self, number: int, states: TensorDict) -> Tensor:
@@ -365,32 +363,27 @@ class SelfPlay(Resumable):
         ready = {number: learner for number, learner in self._learners.items() if most[number]}
         return fit_each(ready, most, settling)
 
-    def _measure(
-        self, play: _Play, after: NDArray, ends: Sequence[TopologicalState | None]
-    ) -> dict[int, dict[str, float]]:
+    def _measure(self, play: _Play, trials: Sequence[Trial]) -> dict[int, dict[str, float]]:
         """What the policy's own splines achieved."""
         metrics: dict[int, dict[str, float]] = {number: {} for number in self.library.primitives}
         by_number: dict[int, list[float]] = {}
-        kept: list[int] = []
-        for row, (situation, end) in enumerate(zip(play.situations, ends, strict=True)):
-            state, action = situation.state, situation.action
+        kept: dict[int, Canonical] = {}
+        for row, trial in enumerate(trials):
             if play.ways[row] != POLICY:
                 continue
             if play.arranging[row]:
-                by_number.setdefault(ARRANGE, []).append(end == state)
-                if end == state and canonical_or_none(after[row], action) is not None:
-                    kept.append(row)
+                stays = trial.end == trial.state
+                by_number.setdefault(ARRANGE, []).append(stays)
+                if stays and (rope := canonical_or_none(trial.after, trial.action)) is not None:
+                    kept[row] = rope
             else:
-                number = situation.rope.primitive
-                success = end == outcomes(state, self.config.most_crossings)[action]
-                by_number.setdefault(number, []).append(success)
+                number = play.situations[row].rope.primitive
+                by_number.setdefault(number, []).append(trial.success)
         for number, rates in by_number.items():
             metrics[number]["policy_success"] = float(np.mean(rates))
         if kept:
-            raised = self._values(
-                [canonicalise(after[row], play.situations[row].action) for row in kept]
-            )
-            metrics[ARRANGE]["gain"] = float((raised - play.values[kept]).mean())
+            raised = self._values([*kept.values()])
+            metrics[ARRANGE]["gain"] = float((raised - play.values[[*kept]]).mean())
         records = self._curriculum.records.values()
         metrics[1] |= {
             "states": len(self._shapes),
