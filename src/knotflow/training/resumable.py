@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any
 
-from torchrl.checkpoint import Checkpoint
+from torchrl.checkpoint import Checkpoint, StateDictCheckpointAdapter
 
 
 class Resumable(ABC):
@@ -14,11 +14,16 @@ class Resumable(ABC):
 
     def save(self, path: Path) -> None:
         """Write all that is needed to go on to a folder."""
-        Checkpoint(training=self).save(path)
+        self._checkpoint().save(path)
 
     def load(self, path: Path) -> None:
         """Go on from a folder that `save` wrote, of a training with the same arguments."""
-        Checkpoint(training=self).load(path)
+        self._checkpoint().load(path)
+
+    def _checkpoint(self) -> Checkpoint:
+        """All tensors in one file: each would be one of its own, a thousand to force to disk."""
+        adapter = StateDictCheckpointAdapter("consolidated")
+        return Checkpoint().register("training", self, adapter=adapter)
 
     @abstractmethod
     def state_dict(self) -> dict[str, Any]:
