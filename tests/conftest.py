@@ -1,6 +1,7 @@
 """What tests of several rooms share."""
 
 import sys
+from collections import Counter
 from subprocess import CompletedProcess
 
 import numpy as np
@@ -15,9 +16,10 @@ from knotflow.simulation import RopeSimulator, SimulationConfig
 
 
 def pytest_collection_modifyitems(items):
-    """Slow files first, so that the last ones spread evenly over the workers."""
-    slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: item.path not in slow)
+    """Files of slow tests first, so that the last ones spread evenly over the workers."""
+    tests = Counter(item.path for item in items)
+    slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
+    items.sort(key=lambda item: -slow[item.path] / tests[item.path])
 
 
 @pytest.fixture(scope="session")

@@ -241,6 +241,7 @@ rope_files = st.one_of(
 )
 
 
+@pytest.mark.slow
 @bad_inputs(0.16)
 @given(file=rope_files, unit=st.sampled_from([None, "m", "cm", "mm", "inch"]))
 def test_rope_files(file, unit):

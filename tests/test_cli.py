@@ -200,6 +200,7 @@ def test_a_rope_that_is_seen_can_be_planned_from(here, capsys, monkeypatch):
     assert main(words) == 2 and "exists already" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_next_action_is_planned_from_an_image_unless_it_is_in_doubt(
     searches, here, capsys, monkeypatch
 ):
@@ -228,6 +229,7 @@ def test_next_takes_a_rope_or_an_image_with_its_camera(words, capsys):
     assert "either --rope, or --image" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "told"),
     [
@@ -258,6 +260,7 @@ def test_a_request_is_known_by_what_is_in_its_file(here):
     assert parse_goal("overhand").states
 
 
+@pytest.mark.slow
 def test_a_plan_is_exported_for_an_arm_beside_it(found, here, capsys):
     (here / "plan.json").write_text(found[1].to_json())
     code = main(["export", "plan.json", "--max-speed", "0.2", "--format", "ros2"])

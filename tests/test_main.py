@@ -47,6 +47,7 @@ def test_errors_name_what_is_wrong_and_what_is_valid(arguments, message, tmp_pat
     assert not list(tmp_path.rglob("*.csv"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -147,6 +147,7 @@ def workflow_of():
             )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("budget", ["paper", "smoke"])
 @pytest.mark.parametrize(
     "experiment", ["overhand", "tree_size", "joint_finetuning", "pentagram", "knots"]
@@ -204,6 +205,7 @@ def test_random_goals_are_searched_for_within_the_limit(workflow_of, budget):
     )
 
 
+@pytest.mark.slow
 def test_ablations_search_for_the_same_goals_and_lack_one_part(workflow_of):
     workflow = workflow_of("+experiment=goals_ablation")
     complete = workflow.config("complete")
@@ -228,6 +230,7 @@ def test_ablations_search_for_the_same_goals_and_lack_one_part(workflow_of):
     assert untaught == replace(taught, training=replace(taught.training, hindsight=False))
 
 
+@pytest.mark.slow
 def test_what_is_drawn_to_measure_is_drawn_by_seeds_of_its_own(workflow_of):
     seeds = {}
     for experiment in EXPERIMENTS:

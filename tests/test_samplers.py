@@ -78,6 +78,7 @@ def starts():
     return {one.task: one.points for one in load_demonstrations()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", registered())
 @pytest.mark.parametrize("task", TASKS, ids=lambda task: task.name)
 def test_contract(name, task, inputs, starts):

@@ -31,6 +31,7 @@ def command(*arguments: str) -> str:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "code",
     [
@@ -48,12 +49,14 @@ def test_heavy_libraries_are_loaded_only_where_there_is_work(code):
     assert not HEAVY & modules
 
 
+@pytest.mark.slow
 def test_what_is_used_is_loaded():
     assert {"torch", "knotflow.primitives.library"} <= loaded(
         "from knotflow.primitives import PrimitiveLibrary"
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["planning", "primitives", "training"])
 def test_every_name_of_a_package_can_be_had(name):
     code = f"from knotflow.{name} import *; import knotflow.{name} as package; package.__all__"

@@ -44,6 +44,7 @@ def weights(trainer):
     return torch.cat([one.flatten() for one in trainer.model.parameters()])
 
 
+@pytest.mark.slow
 @torch.no_grad()
 def test_generated_ropes_have_links_of_the_right_length(trained):
     model = trained.model
@@ -155,6 +156,7 @@ def test_a_model_comes_back_from_its_file(trained, tmp_path):
             assert torch.equal(one, other)
 
 
+@pytest.mark.slow
 def test_a_plan_joins_the_projections_in_the_world_frame(trained, shapes):
     moved = shapes[:3] + [0.3, -0.2, 0]
     plans = Planner(trained.model, seed=0).plan(moved[:, 0], moved[:, -1], steps=5)

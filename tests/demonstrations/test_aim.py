@@ -24,6 +24,7 @@ def test_it_reaches_untangled_actions_now_and_then(simulator, rng, name):
     assert succeed(points, aim(points, task(name).action, 64, rng), task(name), simulator).any()
 
 
+@pytest.mark.slow
 def test_it_grasps_the_segment_that_will_be_over(simulator, rng):
     one = task("C(0,2,1)")
     points = reached(one.start_actions, 1, simulator, aim, rng).points[0]

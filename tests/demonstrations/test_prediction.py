@@ -88,6 +88,7 @@ def test_crossings_that_stay_keep_their_order():
     assert predicted_states(loop, tail) == [before]
 
 
+@pytest.mark.slow
 def test_what_is_predicted_to_succeed_succeeds_more_often():
     """On hard and easy ropes alike a prediction must say something of what the simulator does."""
     ropes = [straight(ROPE), arc(ROPE, 2.0), arc(ROPE, -2.0)]
@@ -121,6 +122,7 @@ def test_among_the_promising_the_worth_decides(rope):
     assert (some[:, None] == guesses[None]).all(2).any(1).all()
 
 
+@pytest.mark.slow
 def test_without_a_promising_guess_there_are_guesses_all_the_same():
     rope = straight(ROPE)
     action = parse_action("R2(0,0,1,1)")

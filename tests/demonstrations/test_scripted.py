@@ -60,6 +60,7 @@ def test_shipped_demonstrations_work_as_they_are(simulator):
     assert len(failed) <= 2, f"demonstrations {failed} fail (counted from 0)"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("action", ["R1(0,1,1)", "R2(0,0,1,1)"])
 def test_shipped_demonstrations_from_the_straight_rope_work(simulator, action, rng):
     (one,) = (d for d in load_demonstrations() if str(d.task.action) == action)

@@ -94,6 +94,7 @@ def errors_mm(predicted, truth):
     return 1e3 * np.linalg.norm(np.asarray(predicted) - truth, axis=-1).mean(-1)
 
 
+@pytest.mark.slow
 def test_mujoco_follows_the_simulator_from_rest_to_rest(motions):
     away = errors_mm(predict_motions(mujoco_dynamics(), motions), motions.points[:, 1:])
     assert away.shape == (8, 25)

@@ -83,6 +83,7 @@ def test_what_is_out_of_reach_is_named(still):
     assert [i for i, row in enumerate(rows(far.text)) if row["reached"] == "0"] == missed.tolist()
 
 
+@pytest.mark.slow
 def test_ros2_messages_have_the_fields_of_their_types(still):
     csv_like = export_plan(still, "panda", UPRIGHT, rate_hz=5.0).trajectory
     joint = yaml.safe_load(export_plan(still, "panda", UPRIGHT, format="ros2", rate_hz=5.0).text)

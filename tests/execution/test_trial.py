@@ -31,6 +31,7 @@ def twin_of(plan, **config):
     return Twin(plan.start, TwinConfig(level=0, **config), np.random.default_rng(1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("control", ["open_loop", "replan_true_state"])
 def test_a_plan_that_works_is_tied_on_the_planners_rope(plan, goal, control):
     trial = try_plan(plan, goal, twin_of(plan), CONTROLS[control], replan=lambda points: plan)

@@ -32,6 +32,7 @@ def test_shape_state_and_head_are_read_off_an_image(points):
     assert (found.spread > 0).all()
 
 
+@pytest.mark.slow
 def test_a_rope_whose_ends_look_alike_keeps_the_direction_it_had():
     points = s_curve()
     for last in (points, points[::-1]):
@@ -50,6 +51,7 @@ def test_a_guess_of_the_shape_still_has_its_head_looked_for():
     assert not estimate(image(points), CAMERA, ROPE, points, QUICK).head_known
 
 
+@pytest.mark.slow
 def test_without_colour_and_past_the_head_is_unknown():
     assert not estimate(image(s_curve()), CAMERA, ROPE, config=QUICK).head_known
 
@@ -87,6 +89,7 @@ def test_a_state_that_was_likely_gives_way_to_one_that_is_much_likelier(monkeypa
     assert any("another path" in doubt for doubt in found.doubts)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.8, 1.25])
 def test_a_rope_thinner_or_thicker_than_it_is_said_to_be_is_no_doubt(monkeypatch, share):
     points = s_curve()
@@ -137,6 +140,7 @@ def test_a_rope_that_leaves_the_image_is_in_doubt_and_its_state_unknown():
     assert not found.seen[-5:].any() and found.seen[:20].all()
 
 
+@pytest.mark.slow
 def test_most_of_a_rope_outside_of_the_image_is_followed_as_far_as_it_is_seen():
     points = s_curve() + [1.1, 0, 0]
     found = estimate(image(points), CAMERA, ROPE, config=QUICK)
@@ -158,6 +162,7 @@ def test_an_image_without_rope_holds_none():
         estimate(RgbdImage(np.full_like(bare.rgb, 60), depth), CAMERA, ROPE)
 
 
+@pytest.mark.slow
 def test_the_shipped_network_proposes_unless_it_shall_not(monkeypatch):
     asked = []
 

@@ -37,6 +37,7 @@ def test_a_proposal_that_does_not_account_for_the_image_is_in_doubt():
     assert found.doubtful and found.explained < 0.5
 
 
+@pytest.mark.slow
 def test_a_networks_guess_is_one_more_and_the_best_counts():
     seen = image(s_curve())
     traced = estimate(seen, CAMERA, ROPE, config=QUICK)
@@ -46,6 +47,7 @@ def test_a_networks_guess_is_one_more_and_the_best_counts():
         assert shape_error(both.points, s_curve()) < 8e-3
 
 
+@pytest.mark.slow
 def test_strands_are_followed_unless_a_method_leaves_them_out():
     class Asked(Exception):
         pass
@@ -61,6 +63,7 @@ def test_strands_are_followed_unless_a_method_leaves_them_out():
     METHODS["network_tracing_rendering_without_strands"].estimate(*asked)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "near"),
     [
@@ -78,6 +81,7 @@ def test_each_method_starts_from_its_network(name, near):
     assert (shape_error(found.points, s_curve()) < NEAR) == near
 
 
+@pytest.mark.slow
 def test_a_method_without_depth_does_not_look_at_it():
     seen = image(s_curve())
     other = replace(seen, depth=seen.depth.copy())

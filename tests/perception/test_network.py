@@ -114,6 +114,7 @@ def test_without_rope_nothing_is_proposed(network):
         network.propose(image(s_curve()), CAMERA, ROPE, bare)
 
 
+@pytest.mark.slow
 def test_images_alone_teach_the_network():
     network = knowing(s_curve(), off=0.012)
     asked = image(s_curve()), CAMERA, ROPE, exact(s_curve())[0]

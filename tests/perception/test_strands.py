@@ -115,6 +115,7 @@ def test_ways_on_are_probabilities():
     assert found.height.shape == found.end.shape == (3,)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [s_curve(), loop(1)], ids=["flat", "loop"])
 def test_a_path_runs_along_the_rope_from_end_to_end(shape):
     best = trace_strands(Hound(), table_map(shape), LENGTH)[0]
@@ -141,6 +142,7 @@ def test_an_empty_table_has_no_paths():
     assert trace_rope(Hound(), bare, share, CAMERA, ROPE) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("over", [1, -1])
 def test_the_shipped_network_follows_a_loop_over_and_under(over):
     network = shipped_network()
@@ -164,6 +166,7 @@ def test_a_network_with_strands_outlives_a_file(tmp_path):
         assert torch.equal(one, loaded.strands.state_dict()[name]), name
 
 
+@pytest.mark.slow
 def test_of_all_guesses_the_one_along_the_strands_is_proposed_where_it_accounts_best():
     points = loop(1)
     asked = image(points), CAMERA, ROPE, exact(points)[0]
@@ -174,6 +177,7 @@ def test_of_all_guesses_the_one_along_the_strands_is_proposed_where_it_accounts_
     assert shape_error(both.propose(*asked)[0], points) < 0.015
 
 
+@pytest.mark.slow
 def test_the_network_learns_windows_by_heart():
     found = windows(*[loop(1), s_curve()] * 16)
     with torch.random.fork_rng(devices=[]):

@@ -52,6 +52,7 @@ def test_another_seed_is_another_training():
     assert next(iter(training(0))) != next(iter(training(1)))
 
 
+@pytest.mark.slow
 def test_the_network_learns_eight_examples_by_heart():
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)

@@ -24,6 +24,7 @@ def test_every_state_of_a_named_knot_is_that_knot(name):
     assert {expected_type(state) for state in knot(name)} == TYPES[name]
 
 
+@pytest.mark.slow
 def test_the_sign_of_an_overhand_is_its_chirality():
     right = TopologicalState.parse("4o1+2o5+6o3+")
     assert (expected_type(right), expected_type(right.mirrored())) == ("+3_1", "-3_1")

@@ -61,6 +61,7 @@ def test_plans_of_any_length_are_drawn(plan, tmp_path, steps, ending):
     assert 5_000 < (tmp_path / f"plan.{ending}").stat().st_size < 1_000_000
 
 
+@pytest.mark.slow
 def test_the_picture_is_not_blank(plan, tmp_path):
     draw_plan(plan, tmp_path / "plan.png")
     pixels = np.asarray(Image.open(tmp_path / "plan.png").convert("RGB")).reshape(-1, 3)

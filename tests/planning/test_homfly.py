@@ -13,6 +13,7 @@ pytest.importorskip("topoly")
 CURVE = closed_curve(draw(TopologicalState.parse("4o1+2o5+6o3+"))).tolist()
 
 
+@pytest.mark.slow
 def test_it_closes_no_descriptor_of_this_process_and_is_started_again_where_it_ended():
     kept = os.dup(0)  # fails where descriptor 0 was closed already
     try:

@@ -61,6 +61,7 @@ def test_the_sampler_is_asked_once_for_branches_that_are_alike(node):
     assert critic.asked == [node.edges[0][0], node.edges[1][0]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("value", "rule", "share"),
     [(0.1, "posterior", 0.5), (0.7, "posterior", 0.0), (0.1, "paper", 0.0)],
@@ -75,6 +76,7 @@ def test_guesses_are_mixed_in_where_the_critic_sees_hardly_a_way(node, value, ru
     assert guessed.mean() == pytest.approx(share, abs=0.12)
 
 
+@pytest.mark.slow
 def test_a_shape_that_is_grown_again_is_to_be_another_one(node):
     proposals = Proposals(
         Critic(set()), Goal.named("overhand"), PlannerConfig(), np.random.default_rng(0)

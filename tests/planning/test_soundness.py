@@ -38,6 +38,7 @@ def step_of(shown: Demonstration) -> PlanStep:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_sound_steps_pass(steps):
     checks = check_steps(steps, SIMULATION)
     assert [check.reproduced for check in checks] == [True] * 3
@@ -45,6 +46,7 @@ def test_sound_steps_pass(steps):
     assert all(check.steady for check in checks)
 
 
+@pytest.mark.slow
 def test_a_step_that_does_not_reach_its_state_is_found(steps, monkeypatch):
     wrong = replace(steps[1], end_state=TopologicalState.parse("1o4+2o3-"))
     monkeypatch.setattr(soundness, "AT_ONCE", 2)  # the checks stay in order across batches
@@ -62,6 +64,7 @@ def test_a_knot_that_comes_undone_by_itself_is_not_steady(monkeypatch):
     assert soundness.are_steady([step], SIMULATION) == [True]
 
 
+@pytest.mark.slow
 def test_what_passed_through_is_told_of_its_own_step(steps, monkeypatch):
     passage = StrandPassage(7, (0.1, 0.6))
 

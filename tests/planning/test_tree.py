@@ -72,6 +72,7 @@ def test_a_plan_that_hangs_by_the_time_step_is_none(world, path_goal, rule, monk
     assert search(path_goal, world(), rule=rule, bias=1e6).branches == 3 and not seen
 
 
+@pytest.mark.slow
 def test_outgoing_edges_are_chosen_evenly(world):
     goal = Goal.named("overhand")
     sampler = world(chance=0.0)
@@ -115,6 +116,7 @@ def test_a_batch_asks_the_sampler_once_for_each_node_and_action(world, path_goal
     assert sampler.requests[0] == ("trivial", "R1(0,1,1)", 16)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("batch", [1, 16])
 @pytest.mark.parametrize("rule", RULES)
@@ -123,6 +125,7 @@ def test_plans_are_valid_whatever_the_batch(world, rule, batch, seed):
     assert_valid(search(goal, world(chance=0.3), seed, batch=batch, rule=rule), goal)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("batch", [1, 8])
 def test_the_seed_decides_everything(world, path_goal, batch):
     one, same, other = (
@@ -172,6 +175,7 @@ def test_a_failed_search_returns_how_far_it_came(world):
     assert [str(action) for action in plan.actions] == ["R1(0,1,1)"]
 
 
+@pytest.mark.slow
 def test_arranging_steps_are_branches_and_few_in_a_row(world, path_goal):
     class Slipping(world):
         def sample(self, points, action, count, rng):
@@ -220,6 +224,7 @@ def test_a_rope_in_any_state_has_a_plan(world, shape_of, settings):
     assert isinstance(plan.actions[0], Undo)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize("crossings", [0, 3])
 def test_crossings_of_the_start_may_be_taken_back(world, shape_of, rule, crossings):

@@ -37,6 +37,7 @@ def moved(points, splines, symmetry):
     return points, splines
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("symmetry", list(Symmetry.all()), ids=str)
 @pytest.mark.parametrize(("shape", "text"), ACTIONS)
 def test_proposals_follow_the_symmetry(library, ropes, shape, text, symmetry):

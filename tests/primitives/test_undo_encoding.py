@@ -58,6 +58,7 @@ def test_every_undoing_has_one_learned_counterpart(text):
         assert len({kinds_of(one, state.num_segments) for one in group}) == 1
 
 
+@pytest.mark.slow
 @BOTH
 @pytest.mark.parametrize("symmetry", Symmetry.all(), ids=str)
 @pytest.mark.parametrize(("text", "undoing"), [*CASES, ("2o1+", "C(1,2,1)")])

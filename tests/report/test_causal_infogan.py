@@ -57,6 +57,7 @@ def fill(write, rows, collapsed=("", "", "")):
     write.run(EXPERIMENT, {})
 
 
+@pytest.mark.slow
 def test_the_section_has_panel_curves_and_tables(write):
     fill(write, plans([0.04, 0.06]) + plans([0.02], shapes="training"), ("", "", "spread"))
     report = compose(Results(write.root), "results")

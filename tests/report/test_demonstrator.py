@@ -1,6 +1,7 @@
 """The demonstrations' section: a line an action, and a sheet of all of them."""
 
 import numpy as np
+import pytest
 
 from knotflow.report.contact_sheet import COLUMNS, contact_sheet
 from knotflow.report.demonstrator import values
@@ -18,6 +19,7 @@ def ropes(count, action="C(0,1,1)"):
     return [Rope(action, start, ALPHA, (spline,), ALPHA + 0.1) for start in range(count)]
 
 
+@pytest.mark.slow
 def test_every_demonstration_is_on_the_sheet_with_its_note():
     shown = ropes(COLUMNS + 1) + ropes(2, "C(2,0,1)")
     notes = [f"note {number}" for number in range(len(shown))]

@@ -1,5 +1,7 @@
 """Joint finetuning in the report: searches, self-play, and single actions afterwards."""
 
+import pytest
+
 from knotflow.report.learning import read_curves
 from knotflow.report.page import compose
 from knotflow.report.results import Results
@@ -38,6 +40,7 @@ def test_self_play_says_what_it_tried(write):
     assert found == {"trials": "1,509", "pairs": "3", "solved": "2", "often": "1"}
 
 
+@pytest.mark.slow
 def test_the_training_of_what_ships_goes_on_from_there(write):
     assert "library_training" not in report(write).markdown.split("# Beyond the paper")[0]
     write.table("library_training", "curves.csv", CURVES, PLAYED)

@@ -76,6 +76,7 @@ def test_without_an_actor_its_panel_is_empty(write):
     assert b"critic: cross-entropy" in imitation(read(write, rows), "i").svg
 
 
+@pytest.mark.slow
 def test_the_report_shows_both(write, rate_counts):
     write.rates("single_stage", rate_counts(("random",)))
     assert "**Learning.**" not in compose(Results(write.root), "results").markdown

@@ -47,6 +47,7 @@ def reports(everything):
     return out
 
 
+@pytest.mark.slow
 def test_everything_run_is_everything_shown(reports):
     text = (reports / "report.md").read_text()
     assert "Of 10 claims: 7 hold" in text
@@ -62,6 +63,7 @@ def test_everything_run_is_everything_shown(reports):
     assert "An independent library (topoly) confirms" in tree_size
 
 
+@pytest.mark.slow
 def test_same_results_same_bytes(everything, reports):
     before = {path: path.read_bytes() for path in reports.rglob("*") if path.is_file()}
     make(everything, reports)
@@ -150,6 +152,7 @@ def test_recordings_are_linked(write, tmp_path):
     assert "[`results/soft_rope/plan.mcap`](../results/soft_rope/plan.mcap)" in text
 
 
+@pytest.mark.slow
 def test_a_broken_table_leaves_the_earlier_report_as_it_was(everything, tmp_path, capsys):
     results, out = tmp_path / "results", tmp_path / "reports"
     shutil.copytree(everything, results)
@@ -176,6 +179,7 @@ def test_figures_of_what_is_gone_are_removed(write, rate_counts, tmp_path, capsy
     assert list((out / "figures").iterdir()) == []
 
 
+@pytest.mark.slow
 def test_the_report_imports_nothing_that_simulates():
     told = "import sys, knotflow.report.__main__; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)

@@ -58,6 +58,7 @@ def test_a_spoilt_table_is_refused_with_the_reason(write, spoil, message):
         read(write, spoil(rows()))
 
 
+@pytest.mark.slow
 def test_the_figure_tells_counts_and_is_the_same_each_time(write):
     made = rows() + rows(("diverged",), after=False, start=1) + rows(action="C(2,0,1)")
     ropes = read(write, made)
@@ -67,6 +68,7 @@ def test_the_figure_tells_counts_and_is_the_same_each_time(write):
     assert picture.svg == proposals(ropes, "p").svg
 
 
+@pytest.mark.slow
 def test_the_report_shows_it_beside_the_rates(write, rate_counts):
     write.rates("single_stage", rate_counts(("random",)))
     assert "To look at" not in compose(Results(write.root), "results").markdown

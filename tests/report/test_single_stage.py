@@ -1,5 +1,7 @@
 """The aim of the primitives beside what a search in the simulator finds."""
 
+import pytest
+
 from knotflow.report.page import compose
 from knotflow.report.rates import read_rates
 from knotflow.report.results import Results
@@ -41,6 +43,7 @@ def test_without_reinforcement_there_is_nothing_to_say(write, rate_counts):
     assert feasible(*read(write)) is None
 
 
+@pytest.mark.slow
 def test_arranging_is_a_further_method_that_changes_no_claim(write, rate_counts):
     paper = ("random", "icp", "imitation", "reinforcement")
     write.rates("single_stage", rate_counts(paper))

@@ -51,6 +51,7 @@ def test_each_stage_is_counted_once_and_by_its_kind(write):
     assert sum(split["ablation_actor_critic"].values()) == 2000.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seconds", "within"), [(2000.0, True), (7000.0, False)])
 def test_the_total_stands_beside_the_aim(write, rate_counts, seconds, within):
     found = told(write, seconds)
@@ -60,6 +61,7 @@ def test_the_total_stands_beside_the_aim(write, rate_counts, seconds, within):
     assert ("it is met." in text) is within and ("**it is missed.**" in text) is not within
 
 
+@pytest.mark.slow
 def test_a_smoke_run_is_not_held_against_the_aim(write, rate_counts):
     assert not told(write, budget="smoke")["paper"]
     write.rates("single_stage", rate_counts(("random",), 12), "smoke")

@@ -22,6 +22,7 @@ CURVES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("section", CURVES)
 def test_the_line_is_of_the_last_validation_whatever_the_order(write, section):
     columns, rows, words = CURVES[section]

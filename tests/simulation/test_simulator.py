@@ -70,6 +70,7 @@ def test_the_rope_is_at_rest_before_and_after(simulator, rng):
     assert np.linalg.norm(kept - lying, axis=1).max() < 0.02
 
 
+@pytest.mark.slow
 def test_the_gripper_takes_the_grasped_link_to_the_end_point(simulator, rng):
     points, splines = random_batch(simulator, rng, 32)
     rollouts = simulator.execute(points, splines)

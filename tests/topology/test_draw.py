@@ -13,6 +13,7 @@ from knotflow.topology.curve import project
 from knotflow.topology.draw import draw
 
 
+@pytest.mark.slow
 def test_states_survive_drawing(states_by_crossings):
     sample = random.Random(0).sample(sorted(states_by_crossings[3]), 60)
     for state in [

@@ -110,12 +110,14 @@ def test_figure_eights_are_all_the_four_crossing_ones(states_by_crossings):
     assert found == knot("figure_eight")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_closed_knot_type_agrees_with_topoly(random_state, seed):
     state = random_state(5 + seed % 2, seed)
     assert homfly_of_diagram(joined_above(state)) == homfly_of_curve(draw(state, gap=0.05))
 
 
+@pytest.mark.slow
 def test_chirality_shows():
     left, right = (TopologicalState.parse(text) for text in ("4o1-2o5-6o3-", "4o1+2o5+6o3+"))
     assert homfly_of_diagram(left) != homfly_of_diagram(right)

@@ -46,6 +46,7 @@ def test_actions_reach_exactly_the_drawable_codes(states_by_crossings):
         assert {state.crossings for state in states} == drawable
 
 
+@pytest.mark.slow
 def test_there_are_7968_states_with_four_crossings(states_by_crossings):
     reached = {
         following

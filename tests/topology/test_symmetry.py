@@ -31,6 +31,7 @@ def test_mirror_and_reverse_are_involutions_that_commute(states_by_crossings):
             assert reverse(state) in states
 
 
+@pytest.mark.slow
 def test_symmetries_commute_with_actions(states_by_crossings):
     sample = random.Random(1).sample(sorted(states_by_crossings[3]), 40)
     for state in itertools.chain(*states_by_crossings[:3], sample):

@@ -47,6 +47,7 @@ def test_the_actions_of_a_state_hold_no_undoing(states_by_crossings):
         assert not any(isinstance(action, Undo) for action, _ in state.actions())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("symmetry", Symmetry.all(), ids=str)
 def test_symmetries_commute_with_undoing(states_by_crossings, symmetry):
     for states in states_by_crossings[1:]:

@@ -32,6 +32,7 @@ def test_imitation_learns_what_makes_trials_succeed(primitive_config, trials, cu
     assert rate > 0.8 > trials.success.mean() + 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["actor_only", "critic_only"])
 def test_a_variant_trains_the_network_it_has(primitive_config, trials, variant):
     training = Imitation([trials], replace(primitive_config, variant=variant), CONFIG, 0)

@@ -50,6 +50,7 @@ def weights(training):
     return torch.cat([value.flatten() for value in training.primitive.state_dict().values()])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["actor_critic", "actor_only", "critic_only"])
 def test_a_round_gives_all_it_simulated_and_trains(start, curves, variant):
     training = start(variant=variant)
@@ -90,6 +91,7 @@ def test_what_was_tried_is_what_is_remembered(start, curves):
     np.testing.assert_array_equal(items["reward"].numpy().ravel(), attempts.success)
 
 
+@pytest.mark.slow
 def test_an_interrupted_training_ends_with_the_same_weights(start, tmp_path):
     through = start()
     list(through)

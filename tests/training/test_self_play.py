@@ -71,6 +71,7 @@ def test_primitives_that_a_library_lacks_are_added():
     torch.testing.assert_close(found.library.primitives[3].state_dict(), given)
 
 
+@pytest.mark.slow
 def test_a_rope_that_never_moves_teaches_that_nothing_succeeds_and_its_state_is_kept():
     some = training(Still())
     rounds = list(some)
@@ -85,6 +86,7 @@ def test_a_rope_that_never_moves_teaches_that_nothing_succeeds_and_its_state_is_
     assert not kept["next_value"].isnan().any()  # the wanted action is valued after arranging
 
 
+@pytest.mark.slow
 def test_shapes_are_remembered_in_the_states_they_read_as(simulator):
     some = training(simulator, guess_fraction=1.0, guess_below_value=1.0, ropes=48)
     list(some)

@@ -10,6 +10,7 @@ from knotflow.topology.symmetry import Symmetry, representative
 from knotflow.training.shapes import ShapeMemory, StartPool, transformed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("symmetry", Symmetry.all())
 def test_shapes_are_transformed_as_states_are(symmetry):
     for state in all_states(2)[::7]:

@@ -4,11 +4,14 @@ import subprocess
 import sys
 import time
 
+import pytest
+
 from knotflow.workflow.memory import PeakMemory
 
 MEGABYTES = 200
 
 
+@pytest.mark.slow
 def test_what_was_freed_again_counts():
     with PeakMemory() as before:
         pass
@@ -19,6 +22,7 @@ def test_what_was_freed_again_counts():
     assert peak.megabytes > before.megabytes + 0.9 * MEGABYTES
 
 
+@pytest.mark.slow
 def test_what_it_started_counts_as_well():
     hold = f"held = b'x' * ({MEGABYTES} * 10**6); input()"
     with PeakMemory() as peak:

@@ -60,6 +60,7 @@ def test_outside_of_a_repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert code_state(write_package(tmp_path)) == NONE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", [".venv/lib/python3.12/site-packages/knotflow", "src/knotflow"])
 def test_a_package_inside_a_foreign_repository_records_none(
     place: str, tmp_path: Path, git: Git

@@ -55,6 +55,7 @@ def test_a_method_that_there_is_not_is_refused(ropes, tmp_path):
         )
 
 
+@pytest.mark.slow
 def test_methods_that_need_a_network_are_left_out_while_there_is_none(ropes, tmp_path, capsys):
     out = tmp_path / "out"
     out.mkdir()
