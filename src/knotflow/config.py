@@ -105,6 +105,18 @@ class PlansBudget:
 
 
 @dataclass
+class TreeSizeBudget(PlansBudget):
+    """Searches for the overhand along one path, and how often each of its actions succeeds."""
+
+    planner: PlannerConfig = field(default_factory=lambda: replace(SPARING_SEARCH))
+    """How a tree grows, and when it is given up."""
+    shapes: int = 24
+    """Ropes from which each action is tried, ends of the action before."""
+    splines: int = 8
+    """Tried from each of them."""
+
+
+@dataclass
 class SelfPlayBudget:
     """All actions learned together (Sec. V-B c, and beyond)."""
 
@@ -415,7 +427,7 @@ class Config:
     benchmark: BenchmarkBudget = field(default_factory=BenchmarkBudget)
     roots: RootsBudget = field(default_factory=RootsBudget)
     causal_infogan: CausalInfoGanBudget = field(default_factory=CausalInfoGanBudget)
-    tree_size: PlansBudget = field(default_factory=lambda: PlansBudget(planner=SPARING_SEARCH))
+    tree_size: TreeSizeBudget = field(default_factory=TreeSizeBudget)
     """Trees for the overhand along one path."""
     self_play: SelfPlayBudget = field(default_factory=SelfPlayBudget)
     """Primitives trained together on all actions."""

@@ -53,7 +53,7 @@ STAGES_OF_KIND = {
     "training": "causal_infogan dynamics_training imitation perception_networks "
     "perception_training reinforcement self_play strand_training",
     "evaluation": "actions arm causal_infogan_plans closed_loop dynamics evaluation goals "
-    "overhand perceived_plans perception plans plans_checks tracking",
+    "overhand path_steps perceived_plans perception plans plans_checks tracking",
     "tables": "exemplars library plans_dag plans_exemplar plans_success plans_table proposals "
     "shipped success_rates",
 }

@@ -9,6 +9,7 @@ import pandas as pd
 
 from knotflow.report.claims import Claim, Judgement, NotMeasured, of_two
 from knotflow.report.paper import OVERHAND_LIMIT, STARTS, TREE_SIZE, with_extras
+from knotflow.report.path_steps import left_ropes, step_table
 from knotflow.report.results import Results
 from knotflow.report.searches import (
     branches,
@@ -48,6 +49,7 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         for start in starts
         for method in methods
     ]
+    left = left_ropes(results, EXPERIMENT, methods, f"{EXPERIMENT}_left")
     picture = branches(searches, methods, starts, EXPERIMENT, PAPER_LARGEST)
     return {
         "figure": pictures.add(picture),
@@ -58,6 +60,10 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         "unsolved": sum(~searches["solved"]),
         "confirmation": confirmation(results, EXPERIMENT, searches),
         "spent": spent(results, EXPERIMENT, "method"),
+        "steps": step_table(results, EXPERIMENT, methods),
+        "left": left and pictures.add(left),
+        "tried": results.setting(EXPERIMENT, "icp_steps", "splines"),
+        "shapes": results.setting(EXPERIMENT, "icp_steps", "shapes"),
     }
 
 
