@@ -9,9 +9,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from knotflow.drawing.palette import INK, MUTED, RULE
-from knotflow.drawing.rope import draw_rope
 from knotflow.drawing.style import WIDTH, styled
 from knotflow.report.paper import Method
+from knotflow.report.proposals.pair import draw_panel
 from knotflow.report.results import COUNT, NUMBER, TEXT, Results
 from knotflow.report.statistics import clustered_rate
 from knotflow.report.style import Picture, render
@@ -23,7 +23,6 @@ SHAPES |= dict.fromkeys("xyz", NUMBER)
 ROPE_WIDTH = 1.8  # points, about that of a rope 16 mm thick
 # Inches.
 LABEL, PAD, TOP, PANEL, GUTTER, BOTTOM = 0.6, 0.07, 0.28, 0.86, 0.1, 0.22
-BANDS = 16
 
 
 def step_table(results: Results, experiment: str, methods: Sequence[Method]) -> str:
@@ -68,12 +67,15 @@ def left_ropes(
             for column, (method, left) in enumerate(ropes.items()):
                 x = LABEL + column * (most * cell + GUTTER)
                 if row == 0:
-                    middle = (x + most * cell / 2) / WIDTH
+                    over = (x + most * cell / 2) / WIDTH
                     figure.text(
-                        middle, 1, method.label, ha="center", va="top", fontsize=8, color=MUTED
+                        over, 1, method.label, ha="center", va="top", fontsize=8, color=MUTED
                     )
                 for place, rope in enumerate(left.get(start, [])):
-                    _draw(figure, rope, (x + place * cell, bottom, cell, PANEL), scale)
+                    corner = (x + place * cell) / WIDTH, bottom / height
+                    box = (*corner, cell / WIDTH, PANEL / height)
+                    middle = np.mean([rope.min(axis=0), rope.max(axis=0)], axis=0)[:2]
+                    draw_panel(figure, rope, box, middle, scale, ROPE_WIDTH)
         _scale_bar(figure, scale, height)
         alt = f"{len(every)} ropes that the first action left, by start and method"
         return render(figure, name, alt)
@@ -107,19 +109,6 @@ def _left(results: Results, experiment: str, method: str) -> dict[str, list[np.n
         for start, own in shapes.groupby("start", sort=False)
         if own["action"].nunique() > 1
     }
-
-
-def _draw(
-    figure: Figure, rope: np.ndarray, box: tuple[float, float, float, float], scale: float
-) -> None:
-    width, height = figure.get_size_inches()
-    axes = figure.add_axes(np.array(box) / [width, height, width, height])
-    axes.set_axis_off()
-    middle = (rope[:, :2].min(axis=0) + rope[:, :2].max(axis=0)) / 2
-    reach = np.array(box[2:]) / scale / 2
-    axes.set_xlim(middle[0] - reach[0], middle[0] + reach[0])
-    axes.set_ylim(middle[1] - reach[1], middle[1] + reach[1])
-    draw_rope(axes, rope, ROPE_WIDTH / 72 / scale, bands=BANDS)
 
 
 def _scale_bar(figure: Figure, scale: float, height: float) -> None:

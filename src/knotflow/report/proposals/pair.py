@@ -1,4 +1,4 @@
-"""A rope before and after a spline, drawn in two panels of one window."""
+"""Ropes in panels: one, or one before and after a spline, in two panels of one window."""
 
 from __future__ import annotations
 
@@ -40,14 +40,35 @@ def draw_pair(
         thick: width of the drawn rope, points.
     """
     middle = np.mean(window(rope), axis=0)
-    panels = []
-    for box, points in zip(boxes, (rope.before, rope.after), strict=True):
-        axes = figure.add_axes(box)
-        axes.set_axis_off()
-        reach = figure.get_size_inches() * box[2:] / scale / 2
-        axes.set_xlim(middle[0] - reach[0], middle[0] + reach[0])
-        axes.set_ylim(middle[1] - reach[1], middle[1] + reach[1])
-        if points is not None:
-            draw_rope(axes, points, thick / 72 / scale, bands=BANDS)
-        panels.append(axes)
-    return panels
+    return [
+        draw_panel(figure, points, box, middle, scale, thick)
+        for box, points in zip(boxes, (rope.before, rope.after), strict=True)
+    ]
+
+
+def draw_panel(
+    figure: Figure,
+    points: NDArray | None,
+    box: Box,
+    middle: NDArray,
+    scale: float,
+    thick: float,
+) -> Axes:
+    """A panel without a frame, with a rope (V, 3) in it where there is one.
+
+    Args:
+        figure: takes the panel.
+        points: of the rope, metres.
+        box: of the panel.
+        middle: (2,) metres, what the panel's middle shows.
+        scale: inches a metre.
+        thick: width of the drawn rope, points.
+    """
+    axes = figure.add_axes(box)
+    axes.set_axis_off()
+    reach = figure.get_size_inches() * box[2:] / scale / 2
+    axes.set_xlim(middle[0] - reach[0], middle[0] + reach[0])
+    axes.set_ylim(middle[1] - reach[1], middle[1] + reach[1])
+    if points is not None:
+        draw_rope(axes, points, thick / 72 / scale, bands=BANDS)
+    return axes
