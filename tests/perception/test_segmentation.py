@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -83,12 +85,8 @@ def test_an_image_without_rope_has_no_rope(level, camera, rng):
 def test_a_small_error_of_the_cameras_pose_is_taken_out(camera, overhand, rng):
     image, true = seen(camera, overhand, 1, rng)
     tilt = Rotation.from_euler("xy", [1.0, -1.0], degrees=True).as_matrix()
-    off = Camera(
-        **{
-            **vars(camera),
-            "rotation": tilt @ camera.rotation,
-            "position": camera.position + [0.0, 0.0, 0.008],
-        }
+    off = replace(
+        camera, rotation=tilt @ camera.rotation, position=camera.position + [0.0, 0.0, 0.008]
     )
     found = segment(image, off, ROPE.radius)
     assert iou(found.rope, true == Label.ROPE) > 0.8

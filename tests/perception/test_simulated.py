@@ -21,9 +21,7 @@ def test_a_flat_table_has_the_depth_of_its_plane(camera, simulated):
     assert (view.labels == Label.TABLE).all()
     np.testing.assert_allclose(view.image.depth, 1.2, atol=1e-6)
 
-    tilted = Camera(
-        **{**vars(camera), "rotation": Rotation.from_euler("x", 150, degrees=True).as_matrix()}
-    )
+    tilted = replace(camera, rotation=Rotation.from_euler("x", 150, degrees=True).as_matrix())
     depth = SimulatedCamera(tilted, ROPE).view(far).image.depth
     rays = tilted.rays()
     distance = -tilted.position[2] / rays[..., 2]

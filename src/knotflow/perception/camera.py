@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields, replace
+from functools import cached_property
 from operator import index
 from pathlib import Path
 from typing import Any
@@ -101,9 +102,18 @@ class Camera:
 
     def rays(self) -> NDArray[np.float64]:
         """The unit directions (height, width, 3), world frame, in which the pixels look."""
+        return self._everywhere / np.linalg.norm(self._everywhere, axis=-1, keepdims=True)
+
+    def points(self, depth: ArrayLike) -> NDArray[np.float64]:
+        """The points (height, width, 3), metres, world frame, that the pixels of a depth image
+        (height, width) show, metres along the optical axis."""
+        return self.position + self._everywhere * np.asarray(depth)[..., None]
+
+    @cached_property
+    def _everywhere(self) -> NDArray[np.float64]:
+        """The directions (height, width, 3) of all pixels."""
         pixels = np.stack(np.meshgrid(np.arange(self.width), np.arange(self.height)), axis=-1)
-        directions = self._directions(pixels)
-        return directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+        return self._directions(pixels)
 
     def _directions(self, pixels: ArrayLike) -> NDArray[np.float64]:
         """Directions (..., 3) in the world of pixels (..., 2), of length 1 along the axis."""

@@ -99,15 +99,31 @@ def _pairs(start: Tensor, link: Tensor, reach: float, camera: Camera) -> tuple[T
     # Links that leave the picture are cut, so a window never needs to exceed it.
     extent = int(torch.ceil(size.max()).clamp(max=max(camera.width, camera.height)))
     step = torch.arange(-extent, extent + 1)
-    u = column.round().long()[:, None, None] + step[None, None, :]
-    v = row.round().long()[:, None, None] + step[None, :, None]
-    within = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-    flat = (v * camera.width + u)[within]
-    owner = ahead[:, None, None].expand_as(within)[within]
+    u, v = column.round().long()[:, None] + step, row.round().long()[:, None] + step  # (E, n)
+    across, down = (u >= 0) & (u < camera.width), (v >= 0) & (v < camera.height)
     # Of this square around the link's middle, what lies in the band along it.
-    offset, *_ = _apart(start[:, owner], link[:, owner], _rays(flat, camera))
-    near = offset.square().sum(0) < reach**2
-    return flat[near], owner[near]
+    square = _squared_distances(start[:, ahead].double(), link[:, ahead].double(), u, v, camera)
+    near = (square < reach**2) & across[:, None, :] & down[:, :, None]
+    owner, i, j = torch.nonzero(near, as_tuple=True)
+    return v[owner, i] * camera.width + u[owner, j], ahead[owner]
+
+
+def _squared_distances(start: Tensor, link: Tensor, u: Tensor, v: Tensor, camera: Camera) -> Tensor:
+    """(E, n, n) of links (3, E) from the rays of pixels at rows v and columns u (E, n), each link
+    with its own. As `_apart`, by dot products alone: for pixels of a window these are sums of what
+    a row and a column give."""
+    x = ((u - camera.cx) / camera.fx)[:, None, :].double()
+    y = ((v - camera.cy) / camera.fy)[:, :, None].double()
+    per_length = (x * x + (y * y + 1)).rsqrt()
+    (sx, sy, sz), (lx, ly, lz) = start[..., None, None], link[..., None, None]
+    ahead, onward = (sx * x + (sy * y + sz)) * per_length, (lx * x + (ly * y + lz)) * per_length
+    starts, links, both = (
+        (one * other).sum(0)[:, None, None]
+        for one, other in ((start, start), (link, link), (start, link))
+    )
+    square, skew = links - onward * onward, both - ahead * onward
+    along = (-skew / (square + 1e-12)).clamp(0, 1)
+    return starts - ahead * ahead + along * (2 * skew + along * square)
 
 
 def _rays(pixel: Tensor, camera: Camera) -> Tensor:

@@ -133,8 +133,7 @@ def _heights(image: RgbdImage, camera: Camera) -> NDArray[np.float32]:
 def _table(image: RgbdImage, camera: Camera) -> tuple[NDArray, NDArray | None]:
     """The points (H, W, 3) of an image, metres, and the plane z = a + b x + c y (3,) fitted to most
     of them; None where there are too few."""
-    pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
-    points = camera.unproject(pixels, image.depth)
+    points = camera.points(image.depth)
     sample = points[::4, ::4][np.isfinite(image.depth[::4, ::4])]
     design, values = np.column_stack([np.ones(len(sample)), sample[:, :2]]), sample[:, 2]
     if len(values) < 3:
@@ -198,10 +197,21 @@ def _gripper(
         return high, high
     # Half as near to the camera, a rope is seen twice as wide.
     core = ndimage.distance_transform_edt(high) > 1.5 * rope + 1.5
-    if not core.any():
-        return core, core
-    solid = high & (ndimage.distance_transform_edt(~core) < 2 * rope + 3)
-    return solid, ndimage.distance_transform_edt(~solid) < reach
+    solid = high & _within(core, 2 * rope + 3)
+    return solid, _within(solid, reach)
+
+
+def _within(mask: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
+    """Where (H, W) a pixel of the mask (H, W) is less than `reach` pixels away."""
+    from scipy import ndimage
+
+    near = np.zeros_like(mask)
+    if mask.any():
+        around = tuple(
+            slice(max(int(at.min() - reach), 0), int(at.max() + reach) + 2) for at in mask.nonzero()
+        )
+        near[around] = ndimage.distance_transform_edt(~mask[around]) < reach
+    return near
 
 
 def _smooth(
