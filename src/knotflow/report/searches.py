@@ -85,7 +85,7 @@ def confirmation(results: Results, experiment: str, searches: pd.DataFrame) -> s
     return (
         f"{words} Of the {len(checks)} steps of these plans, simulated again, {passed or 'none'} "
         f"had a strand pass through another, and {percent(steady)} reached their state at half the "
-        "time step, too."
+        "time step, too, and still had it 3 s later."
     )
 
 
