@@ -10,7 +10,13 @@ from knotflow.recording import read_recording
 from knotflow.simulation import SimulationConfig
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages import tracking
-from knotflow.workflow.stages.tracking import AT_REST, COLUMNS, TrackingConfig, track_rollouts
+from knotflow.workflow.stages.tracking import (
+    AT_REST,
+    COLUMNS,
+    MISPLACED,
+    TrackingConfig,
+    track_rollouts,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -41,7 +47,10 @@ def test_tracks_have_a_row_a_method_and_image(tmp_path, monkeypatch):
         "point_drift": frames,
         "point_drift_predicted": frames,
         AT_REST: 1,
+        MISPLACED: 1,
     }
+    # By at most 2 mm and 0.2 degrees about each axis, from 1.2 m.
+    assert 0 < float(tracks.loc[tracks["method"] == MISPLACED, "mean_error_mm"].item()) < 12
     assert tracks["visible_share"].between(0, 1).all() and tracks["visible_share"].max() > 0.5
     first = tracks[tracks["frame"] == 0]
     assert (first["mean_error_mm"] < 15).all()

@@ -31,11 +31,13 @@ class FilmedRollout:
         attempts: the one rollout, on a rope that differs.
         images: T + 1 images.
         shows: (T + 1, V) whether an image shows a vertex.
+        camera: where it truly stood.
     """
 
     attempts: Attempts
     images: tuple[RgbdImage, ...]
     shows: NDArray[np.bool_]
+    camera: Camera
 
 
 def film_rollout(
@@ -72,7 +74,7 @@ def film_rollout(
         view = eye.view(points, gripper, bool(closed), float(seconds))
         images.append(add_noise(view.image, camera, noise, rng))
         shows.append(seen(points, view.labels == Label.ROPE, view.image, camera, rope))
-    return FilmedRollout(attempts, tuple(images), np.stack(shows))
+    return FilmedRollout(attempts, tuple(images), np.stack(shows), camera)
 
 
 def _repeated(

@@ -32,11 +32,11 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         for (method, level), of in tracks.groupby(["method", "level"], sort=False)
     ]
     header = ["method", "level", "rollouts", "error in motion, mm", "at rest, mm"]
-    header += ["end state right", "images lost", "CPU time an image"]
+    header += ["median at rest", "end state right", "images lost", "CPU time an image"]
     means = tracks[tracks["moving"]].groupby(["method", "rollout"])["mean_error_mm"].mean()
     both = {TRACKER, YARDSTICK} <= set(means.index.get_level_values(0))
     return {
-        "table": markdown_table(header, lines, "llrrrrrr"),
+        "table": markdown_table(header, lines, "llrrrrrrr"),
         "figure": pictures.add(_figure(tracks)),
         "difference": estimate(mean_difference(means[TRACKER], means[YARDSTICK], paired=True))
         if both
@@ -52,9 +52,10 @@ def _line(of: pd.DataFrame) -> list[str]:
         str(len(ends)),
         estimate(bootstrap(motion)) if len(motion) else NOTHING,
         estimate(bootstrap(ends["mean_error_mm"])),
+        f"{ends['mean_error_mm'].median():.1f}",
         percent(wilson(int(ends["state_correct"].sum()), len(ends))),
         f"{100 * of['lost'].mean():.1f} %",
-        f"{1000 * of['seconds'].median():.0f} ms",
+        f"{1000 * of['seconds'].median():.0f} ms" if of["seconds"].any() else NOTHING,
     ]
 
 
