@@ -89,6 +89,19 @@ def test_tracks_are_told_by_method_and_level_and_held_against_the_yardstick(resu
     assert "8.3 %" in first  # one image of twelve
 
 
+def test_what_the_cameras_place_alone_moves_is_a_line_without_motion_or_time(results):
+    assert not tracking.values(results, Pictures())["misplaced"]
+    path = results.root / "tracking" / "tracks.csv"
+    tracks = pd.read_csv(path)
+    alone = tracks.iloc[:1].assign(
+        method="camera_misplaced", frame=9, mean_error_mm=3.5, moving=0, seconds=0.0
+    )
+    pd.concat([tracks, alone]).to_csv(path, index=False)
+    told = tracking.values(Results(results.root), Pictures())
+    (line,) = (line for line in told["table"].splitlines() if "camera misplaced" in line)
+    assert told["misplaced"] and "| – | 3.5" in line and line.endswith("– |")
+
+
 def test_what_was_not_run_has_no_section(tmp_path):
     assert perception.values(Results(tmp_path), Pictures()) is None
     assert tracking.values(Results(tmp_path), Pictures()) is None

@@ -17,6 +17,7 @@ EXPERIMENT = "tracking"
 COLUMNS = {"method": TEXT, "level": COUNT, "action": TEXT, "rollout": TEXT, "frame": COUNT}
 COLUMNS |= {"mean_error_mm": AMOUNT, "visible_share": SHARE, "seconds": AMOUNT}
 COLUMNS |= dict.fromkeys(("state_correct", "lost", "moving"), FLAG)
+MISPLACED = "camera_misplaced"
 TRACKER, YARDSTICK = "rendering_mujoco", "point_drift"
 COLOURS = ("#56b4e9", "#009e73", "#0072b2", "#e69f00", "#cc79a7")
 
@@ -38,6 +39,7 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
     return {
         "table": markdown_table(header, lines, "llrrrrrrr"),
         "figure": pictures.add(_figure(tracks)),
+        "misplaced": (tracks["method"] == MISPLACED).any(),
         "difference": estimate(mean_difference(means[TRACKER], means[YARDSTICK], paired=True))
         if both
         else None,
