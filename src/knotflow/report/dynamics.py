@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from knotflow.report.results import AMOUNT, AT_LEAST_ONE, COUNT, TEXT, Results
@@ -15,6 +16,8 @@ MODELS = {
     "lstm": "bidirectional LSTM",
     "mujoco": "MuJoCo, the planner's rope",
 }
+#: After so many steps models are compared in words; one second.
+STEPS = 10
 KEY = {"model": TEXT, "level": COUNT, "steps": AT_LEAST_ONE}
 
 
@@ -41,7 +44,28 @@ def values(results: Results, _: Pictures) -> dict[str, Any] | None:
     return {
         "table": markdown_table(header, lines, "rl" + "r" * len(steps)),
         "motions": int(errors.groupby("level")["motions"].max().sum()),
+        "why": _why(cells),
     }
+
+
+def _why(cells: Mapping[tuple[str, int, int], float]) -> dict[str, str] | None:
+    """Where the LSTM errs by more than MuJoCo on the ropes least like the planner's: the errors of
+    both (mm) there and on the planner's own rope, which MuJoCo knows, after `STEPS` steps."""
+    last = max(level for _, level, _ in cells)
+    keys = {
+        f"{name}_{which}": (name, level, STEPS)
+        for name in ("lstm", "mujoco")
+        for which, level in (("own", 0), ("last", last))
+    }
+    if not last or not set(keys.values()) <= cells.keys():
+        return None
+    found = {name: cells[key] for name, key in keys.items()}
+    if found["lstm_last"] <= found["mujoco_last"]:
+        return None
+    grown = {
+        f"{name}_grown": found[f"{name}_last"] - found[f"{name}_own"] for name in ("lstm", "mujoco")
+    }
+    return {"level": str(last)} | {name: tenths(value) for name, value in (found | grown).items()}
 
 
 SECTION = Section(
