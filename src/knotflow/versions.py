@@ -15,7 +15,7 @@ VERSIONS = {
     "primitives": 3,
     "training": 5,
     "planning": 7,
-    "perception": 5,
+    "perception": 6,
     "execution": 4,
 }
 """Package below knotflow -> its version. One inside another, with a number of its own, is not
