@@ -226,6 +226,30 @@ def test_nothing_is_planned_from_a_rope_in_doubt(plan):
     assert look.likely == [[plan.start]] * 4  # what was seen in doubt is not what is likely
 
 
+def test_a_knot_that_hangs_on_an_end_is_not_reported(plan):
+    tied = plan.steps[0].end
+    start, hanging = Sight.of(plan.start, ends=(0,)), Sight.of(tied, ends=(-1,))
+    _, replan = replanned(plan)
+    look = Scripted(start, hanging, hanging)
+    execution = execute(plan, Recorded(), look=look, replan=replan)
+    assert execution.tied is False and len(execution.outcomes) == 1
+    assert execution.reason.startswith("it cannot be planned after 1 actions: ")
+    assert execution.reason.endswith("in doubt: the tail ends at another strand")
+    look = Scripted(start, hanging, Sight.of(tied))
+    execution = execute(plan, Recorded(), look=look, replan=replan)
+    assert execution.tied
+    assert execute(plan, Recorded(), look=Scripted(hanging)).tied is False
+
+
+@pytest.mark.parametrize("end", [0, -1])
+def test_the_end_in_doubt_is_pulled(end, plan):
+    twin = Twin(plan.start, TwinConfig(level=0), np.random.default_rng(1))
+    before = twin.points
+    Run(twin.robot(), ExecutionConfig(), points=before).pull(0, (end,))
+    outward = before[end] - before.mean(axis=0)
+    assert 0.02 < (twin.points - before)[end] @ outward / np.linalg.norm(outward) < 0.06
+
+
 def test_a_rope_in_doubt_is_pulled_apart_and_keeps_its_state(plan):
     step = plan.steps[0]
     twin = Twin(step.end, TwinConfig(level=1), np.random.default_rng(1))

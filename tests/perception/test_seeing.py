@@ -45,6 +45,9 @@ def test_state_and_doubts_are_told(found):
     told = describe(found)
     assert "state     trivial (in doubt)" in told
     assert "in doubt  the rope leaves the image" in told
+    hanging = describe(replace(found, doubts=(), ends=(-1,)))
+    assert "state     trivial (in doubt)" in hanging
+    assert "in doubt  the tail ends at another strand" in hanging
 
 
 def test_the_overlay_shows_image_and_rope(tmp_path, found):

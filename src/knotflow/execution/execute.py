@@ -156,15 +156,17 @@ class _Knot:
         """Plan, execute one step, look, and so on; why it ended.
 
         Nothing is planned from a sight in doubt: the planner would tie a rope that is not there.
+        Where only an end is in doubt, the shape is right within millimetres, and it can be planned
+        from; but a knot that hangs on such an end is not reported.
         """
         assert self.look is not None
         config, lost = self.run.config, 0
         sight = self._see(self.look, self.plan.start, config.pulls)
         begins = self.plan.solved and sight.state == self.plan.start_state
         plan = self.plan if begins else None
-        while sight.points is not None and sight.state not in self.plan.goal_states:
+        while sight.points is not None and not self._tied():
             done = len(self.outcomes)
-            if sight.doubts:
+            if sight.doubts or sight.state in self.plan.goal_states:
                 return f"it cannot be planned after {done} actions: {self._seen()}"
             if lost == config.attempts:
                 return f"the rope was lost in {lost} actions one after the other: {self._seen()}"
@@ -190,28 +192,34 @@ class _Knot:
     def _see(self, look: Look, expected: NDArray, pulls: int = 0) -> Sight:
         """What a look shows, that may be where the rope was seen last, or what is expected.
 
-        A rope in doubt is pulled at an end so often. What was seen of it then is no evidence of
-        how it lies now.
+        A rope in doubt is pulled at an end so often, and so is the end that a knot hangs on. What
+        was seen of it then is no evidence of how it lies now.
         """
         run, done = self.run, len(self.outcomes)
         likely = [expected] if run.points is None else [run.points, expected]
         self.sight = run.see(look, done, likely)
-        while pulls and self.sight.doubts and self.sight.points is not None:
-            run.pull(done)
+        while pulls and self._in_doubt() and self.sight.points is not None:
+            run.pull(done, self.sight.ends)
             self.sight = run.see(look, done, likely)
             pulls -= 1
         return self.sight
 
+    def _in_doubt(self) -> bool:
+        """Whether the last look leaves open what has to be known: whether the knot is tied."""
+        sight = self.sight
+        assert sight is not None
+        return bool(sight.doubts or (sight.ends and sight.state in self.plan.goal_states))
+
     def _tied(self) -> bool | None:
         if self.sight is None:
             return None
-        return self.sight.state in self.plan.goal_states and not self.sight.doubts
+        return self.sight.state in self.plan.goal_states and not self._in_doubt()
 
     def _seen(self) -> str:
         """What the last look says, in words."""
         sight = self.sight
         assert sight is not None
-        doubts = "; ".join(sight.doubts)
+        doubts = "; ".join(sight.in_doubt)
         if self._tied():
             return "the knot is seen to be tied"
         if sight.points is None:

@@ -206,15 +206,18 @@ class Run:
         self.before = self.points = sight.points
         return sight
 
-    def pull(self, number: int) -> None:
-        """Draw the end that sticks out farther outward, so that what touches comes apart.
+    def pull(self, number: int, ends: Sequence[int] = ()) -> None:
+        """Draw an end outward, so that what touches comes apart: the first of the given `ends`, 0
+        for the head and -1 for the tail, or else that which sticks out farther.
 
-        An end that leaves along itself crosses nothing, and undoes nothing that is tied.
+        An end that leaves along itself undoes nothing that is tied. One that sticks out crosses
+        nothing, and one that lies at a strand is then seen to cross it.
         """
         assert self.points is not None
         gripper, points = self.config.gripper, self.points
         from_middle = np.linalg.norm((points - points.mean(axis=0))[:, :2], axis=1)
-        if from_middle[-1] > from_middle[0]:
+        end = ends[0] if ends else 0 if from_middle[0] >= from_middle[-1] else -1
+        if end == -1:
             points = points[::-1]
         outward = (points[0] - points[4]) * [1.0, 1.0, 0.0]
         place = (points[0] + points[1]) / 2

@@ -90,20 +90,30 @@ class Sight:
     Attributes:
         points: (V, 3) metres, a shape of the rope; None where none was seen.
         state: its topological state; None where it cannot be read.
-        doubts: why it may be another one, in words; empty for a sight to rely on.
+        doubts: why it may be another one, in words.
+        ends: 0 for the head and -1 for the tail, where it may be another one only because that end
+            lies at a strand, and it is not seen whether it crosses it.
     """
 
     points: NDArray | None
     state: TopologicalState | None
     doubts: tuple[str, ...] = ()
+    ends: tuple[int, ...] = ()
 
     @classmethod
-    def of(cls, points: NDArray, doubts: tuple[str, ...] = ()) -> Sight:
+    def of(cls, points: NDArray, doubts: tuple[str, ...] = (), ends: tuple[int, ...] = ()) -> Sight:
         """The sight of a shape, in doubt where its projection cannot be read."""
         state = state_or_none(points)
         if state is None:
             doubts += ("the shape's projection does not determine its state",)
-        return cls(points, state, tuple(dict.fromkeys(doubts)))
+        return cls(points, state, tuple(dict.fromkeys(doubts)), ends)
+
+    @property
+    def in_doubt(self) -> tuple[str, ...]:
+        """All that is in doubt, in words; empty for a sight to rely on."""
+        from knotflow.perception import END_DOUBTS
+
+        return self.doubts + tuple(END_DOUBTS[end] for end in self.ends)
 
     @classmethod
     def nothing(cls, reason: str) -> Sight:
@@ -186,7 +196,7 @@ class Estimated:
         if self.tracker is not None:
             self.tracker.reseat(found, image.time)
         unknown = () if found.head_known else ("head and tail look alike",)
-        return Sight.of(resample(found.points, self.rope), found.doubts + unknown)
+        return Sight.of(resample(found.points, self.rope), found.doubts + unknown, found.ends)
 
     def _config(self) -> EstimateConfig:
         """For the next look."""

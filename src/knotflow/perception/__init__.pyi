@@ -1,7 +1,7 @@
 from .appearance import Appearance
 from .camera import Camera, CameraError
 from .certainty import CrossingEvidence, weigh_crossings
-from .estimation import EstimateConfig, RopeEstimate, estimate
+from .estimation import END_DOUBTS, EstimateConfig, RopeEstimate, estimate
 from .evidence import explained, observe, seen
 from .fitting import FitConfig, fit, image_loss, project_lengths, shape_loss
 from .image import ImageError, Label, RgbdImage
@@ -36,6 +36,7 @@ from .uncertainty import spread
 from .unmixing import coverage
 
 __all__ = [
+    "END_DOUBTS",
     "SAMPLE",
     "Appearance",
     "Camera",

@@ -75,7 +75,7 @@ def describe(found: RopeEstimate) -> str:
         f"known to {1e3 * float(np.median(found.spread)):.1f} mm (median)",
         f"image     the shape accounts for {found.explained:.0%} of the rope in it",
     ]
-    lines += [f"in doubt  {doubt}" for doubt in found.doubts]
+    lines += [f"in doubt  {doubt}" for doubt in found.in_doubt]
     return "\n".join(lines)
 
 

@@ -21,7 +21,13 @@ from torch import Tensor
 from knotflow.perception.camera import Camera
 from knotflow.perception.certainty import CrossingEvidence
 from knotflow.perception.crossings import CrossingMemory
-from knotflow.perception.estimation import EstimateConfig, RopeEstimate, estimate, list_doubts
+from knotflow.perception.estimation import (
+    EstimateConfig,
+    RopeEstimate,
+    ends_at_strands,
+    estimate,
+    list_doubts,
+)
 from knotflow.perception.evidence import explained, measure_radius, nearest_pixels, observe, seen
 from knotflow.perception.fitting import FitConfig, fit
 from knotflow.perception.image import RgbdImage
@@ -270,6 +276,7 @@ class Tracker:
             True,
             tuple(doubts),
             target.seen_radius,
+            ends_at_strands(shape, self.rope),
         )
 
     def _spreads(self, shape: Floats, predicted: Floats, shown: NDArray[np.bool_]) -> Floats:

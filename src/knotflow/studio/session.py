@@ -180,7 +180,7 @@ class Session:
         with self._busy, one_thread():
             found = estimate(image, camera, self.simulation.rope)
         self.lay(found.points)
-        return found.doubts
+        return found.in_doubt
 
     # Plans.
 
