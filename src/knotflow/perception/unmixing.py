@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from knotflow.perception.image import Label, RgbdImage
 from knotflow.perception.segmentation import Segmentation
 
-_CONTRAST = 5.0  # standard deviations of the table's colour, by which another must differ
-_ALIEN = 0.5  # of the contrast between both: a colour so far off the rope's is none of its shades
+_CONTRAST = 5.0  # standard deviations of the table's colour, by which the rope's must differ
+_ALIEN = 0.5  # of the contrast: a colour so far off the line between both is neither's
 
 
 def coverage(image: RgbdImage, segmentation: Segmentation) -> NDArray[np.float64]:
@@ -42,9 +42,11 @@ def coverage(image: RgbdImage, segmentation: Segmentation) -> NDArray[np.float64
         return whole
     near = binary_dilation(mask, iterations=1)
     colours = image.rgb[near] - background  # (N, 3)
-    along = (colours @ line / contrast**2).clip(0, 1)
+    along = colours @ line / contrast**2
     off = np.linalg.norm(colours - along[:, None] * line, axis=1)
+    # Beyond the table, seen from the rope, colours are the table's own or neither's.
     spread = float(np.median(np.linalg.norm(bare - background, axis=1)))
-    mixed = off < along * _ALIEN * contrast + (1 - along) * _CONTRAST * spread
-    whole[near] = np.where(mixed, along, whole[near])
+    beyond = (along < 0) & (np.linalg.norm(colours, axis=1) > _CONTRAST * spread)
+    mixed = (off < _ALIEN * contrast) & ~beyond
+    whole[near] = np.where(mixed, along.clip(0, 1), whole[near])
     return whole
