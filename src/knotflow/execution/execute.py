@@ -166,7 +166,7 @@ class _Knot:
         plan = self.plan if begins else None
         while sight.points is not None and not self._tied():
             done = len(self.outcomes)
-            if sight.doubts or sight.state in self.plan.goal_states:
+            if self._in_doubt():
                 return f"it cannot be planned after {done} actions: {self._seen()}"
             if lost == config.attempts:
                 return f"the rope was lost in {lost} actions one after the other: {self._seen()}"

@@ -23,6 +23,7 @@ from knotflow.perception.image import RgbdImage
 from knotflow.perception.lifting import lift
 from knotflow.perception.losses import Target
 from knotflow.perception.network import Network, shipped_network
+from knotflow.perception.registration import nearest_on_chain
 from knotflow.perception.searching import SearchConfig, is_plausible, search, total_loss
 from knotflow.perception.segmentation import segment
 from knotflow.perception.tracing import TraceError, trace
@@ -350,12 +351,11 @@ def ends_at_strands(shape: NDArray, rope: RopeConfig) -> tuple[int, ...]:
     own = math.ceil(math.pi / rope.max_bend)  # links of the tightest half turn
     ends = []
     for end, from_end in ((0, shape[:, :2]), (-1, shape[::-1, :2])):
-        begins, along = from_end[own:-1], np.diff(from_end[own:], axis=0)
-        away = from_end[0] - begins
-        share = (away * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-12)
-        apart = np.linalg.norm(away - share.clip(0, 1)[:, None] * along, axis=1)
-        if apart.min(initial=np.inf) < rope.radius:
-            ends.append(end)
+        others = from_end[own:]
+        if len(others) > 1:
+            *_, off = nearest_on_chain(from_end[:1], others)
+            if np.linalg.norm(off) < rope.radius:
+                ends.append(end)
     return tuple(ends)
 
 

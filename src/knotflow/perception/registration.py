@@ -48,11 +48,11 @@ def register(start: Floats, cloud: Floats, rope: RopeConfig) -> Floats:
 
 
 def nearest_on_chain(points: Floats, chain: Floats) -> tuple[NDArray[np.intp], Floats, Floats]:
-    """Where a chain of straight links (V, 3) is nearest to points (N, 3): the link (N,), the share
-    of it that lies before that place (N,), and the way from there to the point (N, 3)."""
+    """Where a chain of straight links (V, D) is nearest to points (N, D): the link (N,), the share
+    of it that lies before that place (N,), and the way from there to the point (N, D)."""
     links = np.diff(chain, axis=0)
-    square = (links**2).sum(axis=1)
-    offset = points[:, None] - chain[:-1]  # (N, V - 1, 3)
+    square = np.maximum((links**2).sum(axis=1), 1e-12)  # seen along itself, a link is a point
+    offset = points[:, None] - chain[:-1]  # (N, V - 1, D)
     along = np.clip((offset * links).sum(axis=2) / square, 0.0, 1.0)
     apart = offset - along[..., None] * links
     nearest = (apart**2).sum(axis=2).argmin(axis=1)
