@@ -16,7 +16,7 @@ VERSIONS = {
     "training": 5,
     "planning": 7,
     "perception": 6,
-    "execution": 5,
+    "execution": 6,
 }
 """Package below knotflow -> its version. One inside another, with a number of its own, is not
 covered by that of the outer one."""

@@ -13,10 +13,13 @@ SHIPPED_DYNAMICS = Path(__file__).parent / "data" / "dynamics.safetensors"
 class LstmConfig:
     """The network, and the rope it is for."""
 
-    hidden: int = 64
+    hidden: int = 128
     """Size of each direction's state."""
     layers: int = 1
     """LSTMs on top of each other."""
+    group: int = 4
+    """Neighbouring vertices that are read at a time: a rope read in a quarter of the steps may have
+    twice the states for the same time."""
     links: int = 40
     """Of the rope."""
     length: float = 1.0
@@ -31,7 +34,7 @@ class DynamicsTrainingConfig:
 
     network: LstmConfig = field(default_factory=LstmConfig)
     """What is trained."""
-    validations: int = 100
+    validations: int = 120
     """Validations, and checkpoints, until the end."""
     steps: int = 200
     """Gradient steps between two of them."""
