@@ -180,9 +180,10 @@ def test_another_state_than_the_plans_first_is_planned_from(plan):
 
 def test_without_a_plan_it_stops_and_says_why(plan):
     start = Sight.of(plan.start)
-    _, replan = replanned(plan, steps=(), solved=False, reason="no way")
+    asked, replan = replanned(plan, steps=(), solved=False, reason="no way")
     execution = execute(plan, Recorded(), look=Scripted(start, start), replan=replan)
     assert execution.reason == "no plan was found after 1 actions: no way"
+    assert len(asked) == 4  # it was searched again before that
 
     def unreachable(points):
         raise UnreachableGoalError("there is no way")
@@ -190,6 +191,17 @@ def test_without_a_plan_it_stops_and_says_why(plan):
     execution = execute(plan, Recorded(), look=Scripted(start, start), replan=unreachable)
     assert execution.reason == "there is no plan after 1 actions: there is no way"
     assert execution.tied is False
+
+
+def test_a_plan_that_ends_before_the_goal_is_begun_and_made_anew(plan):
+    start, goal = Sight.of(plan.start), Sight.of(plan.steps[0].end)
+    asked, replan = replanned(plan, solved=False, reason="no way")
+    look = Scripted(start, start, start, goal)
+    execution = execute(plan, Recorded(), look=look, replan=replan)
+    assert execution.tied and len(execution.outcomes) == 3 and len(asked) == 2
+    config, look = ExecutionConfig(unsolved=1), Scripted(*[start] * 3)
+    execution = execute(plan, Recorded(), config, look=look, replan=replan)
+    assert execution.reason == "no plan was found after 2 actions: no way"
 
 
 def test_it_gives_up_after_so_many_actions(plan):
@@ -219,19 +231,19 @@ def test_a_knot_in_doubt_is_looked_at_again_and_not_reported(plan):
 def test_nothing_is_planned_from_a_rope_in_doubt(plan):
     unsure = Sight.of(plan.start, ("a crossing is in doubt",))
     asked, replan = replanned(plan)
-    look = Scripted(*[unsure] * 4)
+    look = Scripted(*[unsure] * 8)
     execution = execute(plan, Recorded(), look=look, replan=replan)
     assert asked == [] and execution.outcomes == () and execution.tied is False
     assert execution.reason.startswith("it cannot be planned after 0 actions: ")
-    assert look.likely == [[plan.start]] * 4  # what was seen in doubt is not what is likely
+    assert look.likely == [[plan.start]] * 8  # what was seen in doubt is not what is likely
 
 
 def test_a_knot_that_hangs_on_an_end_is_not_reported(plan):
     tied = plan.steps[0].end
     start, hanging = Sight.of(plan.start, ends=(0,)), Sight.of(tied, ends=(-1,))
     _, replan = replanned(plan)
-    look = Scripted(start, hanging, hanging)
-    execution = execute(plan, Recorded(), look=look, replan=replan)
+    config, look = ExecutionConfig(pulls=1), Scripted(start, hanging, hanging)
+    execution = execute(plan, Recorded(), config, look=look, replan=replan)
     assert execution.tied is False and len(execution.outcomes) == 1
     assert execution.reason.startswith("it cannot be planned after 1 actions: ")
     assert execution.reason.endswith("in doubt: the tail ends at another strand")
@@ -241,11 +253,11 @@ def test_a_knot_that_hangs_on_an_end_is_not_reported(plan):
     assert execute(plan, Recorded(), look=Scripted(hanging)).tied is False
 
 
-@pytest.mark.parametrize("end", [0, -1])
-def test_the_end_in_doubt_is_pulled(end, plan):
+@pytest.mark.parametrize(("ends", "turn", "end"), [((0,), 1, 0), ((-1,), 0, -1), ((-1, 0), 1, 0)])
+def test_the_ends_in_doubt_are_pulled_in_turn(ends, turn, end, plan):
     twin = Twin(plan.start, TwinConfig(level=0), np.random.default_rng(1))
     before = twin.points
-    Run(twin.robot(), ExecutionConfig(), points=before).pull(0, (end,))
+    Run(twin.robot(), ExecutionConfig(), points=before).pull(0, ends, turn)
     outward = before[end] - before.mean(axis=0)
     assert 0.02 < (twin.points - before)[end] @ outward / np.linalg.norm(outward) < 0.06
 

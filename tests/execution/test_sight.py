@@ -120,21 +120,6 @@ def test_a_look_begins_where_the_rope_may_be_and_the_tracker_goes_on_from_it(mon
     np.testing.assert_array_equal(tracker.points, SEEN.points)
 
 
-def test_after_a_doubt_more_paths_are_tried(monkeypatch):
-    tried, found = [], [replace(SEEN, doubts=("a crossing is in doubt",)), SEEN, SEEN]
-
-    def estimate(*_, config, **__):
-        tried.append(config.paths)
-        return found.pop(0)
-
-    monkeypatch.setattr("knotflow.perception.estimate", estimate)
-    robot, look = Filmed(), Estimated(CAMERA)
-    for _ in range(6):
-        look.look(robot, [STRAIGHT])
-        robot.move_to(robot.position, STEP)
-    assert tried == [8, 24, 8]
-
-
 class Guess:
     """A tracker that says nothing moves, and takes down which link it is told is held."""
 

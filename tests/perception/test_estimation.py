@@ -11,13 +11,13 @@ from knotflow.perception.estimation import EstimateConfig, ends_at_strands, esti
 from knotflow.perception.fitting import FitConfig
 from knotflow.perception.image import ImageError, RgbdImage
 from knotflow.perception.network import Network, shipped_network
-from knotflow.perception.searching import SearchConfig
+from knotflow.perception.searching import SearchConfig, Searched
 from knotflow.perception.tracing import TraceError
 from knotflow.topology import TopologicalState
 
 from .shapes import CAMERA, ROPE, image, loop, s_curve, target
 
-QUICK = EstimateConfig(FitConfig(steps=30), search=SearchConfig(first=1, rounds=0))
+QUICK = EstimateConfig(FitConfig(steps=30), search=SearchConfig(first=1, rounds=0), wider=None)
 
 
 @pytest.mark.slow
@@ -69,6 +69,35 @@ def test_what_is_likely_must_account_for_the_image(monkeypatch):
     assert asked and found.state == TopologicalState.from_curve(truth)
 
 
+@pytest.mark.parametrize(("first", "efforts"), [("right", 1), ("wrong", 2)])
+def test_it_is_searched_on_with_more_effort_while_what_was_found_is_in_doubt(
+    monkeypatch, first, efforts
+):
+    truth, wrong = loop(1), s_curve()
+    tried = []
+
+    def search(guesses, near, eye, rope, effort, fine, before):
+        tried.append((effort, before))
+        return Searched([wrong if first == "wrong" and len(tried) == 1 else truth], [])
+
+    monkeypatch.setattr(estimation, "search", search)
+    config = EstimateConfig(wider=SearchConfig(paths=1, rounds=2))
+    found = estimate(image(truth, head=True), CAMERA, ROPE, config=config)
+    assert [effort for effort, _ in tried] == [config.search, config.wider][:efforts]
+    assert not found.doubtful and found.state == TopologicalState.from_curve(truth)
+    if efforts == 2:
+        np.testing.assert_array_equal(tried[1][1].shapes, [wrong])  # it goes on from there
+
+
+def test_a_rope_that_leaves_the_image_is_not_searched_on_for(monkeypatch):
+    tried = []
+    monkeypatch.setattr(
+        estimation, "search", lambda *_: tried.append(1) or Searched([s_curve()], [])
+    )
+    gone = s_curve() + [0.75, 0, 0]
+    assert estimate(image(gone), CAMERA, ROPE).doubtful and len(tried) == 1
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("credit", "kept"), [(2.0, True), (0.0, False), (2.0, False)])
 def test_a_state_that_was_likely_gives_way_to_one_that_is_much_likelier(monkeypatch, credit, kept):
@@ -80,7 +109,7 @@ def test_a_state_that_was_likely_gives_way_to_one_that_is_much_likelier(monkeypa
         return np.array([0.0, lead]) / target.independent_pixels
 
     monkeypatch.setattr(estimation, "is_plausible", lambda *_: False)
-    monkeypatch.setattr(estimation, "search", lambda *_: np.stack([other, likely]))
+    monkeypatch.setattr(estimation, "search", lambda *_: Searched([other, likely], []))
     monkeypatch.setattr(estimation, "total_loss", losses)
     config = replace(QUICK, credit=credit, propose=False)
     found = estimate(image(likely), CAMERA, ROPE, config=config, likely=[likely])

@@ -16,7 +16,7 @@ from knotflow.topology import TopologicalState
 from .shapes import CAMERA, ROPE, image, s_curve
 from .test_network import knowing, shape_error
 
-QUICK = EstimateConfig(FitConfig(steps=2), search=SearchConfig(first=1, rounds=0))
+QUICK = EstimateConfig(FitConfig(steps=2), search=SearchConfig(first=1, rounds=0), wider=None)
 NEAR = 0.015
 """Metres; a network that knows a shape knows five nodes of it."""
 

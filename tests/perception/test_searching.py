@@ -3,8 +3,16 @@
 import numpy as np
 import pytest
 
+from knotflow.perception import searching
+from knotflow.perception.fitting import FitConfig
 from knotflow.perception.lifting import passages
-from knotflow.perception.searching import reaching, rearranged, search
+from knotflow.perception.searching import (
+    SearchConfig,
+    Searched,
+    reaching,
+    rearranged,
+    search,
+)
 from knotflow.simulation import resample, state_or_none
 from knotflow.topology import TopologicalState
 from knotflow.topology.polyline import DegenerateCurveError, planar_crossings
@@ -48,8 +56,24 @@ def test_an_end_is_led_to_rope_that_is_left_out():
 
 @pytest.mark.slow
 def test_a_crossing_the_wrong_way_round_is_found():
-    found, *_ = search([loop(-1)], target(loop(1)), CAMERA, ROPE)
+    found = search([loop(-1)], target(loop(1)), CAMERA, ROPE).shapes[0]
     assert TopologicalState.from_curve(found) == TopologicalState.from_curve(loop(1))
+
+
+def test_a_search_goes_on_from_what_was_rearranged_before(monkeypatch):
+    asked = []
+    monkeypatch.setattr(searching, "rearranged", lambda shape, *_: asked.append(shape) or [])
+    monkeypatch.setattr(searching, "reaching", lambda *_: [])
+    monkeypatch.setattr(searching, "is_plausible", lambda *_: False)
+    done, other = s_curve(), loop(1)
+    seen, brief = target(done), FitConfig(steps=1, step_size=1e-9)
+    config = SearchConfig(coarse=brief, rounds=2)
+    found = search([], seen, CAMERA, ROPE, config, brief, Searched([done, other], [done]))
+    np.testing.assert_array_equal(asked, [other])
+    assert len(found.done) == 2 and len(found.shapes) == 2
+    found = search([done], seen, CAMERA, ROPE, config, brief, Searched([other], [other]))
+    assert len(asked) == 2 and len(found.shapes) == 2
+    np.testing.assert_allclose(found.shapes[0], done, atol=1e-4)
 
 
 def test_a_guess_whose_end_touches_a_strand_is_rearranged_as_any():

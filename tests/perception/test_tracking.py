@@ -19,7 +19,7 @@ from knotflow.perception import (
 from .shapes import CAMERA, ROPE, image, s_curve
 
 QUICK = TrackerConfig(
-    estimate=EstimateConfig(FitConfig(steps=25), search=SearchConfig(first=1, rounds=0))
+    estimate=EstimateConfig(FitConfig(steps=25), search=SearchConfig(first=1, rounds=0), wider=None)
 )
 LINK = 20
 

@@ -41,7 +41,7 @@ def networks(tmp_path):
 
 
 def config(**changes):
-    quick = EstimateConfig(FitConfig(steps=5), search=SearchConfig(first=1, rounds=0))
+    quick = EstimateConfig(FitConfig(steps=5), search=SearchConfig(first=1, rounds=0), wider=None)
     given = {"estimate": quick, "levels": [0.0], "crossings": [0, 3], "ropes": 1, "seed": 1}
     return PerceptionConfig(**(given | changes))
 

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.slow
 
 def test_tracks_have_a_row_a_method_and_image(tmp_path, monkeypatch):
     monkeypatch.setattr(tracking, "TASKS", tracking.TASKS[:1])
-    quick = EstimateConfig(FitConfig(steps=10), search=SearchConfig(first=1, rounds=0))
+    quick = EstimateConfig(FitConfig(steps=10), search=SearchConfig(first=1, rounds=0), wider=None)
     config = TrackingConfig(
         simulation=SimulationConfig(record_rate=2.5, threads=1),
         tracker=TrackerConfig(estimate=quick),

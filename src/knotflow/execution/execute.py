@@ -102,8 +102,9 @@ def execute(
         controller: corrects the drag. Without one, but with a source, the spline begins where the
             rope is and is then followed blindly.
         look: reads the rope's state at the end, and with `replan` after each action.
-        replan: plans the rest after each action. Only the first step of each plan is executed; the
-            given plan's if the rope is seen to lie in the state it begins with.
+        replan: plans the rest after each action. Only the first step of each plan is executed, also
+            of one that comes near the goal only; the given plan's if the rope is seen to lie in the
+            state it begins with.
 
     Returns:
         What was done, and whether the knot is seen to be tied.
@@ -157,10 +158,11 @@ class _Knot:
 
         Nothing is planned from a sight in doubt: the planner would tie a rope that is not there.
         Where only an end is in doubt, the shape is right within millimetres, and it can be planned
-        from; but a knot that hangs on such an end is not reported.
+        from; but a knot that hangs on such an end is not reported. A search that found no plan in
+        its time leads some way: its first step is executed, and the rest searched for from there.
         """
         assert self.look is not None
-        config, lost = self.run.config, 0
+        config, lost, unsolved = self.run.config, 0, 0
         sight = self._see(self.look, self.plan.start, config.pulls)
         begins = self.plan.solved and sight.state == self.plan.start_state
         plan = self.plan if begins else None
@@ -176,8 +178,12 @@ class _Knot:
                 plan = plan or replan(sight.points)
             except (UnreachableGoalError, DegenerateCurveError, ShapeError) as error:
                 return f"there is no plan after {done} actions: {error}"
-            if not plan.solved or not plan.steps:
+            unsolved = 0 if plan.solved else unsolved + 1
+            if unsolved > config.unsolved or (plan.solved and not plan.steps):
                 return f"no plan was found after {done} actions: {plan.reason}"
+            if not plan.steps:  # nothing succeeded from here: search again
+                plan = None
+                continue
             lost = 0 if self._step(plan.steps[0], plan) else lost + 1
             sight = self._see(self.look, plan.steps[0].end, config.pulls)
             self.outcomes[-1] = replace(self.outcomes[-1], found=sight.state)
@@ -192,16 +198,17 @@ class _Knot:
     def _see(self, look: Look, expected: NDArray, pulls: int = 0) -> Sight:
         """What a look shows, that may be where the rope was seen last, or what is expected.
 
-        A rope in doubt is pulled at an end so often, and so is the end that a knot hangs on. What
-        was seen of it then is no evidence of how it lies now.
+        A rope in doubt is pulled so often, at one end and the other, and so is the end that a knot
+        hangs on. What was seen of it then is no evidence of how it lies now.
         """
         run, done = self.run, len(self.outcomes)
         likely = [expected] if run.points is None else [run.points, expected]
         self.sight = run.see(look, done, likely)
-        while pulls and self._in_doubt() and self.sight.points is not None:
-            run.pull(done, self.sight.ends)
+        for turn in range(pulls):
+            if self.sight.points is None or not self._in_doubt():
+                break
+            run.pull(done, self.sight.ends, turn)
             self.sight = run.see(look, done, likely)
-            pulls -= 1
         return self.sight
 
     def _in_doubt(self) -> bool:

@@ -65,13 +65,15 @@ class ExecutionConfig:
     another look it waits opposite."""
     looks: int = 2
     """How often the rope is looked at while it is in doubt."""
-    pulls: int = 1
+    pulls: int = 3
     """How often a rope that stays in doubt is pulled at an end, where the plan goes on from what is
-    seen, and looked at again."""
+    seen, and looked at again; its ends take turns."""
     pull: float = 0.04
     """How far, metres."""
     patience: float = 3.0
     """How long a new image is waited for, seconds."""
+    unsolved: int = 3
+    """How many plans in a row may end before the goal, where each action is planned anew."""
     max_actions: int = 20
     """Give up after so many actions, where each is planned anew."""
 
@@ -206,9 +208,9 @@ class Run:
         self.before = self.points = sight.points
         return sight
 
-    def pull(self, number: int, ends: Sequence[int] = ()) -> None:
-        """Draw an end outward, so that what touches comes apart: the first of the given `ends`, 0
-        for the head and -1 for the tail, or else that which sticks out farther.
+    def pull(self, number: int, ends: Sequence[int] = (), turn: int = 0) -> None:
+        """Draw an end outward, so that what touches comes apart: of the given `ends`, 0 for the
+        head and -1 for the tail, or else first of that which sticks out farther, they take turns.
 
         An end that leaves along itself undoes nothing that is tied. One that sticks out crosses
         nothing, and one that lies at a strand is then seen to cross it.
@@ -216,7 +218,8 @@ class Run:
         assert self.points is not None
         gripper, points = self.config.gripper, self.points
         from_middle = np.linalg.norm((points - points.mean(axis=0))[:, :2], axis=1)
-        end = ends[0] if ends else 0 if from_middle[0] >= from_middle[-1] else -1
+        ends = ends or ((0, -1) if from_middle[0] >= from_middle[-1] else (-1, 0))
+        end = ends[turn % len(ends)]
         if end == -1:
             points = points[::-1]
         outward = (points[0] - points[4]) * [1.0, 1.0, 0.0]

@@ -9,7 +9,7 @@ account for the image, or a crossing in doubt, makes the estimate doubtful.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -24,7 +24,13 @@ from knotflow.perception.lifting import lift
 from knotflow.perception.losses import Target
 from knotflow.perception.network import Network, shipped_network
 from knotflow.perception.registration import nearest_on_chain
-from knotflow.perception.searching import SearchConfig, is_plausible, search, total_loss
+from knotflow.perception.searching import (
+    SearchConfig,
+    Searched,
+    is_plausible,
+    search,
+    total_loss,
+)
 from knotflow.perception.segmentation import segment
 from knotflow.perception.tracing import TraceError, trace
 from knotflow.perception.uncertainty import spread
@@ -51,8 +57,12 @@ class EstimateConfig:
     """Whether a network proposes first guesses, beside the paths through the mask."""
     search: SearchConfig = field(default_factory=SearchConfig)
     """How first guesses are chosen among, and rearranged."""
-    paths: int = 8
-    """Paths through the mask, the likeliest ones, that are first guesses."""
+    wider: SearchConfig | None = field(
+        default_factory=lambda: SearchConfig(
+            paths=24, first=12, candidates=5, beam=12, rounds=24, contacts=12
+        )
+    )
+    """How it is searched on where what was found is in doubt; None takes it as it is."""
     certain: float = 0.95
     """A crossing whose certainty is lower is in doubt."""
     explained: float = 0.98
@@ -147,67 +157,123 @@ def estimate(
     """
     config = config or EstimateConfig()
     target = observe(image, camera, rope)
-    if initial is None and not bool(target.rope.any()):
-        raise TraceError("nothing in the image is taken for rope")
-    fine = config.fit or FitConfig()
-    shapes: list[Floats] = []
-    expected: set[TopologicalState | None] = set()
     if initial is not None:
         target = _sized(initial, target, camera, rope, config)
         near, eye = _view([initial], target, camera)
-        shapes = [fit(initial, near, eye, rope, fine)]
+        shape = fit(initial, near, eye, rope, config.fit or FitConfig())
+        best = _best([shape], near, eye, rope, config)
     else:
-        if len(likely):
-            target = _sized(likely[0], target, camera, rope, config)
-        near, eye = _view(likely, target, camera)
-        for guess in likely:
-            shapes.append(fit(guess, near, eye, rope, fine))
-            if is_plausible(shapes[-1], near, eye, rope, config.settled, config.search, fine):
-                break
-        else:
-            guesses = _guesses(target, image, camera, rope, config)
-            if config.propose and (network := network or shipped_network()) is not None:
-                guesses += _proposed(image, camera, rope, network)
-            guesses += shapes
-            expected = {state_or_none(one) for fitted in shapes for one in (fitted, fitted[::-1])}
-            expected.discard(None)
-            target = _sized(guesses[0], target, camera, rope, config)
-            near, eye = _view(guesses, target, camera)
-            shapes = [*search(guesses, near, eye, rope, config.search, fine)]
-    losses = total_loss(np.stack(shapes), near, eye, rope, fine)
+        best, target, near, eye = _found(target, image, camera, rope, config, network, likely)
+    head = _head(best.shape, target, image, camera, config)
+    if head is None and earlier is not None:
+        head = -1 if _apart(best.shape[::-1], earlier) < _apart(best.shape, earlier) else 0
+    if head == -1:
+        best = best.turned()
+    return RopeEstimate(
+        best.shape,
+        seen(best.shape, target.rope.numpy(), image, camera, rope),
+        best.state(target),
+        best.crossings,
+        best.explained,
+        spread(best.shape, near, eye, rope, config.fit or FitConfig()),
+        head is not None,
+        best.doubts(target, config),
+        target.seen_radius,
+        ends_at_strands(best.shape, rope),
+    )
+
+
+def _found(
+    target: Target,
+    image: RgbdImage,
+    camera: Camera,
+    rope: RopeConfig,
+    config: EstimateConfig,
+    network: Network | None,
+    likely: Sequence[NDArray],
+) -> tuple[_Best, Target, Target, Camera]:
+    """The likeliest shape of all that are tried, see `estimate`; and the target with its rope as
+    thick as it is seen to be, the part of it that was looked at, and the camera of that part."""
+    if not bool(target.rope.any()):
+        raise TraceError("nothing in the image is taken for rope")
+    fine = config.fit or FitConfig()
+    if len(likely):
+        target = _sized(likely[0], target, camera, rope, config)
+    near, eye = _view(likely, target, camera)
+    shapes: list[Floats] = []
+    for guess in likely:
+        shapes.append(fit(guess, near, eye, rope, fine))
+        if is_plausible(shapes[-1], near, eye, rope, config.settled, config.search, fine):
+            return _best(shapes, near, eye, rope, config), target, near, eye
+    expected = {state_or_none(one) for fitted in shapes for one in (fitted, fitted[::-1])} - {None}
+    efforts = [config.search] if config.wider is None else [config.search, config.wider]
+    paths = _guesses(target, image, camera, rope, max(effort.paths for effort in efforts))
+    proposed: list[Floats] = []
+    if config.propose and (network := network or shipped_network()) is not None:
+        proposed = _proposed(image, camera, rope, network)
+    guesses = [*paths, *proposed, *shapes]
+    target = _sized(guesses[0], target, camera, rope, config)
+    near, eye = _view(guesses, target, camera)
+    found: Searched | None = None
+    for effort in efforts:  # the second goes on from what the first has found
+        tried = 0 if found is None else config.search.paths
+        fresh = [*paths[tried : effort.paths], *(() if found else [*proposed, *shapes])]
+        found = search(fresh, near, eye, rope, effort, fine, found)
+        best = _best(found.shapes, near, eye, rope, config, expected)
+        if leaves_image(target) or not best.doubts(target, config):
+            break
+    return best, target, near, eye
+
+
+@dataclass(frozen=True, eq=False)
+class _Best:
+    """The likeliest of several shapes, see `RopeEstimate`; `rivalled` where one with other
+    crossings is hardly less likely."""
+
+    shape: Floats
+    crossings: tuple[CrossingEvidence, ...]
+    explained: float
+    rivalled: bool
+
+    def turned(self) -> _Best:
+        """The same from its other end."""
+        crossings = sorted((one.turned() for one in self.crossings), key=lambda one: one.fractions)
+        return replace(self, shape=self.shape[::-1].copy(), crossings=tuple(crossings))
+
+    def state(self, target: Target) -> TopologicalState | None:
+        """Its state, where the image shows all of the rope and its projection can be read."""
+        return None if leaves_image(target) else state_or_none(self.shape)
+
+    def doubts(self, target: Target, config: EstimateConfig) -> tuple[str, ...]:
+        """What is in doubt about it, in words."""
+        found = list_doubts(self.state(target), self.crossings, self.explained, target, config)
+        if self.rivalled:
+            found.append("another path through the image accounts for it as well")
+        return tuple(found)
+
+
+def _best(
+    shapes: Sequence[Floats],
+    target: Target,
+    camera: Camera,
+    rope: RopeConfig,
+    config: EstimateConfig,
+    expected: Set[TopologicalState | None] = frozenset(),
+) -> _Best:
+    """The likeliest of fitted shapes (V, 3), those in a state that is `expected` with credit."""
+    fine = config.fit or FitConfig()
+    losses = total_loss(np.stack(shapes), target, camera, rope, fine)
     if expected:
         credited = [state_or_none(one) in expected for one in shapes]
         losses[credited] -= config.credit / target.independent_pixels
-    best = int(losses.argmin())
-    shape, crossings = weigh_crossings(shapes[best], near, eye, rope, fine)
-    head = _head(shape, target, image, camera, config)
-    if head is None and earlier is not None:
-        head = -1 if _apart(shape[::-1], earlier) < _apart(shape, earlier) else 0
-    if head == -1:
-        shape = shape[::-1].copy()
-        crossings = tuple(sorted((one.turned() for one in crossings), key=lambda x: x.fractions))
-
-    share = explained(shape, near, eye, rope)
-    state = None if leaves_image(target) else state_or_none(shape)
-    less_likely = (losses - losses[best]) * target.independent_pixels
+    likeliest = int(losses.argmin())
+    shape, crossings = weigh_crossings(shapes[likeliest], target, camera, rope, fine)
+    share = explained(shape, target, camera, rope)
+    less_likely = (losses - losses[likeliest]) * target.independent_pixels
     rivals = {
         _shadow(one) for one, less in zip(shapes, less_likely, strict=True) if less < config.rival
     } - {None}
-    doubts = list_doubts(state, crossings, share, target, config)
-    if len(rivals) > 1:
-        doubts.append("another path through the image accounts for it as well")
-    return RopeEstimate(
-        shape,
-        seen(shape, target.rope.numpy(), image, camera, rope),
-        state,
-        crossings,
-        share,
-        spread(shape, near, eye, rope, fine),
-        head is not None,
-        tuple(doubts),
-        target.seen_radius,
-        ends_at_strands(shape, rope),
-    )
+    return _Best(shape, crossings, share, len(rivals) > 1)
 
 
 def propose(
@@ -258,20 +324,16 @@ def _proposed(image: RgbdImage, camera: Camera, rope: RopeConfig, network: Netwo
 
 
 def _guesses(
-    target: Target,
-    image: RgbdImage,
-    camera: Camera,
-    rope: RopeConfig,
-    config: EstimateConfig,
+    target: Target, image: RgbdImage, camera: Camera, rope: RopeConfig, count: int
 ) -> list[Floats]:
-    """First shapes (V, 3) along the likeliest paths through the mask."""
+    """First shapes (V, 3) along so many paths through the mask, the likeliest first."""
     mask = target.rope.numpy()
     visible = image.depth[mask]
     distance = float(np.nanmedian(visible)) if np.isfinite(visible).any() else 1.0
     pixels = camera.fx / distance  # of a metre at the rope
     paths = trace(target.coverage.numpy(), 2 * rope.radius * pixels, rope.length * pixels)
     paths = [path for path in paths if np.ptp(path.pixels, axis=0).any()]  # no single dots
-    return [lift(path, mask, image.depth, camera, rope) for path in paths[: config.paths]]
+    return [lift(path, mask, image.depth, camera, rope) for path in paths[:count]]
 
 
 def _sized(

@@ -53,6 +53,8 @@ class SearchConfig:
     """The gradient steps that all shapes take, on the coarser grid."""
     grid: int = 2
     """Pixels of the image along each side of one that these steps look at."""
+    paths: int = 8
+    """Paths through the mask, the likeliest ones, that are first guesses."""
     first: int = 8
     """Of the first guesses the ones that account best, which then are fitted to the image as it
     is."""
@@ -72,16 +74,30 @@ class SearchConfig:
     """Places where strands meet or nearly do, the closest ones, that are rearranged."""
 
 
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """What a search found.
+
+    Attributes:
+        shapes: (V, 3), metres, fitted, the likeliest first.
+        done: those of them that were rearranged.
+    """
+
+    shapes: list[Floats]
+    done: list[Floats]
+
+
 def search(
-    guesses: list[Floats],
+    guesses: Sequence[Floats],
     target: Target,
     camera: Camera,
     rope: RopeConfig,
     config: SearchConfig | None = None,
     fine: FitConfig | None = None,
-) -> Floats:
-    """Shapes (N, V, 3), metres, from `guesses` (V, 3) or rearranged, fitted as `fine` has it; the
-    likeliest first."""
+    before: Searched | None = None,
+) -> Searched:
+    """Shapes (V, 3), metres, from `guesses` (V, 3) or rearranged, fitted as `fine` has it; where
+    a search was made `before`, it goes on from there."""
     config, fine = config or SearchConfig(), fine or FitConfig()
     coarse, eye = target.binned(config.grid), camera.binned(config.grid)
 
@@ -89,7 +105,7 @@ def search(
         losses = total_loss(np.stack(shapes), target, camera, rope, fine)
         return _different([shapes[one] for one in losses.argsort(kind="stable")])
 
-    def fitted(first: list[Floats], kept: int) -> list[Floats]:
+    def fitted(first: Sequence[Floats], kept: int) -> list[Floats]:
         rough = ordered([*fit(np.stack(first), coarse, eye, rope, config.coarse)])
         return [*fit(np.stack(rough[:kept]), target, camera, rope, fine)]
 
@@ -99,9 +115,10 @@ def search(
             shape, target, camera, rope, config.enough, config, fine
         )
 
-    done: list[Floats] = []
-    shapes = ordered(fitted(_unlike(guesses, rope), config.first))
-    for _ in range(config.rounds):
+    shapes, done = ([*before.shapes], [*before.done]) if before else ([], [])
+    if new := _unlike(guesses, rope):
+        shapes = ordered([*shapes, *fitted(new, config.first)])
+    while len(done) < config.rounds:
         fresh = [one for one in shapes[: config.beam] if not _is_among(one, done)]
         if settled(shapes[0]) or not fresh:
             break
@@ -110,7 +127,7 @@ def search(
         others += reaching(fresh[0], coarse, eye, rope)
         if others:
             shapes = ordered([*shapes, *fitted(others, config.candidates)])
-    return np.stack(shapes)
+    return Searched(shapes, done)
 
 
 def _different(shapes: list[Floats]) -> list[Floats]:

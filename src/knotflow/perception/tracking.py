@@ -182,7 +182,7 @@ class Tracker:
             ImageError: an image of another size.
             TraceError: no rope in the image.
         """
-        found = self._estimated(image, self.points, likely=[self.points])
+        found = self._estimated(image, self.points, self.config.estimate, likely=[self.points])
         self.reseat(found, image.time)
         return found
 
@@ -222,8 +222,9 @@ class Tracker:
         if self._waited < self.config.patience:
             return None
         self._waited = 0
+        brief = replace(self.config.estimate, wider=None)
         try:
-            found = self._estimated(image, predicted)
+            found = self._estimated(image, predicted, brief)
         except TraceError:
             return None
         if found.explained <= share:
@@ -234,14 +235,18 @@ class Tracker:
         return found
 
     def _estimated(
-        self, image: RgbdImage, earlier: Floats, likely: Sequence[Floats] = ()
+        self,
+        image: RgbdImage,
+        earlier: Floats,
+        config: EstimateConfig,
+        likely: Sequence[Floats] = (),
     ) -> RopeEstimate:
         """The rope estimated from an image, from its own guesses and from `likely` shapes."""
         return estimate(
             image,
             self.camera,
             self.rope,
-            config=self.config.estimate,
+            config=config,
             earlier=earlier,
             network=self._network,
             likely=likely,
