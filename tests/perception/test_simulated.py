@@ -52,6 +52,22 @@ def test_a_rope_is_seen_where_the_camera_projects_it(camera, simulated, rng):
     assert (labels[np.rint(v).astype(int), np.rint(u).astype(int)] == Label.ROPE).all()
 
 
+def test_rays_cast_where_something_may_be_seen_are_all_that_matter(camera, rng, monkeypatch):
+    """An image is the same whether or not its other rays are cast."""
+    turned = Rotation.from_euler("xyz", [150, 20, 40], degrees=True).as_matrix()
+    near = replace(camera, position=np.array([0.1, 0.0, 0.25]))
+    for eye in (camera, replace(camera, rotation=turned, position=np.array([0.2, 0.4, 0.9])), near):
+        for gripper in (None, [0.3, 0.1, 0.05]):
+            points = random_curve(ROPE, rng) + [0.2, 0.0, 0.0]
+            part = SimulatedCamera(eye, ROPE).view(points, gripper)
+            with monkeypatch.context() as patch:
+                patch.setattr(SimulatedCamera, "_window", lambda *_: (slice(None), slice(None)))
+                whole = SimulatedCamera(eye, ROPE).view(points, gripper)
+            np.testing.assert_array_equal(part.labels, whole.labels)
+            np.testing.assert_array_equal(part.image.rgb, whole.image.rgb)
+            np.testing.assert_array_equal(part.image.depth, whole.image.depth)
+
+
 def test_the_upper_strand_hides_the_lower(camera, simulated, overhand):
     links = 0.5 * (overhand[1:] + overhand[:-1])
     u, v, depth = camera.project(links).T

@@ -1,6 +1,7 @@
 """The simulated camera: RGB and depth of rope, table and gripper, by casting rays.
 
-MuJoCo casts a ray a pixel against capsules, boxes and the table: no OpenGL, no display.
+MuJoCo casts a ray a pixel against capsules, boxes and the table: no OpenGL, no display. It does so
+where rope and gripper may be seen; everywhere else is the bare table, which stays as it is.
 """
 
 from __future__ import annotations
@@ -28,6 +29,10 @@ WRIST = (0.025, 0.120)
 """Radius and length of the wrist above the palm, metres."""
 OPEN = 0.050
 """Distance between the open fingers, metres; closed they touch the rope."""
+
+
+_Bare = tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32]]
+"""Labels, colours and depth (H, W)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +76,7 @@ class SimulatedCamera:
         self._labels = np.where(links < rope.links, Label.ROPE, Label.GRIPPER).astype(np.uint8)
         self._labels[0] = Label.TABLE
         self._head = (links >= 0) & (links < round(HEAD_LENGTH / rope.link_length))
+        self._table: tuple[Appearance, _Bare] | None = None
 
     def capture(
         self,
@@ -105,36 +111,91 @@ class SimulatedCamera:
         time: float = 0.0,
     ) -> View:
         """The image without noise, and what each pixel shows; arguments as in `capture`."""
+        self._place(check_points(points, self.rope), gripper, closed)
+        bare = self._bare()
+        labels, rgb, depth = bare[0].copy(), bare[1].copy(), bare[2].copy()
+        window = self._window(gripper is not None)
+        rays = np.ascontiguousarray(self._rays[window])
+        if rays.size:
+            geom, distance, normals = self._cast(rays, gripper is not None)
+            seen = geom >= 0
+            labels[window] = np.where(seen, self._labels[geom], Label.UNKNOWN)
+            rgb[window] = self.appearance.shade(
+                labels[window],
+                seen & self._head[geom],
+                normals,
+                self.camera.position + distance[..., None] * rays,
+            )
+            along = distance * self._depth_per_distance[window]
+            depth[window] = np.where(seen, along, np.nan)
+        return View(RgbdImage(rgb, depth, time), labels)
+
+    def _bare(self) -> _Bare:
+        """The table alone, made once for an appearance."""
+        if self._table is None or self._table[0] is not self.appearance:
+            with np.errstate(divide="ignore"):
+                distance = -self.camera.position[2] / self._rays[..., 2]
+            seen = (distance > 0) & np.isfinite(distance)
+            distance = np.where(seen, distance, 0.0)
+            labels = np.where(seen, Label.TABLE, Label.UNKNOWN).astype(np.uint8)
+            rgb = self.appearance.shade(
+                labels,
+                np.zeros_like(seen),
+                np.broadcast_to([0.0, 0.0, 1.0], self._rays.shape),
+                self.camera.position + distance[..., None] * self._rays,
+            )
+            depth = np.where(seen, distance * self._depth_per_distance, np.nan).astype(np.float32)
+            self._table = self.appearance, (labels, rgb, depth)
+        return self._table[1]
+
+    def _cast(
+        self, rays: NDArray, gripper: bool
+    ) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
+        """What rays (H, W, 3) hit: index of the geom (H, W), -1 for none, distance (H, W), metres,
+        and normal (H, W, 3)."""
         import mujoco
 
-        self._place(check_points(points, self.rope), gripper, closed)
-        height, width = self.camera.height, self.camera.width
-        geom = np.empty((height, width), np.int32)
-        distance, normals = np.empty((height, width)), np.empty((height, width, 3))
+        geom = np.empty(rays.shape[:2], np.int32)
+        distance, normals = np.empty(rays.shape[:2]), np.empty(rays.shape)
         mujoco.mj_multiRay(
             self._model,
             self._data,
             self.camera.position,
-            self._rays.ravel(),
-            np.array([1, gripper is not None, 0, 0, 0, 0], np.uint8),
+            rays.ravel(),
+            np.array([1, gripper, 0, 0, 0, 0], np.uint8),
             True,
             -1,
             geom.ravel(),
             distance.ravel(),
             normals.ravel(),
-            width * height,
+            geom.size,
             mujoco.mjMAXVAL,
         )
-        seen = geom >= 0
-        labels = np.where(seen, self._labels[geom], Label.UNKNOWN).astype(np.uint8)
-        rgb = self.appearance.shade(
-            labels,
-            seen & self._head[geom],
-            normals,
-            self.camera.position + distance[..., None] * self._rays,
-        )
-        depth = np.where(seen, distance * self._depth_per_distance, np.nan).astype(np.float32)
-        return View(RgbdImage(rgb, depth, time), labels)
+        return geom, distance, normals
+
+    def _window(self, gripper: bool) -> tuple[slice, slice]:
+        """Rows and columns of the image outside of which there is nothing but the table: around
+        what is seen of the balls that hold the links, and the gripper's parts where it is there."""
+        camera = self.camera
+        geoms = slice(1, None if gripper else 1 + self.rope.links)
+        radius = self._model.geom_rbound[geoms]
+        centre = (self._data.geom_xpos[geoms] - camera.position) @ camera.rotation
+        away, ahead = np.linalg.norm(centre, axis=1), centre[:, 2]
+        sine = radius / np.maximum(away, radius)  # of the angle that a ball is seen at
+        cosine = ahead / np.maximum(away, 1e-9)  # of the angle off the axis
+        # tan(off + seen) - tan(off), the ball's extent in the image, is sine / (cosine * farthest)
+        farthest = cosine * np.sqrt(1 - sine**2) - np.sqrt(1 - cosine**2) * sine
+        if min(cosine.min(), farthest.min()) <= 0:
+            return slice(None), slice(None)  # beside or behind the camera
+        spans = []
+        for axis, focal, middle, size in (
+            (1, camera.fy, camera.cy, camera.height),
+            (0, camera.fx, camera.cx, camera.width),
+        ):
+            at, half = focal * centre[:, axis] / ahead + middle, focal * sine / (cosine * farthest)
+            low, high = np.floor((at - half).min()), np.ceil((at + half).max()) + 1
+            spans.append(slice(*(int(one) for one in np.clip([low, high], 0, size))))
+        return spans[0], spans[1]
 
     def _place(self, points: NDArray, gripper: ArrayLike | None, closed: bool) -> None:
         """Moves the scene's bodies: links first, then palm and both fingers."""
