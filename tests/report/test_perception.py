@@ -46,6 +46,17 @@ def test_estimates_are_told_by_method_noise_and_crossings(results):
     assert told["figure"]
 
 
+def test_it_is_said_how_often_estimates_without_a_doubt_are_right(results):
+    path = results.root / "perception" / "estimates.csv"
+    table = pd.read_csv(path)
+    wrong = (table["rope"] == 1) & (table["noise"] == 1)
+    table.loc[wrong, "state_correct"] = 0
+    table.to_csv(path, index=False)
+    perfect, nominal = perception.values(Results(results.root), Pictures())["sure"]
+    assert [perfect[name] for name in ("noise", "ropes", "sure")] == ["0", 9, 6]
+    assert perfect["right"].startswith("100") and nominal["right"].startswith("50.0 %")
+
+
 def test_plans_from_estimates_are_held_against_those_from_true_ropes(results):
     rows = [
         {

@@ -72,6 +72,7 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         "table": markdown_table(header, lines, "llrrrrrrrr"),
         "shown": METHODS.get(shown or ""),
         "figure": shown and pictures.add(_figure(estimates[estimates["method"] == shown])),
+        "sure": _sure(estimates[estimates["method"] == shown]),
         "pictures": pictures.stored(results, EXPERIMENT, "estimates", "Estimates of ropes"),
         "iou": [f"{of['rope_iou'].mean():.2f} at noise {noise:g}" for noise, of in images],
         "plans": _plans(results),
@@ -94,6 +95,17 @@ def _plans(results: Results) -> dict[str, dict[str, str]] | None:
         }
         for planned_from, of in plans.groupby("planned_from")
     }
+
+
+def _sure(shown: pd.DataFrame) -> list[dict[str, Any]]:
+    """A line a level of noise: how many estimates are without a doubt, and of how many of these the
+    state is right."""
+    return [
+        {"noise": f"{noise:g}", "ropes": len(of), "sure": len(sure)}
+        | {"right": percent(wilson(int(sure["state_correct"].sum()), len(sure)))}
+        for noise, of in shown.groupby("noise")
+        if len(sure := of[~of["doubtful"]])
+    ]
 
 
 def _line(some: pd.DataFrame) -> list[str]:
