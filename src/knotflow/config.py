@@ -232,13 +232,13 @@ class DynamicsTrainingBudget:
 class ClosedLoopBudget:
     """Plans executed on perturbed twins (Sec. VI)."""
 
-    twins: int = 25
+    twins: int = 50
     """Twins of levels 0 and 2, and those of a yardstick that knows the true state."""
-    twins_level_1: int = 50
+    twins_level_1: int = 100
     """Twins of level 1."""
     yardsticks: int = 10
     """Twins of level 1 on which MPPI predicts by simulating, which takes a second a tick."""
-    figure_eight: int = 15
+    figure_eight: int = 30
     """Twins of level 1 on which a figure eight is tied."""
     faults: int = 10
     """Twins of level 1 with each fault of robot or camera."""

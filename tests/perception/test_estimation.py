@@ -76,7 +76,7 @@ def test_it_is_searched_on_with_more_effort_while_what_was_found_is_in_doubt(
     truth, wrong = loop(1), s_curve()
     tried = []
 
-    def search(guesses, near, eye, rope, effort, fine, before):
+    def search(guesses, near, eye, rope, effort, fine, before, progress):
         tried.append((effort, before))
         return Searched([wrong if first == "wrong" and len(tried) == 1 else truth], [])
 

@@ -68,7 +68,9 @@ def test_a_search_goes_on_from_what_was_rearranged_before(monkeypatch):
     done, other = s_curve(), loop(1)
     seen, brief = target(done), FitConfig(steps=1, step_size=1e-9)
     config = SearchConfig(coarse=brief, rounds=2)
-    found = search([], seen, CAMERA, ROPE, config, brief, Searched([done, other], [done]))
+    before, rounds = Searched([done, other], [done]), []
+    found = search([], seen, CAMERA, ROPE, config, brief, before, lambda: rounds.append(1))
+    assert len(rounds) == 1
     np.testing.assert_array_equal(asked, [other])
     assert len(found.done) == 2 and len(found.shapes) == 2
     found = search([done], seen, CAMERA, ROPE, config, brief, Searched([other], [other]))

@@ -25,6 +25,7 @@ from knotflow.perception.losses import Target
 from knotflow.perception.network import Network, shipped_network
 from knotflow.perception.registration import nearest_on_chain
 from knotflow.perception.searching import (
+    Progress,
     SearchConfig,
     Searched,
     is_plausible,
@@ -132,6 +133,7 @@ def estimate(
     earlier: NDArray | None = None,
     network: Network | None = None,
     likely: Sequence[NDArray] = (),
+    progress: Progress | None = None,
 ) -> RopeEstimate:
     """The rope of an image.
 
@@ -150,6 +152,8 @@ def estimate(
             track's or a plan's. They are tried first, one after the other; the image alone is
             ambiguous where strands touch, so its own guesses are searched only where none of these
             accounts for nearly all of it.
+        progress: called every second or so while guesses are searched, which takes a minute where
+            the rope is in doubt.
 
     Raises:
         ImageError: an image of another size.
@@ -163,7 +167,9 @@ def estimate(
         shape = fit(initial, near, eye, rope, config.fit or FitConfig())
         best = _best([shape], near, eye, rope, config)
     else:
-        best, target, near, eye = _found(target, image, camera, rope, config, network, likely)
+        best, target, near, eye = _found(
+            target, image, camera, rope, config, network, likely, progress
+        )
     head = _head(best.shape, target, image, camera, config)
     if head is None and earlier is not None:
         head = -1 if _apart(best.shape[::-1], earlier) < _apart(best.shape, earlier) else 0
@@ -191,6 +197,7 @@ def _found(
     config: EstimateConfig,
     network: Network | None,
     likely: Sequence[NDArray],
+    progress: Progress | None,
 ) -> tuple[_Best, Target, Target, Camera]:
     """The likeliest shape of all that are tried, see `estimate`; and the target with its rope as
     thick as it is seen to be, the part of it that was looked at, and the camera of that part."""
@@ -218,7 +225,7 @@ def _found(
     for effort in efforts:  # the second goes on from what the first has found
         tried = 0 if found is None else config.search.paths
         fresh = [*paths[tried : effort.paths], *(() if found else [*proposed, *shapes])]
-        found = search(fresh, near, eye, rope, effort, fine, found)
+        found = search(fresh, near, eye, rope, effort, fine, found, progress)
         best = _best(found.shapes, near, eye, rope, config, expected)
         if leaves_image(target) or not best.doubts(target, config):
             break

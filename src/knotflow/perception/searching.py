@@ -12,7 +12,7 @@ crossings kept a shape that accounted worse than the true one, with the five bes
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -31,6 +31,8 @@ from knotflow.simulation import RopeConfig, state_or_none
 from knotflow.topology import TopologicalState
 
 Floats = NDArray[np.float64]
+
+Progress = Callable[[], object]
 
 _FINE = 4  # places of a link at which strands are compared
 _TOUCHING = 3.0  # radii between the axes of strands, in the plane, that may touch
@@ -95,9 +97,10 @@ def search(
     config: SearchConfig | None = None,
     fine: FitConfig | None = None,
     before: Searched | None = None,
+    progress: Progress | None = None,
 ) -> Searched:
     """Shapes (V, 3), metres, from `guesses` (V, 3) or rearranged, fitted as `fine` has it; where
-    a search was made `before`, it goes on from there."""
+    a search was made `before`, it goes on from there. `progress` is called in each round."""
     config, fine = config or SearchConfig(), fine or FitConfig()
     coarse, eye = target.binned(config.grid), camera.binned(config.grid)
 
@@ -122,6 +125,8 @@ def search(
         fresh = [one for one in shapes[: config.beam] if not _is_among(one, done)]
         if settled(shapes[0]) or not fresh:
             break
+        if progress is not None:
+            progress()
         done.append(fresh[0])
         others = rearranged(fresh[0], rope, config.contacts)
         others += reaching(fresh[0], coarse, eye, rope)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from tqdm import tqdm
 
 from knotflow.perception.camera import Camera, CameraError
 from knotflow.perception.estimation import RopeEstimate, estimate
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 def see(
     rgb: Path, depth: Path, camera: Path, rope: RopeConfig | None = None
 ) -> tuple[RopeEstimate, RgbdImage, Camera]:
-    """The rope in the files of an image, and what was read to find it.
+    """The rope in the files of an image, and what was read to find it; a terminal shows progress.
 
     Args:
         rgb, depth: files of colour and depth, see `RgbdImage.read`.
@@ -49,7 +50,8 @@ def see(
             "position is in metres"
         )
     try:
-        return estimate(image, pinhole, rope), image, pinhole
+        with tqdm(desc="looking", unit=" shapes", leave=False, disable=None) as bar:
+            return estimate(image, pinhole, rope, progress=bar.update), image, pinhole
     except TraceError as error:
         raise ImageError(
             f"{rgb}, {depth}: no rope of radius {1e3 * rope.radius:g} mm is seen above the table: "
