@@ -7,7 +7,7 @@ import pytest
 
 from knotflow.perception import estimation
 from knotflow.perception.certainty import weigh_crossings
-from knotflow.perception.estimation import EstimateConfig, ends_at_strands, estimate
+from knotflow.perception.estimation import EstimateConfig, estimate
 from knotflow.perception.fitting import FitConfig
 from knotflow.perception.image import ImageError, RgbdImage
 from knotflow.perception.network import Network, shipped_network
@@ -129,33 +129,6 @@ def test_a_rope_thinner_or_thicker_than_it_is_said_to_be_is_no_doubt(monkeypatch
     assert np.linalg.norm(found.points - points, axis=1).mean() < 4e-3
     nominal = estimate(image(points), CAMERA, ROPE, points, QUICK).seen_radius
     assert found.seen_radius == pytest.approx(share * nominal, rel=0.06)
-
-
-def ending_at(beyond):
-    """A rope whose tail ends so far beyond a strand of its own, metres."""
-    corners = np.array([[0.0, 0.0], [0.4, 0.0], [0.4, 0.2 - beyond / 2], [0.2, 0.2 - beyond / 2]])
-    corners = np.vstack([corners, [0.2, -beyond]])
-    at = np.insert(np.linalg.norm(np.diff(corners, axis=0), axis=1).cumsum(), 0, 0.0)
-    along = np.linspace(0, at[-1], ROPE.num_vertices)
-    flat = np.stack([np.interp(along, at, one) for one in corners.T], axis=1)
-    return np.column_stack([flat, np.full(len(flat), ROPE.radius)])
-
-
-@pytest.mark.parametrize(
-    ("beyond", "doubted"), [(0.03, False), (0.006, True), (-0.006, True), (-0.03, False)]
-)
-def test_an_end_at_another_strand_is_in_doubt_until_it_is_clear_of_it(beyond, doubted):
-    points = ending_at(beyond)
-    assert ends_at_strands(points, ROPE) == ((-1,) if doubted else ())
-    assert ends_at_strands(points[::-1], ROPE) == ((0,) if doubted else ())
-
-
-def test_an_end_is_no_other_strand_of_its_own():
-    tight = np.arange(ROPE.num_vertices) * ROPE.max_bend  # a helix as tight as joints allow
-    radius = ROPE.link_length / (2 * np.sin(ROPE.max_bend / 2))
-    helix = np.stack([radius * np.cos(tight), radius * np.sin(tight), 0.01 * tight], axis=1)
-    assert ends_at_strands(helix[:4], ROPE) == ()
-    assert ends_at_strands(helix, ROPE) == (0, -1)
 
 
 def test_nothing_likely_is_seen_on_a_bare_table():

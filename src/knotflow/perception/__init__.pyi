@@ -1,7 +1,8 @@
 from .appearance import Appearance
 from .camera import Camera, CameraError
 from .certainty import CrossingEvidence, weigh_crossings
-from .estimation import END_DOUBTS, EstimateConfig, RopeEstimate, estimate
+from .doubts import END_DOUBTS
+from .estimation import EstimateConfig, RopeEstimate, estimate
 from .evidence import explained, observe, seen
 from .fitting import FitConfig, fit, image_loss, project_lengths, shape_loss
 from .image import ImageError, Label, RgbdImage

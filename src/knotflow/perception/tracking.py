@@ -21,13 +21,8 @@ from torch import Tensor
 from knotflow.perception.camera import Camera
 from knotflow.perception.certainty import CrossingEvidence
 from knotflow.perception.crossings import CrossingMemory
-from knotflow.perception.estimation import (
-    EstimateConfig,
-    RopeEstimate,
-    ends_at_strands,
-    estimate,
-    list_doubts,
-)
+from knotflow.perception.doubts import ends_at_strands, list_doubts
+from knotflow.perception.estimation import EstimateConfig, RopeEstimate, estimate
 from knotflow.perception.evidence import explained, measure_radius, nearest_pixels, observe, seen
 from knotflow.perception.fitting import FitConfig, fit
 from knotflow.perception.image import RgbdImage
