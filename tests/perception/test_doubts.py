@@ -7,7 +7,6 @@ import pytest
 
 from knotflow.perception.certainty import CrossingEvidence
 from knotflow.perception.doubts import ends_at_strands, leaves_image, list_doubts
-from knotflow.perception.estimation import EstimateConfig
 from knotflow.topology import TopologicalState
 
 from .shapes import ROPE, s_curve, target
@@ -41,15 +40,15 @@ def test_an_end_is_no_other_strand_of_its_own():
 
 
 def test_doubts_are_listed_in_words():
-    config, seen, state = EstimateConfig(), target(s_curve()), TopologicalState.trivial()
+    seen, state, limits = target(s_curve()), TopologicalState.trivial(), (0.95, 0.98)
     sure, unsure = (CrossingEvidence((0.2, 0.7), True, 0.016, share) for share in (0.99, 0.7))
-    assert list_doubts(state, (sure,), 1.0, seen, config) == []
-    assert list_doubts(state, (sure, unsure), 0.5, seen, config) == [
+    assert list_doubts(state, (sure,), 1.0, seen, *limits) == []
+    assert list_doubts(state, (sure, unsure), 0.5, seen, *limits) == [
         "the shape accounts for 50% of the rope in the image",
         "crossing 2 is this way round with 70% certainty",
     ]
-    (unread,) = list_doubts(None, (), 1.0, seen, config)
+    (unread,) = list_doubts(None, (), 1.0, seen, *limits)
     assert unread == "the shape's projection does not determine its state"
     gone = target(s_curve() + [0.75, 0, 0])
     assert leaves_image(gone) and not leaves_image(seen)
-    assert list_doubts(None, (), 1.0, gone, config) == ["the rope leaves the image"]
+    assert list_doubts(None, (), 1.0, gone, *limits) == ["the rope leaves the image"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +12,6 @@ from knotflow.perception.losses import Target
 from knotflow.perception.registration import nearest_on_chain
 from knotflow.simulation import RopeConfig
 from knotflow.topology import TopologicalState
-
-if TYPE_CHECKING:
-    from knotflow.perception.estimation import EstimateConfig
 
 END_DOUBTS = {0: "the head ends at another strand", -1: "the tail ends at another strand"}
 """What is said of an end of which it is in doubt whether it crosses a strand."""
@@ -53,18 +49,20 @@ def list_doubts(
     crossings: tuple[CrossingEvidence, ...],
     share: float,
     target: Target,
-    config: EstimateConfig,
+    certain: float,
+    enough: float,
 ) -> list[str]:
-    """What is in doubt about a shape that accounts for a `share` of the rope in the image."""
+    """What is in doubt about a shape that accounts for a `share` of the rope in the image, where
+    that should be `enough`, and crossings `certain`."""
     doubts = []
     if leaves_image(target):
         doubts.append("the rope leaves the image")
     elif state is None:
         doubts.append("the shape's projection does not determine its state")
-    if share < config.explained:
+    if share < enough:
         doubts.append(f"the shape accounts for {share:.0%} of the rope in the image")
     for number, crossing in enumerate(crossings, 1):
-        if crossing.certainty < config.certain:
+        if crossing.certainty < certain:
             doubts.append(
                 f"crossing {number} is this way round with {crossing.certainty:.0%} certainty"
             )

@@ -253,7 +253,8 @@ class _Best:
 
     def doubts(self, target: Target, config: EstimateConfig) -> tuple[str, ...]:
         """What is in doubt about it, in words."""
-        found = list_doubts(self.state(target), self.crossings, self.explained, target, config)
+        known = self.state(target), self.crossings, self.explained, target
+        found = list_doubts(*known, config.certain, config.explained)
         if self.rivalled:
             found.append("another path through the image accounts for it as well")
         return tuple(found)
@@ -314,7 +315,7 @@ def propose(
         share,
         -2 * rope.radius / np.log1p(-confidence.clip(1e-6, 1 - 1e-9)),
         head is not None,
-        tuple(list_doubts(state, (), share, target, config)),
+        tuple(list_doubts(state, (), share, target, config.certain, config.explained)),
         ends=ends_at_strands(shape, rope),
     )
 

@@ -263,7 +263,8 @@ class Tracker:
         target: Target,
     ) -> RopeEstimate:
         state = state_or_none(shape)
-        doubts = list_doubts(state, crossings, share, target, self.config.estimate)
+        config = self.config.estimate
+        doubts = list_doubts(state, crossings, share, target, config.certain, config.explained)
         if share < self.config.lost:
             doubts.insert(0, "the track is lost")
         return RopeEstimate(
