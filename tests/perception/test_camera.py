@@ -104,6 +104,14 @@ def test_a_file_that_is_no_camera_is_refused(tmp_path):
             Camera.load(tmp_path / name)
 
 
+@pytest.mark.parametrize(("width", "grid"), [(160, 1), (320, 2), (640, 4), (960, 6)])
+def test_a_rope_is_as_wide_on_the_coarser_grid_whatever_the_camera(width, grid):
+    camera, flat = Camera.overhead(width, width * 3 // 4), np.zeros((3, 3))
+    assert camera.binning(flat, 0.016, 1.4) == grid
+    assert camera.binning(flat + [0, 0, 2.0], 0.016, 1.4) == 1  # behind it
+    assert camera.binned(camera.binning(flat, 10.0, 1.0)).height == 16
+
+
 def test_a_binned_camera_sees_squares_of_pixels():
     camera = Camera.overhead()
     coarse = camera.binned(2)

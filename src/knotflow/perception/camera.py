@@ -136,6 +136,16 @@ class Camera:
             cy=(self.cy + 0.5) / factor - 0.5,
         )
 
+    def binning(self, points: NDArray, size: float, pixels: float) -> int:
+        """How many pixels to bin along each side so that something of that size, metres, at points
+        (N, 3) is about so many pixels across; 1 where it is smaller already, and no more than leave
+        `_FEWEST` rows and columns."""
+        distance = float(np.median(self.project(points)[:, 2]))
+        if not distance > 0:
+            return 1
+        wanted = round(size * max(self.fx, self.fy) / distance / pixels)
+        return max(1, min(wanted, min(self.width, self.height) // _FEWEST))
+
     def cropped(self, rows: slice, columns: slice) -> Camera:
         """The camera whose image is these rows and columns of this one's."""
         top, bottom, _ = rows.indices(self.height)
@@ -210,6 +220,8 @@ class Camera:
             _HEADER + yaml.safe_dump(values, sort_keys=False, default_flow_style=None), "utf-8"
         )
 
+
+_FEWEST = 16  # rows and columns that are left after binning
 
 _HEADER = """\
 # A pinhole camera. Sizes, focal lengths (fx, fy) and principal point (cx, cy) in pixels, of images

@@ -349,7 +349,7 @@ def _sized(
 ) -> Target:
     """The target with its rope as thick as it is seen to be along a first guess (V, 3)."""
     near, eye = _view([guess], target, camera)
-    grid = config.search.grid
+    grid = eye.binning(guess, 2 * rope.radius, config.search.across)
     shape = fit(guess, near.binned(grid), eye.binned(grid), rope, config.search.coarse)
     return replace(target, seen_radius=measure_radius(shape, near, eye, rope))
 

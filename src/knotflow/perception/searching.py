@@ -53,8 +53,8 @@ class SearchConfig:
         default_factory=lambda: FitConfig(steps=40, step_size=4e-3, softness=(6e-3, 3e-3))
     )
     """The gradient steps that all shapes take, on the coarser grid."""
-    grid: int = 2
-    """Pixels of the image along each side of one that these steps look at."""
+    across: float = 1.4
+    """Pixels that a rope is wide on that grid."""
     paths: int = 8
     """Paths through the mask, the likeliest ones, that are first guesses."""
     first: int = 8
@@ -102,7 +102,9 @@ def search(
     """Shapes (V, 3), metres, from `guesses` (V, 3) or rearranged, fitted as `fine` has it; where
     a search was made `before`, it goes on from there. `progress` is called in each round."""
     config, fine = config or SearchConfig(), fine or FitConfig()
-    coarse, eye = target.binned(config.grid), camera.binned(config.grid)
+    known = before.shapes if before else guesses
+    grid = camera.binning(known[0], 2 * rope.radius, config.across)
+    coarse, eye = target.binned(grid), camera.binned(grid)
 
     def ordered(shapes: Sequence[Floats]) -> list[Floats]:
         losses = total_loss(np.stack(shapes), target, camera, rope, fine)

@@ -54,8 +54,8 @@ class TrackerConfig:
     """The gradient steps of each image."""
     points: int = 400
     """Points of the rope's image that the prediction is laid onto before."""
-    grid: int = 2
-    """Pixels of the image along each side of one that the steps look at."""
+    across: float = 1.4
+    """Pixels that a rope is wide on the grid that these steps look at."""
     hidden: float = 0.2
     """Weight of the prediction where the image shows nothing."""
     shown: float = 0.02
@@ -141,7 +141,8 @@ class Tracker:
         else:  # a model knows how far behind the gripper its link is
             predicted = self._predict(*now, None if grasped is None else gripper, grasped)
         target = replace(observe(image, self.camera, self.rope), seen_radius=self._seen_radius)
-        coarse, camera = target.binned(self.config.grid), self.camera.binned(self.config.grid)
+        grid = self.camera.binning(predicted, 2 * self.rope.radius, self.config.across)
+        coarse, camera = target.binned(grid), self.camera.binned(grid)
         shape = predicted
         if bool(target.rope.any()):
             cloud = rope_points(image, target, self.camera, self.rope, self.config.points)
