@@ -109,7 +109,7 @@ def test_a_rope_is_as_wide_on_the_coarser_grid_whatever_the_camera(width, grid):
     camera, flat = Camera.overhead(width, width * 3 // 4), np.zeros((3, 3))
     assert camera.binning(flat, 0.016, 1.4) == grid
     assert camera.binning(flat + [0, 0, 2.0], 0.016, 1.4) == 1  # behind it
-    assert camera.binned(camera.binning(flat, 10.0, 1.0)).height == 16
+    assert 16 <= camera.binned(camera.binning(flat, 10.0, 1.0)).height < 32
 
 
 def test_a_binned_camera_sees_squares_of_pixels():
