@@ -231,11 +231,11 @@ def test_a_knot_in_doubt_is_looked_at_again_and_not_reported(plan):
 def test_nothing_is_planned_from_a_rope_in_doubt(plan):
     unsure = Sight.of(plan.start, ("a crossing is in doubt",))
     asked, replan = replanned(plan)
-    look = Scripted(*[unsure] * 8)
+    look = Scripted(*[unsure] * 6)
     execution = execute(plan, Recorded(), look=look, replan=replan)
     assert asked == [] and execution.outcomes == () and execution.tied is False
     assert execution.reason.startswith("it cannot be planned after 0 actions: ")
-    assert look.likely == [[plan.start]] * 8  # what was seen in doubt is not what is likely
+    assert look.likely == [[plan.start]] * 6  # what was seen in doubt is not what is likely
 
 
 def test_a_knot_that_hangs_on_an_end_is_not_reported(plan):

@@ -120,6 +120,22 @@ def test_a_look_begins_where_the_rope_may_be_and_the_tracker_goes_on_from_it(mon
     np.testing.assert_array_equal(tracker.points, SEEN.points)
 
 
+def test_after_a_doubt_it_is_searched_wider(monkeypatch):
+    doubtful = replace(SEEN, doubts=("a crossing is in doubt",))
+    tried, found = [], [doubtful, doubtful, doubtful, SEEN, SEEN]
+
+    def estimate(*_, config, **__):
+        tried.append(config.wider is not None)
+        return found.pop(0)
+
+    monkeypatch.setattr("knotflow.perception.estimate", estimate)
+    robot, look = Filmed(), Estimated(CAMERA)
+    for _ in range(10):
+        look.look(robot, [STRAIGHT])
+        robot.move_to(robot.position, STEP)
+    assert tried == [False, True, False, True, False]
+
+
 class Guess:
     """A tracker that says nothing moves, and takes down which link it is told is held."""
 

@@ -65,7 +65,7 @@ class ExecutionConfig:
     another look it waits opposite."""
     looks: int = 2
     """How often the rope is looked at while it is in doubt."""
-    pulls: int = 3
+    pulls: int = 2
     """How often a rope that stays in doubt is pulled at an end, where the plan goes on from what is
     seen, and looked at again; its ends take turns."""
     pull: float = 0.04

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -154,12 +154,20 @@ class Estimated:
     rope: RopeConfig = field(default_factory=RopeConfig)
     """The rope that is looked for."""
     config: EstimateConfig | None = None
-    """How it is estimated."""
+    """How it is estimated. A wider search, which takes half a minute, is made after a doubt only:
+    the next image may show what this one did not."""
     network: Network | None = None
     """Proposes further first guesses; the shipped one where none is given."""
     tracker: Tracker | None = None
     """Goes on from what is seen."""
     _before: float | None = field(default=None, init=False)
+    _doubted: bool = field(default=False, init=False)
+
+    def __post_init__(self) -> None:
+        """Take the default configuration."""
+        from knotflow.perception import EstimateConfig
+
+        self.config = self.config or EstimateConfig()
 
     def look(self, robot: Robot, likely: Sequence[NDArray] = ()) -> Sight | None:
         """See `Look`."""
@@ -178,14 +186,20 @@ class Estimated:
                 image,
                 self.camera,
                 self.rope,
-                config=self.config,
+                config=self._config(),
                 earlier=likely[0] if likely else None,
                 network=self.network,
                 likely=likely,
             )
         except TraceError as error:
             return Sight.nothing(str(error))
+        self._doubted = bool(found.doubts) and not self._doubted
         if self.tracker is not None:
             self.tracker.reseat(found, image.time)
         unknown = () if found.head_known else ("head and tail look alike",)
         return Sight.of(resample(found.points, self.rope), found.doubts + unknown, found.ends)
+
+    def _config(self) -> EstimateConfig:
+        """For the next look."""
+        assert self.config is not None
+        return self.config if self._doubted else replace(self.config, wider=None)

@@ -59,9 +59,7 @@ class EstimateConfig:
     search: SearchConfig = field(default_factory=SearchConfig)
     """How first guesses are chosen among, and rearranged."""
     wider: SearchConfig | None = field(
-        default_factory=lambda: SearchConfig(
-            paths=24, first=12, candidates=5, beam=12, rounds=24, contacts=12
-        )
+        default_factory=lambda: SearchConfig(paths=24, first=12, candidates=5, beam=12, rounds=16)
     )
     """How it is searched on where what was found is in doubt; None takes it as it is."""
     certain: float = 0.95
@@ -152,8 +150,8 @@ def estimate(
             track's or a plan's. They are tried first, one after the other; the image alone is
             ambiguous where strands touch, so its own guesses are searched only where none of these
             accounts for nearly all of it.
-        progress: called every second or so while guesses are searched, which takes a minute where
-            the rope is in doubt.
+        progress: called every second or so while guesses are searched, which takes half a minute
+            where the rope is in doubt.
 
     Raises:
         ImageError: an image of another size.
