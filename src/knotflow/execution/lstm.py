@@ -5,8 +5,8 @@ an LSTM reads the vertices in both directions, a few neighbours at a time, and i
 far each moves in the next step: a share of the gripper's displacement, a share of its own velocity,
 and a residual. A dragged rope follows itself, so each vertex sees all of this, and moves, in a
 frame whose x axis is its own heading; and the prediction turns with the rope. After 7 minutes of
-training on one core that was off by 14.6 mm after a second, where all vertices in the frame of the
-grasped link, one at a time, were by 18.6. Predicted links are then brought back towards their
+training on one core that was off by 14.6 mm after a second; all vertices in the frame of the
+grasped link, one at a time, by 18.6. Predicted links are then brought back towards their
 length, which a long rollout would lose otherwise.
 """
 
