@@ -30,7 +30,7 @@ from knotflow.report.results import (
 from knotflow.report.section import Pictures, Section
 from knotflow.report.statistics import bootstrap
 from knotflow.report.style import INK, MUTED, WIDTH, Picture, bare_axis, new_figure, render, styled
-from knotflow.report.tables import markdown_table, number, percent
+from knotflow.report.tables import NOTHING, markdown_table, number, percent
 
 EXPERIMENT = "causal_infogan"
 MODELS = {"single": "single action", "all": "all demonstrations"}
@@ -96,6 +96,7 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         "seeds": _seed_table(seeds),
         "plans": _plan_table(plans),
         "comparison": _method_table(methods),
+        "terms": _terms_table(methods),
     }
 
 
@@ -235,21 +236,29 @@ def _plan_table(plans: pd.DataFrame) -> str:
 
 
 def _method_table(methods: pd.DataFrame) -> str:
-    header = ["goal", "method", "given", "returns", "success is that", "starts", "success"]
-    lines = [
-        [
-            f"`{row.goal}`",
-            LABELS.get(row.method, row.method.replace("_", " ")),
-            row.given,
-            row.returns,
-            row.success,
-            str(row.starts),
-            f"{percent(wilson(row.successes, row.trials))}<br>{row.successes:,} of {row.trials:,}",
-        ]
-        for _, of_goal in methods.groupby("goal", sort=False)
-        for row in of_goal.itertuples()
-    ]
-    return markdown_table(header, lines, "lllllrr")
+    """A line a goal, a column a method."""
+    names = list(dict.fromkeys(methods["method"]))
+    lines = []
+    for goal, own in methods.groupby("goal", sort=False):
+        rates = {
+            row.method: f"{percent(wilson(row.successes, row.trials))}<br>"
+            f"{row.successes:,} of {row.trials:,}"
+            for row in own.itertuples()
+        }
+        cells = [rates.get(name, NOTHING) for name in names]
+        lines.append([f"`{goal}`", str(own["starts"].iloc[0]), *cells])
+    return markdown_table(["goal", "starts", *map(_label, names)], lines, "lrrrrrr")
+
+
+def _terms_table(methods: pd.DataFrame) -> str:
+    """What methods are given, what they return, and what their success is: a line a kind."""
+    kinds = methods.groupby(["given", "returns", "success"], sort=False)["method"].unique()
+    lines = [["<br>".join(map(_label, own)), *kind] for kind, own in kinds.items()]
+    return markdown_table(["method", "given", "returns", "success is that"], lines)
+
+
+def _label(method: str) -> str:
+    return LABELS.get(method, method.replace("_", " "))
 
 
 def _millimetres(mean: Interval) -> str:
