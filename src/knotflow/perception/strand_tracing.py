@@ -174,7 +174,7 @@ def trace_strands(network: StrandNetwork, seen: Tensor, length: float) -> list[S
     found: list[StrandPath] = []
     for one_way, other_way in zip(followed[::2], followed[1::2], strict=True):
         joined = [one.joined(other) for one in one_way for other in other_way]
-        found += sorted(joined, key=badness)[:JOINED]
+        found += sorted((path for path in joined if path.length), key=badness)[:JOINED]
     ends: list[StrandPath] = []
     for path in sorted(found, key=badness):
         for last, before in (path.points[:2], path.points[:-3:-1]):
