@@ -142,6 +142,14 @@ def test_an_empty_table_has_no_paths():
     assert trace_rope(Hound(), bare, share, CAMERA, ROPE) == []
 
 
+def test_a_strand_that_ends_where_it_is_begun_is_no_path():
+    class Blind(Hound):
+        def forward(self, windows: torch.Tensor, height: torch.Tensor) -> Onward:
+            return super().forward(windows, height)._replace(end=torch.full_like(height, 20.0))
+
+    assert trace_strands(Blind(), table_map(s_curve()), LENGTH) == []
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("over", [1, -1])
 def test_the_shipped_network_follows_a_loop_over_and_under(over):

@@ -165,6 +165,26 @@ def test_an_interrupted_stage_goes_on(
     assert (again.st_ino, again.st_mtime_ns) == (kept.st_ino, kept.st_mtime_ns)
 
 
+def test_what_stopped_a_stage_midway_can_be_traced(
+    go: Go, mapping: dict[str, Any], between: Callable[..., None], tmp_path: Path
+) -> None:
+    seen: list[int] = []
+
+    def fail_second() -> None:
+        seen.append(len(seen))
+        if len(seen) == 2:
+            raise ValueError("no rope")
+
+    between(fail_second)
+    with pytest.raises(ValueError, match="no rope") as caught:
+        go(mapping)
+    (kept,) = tmp_path.glob("results/stages/toy_count/*.partial/traceback.txt")
+    assert str(kept) in caught.value.__notes__[1]
+    assert "in fail_second" in kept.read_text("utf-8")
+    go(mapping)
+    assert not list(tmp_path.glob("results/stages/**/traceback.txt"))
+
+
 def test_a_resumed_stage_finds_no_rests(
     go: Go, mapping: dict[str, Any], between: Callable[..., None], tmp_path: Path
 ) -> None:

@@ -206,6 +206,8 @@ def _call(
                     f"Stage {step.name!r} stopped. What it finished is kept in {folder.partial}; "
                     "the same command goes on from there."
                 )
+                if isinstance(error, Exception):
+                    error.add_note(f"The traceback is in {folder.keep_traceback(error)}.")
             else:  # a wrong input, most often: nothing is there to go on from
                 durable.remove(folder.partial)
         raise

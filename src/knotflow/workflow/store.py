@@ -15,6 +15,7 @@ import json
 import os
 import socket
 import time
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, astuple, dataclass
@@ -29,6 +30,7 @@ from .provenance import CodeState
 
 RECORD = "stage.json"
 CLOCK = ".clock.json"  # seconds and code of earlier attempts; only in partial folders
+TRACEBACK = "traceback.txt"  # of what stopped the last attempt; only in partial folders
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,12 @@ class StageFolder:
     def began(self) -> bool:
         """Whether the partial output holds anything to go on from."""
         return bool(_sizes(self.partial))
+
+    def keep_traceback(self, error: Exception) -> Path:
+        """Writes down where an error came from, on a worker too; returns the file."""
+        path = self.partial / TRACEBACK
+        path.write_text("".join(traceback.format_exception(error)), "utf-8")
+        return path
 
     def record(self) -> dict[str, Any]:
         """The stage.json of the finished output, after a look whether the output is still whole.
@@ -115,7 +123,8 @@ class StageFolder:
         return record
 
     def _rename(self) -> None:
-        (self.partial / CLOCK).unlink(missing_ok=True)
+        for name in (CLOCK, TRACEBACK):
+            (self.partial / name).unlink(missing_ok=True)
         durable.remove_temporaries(self.partial)
         durable.sync_entry(self.partial)
         os.rename(self.partial, self.final)
@@ -206,7 +215,7 @@ def read_record(folder: Path, stage: str, signature: str) -> dict[str, Any]:
 def _sizes(folder: Path) -> dict[str, int]:
     """Every file below `folder` but the runner's own, with its size in bytes."""
     files = sorted(path for path in folder.rglob("*") if path.is_file())
-    own = {folder / RECORD, folder / CLOCK}
+    own = {folder / name for name in (RECORD, CLOCK, TRACEBACK)}
     return {
         path.relative_to(folder).as_posix(): path.stat().st_size
         for path in files
