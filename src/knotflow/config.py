@@ -246,7 +246,7 @@ class ClosedLoopBudget:
     """Perturbed ropes that judge the plans that are to be robust."""
     seed: int = 5_500_003
     """Of ropes, plans and twins; used for nothing else."""
-    planner: PlannerConfig = field(default_factory=lambda: replace(FAST_SEARCH))
+    planner: PlannerConfig = field(default_factory=lambda: replace(FAST_SEARCH, margin=0.05))
     """How a tree grows, and when it is given up."""
     execution: ExecutionConfig = field(default_factory=ExecutionConfig)
     """Heights, speeds, and when an execution is given up."""

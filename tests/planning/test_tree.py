@@ -14,7 +14,7 @@ from knotflow.planning import (
 from knotflow.planning.branches import DIVERGED
 from knotflow.planning.config import RULES
 from knotflow.simulation import RopeSimulator, SimulationConfig, spline_path, straight
-from knotflow.topology import Arrange, TopologicalState, Undo, parse_action
+from knotflow.topology import Arrange, TopologicalState, Undo, parse_action, segment_intervals
 
 TRIVIAL = TopologicalState.trivial()
 OVERHAND = TopologicalState.parse("4o1+2o5+6o3+")
@@ -70,6 +70,19 @@ def test_a_plan_that_hangs_by_the_time_step_is_none(world, path_goal, rule, monk
     assert len({id(steps[-2]) for steps in seen}) == 3
     seen.clear()
     assert search(path_goal, world(), rule=rule, bias=1e6).branches == 3 and not seen
+
+
+def test_no_branch_leaves_a_segment_shorter_than_the_margin(world, path_goal):
+    free = search(path_goal, world(), bias=1e6)
+    left = [float(np.ptp(segment_intervals(step.end), axis=1).min()) for step in free.steps]
+    assert left[1] < min(left[0], left[2])
+    assert search(path_goal, world(), bias=1e6, margin=0.9 * left[1]).branches == 3
+    without = search(path_goal, world(), bias=1e6, margin=1.1 * left[1], max_branches=12)
+    assert not without.solved and len(without.steps) == 1
+    assert "fragile" in [one.outcome for one in without.tried]
+    # What was shorter before may be as short again.
+    tight = search(path_goal, world(), start=free.steps[1].end, bias=1e6, margin=1.1 * left[1])
+    assert tight.solved and tight.branches == 1
 
 
 @pytest.mark.slow
@@ -275,6 +288,7 @@ def test_a_tied_rope_needs_no_branch(world, shape_of):
         ("rule", "mine"),
         ("arranging", -1),
         ("bias", 0.5),
+        ("margin", -0.01),
         ("batch", 0),
         ("max_branches", 0),
         ("max_seconds", 0),

@@ -57,6 +57,10 @@ class PlannerConfig:
     """Whether a plan counts only if all of its splines lead to the same states at half the time
     step, and these last (`planning.soundness`). Of a plan that does not, the search forgets what
     begins with the first such spline, and goes on."""
+    margin: float = 0.0
+    """What a branch leaves between two passages, or between one and the rope's end, is at least
+    this long, metres along the rope, or as long as the shortest before it. A strand that only just
+    crosses does not on another rope, so plans that a robot executes have some; 0 is the paper."""
     ensemble: int = 0
     """Perturbed ropes that execute every branch that succeeds, so that plans are robust; 0 is the
     paper, which knows the planner's rope alone (`planning.ensemble`)."""
@@ -68,6 +72,8 @@ class PlannerConfig:
     def __post_init__(self) -> None:
         """Refuse values that make no search."""
         check_level(self.ensemble_level)
+        if not self.margin >= 0.0:
+            raise ValueError(f"planner.margin must be 0 or more, got {self.margin}")
         if self.ensemble < 0:
             raise ValueError(f"planner.ensemble must be 0 or more, got {self.ensemble}")
         if not 0.0 < self.survival <= 1.0:

@@ -50,7 +50,7 @@ class Tried:
         state: where the branches began.
         action: what they were for, `Arrange` included.
         outcome: `str` of the state they ended in, "diverged", "unreadable", or "fragile" for the
-            action's state that too few ropes of an ensemble reached.
+            action's state that too few ropes of an ensemble reached, or within the margin.
         success: whether that is the action's state.
         branches: how many there were.
     """

@@ -9,8 +9,9 @@ ends when a goal state is reached. Which branch is grown is a rule's business: t
 Beyond the paper, a branch may also be for a spline that keeps the state and makes room for the
 edge's action (Sec. VIII). And where a branch fails, its end is kept all the same if it is of use:
 in the state at the end of another edge, or in the state it began in, as a further shape of it.
-With an ensemble (`planning.ensemble`) no end is kept that too few perturbed ropes reach. And a plan
-that hangs by the time step is none where it shall be `steady`.
+With an ensemble (`planning.ensemble`) no end is kept that too few perturbed ropes reach, and with a
+margin none whose strands only just cross. And a plan that hangs by the time step is none where it
+shall be `steady`.
 
 With `batch` above 1 as many expansions are chosen by the same rule from the tree as it stands, and
 simulated at once. Every plan found is as valid as one found one by one; the tree is somewhat
@@ -52,7 +53,7 @@ from knotflow.planning.search_graph import SearchGraph
 from knotflow.planning.soundness import are_steady
 from knotflow.samplers import Sampler
 from knotflow.simulation import Observer, Rollouts, check_points, end_states
-from knotflow.topology import Action, Arrange, TopologicalState
+from knotflow.topology import Action, Arrange, TopologicalState, segment_intervals
 
 PART = 4
 """Branches that are simulated as soon as they are sampled, while others are."""
@@ -206,6 +207,8 @@ class TreeSearch:
         action = branch.action if state == branch.goal else self._done(branch, state)
         if state is None or action is None:
             return None
+        if self._tight(rollouts.end_points[row], node.points):
+            return None
         step = PlanStep(
             action=action,
             spline=spline.copy(),
@@ -218,6 +221,16 @@ class TreeSearch:
             gripper=rollouts.gripper[row].copy(),
         )
         return self._node(step.end, state, node, step)
+
+    def _tight(self, end: NDArray, start: NDArray) -> bool:
+        """Whether a segment of the rope (V, 3) is left shorter than the margin and than before."""
+        if not self.config.margin:
+            return False
+        length = self.simulator.config.rope.length
+        left, before = (
+            length * np.ptp(segment_intervals(one), axis=1).min() for one in (end, start)
+        )
+        return bool(left < min(self.config.margin, before))
 
     def _robust(self, children: list[Node | None]) -> list[Node | None]:
         """The children without those that too few ropes of the ensemble reach."""
