@@ -224,13 +224,13 @@ class TreeSearch:
 
     def _tight(self, end: NDArray, start: NDArray) -> bool:
         """Whether a segment of the rope (V, 3) is left shorter than the margin and than before."""
-        if not self.config.margin:
-            return False
-        length = self.simulator.config.rope.length
-        left, before = (
-            length * np.ptp(segment_intervals(one), axis=1).min() for one in (end, start)
-        )
-        return bool(left < min(self.config.margin, before))
+        margin = self.config.margin / self.simulator.config.rope.length
+
+        def shortest(points: NDArray) -> float:
+            return float(np.diff(segment_intervals(points), axis=1).min())
+
+        # Each reading of a shape's crossings takes time: none without a margin, one where it holds.
+        return margin > 0 and (left := shortest(end)) < margin and left < shortest(start)
 
     def _robust(self, children: list[Node | None]) -> list[Node | None]:
         """The children without those that too few ropes of the ensemble reach."""

@@ -247,7 +247,8 @@ def _method_table(methods: pd.DataFrame) -> str:
         }
         cells = [rates.get(name, NOTHING) for name in names]
         lines.append([f"`{goal}`", str(own["starts"].iloc[0]), *cells])
-    return markdown_table(["goal", "starts", *map(_label, names)], lines, "lrrrrrr")
+    header = ["goal", "starts", *map(_label, names)]
+    return markdown_table(header, lines, "l" + "r" * (1 + len(names)))
 
 
 def _terms_table(methods: pd.DataFrame) -> str:

@@ -30,7 +30,7 @@ from .provenance import CodeState
 
 RECORD = "stage.json"
 CLOCK = ".clock.json"  # seconds and code of earlier attempts; only in partial folders
-TRACEBACK = "traceback.txt"  # of what stopped the last attempt; only in partial folders
+TRACEBACK = "traceback.txt"  # of the last error that stopped it; only in partial folders
 
 
 @dataclass(frozen=True)
