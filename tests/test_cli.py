@@ -70,6 +70,7 @@ def _write_little(context, folder, plan, *others):
         (["plan", "overhand", "--seed", "-1"], "--seed must be 0 or more, got -1"),
         (["plan", "overhand", "--seed", "one"], "--seed"),
         (["plan", "overhand", "--max-seconds", "0"], "--max-seconds must be above 0"),
+        (["plan", "overhand", "--margin", "-0.01"], "--margin must be 0 or more"),
         (["plan", "unknot"], "nothing to plan"),
         (["plan", "overhand", "--out", "/proc/1/plan"], "/proc/1"),
         (["next", "overhand"], "--rope"),
@@ -167,7 +168,16 @@ def test_the_next_action_says_what_how_sure_and_what_to_check(searches, here, ca
     assert "the rope must then read 2o1+" in told
     assert "% of 32 repetitions" in told
     assert (here / "step.csv").read_text().startswith("time_s,")
+    assert [task.request.margin for task in searches] == [0.05]
     assert main(["next", LOOP, "--rope", "straight", "--out", "step.csv"]) == 2
+
+
+def test_a_next_action_that_is_not_found_is_1_and_says_what_to_try(found, monkeypatch, capsys):
+    failed = replace(found[1], solved=False, steps=(), reason="60 s passed")
+    monkeypatch.setattr(tie, "search", lambda task: (failed, None))
+    assert main(["next", LOOP, "--rope", "straight"]) == 1
+    told = capsys.readouterr().out
+    assert "60 s passed" in told and "--max-seconds 120" in told and "--margin 0.025" in told
 
 
 @pytest.mark.slow

@@ -72,6 +72,7 @@ def plan(
     out: Path | None = None,
     seed: int = 0,
     max_seconds: float = 60.0,
+    margin: float = 0.0,
     overwrite: bool = False,
 ) -> int:
     """Plan how to tie a knot into a rope as it lies.
@@ -88,12 +89,14 @@ def plan(
         Of a random rope and of the search.
     max_seconds
         Give up after this time.
+    margin
+        Metres of rope that every step leaves between passages; 0.05 for a real rope.
     overwrite
         Replace another plan in that folder, or plan the same anew.
     """
     from knotflow import tie
 
-    request = tie.Request(knot, rope, rope_unit, seed, max_seconds)
+    request = tie.Request(knot, rope, rope_unit, seed, max_seconds, margin)
     task = tie.prepare(request)
 
     from knotflow.config import plan_name  # slower than refusing a wrong knot or rope
@@ -122,6 +125,7 @@ def next_step(
     out: Path | None = None,
     seed: int = 0,
     max_seconds: float = 60.0,
+    margin: float = 0.05,
 ) -> int:
     """The next action, how sure it is, what to check.
 
@@ -141,6 +145,8 @@ def next_step(
         Of the search.
     max_seconds
         Give up after this time.
+    margin
+        Metres of rope that every step leaves between passages, as your rope is not the planner's.
     """
     from dataclasses import replace
 
@@ -161,13 +167,14 @@ def next_step(
             return 1
         with tempfile.TemporaryDirectory() as folder:
             seeing.write_rope(measured := Path(folder) / "seen.csv", seen.points)
-            task = tie.prepare(tie.Request(knot, str(measured), None, seed, max_seconds))
+            task = tie.prepare(tie.Request(knot, str(measured), None, seed, max_seconds, margin))
     else:
         assert rope is not None
-        task = tie.prepare(tie.Request(knot, rope, rope_unit, seed, max_seconds))
+        task = tie.prepare(tie.Request(knot, rope, rope_unit, seed, max_seconds, margin))
     found, _ = tie.search(task)
     if not found.solved:
-        print(found.summary())
+        tighter = f"; with tighter loops: --margin {margin / 2:g}" if margin else ""
+        print(f"{found.summary()}\nlonger: --max-seconds {2 * max_seconds:g}{tighter}")
         return 1
     step = found.steps[0]
     low, middle, end = found.controls[0]

@@ -8,7 +8,7 @@ place of another.
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -45,12 +45,16 @@ class Request:
     """Of a random rope and of the search."""
     max_seconds: float = 60.0
     """After which the search is given up."""
+    margin: float = 0.0
+    """See `planning.PlannerConfig`."""
 
     def __post_init__(self) -> None:
         if self.seed < 0:
             raise ValueError(f"--seed must be 0 or more, got {self.seed}")
         if not self.max_seconds > 0:
             raise ValueError(f"--max-seconds must be above 0, got {self.max_seconds:g}")
+        if not self.margin >= 0:
+            raise ValueError(f"--margin must be 0 or more, got {self.margin:g}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,11 +109,11 @@ def search(task: Tying) -> tuple[KnotPlan, Attempts | None]:
     from knotflow.threads import one_thread
     from knotflow.workflow.progress import progress
 
-    config = PlanRequest().planner
-    config.max_seconds = task.request.max_seconds
+    asked = task.request
+    config = replace(PlanRequest().planner, max_seconds=asked.max_seconds, margin=asked.margin)
     library = PrimitiveLibrary.load(Path(shipped_primitives()), task.simulation.rope)
     simulator = RopeSimulator(task.simulation)
-    rng = np.random.default_rng([task.request.seed, 1])
+    rng = np.random.default_rng([asked.seed, 1])
     last: list[Attempts] = []
     with one_thread(), progress(total=config.max_branches, desc="branches") as bar:
 

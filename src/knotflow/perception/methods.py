@@ -26,6 +26,10 @@ POOR = 0.03
 SUPERVISED, SELF_SUPERVISED = "supervised", "self_supervised"
 """Networks: as trained on simulated ropes, and after learning from images alone besides."""
 
+MARKED, PLAIN, FINE = "marked", "plain", "fine"
+"""Images of a rope: its head coloured, not coloured, and coloured with twice as many pixels along
+each side."""
+
 
 @dataclass(frozen=True)
 class EstimationMethod:
@@ -42,8 +46,9 @@ class EstimationMethod:
     """Fit by gradient steps on the rendering; otherwise the start is the estimate."""
     depth: bool = True
     """Let these steps see depth."""
-    plain: bool = False
-    """No colour marks the head: it is found by a shape that is off by `POOR`."""
+    view: str = MARKED
+    """Which image it sees: `MARKED`, `FINE`, or `PLAIN`, where the head is found by an earlier
+    shape, off by `POOR`."""
     nominal: bool = False
     """Compared at nominal noise only."""
 
@@ -78,7 +83,7 @@ class EstimationMethod:
             config = replace(config, fit=replace(config.fit or FitConfig(), depth=0.0))
         if self.tracing:
             config = replace(config, propose=network is not None)
-            earlier = _moved(truth, rope, rng) if self.plain else None
+            earlier = _moved(truth, rope, rng) if self.view == PLAIN else None
             return estimate(image, camera, rope, None, config, earlier, network)
         if network is None:
             return estimate(image, camera, rope, _moved(truth, rope, rng), config)
@@ -107,7 +112,10 @@ METHODS = {
         tracing=True, network=SELF_SUPERVISED, strands=False, nominal=True
     ),
     "network_tracing_rendering_plain_rope": EstimationMethod(
-        tracing=True, network=SELF_SUPERVISED, plain=True, nominal=True
+        tracing=True, network=SELF_SUPERVISED, view=PLAIN, nominal=True
+    ),
+    "network_tracing_rendering_fine": EstimationMethod(
+        tracing=True, network=SELF_SUPERVISED, view=FINE, nominal=True
     ),
 }
 """What the experiment compares, by name."""

@@ -39,6 +39,7 @@ METHODS = {
     "network_tracing_rendering": "network, skeleton and rendering",
     "network_tracing_rendering_without_strands": "the same, strands not followed",
     "network_tracing_rendering_plain_rope": "network, skeleton and rendering, head not coloured",
+    "network_tracing_rendering_fine": "network, skeleton and rendering, 640 by 480 pixels",
 }
 """Methods and what the report calls them."""
 SHOWN = ("network_tracing_rendering", "rendering")

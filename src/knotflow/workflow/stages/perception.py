@@ -22,7 +22,7 @@ from knotflow.perception import (
     TraceError,
 )
 from knotflow.perception.measures import choose_ropes, measures, noisy_image
-from knotflow.perception.methods import METHODS
+from knotflow.perception.methods import FINE, MARKED, METHODS, PLAIN
 from knotflow.perception.seeing import DrawnEstimate, draw_estimates
 from knotflow.simulation import RopeConfig, SimulationConfig
 from knotflow.workflow.context import StageContext
@@ -32,6 +32,8 @@ from knotflow.workflow.stages.perception_networks import load_networks
 TABLE = "estimates.csv"
 NOMINAL = 1.0
 """Level of noise of the images that are drawn, and at which all methods are compared."""
+CAMERAS = {MARKED: Camera.overhead(), PLAIN: Camera.overhead(), FINE: Camera.overhead(640, 480)}
+"""What takes a method's view of a rope."""
 SHOWN = ("network_tracing_rendering", "rendering")
 """The first of these that is run is drawn."""
 
@@ -103,26 +105,31 @@ def _estimate_rope(
     context: StageContext,
     name: str,
 ) -> pd.DataFrame:
-    truth, rope, camera = ropes[name], config.simulation.rope, Camera.overhead()
+    truth, rope = ropes[name], config.simulation.rope
     networks = load_networks(weights)
     crossings, number = map(int, name.split("-"))
     rows = []
     for level in config.levels:
         rng = np.random.default_rng([config.seed, 1, crossings, number, round(100 * level)])
         noise = replace(config.noise, level=level)
-        eye = SimulatedCamera(camera, rope, noise, Appearance.draw(rng, noise))
-        marked = noisy_image(eye, truth, rng)
-        eye.appearance = replace(eye.appearance, head=None)
-        plain = noisy_image(eye, truth, rng)
+        appearance = Appearance.draw(rng, noise)
+        images = {
+            view: noisy_image(SimulatedCamera(CAMERAS[view], rope, noise, look), truth, rng)
+            for view, look in (
+                (MARKED, appearance),
+                (PLAIN, replace(appearance, head=None)),
+                (FINE, appearance),
+            )
+        }
         for method in config.methods:
-            if METHODS[method].nominal and level != NOMINAL:
+            how = METHODS[method]
+            if how.nominal and level != NOMINAL:
                 continue
-            image, rope_iou = plain if METHODS[method].plain else marked
+            image, rope_iou = images[how.view]
+            camera = CAMERAS[how.view]
             began = time.process_time()
             try:
-                found = METHODS[method].estimate(
-                    image, camera, rope, config.estimate, networks, truth, rng
-                )
+                found = how.estimate(image, camera, rope, config.estimate, networks, truth, rng)
             except TraceError:
                 found = None
             seconds = time.process_time() - began
