@@ -1,6 +1,7 @@
 """Executions are compared on the same twins, and each failure has a cause."""
 
 import pytest
+import yaml
 
 from knotflow.report import closed_loop, dynamics
 from knotflow.report.page import compose
@@ -43,7 +44,7 @@ def test_the_difference_is_of_the_same_twins(write):
     # Seven of eight against six of the same eight: twins 6 and 7 gained, twin 0 lost.
     assert "7 of 8" in line and "| 12.5 (" in line
     assert "| −100 |" in line  # twin 0 by the true state
-    assert (found["looked"], found["reported"]) == (11, 1)
+    assert (found["looked"], found["reported"], found["apart"]) == (11, 1, False)
     assert found["missing"] == "MPPI and MPPI, planned anew"
     causes = found["causes"].splitlines()
     assert causes[0] == "| knot | level | executed | not tied | out of the DAG | state misread |"
@@ -60,6 +61,23 @@ def test_time_robust_plans_and_faults_have_tables_of_their_own(write):
     assert found["robust"].splitlines()[2] == "| 1 | 5.0 s | 11 s | 6.0 | 0.0 |"
     (line,) = found["faults"].splitlines()[2:]
     assert line == "| rope dropped | planned anew | 2 | 1 | 1 | 0 | rope not seen 1 |"
+
+
+def test_what_was_configured_otherwise_is_not_compared(write):
+    for name, rows, margin in (
+        ("closed_loop", executions(), 0.05),
+        ("closed_loop_ablation", executions_of_parts(), 0.0),
+    ):
+        write.table(name, "executions.csv", COLUMNS, rows)
+        config = {"cases": [name], "planner": {"margin": margin}}
+        stages = {"stages": {"executions": {"config": config}}}
+        (write.root / name / "config.yaml").write_text(yaml.safe_dump(stages))
+    found = closed_loop.values(Results(write.root), Pictures())
+    assert found["apart"] and "true state" not in found["table"] and found["looked"] == 8
+    found = closed_loop.parts(Results(write.root), Pictures())
+    assert found["robust"] == "" and "open loop, robust plan" in found["table"]
+    text = compose(Results(write.root), "results").markdown
+    assert text.count("configured otherwise") == 2 and "stand in the table" not in text
 
 
 def test_the_section_shows_figure_tables_and_limits(write):

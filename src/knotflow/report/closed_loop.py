@@ -16,6 +16,8 @@ from knotflow.report.tables import NOTHING, duration, estimate, listed, markdown
 EXPERIMENT = "closed_loop"
 PARTS = "closed_loop_ablation"
 """Its executions are on the same twins."""
+STAGE = "executions"
+"""What of both executes."""
 BASE = "open_loop"
 #: Controllers in the order shown: what they are called, and their colour.
 CONTROLLERS = {
@@ -58,26 +60,37 @@ def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
         "ticks": _ticks(runs),
         "reported": len(false),
         "looked": looked,
+        "apart": _table_of(results, PARTS) is not None and not _comparable(results),
         "missing": listed([CONTROLLERS[name][0] for name in ("mppi", "mppi_replan")
                            if name not in set(runs["controller"])]),
     }  # fmt: skip
 
 
 def parts(results: Results, _: Pictures) -> dict[str, Any] | None:
-    """Robust plans against others, and what became of executions in which something failed."""
+    """Robust plans against others, and what became of executions in which something failed; shares
+    where they do not stand in the section before."""
     if _table_of(results, PARTS) is None:
         return None
-    runs = _runs(results)
+    runs = _runs(results, PARTS)
+    apart = not _comparable(results)
     return {
+        "table": _table(_groups(runs[runs["fault"] == ""])) if apart else "",
         "robust": _robust(runs[runs["fault"] == ""]),
         "faults": _faults(runs[runs["fault"] != ""]),
     }
 
 
-def _runs(results: Results) -> pd.DataFrame:
-    """The executions of both experiments, those that there are."""
-    tables = [_table_of(results, experiment) for experiment in (EXPERIMENT, PARTS)]
+def _runs(results: Results, experiment: str = EXPERIMENT) -> pd.DataFrame:
+    """An experiment's executions, and the other's where the same plans are executed alike."""
+    both = (EXPERIMENT, PARTS) if _comparable(results) else (experiment,)
+    tables = [_table_of(results, one) for one in both]
     return pd.concat([one for one in tables if one is not None], ignore_index=True)
+
+
+def _comparable(results: Results) -> bool:
+    """Whether both experiments were configured alike, but for what they execute."""
+    one, other = ((results.setting(name, STAGE) or {}) for name in (EXPERIMENT, PARTS))
+    return {**one, "cases": None} == {**other, "cases": None}
 
 
 def _table_of(results: Results, experiment: str) -> pd.DataFrame | None:
