@@ -14,8 +14,8 @@ VERSIONS = {
     "baselines.causal_infogan": 1,
     "primitives": 3,
     "training": 5,
-    "planning": 7,
-    "perception": 7,
+    "planning": 8,
+    "perception": 8,
     "execution": 6,
 }
 """Package below knotflow -> its version. One inside another, with a number of its own, is not

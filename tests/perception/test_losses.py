@@ -10,7 +10,6 @@ from knotflow.perception.losses import (
     depth_loss,
     length_loss,
     overlap_loss,
-    segment_distance,
     silhouette_loss,
     table_loss,
 )
@@ -39,15 +38,19 @@ def test_strands_in_each_other_are_pushed_apart():
     assert points.grad[:2, 2].max() < 0 < points.grad[3:, 2].min()
 
 
-def test_segment_distance_is_the_least_over_both_segments(rng):
-    points = torch.tensor(rng.normal(size=(30, 2, 2, 3)))
-    t = torch.linspace(0, 1, 60, dtype=torch.float64)
-    for (a, b), (c, d) in points:
-        rope = torch.stack([a, b, c, d])
-        found = segment_distance(rope, torch.tensor([0]), torch.tensor([2]))
-        one, other = a + t[:, None] * (b - a), c + t[:, None] * (d - c)
-        assert float(found) == pytest.approx(float(torch.cdist(one, other).min()), abs=0.02)
-        assert float(found) <= float(torch.cdist(one, other).min()) + 1e-6
+def test_the_gradient_of_strands_in_each_other_is_that_of_finite_differences(rng):
+    # A rope on a lattice of a few places, so that strands meet in all ways.
+    points = torch.tensor(
+        0.02 * rng.integers(0, 3, (4, 20, 3)) + 2e-3 * rng.normal(size=(4, 20, 3))
+    )
+    shape = points.clone().requires_grad_()
+    loss = overlap_loss(shape, 0.01)
+    assert loss.shape == (4,) and (loss > 1).all()
+    loss.sum().backward()
+    step, way = 1e-6, torch.tensor(rng.normal(size=points.shape))
+    rise = overlap_loss(points + step * way, 0.01) - overlap_loss(points - step * way, 0.01)
+    slope = (shape.grad * way).sum((1, 2))
+    assert (rise / (2 * step)).tolist() == pytest.approx(slope.tolist(), rel=1e-3)
 
 
 def test_unknown_pixels_count_for_nothing():

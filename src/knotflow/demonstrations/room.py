@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from knotflow.demonstrations.aim import aim
 from knotflow.demonstrations.tasks import TASKS, Task
 from knotflow.simulation import Observer, RopeConfig, RopeSimulator, attempt
-from knotflow.topology import Action, Cross, TopologicalState, segment_intervals
+from knotflow.topology import Action, Cross, TopologicalState, segment_lengths
 
 MOST_ACTIONS = 2
 """Actions drawn where no task begins in the reached state."""
@@ -42,7 +42,7 @@ def loop_size(points: NDArray, rope: RopeConfig) -> float:
     R1 from the straight rope its correlation with success was 0.10 (0.19 for C(0,1,1), 0.27 for
     C(1,2,1)), that of the shortest segment -0.03.
     """
-    lengths = np.diff(segment_intervals(points), axis=1)[:, 0] * rope.length
+    lengths = segment_lengths(points) * rope.length
     lengths[[0, -1]] *= 2
     return float(lengths.min())
 

@@ -120,7 +120,7 @@ def fit(
     smooth = _smoothing(points.shape[-2], config.smoothing)
     start = torch.tensor(np.ascontiguousarray(points, np.float64))
     moves = torch.zeros_like(start, requires_grad=True)
-    optimiser = torch.optim.Adam([moves], lr=config.step_size, betas=(0.8, 0.95))
+    optimiser = torch.optim.Adam([moves], lr=config.step_size, betas=(0.8, 0.95), fused=True)
     soft, sharp = config.softness
     for step in range(config.steps):
         softness = soft * (sharp / soft) ** (step / max(1, config.steps - 1))

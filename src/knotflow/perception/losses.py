@@ -8,11 +8,15 @@ about one where the shape is plainly wrong.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import huber_loss
+
+from knotflow.perception.overlap import overlap
 
 _CORRELATED = 4.0  # neighbouring pixels share their error: so many count as one
 
@@ -123,30 +127,19 @@ def table_loss(points: Tensor, radius: float) -> Tensor:
 
 def overlap_loss(points: Tensor, radius: float) -> Tensor:
     """Squared depth of strands in each other, in radii, summed over pairs of links."""
-    ropes = points.reshape(-1, *points.shape[-2:])  # (B, V, 3)
-    vertices = ropes.shape[1]
-    middle = 0.5 * (ropes[:, 1:] + ropes[:, :-1]).detach()
-    longest = float((ropes[:, 1:] - ropes[:, :-1]).detach().norm(dim=-1).max())
-    near = torch.cdist(middle, middle) < longest + 2 * radius
-    rope, one, other = torch.nonzero(near.triu(3), as_tuple=True)
-    first = vertices * rope
-    distance = segment_distance(ropes.reshape(-1, 3), first + one, first + other)
-    depth = (2 - distance / radius).clamp(min=0).square()
-    return ropes.new_zeros(len(ropes)).index_add(0, rope, depth).view(points.shape[:-2])
+    ropes = points.reshape(-1, *points.shape[-2:]).double()  # (B, V, 3)
+    return _Overlap.apply(ropes, radius).view(points.shape[:-2]).to(points)
 
 
-def segment_distance(points: Tensor, one: Tensor, other: Tensor) -> Tensor:
-    """Distance (N,) of links `one` and `other` (N,) of a rope (V, 3), metres.
+class _Overlap(torch.autograd.Function):
+    """`overlap` of ropes (B, V, 3), (B,)."""
 
-    Source: Ericson, Real-Time Collision Detection, Sec. 5.1.9.
-    """
-    p, d = points[one], points[one + 1] - points[one]
-    q, e = points[other], points[other + 1] - points[other]
-    r = p - q
-    dd, ee, de = (d * d).sum(1), (e * e).sum(1), (d * e).sum(1)
-    dr, er = (d * r).sum(1), (e * r).sum(1)
-    s = ((de * er - dr * ee) / (dd * ee - de * de + 1e-12)).clamp(0, 1)
-    t = ((de * s + er) / (ee + 1e-12)).clamp(0, 1)
-    s = ((de * t - dr) / (dd + 1e-12)).clamp(0, 1)
-    gap = r + s[:, None] * d - t[:, None] * e
-    return (gap.square().sum(1) + 1e-14).sqrt()
+    @staticmethod
+    def forward(ctx: Any, ropes: Tensor, radius: float) -> Tensor:
+        loss, slope = overlap(np.ascontiguousarray(ropes.detach().numpy()), radius)
+        ctx.slope = torch.from_numpy(slope)
+        return torch.from_numpy(loss)
+
+    @staticmethod
+    def backward(ctx: Any, *slopes: Tensor) -> tuple[Tensor | None, ...]:
+        return slopes[0][:, None, None] * ctx.slope, None

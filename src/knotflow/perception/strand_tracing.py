@@ -259,7 +259,7 @@ def _grown(
         if path.length < least:
             end = 0.0
         if end > UNLIKELY:
-            sure = np.r_[path.sure[:-1], path.sure[-1] * end]
+            sure = np.append(path.sure[:-1], path.sure[-1] * end)
             grown[-1].append(replace(path, sure=sure, ended=True))
         for heading, mass in _modes(share, angles) if end < 1 - UNLIKELY else []:
             direction = path.direction + heading
@@ -269,8 +269,8 @@ def _grown(
             touches = len(old) and np.hypot(*(old - place).T).min() < OVERLAP
             along = path.along + 1 if touches else 0
             if along <= ALONG_ITSELF:
-                points = np.concatenate([path.points, np.r_[place, height][None]])
-                sure = np.r_[path.sure, mass * (1 - end)]
+                points = np.concatenate([path.points, np.append(place, height)[None]])
+                sure = np.append(path.sure, mass * (1 - end))
                 grown[-1].append(StrandPath(points, sure, float(direction), along))
     return grown
 

@@ -94,18 +94,24 @@ class Ensemble:
 
     def _sent(self, spline: NDArray, planned: NDArray, rope: NDArray) -> NDArray[np.float64] | None:
         """What a gripper that is sent along the spline (6,) for the planner's rope (V, 3) does to
-        another one; None where it grasps beside it."""
+        another one; None where it grasps beside it.
+
+        The rope stays in the fingers where it was caught, as far off as it was then.
+        """
         link = int(grasped_link(spline, len(planned) - 1))
-        error = self._rng.normal(0.0, self._sway, (3, 2)) if self._sway else np.zeros((3, 2))
-        fingers = (planned[link] + planned[link + 1]) / 2 + [*error[0], 0.0]
+        closing, at_grasp, midway, at_end = (
+            self._rng.normal(0.0, self._sway, (4, 2)) if self._sway else np.zeros((4, 2))
+        )
+        hand = (planned[link] + planned[link + 1]) / 2 + [*at_grasp, 0.0]
         centres = (rope[1:] + rope[:-1]) / 2
-        distance = np.linalg.norm(centres - fingers, axis=1)
+        distance = np.linalg.norm(centres - (hand + [*closing, 0.0]), axis=1)
         caught = int(distance.argmin())
         if distance[caught] > REACH:
             return None
         sent = spline.copy()
         if caught != link:
             sent[0] = (caught + 0.5) / len(centres)
-        sent[1:3] += error[1]
-        sent[4:6] += error[2]
+        off = (centres[caught] - hand)[:2]
+        sent[1:3] += off + midway
+        sent[4:6] += off + at_end
         return clip_splines(sent)

@@ -14,7 +14,7 @@ from knotflow.planning.branches import ACT, ARRANGE, Branch, Node
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal
 from knotflow.samplers import Sampler, ability
-from knotflow.topology import Action, Undo, segment_intervals
+from knotflow.topology import Action, Undo, segment_lengths
 
 UNDONE = 0.3
 """Value of an undoing that is aimed: of random drags, 25 to 44 % take crossings back."""
@@ -135,7 +135,7 @@ def room(points: NDArray) -> float:
 
     Between 0 and 1: ranking by it is arranging's critic where there is no other.
     """
-    lengths = np.diff(segment_intervals(points), axis=1).ravel()
+    lengths = segment_lengths(points)
     return float(np.sort(lengths)[:2].mean() * len(lengths))
 
 

@@ -30,7 +30,7 @@ from knotflow.simulation import (
     clip_splines,
     straight,
 )
-from knotflow.topology import Arrange, TopologicalState, parse_action, segment_intervals
+from knotflow.topology import Arrange, TopologicalState, parse_action, segment_lengths
 
 
 @dataclass
@@ -130,7 +130,7 @@ class HeadPuller:
     def _head(self, points: NDArray) -> float:
         """Length from the head to the first crossing, metres; 0 where a segment is too short."""
         length = self._simulator.config.rope.length
-        lengths = np.diff(segment_intervals(points), axis=1).ravel() * length
+        lengths = segment_lengths(points) * length
         return float(lengths[0]) if lengths[1:-1].min() >= self._config.shortest_segment else 0.0
 
 

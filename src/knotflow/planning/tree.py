@@ -53,7 +53,7 @@ from knotflow.planning.search_graph import SearchGraph
 from knotflow.planning.soundness import are_steady
 from knotflow.samplers import Sampler
 from knotflow.simulation import Observer, Rollouts, check_points, end_states
-from knotflow.topology import Action, Arrange, TopologicalState, segment_intervals
+from knotflow.topology import Action, Arrange, TopologicalState, segment_lengths
 
 PART = 4
 """Branches that are simulated as soon as they are sampled, while others are."""
@@ -227,7 +227,7 @@ class TreeSearch:
         margin = self.config.margin / self.simulator.config.rope.length
 
         def shortest(points: NDArray) -> float:
-            return float(np.diff(segment_intervals(points), axis=1).min())
+            return float(segment_lengths(points).min())
 
         # Each reading of a shape's crossings takes time: none without a margin, one where it holds.
         return margin > 0 and (left := shortest(end)) < margin and left < shortest(start)

@@ -17,7 +17,7 @@ from knotflow.simulation.attempt import Observer, attempt
 from knotflow.simulation.rope import RopeConfig
 from knotflow.simulation.simulator import RopeSimulator
 from knotflow.simulation.spline import SPLINE_HIGH, SPLINE_LOW
-from knotflow.topology import Action, TopologicalState, segment_intervals
+from knotflow.topology import Action, TopologicalState, segment_lengths
 
 Propose = Callable[[NDArray, Action, int, np.random.Generator], NDArray]
 """Splines (count, 6) for a rope (V, 3) and an action: the `sample` of every sampler."""
@@ -258,5 +258,4 @@ def _nearest_strands(points: NDArray, rope: RopeConfig) -> float:
 
 def is_roomy(points: NDArray, rope: RopeConfig, config: StartsConfig) -> bool:
     """Whether every segment of a rope (V, 3) is long enough to work with."""
-    segments = segment_intervals(points)
-    return bool((np.diff(segments, axis=1) * rope.length >= config.shortest_segment).all())
+    return bool((segment_lengths(points) * rope.length >= config.shortest_segment).all())

@@ -9,7 +9,13 @@ immutable and hashable; numpy comes in with rope shapes only, which are read by
 from knotflow.topology.action import Action, ForwardAction, IllegalActionError
 from knotflow.topology.actions import R1, R2, Cross
 from knotflow.topology.arrange import Arrange
-from knotflow.topology.curve import CurveCrossings, DegenerateCurveError, project, segment_intervals
+from knotflow.topology.curve import (
+    CurveCrossings,
+    DegenerateCurveError,
+    project,
+    segment_intervals,
+    segment_lengths,
+)
 from knotflow.topology.graph import all_states, solution_graph, solution_paths
 from knotflow.topology.knots import KNOT_NAMES, knot
 from knotflow.topology.parse import parse_action
@@ -35,6 +41,7 @@ __all__ = [
     "parse_action",
     "project",
     "segment_intervals",
+    "segment_lengths",
     "solution_graph",
     "solution_paths",
 ]

@@ -16,6 +16,7 @@ __all__ = [
     "DegenerateCurveError",
     "project",
     "segment_intervals",
+    "segment_lengths",
 ]
 
 
@@ -49,3 +50,11 @@ def segment_intervals(points: ArrayLike, min_gap: float = DEFAULT_MIN_GAP) -> Fl
     Arguments and errors are those of `project`.
     """
     return project(points, min_gap).segment_intervals
+
+
+def segment_lengths(points: ArrayLike, min_gap: float = DEFAULT_MIN_GAP) -> Floats:
+    """How long each segment of a rope shape is: (num_segments,) length fractions.
+
+    Arguments and errors are those of `project`.
+    """
+    return project(points, min_gap).segment_lengths

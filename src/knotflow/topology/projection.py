@@ -65,6 +65,11 @@ class Projection:
         bounds = np.concatenate(([0.0], self.fractions, [1.0]))
         return np.stack((bounds[:-1], bounds[1:]), axis=1)
 
+    @property
+    def segment_lengths(self) -> Floats:
+        """(2c + 1,) lengths of the segments, as fractions of the rope's length."""
+        return np.diff(self.segment_intervals, axis=1)[:, 0]
+
 
 def read_crossings(points: ArrayLike, min_gap: float = DEFAULT_MIN_GAP) -> Projection:
     """Read the crossings of a rope off its shape.

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from knotflow.demonstrations import TASKS, aim, task
 from knotflow.simulation import Attempts, Observer, RopeSimulator, attempt
-from knotflow.topology import Action, TopologicalState, segment_intervals
+from knotflow.topology import Action, TopologicalState, segment_lengths
 
 FOCUS = "C(0,1,1)"
 OVERHAND = "overhand"
@@ -112,4 +112,4 @@ def _reach(
 
 def _roomiest(shapes: NDArray) -> NDArray:
     """Of ropes (N, V, 3) the one whose shortest segment is longest: it is easiest to go on from."""
-    return max(shapes, key=lambda points: np.diff(segment_intervals(points), axis=1).min())
+    return max(shapes, key=lambda points: segment_lengths(points).min())

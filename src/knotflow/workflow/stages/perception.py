@@ -113,18 +113,15 @@ def _estimate_rope(
         rng = np.random.default_rng([config.seed, 1, crossings, number, round(100 * level)])
         noise = replace(config.noise, level=level)
         appearance = Appearance.draw(rng, noise)
+        methods = [name for name in config.methods if level == NOMINAL or not METHODS[name].nominal]
+        looks = {MARKED: appearance, PLAIN: replace(appearance, head=None), FINE: appearance}
         images = {
             view: noisy_image(SimulatedCamera(CAMERAS[view], rope, noise, look), truth, rng)
-            for view, look in (
-                (MARKED, appearance),
-                (PLAIN, replace(appearance, head=None)),
-                (FINE, appearance),
-            )
+            for view, look in looks.items()
+            if any(METHODS[name].view == view for name in methods)
         }
-        for method in config.methods:
+        for method in methods:
             how = METHODS[method]
-            if how.nominal and level != NOMINAL:
-                continue
             image, rope_iou = images[how.view]
             camera = CAMERAS[how.view]
             began = time.process_time()
