@@ -72,6 +72,16 @@ def test_a_rope_is_grasped_where_the_planners_was(world, shape_of, states):
     assert len(rope.splines) == 1
 
 
+def test_a_rope_stays_as_far_off_the_fingers_as_it_was_caught(world, shape_of, states):
+    before, after = (shape_of(state) for state in states)
+    (rope,), drawn = ensemble(world, [after])
+    root = Node(before, states[0], 1)
+    root.ensemble = (before + [0.0, 0.6 * REACH, 0.0],)
+    assert drawn.survivors([child_of(root, after, states[1])])
+    off = [0.0, 0.0, 0.6 * REACH, 0.0, 0.0, 0.6 * REACH]
+    np.testing.assert_allclose(rope.splines[0], SPLINE + off, atol=1e-9)
+
+
 def search(world, path_goal, **config):
     points = straight(world.config.rope)
     settings = PlannerConfig(ensemble=2, ensemble_level=0, max_branches=12, **config)

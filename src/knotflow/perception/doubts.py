@@ -59,7 +59,7 @@ def list_doubts(
         doubts.append("the rope leaves the image")
     elif state is None:
         doubts.append("the shape's projection does not determine its state")
-    if share < enough:
+    if share < target.nearly(enough):
         doubts.append(f"the shape accounts for {share:.0%} of the rope in the image")
     for number, crossing in enumerate(crossings, 1):
         if crossing.certainty < certain:

@@ -8,7 +8,7 @@ account for the image, or a crossing in doubt, makes the estimate doubtful.
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Set
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,8 +22,9 @@ from knotflow.perception.doubts import (
     leaves_image,
     list_doubts,
 )
-from knotflow.perception.evidence import explained, measure_radius, observe, seen
+from knotflow.perception.evidence import explained, measure_radius, observe, pixels_per_metre, seen
 from knotflow.perception.fitting import FitConfig, fit
+from knotflow.perception.head import contrast, head_end, is_away_from_ends
 from knotflow.perception.image import RgbdImage
 from knotflow.perception.lifting import lift
 from knotflow.perception.losses import Target
@@ -59,15 +60,19 @@ class EstimateConfig:
     search: SearchConfig = field(default_factory=SearchConfig)
     """How first guesses are chosen among, and rearranged."""
     wider: SearchConfig | None = field(
-        default_factory=lambda: SearchConfig(paths=24, first=12, candidates=5, beam=12, rounds=16)
+        default_factory=lambda: SearchConfig(
+            paths=24, first=12, candidates=5, beam=12, rounds=16, enough=2.0
+        )
     )
-    """How it is searched on where what was found is in doubt; None takes it as it is."""
+    """How it is searched on where what was found is in doubt or not settled; None takes it as it
+    is."""
     certain: float = 0.95
     """A crossing whose certainty is lower is in doubt."""
     explained: float = 0.98
     """A shape that accounts for less of the rope's image is in doubt."""
     settled: float = 0.99
-    """A likely shape that accounts for less is compared with what the image alone suggests."""
+    """A likely shape that accounts for less is compared with what the image alone suggests, and one
+    that was searched for is searched on from."""
     credit: float = 2.0
     """By so much the logarithm of a shape's likelihood has to exceed that of a likely shape to
     replace it with another state. Of 54 tracked ropes at rest, of seeds of their own, that were
@@ -159,16 +164,23 @@ def estimate(
     """
     config = config or EstimateConfig()
     target = observe(image, camera, rope)
+
+    def colours(shape: Floats) -> Floats:
+        return contrast(shape, target.rope.numpy(), image, camera)
+
+    def away(shape: Floats) -> bool:
+        return is_away_from_ends(colours(shape), config.head_contrast)
+
     if initial is not None:
         target = _sized(initial, target, camera, rope, config)
         near, eye = _view([initial], target, camera)
         shape = fit(initial, near, eye, rope, config.fit or FitConfig())
-        best = _best([shape], near, eye, rope, config)
+        best = _best([shape], near, eye, rope, config, away)
     else:
         best, target, near, eye = _found(
-            target, image, camera, rope, config, network, likely, progress
+            target, image, camera, rope, config, away, network, likely, progress
         )
-    head = _head(best.shape, target, image, camera, config)
+    head = head_end(colours(best.shape), config.head_contrast)
     if head is None and earlier is not None:
         head = -1 if _apart(best.shape[::-1], earlier) < _apart(best.shape, earlier) else 0
     if head == -1:
@@ -193,6 +205,7 @@ def _found(
     camera: Camera,
     rope: RopeConfig,
     config: EstimateConfig,
+    away: Callable[[Floats], bool],
     network: Network | None,
     likely: Sequence[NDArray],
     progress: Progress | None,
@@ -209,7 +222,7 @@ def _found(
     for guess in likely:
         shapes.append(fit(guess, near, eye, rope, fine))
         if is_plausible(shapes[-1], near, eye, rope, config.settled, config.search, fine):
-            return _best(shapes, near, eye, rope, config), target, near, eye
+            return _best(shapes, near, eye, rope, config, away), target, near, eye
     expected = {state_or_none(one) for fitted in shapes for one in (fitted, fitted[::-1])} - {None}
     efforts = [config.search] if config.wider is None else [config.search, config.wider]
     paths = _guesses(target, image, camera, rope, max(effort.paths for effort in efforts))
@@ -224,8 +237,9 @@ def _found(
         tried = 0 if found is None else config.search.paths
         fresh = [*paths[tried : effort.paths], *(() if found else [*proposed, *shapes])]
         found = search(fresh, near, eye, rope, effort, fine, found, progress)
-        best = _best(found.shapes, near, eye, rope, config, expected)
-        if leaves_image(target) or not best.doubts(target, config):
+        best = _best(found.shapes, near, eye, rope, config, away, expected)
+        settled = is_plausible(best.shape, near, eye, rope, config.settled, config.search, fine)
+        if leaves_image(target) or (settled and not best.doubts(target, config)):
             break
     return best, target, near, eye
 
@@ -233,12 +247,13 @@ def _found(
 @dataclass(frozen=True, eq=False)
 class _Best:
     """The likeliest of several shapes, see `RopeEstimate`; `rivalled` where one with other
-    crossings is hardly less likely."""
+    crossings is hardly less likely, `headless` where a head is seen, but away from its ends."""
 
     shape: Floats
     crossings: tuple[CrossingEvidence, ...]
     explained: float
     rivalled: bool
+    headless: bool
 
     def turned(self) -> _Best:
         """The same from its other end."""
@@ -255,6 +270,8 @@ class _Best:
         found = list_doubts(*known, config.certain, config.explained)
         if self.rivalled:
             found.append("another path through the image accounts for it as well")
+        if self.headless:
+            found.append("the head is seen away from both ends")
         return tuple(found)
 
 
@@ -264,10 +281,14 @@ def _best(
     camera: Camera,
     rope: RopeConfig,
     config: EstimateConfig,
+    away: Callable[[Floats], bool],
     expected: Set[TopologicalState | None] = frozenset(),
 ) -> _Best:
-    """The likeliest of fitted shapes (V, 3), those in a state that is `expected` with credit."""
+    """The likeliest of fitted shapes (V, 3), those in a state that is `expected` with credit; one
+    with a head `away` from its ends only where all are."""
     fine = config.fit or FitConfig()
+    headed = [one for one in shapes if not away(one)]
+    shapes = headed or shapes
     losses = total_loss(np.stack(shapes), target, camera, rope, fine)
     if expected:
         credited = [state_or_none(one) in expected for one in shapes]
@@ -279,7 +300,7 @@ def _best(
     rivals = {
         _shadow(one) for one, less in zip(shapes, less_likely, strict=True) if less < config.rival
     } - {None}
-    return _Best(shape, crossings, share, len(rivals) > 1)
+    return _Best(shape, crossings, share, len(rivals) > 1, not headed)
 
 
 def propose(
@@ -300,7 +321,7 @@ def propose(
     config = config or EstimateConfig()
     target = observe(image, camera, rope)
     shape, confidence = network.propose(image, camera, rope, segment(image, camera, rope.radius))
-    head = _head(shape, target, image, camera, config)
+    head = head_end(contrast(shape, target.rope.numpy(), image, camera), config.head_contrast)
     if head == -1:
         shape, confidence = shape[::-1].copy(), confidence[::-1]
     share = explained(shape, target, camera, rope)
@@ -334,9 +355,7 @@ def _guesses(
 ) -> list[Floats]:
     """First shapes (V, 3) along so many paths through the mask, the likeliest first."""
     mask = target.rope.numpy()
-    visible = image.depth[mask]
-    distance = float(np.nanmedian(visible)) if np.isfinite(visible).any() else 1.0
-    pixels = camera.fx / distance  # of a metre at the rope
+    pixels = pixels_per_metre(mask, image, camera)
     paths = trace(target.coverage.numpy(), 2 * rope.radius * pixels, rope.length * pixels)
     paths = [path for path in paths if np.ptp(path.pixels, axis=0).any()]  # no single dots
     return [lift(path, mask, image.depth, camera, rope) for path in paths[:count]]
@@ -363,28 +382,6 @@ def _view(shapes: Sequence[NDArray], target: Target, camera: Camera) -> tuple[Ta
         low, high = int(inside.min()) - _MARGIN, int(inside.max()) + _MARGIN + 1
         spans.append(slice(max(0, low), min(size, high)))
     return target.cropped(*spans), camera.cropped(*spans)
-
-
-def _head(
-    shape: Floats, target: Target, image: RgbdImage, camera: Camera, config: EstimateConfig
-) -> int | None:
-    """0 where the first vertex is of another colour than the rope, -1 where the last is."""
-    rgb = image.rgb / 255.0
-    column, row, _ = camera.project(shape).T
-    pixels = np.argwhere(target.rope.numpy())
-    apart = np.hypot(pixels[:, :1] - row, pixels[:, 1:] - column)  # (P, V)
-    nearest = apart.argmin(axis=1)
-    colours = rgb[pixels[:, 0], pixels[:, 1]]
-    plain = np.median(colours, axis=0)
-    contrast = [
-        float(np.linalg.norm(np.median(colours[nearest == end], axis=0) - plain))
-        if (nearest == end).any()
-        else 0.0
-        for end in (0, len(shape) - 1)
-    ]
-    if max(contrast) <= max(config.head_contrast, 2 * min(contrast)):
-        return None
-    return 0 if contrast[0] > contrast[1] else -1
 
 
 def _apart(one: Floats, other: Floats) -> float:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from knotflow.perception.camera import Camera
 from knotflow.perception.image import Label, RgbdImage
-from knotflow.perception.losses import Target
+from knotflow.perception.losses import CORRELATED, Target
 from knotflow.perception.rendering import render
 from knotflow.perception.segmentation import segment
 from knotflow.perception.unmixing import coverage
@@ -17,6 +17,7 @@ from knotflow.simulation import RopeConfig
 _CLEARLY = 0.7  # difference in the share of a pixel that is rope, which is no matter of edges
 _SOFTNESS = 1.5e-3  # metres, at which silhouettes are compared
 _AROUND = 1.2  # widths of the rope from its centre line, within which its thickness is measured
+_CORRELATED = 0.7  # widths of the rope, within which errors of its shape are the same error
 _RADII = (0.7, 1.4)  # thinnest and thickest that it can look, in its radius
 
 
@@ -29,7 +30,17 @@ def observe(image: RgbdImage, camera: Camera, rope: RopeConfig) -> Target:
     segmentation = segment(image, camera, rope.radius)
     known = segmentation.rope | (segmentation.labels == Label.TABLE)
     share = coverage(image, segmentation)
-    return Target.of(segmentation.rope, known, np.where(known, image.depth, np.nan), share)
+    depth = np.where(known, image.depth, np.nan)
+    width = 2 * rope.radius * pixels_per_metre(segmentation.rope, image, camera)
+    correlated = max(CORRELATED, (_CORRELATED * width) ** 2)
+    return Target.of(segmentation.rope, known, depth, share, correlated)
+
+
+def pixels_per_metre(mask: NDArray, image: RgbdImage, camera: Camera) -> float:
+    """How many pixels a metre is long in an image, where its rope is seen, the `mask` (H, W)."""
+    visible = image.depth[mask]
+    distance = float(np.nanmedian(visible)) if np.isfinite(visible).any() else 1.0
+    return camera.fx / distance
 
 
 def explained(shape: NDArray, target: Target, camera: Camera, rope: RopeConfig) -> float:

@@ -18,7 +18,8 @@ from torch.nn.functional import huber_loss
 
 from knotflow.perception.overlap import overlap
 
-_CORRELATED = 4.0  # neighbouring pixels share their error: so many count as one
+CORRELATED = 4.0
+"""Pixels that share their error, as neighbours do."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +34,7 @@ class Target:
         coverage: (H, W) share of each pixel that is rope, 0..1.
         seen_radius: of the rope's silhouette, metres; None where it is taken for the rope's. Ropes
             are not as thick as they are said to be, and blur, light and noise thicken or thin them.
+        correlated: so many pixels of rope share their error, and count as one.
     """
 
     rope: Tensor
@@ -40,10 +42,16 @@ class Target:
     depth: Tensor
     coverage: Tensor
     seen_radius: float | None = None
+    correlated: float = CORRELATED
 
     @classmethod
     def of(
-        cls, rope: NDArray, known: NDArray, depth: NDArray, coverage: NDArray | None = None
+        cls,
+        rope: NDArray,
+        known: NDArray,
+        depth: NDArray,
+        coverage: NDArray | None = None,
+        correlated: float = CORRELATED,
     ) -> Target:
         """From arrays of the same contents; without `coverage` pixels are rope or not."""
         return cls(
@@ -51,20 +59,26 @@ class Target:
             torch.as_tensor(known.copy()),
             torch.as_tensor(depth).double(),
             torch.as_tensor(rope if coverage is None else coverage).double(),
+            correlated=correlated,
         )
 
     @property
     def independent_pixels(self) -> float:
         """Pixels of rope whose errors are independent: a loss times these is the negative logarithm
         of a likelihood."""
-        return float(self.rope.sum()) / _CORRELATED
+        return float(self.rope.sum()) / self.correlated
+
+    def nearly(self, share: float) -> float:
+        """A share of the rope's image as close to all of it as `share` is in images as coarse as
+        ropes are mostly seen in: in finer ones, less of the rope is edge, where pixels err."""
+        return 1.0 - (1.0 - share) * (CORRELATED / self.correlated) ** 0.5
 
     def cropped(self, rows: slice, columns: slice) -> Target:
         """The same for a camera `cropped` to these rows and columns."""
         rope, known, depth, coverage = (
             one[rows, columns] for one in (self.rope, self.known, self.depth, self.coverage)
         )
-        return Target(rope, known, depth, coverage, self.seen_radius)
+        return Target(rope, known, depth, coverage, self.seen_radius, self.correlated)
 
     def binned(self, factor: int) -> Target:
         """The same for a camera `binned` by that factor: each pixel holds a square of these."""
@@ -82,6 +96,7 @@ class Target:
             on_rope.nanmean(2),
             squares(self.coverage).mean(2),
             self.seen_radius,
+            max(CORRELATED, self.correlated / factor**2),
         )
 
 

@@ -93,7 +93,7 @@ class EstimationMethod:
 
 
 METHODS = {
-    "rendering": EstimationMethod(tracing=True),
+    "rendering": EstimationMethod(tracing=True, nominal=True),
     "rendering_without_depth": EstimationMethod(tracing=True, depth=False, nominal=True),
     "rendering_poor_start": EstimationMethod(nominal=True),
     "network": EstimationMethod(network=SELF_SUPERVISED, rendering=False),
@@ -115,7 +115,7 @@ METHODS = {
         tracing=True, network=SELF_SUPERVISED, view=PLAIN, nominal=True
     ),
     "network_tracing_rendering_fine": EstimationMethod(
-        tracing=True, network=SELF_SUPERVISED, view=FINE, nominal=True
+        tracing=True, network=SELF_SUPERVISED, view=FINE
     ),
 }
 """What the experiment compares, by name."""

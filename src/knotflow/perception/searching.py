@@ -68,7 +68,7 @@ class SearchConfig:
     """Shapes that are rearranged, at most."""
     enough: float = 0.995
     """A best shape that accounts for this share of the rope's image, and bends as a rope does, is
-    rearranged, but none after it."""
+    rearranged, but none after it; above 1, none is enough."""
     plain: float = 4.0
     """A shape bends as a rope does where its `rope_cost` is less: right fits cost 1.0 to 3.4, wrong
     ones 2 to 7."""
@@ -194,7 +194,7 @@ def is_plausible(
 ) -> bool:
     """Whether a shape (V, 3) accounts for that share of the rope's image, and bends as a rope."""
     plain = rope_cost(shape, target, rope, fine) < config.plain
-    return plain and explained(shape, target, camera, rope) >= share
+    return plain and explained(shape, target, camera, rope) >= target.nearly(share)
 
 
 def rope_cost(shape: Floats, target: Target, rope: RopeConfig, config: FitConfig) -> float:
