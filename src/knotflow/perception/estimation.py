@@ -61,7 +61,7 @@ class EstimateConfig:
     """How first guesses are chosen among, and rearranged."""
     wider: SearchConfig | None = field(
         default_factory=lambda: SearchConfig(
-            paths=24, first=12, candidates=5, beam=12, rounds=16, enough=2.0
+            paths=24, first=12, candidates=8, beam=18, rounds=24, enough=2.0
         )
     )
     """How it is searched on where what was found is in doubt or not settled; None takes it as it
