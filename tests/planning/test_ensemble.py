@@ -59,6 +59,30 @@ def test_a_branch_is_kept_if_enough_ropes_reach_its_state(world, shape_of, state
     assert drawn.survivors([child_of(root, after, states[1])]) == []
 
 
+def test_ropes_are_not_tried_where_too_many_are_lost(world, shape_of, states):
+    before, after = (shape_of(state) for state in states)
+    ropes, drawn = ensemble(world, [before, before, after, after], survival=0.6)
+    root = Node(before, states[0], 1)
+    drawn.lay(root)
+    assert drawn.survivors([child_of(root, after, states[1])]) == []
+    assert [len(rope.splines) for rope in ropes] == [1, 1, 0, 0]
+
+
+def test_there_is_more_hope_where_more_ropes_are_left(world, shape_of, states):
+    before, after = (shape_of(state) for state in states)
+    _, drawn = ensemble(world, [after, after], survival=0.5)
+    root = Node(before, states[0], 1)
+    drawn.lay(root)
+    assert drawn.hope(root) == pytest.approx(0.75)  # each as likely as not, nothing was tried
+    child = child_of(root, after, states[1])
+    drawn.survivors([child])
+    assert drawn.hope(child) == pytest.approx(1 - 0.25**2)  # two of two: each by 3/4
+    child.ensemble = (after, None)
+    assert drawn.hope(child) == pytest.approx(0.75)
+    child.ensemble = (None, None)
+    assert drawn.hope(child) == 0.0
+
+
 def test_a_rope_is_grasped_where_the_planners_was(world, shape_of, states):
     before, after = (shape_of(state) for state in states)
     (rope,), drawn = ensemble(world, [after])

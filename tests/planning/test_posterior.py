@@ -50,6 +50,13 @@ def test_the_best_valued_shape_of_a_state_comes_first(world, path_goal):
     assert branch.node is shapes[1] and branch.kind == ACT
 
 
+def test_a_shape_with_little_hope_comes_last(world, path_goal):
+    shapes = [node(world, path_goal, TRIVIAL, [value]) for value in (0.6, 0.9)]
+    shapes[1].hope = 0.1
+    (branch,) = chosen(path_goal, shapes)
+    assert branch.node is shapes[0]
+
+
 def test_a_batch_is_spread_as_its_branches_may_fail(world, path_goal):
     shapes = [node(world, path_goal, TRIVIAL, [value]) for value in (0.8, 0.7, 0.05)]
     counts = Counter(id(branch.node) for branch in chosen(path_goal, shapes, 8, arranging=0))

@@ -50,6 +50,7 @@ class Ensemble:
         self._radius, self._sway = simulation.rope.radius, ACTUATION[level]
         self._least = config.survival * len(self._simulators)
         self._rng = rng
+        self._tried = self._reached = 0
 
     def lay(self, root: Node) -> None:
         """All ropes begin where the planner's does."""
@@ -58,21 +59,33 @@ class Ensemble:
             for simulator in self._simulators
         )
 
+    def hope(self, node: Node) -> float:
+        """The chance that enough of the ropes that reached a node reach a state that the planner's
+        reaches from there, were each as likely to as ropes were so far."""
+        from scipy.stats import binom
+
+        left = sum(rope is not None for rope in node.ensemble)
+        each = (self._reached + 1) / (self._tried + 2)
+        return float(binom.sf(np.ceil(self._least) - 1, left, each))
+
     def survivors(self, nodes: Sequence[Node]) -> list[Node]:
         """Those of the new nodes whose state enough ropes reach; they carry these ropes' shapes.
 
-        The ropes that were lost before stay lost.
+        The ropes that were lost before stay lost. Where too many are, the others are not tried.
         """
         shapes: list[list[NDArray | None]] = [[None] * len(self._simulators) for _ in nodes]
         for number, simulator in enumerate(self._simulators):
+            to_come = len(self._simulators) - number
             rows: list[int] = []
             starts: list[NDArray] = []
             splines: list[NDArray] = []
             for row, node in enumerate(nodes):
                 assert node.parent is not None and node.step is not None
                 rope = node.parent.ensemble[number]
-                if rope is None:
+                so_far = sum(shape is not None for shape in shapes[row])
+                if rope is None or so_far + to_come < self._least:
                     continue
+                self._tried += 1
                 spline = self._sent(node.step.spline, node.parent.points, rope)
                 if spline is not None:
                     rows.append(row)
@@ -85,6 +98,7 @@ class Ensemble:
                 end = rollouts.end_points[place]
                 if not rollouts.diverged[place] and state_or_none(end) == nodes[row].state:
                     shapes[row][number] = end
+                    self._reached += 1
         kept = []
         for node, own in zip(nodes, shapes, strict=True):
             node.ensemble = tuple(own)

@@ -187,6 +187,9 @@ class TreeSearch:
     def _appraise(self, nodes: Sequence[Node]) -> None:
         clock = time.perf_counter()
         self._proposals.appraise(nodes)
+        if self._ensemble is not None:
+            for node in nodes:
+                node.hope = self._ensemble.hope(node)
         self._clock.sampling += time.perf_counter() - clock
 
     def _add(self, nodes: Sequence[Node]) -> None:
