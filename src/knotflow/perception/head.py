@@ -16,12 +16,11 @@ def contrast(
 ) -> NDArray[np.float64]:
     """(V,) distance in RGB (0..1) of the colour at each vertex of a shape (V, 3) from the rope's,
     where the `mask` (H, W) shows rope; 0 where it shows none nearest to the vertex."""
-    rgb = image.rgb / 255.0
     column, row, _ = camera.project(shape).T
     pixels = np.argwhere(mask)
     apart = np.hypot(pixels[:, :1] - row, pixels[:, 1:] - column)  # (P, V)
     nearest = apart.argmin(axis=1)
-    colours = rgb[pixels[:, 0], pixels[:, 1]]
+    colours = image.rgb[mask] / 255.0
     plain = np.median(colours, axis=0)
     found = np.zeros(len(shape))
     for vertex in np.unique(nearest):

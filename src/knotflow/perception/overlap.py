@@ -3,30 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from knotflow.perception.compiled import LEAST, Vector, compiled, dot, link_at, minus
+
 _APART = 3  # links along the rope from which on two may lie in each other
-_LEAST = 1e-12  # keeps what is divided by from being zero
-
-compiled = njit(cache=True, error_model="numpy")
-
-Vector = tuple[float, float, float]
-
-
-@compiled
-def _dot(one: Vector, other: Vector) -> float:
-    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
-
-
-@compiled
-def _vertex(ropes: NDArray[np.float64], rope: int, place: int) -> Vector:
-    return ropes[rope, place, 0], ropes[rope, place, 1], ropes[rope, place, 2]
-
-
-@compiled
-def _minus(one: Vector, other: Vector) -> Vector:
-    return one[0] - other[0], one[1] - other[1], one[2] - other[2]
 
 
 @compiled
@@ -35,12 +16,12 @@ def nearest_places(p: Vector, d: Vector, q: Vector, e: Vector) -> tuple[float, f
 
     Source: Ericson, Real-Time Collision Detection, Sec. 5.1.9.
     """
-    r = _minus(p, q)
-    dd, ee, de = _dot(d, d), _dot(e, e), _dot(d, e)
-    dr, er = _dot(d, r), _dot(e, r)
-    s = min(max((de * er - dr * ee) / (dd * ee - de * de + _LEAST), 0.0), 1.0)
-    t = min(max((de * s + er) / (ee + _LEAST), 0.0), 1.0)
-    return min(max((de * t - dr) / (dd + _LEAST), 0.0), 1.0), t
+    r = minus(p, q)
+    dd, ee, de = dot(d, d), dot(e, e), dot(d, e)
+    dr, er = dot(d, r), dot(e, r)
+    s = min(max((de * er - dr * ee) / (dd * ee - de * de + LEAST), 0.0), 1.0)
+    t = min(max((de * s + er) / (ee + LEAST), 0.0), 1.0)
+    return min(max((de * t - dr) / (dd + LEAST), 0.0), 1.0), t
 
 
 @compiled
@@ -56,18 +37,16 @@ def overlap(
     links = ropes.shape[1] - 1
     length = np.empty(links)
     for rope in range(len(ropes)):
-        for link in range(links):
-            way = _minus(_vertex(ropes, rope, link + 1), _vertex(ropes, rope, link))
-            length[link] = np.sqrt(_dot(way, way))
+        for place in range(links):
+            _, way = link_at(ropes, rope, place)
+            length[place] = np.sqrt(dot(way, way))
         for one in range(links - _APART):
-            p = _vertex(ropes, rope, one)
-            d = _minus(_vertex(ropes, rope, one + 1), p)
+            p, d = link_at(ropes, rope, one)
             for other in range(one + _APART, links):
-                q = _vertex(ropes, rope, other)
-                begun = _minus(p, q)
-                if _dot(begun, begun) >= (2 * radius + length[one] + length[other]) ** 2:
+                q, e = link_at(ropes, rope, other)
+                begun = minus(p, q)
+                if dot(begun, begun) >= (2 * radius + length[one] + length[other]) ** 2:
                     continue
-                e = _minus(_vertex(ropes, rope, other + 1), q)
                 s, t = nearest_places(p, d, q, e)
                 square = 1e-14
                 for k in range(3):

@@ -11,17 +11,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from knotflow.perception.compiled import LEAST, Vector, compiled, dot, link_at, vertex_at
 
 _GRAZING = 0.1  # of the squared radius: bounds the slope of a link's surface at its silhouette
 _STEEPEST = 0.3  # sine of the angle between ray and link, below which a link is seen end on
-_LEAST = 1e-12  # keeps what is divided by from being zero
-
-compiled = njit(cache=True, error_model="numpy")
-
-
-Vector = tuple[float, float, float]
 
 
 @compiled
@@ -53,35 +48,22 @@ def _ray(column: int, row: int, eye: Any) -> Vector:
 
 @compiled
 def _nearest(a: Vector, link: Vector, r: Vector) -> tuple[float, float, float, float, float, float]:
-    """Where a ray passes a link that begins at `a`: how far along the ray are the link's begin and
-    its end from each other's, the square of the link's length across the ray and its product with
-    the way from the ray to the link's begin, the place along the link (0..1), and the distance
+    """Where a ray passes a link that begins at `a`: how far along the ray the link begins, and from
+    there ends; the square of its length across the ray, and the product of that way across with the
+    one from the ray to where it begins; the place along the link (0..1), and the distance there,
     squared."""
-    ahead = a[0] * r[0] + a[1] * r[1] + a[2] * r[2]
-    onward = link[0] * r[0] + link[1] * r[1] + link[2] * r[2]
+    ahead, onward = dot(a, r), dot(link, r)
     square = skew = 0.0
     for k in range(3):
         across = link[k] - onward * r[k]
         square += across * across
         skew += (a[k] - ahead * r[k]) * across
-    along = min(max(-skew / (square + _LEAST), 0.0), 1.0)
+    along = min(max(-skew / (square + LEAST), 0.0), 1.0)
     distance = 0.0
     for k in range(3):
         offset = a[k] - ahead * r[k] + along * (link[k] - onward * r[k])
         distance += offset * offset
     return ahead, onward, square, skew, along, distance
-
-
-@compiled
-def _vertex(ropes: Any, image: int, place: int) -> tuple[float, float, float]:
-    return ropes[image, place, 0], ropes[image, place, 1], ropes[image, place, 2]
-
-
-@compiled
-def _link(ropes: Any, image: int, place: int) -> tuple[Vector, Vector]:
-    """Where a link begins, and how far from there it ends."""
-    a, b = _vertex(ropes, image, place), _vertex(ropes, image, place + 1)
-    return a, (b[0] - a[0], b[1] - a[1], b[2] - a[2])
 
 
 @compiled
@@ -126,8 +108,8 @@ def lay(
     windows = np.zeros((count * links, 4), np.int64)
     most = 0
     for number in range(count * links):
-        start = _vertex(ropes, number // links, number % links)
-        end = _vertex(ropes, number // links, number % links + 1)
+        start = vertex_at(ropes, number // links, number % links)
+        end = vertex_at(ropes, number // links, number % links + 1)
         if min(start[2], end[2]) > reach and np.isfinite(sum(start) + sum(end)):
             left, right = _window(start, end, reach, eye, width, 0)
             top, bottom = _window(start, end, reach, eye, height, 1)
@@ -143,8 +125,8 @@ def lay(
         found = 0
         begins[:] = 0
         for number in range(image * links, (image + 1) * links):
-            a, way = _link(ropes, image, number - image * links)
-            length = way[0] * way[0] + way[1] * way[1] + way[2] * way[2] + _LEAST
+            a, way = link_at(ropes, image, number - image * links)
+            length = dot(way, way) + LEAST
             left, right, top, bottom = windows[number]
             for row in range(top, bottom):
                 for column in range(left, right):
@@ -181,7 +163,7 @@ def lay(
                 covered += weight[pair]
                 summed += weight[pair] * deep[pair]
                 left_over *= rest
-            depth[image * area + at] = summed / (covered + _LEAST)
+            depth[image * area + at] = summed / (covered + LEAST)
             occupancy[image * area + at] = covered
         done += found
     return depth, occupancy, pixel[:done], link[:done], weight[:done], deep[:done]
@@ -215,12 +197,12 @@ def lay_back(
         at, number = pixel[pair], link[pair]
         if pair == len(pixel) - 1 or pixel[pair + 1] != at:
             behind = 0.0
-        covered = occupancy[at] + _LEAST
+        covered = occupancy[at] + LEAST
         by_weight = occupancy_slope[at] + depth_slope[at] * (deep[pair] - depth[at]) / covered
         by_deep = depth_slope[at] * weight[pair] / covered
         image, place = number // links, number % links
-        a, way = _link(ropes, image, place)
-        length = way[0] * way[0] + way[1] * way[1] + way[2] * way[2] + _LEAST
+        a, way = link_at(ropes, image, place)
+        length = dot(way, way) + LEAST
         in_image = at - image * height * width
         ray = _ray(in_image % width, in_image // width, eye)
         ahead, onward, square, skew, along, apart = _nearest(a, way, ray)
@@ -246,8 +228,8 @@ def lay_back(
             by_along += by_offset * (a[k] - ahead * ray[k] + along * across) * across
         by_skew = 0.0
         if 0.0 < along < 1.0:
-            by_skew = -by_along / (square + _LEAST)
-            by_square += by_along * skew / (square + _LEAST) ** 2
+            by_skew = -by_along / (square + LEAST)
+            by_square += by_along * skew / (square + LEAST) ** 2
         by_ahead, by_onward = by_reached, along * by_reached
         for k in range(3):
             aside, across = a[k] - ahead * ray[k], way[k] - onward * ray[k]
