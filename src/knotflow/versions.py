@@ -14,7 +14,7 @@ VERSIONS = {
     "baselines.causal_infogan": 1,
     "primitives": 3,
     "training": 5,
-    "planning": 8,
+    "planning": 9,
     "perception": 8,
     "execution": 6,
 }

@@ -44,43 +44,45 @@ def child_of(parent, points, state):
 
 def test_a_branch_is_kept_if_enough_ropes_reach_its_state(world, shape_of, states):
     before, after = (shape_of(state) for state in states)
-    ropes, drawn = ensemble(world, [after, before, after], survival=0.6)
+    ropes, drawn = ensemble(world, [after, before, after], survival=1.0)
     root = Node(before, states[0], 1)
     drawn.lay(root)
     child = child_of(root, after, states[1])
     assert drawn.survivors([child]) == [child]
     assert [shape is not None for shape in child.ensemble] == [True, False, True]
+    assert drawn.left(child) == 2 and child.survival == pytest.approx(2 / 3)
     grandchild = child_of(child, after, states[1])
     assert drawn.survivors([grandchild]) == [grandchild]
     assert [len(rope.splines) for rope in ropes] == [2, 1, 2]  # what is lost stays lost
 
-    _, drawn = ensemble(world, [after, before, after], survival=0.7)
-    drawn.lay(root)
+    drawn.surpass(child)
+    assert drawn.falls_short(child) and not drawn.falls_short(root)
     assert drawn.survivors([child_of(root, after, states[1])]) == []
 
 
 def test_ropes_are_not_tried_where_too_many_are_lost(world, shape_of, states):
     before, after = (shape_of(state) for state in states)
-    ropes, drawn = ensemble(world, [before, before, after, after], survival=0.6)
+    ropes, drawn = ensemble(world, [before, before, after, after])
     root = Node(before, states[0], 1)
     drawn.lay(root)
+    found = child_of(root, after, states[1])
+    assert drawn.survivors([found]) == [found]
+    drawn.surpass(found)
     assert drawn.survivors([child_of(root, after, states[1])]) == []
-    assert [len(rope.splines) for rope in ropes] == [1, 1, 0, 0]
+    assert [len(rope.splines) for rope in ropes] == [2, 2, 1, 1]
 
 
-def test_there_is_more_hope_where_more_ropes_are_left(world, shape_of, states):
+@pytest.mark.parametrize(("survival", "suffices"), [(0.6, True), (0.7, False)])
+def test_a_plan_suffices_if_its_share_of_the_ropes_is_left(
+    world, shape_of, states, survival, suffices
+):
     before, after = (shape_of(state) for state in states)
-    _, drawn = ensemble(world, [after, after], survival=0.5)
+    _, drawn = ensemble(world, [after, before, after], survival=survival)
     root = Node(before, states[0], 1)
     drawn.lay(root)
-    assert drawn.hope(root) == pytest.approx(0.75)  # each as likely as not, nothing was tried
     child = child_of(root, after, states[1])
     drawn.survivors([child])
-    assert drawn.hope(child) == pytest.approx(1 - 0.25**2)  # two of two: each by 3/4
-    child.ensemble = (after, None)
-    assert drawn.hope(child) == pytest.approx(0.75)
-    child.ensemble = (None, None)
-    assert drawn.hope(child) == 0.0
+    assert drawn.suffices(child) is suffices
 
 
 def test_a_rope_is_grasped_where_the_planners_was(world, shape_of, states):
@@ -117,6 +119,17 @@ def test_ropes_like_the_planners_change_nothing(world, path_goal, monkeypatch):
     monkeypatch.setattr("knotflow.planning.ensemble.RopeSimulator", lambda config: perfect)
     plan = search(perfect, path_goal)
     assert plan.solved and plan.branches == 3
+    assert plan.reason == "the goal was reached, and by 2 of 2 perturbed ropes"
+
+
+def test_a_search_goes_on_from_a_plan_that_too_few_ropes_execute(world, path_goal, monkeypatch):
+    perfect = world()
+    ropes = iter([perfect, Ends(world.config, straight(world.config.rope))])
+    monkeypatch.setattr("knotflow.planning.ensemble.RopeSimulator", lambda config: next(ropes))
+    plan = search(perfect, path_goal, survival=1.0)
+    assert plan.solved and plan.branches == 12
+    reached = "the goal was reached, and by 1 of 2 perturbed ropes"
+    assert plan.reason == f"{reached}; 12 branches were simulated"
 
 
 def test_what_no_other_rope_does_makes_no_plan(world, path_goal, monkeypatch):

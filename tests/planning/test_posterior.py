@@ -50,9 +50,9 @@ def test_the_best_valued_shape_of_a_state_comes_first(world, path_goal):
     assert branch.node is shapes[1] and branch.kind == ACT
 
 
-def test_a_shape_with_little_hope_comes_last(world, path_goal):
+def test_a_shape_that_few_ropes_survive_comes_last(world, path_goal):
     shapes = [node(world, path_goal, TRIVIAL, [value]) for value in (0.6, 0.9)]
-    shapes[1].hope = 0.1
+    shapes[1].survival = 0.1
     (branch,) = chosen(path_goal, shapes)
     assert branch.node is shapes[0]
 

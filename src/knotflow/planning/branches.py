@@ -45,8 +45,8 @@ class Node:
         step: what was executed there; None for the root.
         ensemble: (V, 3) perturbed ropes that were executed with it, None for those that were lost;
             empty without an ensemble.
-        hope: the chance that what succeeds from here with the planner's rope does so with enough of
-            the ensemble; 1 without one.
+        survival: share of the ensemble that is left, and so the chance that a rope unlike the
+            planner's comes this far; 1 without an ensemble.
         steady: its step was simulated again and can be relied on (`soundness.are_steady`).
         failures: branches from this node that did not become nodes.
         values: (E,) probability of success along each edge, as far as one is known; else 1.
@@ -63,7 +63,7 @@ class Node:
     parent: Node | None = None
     step: PlanStep | None = None
     ensemble: tuple[NDArray[np.float64] | None, ...] = ()
-    hope: float = 1.0
+    survival: float = 1.0
     steady: bool = False
     failures: int = 0
     values: NDArray[np.float64] = field(init=False)

@@ -64,10 +64,11 @@ class PlannerConfig:
     ensemble: int = 0
     """Perturbed ropes that execute every branch that succeeds, so that plans are robust; 0 is the
     paper, which knows the planner's rope alone (`planning.ensemble`)."""
-    ensemble_level: int = 1
+    ensemble_level: int = 2
     """How far they are from the planner's, see `simulation.perturbation`."""
     survival: float = 0.5
-    """Share of the ensemble that has to reach a branch's state for it to be kept."""
+    """Share of the ensemble that has to execute a plan for the search to end with it. Until then it
+    seeks better ones; where the budget ends, the best is the plan."""
 
     def __post_init__(self) -> None:
         """Refuse values that make no search."""

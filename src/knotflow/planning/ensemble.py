@@ -3,7 +3,8 @@
 A spline that ties the planner's rope may fail on one with another friction or stiffness, and what
 is off after one step is off further after the next. So every node of a search may carry the shapes
 of N perturbed ropes, each executing what the planner's rope executed, open loop and with a gripper
-that errs. A branch is kept if enough of them reach its state.
+that errs. The search prefers nodes that more of them reach, and goes on from the first plan to such
+as more of them execute, until enough do or its budget is spent.
 """
 
 from __future__ import annotations
@@ -48,9 +49,9 @@ class Ensemble:
             for _ in range(ropes)
         ]
         self._radius, self._sway = simulation.rope.radius, ACTUATION[level]
-        self._least = config.survival * len(self._simulators)
+        self._enough = config.survival * len(self._simulators)
+        self._least = 1
         self._rng = rng
-        self._tried = self._reached = 0
 
     def lay(self, root: Node) -> None:
         """All ropes begin where the planner's does."""
@@ -59,19 +60,26 @@ class Ensemble:
             for simulator in self._simulators
         )
 
-    def hope(self, node: Node) -> float:
-        """The chance that enough of the ropes that reached a node reach a state that the planner's
-        reaches from there, were each as likely to as ropes were so far."""
-        from scipy.stats import binom
+    def left(self, node: Node) -> int:
+        """How many of the ropes that executed what leads to a node are in its state."""
+        return sum(rope is not None for rope in node.ensemble)
 
-        left = sum(rope is not None for rope in node.ensemble)
-        each = (self._reached + 1) / (self._tried + 2)
-        return float(binom.sf(np.ceil(self._least) - 1, left, each))
+    def suffices(self, node: Node) -> bool:
+        """Whether so many ropes are left that no better plan than to this node is sought."""
+        return self.left(node) >= self._enough
+
+    def falls_short(self, node: Node) -> bool:
+        """Whether too few ropes are left at a node for a plan beyond it to be kept."""
+        return self.left(node) < self._least
+
+    def surpass(self, node: Node) -> None:
+        """From now on keep only what more ropes reach than this node."""
+        self._least = max(self._least, self.left(node) + 1)
 
     def survivors(self, nodes: Sequence[Node]) -> list[Node]:
         """Those of the new nodes whose state enough ropes reach; they carry these ropes' shapes.
 
-        The ropes that were lost before stay lost. Where too many are, the others are not tried.
+        A rope that was lost before stays lost. Where too many are, the others are not tried.
         """
         shapes: list[list[NDArray | None]] = [[None] * len(self._simulators) for _ in nodes]
         for number, simulator in enumerate(self._simulators):
@@ -85,7 +93,6 @@ class Ensemble:
                 so_far = sum(shape is not None for shape in shapes[row])
                 if rope is None or so_far + to_come < self._least:
                     continue
-                self._tried += 1
                 spline = self._sent(node.step.spline, node.parent.points, rope)
                 if spline is not None:
                     rows.append(row)
@@ -98,11 +105,11 @@ class Ensemble:
                 end = rollouts.end_points[place]
                 if not rollouts.diverged[place] and state_or_none(end) == nodes[row].state:
                     shapes[row][number] = end
-                    self._reached += 1
         kept = []
         for node, own in zip(nodes, shapes, strict=True):
             node.ensemble = tuple(own)
-            if sum(shape is not None for shape in own) >= self._least:
+            node.survival = self.left(node) / len(own)
+            if not self.falls_short(node):
                 kept.append(node)
         return kept
 

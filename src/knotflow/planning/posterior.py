@@ -104,13 +104,13 @@ class Pool:
         ratio = (TRUST + self.successes[ACT]) / (TRUST + self.promised)  # (E,)
         tries = np.array([node.tries for node in self.nodes])  # (N, 2, E)
         successes = np.array([node.successes for node in self.nodes])
-        values = np.array([node.hope * node.values for node in self.nodes])
+        values = np.array([node.survival * node.values for node in self.nodes])
         act = self._acting(onward, ratio, values, tries[:, ACT], successes[:, ACT])
 
         kept = self.successes[ARRANGE].sum() + TRUST * UNKNOWN
         kept /= self.tries[ARRANGE].sum() + TRUST
         keeps = _posterior(kept, tries[:, ARRANGE], successes[:, ARRANGE])
-        promise = np.array([node.hope * node.arranged_values for node in self.nodes])
+        promise = np.array([node.survival * node.arranged_values for node in self.nodes])
         # What was tried from a shape speaks for those arranged from it, which are much alike.
         evidence = tries[:, ACT], successes[:, ACT]
         arranged = [self._acting(onward, ratio, gain * promise, *evidence) for gain in self.gains]
@@ -188,7 +188,7 @@ class PosteriorRule:
         pool.tries[kind, edge] += 1
         pool.successes[kind, edge] += success
         if kind == ACT:
-            promised = node.hope * node.values[edge]
+            promised = node.survival * node.values[edge]
             pool.promised[edge] += np.clip(promised, LEAST_VALUE, MOST_VALUE)
         elif child is not None and success:
             gain = child.values[edge] / max(node.arranged_values[edge], LEAST_VALUE)

@@ -9,9 +9,9 @@ ends when a goal state is reached. Which branch is grown is a rule's business: t
 Beyond the paper, a branch may also be for a spline that keeps the state and makes room for the
 edge's action (Sec. VIII). And where a branch fails, its end is kept all the same if it is of use:
 in the state at the end of another edge, or in the state it began in, as a further shape of it.
-With an ensemble (`planning.ensemble`) no end is kept that too few perturbed ropes reach, and with a
-margin none whose strands only just cross. And a plan that hangs by the time step is none where it
-shall be `steady`.
+With an ensemble (`planning.ensemble`) the search goes on from a plan that few perturbed ropes
+execute to better ones. With a margin no end is kept whose strands only just cross. And a plan that
+hangs by the time step is none where it shall be `steady`.
 
 With `batch` above 1 as many expansions are chosen by the same rule from the tree as it stands, and
 simulated at once. Every plan found is as valid as one found one by one; the tree is somewhat
@@ -137,18 +137,38 @@ class TreeSearch:
         self._add([self.nodes.pop()])
         reason = ""
         while not reason:
-            if self._tied():
-                tied = "the rope was tied already" if not self.branches else "the goal was reached"
-                return self._plan(solved=True, reason=tied)
+            tied = self._tied()
+            if tied and self._suffices():
+                return self._plan(solved=True, reason=self._success())
             if self.branches >= config.max_branches:
-                reason = f"{config.max_branches} branches were simulated without reaching the goal"
+                reason = f"{config.max_branches} branches were simulated"
             elif self._clock.seconds >= config.max_seconds:
-                reason = f"{config.max_seconds:g} s passed without reaching the goal"
+                reason = f"{config.max_seconds:g} s passed"
             else:
                 update = self.expand(min(config.batch, config.max_branches - self.branches))
                 if progress is not None:
                     progress(update)
-        return self._plan(solved=False, reason=reason)
+        if not tied:
+            return self._plan(solved=False, reason=f"{reason} without reaching the goal")
+        return self._plan(solved=True, reason=f"{self._success()}; {reason}")
+
+    def _success(self) -> str:
+        if not self.branches:
+            return "the rope was tied already"
+        reached = "the goal was reached"
+        if self._ensemble is None:
+            return reached
+        left = self._ensemble.left(self._nearest())
+        return f"{reached}, and by {left} of {self.config.ensemble} perturbed ropes"
+
+    def _suffices(self) -> bool:
+        """Whether the best plan is robust enough; if not, only more robust ones are sought."""
+        best = self._nearest()
+        if self._ensemble is None or self._ensemble.suffices(best):
+            return True
+        self._ensemble.surpass(best)
+        self._rule.drop([node for node in self.nodes if self._ensemble.falls_short(node)])
+        return False
 
     def _simulated(self, chosen: Sequence[Branch]) -> tuple[NDArray[np.float64], Rollouts]:
         """Splines (B, 6) for the branches, and what comes of them.
@@ -187,9 +207,6 @@ class TreeSearch:
     def _appraise(self, nodes: Sequence[Node]) -> None:
         clock = time.perf_counter()
         self._proposals.appraise(nodes)
-        if self._ensemble is not None:
-            for node in nodes:
-                node.hope = self._ensemble.hope(node)
         self._clock.sampling += time.perf_counter() - clock
 
     def _add(self, nodes: Sequence[Node]) -> None:
@@ -291,8 +308,8 @@ class TreeSearch:
         return False
 
     def _nearest(self) -> Node:
-        """The goal's node, or that which came nearest; the first with fewest steps."""
-        return min(self.nodes, key=lambda node: (node.distance, len(node.way())))
+        """The goal's node, or that which came nearest; the most robust, then the shortest."""
+        return min(self.nodes, key=lambda node: (node.distance, -node.survival, len(node.way())))
 
     def _plan(self, solved: bool, reason: str) -> KnotPlan:
         best = self._nearest()
