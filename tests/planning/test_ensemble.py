@@ -50,7 +50,7 @@ def test_a_branch_is_kept_if_enough_ropes_reach_its_state(world, shape_of, state
     child = child_of(root, after, states[1])
     assert drawn.survivors([child]) == [child]
     assert [shape is not None for shape in child.ensemble] == [True, False, True]
-    assert drawn.left(child) == 2 and child.survival == pytest.approx(2 / 3)
+    assert child.left == 2 and child.survival == pytest.approx(2 / 3)
     grandchild = child_of(child, after, states[1])
     assert drawn.survivors([grandchild]) == [grandchild]
     assert [len(rope.splines) for rope in ropes] == [2, 1, 2]  # what is lost stays lost

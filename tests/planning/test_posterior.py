@@ -52,7 +52,8 @@ def test_the_best_valued_shape_of_a_state_comes_first(world, path_goal):
 
 def test_a_shape_that_few_ropes_survive_comes_last(world, path_goal):
     shapes = [node(world, path_goal, TRIVIAL, [value]) for value in (0.6, 0.9)]
-    shapes[1].survival = 0.1
+    shapes[1].ensemble = (shapes[1].points,) + 9 * (None,)
+    assert shapes[1].survival == 0.1
     (branch,) = chosen(path_goal, shapes)
     assert branch.node is shapes[0]
 

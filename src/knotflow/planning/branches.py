@@ -45,8 +45,6 @@ class Node:
         step: what was executed there; None for the root.
         ensemble: (V, 3) perturbed ropes that were executed with it, None for those that were lost;
             empty without an ensemble.
-        survival: share of the ensemble that is left, and so the chance that a rope unlike the
-            planner's comes this far; 1 without an ensemble.
         steady: its step was simulated again and can be relied on (`soundness.are_steady`).
         failures: branches from this node that did not become nodes.
         values: (E,) probability of success along each edge, as far as one is known; else 1.
@@ -63,7 +61,6 @@ class Node:
     parent: Node | None = None
     step: PlanStep | None = None
     ensemble: tuple[NDArray[np.float64] | None, ...] = ()
-    survival: float = 1.0
     steady: bool = False
     failures: int = 0
     values: NDArray[np.float64] = field(init=False)
@@ -75,6 +72,17 @@ class Node:
         """Every edge is as promising as any, until a critic values it."""
         self.values = self.arranged_values = np.ones(len(self.edges))
         self.tries, self.successes = np.zeros((2, 2, len(self.edges)))
+
+    @property
+    def left(self) -> int:
+        """How many ropes of the ensemble are left."""
+        return sum(rope is not None for rope in self.ensemble)
+
+    @property
+    def survival(self) -> float:
+        """Share of the ensemble that is left, and so the chance that a rope unlike the planner's
+        comes this far; 1 without an ensemble."""
+        return self.left / len(self.ensemble) if self.ensemble else 1.0
 
     @property
     def arranged(self) -> int:

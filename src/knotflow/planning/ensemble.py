@@ -60,21 +60,17 @@ class Ensemble:
             for simulator in self._simulators
         )
 
-    def left(self, node: Node) -> int:
-        """How many of the ropes that executed what leads to a node are in its state."""
-        return sum(rope is not None for rope in node.ensemble)
-
     def suffices(self, node: Node) -> bool:
         """Whether so many ropes are left that no better plan than to this node is sought."""
-        return self.left(node) >= self._enough
+        return node.left >= self._enough
 
     def falls_short(self, node: Node) -> bool:
         """Whether too few ropes are left at a node for a plan beyond it to be kept."""
-        return self.left(node) < self._least
+        return node.left < self._least
 
     def surpass(self, node: Node) -> None:
         """From now on keep only what more ropes reach than this node."""
-        self._least = max(self._least, self.left(node) + 1)
+        self._least = node.left + 1
 
     def survivors(self, nodes: Sequence[Node]) -> list[Node]:
         """Those of the new nodes whose state enough ropes reach; they carry these ropes' shapes.
@@ -108,7 +104,6 @@ class Ensemble:
         kept = []
         for node, own in zip(nodes, shapes, strict=True):
             node.ensemble = tuple(own)
-            node.survival = self.left(node) / len(own)
             if not self.falls_short(node):
                 kept.append(node)
         return kept

@@ -158,16 +158,16 @@ class TreeSearch:
         reached = "the goal was reached"
         if self._ensemble is None:
             return reached
-        left = self._ensemble.left(self._nearest())
-        return f"{reached}, and by {left} of {self.config.ensemble} perturbed ropes"
+        return f"{reached}, and by {self._nearest().left} of {self.config.ensemble} perturbed ropes"
 
     def _suffices(self) -> bool:
         """Whether the best plan is robust enough; if not, only more robust ones are sought."""
         best = self._nearest()
         if self._ensemble is None or self._ensemble.suffices(best):
             return True
-        self._ensemble.surpass(best)
-        self._rule.drop([node for node in self.nodes if self._ensemble.falls_short(node)])
+        if not self._ensemble.falls_short(best):  # which it does once it was surpassed
+            self._ensemble.surpass(best)
+            self._rule.drop([node for node in self.nodes if self._ensemble.falls_short(node)])
         return False
 
     def _simulated(self, chosen: Sequence[Branch]) -> tuple[NDArray[np.float64], Rollouts]:
