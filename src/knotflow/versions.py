@@ -15,7 +15,7 @@ VERSIONS = {
     "primitives": 3,
     "training": 5,
     "planning": 9,
-    "perception": 8,
+    "perception": 9,
     "execution": 6,
 }
 """Package below knotflow -> its version. One inside another, with a number of its own, is not

@@ -67,10 +67,10 @@ def test_strands_are_followed_unless_a_method_leaves_them_out():
 @pytest.mark.parametrize(
     ("name", "near"),
     [
-        ("network", True),
-        ("network_without_self_supervision", False),
-        ("network_rendering", True),
-        ("network_rendering_without_self_supervision", False),
+        ("network_without_strands", True),
+        ("network_without_strands_self_supervision", False),
+        ("network_rendering_without_strands", True),
+        ("network_rendering_without_strands_self_supervision", False),
     ],
 )
 def test_each_method_starts_from_its_network(name, near):

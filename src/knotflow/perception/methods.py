@@ -24,7 +24,8 @@ from knotflow.simulation import RopeConfig, resample
 POOR = 0.03
 """How far off a poor start is, metres, root mean square."""
 SUPERVISED, SELF_SUPERVISED = "supervised", "self_supervised"
-"""Networks: as trained on simulated ropes, and after learning from images alone besides."""
+"""Networks: as trained on simulated ropes, and after learning from images alone besides. They
+differ in how they see a whole rope; strands are followed by the same network in both."""
 
 MARKED, PLAIN, FINE = "marked", "plain", "fine"
 """Images of a rope: its head coloured, not coloured, and coloured with twice as many pixels along
@@ -97,12 +98,18 @@ METHODS = {
     "rendering_without_depth": EstimationMethod(tracing=True, depth=False, nominal=True),
     "rendering_poor_start": EstimationMethod(nominal=True),
     "network": EstimationMethod(network=SELF_SUPERVISED, rendering=False),
-    "network_without_self_supervision": EstimationMethod(
-        network=SUPERVISED, rendering=False, nominal=True
+    "network_without_strands": EstimationMethod(
+        network=SELF_SUPERVISED, strands=False, rendering=False, nominal=True
+    ),
+    "network_without_strands_self_supervision": EstimationMethod(
+        network=SUPERVISED, strands=False, rendering=False, nominal=True
     ),
     "network_rendering": EstimationMethod(network=SELF_SUPERVISED),
-    "network_rendering_without_self_supervision": EstimationMethod(
-        network=SUPERVISED, nominal=True
+    "network_rendering_without_strands": EstimationMethod(
+        network=SELF_SUPERVISED, strands=False, nominal=True
+    ),
+    "network_rendering_without_strands_self_supervision": EstimationMethod(
+        network=SUPERVISED, strands=False, nominal=True
     ),
     "network_rendering_without_depth": EstimationMethod(
         network=SELF_SUPERVISED, depth=False, nominal=True

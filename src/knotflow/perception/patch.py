@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -104,18 +103,11 @@ class Patch:
 
     def to_world(self, nodes: NDArray, camera: Camera) -> Floats:
         """Points (V, 3), metres, of nodes (V, 3): place in the patch, -1..1, and height, radii."""
-        return self.lift(torch.as_tensor(np.asarray(nodes, np.float64)), camera).numpy()
-
-    def lift(self, nodes: Tensor, camera: Camera) -> Tensor:
-        """`to_world`, differentiable in the nodes."""
-        centre, axes, eye = (
-            torch.as_tensor(one, dtype=nodes.dtype)
-            for one in (self.centre, self.axes, camera.position)
-        )
-        places = centre + self.half * nodes[:, :2] @ axes.T
+        eye = camera.position
+        places = self.centre + self.half * nodes[:, :2] @ self.axes.T
         height = self.radius * nodes[:, 2:]
         reach = (eye[2] - height) / (eye[2] - self.radius)
-        return torch.cat([eye[:2] + (places - eye[:2]) * reach, height], dim=1)
+        return np.concatenate([eye[:2] + (places - eye[:2]) * reach, height], axis=1)
 
     def from_world(self, points: NDArray, camera: Camera) -> Floats:
         """Nodes (V, 3) of points (V, 3), the inverse of `to_world`."""

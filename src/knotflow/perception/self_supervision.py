@@ -1,27 +1,27 @@
-"""A network goes on learning from images alone, through the renderer (Sec. VI; [15]'s point).
+"""A network goes on learning from images alone, by what the whole method makes of them (Sec. VI).
 
-Nobody knows the true shape of a rope in a real image, but a shape that is right accounts for the
-image. So the losses of the fit, on silhouette, depth and the rope's own length, teach the network.
+Nobody knows the true shape of a rope in a real image. But where first guesses, their rearrangement
+and the fit to the image leave nothing in doubt, the estimate is nearer to the truth than the
+network's own guess; so the network learns to guess it. This is less than [15] asks of images: the
+rendering's loss by itself, without a search, draws a guess to the nearest shape that covers the
+rope, with strands that are mixed up, and networks got worse by it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 import torch
-from torch import Tensor
+from numpy.typing import NDArray
 
 from knotflow.perception.camera import Camera
-from knotflow.perception.fitting import FitConfig, image_loss, shape_loss
-from knotflow.perception.image import Label, RgbdImage
-from knotflow.perception.losses import Target
+from knotflow.perception.image import RgbdImage
 from knotflow.perception.network import FLIPS, Network, look
-from knotflow.perception.patch import Patch
 from knotflow.perception.segmentation import segment
-from knotflow.perception.training_config import SELF_SUPERVISION_STEPS
+from knotflow.perception.supervision import nodes_loss
+from knotflow.perception.training_config import SELF_SUPERVISION_STEPS, LossConfig
 from knotflow.perception.unmixing import coverage
 from knotflow.simulation import RopeConfig
 from knotflow.threads import one_thread
@@ -33,20 +33,12 @@ class SelfSupervisionConfig:
 
     steps: int = SELF_SUPERVISION_STEPS
     """Gradient steps."""
-    batch: int = 8
-    """Images of a step; a gradient costs about 10 ms an image."""
+    batch: int = 16
+    """Images of a step, each in one of the patch's mirror images."""
     learning_rate: float = 1e-4
-    """Of Adam."""
-    softness: float = 8e-3
-    """Softness of the rendering, metres: a gradient reaches five times as far."""
-    fit: FitConfig = field(default_factory=FitConfig)
-    """Weights of the losses."""
-
-
-class _Unlabelled(NamedTuple):
-    patch: Patch
-    crop: Tensor
-    target: Target
+    """AdamW's first one; it falls to nothing as a cosine."""
+    loss: LossConfig = field(default_factory=LossConfig)
+    """What counts, as in training."""
 
 
 class SelfSupervision:
@@ -56,6 +48,7 @@ class SelfSupervision:
         self,
         network: Network,
         images: Sequence[RgbdImage],
+        shapes: Sequence[NDArray],
         camera: Camera,
         rope: RopeConfig,
         config: SelfSupervisionConfig | None = None,
@@ -64,28 +57,46 @@ class SelfSupervision:
         """Segments the images.
 
         Args:
-            network: that learns; its nodes are as many as the rope's vertices.
-            images: of this camera, each of one rope, whose shapes nobody knows.
+            network: whose model of whole ropes learns; its nodes are as many as the rope's
+                vertices.
+            images: of this camera, each of one rope.
+            shapes: (V, 3) metres, of each image's rope as it was estimated. Leave doubtful
+                estimates out, and their images.
             camera: that took them.
             rope: its length, radius and number of links.
             config: the effort.
             seed: of the order of the images.
 
         Raises:
-            ValueError: no images, or a rope of another number of vertices.
+            ValueError: no images, another number of shapes, or a rope of another number of
+                vertices.
             TraceError: an image without rope.
         """
         nodes = network.model.config.nodes[-1]
-        if not images or rope.num_vertices != nodes:
+        if not images or len(images) != len(shapes) or rope.num_vertices != nodes:
             raise ValueError(
-                f"self-supervision needs an image or more, and a rope of {nodes} vertices as the "
-                f"network has; got {len(images)} images and {rope.num_vertices} vertices"
+                f"self-supervision needs an image or more, a shape for each, and a rope of {nodes} "
+                f"vertices as the network has; got {len(images)} images, {len(shapes)} shapes and "
+                f"{rope.num_vertices} vertices"
             )
-        self.network, self.camera, self.rope = network, camera, rope
+        self.network = network
         self.config = config or SelfSupervisionConfig()
         self._rng = np.random.default_rng(seed)
-        self._images = [self._seen(one) for one in images]
-        self._optimizer = torch.optim.Adam(network.model.parameters(), self.config.learning_rate)
+        size = network.model.config.size
+        crops, targets = [], []
+        for image, shape in zip(images, shapes, strict=True):
+            segmentation = segment(image, camera, rope.radius)
+            patch, crop = look(segmentation, coverage(image, segmentation), camera, rope, size)
+            for along, across in FLIPS:
+                crops.append(crop[:, ::across, ::along])
+                targets.append(patch.flipped(along, across).from_world(shape, camera))
+        self._crops = torch.as_tensor(np.stack(crops), dtype=torch.float32)
+        self._nodes = torch.as_tensor(np.stack(targets), dtype=torch.float32)
+        parameters = network.model.parameters()
+        self._optimizer = torch.optim.AdamW(parameters, self.config.learning_rate)
+        self._schedule = torch.optim.lr_scheduler.CosineAnnealingLR(
+            self._optimizer, self.config.steps
+        )
 
     def __iter__(self) -> Iterator[float]:
         # Batch normalisation keeps its statistics: a few images would give worse ones.
@@ -95,34 +106,12 @@ class SelfSupervision:
 
     @one_thread()
     def _step(self) -> float:
-        config = self.config
-        chosen = [self._images[i] for i in self._rng.integers(len(self._images), size=config.batch)]
-        flips = [FLIPS[i] for i in self._rng.integers(len(FLIPS), size=config.batch)]
-        crops = [
-            one.crop.flip([axis for axis, sign in zip((2, 1), flip, strict=True) if sign < 0])
-            for one, flip in zip(chosen, flips, strict=True)
-        ]
-        nodes = self.network.model(torch.stack(crops))[-1].places.double()
-        losses = []
-        for one, flip, places in zip(chosen, flips, nodes, strict=True):
-            shape = one.patch.flipped(*flip).lift(places, self.camera)
-            losses.append(
-                image_loss(shape, one.target, self.camera, self.rope, config.fit, config.softness)
-                + shape_loss(shape, self.rope, config.fit)
-            )
-        loss = torch.stack(losses).mean()
+        model, config = self.network.model, self.config
+        chosen = self._rng.integers(len(self._crops), size=config.batch)
+        loss = nodes_loss(model(self._crops[chosen]), self._nodes[chosen], config.loss).mean()
         self._optimizer.zero_grad(set_to_none=True)
         loss.backward()
-        torch.nn.utils.clip_grad_norm_(self.network.model.parameters(), 1.0)
+        torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
         self._optimizer.step()
+        self._schedule.step()
         return float(loss.detach())
-
-    def _seen(self, image: RgbdImage) -> _Unlabelled:
-        segmentation = segment(image, self.camera, self.rope.radius)
-        share = coverage(image, segmentation)
-        size = self.network.model.config.size
-        patch, crop = look(segmentation, share, self.camera, self.rope, size)
-        known = segmentation.rope | (segmentation.labels == Label.TABLE)
-        depth = np.where(known, image.depth, np.nan)
-        target = Target.of(segmentation.rope, known, depth, share)
-        return _Unlabelled(patch, torch.as_tensor(crop), target)

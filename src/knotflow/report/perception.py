@@ -30,14 +30,16 @@ METHODS = {
     "rendering_without_depth": "skeleton and rendering, without depth",
     "rendering_poor_start": "rendering from a poor start",
     "network": "network alone",
-    "network_without_self_supervision": "network alone, without self-supervision",
+    "network_without_strands": "network alone, strands not followed",
+    "network_without_strands_self_supervision": "the same, without self-supervision",
     "network_rendering": "network and rendering",
-    "network_rendering_without_self_supervision": (
-        "network and rendering, without self-supervision"
-    ),
+    "network_rendering_without_strands": "network and rendering, strands not followed",
+    "network_rendering_without_strands_self_supervision": "the same, without self-supervision",
     "network_rendering_without_depth": "network and rendering, without depth",
     "network_tracing_rendering": "network, skeleton and rendering",
-    "network_tracing_rendering_without_strands": "the same, strands not followed",
+    "network_tracing_rendering_without_strands": (
+        "network, skeleton and rendering, strands not followed"
+    ),
     "network_tracing_rendering_plain_rope": "network, skeleton and rendering, head not coloured",
     "network_tracing_rendering_fine": "network, skeleton and rendering, 640 by 480 pixels",
 }

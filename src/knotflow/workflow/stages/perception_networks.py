@@ -1,7 +1,8 @@
 """Stage `perception_networks`: the network that sees ropes, before and after self-supervision.
 
-A lab with a rope of its own has images, but no shapes: on such images the trained network goes on
-learning. Here ropes are simulated, and their shapes serve to take the images only.
+A lab with a rope of its own has images, but no shapes: the trained network goes on learning from
+what is estimated in such images without a doubt. Here ropes are simulated, and their shapes serve
+to take the images only.
 """
 
 from __future__ import annotations
@@ -9,20 +10,25 @@ from __future__ import annotations
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from knotflow.perception import (
     Appearance,
     Camera,
     CameraNoiseConfig,
+    EstimateConfig,
     Network,
     RgbdImage,
     SelfSupervision,
     SelfSupervisionConfig,
     SimulatedCamera,
+    TraceError,
+    estimate,
 )
 from knotflow.perception.methods import SELF_SUPERVISED, SUPERVISED
 from knotflow.perception.training_config import SHIPPED_NETWORK
@@ -47,17 +53,20 @@ class PerceptionNetworksConfig:
     """Of the camera."""
     images: int
     """Images, each of another rope."""
+    estimate: EstimateConfig = field(default_factory=EstimateConfig)
+    """How the ropes in them are estimated."""
     learning: SelfSupervisionConfig = field(default_factory=SelfSupervisionConfig)
     """The effort."""
     seed: int
     """Of the choice of ropes, of light, noise and batches; used for nothing else."""
 
 
-@stage("perception_networks", inputs=("ropes",))
+@stage("perception_networks", version=2, inputs=("ropes",))
 def adapt_networks(
     config: PerceptionNetworksConfig, inputs: Mapping[str, Path], context: StageContext
 ) -> None:
-    """Makes supervised.safetensors, self_supervised.safetensors and losses.csv, a row a step.
+    """Makes supervised.safetensors, self_supervised.safetensors, losses.csv, a row a step, and
+    shapes/NUMBER.npy, the estimate of each image: (V, 3), or (0, 3) where it is in doubt.
 
     Makes nothing, and says so, while the package ships no weights and none are given.
 
@@ -74,18 +83,26 @@ def adapt_networks(
     network = Network.load(config.network)
     with context.atomic(weights_file(SUPERVISED)) as path:
         shutil.copyfile(config.network, path)
-    learning = SelfSupervision(
-        network,
-        _images(config, inputs["ropes"] / ROPES),
-        Camera.overhead(),
-        config.rope,
-        config.learning,
-        config.seed,
-    )
-    steps = context.progress(learning, total=config.learning.steps, desc="self-supervision")
-    losses = pd.DataFrame({"loss": list(steps)})
+    ropes = _ropes(config, inputs["ropes"] / ROPES)
+    names = [f"shapes/{number}" for number in range(len(ropes))]
+    context.each(partial(_estimate, config, ropes), context.pending(names, ".npy"), "estimates")
+    shapes = [np.load(context.out / f"{name}.npy") for name in names]
+    sure = [number for number, shape in enumerate(shapes) if len(shape)]
+    print(f"{len(sure)} of {len(ropes)} images leave nothing in doubt", flush=True)
+    losses: list[float] = []
+    if sure:
+        learning = SelfSupervision(
+            network,
+            [_image(config, ropes[number], number) for number in sure],
+            [shapes[number] for number in sure],
+            Camera.overhead(),
+            config.rope,
+            config.learning,
+            config.seed,
+        )
+        losses += context.progress(learning, total=config.learning.steps, desc="self-supervision")
     with context.atomic("losses.csv") as path:
-        losses.to_csv(path, index_label="step", float_format="%.6g")
+        pd.DataFrame({"loss": losses}).to_csv(path, index_label="step", float_format="%.6g")
     with context.atomic(weights_file(SELF_SUPERVISED)) as path:
         network.save(path)
 
@@ -101,19 +118,37 @@ def load_networks(folder: Path) -> dict[str, Network]:
     return {name: Network.load(path) for name, path in paths.items() if path.exists()}
 
 
-def _images(config: PerceptionNetworksConfig, path: Path) -> list[RgbdImage]:
-    """Images of ropes drawn from a file, all numbers of crossings equally often."""
+def _ropes(config: PerceptionNetworksConfig, path: Path) -> list[NDArray[np.float64]]:
+    """Ropes (V, 3) drawn from a file, all numbers of crossings equally often."""
     with np.load(path) as file:
         points, crossings = file["points"].astype(np.float64), file["crossings"]
     rng = np.random.default_rng(config.seed)
     share = 1 / np.bincount(crossings)[crossings]
-    rows = rng.choice(
-        len(points), min(config.images, len(points)), replace=False, p=share / share.sum()
-    )
-    images = []
-    for row in rows:
-        eye = SimulatedCamera(
-            Camera.overhead(), config.rope, config.noise, Appearance.draw(rng, config.noise)
+    count = min(config.images, len(points))
+    rows = rng.choice(len(points), count, replace=False, p=share / share.sum())
+    return [resample(points[row], config.rope) for row in rows]
+
+
+def _image(config: PerceptionNetworksConfig, rope: NDArray, number: int) -> RgbdImage:
+    """The image of a rope (V, 3), which has a light and noise of its own."""
+    rng = np.random.default_rng([config.seed, number])
+    appearance = Appearance.draw(rng, config.noise)
+    eye = SimulatedCamera(Camera.overhead(), config.rope, config.noise, appearance)
+    return eye.capture(rope, rng)
+
+
+def _estimate(
+    config: PerceptionNetworksConfig, ropes: list[NDArray], context: StageContext, name: str
+) -> None:
+    """Keeps what the image of a rope says of it."""
+    number = int(Path(name).name)
+    image, network = _image(config, ropes[number], number), Network.load(config.network)
+    try:
+        found = estimate(
+            image, Camera.overhead(), config.rope, config=config.estimate, network=network
         )
-        images.append(eye.capture(resample(points[row], config.rope), rng))
-    return images
+    except TraceError:
+        found = None
+    shape = np.empty((0, 3)) if found is None or found.doubtful else found.points
+    with context.atomic(f"{name}.npy") as path, open(path, "wb") as file:
+        np.save(file, shape)  # given a path, it would append an ending
