@@ -107,8 +107,7 @@ class Network:
         share = coverage(image, segmentation)
         patch, crop = look(segmentation, share, camera, rope, self.model.config.size)
         self.model.eval()
-        mirrored = torch.stack(list(_mirrored(torch.as_tensor(crop))))
-        nodes = self.model(mirrored)[-1]
+        nodes = self.model(torch.stack(list(mirrored(torch.as_tensor(crop)))))[-1]
         found: list[tuple[Floats, Floats]] = []
         for flip, places, log_scale in zip(FLIPS, *nodes, strict=True):
             shape = patch.flipped(*flip).to_world(places.double().numpy(), camera)
@@ -222,7 +221,7 @@ def look(
     return patch, patch.crop(segmentation, share, camera, size)
 
 
-def _mirrored(crop: Tensor) -> Iterable[Tensor]:
+def mirrored(crop: Tensor) -> Iterable[Tensor]:
     """The crop (3, S, S) in each of `FLIPS`."""
     for along, across in FLIPS:
         axes = [axis for axis, sign in ((2, along), (1, across)) if sign < 0]

@@ -15,10 +15,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from knotflow.perception.camera import Camera
 from knotflow.perception.image import RgbdImage
-from knotflow.perception.network import FLIPS, Network, look
+from knotflow.perception.network import FLIPS, Network, look, mirrored
 from knotflow.perception.segmentation import segment
 from knotflow.perception.supervision import nodes_loss
 from knotflow.perception.training_config import SELF_SUPERVISION_STEPS, LossConfig
@@ -83,14 +84,14 @@ class SelfSupervision:
         self.config = config or SelfSupervisionConfig()
         self._rng = np.random.default_rng(seed)
         size = network.model.config.size
-        crops, targets = [], []
+        crops: list[Tensor] = []
+        targets: list[NDArray] = []
         for image, shape in zip(images, shapes, strict=True):
             segmentation = segment(image, camera, rope.radius)
             patch, crop = look(segmentation, coverage(image, segmentation), camera, rope, size)
-            for along, across in FLIPS:
-                crops.append(crop[:, ::across, ::along])
-                targets.append(patch.flipped(along, across).from_world(shape, camera))
-        self._crops = torch.as_tensor(np.stack(crops), dtype=torch.float32)
+            crops += mirrored(torch.as_tensor(crop))
+            targets += [patch.flipped(*flip).from_world(shape, camera) for flip in FLIPS]
+        self._crops = torch.stack(crops)
         self._nodes = torch.as_tensor(np.stack(targets), dtype=torch.float32)
         parameters = network.model.parameters()
         self._optimizer = torch.optim.AdamW(parameters, self.config.learning_rate)
