@@ -2,8 +2,9 @@
 
     KILLS=5 python -m pytest tests/test_kills.py -s
 
-kills it so many times, `kill -9` after random seconds; without KILLS it is left out, for it takes
-minutes. What is half-written at each change of the file system is tests/workflow/test_crash.py's.
+kills it so many times, `kill -9` after random seconds, all over the time that it takes; without
+KILLS it is left out, for it takes minutes. What is half-written at each change of the file
+system is tests/workflow/test_crash.py's.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ def test_an_experiment_that_is_killed_now_and_then_ends_as_one_that_never_was(tm
     assert start(whole).wait() == 0
     took, moments, kills = time.monotonic() - began, random.Random(), 0
     for _ in range(KILLS):
-        process, moment = start(killed), moments.uniform(0.0, took)
+        process, moment = start(killed), moments.uniform(0.0, 2 * took / KILLS)
         try:
             assert process.wait(moment) == 0  # it was faster than that
         except subprocess.TimeoutExpired:
