@@ -49,7 +49,7 @@ def test_an_experiment_that_is_killed_now_and_then_ends_as_one_that_never_was(tm
     assert start(whole).wait() == 0
     took, moments, kills = time.monotonic() - began, random.Random(), 0
     for _ in range(KILLS):
-        process, moment = start(killed), moments.uniform(0.0, 2 * took / KILLS)
+        process, moment = start(killed), moments.uniform(0.0, took * min(1.0, 2 / KILLS))
         try:
             assert process.wait(moment) == 0  # it was faster than that
         except subprocess.TimeoutExpired:
