@@ -9,7 +9,7 @@ its second a y axis fixed in the link towards the tail. One link, the root, floa
 others hang from it in branches. In the branch towards the head a joint's parent is its tailward
 link, so its hinges follow in the other order about reversed axes: the same joint, with the same
 angles. A chain rooted in its middle link has two branches half as long as the one of a chain
-rooted in its head, so half as many entries in its mass matrix and 1.8 times the speed. Both are
+rooted in its head, so half as many entries in its mass matrix and 1.7 times the speed. Both are
 the same mechanics but for two things: the damping and inertia added to the root itself (see
 `RopeConfig.root`), and contacts of a moving rope, where MuJoCo drops the derivative of a contact's
 Jacobian, which depends on the coordinates.
@@ -63,7 +63,7 @@ class RopeConfig:
     """Link whose position and orientation are coordinates of the model, `middle` or `head`; all
     other links have hinge angles. The root is damped in the world: a middle only in its roll, a
     head on all axes, which also holds the head's direction, so that splines found with one root
-    may fail with the other. `middle` is 1.8 times as fast."""
+    may fail with the other. `middle` is 1.7 times as fast."""
 
     def __post_init__(self) -> None:
         for one in fields(self):
