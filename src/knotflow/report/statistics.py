@@ -107,7 +107,7 @@ def _all_alike(successes: np.ndarray, trials: np.ndarray) -> bool:
 def _resamples(n: int) -> np.ndarray:
     """How often each of n starts is drawn in each resample (RESAMPLES, n)."""
     rng = np.random.default_rng(BOOTSTRAP_SEED)
-    return rng.multinomial(n, np.full(n, 1 / n), size=RESAMPLES)
+    return rng.multinomial(n, np.full(n, 1 / n), size=RESAMPLES).astype(float)  # for the products
 
 
 def _tails(level: float) -> tuple[float, float]:
