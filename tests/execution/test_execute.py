@@ -8,7 +8,6 @@ import pytest
 from knotflow.execution import (
     STEP,
     ExecutionConfig,
-    Seen,
     Sight,
     TrueState,
     Twin,
@@ -98,15 +97,17 @@ def test_a_rope_that_cannot_be_held_is_given_up_and_said(plan):
     np.testing.assert_allclose(twin.points, plan.start, atol=1e-3)
 
 
-def test_an_estimator_gets_images_gripper_and_fingers(plan):
+def test_a_source_gets_images_gripper_and_fingers(plan):
     seen = []
 
-    class Estimator:
-        def update(self, image, gripper, grasped):
-            seen.append((image, gripper.shape, grasped))
+    class Source:
+        lost = False
+
+        def points(self, robot, grasped):
+            seen.append((robot.observe(), robot.position.shape, grasped))
             return plan.start
 
-    execute(plan, Recorded(), ExecutionConfig(slip=10.0), Seen(Estimator()))
+    execute(plan, Recorded(), ExecutionConfig(slip=10.0), Source())
     assert {one[:2] for one in seen} == {("an image", (3,))}
     assert {one[2] for one in seen} == {False, True}
 

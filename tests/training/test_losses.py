@@ -58,11 +58,11 @@ def test_the_actor_is_pulled_less_towards_what_leaves_no_room(batch):
 
 def test_without_a_baseline_the_actor_loss_is_the_likelihood_of_the_successes(batch):
     actor = Actor(NETWORK)
-    gaussian = actor.distribution(batch["states"])
+    mean, factor = actor(batch["states"])
     log_prob = torch.stack(
         [
             torch.distributions.MultivariateNormal(
-                gaussian.mean[owner], gaussian.covariance_matrix[owner]
+                mean[owner], factor[owner] @ factor[owner].T
             ).log_prob(spline)
             for owner, spline in zip(batch["owner"], batch["spline"], strict=True)
         ]

@@ -13,7 +13,7 @@ from .perturbation import ERRORS, Errors
 from .reach import Reached, follow_waypoints
 from .robot import Relay, Robot, Timed
 from .rope_motions import FREE, STEP, Motions, draw_motions
-from .sight import Estimated, Estimator, Look, RopeSource, Seen, Sight, Tracked
+from .sight import Estimated, Look, RopeSource, Sight, Tracked
 from .timing import JointTrajectory, time_joints
 from .training import DynamicsTraining
 from .training_config import DynamicsTrainingConfig, LstmConfig
@@ -36,7 +36,6 @@ __all__ = [
     "DynamicsTrainingConfig",
     "Errors",
     "Estimated",
-    "Estimator",
     "Execution",
     "ExecutionConfig",
     "Export",
@@ -58,7 +57,6 @@ __all__ = [
     "Robot",
     "RopeDynamics",
     "RopeSource",
-    "Seen",
     "Sight",
     "StepOutcome",
     "Still",

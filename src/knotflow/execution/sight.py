@@ -14,18 +14,7 @@ from knotflow.simulation import RopeConfig, resample, state_or_none
 from knotflow.topology import TopologicalState
 
 if TYPE_CHECKING:
-    from knotflow.perception import Camera, EstimateConfig, Network, RgbdImage, Tracker
-
-
-class Estimator(Protocol):
-    """Follows the rope from image to image."""
-
-    def update(self, image: RgbdImage, gripper: NDArray, grasped: bool) -> NDArray:
-        """The rope (V, 3), metres, in the newest image.
-
-        `gripper` (3,) is where the gripper is, and `grasped` whether its fingers are closed.
-        """
-        ...
+    from knotflow.perception import Camera, EstimateConfig, Network, Tracker
 
 
 class RopeSource(Protocol):
@@ -39,18 +28,6 @@ class RopeSource(Protocol):
     def points(self, robot: Robot, grasped: bool) -> NDArray:
         """The rope (V, 3), metres, now; asked for after every move that may move it."""
         ...
-
-
-@dataclass(frozen=True)
-class Seen:
-    """The rope as an estimator finds it in the robot's images."""
-
-    estimator: Estimator
-    lost = False
-
-    def points(self, robot: Robot, grasped: bool) -> NDArray:
-        """See `RopeSource`."""
-        return self.estimator.update(robot.observe(), robot.position, grasped)
 
 
 @dataclass

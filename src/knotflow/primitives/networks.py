@@ -18,7 +18,6 @@ from __future__ import annotations
 import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
-from torch.distributions import MultivariateNormal
 from torch.nn.functional import logsigmoid, scaled_dot_product_attention, softplus
 
 from knotflow.primitives.config import NetworkConfig
@@ -182,11 +181,6 @@ class Actor(nn.Module):
         factor = out.new_zeros(len(out), SPLINE, SPLINE)
         factor[:, self._rows, self._columns] = entries
         return mean, factor
-
-    def distribution(self, states: TensorDict) -> MultivariateNormal:
-        """The predicted distribution, a batch of S."""
-        mean, factor = self(states)
-        return MultivariateNormal(mean, scale_tril=factor, validate_args=False)
 
 
 class Critic(nn.Module):
