@@ -26,7 +26,10 @@ class RopeSource(Protocol):
         ...
 
     def points(self, robot: Robot, grasped: bool) -> NDArray:
-        """The rope (V, 3), metres, now; asked for after every move that may move it."""
+        """The rope (V, 3), metres, now; asked for after every move that may move it.
+
+        `grasped` says whether the gripper's fingers are closed.
+        """
         ...
 
 
