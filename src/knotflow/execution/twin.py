@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from knotflow.execution.perturbation import ERRORS, Errors, displaced
 from knotflow.execution.robot import Robot
 from knotflow.execution.sight import Sight
-from knotflow.simulation import RopeConfig, build_model, check_points, perturb_rope, pose
+from knotflow.simulation import REACH, RopeConfig, build_model, check_points, perturb_rope, pose
 
 if TYPE_CHECKING:
     from knotflow.perception import Camera, RgbdImage, SimulatedCamera
@@ -31,9 +31,9 @@ class TwinConfig:
     """Simulation time step, seconds: finer than the planner's."""
     contact_time: float = 0.02
     """Time constant of contacts and grasp, seconds."""
-    reach: float = 0.025
-    """Farthest that the rope's centre line may lie from the fingers when they close, metres: half
-    their opening. A grasp farther off catches nothing."""
+    reach: float = REACH
+    """Farthest that the rope's centre line may lie from the fingers when they close, metres. A
+    grasp farther off catches nothing."""
     home: tuple[float, float, float] = (0.0, 0.0, 0.3)
     """Where the gripper is at first, metres."""
 

@@ -19,6 +19,7 @@ from knotflow.planning.branches import Node, Simulator
 from knotflow.planning.config import PlannerConfig
 from knotflow.simulation import (
     ACTUATION,
+    REACH,
     RopeSimulator,
     SimulationConfig,
     clip_splines,
@@ -26,10 +27,6 @@ from knotflow.simulation import (
     perturb_rope,
     state_or_none,
 )
-
-REACH = 0.025
-"""Farthest that a strand may lie from where the planner's was grasped to be caught, metres: half
-the opening of the fingers."""
 
 
 class Ensemble:

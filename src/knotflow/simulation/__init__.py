@@ -11,6 +11,7 @@ from knotflow.simulation.perturbation import (
     ACTUATION,
     EXPONENTS,
     LEVELS,
+    REACH,
     check_level,
     perturb_rope,
 )
@@ -52,6 +53,7 @@ __all__ = [
     "ACTUATION",
     "EXPONENTS",
     "LEVELS",
+    "REACH",
     "ROOTS",
     "SPLINE_HIGH",
     "SPLINE_LOW",

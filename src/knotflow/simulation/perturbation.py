@@ -25,6 +25,10 @@ level 2 in [-2a, 2a]."""
 ACTUATION = (0.0, 0.006, 0.010)
 """Standard deviation of the gripper's place in x and y at each level, metres."""
 
+REACH = 0.025
+"""Farthest from the fingers that a rope's centre line may lie to be caught as they close, metres:
+half their opening."""
+
 
 def perturb_rope(rope: RopeConfig, level: int, rng: np.random.Generator) -> RopeConfig:
     """A rope whose `EXPONENTS` fields are drawn log-uniformly around those of `rope`.
