@@ -123,6 +123,36 @@ def test_other_trees_do_not(write, number, method, straight, arc, verdict):
     assert judgement(write, number).verdict is verdict
 
 
+def test_a_claim_that_does_not_hold_has_its_reason_and_one_that_holds_none(write):
+    trees(write, "imitation", [3, 99], [3, 9])
+    columns = ("start", "action", "shape", "splines", "successes")
+    rows = [("straight", "R1(0,1,1)", 0, 8, 8), ("straight", "C(0,1,1)", 0, 8, 1)]
+    write.table("tree_size", "imitation_steps.csv", columns, rows)
+    link = "- [Branches to the overhand, imitation only](#tree-size): "
+    (line,) = (
+        one
+        for one in compose(Results(write.root), "results").markdown.splitlines()
+        if one.startswith("- [Branches to")
+    )
+    assert line.startswith(link) and "`C(0,1,1)` from the straight rope, 12.5" in line
+    trees(write, "imitation", [3, 9], [3, 9])
+    assert link not in compose(Results(write.root), "results").markdown
+
+
+def test_large_trees_and_the_other_rule_are_the_reason_of_joint_finetuning(write):
+    counts = {"independent": [5] * 9 + [55], "joint": [4] * 9 + [64]}
+    counts |= {"independent_posterior": [6] * 10, "joint_posterior": [7] * 10}
+    rows = [
+        (primitives, seed, branches, True, 1.0)
+        for primitives, own in counts.items()
+        for seed, branches in enumerate(own)
+    ]
+    write.searches("joint_finetuning", "primitives", rows, with_start=False)
+    found = CLAIMS[7][1].reason(Results(write.root))
+    assert "the medians are 5.0 / 4.0, and the largest tenth of the trees has 55 % / 64 %" in found
+    assert "the largest trees have 6 / 7 branches" in found
+
+
 def test_a_search_that_gave_up_keeps_within_no_bound(write):
     trees(write, "imitation", [3, 40], [3, 9], unsolved={("straight", 1)})
     found = judgement(write, 4)

@@ -4,7 +4,7 @@ import pytest
 
 from knotflow.report.page import compose
 from knotflow.report.paper import TREE_SIZE
-from knotflow.report.path_steps import left_ropes, step_table
+from knotflow.report.path_steps import hardest_steps, left_ropes, step_table
 from knotflow.report.results import Results, ResultsError
 
 STEPS = ("start", "action", "shape", "splines", "successes")
@@ -39,8 +39,25 @@ def test_a_line_a_method_with_the_ropes_from_which_nothing_succeeds(write):
     assert "25.0 % (" in imitation and "none from 1 of 2 ropes" in imitation
 
 
+def test_the_action_that_succeeds_least_is_named_for_each_start(write):
+    steps(
+        write,
+        "icp",
+        ("straight", R1, 0, 8, 2),
+        ("straight", CROSS, 0, 8, 4),
+        ("arc", R1, 0, 8, 8),
+        ("arc", CROSS, 0, 8, 0),
+        ("arc", CROSS, 1, 8, 4),
+    )
+    straight, arc = hardest_steps(Results(write.root), "tree_size", "icp").split("; ")
+    assert straight.startswith(f"`{R1}` from the straight rope, 25.0 %")
+    assert arc.startswith(f"`{CROSS}` from the arc rope, 25.0 %")
+    assert arc.endswith("none from 1 of 2 ropes")
+
+
 def test_nothing_measured_is_nothing_shown(write):
     results = Results(write.root)
+    assert hardest_steps(results, "tree_size", "icp") == ""
     assert step_table(results, "tree_size", TREE_SIZE) == ""
     assert left_ropes(results, "tree_size", TREE_SIZE, "left") is None
 

@@ -103,6 +103,17 @@ def test_the_pentagrams_verdict(write, pulled, unsolved, verdict):
     assert f"of {len(pulled)} searches" in outcome.ours
 
 
+@pytest.mark.parametrize(("tied", "said"), [(7, True), (0, False)])
+def test_the_pentagrams_reason_is_the_search_that_arranges(write, tied, said):
+    rows = [search("pentagram", "pulled_overhand", seed, 500, False) for seed in range(10)]
+    rows += [
+        search("pentagram", "pulled_overhand_arranging", seed, 90, seed < tied)
+        for seed in range(10)
+    ]
+    write.table("pentagram", "branches.csv", SEARCH, rows)
+    assert ("ties it in 7 of 10 searches" in report(write).markdown) is said
+
+
 def test_the_pentagram_from_a_straight_rope_alone_judges_nothing(write):
     pentagrams(write, (), (30, 90))
     with pytest.raises(NotMeasured, match="pulled_overhand"):

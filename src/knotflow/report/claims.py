@@ -37,7 +37,8 @@ class Claim:
     """One claim with the paper's number and when it holds.
 
     `judge` computes our side from the tables alone; it raises NotMeasured where they lack what it
-    needs.
+    needs. `reason` says what the tables show of why a claim does not wholly hold, empty where they
+    lack that.
     """
 
     statement: str
@@ -45,6 +46,7 @@ class Claim:
     paper: str
     criterion: str
     judge: Callable[[Results], Judgement]
+    reason: Callable[[Results], str] | None = None
 
     def judgement(self, results: Results) -> Judgement:
         """Our side of the claim, NOT_RUN with what is missing where it cannot be judged."""

@@ -223,10 +223,11 @@ def _section(
 
 
 def _claims(results: Results) -> dict[str, str]:
-    """The table of claims, and how many of them hold."""
-    lines = []
+    """The table of claims, how many of them hold, and why others do not."""
+    lines, reasons = [], []
     tally: Counter[Verdict] = Counter()
     direction_only = 0
+    titles = {section.experiment: section.title for section in SECTIONS}
     for experiment, claim in CLAIMS:
         outcome = claim.judgement(results)
         found = results.experiments.get(experiment)
@@ -242,6 +243,10 @@ def _claims(results: Results) -> dict[str, str]:
         ours = outcome.ours or tables.NOTHING
         where = claim.where.replace(", ", ",<br>").replace(" ", "\u00a0").replace("-", "\u2011")
         lines.append([claim.statement, where, claim.paper, ours, verdict])
+        short = outcome.verdict in (Verdict.PARTLY, Verdict.FAILS)
+        if short and claim.reason and (reason := claim.reason(results)):
+            linked = f"[{claim.statement}](#{slug(titles[experiment])})"
+            reasons.append(f"- {linked}: {reason}")
     header = ["claim", "where", "paper", "ours, 95 % intervals", "verdict"]
     phrases = [
         f"{tally[verdict]} {one if tally[verdict] == 1 else many}"
@@ -253,6 +258,7 @@ def _claims(results: Results) -> dict[str, str]:
     )
     return {
         "claims": tables.markdown_table(header, lines),
+        "reasons": "\n".join(reasons),
         "tally": f"Of {len(CLAIMS)} claims: {tables.listed(phrases)}.{note}",
     }
 

@@ -42,6 +42,21 @@ def step_table(results: Results, experiment: str, methods: Sequence[Method]) -> 
     return markdown_table(header, lines, "ll" + "r" * len(actions))
 
 
+def hardest_steps(results: Results, experiment: str, method: str) -> str:
+    """In words, for each start the action that succeeds least from what the one before left; empty
+    where none was tried."""
+    steps = _steps(results, experiment, method)
+    if steps is None:
+        return ""
+    parts = []
+    for start, own in steps.groupby("start", sort=False):
+        sums = own.groupby("action", sort=False)[["successes", "splines"]].sum()
+        action = (sums["successes"] / sums["splines"]).idxmin()
+        cell = _cell(steps, start, action).replace("<br>", ", ")
+        parts.append(f"`{action}` from the {start} rope, {cell}")
+    return "; ".join(parts)
+
+
 def left_ropes(
     results: Results, experiment: str, methods: Sequence[Method], name: str
 ) -> Picture | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import pandas as pd
 
 from knotflow.report.claims import Claim, Judgement, NotMeasured, of_two
 from knotflow.report.paper import OVERHAND_LIMIT, STARTS, TREE_SIZE, with_extras
-from knotflow.report.path_steps import left_ropes, step_table
+from knotflow.report.path_steps import hardest_steps, left_ropes, step_table
 from knotflow.report.results import Results
 from knotflow.report.searches import (
     branches,
@@ -94,6 +95,17 @@ def reinforcement(results: Results) -> Judgement:
     return Judgement(f"{ranges}; {share}", of_two(max(every) < 5, often))
 
 
+def _hardest(method: str) -> Callable[[Results], str]:
+    def reason(results: Results) -> str:
+        found = hardest_steps(results, EXPERIMENT, method)
+        return found and (
+            "of the path's actions, each tried from ropes that the one before left, that which "
+            f"succeeds least is {found}"
+        )
+
+    return reason
+
+
 def _trees(results: Results, method: str) -> dict[str, pd.DataFrame]:
     """The searches of a method by start, some from each."""
     searches = read_searches(results, EXPERIMENT, "method")
@@ -132,6 +144,7 @@ SECTION = Section(
             criterion="from both starts the largest tree has at least 10 times the branches of "
             "the smallest; partly from one",
             judge=icp,
+            reason=_hardest("icp"),
         ),
         Claim(
             statement="Branches to the overhand, imitation only",
@@ -139,6 +152,7 @@ SECTION = Section(
             paper="10 seeds: up to 43 (straight), 9 (arc)",
             criterion="no tree is larger than these; partly from one of the starts",
             judge=imitation,
+            reason=_hardest("imitation"),
         ),
         Claim(
             statement="Branches to the overhand, imitation + RL",
@@ -146,6 +160,7 @@ SECTION = Section(
             paper="below 5 in all 10 seeds, 3 (the limit) in more than half",
             criterion="both are so from both starts; partly if one of the two",
             judge=reinforcement,
+            reason=_hardest("reinforcement"),
         ),
     ),
 )
