@@ -244,7 +244,7 @@ def _claims(results: Results) -> dict[str, str]:
         where = claim.where.replace(", ", ",<br>").replace(" ", "\u00a0").replace("-", "\u2011")
         lines.append([claim.statement, where, claim.paper, ours, verdict])
         short = outcome.verdict in (Verdict.PARTLY, Verdict.FAILS)
-        if short and claim.reason and (reason := claim.reason(results)):
+        if (short or outcome.size) and claim.reason and (reason := claim.reason(results)):
             linked = f"[{claim.statement}](#{slug(titles[experiment])})"
             reasons.append(f"- {linked}: {reason}")
     header = ["claim", "where", "paper", "ours, 95 % intervals", "verdict"]
