@@ -7,9 +7,9 @@ import sys
 import pandas as pd
 import pytest
 
-from knotflow.demonstrations import TASKS
 from knotflow.recording import load
 from knotflow.report.__main__ import main as report
+from knotflow.samplers.demonstrations import TASKS
 from knotflow.topology import TopologicalState
 
 pytestmark = pytest.mark.slow

@@ -35,7 +35,7 @@ def command(*arguments: str) -> str:
 @pytest.mark.parametrize(
     "code",
     [
-        "import knotflow, knotflow.planning, knotflow.primitives, knotflow.training",
+        "import knotflow, knotflow.planning, knotflow.samplers.primitives, knotflow.training",
         "import knotflow.config",
         command("+experiment=knost"),
         command("+experiment=knots", "knost=1"),
@@ -51,13 +51,13 @@ def test_heavy_libraries_are_loaded_only_where_there_is_work(code):
 
 @pytest.mark.slow
 def test_what_is_used_is_loaded():
-    assert {"torch", "knotflow.primitives.library"} <= loaded(
-        "from knotflow.primitives import PrimitiveLibrary"
+    assert {"torch", "knotflow.samplers.primitives.library"} <= loaded(
+        "from knotflow.samplers.primitives import PrimitiveLibrary"
     )
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["planning", "primitives", "training"])
+@pytest.mark.parametrize("name", ["planning", "samplers.primitives", "training"])
 def test_every_name_of_a_package_can_be_had(name):
     code = f"from knotflow.{name} import *; import knotflow.{name} as package; package.__all__"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

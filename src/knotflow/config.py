@@ -16,9 +16,6 @@ from typing import Any
 from hydra.core.config_store import ConfigStore
 from omegaconf import II, MISSING, DictConfig, OmegaConf
 
-from knotflow.baselines import IcpConfig
-from knotflow.baselines.causal_infogan import CausalInfoGanBudget
-from knotflow.demonstrations import SHIPPED, DemonstratorConfig, NoiseConfig
 from knotflow.execution import DynamicsTrainingConfig, ExecutionConfig
 from knotflow.execution.training_config import SHIPPED_DYNAMICS
 from knotflow.perception.training_config import (
@@ -28,7 +25,10 @@ from knotflow.perception.training_config import (
     TrainingConfig,
 )
 from knotflow.planning import PlannerConfig
-from knotflow.primitives import SHIPPED_PRIMITIVES, PrimitiveConfig
+from knotflow.samplers import IcpConfig
+from knotflow.samplers.causal_infogan import CausalInfoGanBudget
+from knotflow.samplers.demonstrations import SHIPPED, DemonstratorConfig, NoiseConfig
+from knotflow.samplers.primitives import SHIPPED_PRIMITIVES, PrimitiveConfig
 from knotflow.simulation import SimulationConfig, StartsConfig
 from knotflow.training import ImitationConfig, ReinforcementConfig, SelfPlayConfig
 from knotflow.workflow import WorkersConfig

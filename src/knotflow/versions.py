@@ -1,22 +1,41 @@
-"""The version of what each package computes.
+"""The version of what each component computes.
 
-A package whose behaviour changes (physics, start generation, encoding, search) raises its own
-number here, and nothing else: every stage that uses the package, directly or through another one,
-has it in its signature (`workflow.packages`), so its outputs are reproduced. tests/test_golden.py
-fails when behaviour changed and the number did not. Changes of speed, names or errors raise none.
+A component whose behaviour changes (physics, start generation, encoding, search) raises its own
+number here, and nothing else: every stage that uses the component, directly or through another one,
+has the number in its key (`workflow.dependencies`). tests/test_golden.py fails when behaviour
+changed and the number did not. Changes of speed, names or errors raise none.
 """
 
-VERSIONS = {
-    "topology": 1,
-    "simulation": 2,
-    "demonstrations": 2,
-    "baselines": 1,
-    "baselines.causal_infogan": 1,
-    "primitives": 3,
-    "training": 5,
-    "planning": 9,
-    "perception": 9,
-    "execution": 6,
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Component(NamedTuple):
+    """A part of knotflow that computes something."""
+
+    version: int
+    modules: tuple[str, ...]
+    """Modules and packages below knotflow that it consists of; the longest match owns a module."""
+
+
+COMPONENTS = {
+    "topology": Component(1, ("topology",)),
+    "simulation": Component(2, ("simulation",)),
+    "demonstrations": Component(2, ("samplers.demonstrations",)),
+    "baselines": Component(1, ("samplers.random", "samplers.icp", "samplers.aimed")),
+    "causal_infogan": Component(1, ("samplers.causal_infogan",)),
+    "primitives": Component(3, ("samplers.primitives",)),
+    "training": Component(5, ("training",)),
+    "planning": Component(9, ("planning",)),
+    "perception": Component(9, ("perception",)),
+    "execution": Component(6, ("execution",)),
+    "recording": Component(1, ("recording",)),
 }
-"""Package below knotflow -> its version. One inside another, with a number of its own, is not
-covered by that of the outer one."""
+"""Names are independent of folders, so moving a file invalidates no stage."""
+
+LIBRARIES = (
+    *("mujoco", "numba", "numpy", "pytorch_mppi", "scipy", "skimage", "small_gicp"),
+    *("mink", "tensordict", "torch", "torchrl"),
+)
+"""Import names of libraries whose minor version may change a result."""

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from knotflow.recording import (
+from knotflow.viz.viewer import (
     ViewerError,
     find_recording,
     open_recording,
@@ -89,7 +89,7 @@ def _say_which(asked: Path, source: Path) -> None:
 
 
 def _check(source: Path, number: int | None, picture: str) -> int:
-    from knotflow.recording.headless import check_recording, why_not_headless
+    from knotflow.viz.headless import check_recording, why_not_headless
 
     if missing := why_not_headless():
         raise ViewerError(f"no headless viewer can run here: {missing}")

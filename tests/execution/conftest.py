@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from knotflow.demonstrations import load_demonstrations
 from knotflow.planning import KnotPlan, PlanStep
+from knotflow.samplers.demonstrations import load_demonstrations
 from knotflow.simulation import RopeConfig, control_points, spline_path, state_or_none, straight
 from knotflow.topology import TopologicalState, parse_action
 

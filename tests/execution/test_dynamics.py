@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import torch
 
-from knotflow.demonstrations import load_demonstrations
 from knotflow.execution import (
     FREE,
     LstmDynamics,
@@ -16,6 +15,7 @@ from knotflow.execution import (
 )
 from knotflow.execution.errors import predict_motions
 from knotflow.execution.rope_motions import STEP
+from knotflow.samplers.demonstrations import load_demonstrations
 from knotflow.simulation import RopeConfig, SimulationConfig, random_curve
 
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from knotflow.demonstrations import load_demonstrations
 from knotflow.execution import (
     FREE,
     DynamicsTraining,
@@ -12,6 +11,7 @@ from knotflow.execution import (
     draw_motions,
 )
 from knotflow.execution.rope_motions import Motions, simulated_frames
+from knotflow.samplers.demonstrations import load_demonstrations
 from knotflow.simulation import RopeSimulator, SimulationConfig
 
 SMALL = DynamicsTrainingConfig(

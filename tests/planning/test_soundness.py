@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from knotflow.demonstrations import SHIPPED, Demonstration, load_demonstrations
 from knotflow.planning import PlanStep, StrandPassage, check_steps, soundness
+from knotflow.samplers.demonstrations import SHIPPED, Demonstration, load_demonstrations
 from knotflow.simulation import RopeSimulator, SimulationConfig, attempt
 from knotflow.topology import TopologicalState
 

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from knotflow.demonstrations.aim import aim
 from knotflow.planning import (
     Goal,
     PlannerConfig,
@@ -13,6 +12,7 @@ from knotflow.planning import (
 )
 from knotflow.planning.branches import DIVERGED
 from knotflow.planning.config import RULES
+from knotflow.samplers.demonstrations.aim import aim
 from knotflow.simulation import RopeSimulator, SimulationConfig, spline_path, straight
 from knotflow.topology import Arrange, TopologicalState, Undo, parse_action, segment_intervals
 

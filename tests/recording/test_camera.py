@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from knotflow.recording import RolloutImages, read_recording, write_recording
-from knotflow.recording.blueprint import blueprint
+from knotflow.viz.blueprint import blueprint
 
 
 def png(shade):

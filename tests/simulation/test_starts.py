@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from knotflow.demonstrations import aim
+from knotflow.samplers.demonstrations import aim
 from knotflow.simulation import (
     RopeConfig,
     StartsConfig,

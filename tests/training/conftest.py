@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from knotflow.demonstrations import Trials
-from knotflow.primitives import CemConfig, NetworkConfig, PrimitiveConfig, encode
+from knotflow.samplers.demonstrations import Trials
+from knotflow.samplers.primitives import CemConfig, NetworkConfig, PrimitiveConfig, encode
 from knotflow.simulation import RopeConfig, arc, straight
 from knotflow.topology import parse_action
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import torch
 
-from knotflow.primitives.encoding import STREAM_POINTS, control_features
+from knotflow.samplers.primitives.encoding import STREAM_POINTS, control_features
 from knotflow.training.augmentation import AugmentationConfig, augment
 from knotflow.training.learner import demonstration_buffer
 

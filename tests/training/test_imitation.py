@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from knotflow.primitives import encode
+from knotflow.samplers.primitives import encode
 from knotflow.training import Imitation, ImitationConfig, LearnerConfig
 from knotflow.training.augmentation import AugmentationConfig
 

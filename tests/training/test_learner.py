@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from knotflow.primitives import Primitive
+from knotflow.samplers.primitives import Primitive
 from knotflow.training import LearnerConfig
 from knotflow.training.fitting import fit, fit_each, settles
 from knotflow.training.learner import Learner, demonstration_buffer

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch.nn.functional import binary_cross_entropy_with_logits
 
-from knotflow.primitives import Actor, Critic, NetworkConfig
+from knotflow.samplers.primitives import Actor, Critic, NetworkConfig
 from knotflow.training import ActorLoss, CriticLoss
 from knotflow.training.buffer import TrialBuffer, mixed
 from knotflow.training.learner import demonstration_buffer

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from knotflow.demonstrations import task
-from knotflow.primitives import Primitive, encode
+from knotflow.samplers.demonstrations import task
+from knotflow.samplers.primitives import Primitive, encode
 from knotflow.simulation import (
     SPLINE_HIGH,
     SPLINE_LOW,

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import torch
 
-from knotflow.primitives import (
+from knotflow.samplers.primitives import (
     CemConfig,
     NetworkConfig,
     Primitive,
     PrimitiveConfig,
     PrimitiveLibrary,
 )
-from knotflow.primitives.canonical import ALL_PRIMITIVES, ARRANGE
+from knotflow.samplers.primitives.canonical import ALL_PRIMITIVES, ARRANGE
 from knotflow.simulation import Rollouts, SimulationConfig, straight
 from knotflow.topology import TopologicalState, parse_action
 from knotflow.training import LearnerConfig, SelfPlay, SelfPlayConfig, Transitions

@@ -7,7 +7,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from knotflow.primitives import Primitive, PrimitiveLibrary, encode
+from knotflow.samplers.primitives import Primitive, PrimitiveLibrary, encode
 from knotflow.simulation import RopeConfig
 from knotflow.topology import parse_action
 from knotflow.training.buffer import TransitionBuffer, TrialBuffer, mixed

@@ -8,7 +8,7 @@ import pytest
 
 from knotflow.execution import export_plan, panda
 from knotflow.planning import KnotPlan, PlannerConfig, parse_goal, plan_knot
-from knotflow.samplers import SamplerConfig, build_sampler
+from knotflow.samplers.sampler import SamplerConfig, build_sampler
 from knotflow.simulation import RopeConfig, RopeSimulator, SimulationConfig, straight
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages.arm import ArmConfig, check, follow_plans

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 import torch
 
-from knotflow.baselines.causal_infogan import CausalInfoGanConfig
-from knotflow.demonstrations import aim, task
 from knotflow.recording import load
+from knotflow.samplers.causal_infogan import CausalInfoGanConfig
+from knotflow.samplers.demonstrations import aim, task
 from knotflow.simulation import RopeSimulator, SimulationConfig, arc, attempt, straight
 from knotflow.topology import TopologicalState
 from knotflow.workflow import StageContext

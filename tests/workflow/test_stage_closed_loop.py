@@ -8,7 +8,7 @@ from knotflow.execution.training_config import SHIPPED_DYNAMICS
 from knotflow.perception.training_config import SHIPPED_NETWORK
 from knotflow.planning import PlannerConfig
 from knotflow.recording import read_recording
-from knotflow.samplers import SamplerConfig
+from knotflow.samplers.sampler import SamplerConfig
 from knotflow.simulation import SimulationConfig
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages.closed_loop import ClosedLoopConfig, ExecutionCase, execute_plans

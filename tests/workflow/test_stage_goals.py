@@ -6,11 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from knotflow.baselines.aimed import AimedSampler
-from knotflow.demonstrations import nudge
 from knotflow.planning import KnotPlan, PlannerConfig
 from knotflow.recording import load
-from knotflow.samplers import SamplerConfig
+from knotflow.samplers.aimed import AimedSampler
+from knotflow.samplers.demonstrations import nudge
+from knotflow.samplers.sampler import SamplerConfig
 from knotflow.simulation import SimulationConfig
 from knotflow.topology.symmetry import distinct_actions, representative
 from knotflow.workflow import StageContext
@@ -134,7 +134,7 @@ def test_a_library_is_taken_as_it_is(tmp_path):
     import torch
 
     from knotflow.config import SHIPPED_PRIMITIVES
-    from knotflow.primitives import FILE, PrimitiveLibrary
+    from knotflow.samplers.primitives import FILE, PrimitiveLibrary
 
     config = library.LibraryConfig(file=str(SHIPPED_PRIMITIVES), contents="shipped")
     library.take(config, {}, StageContext(tmp_path))

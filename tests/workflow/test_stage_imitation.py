@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from knotflow.demonstrations import TASKS, Trials, load_demonstrations
+from knotflow.samplers.demonstrations import TASKS, Trials, load_demonstrations
 from knotflow.topology import parse_action
 from knotflow.workflow.stages.imitation import demonstrated, tasks_of
 

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from knotflow.recording import load
-from knotflow.samplers import SamplerConfig
+from knotflow.samplers.sampler import SamplerConfig
 from knotflow.simulation import SimulationConfig
 from knotflow.topology import TopologicalState
 from knotflow.workflow import StageContext

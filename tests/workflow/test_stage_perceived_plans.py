@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 from knotflow.planning import PlannerConfig
-from knotflow.samplers import SamplerConfig
+from knotflow.samplers.sampler import SamplerConfig
 from knotflow.simulation import SimulationConfig
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages.perceived_plans import (

@@ -9,7 +9,7 @@ import pytest
 
 from knotflow.planning import KnotPlan, PlannerConfig, SolutionDag, shown
 from knotflow.recording import load
-from knotflow.samplers import SamplerConfig
+from knotflow.samplers.sampler import SamplerConfig
 from knotflow.simulation import SimulationConfig
 from knotflow.topology import TopologicalState, Undo, segment_intervals
 from knotflow.workflow import StageContext

@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from knotflow.demonstrations import TASKS
 from knotflow.recording import RecordedRollout, load, write_recording
+from knotflow.samplers.demonstrations import TASKS
 from knotflow.topology import TopologicalState
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages import proposals as stage_module

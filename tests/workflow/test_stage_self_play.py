@@ -9,8 +9,9 @@ import pandas as pd
 import pytest
 import torch
 
-from knotflow.demonstrations import TASKS, Trials, aim, task
-from knotflow.primitives import (
+from knotflow.recording import load
+from knotflow.samplers.demonstrations import TASKS, Trials, aim, task
+from knotflow.samplers.primitives import (
     FILE,
     CemConfig,
     NetworkConfig,
@@ -18,9 +19,8 @@ from knotflow.primitives import (
     PrimitiveConfig,
     PrimitiveLibrary,
 )
-from knotflow.primitives.canonical import ALL_PRIMITIVES, ARRANGE
-from knotflow.primitives.encoding import KINDS
-from knotflow.recording import load
+from knotflow.samplers.primitives.canonical import ALL_PRIMITIVES, ARRANGE
+from knotflow.samplers.primitives.encoding import KINDS
 from knotflow.simulation import SimulationConfig, arc, attempt, resample, straight
 from knotflow.topology import TopologicalState
 from knotflow.topology.draw import draw

@@ -6,8 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from knotflow.demonstrations import TASKS, load_demonstrations, load_trials, save_demonstrations
 from knotflow.recording import load
+from knotflow.samplers.demonstrations import (
+    TASKS,
+    load_demonstrations,
+    load_trials,
+    save_demonstrations,
+)
 from knotflow.topology import TopologicalState
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages.demonstrations import DemonstrationsConfig, simulate_demonstrations

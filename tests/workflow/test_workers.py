@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from knotflow.demonstrations import load_demonstrations, save_demonstrations
+from knotflow.samplers.demonstrations import load_demonstrations, save_demonstrations
 from knotflow.workflow import StageContext, WorkersConfig, WorkflowError
 from knotflow.workflow.stages.demonstrations import DemonstrationsConfig, simulate_demonstrations
 from knotflow.workflow.workers import each

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from knotflow.drawing.palette import INK
-from knotflow.drawing.style import PNG_DPI, WIDTH, styled
 from knotflow.execution.execute import Execution
 from knotflow.execution.robot import Relay, Robot
 from knotflow.execution.twin import Twin
+from knotflow.viz.palette import INK
+from knotflow.viz.style import PNG_DPI, WIDTH, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

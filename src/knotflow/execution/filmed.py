@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.demonstrations import Demonstration
 from knotflow.execution.perturbation import ERRORS, displaced
 from knotflow.perception import (
     Appearance,
@@ -20,6 +19,7 @@ from knotflow.perception import (
     add_noise,
     seen,
 )
+from knotflow.samplers.demonstrations import Demonstration
 from knotflow.simulation import Attempts, RopeConfig, RopeSimulator, SimulationConfig, attempt
 
 

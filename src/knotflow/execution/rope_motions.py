@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.demonstrations import Demonstration, NoiseConfig, aim_anywhere, noisy_copies
+from knotflow.samplers.demonstrations import Demonstration, NoiseConfig, aim_anywhere, noisy_copies
 from knotflow.simulation import (
     LEVELS,
     RopeSimulator,

@@ -92,7 +92,7 @@ def draw_overlay(
     """Writes a picture: the image, and beside it where the rope is, with the estimate on it."""
     from matplotlib.figure import Figure
 
-    from knotflow.drawing.style import PNG_DPI, WIDTH, styled
+    from knotflow.viz.style import PNG_DPI, WIDTH, styled
 
     with styled():
         figure = Figure((WIDTH, 0.4 * WIDTH), layout="constrained")
@@ -125,7 +125,7 @@ def draw_estimates(
     """Writes a picture with a row an estimate: image, estimate over it, error along the rope."""
     from matplotlib.figure import Figure
 
-    from knotflow.drawing.style import PNG_DPI, WIDTH, styled
+    from knotflow.viz.style import PNG_DPI, WIDTH, styled
 
     with styled():
         figure = Figure((WIDTH, 0.22 * WIDTH * len(estimates)), layout="constrained")
@@ -159,8 +159,8 @@ def draw_estimate(
 
     Vertices that the image does not show, which are not `seen` (V,), are ringed.
     """
-    from knotflow.drawing.palette import BAD
-    from knotflow.drawing.rope import draw_rope
+    from knotflow.viz.palette import BAD
+    from knotflow.viz.rope import draw_rope
 
     column, row, depth = camera.project(points).T
     width = 2 * rope.radius * camera.fx / float(np.median(depth))

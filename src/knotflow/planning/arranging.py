@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.planning.branches import Simulator
-from knotflow.samplers import Sampler, ability
+from knotflow.samplers.sampler import Sampler, ability
 from knotflow.simulation import Attempts, Observer
 from knotflow.topology import Action, Arrange, TopologicalState
 

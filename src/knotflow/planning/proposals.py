@@ -9,11 +9,11 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.demonstrations import aim, aim_predicted, rearrange_predicted
 from knotflow.planning.branches import ACT, ARRANGE, Branch, Node
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal
-from knotflow.samplers import Sampler, ability
+from knotflow.samplers.demonstrations import aim, aim_predicted, rearrange_predicted
+from knotflow.samplers.sampler import Sampler, ability
 from knotflow.topology import Action, Undo, segment_lengths
 
 UNDONE = 0.3

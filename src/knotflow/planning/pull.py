@@ -18,11 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.demonstrations import aim
 from knotflow.planning.goals import Goal, parse_goal
 from knotflow.planning.growth import PlannerConfig
 from knotflow.planning.tree import plan_knot
-from knotflow.samplers import Sampler
+from knotflow.samplers.demonstrations import aim
+from knotflow.samplers.sampler import Sampler
 from knotflow.simulation import (
     Observer,
     RopeSimulator,

@@ -51,7 +51,7 @@ from knotflow.planning.posterior import PosteriorRule
 from knotflow.planning.proposals import Proposals, together
 from knotflow.planning.search_graph import SearchGraph
 from knotflow.planning.soundness import are_steady
-from knotflow.samplers import Sampler
+from knotflow.samplers.sampler import Sampler
 from knotflow.simulation import Observer, Rollouts, check_points, end_states
 from knotflow.topology import Action, Arrange, TopologicalState, segment_lengths
 

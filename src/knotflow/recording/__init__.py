@@ -16,7 +16,6 @@ from .reader import (
 )
 from .schema import OUTCOMES, Outcome, RecordedRollout, RolloutImages
 from .table import load
-from .viewer import ViewerError, find_recording, open_recording, save_rerun, serve_recording
 from .writer import write_recording
 
 __all__ = [
@@ -26,15 +25,10 @@ __all__ = [
     "Outcome",
     "RecordedRollout",
     "RolloutImages",
-    "ViewerError",
-    "find_recording",
     "load",
-    "open_recording",
     "read_metadata",
     "read_recording",
     "recorded",
-    "save_rerun",
-    "serve_recording",
     "write_index",
     "write_recording",
 ]

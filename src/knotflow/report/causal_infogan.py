@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.drawing.rope import draw_rope
 from knotflow.intervals import Interval, wilson
 from knotflow.report.claims import Claim, Judgement, NotMeasured, Verdict
 from knotflow.report.paper import SINGLE_STAGE
@@ -31,6 +30,7 @@ from knotflow.report.section import Pictures, Section
 from knotflow.report.statistics import bootstrap
 from knotflow.report.style import INK, MUTED, WIDTH, Picture, bare_axis, new_figure, render, styled
 from knotflow.report.tables import NOTHING, markdown_table, number, percent
+from knotflow.viz.rope import draw_rope
 
 EXPERIMENT = "causal_infogan"
 MODELS = {"single": "single action", "all": "all demonstrations"}

@@ -9,12 +9,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from knotflow.drawing.palette import GOOD, INK, MUTED, RULE
-from knotflow.drawing.spline import draw_spline
-from knotflow.drawing.style import WIDTH, styled
 from knotflow.report.proposals.pair import draw_pair, window
 from knotflow.report.proposals.records import Rope
 from knotflow.report.style import Picture, render
+from knotflow.viz.palette import GOOD, INK, MUTED, RULE
+from knotflow.viz.spline import draw_spline
+from knotflow.viz.style import WIDTH, styled
 
 ROPE_WIDTH = 2.0  # points, about that of a rope 16 mm thick
 COLUMNS = 8

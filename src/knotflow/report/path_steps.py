@@ -8,14 +8,14 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from knotflow.drawing.palette import INK, MUTED, RULE
-from knotflow.drawing.style import WIDTH, styled
 from knotflow.report.paper import Method
 from knotflow.report.proposals.pair import draw_panel
 from knotflow.report.results import COUNT, NUMBER, TEXT, Results
 from knotflow.report.statistics import clustered_rate
 from knotflow.report.style import Picture, render
 from knotflow.report.tables import NOTHING, markdown_table, percent
+from knotflow.viz.palette import INK, MUTED, RULE
+from knotflow.viz.style import WIDTH, styled
 
 STEPS = {"start": TEXT, "action": TEXT, "shape": COUNT, "splines": COUNT, "successes": COUNT}
 SHAPES = {"start": TEXT, "action": TEXT, "shape": COUNT, "point": COUNT}

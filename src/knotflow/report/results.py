@@ -19,7 +19,7 @@ from typing import Any
 import pandas as pd
 import yaml
 
-from knotflow.versions import VERSIONS
+from knotflow.versions import COMPONENTS
 
 #: Folders of results/ that are no experiment: bulky stage outputs and training curves.
 NO_EXPERIMENT = ("stages", "metrics")
@@ -255,9 +255,9 @@ class ExperimentResults:
             for name, version in stage.packages.items():
                 made[name] = min(version, made.get(name, version))
         old = [
-            f"{name} {version}, now {VERSIONS[name]}"
+            f"{name} {version}, now {COMPONENTS[name].version}"
             for name, version in sorted(made.items())
-            if version < VERSIONS.get(name, version)
+            if name in COMPONENTS and version < COMPONENTS[name].version
         ]
         return "; ".join(old)
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from knotflow.drawing.palette import INK, MUTED, PAPER, RULE
-from knotflow.drawing.style import PNG_DPI, WIDTH, styled
+from knotflow.viz.palette import INK, MUTED, PAPER, RULE
+from knotflow.viz.style import PNG_DPI, WIDTH, styled
 
 __all__ = [
     "INK",

@@ -13,10 +13,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from knotflow.primitives.cem import cross_entropy, standard_normal
-from knotflow.primitives.encoding import Encoded
-from knotflow.primitives.networks import SPLINE
-from knotflow.primitives.primitive import Primitive
+from knotflow.samplers.primitives.cem import cross_entropy, standard_normal
+from knotflow.samplers.primitives.encoding import Encoded
+from knotflow.samplers.primitives.networks import SPLINE
+from knotflow.samplers.primitives.primitive import Primitive
 from knotflow.training.config import ExplorationConfig
 
 POLICY, SEARCH, SPREAD = 0, 1, 2

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from knotflow.demonstrations import Trials
-from knotflow.primitives.primitive import Primitive, PrimitiveConfig
+from knotflow.samplers.demonstrations import Trials
+from knotflow.samplers.primitives.primitive import Primitive, PrimitiveConfig
 from knotflow.training.config import ImitationConfig
 from knotflow.training.fitting import fit
 from knotflow.training.learner import Learner, demonstration_buffer

@@ -16,10 +16,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from knotflow.demonstrations import Trials
-from knotflow.primitives.encoding import Encoded, encode
-from knotflow.primitives.networks import Critic
-from knotflow.primitives.primitive import Primitive
+from knotflow.samplers.demonstrations import Trials
+from knotflow.samplers.primitives.encoding import Encoded, encode
+from knotflow.samplers.primitives.networks import Critic
+from knotflow.samplers.primitives.primitive import Primitive
 from knotflow.training.augmentation import augment
 from knotflow.training.buffer import TransitionBuffer, TrialBuffer, mixed
 from knotflow.training.config import LearnerConfig

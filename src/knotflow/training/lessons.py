@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from tensordict import TensorDict
 from torch import Tensor
 
-from knotflow.primitives.canonical import ARRANGE, Canonical, canonicalise
-from knotflow.primitives.encoding import encode_canonical
+from knotflow.samplers.primitives.canonical import ARRANGE, Canonical, canonicalise
+from knotflow.samplers.primitives.encoding import encode_canonical
 from knotflow.topology import (
     Action,
     DegenerateCurveError,

@@ -26,7 +26,7 @@ from torch.distributions import MultivariateNormal
 from torch.nn.functional import binary_cross_entropy_with_logits
 from torchrl.objectives import LossModule
 
-from knotflow.primitives.networks import Actor, Critic
+from knotflow.samplers.primitives.networks import Actor, Critic
 
 
 def returns(batch: TensorDict, success_share: float) -> Tensor:

@@ -14,9 +14,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from knotflow.demonstrations import Task, Trials
-from knotflow.primitives.encoding import Encoded, encode
-from knotflow.primitives.primitive import Primitive
+from knotflow.samplers.demonstrations import Task, Trials
+from knotflow.samplers.primitives.encoding import Encoded, encode
+from knotflow.samplers.primitives.primitive import Primitive
 from knotflow.simulation import Attempts, RopeSimulator, StartsConfig, is_roomy
 from knotflow.training.buffer import TrialBuffer
 from knotflow.training.config import ReinforcementConfig

@@ -29,12 +29,12 @@ from numpy.typing import NDArray
 from tensordict import TensorDict
 from torch import Tensor
 
-from knotflow.demonstrations import Task, Trials, aim_predicted, rearrange_predicted
-from knotflow.primitives.canonical import ALL_PRIMITIVES, ARRANGE, Canonical, canonicalise
-from knotflow.primitives.config import PrimitiveConfig
-from knotflow.primitives.encoding import KINDS, encode_canonical
-from knotflow.primitives.library import PrimitiveLibrary
-from knotflow.primitives.primitive import Primitive
+from knotflow.samplers.demonstrations import Task, Trials, aim_predicted, rearrange_predicted
+from knotflow.samplers.primitives.canonical import ALL_PRIMITIVES, ARRANGE, Canonical, canonicalise
+from knotflow.samplers.primitives.config import PrimitiveConfig
+from knotflow.samplers.primitives.encoding import KINDS, encode_canonical
+from knotflow.samplers.primitives.library import PrimitiveLibrary
+from knotflow.samplers.primitives.primitive import Primitive
 from knotflow.simulation import (
     RopeSimulator,
     StartsConfig,

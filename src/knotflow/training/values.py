@@ -10,7 +10,7 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from knotflow.primitives.primitive import Primitive
+from knotflow.samplers.primitives.primitive import Primitive
 from knotflow.threads import one_thread
 
 CHUNK = 64

@@ -35,9 +35,9 @@ def write_plan(
         source: who proposed the splines.
         last_tried: attempts of a search that got nowhere; without them there is no recording.
     """
-    from knotflow.planning.animate import animate_plan
-    from knotflow.planning.draw import draw_plan
-    from knotflow.planning.draw_dag import draw_dag
+    from knotflow.viz.animation import animate_plan
+    from knotflow.viz.dag import draw_dag
+    from knotflow.viz.plan import draw_plan
 
     shown = played(plan, simulation)
     brief = coarse(plan, shown)

@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from .context import StageContext
+from .dependencies import component_versions
 from .errors import UnknownStageError
-from .packages import package_versions
 
 __all__ = ["STAGES", "Stage", "StageContext", "get_stage", "stage"]
 
@@ -45,7 +45,7 @@ class Stage:
     @property
     def packages(self) -> dict[str, int]:
         """The packages it uses, with their versions."""
-        return package_versions(self.function)
+        return component_versions([self.function.__module__])
 
 
 STAGES: dict[str, Stage] = {}

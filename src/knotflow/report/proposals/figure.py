@@ -9,13 +9,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from knotflow.drawing.palette import BAD, GOOD, INK, MUTED, RULE, rope_colour
-from knotflow.drawing.spline import draw_spline
-from knotflow.drawing.style import WIDTH, styled
 from knotflow.report.paper import in_order
 from knotflow.report.proposals.pair import draw_pair, window
 from knotflow.report.proposals.records import Proposed, Rope
 from knotflow.report.style import Picture, render
+from knotflow.viz.palette import BAD, GOOD, INK, MUTED, RULE, rope_colour
+from knotflow.viz.spline import draw_spline
+from knotflow.viz.style import WIDTH, styled
 
 ROPE_WIDTH = 2.4  # points, about that of a rope 16 mm thick
 # Inches.

@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from knotflow.drawing.rope import draw_rope
-from knotflow.drawing.spline import spline_bounds
 from knotflow.report.proposals.records import Rope
+from knotflow.viz.rope import draw_rope
+from knotflow.viz.spline import spline_bounds
 
 BANDS = 16  # of one colour each along a rope
 

@@ -12,8 +12,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from knotflow.planning import Goal, PlannerConfig, attempt_arranged, plan_knot
-from knotflow.primitives import primitive_of
-from knotflow.samplers import SamplerConfig, build_sampler
+from knotflow.samplers.primitives import primitive_of
+from knotflow.samplers.sampler import SamplerConfig, build_sampler
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, attempt, random_curve
 from knotflow.topology import TopologicalState, all_states
 from knotflow.topology.symmetry import distinct_actions, representative

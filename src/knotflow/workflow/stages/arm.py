@@ -13,7 +13,7 @@ import pandas as pd
 
 from knotflow.execution import Arm, Export, export_plan, panda
 from knotflow.planning import PlannerConfig, parse_goal, plan_knot
-from knotflow.samplers import SamplerConfig, build_sampler
+from knotflow.samplers.sampler import SamplerConfig, build_sampler
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, random_curve
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage

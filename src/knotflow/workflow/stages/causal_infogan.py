@@ -11,14 +11,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.baselines.causal_infogan import (
+from knotflow.recording import load, read_recording
+from knotflow.samplers.causal_infogan import (
     CausalInfoGanBudget,
     CausalInfoGanConfig,
     DemonstratedRollouts,
     frames_at,
 )
-from knotflow.demonstrations import TASKS, task
-from knotflow.recording import load, read_recording
+from knotflow.samplers.demonstrations import TASKS, task
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 
@@ -61,9 +61,9 @@ def _train(
 ) -> None:
     import torch
 
-    from knotflow.baselines.causal_infogan.health import Checkup
-    from knotflow.baselines.causal_infogan.networks import save_model
-    from knotflow.baselines.causal_infogan.training import Trainer
+    from knotflow.samplers.causal_infogan.health import Checkup
+    from knotflow.samplers.causal_infogan.networks import save_model
+    from knotflow.samplers.causal_infogan.training import Trainer
 
     network = config.network
     actions = [str(task(one).action) for one in config.actions] or [str(t.action) for t in TASKS]

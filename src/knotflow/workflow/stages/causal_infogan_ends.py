@@ -11,8 +11,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.baselines.causal_infogan import CausalInfoGanBudget
-from knotflow.baselines.causal_infogan.ends import (
+from knotflow.recording import write_index
+from knotflow.samplers.causal_infogan import CausalInfoGanBudget
+from knotflow.samplers.causal_infogan.ends import (
     FOCUS,
     GOALS,
     OVERHAND,
@@ -20,8 +21,7 @@ from knotflow.baselines.causal_infogan.ends import (
     guess,
     reachable_end,
 )
-from knotflow.demonstrations import task
-from knotflow.recording import write_index
+from knotflow.samplers.demonstrations import task
 from knotflow.simulation import RopeSimulator, SimulationConfig
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage

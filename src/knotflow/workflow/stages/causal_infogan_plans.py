@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.baselines.causal_infogan import CausalInfoGanBudget, measure
-from knotflow.baselines.causal_infogan.comparison import compare, panel_rows
-from knotflow.baselines.causal_infogan.ends import FOCUS, GOALS, OVERHAND
+from knotflow.samplers.causal_infogan import CausalInfoGanBudget, measure
+from knotflow.samplers.causal_infogan.comparison import compare, panel_rows
+from knotflow.samplers.causal_infogan.ends import FOCUS, GOALS, OVERHAND
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.causal_infogan import load_rollouts
@@ -87,8 +87,8 @@ def plan(
 def _plan(
     config: CausalInfoGanPlansConfig, inputs: Mapping[str, Path], context: StageContext, shard: str
 ) -> None:
-    from knotflow.baselines.causal_infogan.networks import load_model
-    from knotflow.baselines.causal_infogan.planning import Planner
+    from knotflow.samplers.causal_infogan.networks import load_model
+    from knotflow.samplers.causal_infogan.planning import Planner
 
     name, _, seed = Path(shard).name.rpartition("-")
     model, actions = load_model(inputs[name] / "models" / f"{seed}.pt")

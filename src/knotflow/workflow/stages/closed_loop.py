@@ -24,7 +24,7 @@ from knotflow.execution import (
 )
 from knotflow.perception import Camera, network_of
 from knotflow.planning import Goal, KnotPlan, PlannerConfig, parse_goal, plan_knot
-from knotflow.samplers import Sampler, SamplerConfig, build_sampler
+from knotflow.samplers.sampler import Sampler, SamplerConfig, build_sampler
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, random_curve
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.signature import runtime

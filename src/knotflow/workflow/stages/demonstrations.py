@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from knotflow.demonstrations import (
+from knotflow.recording import write_index
+from knotflow.samplers.demonstrations import (
     SHIPPED,
     Demonstration,
     NoiseConfig,
@@ -18,7 +19,6 @@ from knotflow.demonstrations import (
     load_demonstrations,
     noisy_copies,
 )
-from knotflow.recording import write_index
 from knotflow.simulation import RopeSimulator, SimulationConfig, attempt, resample
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.signature import runtime

@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from knotflow.demonstrations import (
+from knotflow.samplers.demonstrations import (
     TASKS,
     DemonstratorConfig,
     Task,
     load_demonstrations,
     save_demonstrations,
 )
-from knotflow.demonstrations.demonstrator import Demonstrated, demonstrate_task
+from knotflow.samplers.demonstrations.demonstrator import Demonstrated, demonstrate_task
 from knotflow.simulation import (
     RopeConfig,
     RopeSimulator,

@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.demonstrations import TASKS, Task
 from knotflow.planning import attempt_arranged
 from knotflow.recording import write_index
-from knotflow.samplers import Sampler, SamplerConfig, build_sampler
+from knotflow.samplers.demonstrations import TASKS, Task
+from knotflow.samplers.sampler import Sampler, SamplerConfig, build_sampler
 from knotflow.simulation import Observer, RopeSimulator, SimulationConfig, attempt
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from knotflow.demonstrations import TASKS
 from knotflow.recording import load, recorded, write_recording
+from knotflow.samplers.demonstrations import TASKS
 from knotflow.simulation import RopeSimulator, SimulationConfig, attempt
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage

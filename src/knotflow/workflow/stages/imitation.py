@@ -9,8 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from knotflow.demonstrations import SHIPPED, TASKS, Task, Trials, load_trials
-from knotflow.primitives import FILE, PRIMITIVES, PrimitiveConfig, PrimitiveLibrary, primitive_of
+from knotflow.samplers.demonstrations import SHIPPED, TASKS, Task, Trials, load_trials
+from knotflow.samplers.primitives import (
+    FILE,
+    PRIMITIVES,
+    PrimitiveConfig,
+    PrimitiveLibrary,
+    primitive_of,
+)
 from knotflow.simulation import RopeConfig
 from knotflow.topology import Action, segment_intervals
 from knotflow.training import Imitation, ImitationConfig

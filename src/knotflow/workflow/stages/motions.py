@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from knotflow.demonstrations import SHIPPED, load_demonstrations
 from knotflow.execution import Motions, draw_motions
+from knotflow.samplers.demonstrations import SHIPPED, load_demonstrations
 from knotflow.simulation import LEVELS, SimulationConfig
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.signature import runtime

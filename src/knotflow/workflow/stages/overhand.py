@@ -23,7 +23,7 @@ from knotflow.planning import (
     plan_knot,
 )
 from knotflow.recording import write_index
-from knotflow.samplers import SamplerConfig, build_sampler
+from knotflow.samplers.sampler import SamplerConfig, build_sampler
 from knotflow.simulation import Attempts, RopeSimulator, SimulationConfig, StartsConfig
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.plan_folder import write_plan

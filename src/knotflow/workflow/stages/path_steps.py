@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from knotflow.planning import parse_goal, parse_rope
-from knotflow.samplers import SamplerConfig, build_sampler
+from knotflow.samplers.sampler import SamplerConfig, build_sampler
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, attempt
 from knotflow.topology import TopologicalState, parse_action
 from knotflow.workflow.context import StageContext

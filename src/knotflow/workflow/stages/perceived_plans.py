@@ -27,7 +27,7 @@ from knotflow.perception import (
 )
 from knotflow.perception.methods import SELF_SUPERVISED
 from knotflow.planning import KnotPlan, PlannerConfig, UnreachableGoalError, parse_goal, plan_knot
-from knotflow.samplers import SamplerConfig, build_sampler
+from knotflow.samplers.sampler import SamplerConfig, build_sampler
 from knotflow.simulation import (
     RopeSimulator,
     SimulationConfig,

@@ -12,7 +12,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.demonstrations import aim
 from knotflow.planning import (
     ROPE_NAMES,
     Goal,
@@ -26,7 +25,8 @@ from knotflow.planning import (
 )
 from knotflow.planning.pull import tie
 from knotflow.recording import write_index
-from knotflow.samplers import SamplerConfig, build_sampler
+from knotflow.samplers.demonstrations import aim
+from knotflow.samplers.sampler import SamplerConfig, build_sampler
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, tangled
 from knotflow.topology import TopologicalState
 from knotflow.workflow.context import StageContext

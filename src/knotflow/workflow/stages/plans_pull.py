@@ -11,7 +11,7 @@ import pandas as pd
 
 from knotflow.planning.pull import HeadPuller, PullConfig, readiest
 from knotflow.recording import write_index
-from knotflow.samplers import SamplerConfig, build_sampler
+from knotflow.samplers.sampler import SamplerConfig, build_sampler
 from knotflow.simulation import RopeSimulator, SimulationConfig
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage

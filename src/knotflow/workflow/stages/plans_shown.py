@@ -8,7 +8,7 @@ from pathlib import Path
 
 from knotflow.planning import KnotPlan, SolutionDag, parse_goal
 from knotflow.planning.pull import PullConfig
-from knotflow.samplers import SamplerConfig
+from knotflow.samplers.sampler import SamplerConfig
 from knotflow.simulation import SimulationConfig
 from knotflow.topology import TopologicalState
 from knotflow.workflow.context import StageContext
@@ -58,7 +58,7 @@ class PlansDagConfig:
 @stage("plans_dag", inputs=())
 def picture(config: PlansDagConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes dag.png and dag.svg with every topological path to the state at the end of `path`."""
-    from knotflow.planning.draw_dag import draw_dag
+    from knotflow.viz.dag import draw_dag
 
     along = parse_goal(config.path).dag
     actions, state = [], TopologicalState.trivial()

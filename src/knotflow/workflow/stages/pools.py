@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from knotflow.demonstrations import TASKS
-from knotflow.samplers import SamplerConfig, build_sampler
+from knotflow.samplers.demonstrations import TASKS
+from knotflow.samplers.sampler import SamplerConfig, build_sampler
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, reached
 from knotflow.topology import Action
 from knotflow.workflow.context import StageContext

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.demonstrations import TASKS
 from knotflow.recording import load
+from knotflow.samplers.demonstrations import TASKS
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.starts import load_starts

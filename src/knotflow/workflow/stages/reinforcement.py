@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from knotflow.demonstrations import load_trials
-from knotflow.primitives import FILE, PRIMITIVES, PrimitiveLibrary
 from knotflow.recording import write_index
+from knotflow.samplers.demonstrations import load_trials
+from knotflow.samplers.primitives import FILE, PRIMITIVES, PrimitiveLibrary
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig
 from knotflow.training import Reinforcement, ReinforcementConfig
 from knotflow.workflow.context import StageContext

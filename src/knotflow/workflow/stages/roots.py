@@ -16,7 +16,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.demonstrations import SHIPPED, NoiseConfig, aim, load_demonstrations, noisy_copies
+from knotflow.samplers.demonstrations import (
+    SHIPPED,
+    NoiseConfig,
+    aim,
+    load_demonstrations,
+    noisy_copies,
+)
 from knotflow.simulation import (
     ROOTS,
     RopeSimulator,

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from knotflow.demonstrations import aim_anywhere
+from knotflow.samplers.demonstrations import aim_anywhere
 from knotflow.simulation import (
     RopeSimulator,
     SimulationConfig,

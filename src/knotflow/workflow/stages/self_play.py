@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from knotflow.demonstrations import TASKS, load_trials
-from knotflow.primitives import FILE, PrimitiveLibrary
 from knotflow.recording import load
+from knotflow.samplers.demonstrations import TASKS, load_trials
+from knotflow.samplers.primitives import FILE, PrimitiveLibrary
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, state_or_none
 from knotflow.topology import TopologicalState, parse_action
 from knotflow.training import SelfPlay, SelfPlayConfig, Transitions

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from knotflow.primitives import FILE, PrimitiveLibrary
+from knotflow.samplers.primitives import FILE, PrimitiveLibrary
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from knotflow.demonstrations import TASKS, Task, aim
+from knotflow.samplers.demonstrations import TASKS, Task, aim
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, reached
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage

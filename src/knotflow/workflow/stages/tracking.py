@@ -19,7 +19,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.demonstrations import SHIPPED, TASKS, load_demonstrations
 from knotflow.execution import LstmDynamics, ModelPrediction, MujocoDynamics, Sight
 from knotflow.execution.filmed import film_rollout
 from knotflow.perception import (
@@ -34,6 +33,7 @@ from knotflow.perception import (
 )
 from knotflow.perception.training_config import SHIPPED_NETWORK
 from knotflow.recording import RecordedRollout, RolloutImages, write_recording
+from knotflow.samplers.demonstrations import SHIPPED, TASKS, load_demonstrations
 from knotflow.simulation import (
     Attempts,
     RopeConfig,

@@ -1,0 +1,226 @@
+"""The scene in the browser: table, rope, gripper and spline, drawn with viser."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.apps.studio.draft import CLICKS
+from knotflow.simulation import SPLINE_HIGH, RopeConfig, spline_path
+from knotflow.topology import Action, DegenerateCurveError, segment_intervals
+from knotflow.viz.palette import INK, MUTED, OVER, PAPER, RULE, SPLINE, UNDER, rope_colour
+
+if TYPE_CHECKING:
+    import viser
+
+Colour = tuple[int, int, int]
+
+EYE = (0.0, -0.55, 1.05)
+"""Where one looks from at first, metres: almost from above, as on the paper's images."""
+FIELD_OF_VIEW = float(np.deg2rad(75.0))
+"""From the window's top to its bottom, radians."""
+_FADED = 0.75  # towards paper: the segments that an action does not name
+_POINT = 0.012  # metres, radius of a control point
+_CURVE = np.linspace(0.0, 1.0, 33)
+
+
+class Scene:
+    """Draws what it is given, each thing in place of the one before."""
+
+    def __init__(self, server: viser.ViserServer, rope: RopeConfig) -> None:
+        """An empty table under a rope of that size."""
+        self._scene, self._rope = server.scene, rope
+        self._handles: dict[str, list[viser.SceneNodeHandle]] = {}
+        self._links: viser.BatchedMeshHandle | None = None
+        server.scene.set_up_direction("+z")
+        server.initial_camera.position = EYE
+        server.initial_camera.look_at = (0.0, 0.0, 0.0)
+        server.initial_camera.fov = FIELD_OF_VIEW
+        reach = 2 * float(SPLINE_HIGH[-1])
+        self._scene.add_box(
+            "/table",
+            color=rgb("#f6f8fa"),
+            dimensions=(reach, reach, 0.01),
+            position=(0.0, 0.0, -0.0065),
+            cast_shadow=False,
+        )
+        self._scene.add_grid(
+            "/grid",
+            width=reach,
+            height=reach,
+            cell_size=0.1,
+            section_size=0.1,
+            cell_color=rgb(RULE),
+            section_color=rgb(RULE),
+            plane="xy",
+        )
+
+    def rope(self, points: NDArray, action: Action | None = None) -> None:
+        """A rope (V, 3), metres; an action's segments stand out, numbered, if it is given."""
+        points = np.asarray(points, float)
+        self._capsules(points, _colours(points, action))
+        labels = [("head", points[0]), ("tail", points[-1])]
+        self._clear("segments")
+        if action is not None:
+            intervals = segment_intervals(points)
+            chosen = {action.over_segment: "over", action.under_segment: "under"}
+            if action.over_segment == action.under_segment:
+                chosen = {action.over_segment: "over itself"}
+            along = np.linspace(0.0, 1.0, len(points))
+            for segment, word in chosen.items():
+                middle = intervals[segment].mean()
+                place = np.array([np.interp(middle, along, column) for column in points.T])
+                labels.append((f"{segment}: {word}", place))
+        self._labels("segments", labels)
+
+    def move(self, points: NDArray) -> None:
+        """The rope (V, 3) elsewhere, in the colours it has; labels go, as in a film."""
+        self._clear("segments")
+        self._capsules(np.asarray(points, float), None)
+
+    def spline(self, controls: NDArray) -> None:
+        """Up to three control points (n, 3), metres, and with three of them their curve."""
+        self._clear("spline")
+        nodes: list[viser.SceneNodeHandle] = []
+        for name, place in zip(CLICKS, np.asarray(controls, float), strict=False):
+            nodes.append(
+                self._scene.add_icosphere(
+                    f"/spline/{name}", radius=_POINT, color=rgb(SPLINE), position=place
+                )
+            )
+        if len(controls) > 1:  # how high the middle is
+            foot = controls[1] * (1.0, 1.0, 0.0)
+            nodes.append(self._line("/spline/stem", np.stack([foot, controls[1]]), MUTED, 2.0))
+        if len(controls) == len(CLICKS):
+            nodes.append(self._line("/spline/curve", spline_path(controls, _CURVE), SPLINE, 5.0))
+        self._handles["spline"] = nodes
+        self._labels("points", list(zip(CLICKS, np.asarray(controls), strict=False)))
+
+    def others(self, controls: NDArray) -> None:
+        """The curves of further splines with control points (N, 3, 3), pale."""
+        self._clear("others")
+        self._handles["others"] = [
+            self._line(f"/others/{n}", spline_path(one, _CURVE), MUTED, 2.0)
+            for n, one in enumerate(controls)
+        ]
+
+    def gripper(self, place: NDArray | None) -> None:
+        """The gripper at a place (3,), metres, or none."""
+        if place is None:
+            self._clear("gripper")
+        elif "gripper" in self._handles:
+            self._handles["gripper"][0].position = np.asarray(place, float)
+        else:
+            ball = self._scene.add_icosphere(
+                "/gripper", radius=0.018, color=rgb("#d4a72c"), position=place, opacity=0.8
+            )
+            self._handles["gripper"] = [ball]
+
+    def polyline(self, corners: NDArray) -> None:
+        """A drawing in the making: points (N, 2) on the table."""
+        self._clear("polyline")
+        flat = np.column_stack([corners, np.full(len(corners), self._rope.radius)])
+        nodes: list[viser.SceneNodeHandle] = [
+            self._scene.add_icosphere(f"/drawn/{n}", radius=0.006, color=rgb(INK), position=place)
+            for n, place in enumerate(flat)
+        ]
+        if len(flat) > 1:
+            nodes.append(self._line("/drawn/line", flat, INK, 3.0))
+        self._handles["polyline"] = nodes
+
+    def clear(self) -> None:
+        """Everything but table and rope."""
+        for name in list(self._handles):
+            self._clear(name)
+
+    def _capsules(self, points: NDArray, colours: NDArray[np.uint8] | None) -> None:
+        steps = np.diff(points, axis=0)
+        along = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+        # From the z axis, along which the capsule lies, the short way to the link.
+        turn = np.column_stack([1.0 + along[:, 2], -along[:, 1], along[:, 0], np.zeros(len(along))])
+        turn /= np.linalg.norm(turn, axis=1, keepdims=True)
+        middles = (points[:-1] + points[1:]) / 2
+        links = self._links
+        if links is not None and colours is None:
+            links.batched_positions, links.batched_wxyzs = middles, turn
+            return
+        from trimesh.creation import capsule
+
+        rope = self._rope
+        mesh = capsule(height=rope.link_length, radius=rope.radius, count=[12, 12])
+        mesh.apply_translation(-mesh.bounds.mean(axis=0))
+        self._links = self._scene.add_batched_meshes_simple(
+            "/rope",
+            mesh.vertices,
+            mesh.faces,
+            batched_wxyzs=turn,
+            batched_positions=middles,
+            batched_colors=_linear(_colours(points, None) if colours is None else colours),
+            lod="off",
+        )
+
+    def _line(self, name: str, places: NDArray, colour: str, width: float) -> viser.SceneNodeHandle:
+        pieces = np.stack([places[:-1], places[1:]], axis=1)
+        return self._scene.add_line_segments(
+            name, pieces, colors=rgb(colour), thickness=width, thickness_units="screen"
+        )
+
+    def _labels(self, name: str, labels: list[tuple[str, NDArray]]) -> None:
+        self._clear(f"{name}-labels")
+        self._handles[f"{name}-labels"] = [
+            self._scene.add_label(
+                f"/labels/{name}/{n}",
+                text,
+                position=np.asarray(place) + (0.0, 0.0, 0.03),
+                anchor="bottom-center",
+            )
+            for n, (text, place) in enumerate(labels)
+        ]
+
+    def _clear(self, name: str) -> None:
+        for handle in self._handles.pop(name, []):
+            handle.remove()
+        if name in ("spline", "segments"):
+            self._clear({"spline": "points-labels", "segments": "segments-labels"}[name])
+
+
+def eye(aspect: float) -> NDArray[np.float64]:
+    """Where to look from, (3,) metres, to see the whole table in a window so many times as wide as
+    high: `EYE`, or further back where the window is narrow."""
+    ahead = -np.array(EYE) / np.linalg.norm(EYE)
+    corner = np.array([1.0, -1.0, 0.0]) * SPLINE_HIGH[-1]  # the nearer ones are seen furthest out
+    depth = 1.04 * corner[0] / (np.tan(FIELD_OF_VIEW / 2) * aspect)  # that brings it to the rim
+    back = (depth - corner @ ahead) / np.linalg.norm(EYE)
+    return max(1.0, back) * np.array(EYE)
+
+
+def _colours(points: NDArray, action: Action | None) -> NDArray[np.uint8]:
+    """(V - 1, 3) from blue at the head to orange at the tail; faded but for an action's segments,
+    of which one is laid over and one under."""
+    along = (np.arange(len(points) - 1) + 0.5) / (len(points) - 1)
+    colours = np.array([rgb(rope_colour(place)) for place in along], float)
+    if action is not None:
+        colours += _FADED * (np.array(rgb(PAPER)) - colours)
+        try:
+            intervals = segment_intervals(points)
+        except DegenerateCurveError:
+            return colours.astype(np.uint8)
+        for segment, colour in ((action.under_segment, UNDER), (action.over_segment, OVER)):
+            low, high = intervals[segment]
+            colours[(along >= low) & (along <= high)] = rgb(colour)
+    return colours.astype(np.uint8)
+
+
+def _linear(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """sRGB (N, 3) as linear light: what viser takes the colours of batched meshes for."""
+    share = colours / 255.0
+    light = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    return np.rint(255.0 * light).astype(np.uint8)
+
+
+def rgb(colour: str) -> Colour:
+    """'#rrggbb' as three numbers, 0 to 255."""
+    red, green, blue = bytes.fromhex(colour[1:])
+    return red, green, blue

@@ -1,0 +1,212 @@
+"""The four networks of Causal InfoGAN (Kurutach et al. 2018), for rope shapes instead of images.
+
+They are 1-D convolutions along the rope, half as long after each layer, where the reference has
+2-D convolutions of the same kernel (4) and stride (2). The generator makes directions of links and
+adds links of the right length to each other, so a generated rope is no longer or shorter than a
+real one; discriminator and posterior see points. Shapes are (N, V, 3), metres, start frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+from torch.nn.utils.parametrizations import spectral_norm
+
+from knotflow.samplers.causal_infogan.config import CausalInfoGanConfig
+
+HALVINGS = 3
+MIN_VARIANCE = 1e-6
+LEAST_SPREAD = 1e-4  # metres; ropes that never leave the table have no spread in z
+
+
+class Scale(nn.Module):
+    """What is typical of the training shapes; puts numbers near 1 into the networks."""
+
+    mean: Tensor
+    spread: Tensor
+    motion: Tensor
+    link: Tensor
+
+    def __init__(self, mean: Tensor, spread: Tensor, motion: Tensor, link: Tensor) -> None:
+        """Mean, deviation, and deviation of a pair's motion, (3,) each; length of a link, ()."""
+        super().__init__()
+        self.register_buffer("mean", mean)
+        self.register_buffer("spread", spread)
+        self.register_buffer("motion", motion)
+        self.register_buffer("link", link)
+
+    @classmethod
+    def of(cls, firsts: Tensor, seconds: Tensor) -> Scale:
+        """Measured on pairs of shapes, (N, V, 3) each."""
+        axes = (0, 1)
+        return cls(
+            firsts.mean(dim=axes),
+            firsts.std(dim=axes).clamp_min(LEAST_SPREAD),
+            (seconds - firsts).std(dim=axes).clamp_min(LEAST_SPREAD),
+            torch.diff(firsts, dim=1).norm(dim=-1).mean(),
+        )
+
+    def shape(self, points: Tensor) -> Tensor:
+        """(N, 6, V): standardised positions, and link vectors in link lengths."""
+        links = torch.diff(points, dim=1) / self.link
+        links = torch.cat([links, links[:, -1:]], dim=1)
+        return torch.cat([(points - self.mean) / self.spread, links], dim=2).transpose(1, 2)
+
+    def pair(self, first: Tensor, second: Tensor) -> Tensor:
+        """(N, 9, V): the first shape, and the standardised motion to the second."""
+        motion = (second - first) / self.motion
+        return torch.cat([self.shape(first), motion.transpose(1, 2)], dim=1)
+
+
+class Generator(nn.Module):
+    """G(z, c, c'): a pair of consecutive shapes from noise and two codes."""
+
+    def __init__(self, config: CausalInfoGanConfig, scale: Scale, vertices: int) -> None:
+        super().__init__()
+        self.scale, self.links, self.width = scale, vertices - 1, config.width
+        self.short = math.ceil(self.links / 2**HALVINGS)
+        wide, half = self.width, self.width // 2
+        self.enter = nn.Sequential(
+            nn.Linear(config.noise_dim + 2 * config.code_dim, wide * self.short, bias=False),
+            nn.BatchNorm1d(wide * self.short),
+            nn.ReLU(),
+        )
+        self.grow = nn.Sequential(*_doubling(wide, wide), *_doubling(wide, half))
+        self.turn = nn.ConvTranspose1d(half, 6, 4, 2, 1)  # directions of links, and their change
+        self.place = nn.Linear(wide * self.short, 6)  # the centroid, and its motion
+
+    def forward(self, noise: Tensor, code: Tensor, next_code: Tensor) -> tuple[Tensor, Tensor]:
+        """Two shapes (N, V, 3) from (N, noise_dim), (N, code_dim), (N, code_dim)."""
+        seed = self.enter(torch.cat([noise, code, next_code], dim=1))
+        turns = self.turn(self.grow(seed.view(-1, self.width, self.short)))
+        turns = turns[:, :, : self.links].transpose(1, 2)  # (N, links, 6)
+        places = self.place(seed)[:, None]  # (N, 1, 6)
+        centre = self.scale.mean + self.scale.spread * places[..., :3]
+        first = self._rope(turns[..., :3], centre)
+        second = self._rope(turns.unflatten(2, (2, 3)).sum(2), centre + self._motion(places))
+        return first, second
+
+    def _motion(self, places: Tensor) -> Tensor:
+        return self.scale.motion * places[..., 3:]
+
+    def _rope(self, turns: Tensor, centre: Tensor) -> Tensor:
+        steps = self.scale.link * nn.functional.normalize(turns, dim=-1)
+        points = nn.functional.pad(steps.cumsum(dim=1), (0, 0, 1, 0))
+        return points - points.mean(dim=1, keepdim=True) + centre
+
+
+class Discriminator(nn.Module):
+    """D(x, x'): log-odds that a pair of shapes is from the data."""
+
+    def __init__(self, config: CausalInfoGanConfig, scale: Scale, vertices: int) -> None:
+        super().__init__()
+        self.scale = scale
+        self.read = _halving(9, config.width // 2, 1, vertices, spectral=True)
+
+    def forward(self, first: Tensor, second: Tensor) -> Tensor:
+        """(N,) from two shapes (N, V, 3)."""
+        return self.read(self.scale.pair(first, second))[:, 0]
+
+
+class Posterior(nn.Module):
+    """Q(c | x): which code a shape was made from, Gaussian."""
+
+    def __init__(self, config: CausalInfoGanConfig, scale: Scale, vertices: int) -> None:
+        super().__init__()
+        self.scale = scale
+        self.read = _halving(6, config.width // 2, 2 * config.code_dim, vertices, spectral=False)
+
+    def forward(self, points: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean and variance (N, code_dim) for shapes (N, V, 3)."""
+        mean, log_variance = self.read(self.scale.shape(points)).chunk(2, dim=1)
+        return mean, log_variance.exp() + MIN_VARIANCE
+
+
+class Transition(nn.Module):
+    """T(c' | c): Gaussian about c with a learned variance."""
+
+    def __init__(self, config: CausalInfoGanConfig) -> None:
+        super().__init__()
+        widths = [config.code_dim, *config.transition_hidden]
+        layers: list[nn.Module] = []
+        for before, after in zip(widths[:-1], widths[1:], strict=True):
+            layers += [nn.Linear(before, after), nn.ReLU()]
+        self.log_variance = nn.Sequential(*layers, nn.Linear(widths[-1], config.code_dim))
+
+    def forward(self, code: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
+        """Next codes and their variance, (N, code_dim) each, for standard normal noise."""
+        variance = self.log_variance(code).exp() + MIN_VARIANCE
+        return code + variance.sqrt() * noise, variance
+
+
+class CausalInfoGan(nn.Module):
+    """The four networks together."""
+
+    def __init__(self, config: CausalInfoGanConfig, scale: Scale, vertices: int) -> None:
+        super().__init__()
+        self.config, self.vertices = config, vertices
+        self.scale = scale
+        self.generator = Generator(config, scale, vertices)
+        self.discriminator = Discriminator(config, scale, vertices)
+        self.posterior = Posterior(config, scale, vertices)
+        self.transition = Transition(config)
+
+    def draw(self, count: int, rng: torch.Generator) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Noise, codes, next codes and the variance of these, from the prior."""
+        config = self.config
+        code = 2 * torch.rand(count, config.code_dim, generator=rng) - 1
+        noise = torch.randn(count, config.noise_dim, generator=rng)
+        step = torch.randn(count, config.code_dim, generator=rng)
+        return noise, code, *self.transition(code, step)
+
+
+def gaussian_log_density(value: Tensor, mean: Tensor, variance: Tensor) -> Tensor:
+    """(N,) log density of a diagonal Gaussian at (N, D)."""
+    return -0.5 * ((2 * math.pi * variance).log() + (value - mean) ** 2 / variance).sum(dim=1)
+
+
+def _doubling(before: int, after: int) -> Sequence[nn.Module]:
+    return (
+        nn.ConvTranspose1d(before, after, 4, 2, 1, bias=False),
+        nn.BatchNorm1d(after),
+        nn.ReLU(),
+    )
+
+
+def _halving(channels: int, width: int, out: int, vertices: int, *, spectral: bool) -> nn.Module:
+    """Convolutions down to an eighth of the rope, then one number for each of `out`."""
+    layers: list[nn.Module] = []
+    length = vertices
+    for before, after in ((channels, width), (width, 2 * width), (2 * width, 2 * width)):
+        layers += [nn.Conv1d(before, after, 4, 2, 1), nn.LeakyReLU(0.2)]
+        length //= 2
+    layers += [nn.Flatten(), nn.Linear(2 * width * length, out)]
+    if spectral:  # keeps the discriminator smooth; the reference's batch normalisation does not
+        layers = [spectral_norm(one) if list(one.parameters()) else one for one in layers]
+    return nn.Sequential(*layers)
+
+
+def save_model(path: Path, model: CausalInfoGan, actions: Sequence[str]) -> None:
+    """Write a model that was trained on rollouts of the given actions, such as "C(0,1,1)"."""
+    content = {
+        "config": asdict(model.config),
+        "vertices": model.vertices,
+        "actions": list(actions),
+        "weights": model.state_dict(),
+    }
+    torch.save(content, path)
+
+
+def load_model(path: Path) -> tuple[CausalInfoGan, list[str]]:
+    """What `save_model` wrote: the model, in evaluation mode, and its actions."""
+    content = torch.load(path, weights_only=True)
+    # The real scale is among the weights; each buffer needs a memory of its own.
+    scale = Scale(torch.ones(3), torch.ones(3), torch.ones(3), torch.ones(()))
+    model = CausalInfoGan(CausalInfoGanConfig(**content["config"]), scale, content["vertices"])
+    model.load_state_dict(content["weights"])
+    return model.eval(), content["actions"]

@@ -1,0 +1,137 @@
+"""Planning: project the given shapes, go straight through the latent space, decode (Sec. VII-C).
+
+As in the reference code: a start is projected onto the first shape of generated pairs, a goal onto
+the second; way points share one noise; of many noises the plan is kept whose pairs the
+discriminator believes most. Codes stay in the prior's range and noises within three deviations,
+so that what is decoded is what the generator was trained to make.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from knotflow.samplers.causal_infogan.frame import StartFrame
+from knotflow.samplers.causal_infogan.networks import CausalInfoGan
+
+NOISE_REACH = 3.0
+
+
+@dataclass(frozen=True)
+class Plans:
+    """Plans for B pairs of given shapes; metres, world frame."""
+
+    projected_start: NDArray[np.float64]
+    """(B, V, 3) the generated shape nearest to the given start."""
+    way_points: NDArray[np.float64]
+    """(B, steps + 1, V, 3) decoded from the line between the codes of the projections."""
+    projected_end: NDArray[np.float64]
+    """(B, V, 3) the generated shape nearest to the given end."""
+
+
+class Planner:
+    """Plans of rope shapes from a trained model.
+
+    Args:
+        model: used as it is, in evaluation mode.
+        seed: of everything random; a plan depends on it and on the batch it is made in.
+    """
+
+    def __init__(self, model: CausalInfoGan, seed: int) -> None:
+        self.model = model.eval()
+        self._rng = torch.Generator().manual_seed(seed)
+
+    def plan(self, starts: NDArray, ends: NDArray, steps: int) -> Plans:
+        """Plans from start to end shapes, (B, V, 3) each, metres, world frame.
+
+        Raises:
+            ValueError: the shapes are not of the model's rope, or starts and ends do not pair.
+        """
+        starts, ends = np.asarray(starts, float), np.asarray(ends, float)
+        wanted = (self.model.vertices, 3)
+        if starts.shape != ends.shape or starts.ndim != 3 or starts.shape[1:] != wanted:
+            raise ValueError(
+                f"starts and ends are shapes (B, {wanted[0]}, 3) of the rope that the model was "
+                f"trained on, got {starts.shape} and {ends.shape}"
+            )
+        frame = StartFrame.of(starts)
+        with _frozen(self.model):
+            first, code = self.project(_tensor(frame.enter(starts)), second=False)
+            last, goal = self.project(_tensor(frame.enter(ends)), second=True)
+            pairs = zip(code, goal, strict=True)
+            between = torch.stack([self._interpolate(one, other, steps) for one, other in pairs])
+        return Plans(*(frame.leave(part.double().numpy()) for part in (first, between, last)))
+
+    def project(self, targets: Tensor, *, second: bool) -> tuple[Tensor, Tensor]:
+        """Nearest generated shapes (B, V, 3), as first or second of a pair, and their codes.
+
+        The search is over noise and code (B, code_dim), from the nearest of many draws on; targets
+        (B, V, 3) are in start frames, metres.
+        """
+        config, model = self.model.config, self.model
+        with torch.no_grad():
+            drawn = model.draw(config.prior_samples, self._rng)[:3]
+            made = model.generator(*drawn)[second]
+            distance = torch.cdist(targets.flatten(1), made.flatten(1))
+        best = distance.topk(config.restarts, largest=False).indices.flatten()
+        noise, code, next_code = (one[best].clone() for one in drawn)
+        # The step between the codes, in units of the transition's deviation, stays as drawn.
+        with torch.no_grad():
+            step = (next_code - code) / model.transition(code, torch.zeros_like(code))[1].sqrt()
+        wanted = targets.repeat_interleave(config.restarts, dim=0)
+        optimizer = torch.optim.Adam(
+            [noise.requires_grad_(), code.requires_grad_()], config.projection_rate
+        )
+        for _ in range(config.projection_steps):
+            made = model.generator(noise, code, model.transition(code, step)[0])[second]
+            loss = (made - wanted).square().sum() / model.scale.spread.square().sum()
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            with torch.no_grad():
+                noise.clamp_(-NOISE_REACH, NOISE_REACH)
+                code.clamp_(-1, 1)
+        with torch.no_grad():
+            next_code = model.transition(code, step)[0]
+            made = model.generator(noise, code, next_code)[second]
+            error = (made - wanted).square().sum(dim=(1, 2)).view(-1, config.restarts)
+        best = error.argmin(dim=1) + config.restarts * torch.arange(len(targets))
+        return made[best], (next_code if second else code)[best].detach()
+
+    @torch.no_grad()
+    def _interpolate(self, start: Tensor, goal: Tensor, steps: int) -> Tensor:
+        """Way points (steps + 1, V, 3) between two codes (code_dim,)."""
+        model, count = self.model, self.model.config.candidates
+        along = torch.linspace(0, 1, steps + 1)[:, None]
+        codes = start + (goal - start) * along
+        noise = torch.randn(count, model.config.noise_dim, generator=self._rng)
+        current = codes[:-1].repeat(count, 1)
+        following = codes[1:].repeat(count, 1)
+        pairs = model.generator(noise.repeat_interleave(steps, dim=0), current, following)
+        first, second = (one.view(count, steps, *one.shape[1:]) for one in pairs)
+        plans = torch.cat([first[:, :1], second], dim=1)
+        belief = model.discriminator(plans[:, :-1].flatten(0, 1), plans[:, 1:].flatten(0, 1))
+        return plans[belief.sigmoid().view(count, steps).mean(dim=1).argmax()]
+
+
+def _tensor(shapes: NDArray) -> Tensor:
+    return torch.as_tensor(shapes, dtype=torch.float32)
+
+
+@contextmanager
+def _frozen(model: CausalInfoGan) -> Iterator[None]:
+    """No gradients of parameters; those of codes are still wanted."""
+    trained = [one for one in model.parameters() if one.requires_grad]
+    for parameter in trained:
+        parameter.requires_grad_(False)
+    try:
+        yield
+    finally:
+        for parameter in trained:
+            parameter.requires_grad_(True)

@@ -1,0 +1,147 @@
+"""Demonstrations: a start shape, an action, and the spline a demonstrator chose for it.
+
+The shipped file holds 50, all made by `scripted.demonstrate` (`source` "scripted"); no human
+demonstrators were at hand. People add theirs in the studio (`source` "human", with `who` and
+`when`); `merge_demonstrations` makes one of the files of several people.
+
+A file has a demonstration a line (JSON). `start`, the actions that lead from the trivial state to
+the one demonstrated from, is left out for the eight tasks, and `who` and `when` where unknown.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.samplers.demonstrations.tasks import TASKS, Task, task
+from knotflow.simulation import check_splines
+from knotflow.topology import parse_action
+
+SHIPPED = Path(__file__).parent / "data" / "scripted.jsonl"
+"""The demonstrations that come with the package."""
+
+
+class DemonstrationError(ValueError):
+    """A demonstration file that cannot be used as it is."""
+
+
+@dataclass(frozen=True)
+class Demonstration:
+    """One demonstrated spline."""
+
+    task: Task
+    """The action, and the state it starts from."""
+    points: NDArray[np.float64]
+    """(V, 3) start shape, metres."""
+    spline: NDArray[np.float64]
+    """(6,), see `simulation.spline`."""
+    source: str
+    """Who demonstrated it: "scripted", "human", or a study's name."""
+    who: str = ""
+    """The person, as they call themselves."""
+    when: str = ""
+    """ISO 8601, with the offset from UTC."""
+
+
+def save_demonstrations(path: Path, demonstrations: Iterable[Demonstration]) -> None:
+    """Write demonstrations as JSON lines, positions to a micrometre."""
+    path.write_text("".join(f"{_line(one)}\n" for one in demonstrations), encoding="utf-8")
+
+
+def add_demonstration(path: Path, demonstration: Demonstration) -> None:
+    """Append one demonstration to a file, which is made if there is none."""
+    with path.open("a", encoding="utf-8") as file:
+        file.write(f"{_line(demonstration)}\n")
+
+
+def merge_demonstrations(paths: Sequence[Path]) -> list[Demonstration]:
+    """The demonstrations of several files, such as two people's, in the order given.
+
+    Raises:
+        DemonstrationError: two are the same, or a file cannot be used; names files and lines.
+    """
+    places: dict[str, str] = {}
+    merged = []
+    for path in paths:
+        for number, one in enumerate(load_demonstrations(path), 1):
+            key, place = _deed(one), f"{path}, line {number}"
+            if key in places:
+                raise DemonstrationError(
+                    f"{place} is the same demonstration as {places[key]}; delete one of the lines"
+                )
+            places[key] = place
+            merged.append(one)
+    return merged
+
+
+def load_demonstrations(path: Path = SHIPPED) -> list[Demonstration]:
+    """The demonstrations of a file.
+
+    Raises:
+        DemonstrationError: naming the file, the line, and what is wrong with it.
+    """
+    demonstrations = []
+    try:
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError as error:
+        raise DemonstrationError(f"{path}: not UTF-8 text: {error}") from None
+    for number, line in enumerate(lines, 1):
+        try:
+            row = json.loads(line)
+            if not isinstance(row, dict) or not isinstance(row.get("source", ""), str):
+                raise ValueError("a demonstration is a JSON object with a source in words")
+            points = np.array(row["points"], dtype=np.float64)
+            if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+                raise ValueError(f"points must be finite and (V, 3), they are {points.shape}")
+            demonstration = Demonstration(
+                _task(row), points, check_splines(row["spline"]), row["source"], *_signature(row)
+            )
+        except KeyError as error:
+            raise DemonstrationError(f"{path}, line {number}: {error} is missing") from None
+        except (ValueError, TypeError) as error:
+            raise DemonstrationError(f"{path}, line {number}: {error}") from None
+        demonstrations.append(demonstration)
+    return demonstrations
+
+
+def _task(row: dict[str, Any]) -> Task:
+    if "start" not in row:
+        return task(row["action"])
+    found = Task(parse_action(row["action"]), tuple(map(parse_action, row["start"])))
+    found.goal_state  # noqa: B018  raises where an action is illegal
+    return found
+
+
+def _signature(row: dict[str, Any]) -> tuple[str, str]:
+    who, when = row.get("who", ""), row.get("when", "")
+    if not isinstance(who, str):
+        raise ValueError(f"who must be a name, got {who!r}")
+    if when:
+        datetime.fromisoformat(when)
+    return who, when
+
+
+def _line(one: Demonstration) -> str:
+    row = json.loads(_deed(one)) | {"source": one.source, "who": one.who, "when": one.when}
+    order = ("action", "start", "source", "who", "when", "spline", "points")
+    return json.dumps({key: row[key] for key in order if row[key] not in (None, "")})
+
+
+def _deed(one: Demonstration) -> str:
+    """What was done, whoever did it; positions to a micrometre."""
+    start = None if one.task in TASKS else [str(action) for action in one.task.start_actions]
+    return json.dumps(
+        {
+            "action": str(one.task.action),
+            "start": start,
+            "spline": np.round(one.spline, 6).tolist(),
+            "points": np.round(one.points, 6).tolist(),
+        }
+    )

@@ -1,0 +1,247 @@
+"""What the networks see of a rope and an action, and where their splines lie (Sec. V-A, Fig. 4).
+
+The rope is first brought to the learned counterpart (`canonical`), then looked at in a frame that
+moves along with it: planar translations and rotations change neither physics nor topology, so the
+networks need not learn them. The frame's origin is on the segment that will be under, where the
+robot moves to: its midpoint, or the tip of the head where that is what gets covered (primitive 4).
+Where a segment is laid over itself (R1, R2(i,i)) it is the middle of the outer third that comes to
+lie under. The x axis points along the rope there, from head to tail; z is up.
+
+Three streams of points, evenly spaced along the rope, describe it: the segment that will be over,
+the one that will be under, and the whole rope. R1 uses one segment for both; the two halves of the
+segment of an R2(i,i) are over and under according to `over_first`.
+
+Splines are normalised: x and y lie in this frame, and the grasp counts along the over segment, or
+from its tip where that is the rope's end (primitive 3), which is where ends are grasped.
+
+Undoing (primitive 6) pulls a piece of rope off a strand. The first stream is that piece, from
+crossing to crossing or to its tip, the second the strand, from the crossing before those that are
+taken back to the one after; which of the two is over is given by the channels of that name. The
+frame's origin is the crossing (of R2, the middle between the two) on the strand, and its x axis
+runs along the strand; R1's strand is its under passage. Any part of the rope may be grasped: the
+grasp counts from the piece's middle or, where it is the rope's end, from its crossing.
+
+Arranging (primitive 5) sees what the action that is wanted next would see, and may grasp anywhere:
+its grasp counts along the whole rope.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tensordict import TensorDict
+from torch import Tensor
+
+from knotflow.samplers.primitives.canonical import UNDO, Canonical, canonicalise, kinds_of
+from knotflow.samplers.primitives.places import anchor_of, grasp_of, marks_of, streams_of
+from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW
+from knotflow.topology import Action
+
+STREAM_POINTS = (10, 10, 24)
+"""Points of the over, the under and the whole stream."""
+CHANNELS = 8
+"""Of each stream point: x, y, z, position along the rope, direction x and y, and whether it is on
+the over and on the under segment."""
+KINDS = UNDO + 1
+"""Length of "kind", which gives arranging what is wanted: 1 at the number of each of `kinds_of`."""
+
+PLANE_SCALE = 0.2
+"""Metres a unit of x and y in network space."""
+HEIGHT_CENTRE, HEIGHT_SCALE = 0.14, 0.07
+"""Height of the middle control point that is 0 in network space, and metres a unit."""
+POINT_HEIGHT_SCALE = 0.02
+"""Metres a unit of a rope point's z; about the thickness of the rope."""
+
+_TANGENT = 0.03  # of the rope's length to each side, over which a point's direction is taken
+
+
+@dataclass(frozen=True)
+class Frames:
+    """The frames of S ropes; turns splines between the world and network space, both float64."""
+
+    origin: NDArray[np.float64]
+    """(S, 2) metres, on the canonical rope."""
+    axis: NDArray[np.float64]
+    """(S, 2) unit x axis."""
+    grasp: NDArray[np.float64]
+    """(S, 2) the grasp that is 0 in network space and a unit of it, fractions of the canonical
+    rope's length."""
+    mirror: NDArray[np.bool_]
+    """(S,) whether the canonical rope is mirrored."""
+    reverse: NDArray[np.bool_]
+    """(S,) whether the canonical rope is reversed."""
+
+    def __len__(self) -> int:
+        return len(self.origin)
+
+    def __getitem__(self, rows: slice | NDArray) -> Frames:
+        return Frames(
+            self.origin[rows], self.axis[rows], self.grasp[rows], self.mirror[rows],
+            self.reverse[rows],
+        )  # fmt: skip
+
+    def to_network(self, splines: NDArray) -> NDArray[np.float64]:
+        """Splines (S, K, 6) of the world, see `simulation.spline`, in network space."""
+        canonical = self._transformed(np.asarray(splines, dtype=np.float64))
+        out = np.empty_like(canonical)
+        out[..., 0] = (canonical[..., 0] - self.grasp[:, 0, None]) / self.grasp[:, 1, None]
+        out[..., 1:3] = self._into(canonical[..., 1:3])
+        out[..., 3] = (canonical[..., 3] - HEIGHT_CENTRE) / HEIGHT_SCALE
+        out[..., 4:6] = self._into(canonical[..., 4:6])
+        return out
+
+    def to_world(self, splines: NDArray) -> NDArray[np.float64]:
+        """Splines (S, K, 6) of network space in the world, clipped into range."""
+        splines = np.asarray(splines, dtype=np.float64)
+        out = np.empty_like(splines)
+        out[..., 0] = self.grasp[:, 0, None] + splines[..., 0] * self.grasp[:, 1, None]
+        out[..., 1:3] = self._out_of(splines[..., 1:3])
+        out[..., 3] = splines[..., 3] * HEIGHT_SCALE + HEIGHT_CENTRE
+        out[..., 4:6] = self._out_of(splines[..., 4:6])
+        # The range is symmetric under Mirror and Reverse, so clipping keeps the law.
+        return self._transformed(np.clip(out, SPLINE_LOW, SPLINE_HIGH))
+
+    def _into(self, xy: NDArray) -> NDArray:
+        shifted = (xy - self.origin[:, None]) / PLANE_SCALE
+        cos, sin = self.axis[:, 0, None], self.axis[:, 1, None]
+        x, y = shifted[..., 0], shifted[..., 1]
+        return np.stack([cos * x + sin * y, cos * y - sin * x], axis=-1)
+
+    def _out_of(self, xy: NDArray) -> NDArray:
+        cos, sin = self.axis[:, 0, None], self.axis[:, 1, None]
+        x, y = xy[..., 0], xy[..., 1]
+        turned = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+        return turned * PLANE_SCALE + self.origin[:, None]
+
+    def _transformed(self, splines: NDArray) -> NDArray:
+        """World splines as canonical ones and back: Mirror and Reverse are involutions."""
+        out = splines.copy()
+        out[..., 2] = np.where(self.mirror[:, None], -out[..., 2], out[..., 2])
+        out[..., 5] = np.where(self.mirror[:, None], -out[..., 5], out[..., 5])
+        out[..., 0] = np.where(self.reverse[:, None], 1 - out[..., 0], out[..., 0])
+        return out
+
+
+@dataclass(frozen=True)
+class Encoded:
+    """S ropes with an action each, as the networks of one primitive see them."""
+
+    states: TensorDict
+    """[S] with "streams" (S, sum of STREAM_POINTS, CHANNELS) and "grasp" (S, 2), float32; for
+    arranging also "kind" (S, KINDS), what is wanted next."""
+    frames: Frames
+    """Where their splines lie."""
+
+
+def encode(
+    points: Sequence[NDArray] | NDArray, actions: Sequence[Action], arranging: bool = False
+) -> Encoded:
+    """Encode S ropes (V, 3) with an action each, for its primitive, or for arranging before it.
+
+    Raises:
+        IllegalActionError: an action names a segment that its rope does not have.
+        DegenerateCurveError: the segments of a rope cannot be read.
+    """
+    ropes = [canonicalise(p, a) for p, a in zip(points, actions, strict=True)]
+    return encode_canonical(ropes, arranging)
+
+
+def encode_canonical(ropes: Sequence[Canonical], arranging: bool = False) -> Encoded:
+    """Encode ropes that were brought to the learned counterpart; see `encode`."""
+    looks = [_look(rope, arranging) for rope in ropes]
+    streams, origin, axis, grasp = (np.stack(part) for part in zip(*looks, strict=True))
+    frames = Frames(
+        origin=origin,
+        axis=axis,
+        grasp=grasp,
+        mirror=np.array([rope.symmetry.mirror for rope in ropes]),
+        reverse=np.array([rope.symmetry.reverse for rope in ropes]),
+    )
+    states = TensorDict(
+        {
+            "streams": torch.from_numpy(streams.astype(np.float32)),
+            "grasp": torch.from_numpy(frames.grasp.astype(np.float32)),
+        },
+        batch_size=[len(ropes)],
+    )
+    if arranging:
+        kind = torch.zeros(len(ropes), KINDS)
+        for row, rope in enumerate(ropes):
+            kind[row, list(kinds_of(rope.action, len(rope.segments)))] = 1
+        states["kind"] = kind
+    return Encoded(states, frames)
+
+
+def _look(rope: Canonical, arranging: bool) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Streams (P, CHANNELS), origin (2,), axis (2,) and grasp (2,), as in `Frames`."""
+    over, under = marks_of(rope)
+    anchor, reach = anchor_of(rope)
+    vertices = rope.points
+    along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(vertices, axis=0), axis=1))))
+    along /= along[-1]
+    ends = [*streams_of(rope), np.array([0.0, 1.0])]
+    at = np.concatenate(
+        [
+            np.linspace(span[0], span[1], count)
+            for span, count in zip(ends, STREAM_POINTS, strict=True)
+        ]
+    )
+    low, high = np.clip(at - _TANGENT, 0, 1), np.clip(at + _TANGENT, 0, 1)
+    origin_at = np.array([anchor, max(anchor - reach, 0.0), min(anchor + reach, 1.0)])
+    sites = np.concatenate([at, low, high, origin_at])
+    x, y, z = (np.interp(sites, along, vertices[:, k]) for k in range(3))
+    origin = np.array([x[-3], y[-3]])
+    cos, sin = _unit(x[-1] - x[-2], y[-1] - y[-2])
+    n = len(at)
+    dx, dy = (x[:n] - origin[0]) / PLANE_SCALE, (y[:n] - origin[1]) / PLANE_SCALE
+    tx, ty = _unit(x[2 * n : 3 * n] - x[n : 2 * n], y[2 * n : 3 * n] - y[n : 2 * n])
+    streams = np.stack(
+        [
+            cos * dx + sin * dy,
+            cos * dy - sin * dx,
+            z[:n] / POINT_HEIGHT_SCALE,
+            2 * at - 1,
+            cos * tx + sin * ty,
+            cos * ty - sin * tx,
+            (at >= over[0]) & (at <= over[1]),
+            (at >= under[0]) & (at <= under[1]),
+        ],
+        axis=1,
+    )
+    return streams, origin, np.array([cos, sin]), grasp_of(rope, arranging)
+
+
+def _unit(x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
+    length = np.maximum(np.hypot(x, y), 1e-9)
+    return x / length, y / length
+
+
+def control_features(states: TensorDict, splines: Tensor) -> Tensor:
+    """Splines as the critic sees them: the six numbers and the grasped point on the rope.
+
+    A spline's first control point lies on the rope (Sec. V): it is looked up there, because a
+    network would have to learn what an interpolation knows.
+
+    Args:
+        states: [S] encoded ropes.
+        splines: (S, n, 6) in network space, n on each rope.
+
+    Returns:
+        (S, n, 12): the spline; position along the rope; grasped point x, y, z and direction x, y.
+    """
+    centre, unit = states["grasp"][:, None].split(1, dim=2)
+    grasp = (centre + unit * splines[..., :1]).clamp(0, 1)  # (S, n, 1)
+    count = STREAM_POINTS[-1]
+    place = grasp * (count - 1)
+    low = place.floor().clamp(max=count - 2)
+    rope = states["streams"][:, -count:]  # (S, count, CHANNELS)
+    row = low.long().expand(-1, -1, CHANNELS)
+    held = torch.lerp(rope.gather(1, row), rope.gather(1, row + 1), place - low)
+    return torch.cat([splines, 2 * grasp - 1, held[..., [0, 1, 2, 4, 5]]], dim=-1)
+
+
+CONTROL_FEATURES = 12

@@ -1,0 +1,394 @@
+"""The library of topological motion primitives: one sampler for every action (Sec. V).
+
+A library is one safetensors file: the networks' weights, and as metadata the format's version, the
+configuration, the actions that each primitive was trained on, the rope they were trained with, and
+a digest of the weights, so that a file that was damaged, or does not fit, is refused by name.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from knotflow.samplers.primitives.canonical import ALL_PRIMITIVES, ARRANGE, UNDO, canonicalise
+from knotflow.samplers.primitives.config import PrimitiveConfig
+from knotflow.samplers.primitives.encoding import Encoded, encode_canonical
+from knotflow.samplers.primitives.primitive import Primitive
+from knotflow.samplers.sampler import sampler
+from knotflow.simulation import RopeConfig
+from knotflow.threads import one_thread
+from knotflow.topology import Action, parse_action
+
+FORMAT = "knotflow primitives"
+VERSION = "3"
+"""Raised when the encoding or the networks change, so that older weights mean something else."""
+_SIZE_TOLERANCE = 0.01
+FILE = "primitives.safetensors"
+"""A library's name in the output of a stage."""
+
+
+class LibraryError(ValueError):
+    """A file that is no library of primitives, or not one that can be used here."""
+
+
+class UnlikeRopeWarning(UserWarning):
+    """A rope that differs from the one that the primitives were trained with."""
+
+
+class PrimitiveLibrary:
+    """Primitives and the actions they were trained on; a sampler.
+
+    It computes on one thread of PyTorch, whatever the number of threads around it.
+    """
+
+    def __init__(
+        self,
+        primitives: Mapping[int, Primitive],
+        trained_on: Mapping[int, Sequence[Action]],
+        rope: RopeConfig,
+    ) -> None:
+        """Primitives by number, the actions each was trained on, and the rope."""
+        known = {*ALL_PRIMITIVES}
+        if not primitives or set(primitives) != set(trained_on) or set(primitives) - known:
+            raise ValueError(
+                f"a library has primitives out of {ALL_PRIMITIVES} and trained actions for each, "
+                f"got {sorted(primitives)} and {sorted(trained_on)}"
+            )
+        self.primitives = {number: primitives[number].eval() for number in sorted(primitives)}
+        self.trained_on = {number: tuple(trained_on[number]) for number in sorted(trained_on)}
+        self.rope = rope
+
+    @classmethod
+    def merged(cls, libraries: Iterable[PrimitiveLibrary]) -> PrimitiveLibrary:
+        """The primitives of several libraries for one rope as one.
+
+        Raises:
+            ValueError: two have the same primitive, or another rope.
+        """
+        libraries = list(libraries)
+        primitives: dict[int, Primitive] = {}
+        trained_on: dict[int, Sequence[Action]] = {}
+        for one in libraries:
+            doubled = set(primitives) & set(one.primitives)
+            if doubled or one.rope != libraries[0].rope:
+                raise ValueError(
+                    f"libraries cannot be merged: primitives {sorted(doubled)} are in two of them"
+                    if doubled
+                    else f"libraries cannot be merged: ropes {libraries[0].rope} and {one.rope}"
+                )
+            primitives |= one.primitives
+            trained_on |= one.trained_on
+        return cls(primitives, trained_on, libraries[0].rope)
+
+    def warn_if_unlike(self, rope: RopeConfig) -> None:
+        """Warn (`UnlikeRopeWarning`) of a rope of another size than the one trained with.
+
+        Proposals for it are still made; how often they succeed was not measured.
+        """
+        unlike = []
+        for name, unit in (("length", " m"), ("radius", " m"), ("links", "")):
+            now, trained = getattr(rope, name), getattr(self.rope, name)
+            if not np.isclose(now, trained, rtol=_SIZE_TOLERANCE):
+                unlike.append(f"{name} {now:g}{unit} (trained with {trained:g}{unit})")
+        if unlike:
+            warnings.warn(
+                f"the rope is out of the primitives' range: {', '.join(unlike)}; expect more "
+                "branches, or none that succeeds",
+                UnlikeRopeWarning,
+                stacklevel=3,
+            )
+
+    def sample(
+        self, points: NDArray, action: Action, count: int, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Splines (count, 6) in range for a rope (V, 3), each from a search of its own.
+
+        Mirroring (or reversing) rope and action mirrors (or keeps) the proposals: exactly, up to
+        the rounding of 1 - grasp.
+
+        Raises:
+            ValueError: there is no primitive for the action in this library.
+            IllegalActionError: the action names a segment that the rope does not have.
+        """
+        return self.propose(np.asarray(points)[None], [action], count, rng)[0]
+
+    def sample_onward(
+        self, points: NDArray, action: Action, count: int, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """`sample`, of splines that also leave room for the actions that may follow."""
+        return self.propose(np.asarray(points)[None], [action], count, rng, onward=True)[0]
+
+    def arrange(
+        self, points: NDArray, action: Action, count: int, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Splines (count, 6) that keep the state of a rope (V, 3) and make room for an action.
+
+        Raises:
+            ValueError: there is no arranging primitive in this library.
+            IllegalActionError: the action names a segment that the rope does not have.
+        """
+        ropes = np.asarray(points)[None]
+        return self.propose(ropes, [action], count, rng, onward=True, arranging=True)[0]
+
+    @property
+    def lacks(self) -> frozenset[str]:
+        """What this library cannot do, see `samplers.ability`.
+
+        Without critics it has no values. What an action leaves for the next one is learned by
+        self-play, as arranging is: before it, the critics have not learned their second output.
+        """
+        missing = set()
+        if any(primitive.critic is None for primitive in self.primitives.values()):
+            missing |= {"values", "judged"}
+        if ARRANGE not in self.primitives:
+            missing |= {"sample_onward", "arrange", "arranged_values"}
+        if UNDO not in self.primitives:
+            missing.add("undo")
+        return frozenset(missing)
+
+    @one_thread()
+    def propose(
+        self,
+        points: NDArray,
+        actions: Sequence[Action],
+        count: int,
+        rng: np.random.Generator,
+        onward: bool = False,
+        arranging: bool = False,
+    ) -> NDArray[np.float64]:
+        """Splines (S, count, 6) for ropes (S, V, 3) with an action each; one batch a primitive.
+
+        Args:
+            points: (S, V, 3) metres.
+            actions: one a rope.
+            count: splines for each.
+            rng: everything random comes from it.
+            onward: search for the value of what a spline leaves as well, not for success alone.
+            arranging: splines that arrange the rope for its action, not such that do it.
+        """
+        out = np.empty((len(actions), count, 6))
+        for number, rows, encoded in self._encoded(points, actions, arranging):
+            found, _ = self.primitives[number].search(encoded, count, rng, onward)
+            out[rows] = encoded.frames.to_world(found.numpy())
+        return out
+
+    @one_thread()
+    def valued(
+        self, points: NDArray, action: Action, count: int, rng: np.random.Generator
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """`sample` and the critic's value (count,) of each spline; NaN without a critic."""
+        ropes = np.asarray(points)[None]
+        ((number, _, encoded),) = self._encoded(ropes, [action], arranging=False)
+        found, best = self.primitives[number].search(encoded, count, rng)
+        values = np.full(count, np.nan) if best is None else best[0].double().numpy()
+        return encoded.frames.to_world(found.numpy())[0], values
+
+    @one_thread()
+    def judged(self, points: NDArray, action: Action, splines: NDArray) -> NDArray[np.float64]:
+        """The critic's probability (N,) that splines (N, 6) do an action on a rope (V, 3).
+
+        Raises:
+            ValueError: the primitive has no critic, or there is none for the action.
+        """
+        ropes = np.asarray(points)[None]
+        ((number, _, encoded),) = self._encoded(ropes, [action], arranging=False)
+        return self.primitives[number].judged(encoded, np.asarray(splines)[None])[0]
+
+    def value(self, points: NDArray, action: Action, rng: np.random.Generator) -> float:
+        """max Q: the critic's probability that the best spline found succeeds (Sec. V-B c).
+
+        Raises:
+            ValueError: the primitive has no critic, or there is none for the action.
+        """
+        return float(self.values(np.asarray(points)[None], [action], rng)[0])
+
+    @one_thread()
+    def values(
+        self,
+        points: NDArray,
+        actions: Sequence[Action],
+        rng: np.random.Generator,
+        onward: bool = False,
+        arranging: bool = False,
+    ) -> NDArray[np.float64]:
+        """`value` (S,) of ropes (S, V, 3) with an action each; see `propose` for the rest."""
+        out = np.empty(len(actions))
+        for number, rows, encoded in self._encoded(points, actions, arranging):
+            primitive = self.primitives[number]
+            noise = primitive.value_noise(len(rows), rng)
+            out[rows] = primitive.values(encoded.states, noise, onward).numpy()
+        return out
+
+    def arranged_values(
+        self, points: NDArray, actions: Sequence[Action], rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Value (S,) of each action once its rope (S, V, 3) is arranged for it by one spline."""
+        return self.values(points, actions, rng, onward=True, arranging=True)
+
+    def _encoded(
+        self, points: NDArray, actions: Sequence[Action], arranging: bool
+    ) -> Iterable[tuple[int, NDArray[np.intp], Encoded]]:
+        """Ropes with an action each, encoded for the primitives that serve them."""
+        ropes = [canonicalise(p, a) for p, a in zip(points, actions, strict=True)]
+        numbers = [ARRANGE if arranging else rope.primitive for rope in ropes]
+        for number, rows in self._by_primitive(numbers, actions):
+            yield number, rows, encode_canonical([ropes[row] for row in rows], arranging)
+
+    def _by_primitive(
+        self, numbers: Sequence[int], actions: Sequence[Action]
+    ) -> Iterable[tuple[int, NDArray[np.intp]]]:
+        for number in sorted(set(numbers)):
+            rows = np.flatnonzero(np.array(numbers) == number)
+            if number not in self.primitives:
+                raise ValueError(
+                    f"{actions[rows[0]]} is an action of primitive {number}; this library has "
+                    f"primitives {', '.join(map(str, self.primitives))}"
+                )
+            yield number, rows
+
+    def save(self, path: Path, half: bool = False) -> None:
+        """Write to a safetensors file; in half precision for half the size, to be shipped."""
+        weights = {
+            f"{number}.{name}": (value.half() if half else value).contiguous()
+            for number, primitive in self.primitives.items()
+            for name, value in primitive.state_dict().items()
+        }
+        metadata = {
+            "format": FORMAT,
+            "version": VERSION,
+            "primitives": json.dumps(
+                {
+                    number: {
+                        "config": asdict(primitive.config),
+                        "actions": [str(action) for action in self.trained_on[number]],
+                    }
+                    for number, primitive in self.primitives.items()
+                }
+            ),
+            "rope": json.dumps(asdict(self.rope)),
+            "digest": _digest(weights),
+        }
+        save_file(weights, path, metadata)
+        Path(path).chmod(0o644)  # safetensors lets nobody else read
+
+    @classmethod
+    def load(cls, path: Path, rope: RopeConfig | None = None) -> PrimitiveLibrary:
+        """Read what `save` wrote.
+
+        Args:
+            path: the file, or a folder of files with some of the primitives each.
+            rope: if given, the rope that the library must have been trained with.
+
+        Raises:
+            FileNotFoundError: there is no such file, or none in the folder.
+            LibraryError: it is damaged, of another format, or for another rope; says which.
+        """
+        path = Path(path)
+        if path.is_dir() and (parts := sorted(path.glob("*.safetensors"))):
+            try:
+                return cls.merged(cls.load(part, rope) for part in parts)
+            except ValueError as error:
+                raise LibraryError(f"{path}: {error}") from None
+        if not path.is_file():
+            raise FileNotFoundError(f"no library of primitives at {path}")
+        try:
+            with safe_open(path, framework="pt") as file:
+                metadata: dict[str, str] = file.metadata() or {}
+                weights = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        except SafetensorError as error:
+            raise LibraryError(f"{path} is damaged or no safetensors file: {error}") from None
+        if metadata.get("format") != FORMAT or metadata.get("version") != VERSION:
+            raise LibraryError(
+                f"{path} is {metadata.get('format', 'of an unknown format')!r} version "
+                f"{metadata.get('version')}; this code reads {FORMAT!r} version {VERSION}"
+            )
+        try:
+            entries = json.loads(metadata["primitives"])
+            trained_rope = RopeConfig(**{"root": "head"} | json.loads(metadata["rope"]))
+            digest = metadata["digest"]
+        except (KeyError, TypeError, ValueError) as error:
+            raise LibraryError(f"{path}: its metadata are damaged: {error!r}") from None
+        if digest != _digest(weights):
+            raise LibraryError(f"{path} is damaged: its weights do not have the digest it names")
+        if rope is not None:
+            different = {
+                name: (value, getattr(rope, name))
+                for name, value in asdict(trained_rope).items()
+                if name != "root" and value != getattr(rope, name)  # a choice of coordinates
+            }
+            named = ", ".join(f"{key} {was}, not {now}" for key, (was, now) in different.items())
+            if named:
+                raise LibraryError(f"{path} was trained with another rope: {named}")
+        primitives = {
+            int(number): _primitive(path, number, entry["config"], weights)
+            for number, entry in entries.items()
+        }
+        actions = {
+            int(number): [parse_action(text) for text in entry["actions"]]
+            for number, entry in entries.items()
+        }
+        return cls(primitives, actions, trained_rope)
+
+
+def _primitive(
+    path: Path, number: str, config: dict[str, Any], weights: Mapping[str, Tensor]
+) -> Primitive:
+    try:
+        merged = OmegaConf.merge(OmegaConf.structured(PrimitiveConfig), config)
+        primitive = Primitive(OmegaConf.to_object(merged))  # type: ignore[arg-type]
+        prefix = f"{number}."
+        primitive.load_state_dict(
+            {
+                name.removeprefix(prefix): value.float()
+                for name, value in weights.items()
+                if name.startswith(prefix)
+            }
+        )
+    except (OmegaConfBaseException, ValueError, RuntimeError) as error:
+        raise LibraryError(
+            f"{path}: primitive {number} does not fit these networks: {error}"
+        ) from None
+    return primitive
+
+
+def _digest(weights: Mapping[str, Tensor]) -> str:
+    digest = hashlib.sha256()
+    for name in sorted(weights):
+        digest.update(name.encode())
+        digest.update(weights[name].numpy().tobytes())
+    return digest.hexdigest()
+
+
+@dataclass
+class PrimitivesConfig:
+    """Which library proposes."""
+
+    file: str = ""
+    """A library's file, or a folder of files. Empty takes what the input `primitives` holds."""
+
+
+@sampler("primitives")
+def build(config: PrimitivesConfig, inputs: Mapping[str, Path]) -> PrimitiveLibrary:
+    """Needs a file, or the output of a stage that trains primitives as the input `primitives`.
+
+    Raises:
+        ValueError: if there is neither.
+    """
+    if config.file:
+        return PrimitiveLibrary.load(Path(config.file))
+    if "primitives" not in inputs:
+        raise ValueError("the primitives sampler needs the input 'primitives' or settings.file")
+    return PrimitiveLibrary.load(Path(inputs["primitives"]) / FILE)

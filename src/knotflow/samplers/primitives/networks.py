@@ -1,0 +1,240 @@
+"""The networks of a topological motion primitive (Sec. V-A, Fig. 4).
+
+Trunk: each of the three streams has an LSTM that reads its points from head to tail. For each
+ordered pair of streams an attention module (scaled dot products, [17]) lets every point of one
+stream, the query, look up points of the other, the values. Each stream's MLP turns a point's LSTM
+state and what its two look-ups brought into features, which are pooled over the stream; the three
+pooled vectors make the rope's feature. No weights are shared between streams or pairs. The figure
+is missing from our copy of the paper: that the MLPs come after the attention is our reading.
+
+Actor and critic each have a trunk of their own, as in the figure. The trunk runs once a rope: the
+actor predicts one Gaussian a rope, and the critic's head scores any number of splines on its
+feature. Beyond the paper, a spline that is scored also looks up the rope's points near the places
+it passes (`Passage`): one vector a rope cannot say what lies where.
+"""
+
+from __future__ import annotations
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor, nn
+from torch.nn.functional import logsigmoid, scaled_dot_product_attention, softplus
+
+from knotflow.samplers.primitives.config import NetworkConfig
+from knotflow.samplers.primitives.encoding import (
+    CHANNELS,
+    CONTROL_FEATURES,
+    STREAM_POINTS,
+    control_features,
+)
+from knotflow.simulation import spline_basis
+
+SPLINE = 6
+
+
+class PairAttention(nn.Module):
+    """Every point of one stream looks up points of another."""
+
+    def __init__(self, hidden: int, size: int) -> None:
+        super().__init__()
+        self.query = nn.Linear(hidden, size)
+        self.key_value = nn.Linear(hidden, 2 * size)
+
+    def forward(self, asking: Tensor, answering: Tensor) -> Tensor:
+        """(S, P, hidden) and (S, Q, hidden) -> (S, P, size)."""
+        key, value = self.key_value(answering).chunk(2, dim=-1)
+        return scaled_dot_product_attention(self.query(asking), key, value)
+
+
+class Trunk(nn.Module):
+    """Streams (S, P, CHANNELS) -> feature (S, feature), and the points of the whole rope's stream
+    with all that was read and looked up for them (S, Q, `seen`)."""
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        streams = range(len(STREAM_POINTS))
+        self.lstms = nn.ModuleList(
+            nn.LSTM(CHANNELS, config.lstm, batch_first=True) for _ in streams
+        )
+        self.attentions = nn.ModuleDict(
+            {
+                f"{asking}_{answering}": PairAttention(config.lstm, config.attention)
+                for asking in streams
+                for answering in streams
+                if asking != answering
+            }
+        )
+        self.seen = CHANNELS + config.lstm + (len(STREAM_POINTS) - 1) * config.attention
+        # The second layer of each MLP comes after pooling, where it costs next to nothing.
+        self.mlps = nn.ModuleList(
+            nn.Sequential(nn.Linear(self.seen, config.stream), nn.SiLU()) for _ in streams
+        )
+        self.out = nn.Sequential(
+            nn.Linear(2 * len(STREAM_POINTS) * config.stream, config.feature), nn.SiLU()
+        )
+
+    def forward(self, streams: Tensor) -> tuple[Tensor, Tensor]:
+        points = streams.split(STREAM_POINTS, dim=1)
+        read = [lstm(part)[0] for lstm, part in zip(self.lstms, points, strict=True)]
+        pooled = []
+        for asking, mlp in enumerate(self.mlps):
+            looked_up = [
+                self.attentions[f"{asking}_{answering}"](read[asking], read[answering])
+                for answering in range(len(read))
+                if answering != asking
+            ]
+            seen = torch.cat([points[asking], read[asking], *looked_up], dim=-1)
+            features = mlp(seen)
+            pooled += [features.mean(dim=1), features.amax(dim=1)]
+        return self.out(torch.cat(pooled, dim=-1)), seen
+
+
+class Passage(nn.Module):
+    """What of the rope lies where a spline passes.
+
+    Places along the spline are queries, the points of the whole rope answer; attention falls off
+    with the squared distance on the table, for each look-up at a rate of its own that is learned.
+    """
+
+    def __init__(self, config: NetworkConfig, seen: int) -> None:
+        super().__init__()
+        self.lookups = config.lookups
+        key = 8
+        self.of_points = nn.Linear(seen, config.lookups * key + config.lookup)
+        self.query = nn.Linear(_PLACE, config.lookups * key)
+        self.log_rate = nn.Parameter(torch.linspace(0, 3, config.lookups))
+        self.at_place = nn.Sequential(
+            nn.Linear(_PLACE + config.lookups * config.lookup, config.stream), nn.SiLU()
+        )
+        self.out = nn.Linear(config.sites * config.stream, config.head)
+        t = torch.linspace(0, 1, config.sites)
+        weights = torch.from_numpy(spline_basis(t.numpy()))
+        self.register_buffer("_weights", weights, persistent=False)  # (sites, 3)
+        self.register_buffer("_t", t[:, None], persistent=False)
+
+    _weights: Tensor
+    _t: Tensor
+
+    def forward(self, of_points: Tensor, streams: Tensor, controls: Tensor) -> Tensor:
+        """Splines (S, n, 12) as `control_features` makes them, n on each rope -> (S, n, head)."""
+        held = controls.new_zeros(controls.shape[:-1])
+        x = torch.stack([controls[..., 7], controls[..., 1], controls[..., 4]], dim=-1)
+        y = torch.stack([controls[..., 8], controls[..., 2], controls[..., 5]], dim=-1)
+        z = torch.stack([held, controls[..., 3], held], dim=-1)
+        path = self._weights @ torch.stack([x, y, z], dim=-1)  # (S, n, sites, 3)
+        place = torch.cat([path, self._t.expand(*path.shape[:-1], 1)], dim=-1)
+        size = self.query.out_features
+        query = self.query(place).flatten(1, 2).unflatten(-1, (self.lookups, -1)).transpose(1, 2)
+        key = of_points[..., :size].unflatten(-1, (self.lookups, -1)).transpose(1, 2)
+        # Of the squared distance |p - q|^2 = |p|^2 - 2 p q + |q|^2 a softmax over q needs the last
+        # two terms only: products of what is appended to queries (S, lookups, n sites, ...) and
+        # keys (S, lookups, Q, ...).
+        rate = self.log_rate.exp()[:, None, None]
+        p = path[..., :2].flatten(1, 2)[:, None]
+        q = streams[:, None, -STREAM_POINTS[-1] :, :2].expand(-1, self.lookups, -1, -1)
+        falls = (-rate).expand(*query.shape[:-1], 1)
+        query = torch.cat([query / key.shape[-1] ** 0.5, 2 * rate * p, falls], dim=-1)
+        key = torch.cat([key, q, q.square().sum(-1, keepdim=True)], dim=-1)
+        value = of_points[:, None, :, size:].expand(-1, self.lookups, -1, -1)
+        brought = (query @ key.mT).softmax(-1) @ value
+        brought = brought.transpose(1, 2).unflatten(1, place.shape[1:3]).flatten(3)
+        return self.out(self.at_place(torch.cat([place, brought], dim=-1)).flatten(2))
+
+
+_PLACE = 4  # x, y, height and position along the spline
+
+
+class Actor(nn.Module):
+    """The Gaussian N(mu, Sigma) over splines in network space that Fig. 4 calls the actor."""
+
+    _rows: Tensor
+    _columns: Tensor
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.trunk = Trunk(config)
+        self.head = nn.Sequential(
+            nn.Linear(config.feature + config.kinds, config.head),
+            nn.SiLU(),
+            nn.Linear(config.head, SPLINE + SPLINE * (SPLINE + 1) // 2),
+        )
+        self.kinds = config.kinds
+        self.smallest_spread = config.smallest_spread
+        rows, columns = torch.tril_indices(SPLINE, SPLINE)
+        self.register_buffer("_rows", rows, persistent=False)
+        self.register_buffer("_columns", columns, persistent=False)
+        last = self.head[-1]
+        assert isinstance(last, nn.Linear)
+        with torch.no_grad():
+            last.weight.mul_(0.1)
+            last.bias.zero_()
+            diagonal = SPLINE + torch.nonzero(rows == columns)[:, 0]
+            spread = torch.tensor(config.initial_spread - config.smallest_spread)
+            last.bias[diagonal] = torch.log(torch.expm1(spread))
+
+    def forward(self, states: TensorDict) -> tuple[Tensor, Tensor]:
+        """Mean (S, 6) and lower Cholesky factor (S, 6, 6) of the covariance."""
+        out = self.head(_with_kind(self.trunk(states["streams"])[0], states, self.kinds))
+        mean, entries = out[:, :SPLINE], out[:, SPLINE:]
+        diagonal = self._rows == self._columns
+        entries = torch.where(diagonal, softplus(entries) + self.smallest_spread, entries)
+        factor = out.new_zeros(len(out), SPLINE, SPLINE)
+        factor[:, self._rows, self._columns] = entries
+        return mean, factor
+
+
+class Critic(nn.Module):
+    """What a spline is worth, as two logits.
+
+    `success` is the probability that it accomplishes the action: Q of a single-step task. `onward`
+    is, if it does, the value of what it leaves: how well the actions that may follow can be done
+    from there (Sec. V-B c). An action that others follow is worth the product of both.
+    """
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.trunk = Trunk(config)
+        # The first layer of the head, cut in two: the rope's part is worked out once a rope.
+        self.of_rope = nn.Linear(config.feature + config.kinds, config.head)
+        self.kinds = config.kinds
+        self.of_spline = nn.Sequential(
+            nn.Linear(CONTROL_FEATURES, config.head), nn.SiLU(), nn.Linear(config.head, config.head)
+        )
+        self.passage = Passage(config, self.trunk.seen)
+        self.head = nn.Sequential(
+            nn.SiLU(), nn.Linear(config.head, config.head), nn.SiLU(), nn.Linear(config.head, 2)
+        )
+
+    def features(self, states: TensorDict) -> tuple[Tensor, Tensor]:
+        """All that scoring needs of each rope: (S, head), and its points' (S, Q, ...)."""
+        feature, seen = self.trunk(states["streams"])
+        of_rope = self.of_rope(_with_kind(feature, states, self.kinds))
+        return of_rope, self.passage.of_points(seen)
+
+    def score(self, features: tuple[Tensor, Tensor], states: TensorDict, splines: Tensor) -> Tensor:
+        """Logits (S, n, 2), success and onward, of splines (S, n, 6), n on each rope."""
+        of_rope, of_points = features
+        controls = control_features(states, splines)
+        passed = self.passage(of_points, states["streams"], controls)
+        return self.head(of_rope[:, None] + self.of_spline(controls) + passed)
+
+    def forward(self, states: TensorDict, splines: Tensor, owner: Tensor) -> Tensor:
+        """Logits (N, 2) of splines (N, 6) in network space on ropes `owner` (N,) of `states`."""
+        of_rope, of_points = self.features(states)
+        features = of_rope[owner], of_points[owner]
+        return self.score(features, states[owner], splines[:, None])[:, 0]
+
+
+def log_value(logits: Tensor, onward: bool) -> Tensor:
+    """Logarithm (...) of what a critic's logits (..., 2) make a spline worth.
+
+    That is the probability of success, times the value of what it leaves if `onward`.
+    """
+    success = logsigmoid(logits[..., 0])
+    return success + logsigmoid(logits[..., 1]) if onward else success
+
+
+def _with_kind(feature: Tensor, states: TensorDict, kinds: int) -> Tensor:
+    """The rope's feature (S, F), and which kind of action is wanted, where a primitive serves
+    several."""
+    return torch.cat([feature, states["kind"]], dim=-1) if kinds else feature

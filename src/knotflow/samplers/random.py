@@ -1,0 +1,35 @@
+"""The first baseline: splines drawn from the whole parameter space (Sec. VII-A2)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.samplers.sampler import sampler
+from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW
+from knotflow.topology import Action
+
+
+@dataclass
+class RandomConfig:
+    """Random sampling has nothing to set."""
+
+
+class RandomSampler:
+    """Uniform over every spline in range, whatever the rope and the action."""
+
+    def sample(
+        self, points: NDArray, action: Action, count: int, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Splines (count, 6), each number uniform over its range."""
+        return rng.uniform(SPLINE_LOW, SPLINE_HIGH, (count, 6))
+
+
+@sampler("random")
+def build(config: RandomConfig, inputs: Mapping[str, Path]) -> RandomSampler:
+    """Needs nothing."""
+    return RandomSampler()

@@ -1,0 +1,97 @@
+"""The gripper's path over the table, drawn from its control points.
+
+A quadratic Bezier curve is one of the lines that matplotlib, SVG and PDF know by themselves: no
+sampling is needed, and the curve stays smooth at any size.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.viz.palette import PAPER, SPLINE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.path import Path
+
+_DASHES = (0.0, (3.2, 1.6))
+
+
+def spline_bounds(controls: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lower and upper corner (2,) of the curve with control points (3, 2 or 3), from above."""
+    box = _curve(controls).get_extents()
+    return np.array(box.min), np.array(box.max)
+
+
+def draw_spline(
+    axes: Axes,
+    controls: NDArray,
+    colour: str = SPLINE,
+    *,
+    linewidth: float = 1.8,
+    dashed: bool = False,
+    release: Literal["arrow", "o", "x"] = "arrow",
+    zorder: float = 4.0,
+) -> None:
+    """Draw the spline with control points (3, 2 or 3), metres: a dot at the grasp, then the curve.
+
+    Args:
+        axes: to draw in.
+        controls: grasp, middle control point, release.
+        colour: of everything.
+        linewidth: points; the marks grow with it.
+        dashed: whether the curve is.
+        release: the mark at its end.
+        zorder: of the curve; its marks are above.
+    """
+    from matplotlib.patches import FancyArrowPatch, PathPatch
+    from matplotlib.patheffects import Normal, withStroke
+
+    casing = [withStroke(linewidth=linewidth + 1.4, foreground=PAPER, alpha=0.75), Normal()]
+    axes.add_patch(
+        PathPatch(
+            _curve(controls),
+            fill=False,
+            edgecolor=colour,
+            linewidth=linewidth,
+            linestyle=_DASHES if dashed else "-",
+            path_effects=casing if release == "arrow" else None,
+            capstyle="butt",
+            clip_on=False,
+            zorder=zorder,
+        )
+    )
+    grasp, middle, end = np.asarray(controls)[:, :2]
+    marks: dict[str, Any] = {"color": colour, "clip_on": False, "zorder": zorder + 0.1}
+    if release == "arrow":
+        axes.plot(*grasp, "o", markersize=3.6 * linewidth, markeredgecolor=PAPER, **marks)
+        tail = end - 1e-3 * (end - middle)  # the curve ends in the direction of its last leg
+        arrow = FancyArrowPatch(
+            tuple(tail),
+            tuple(end),
+            arrowstyle="-|>,head_width=2.1,head_length=4.2",
+            mutation_scale=linewidth,
+            shrinkA=0,
+            shrinkB=0,
+            **marks,
+        )
+        axes.add_patch(arrow)
+        return
+    axes.plot(*grasp, "o", markersize=1.4 + 0.75 * linewidth, **marks)
+    axes.plot(
+        *end,
+        release,
+        markerfacecolor="none",
+        markersize=1.2 + 1.9 * linewidth,
+        markeredgewidth=0.35 + 0.47 * linewidth,
+        **marks,
+    )
+
+
+def _curve(controls: NDArray) -> Path:
+    from matplotlib.path import Path
+
+    return Path(np.asarray(controls)[:, :2], [Path.MOVETO, Path.CURVE3, Path.CURVE3])

@@ -1,0 +1,282 @@
+"""The page in a real browser: Debian's chromium, headless, driven by playwright.
+
+    apt-get install chromium && pip install 'knotflow[test]'
+
+The scripted person presses the page's own buttons and clicks on its 3-D canvas, where the camera
+that the browser reports says that a place in the world is to be seen.
+"""
+
+import importlib
+import os
+import shutil
+import time
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from knotflow.apps.cli import main
+from knotflow.apps.studio.session import Session
+from knotflow.samplers.demonstrations import TASKS, load_demonstrations
+from knotflow.samplers.primitives import PrimitiveLibrary
+from knotflow.simulation import check_splines, resample
+from knotflow.training import ImitationConfig
+from knotflow.workflow import StageContext
+from knotflow.workflow.stages.demonstrations import DemonstrationsConfig, simulate_demonstrations
+from knotflow.workflow.stages.imitation import ImitationStageConfig, imitate
+
+viser = pytest.importorskip("viser", reason="the studio needs: pip install 'knotflow[studio]'")
+playwright = pytest.importorskip(
+    "playwright.sync_api", reason="browser tests need: pip install playwright"
+)
+CHROMIUM = shutil.which("chromium")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="browser tests need: apt-get install chromium"),
+]
+
+FLAGS = (
+    "--no-sandbox",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-gpu-rasterization",  # Debian enables it: in software it costs seconds a frame
+)
+PATIENCE = float(os.environ.get("PATIENCE", "25"))
+"""Seconds for a whole test, for opening its page, and for each of many demonstrations: what fails
+fails soon. On a busy machine, set the environment variable higher."""
+
+
+class Person:
+    """Someone at the studio's page."""
+
+    def __init__(self, page, studio):
+        self._page, self.studio = page, studio
+        self.end = time.monotonic() + PATIENCE
+
+    def arrive(self):
+        """Open the page; the test's time counts from here."""
+        self.page.goto(self.studio.url)
+        self.page.get_by_role("tab", name="Teach").wait_for()
+        self.until(self.studio.server.get_clients, "the browser to connect")
+        self.rest()
+
+    @property
+    def page(self):
+        """The page, which waits for as long as the test has left."""
+        self._page.set_default_timeout(1000 * max(self.end - time.monotonic(), 0.1))
+        return self._page
+
+    def rest(self):
+        """Begin something new: the time counts from here."""
+        self.end = time.monotonic() + PATIENCE
+
+    def tab(self, name):
+        # By force: without waiting for frames, of which software rendering has few.
+        self.page.get_by_role("tab", name=name).click(force=True)
+
+    def press(self, name):
+        self.page.get_by_role("button", name=name, exact=True).click(force=True)
+
+    def type(self, label, text):
+        # Not by label: viser's labels of text inputs name an id that no input has.
+        beside = self.page.get_by_text(label, exact=True).locator("xpath=following::input[1]")
+        beside.fill(text, force=True)
+        self.until(lambda: text in {handle.value for handle in self.texts()}, f"{label}: {text}")
+
+    def number(self, label, value):
+        beside = self.page.locator(f'label:text-is("{label}")')
+        field = beside.locator("xpath=following::input[@inputmode='decimal'][1]")
+        field.fill(f"{value:.3f}", force=True)
+        field.press("Enter")
+
+    def choose(self, label, option):
+        beside = self.page.locator(f'label:text-is("{label}")')
+        beside.locator("xpath=following::input[@role='combobox'][1]").click(force=True)
+        self.page.get_by_role("option", name=option, exact=True).click(force=True)
+
+    def texts(self):
+        handles = self.studio.server.gui._gui_input_handle_from_uuid.values()
+        return [handle for handle in handles if isinstance(handle.value, str)]
+
+    def click_at(self, place):
+        """Click on the canvas where a place (3,) in the world is to be seen."""
+        camera = next(iter(self.studio.server.get_clients().values())).camera
+        turn = viser.transforms.SO3(np.asarray(camera.wxyz)).inverse()
+        x, y, z = turn.apply(np.asarray(place) - camera.position)
+        box = self.page.locator("canvas").first.bounding_box()
+        focal = box["height"] / 2 / np.tan(camera.fov / 2)
+        self.page.mouse.click(
+            box["x"] + box["width"] / 2 + focal * x / z,
+            box["y"] + box["height"] / 2 + focal * y / z,
+        )
+
+    def until(self, done, what):
+        """Wait for the studio to know."""
+        while not done():
+            assert time.monotonic() < self.end, f"waited in vain for: {what}"
+            self.page.wait_for_timeout(100)
+
+    def demonstrate(self, spline):
+        """Three clicks for the action that is chosen, and simulate."""
+        session = self.studio.desk.session
+        self.press("Demonstrate")
+        self.until(lambda: session.draft is not None, "a draft")
+        along = np.linspace(0, 1, len(session.points))
+        grasp = [np.interp(spline[0], along, column) for column in session.points.T]
+        radius = session.simulation.rope.radius
+        for count, place in enumerate([grasp, [*spline[1:3], radius], [*spline[4:], radius]], 1):
+            self.click_at(place)
+            self.until(lambda count=count: len(session.draft.places) == count, f"click {count}")
+        self.number("Height (m)", spline[3])
+        self.until(lambda: abs(session.draft.height - spline[3]) < 0.003, "the height")
+        self.press("Simulate")
+        self.until(lambda: session.tried is not None, "a simulation")
+
+    def lay(self, name):
+        """Lay a rope by its name."""
+        session = self.studio.desk.session
+        before = session.points
+        self.tab("Rope")
+        self.choose("Rope", name)
+        self.press("Lay it")
+        self.until(lambda: session.points is not before, name)
+
+    def teach(self, action):
+        """Lay a start of an action and demonstrate it where the shipped demonstration of that start
+        went; what misses is redone, as people do."""
+        session = self.studio.desk.session
+        count = len(session.kept())
+        for _ in range(3):
+            self.rest()
+            self.lay("straight" if action[0] == "R" else f"start of {action}")
+            shown = min(
+                (one for one in load_demonstrations() if str(one.task.action) == action),
+                key=lambda one: abs(resample(one.points, session.simulation.rope) - session.points)
+                .max(),
+            )  # fmt: skip
+            self.tab("Teach")
+            self.choose("Action", action)
+            self.demonstrate(shown.spline)
+            if session.tried.success[0]:
+                break
+        self.page.get_by_text("keep it.").wait_for()
+        self.press("Keep")
+        self.until(lambda: len(session.kept()) > count, "a kept demonstration")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    # What planning imports takes seconds, more of them once rendering competes for the processor.
+    importlib.import_module("knotflow.samplers.primitives.library")
+    with playwright.sync_playwright() as driver:
+        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def person(browser, tmp_path):
+    from knotflow.apps.studio.page import Page
+
+    session = Session("straight", tmp_path / "mine.jsonl")
+    with (
+        closing(Page(session, port=8391)) as studio,
+        browser.new_page(viewport={"width": 1024, "height": 768}) as page,
+    ):
+        someone = Person(page, studio)
+        someone.arrive()
+        yield someone
+
+
+def test_ropes_are_laid_and_drawn(person):
+    session = person.studio.desk.session
+    before = session.points
+    person.press("Lay it")
+    person.until(lambda: session.points is not before, "a random rope")
+    person.press("Draw it with the mouse")
+    person.until(lambda: person.studio.desk.takes_click is not None, "drawing")
+    for place in ((-0.4, 0.0, 0.0), (0.2, 0.0, 0.0), (0.2, 0.3, 0.0), (0, 0.3, 0), (0, -0.3, 0)):
+        person.click_at(place)
+        person.page.wait_for_timeout(200)
+    person.press("Finish drawing")
+    person.until(lambda: session.state.num_crossings == 1, "the drawn loop")
+
+
+def test_three_clicks_are_a_demonstration(person):
+    session, shown = person.studio.desk.session, load_demonstrations()[0]
+    person.tab("Teach")
+    person.type("Your name", "Ada")
+    person.demonstrate(shown.spline)
+    assert session.tried.success[0]
+    assert session.draft.spline == pytest.approx(shown.spline, abs=0.005)
+    person.press("Keep")
+    person.until(session.kept, "a kept demonstration")
+    (kept,) = session.kept()
+    assert (kept.task, kept.source, kept.who) == (TASKS[0], "human", "Ada")
+
+
+TEN = {
+    "Ada": ("R1(0,1,1)", "C(0,1,1)", "C(1,2,1)", "C(2,0,1)", "C(4,2,1)"),
+    "Ben": ("R2(0,0,1,1)", "C(0,2,1)", "C(2,4,1)", "C(1,2,1)", "C(0,1,1)"),
+}
+"""Who demonstrates what: all eight actions of the paper, two of them twice."""
+
+
+def test_ten_demonstrations_of_two_people_train_primitives(person, tmp_path):
+    session, both = person.studio.desk.session, tmp_path / "both.jsonl"
+    files = [str(tmp_path / f"{who}.jsonl") for who in TEN]
+    for file, (who, actions) in zip(files, TEN.items(), strict=True):
+        session.file = Path(file)  # a studio of their own
+        person.tab("Teach")
+        person.type("Your name", who)
+        for action in actions:
+            person.teach(action)
+    assert main(["merge", *files, "--out", str(both)]) == 0
+    kept = load_demonstrations(both)
+    assert [(one.source, one.who, str(one.task.action)) for one in kept] == [
+        ("human", who, action) for who, actions in TEN.items() for action in actions
+    ]
+
+    shown, learnt = StageContext(tmp_path / "shown"), StageContext(tmp_path / "learnt")
+    config = DemonstrationsConfig(copies=8, copies_untangled=16, seed=2, file=str(both))
+    simulate_demonstrations(config, {}, shown)
+    effort = ImitationConfig(steps=5, validations=3)  # of the smoke budget
+    imitate(ImitationStageConfig(imitation=effort, seed=1), {"demonstrations": shown.out}, learnt)
+    library = PrimitiveLibrary.load(learnt.out / "primitives.safetensors")
+    trained = {action for some in library.trained_on.values() for action in some}
+    assert trained == {one.action for one in TASKS}
+    for one in kept:
+        points = resample(one.points, session.simulation.rope)
+        check_splines(library.sample(points, one.task.action, 2, np.random.default_rng(0)))
+
+
+def test_a_plan_is_made_and_exported(person):
+    person.tab("Plan")
+    person.type("Other", "R1(0,1,1)")
+    person.press("Plan")
+    person.until(lambda: person.studio.desk.session.plan is not None, "a plan")
+    assert person.studio.desk.session.plan.solved
+    with person.page.expect_download() as download:
+        person.press("Export plan (JSON)")
+    assert download.value.suggested_filename == "plan.json"
+
+
+def test_clicks_beside_the_rope_are_explained(person):
+    person.tab("Teach")
+    person.press("Demonstrate")
+    person.until(lambda: person.studio.desk.session.draft is not None, "a draft")
+    person.click_at((0.0, 0.3, 0.0))
+    person.page.get_by_text("grasp the rope: that was").wait_for()
+
+
+def test_the_start_of_any_task_can_be_laid(person):
+    session = person.studio.desk.session
+    session.load("start of C(2,0,1)")
+    person.studio.desk.rope_changed("Laid.")
+    person.page.get_by_text(str(session.state)).first.wait_for()
+    assert session.points == pytest.approx(resample(session.points, session.simulation.rope))

@@ -1,0 +1,36 @@
+"""What is watched runs through, step after step."""
+
+import numpy as np
+import pytest
+
+from knotflow.apps.studio.playback import Playback
+from knotflow.samplers.demonstrations import load_demonstrations
+from knotflow.simulation import Attempts, Rollouts, straight
+from knotflow.simulation.rope import RopeConfig
+
+ROPE = RopeConfig()
+
+
+@pytest.fixture
+def attempts():
+    """Two splines that did nothing, in four frames each."""
+    one = load_demonstrations()[0]
+    points = np.broadcast_to(straight(ROPE), (2, 41, 3))
+    rollouts = Rollouts(
+        np.arange(4) / 10,
+        np.broadcast_to(points[:, None], (2, 4, 41, 3)).astype(np.float32),
+        np.zeros((2, 4, 3), np.float32),
+        points,
+        np.array([False, True]),
+    )
+    splines = np.stack([one.spline, one.spline])
+    return Attempts.of(one.task.action, one.task.start_state, points, splines, rollouts)
+
+
+@pytest.mark.parametrize(("row", "words"), [(0, "ends in trivial"), (1, "ends in unreadable")])
+def test_a_spline_is_watched_with_its_outcome(attempts, row, words):
+    shown = Playback.of_attempt(attempts, row, ROPE.radius)
+    assert len(shown) == len(shown.ropes) == len(shown.grippers) == 4
+    assert shown.controls.shape == (1, 3, 3)
+    assert shown.caption(3) == f"0.3 s: R1(0,1,1), {words}"
+    assert np.isclose(shown.controls[0, 2], [*attempts.splines[row, 4:], ROPE.radius]).all()

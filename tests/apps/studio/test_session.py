@@ -1,0 +1,110 @@
+"""The studio's session: ropes, demonstrations, plans, without a browser."""
+
+import numpy as np
+import pytest
+
+from knotflow.apps.studio.session import ROPES, Session, StudioError
+from knotflow.planning import RopeInputError
+from knotflow.samplers.demonstrations import TASKS, load_demonstrations, task
+from knotflow.simulation import straight
+from knotflow.topology import IllegalActionError, TopologicalState, parse_action
+
+SHOWN = load_demonstrations()[0]
+"""R1(0,1,1) into the straight rope."""
+
+
+@pytest.fixture
+def session(tmp_path):
+    return Session("straight", tmp_path / "mine.jsonl")
+
+
+def demonstrate(session, spline, action):
+    draft = session.begin(parse_action(action))
+    draft.places[:] = [(spline[0],), tuple(spline[1:3]), tuple(spline[4:])]
+    draft.height = spline[3]
+    return session.simulate()
+
+
+@pytest.mark.parametrize("name", ROPES)
+def test_every_named_rope_can_be_laid(session, name):
+    session.load(name)
+    wanted = {f"start of {one.action}": one.start_state for one in TASKS}
+    assert session.state == wanted.get(name, TopologicalState.trivial())
+
+
+def test_a_file_from_the_browser_is_laid(session, tmp_path):
+    rows = "\n".join(",".join(map(str, row)) for row in straight(session.simulation.rope)[::-1])
+    session.load_upload("mine.csv", rows.encode())
+    assert session.points[0, 0] > 0
+    with pytest.raises(RopeInputError, match="^other.csv, line 1: has no z"):
+        session.load_upload("../other.csv", b"1,2\n")
+
+
+def test_offered_actions_are_legal_and_the_tasks_come_first(session):
+    session.load("start of C(0,1,1)")
+    actions = session.actions()
+    assert len(actions) == len(set(actions))
+    assert {session.state.apply(action) for action in actions}
+    ours = {one.action for one in TASKS if one.start_state == session.state}
+    assert ours <= set(actions[: len(TASKS)])
+
+
+def test_a_demonstration_is_kept_with_who_and_when(session):
+    tried = demonstrate(session, SHOWN.spline, "R1(0,1,1)")
+    assert tried.success[0]
+    session.keep(" Ada ")
+    (one,) = session.kept()
+    assert (one.source, one.who, one.task) == ("human", "Ada", SHOWN.task)
+    assert one.when[:2] == "20" and one.when[-6] in "+-"
+    assert one.spline == pytest.approx(SHOWN.spline)
+    assert session.draft is None
+
+
+def test_what_cannot_be_kept_is_refused(session):
+    with pytest.raises(StudioError, match="choose an action"):
+        session.simulate()
+    with pytest.raises(StudioError, match="simulate a demonstration"):
+        session.keep("Ada")
+    demonstrate(session, np.array([0.5, 0.0, 0.1, 0.1, 0.0, 0.05]), "R1(0,1,1)")
+    with pytest.raises(StudioError, match="did not reach its state"):
+        session.keep("Ada")
+    demonstrate(session, SHOWN.spline, "R1(0,1,1)")
+    with pytest.raises(StudioError, match="write your name"):
+        session.keep("  ")
+    session.draft.height = 0.3
+    with pytest.raises(StudioError, match="have changed since"):
+        session.keep("Ada")
+    assert session.kept() == []
+
+
+def test_an_action_that_the_state_forbids_cannot_be_begun(session):
+    with pytest.raises(IllegalActionError):
+        session.begin(task("C(2,0,1)").action)
+    assert session.draft is None
+
+
+def test_another_rope_ends_draft_and_plan(session):
+    session.begin(parse_action("R1(0,1,1)"))
+    session.load("arc")
+    assert session.draft is None and session.plan is None
+
+
+@pytest.mark.slow
+def test_proposals_are_simulated_best_value_first(session):
+    found = session.propose(parse_action("R1(0,1,1)"), 2)
+    assert (np.diff(found.values) <= 0).all()
+    assert len(found.attempts) == 2
+    assert ((0 <= found.values) & (found.values <= 1)).all()
+
+
+@pytest.mark.slow
+def test_a_plan_is_found_and_can_be_watched(session):
+    from knotflow.apps.studio.playback import Playback
+
+    updates = []
+    plan = session.search("R1(0,1,1)", updates.append)
+    assert plan.solved and updates
+    shown = Playback.of_plan(plan)
+    assert len(shown) == len(plan.steps[0].times)
+    assert shown.ropes[0] == pytest.approx(session.points, abs=1e-6)
+    assert "R1(0,1,1)" in shown.caption(0)

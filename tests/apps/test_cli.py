@@ -1,0 +1,327 @@
+"""The `knotflow` command, as people type it."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from knotflow.apps import tie
+from knotflow.apps.cli import main
+from knotflow.planning import KnotPlan, PlannerConfig, parse_goal, plan_knot
+from knotflow.samplers.demonstrations import load_demonstrations, save_demonstrations
+from knotflow.samplers.sampler import SamplerConfig, build_sampler
+from knotflow.simulation import RopeSimulator
+
+LOOP = "R1(0,1,1)"
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def found():
+    """A plan for a loop, of few tries, and its task."""
+    task = tie.prepare(tie.Request(LOOP, "straight"))
+    sampler = build_sampler(SamplerConfig("aimed"), {})
+    plan = plan_knot(
+        task.points, task.goal, sampler, RopeSimulator(task.simulation),
+        np.random.default_rng(0), PlannerConfig(batch=8, max_branches=64),
+    )  # fmt: skip
+    assert plan.solved
+    return task, plan
+
+
+@pytest.fixture
+def searches(monkeypatch, found):
+    """Lets the command find that plan at once; the list counts how often it searched."""
+    asked = []
+
+    def search(task):
+        asked.append(task)
+        return found[1], None
+
+    monkeypatch.setattr(tie, "search", search)
+    monkeypatch.setattr("knotflow.workflow.plan_folder.write_plan", _write_little)
+    return asked
+
+
+def _write_little(context, folder, plan, *others):
+    with context.atomic("plan.json") as path:
+        path.write_text(plan.to_json())
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["plan"], "KNOT"),
+        (["pln", "overhand"], 'Did you mean "plan"'),
+        (["plan", "overhnd"], "unknown knot 'overhnd'; write a knot's name"),
+        (["plan", "overhand", "--rop", "straight"], "Did you mean --rope?"),
+        (["plan", "overhand", "--rope", "strait"], "unknown rope 'strait': give one of straight"),
+        (["plan", "overhand", "--rope", "none.csv"], "there is no such rope file"),
+        (["plan", "overhand", "--rope-unit", "km"], "Choose from"),
+        (["plan", "overhand", "--seed", "-1"], "--seed must be 0 or more, got -1"),
+        (["plan", "overhand", "--seed", "one"], "--seed"),
+        (["plan", "overhand", "--max-seconds", "0"], "--max-seconds must be above 0"),
+        (["plan", "overhand", "--margin", "-0.01"], "--margin must be 0 or more"),
+        (["plan", "unknot"], "nothing to plan"),
+        (["plan", "overhand", "--out", "/proc/1/plan"], "/proc/1"),
+        (["next", "overhand"], "--rope"),
+        (["explain", "overhnd"], "cannot explain 'overhnd': give a knot (unknot, overhand"),
+        (["explain", "C(0,9,1)"], "there is no segment 9"),
+        (["explain", "C(0,1)"], "C(0,1)"),
+        (["explain", "3o1-"], "position 3 is out of range"),
+        (["explain", "--out", "picture.doc"], ".png, .svg or .pdf"),
+        (["view", "none.mcap"], "none.mcap"),
+        (["see", "a.png", "b.png", "--out", "r.csv"], "--camera"),
+        (["see", "a.png", "b.png", "--camera", "no.yaml", "--out", "r.csv"], "no.yaml: cannot be"),
+        (["report", "--results", "nowhere"], "there is no such results folder"),
+    ],
+)
+def test_wrong_input_is_2_with_the_cure_and_leaves_nothing(words, message, here, capsys):
+    assert main(words) == 2
+    told = capsys.readouterr()
+    said = " ".join((told.out + told.err).replace("│", " ").split())
+    assert message in said
+    assert not list(here.iterdir())
+
+
+def test_help_is_one_screen_with_examples_and_loads_nothing_heavy(here):
+    code = "import sys; from knotflow.apps.cli import main; main(sys.argv[1:]); print(*sys.modules)"
+    for words in (["--help"], ["plan", "--help"], ["plan", "--sed", "3"]):
+        done = subprocess.run(
+            [sys.executable, "-c", code, *words], capture_output=True, text=True, check=True
+        )
+        *shown, modules = done.stdout.splitlines()
+        assert not {"numpy", "torch", "mujoco", "matplotlib", "pandas"} & set(modules.split())
+        assert len(shown) < 40
+        assert max(map(len, shown), default=0) <= 80
+        if words == ["--help"]:
+            assert any("knotflow plan figure_eight --rope measured.csv" in line for line in shown)
+
+
+def test_version(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.strip()
+
+
+def test_the_same_plan_is_told_again_and_another_takes_no_place(searches, here, capsys):
+    words = ["plan", LOOP, "--rope", "straight"]
+    assert main(words) == 0
+    (folder,) = (here / "plans").iterdir()
+    assert "tied (the goal was reached)" in capsys.readouterr().out
+    first = (folder / "request.json").read_bytes()
+    assert main(words) == 0
+    assert "planned before; --overwrite" in capsys.readouterr().out
+    assert len(searches) == 1
+    assert main([*words, "--max-seconds", "5"]) == 2
+    told = capsys.readouterr().err
+    assert "max_seconds 60.0 there and 5.0 here" in told
+    assert "--overwrite" in told and "--out" in told
+    assert (folder / "request.json").read_bytes() == first
+    assert main([*words, "--max-seconds", "5", "--overwrite"]) == 0
+    assert json.loads((folder / "request.json").read_text())["request"]["max_seconds"] == 5.0
+    assert len(searches) == 2
+    assert [path.name for path in (here / "plans").iterdir()] == [folder.name]
+
+
+def test_a_folder_that_is_no_plan_is_never_replaced(searches, here, capsys):
+    (here / "thesis").mkdir()
+    (here / "thesis" / "chapter.tex").write_text("years of work")
+    assert main(["plan", LOOP, "--rope", "straight", "--out", "thesis", "--overwrite"]) == 2
+    assert "holds files that are no plan" in capsys.readouterr().err
+    assert os.listdir(here / "thesis") == ["chapter.tex"]
+    assert not searches
+
+
+def test_files_of_one_name_have_plans_of_their_own(searches, here):
+    for name, bend in (("one", 0.5), ("two", 0.8)):
+        angle = np.linspace(-bend, bend, 20)
+        curve = np.column_stack([np.sin(angle), np.cos(angle) - 0.9, 0 * angle]) * 0.5 / bend
+        (here / name).mkdir()
+        np.savetxt(here / name / "measured.csv", curve, delimiter=",")
+        assert main(["plan", LOOP, "--rope", f"{name}/measured.csv"]) == 0
+    assert len(list((here / "plans").iterdir())) == len(searches) == 2
+
+
+def test_a_search_that_fails_is_1_and_its_folder_says_so(searches, found, here, monkeypatch):
+    task, plan = found
+    failed = replace(plan, solved=False, steps=(), reason="0.1 s passed")
+    monkeypatch.setattr(tie, "search", lambda task: (failed, None))
+    for _ in range(2):  # the second time it is told what was found before
+        assert main(["plan", LOOP, "--rope", "straight"]) == 1
+    assert not json.loads(next(here.glob("plans/*/outcome.json")).read_text())["success"]
+
+
+@pytest.mark.slow
+def test_the_next_action_says_what_how_sure_and_what_to_check(searches, here, capsys):
+    assert main(["next", LOOP, "--rope", "straight", "--out", "step.csv"]) == 0
+    told = capsys.readouterr().out
+    assert "twist a loop into the rope (segment 0)" in told
+    assert "the rope must then read 2o1+" in told
+    assert "% of 32 repetitions" in told
+    assert (here / "step.csv").read_text().startswith("time_s,")
+    assert [task.request.margin for task in searches] == [0.05]
+    assert main(["next", LOOP, "--rope", "straight", "--out", "step.csv"]) == 2
+
+
+def test_a_next_action_that_is_not_found_is_1_and_says_what_to_try(found, monkeypatch, capsys):
+    failed = replace(found[1], solved=False, steps=(), reason="60 s passed")
+    monkeypatch.setattr(tie, "search", lambda task: (failed, None))
+    assert main(["next", LOOP, "--rope", "straight"]) == 1
+    told = capsys.readouterr().out
+    assert "60 s passed" in told and "--max-seconds 120" in told and "--margin 0.025" in told
+
+
+@pytest.mark.slow
+def test_what_is_written_can_be_read_and_looked_at(found, here):
+    task, plan = found
+    tie.write(here / "plan", task, plan, None)
+    assert KnotPlan.from_json((here / "plan" / "plan.json").read_text()).solved
+    assert {path.name for path in (here / "plan").iterdir()} == {
+        *("plan.mcap", "plan.png", "plan.svg", "plan.gif", "plan.json", "waypoints.csv"),
+        *("dag.png", "dag.svg", "outcome.json", "request.json"),
+    }
+
+
+def test_a_rope_that_is_seen_can_be_planned_from(here, capsys, monkeypatch):
+    from knotflow.perception import SAMPLE, RopeEstimate, seeing
+    from knotflow.planning.ropes import parse_rope
+    from knotflow.simulation import RopeConfig, state_or_none
+
+    truth = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
+    spread = np.full(len(truth), 1e-3)
+    known = RopeEstimate(truth, spread > 0, state_or_none(truth), (), 1.0, spread, True, ())
+    monkeypatch.setattr(seeing, "estimate", lambda *_, **__: known)
+    files = [str(SAMPLE / name) for name in ("overhand.png", "overhand-depth.png", "camera.yaml")]
+    words = ["see", *files[:2], "--camera", files[2], "--out", "rope.csv"]
+    assert main(words) == 0
+    assert f"state     {known.state}" in capsys.readouterr().out
+    read = parse_rope("rope.csv", RopeConfig(), np.random.default_rng(0))
+    assert np.linalg.norm(read - truth, axis=1).max() < 2e-3
+    assert (here / "rope.png").stat().st_size > 10_000
+    assert main(words) == 2 and "exists already" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_next_action_is_planned_from_an_image_unless_it_is_in_doubt(
+    searches, here, capsys, monkeypatch
+):
+    from knotflow.perception import SAMPLE, RopeEstimate, seeing
+    from knotflow.simulation import RopeConfig, state_or_none, straight
+
+    points = straight(RopeConfig())
+    spread = np.full(len(points), 1e-3)
+    sure = RopeEstimate(points, spread > 0, state_or_none(points), (), 1.0, spread, True, ())
+    files = [str(SAMPLE / name) for name in ("overhand.png", "overhand-depth.png", "camera.yaml")]
+    words = ["next", LOOP, "--image", *files[:2], "--camera", files[2]]
+    monkeypatch.setattr(seeing, "estimate", lambda *_, **__: sure)
+    assert main(words) == 0
+    assert "the rope must then read 2o1+" in capsys.readouterr().out
+    monkeypatch.setattr(seeing, "estimate", lambda *_, **__: replace(sure, doubts=("hidden",)))
+    assert main(words) == 1
+    assert "in doubt" in capsys.readouterr().out
+    assert len(searches) == 1
+
+
+@pytest.mark.parametrize(
+    "words", [[], ["--rope", "arc", "--image", "a.png", "b.png"], ["--image", "a.png", "b.png"]]
+)
+def test_next_takes_a_rope_or_an_image_with_its_camera(words, capsys):
+    assert main(["next", LOOP, *words]) == 2
+    assert "either --rope, or --image" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ([], "explain-all.png"),
+        (["3o1-2o4-"], "2 crossings, segments 0 to 4"),
+        (["C(0,2,-1)", "--state", "3o1-2o4-"], "lay the head (segment 0) over segment 2"),
+        (["overhand"], "one of 4 states of overhand"),
+        (["R1(0,1,1)", "--out", "loop.svg"], "loop.svg"),
+    ],
+)
+def test_notation_is_drawn_and_said(words, told, here, capsys):
+    assert main(["explain", *words]) == 0
+    assert told in capsys.readouterr().out
+    (picture,) = here.iterdir()
+    assert picture.stat().st_size > 5000
+
+
+def test_a_picture_replaces_no_file_that_was_named(here):
+    (here / "mine.png").write_text("a photo")
+    assert main(["explain", "--out", "mine.png"]) == 2
+    assert (here / "mine.png").read_text() == "a photo"
+
+
+def test_a_request_is_known_by_what_is_in_its_file(here):
+    np.savetxt(here / "rope.csv", np.zeros((9, 3)), delimiter=",")
+    same = [tie._identity(tie.Request("overhand", name)) for name in ("rope.csv", "./rope.csv")]
+    assert same[0] == same[1]
+    assert parse_goal("overhand").states
+
+
+@pytest.mark.slow
+def test_a_plan_is_exported_for_an_arm_beside_it(found, here, capsys):
+    (here / "plan.json").write_text(found[1].to_json())
+    code = main(["export", "plan.json", "--max-speed", "0.2", "--format", "ros2"])
+    told = capsys.readouterr().out
+    assert code == (1 if "cannot be reached" in told else 0)
+    assert "peak at the tip" in told
+    assert (here / "panda-joint.yaml").read_text().startswith("#")
+    assert main(["export", "plan.json", "--format", "ros2"]) == 2
+    assert "panda-joint.yaml exists already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["nothing.json"], "nothing.json"),
+        (["plan.json", "--arm", "nothing.xml"], "nothing.xml"),
+        (["plan.json", "--max-speed", "0"], "max_speed must be above 0"),
+        (["plan.json", "--base", "nothing.yaml"], "nothing.yaml"),
+    ],
+)
+def test_what_cannot_be_exported_is_2_and_leaves_nothing(words, message, found, here, capsys):
+    (here / "plan.json").write_text(found[1].to_json())
+    assert main(["export", *words]) == 2
+    assert message in capsys.readouterr().err
+    assert [path.name for path in here.iterdir()] == ["plan.json"]
+
+
+def test_two_files_of_demonstrations_merge_into_one(here, capsys):
+    shipped = load_demonstrations()
+    save_demonstrations(here / "ada.jsonl", shipped[:2])
+    save_demonstrations(here / "ben.jsonl", shipped[2:3])
+    files = ["merge", "ada.jsonl", "ben.jsonl", "--out"]
+    assert main([*files, "both.jsonl"]) == 0
+    assert "both.jsonl: 3 demonstrations by scripted" in capsys.readouterr().out
+    assert len(load_demonstrations(here / "both.jsonl")) == 3
+    assert main([*files, "both.jsonl"]) == 2
+    assert main(["merge", "ada.jsonl", "ada.jsonl", "--out", "double.jsonl"]) == 2
+    assert "is the same demonstration as ada.jsonl, line 1" in capsys.readouterr().err
+    assert not (here / "double.jsonl").exists()
+
+
+def test_the_studio_without_its_extra_names_it(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    monkeypatch.delitem(sys.modules, "knotflow.apps.studio.page", raising=False)
+    assert main(["studio"]) == 2
+    assert "pip install 'knotflow[studio]'" in capsys.readouterr().err
+
+
+def test_a_plan_that_ties_nothing_says_what_to_try(searches, found, monkeypatch, capsys):
+    failed = replace(found[1], solved=False, reason="60 s passed")
+    monkeypatch.setattr(tie, "search", lambda task: (failed, None))
+    for _ in range(2):  # found, and told again
+        assert main(["plan", LOOP, "--rope", "straight"]) == 1
+        assert "--overwrite --max-seconds 120" in capsys.readouterr().out

@@ -1,0 +1,99 @@
+"""ICP: alignment, weights, and Gaussians that move along."""
+
+import numpy as np
+import pytest
+
+from knotflow.samplers import IcpConfig, IcpSampler
+from knotflow.samplers.demonstrations import Trials
+from knotflow.samplers.icp import align
+from knotflow.simulation import RopeConfig, random_curve
+from knotflow.topology import parse_action
+
+R1 = parse_action("R1(0,1,1)")
+ROPE = RopeConfig()
+
+
+def motion(angle, x, y):
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([[cos, -sin, x], [sin, cos, y], [0, 0, 1]])
+
+
+def moved(points, by):
+    result = points.copy()
+    result[:, :2] = points[:, :2] @ by[:2, :2].T + by[:2, 2]
+    return result
+
+
+def trials(shapes, means, scale=0.003, count=40):
+    rng = np.random.default_rng(0)
+    start = np.repeat(np.arange(len(shapes)), count)
+    splines = np.asarray(means)[start] + rng.normal(0, scale, (len(start), 6))
+    return {R1: Trials(R1, np.stack(shapes), start, splines, np.ones(len(start), bool))}
+
+
+@pytest.mark.parametrize("angle", [0.0, 1.0, np.pi, -2.5])
+def test_alignment_finds_a_rigid_motion(rng, angle):
+    points = random_curve(ROPE, rng)
+    by = motion(angle, 0.1, -0.2)
+    found, distance = align(points, moved(points, by))
+    np.testing.assert_allclose(found, by, atol=1e-6)
+    assert distance == pytest.approx(0, abs=1e-6)
+
+
+def test_alignment_never_leaves_the_table(rng):
+    """A mirror image is not a rigid motion on the table, though it is one in space."""
+    points = random_curve(ROPE, rng)
+    found, distance = align(points, points * [1, -1, 1])
+    np.testing.assert_allclose(found[:2, :2] @ found[:2, :2].T, np.eye(2), atol=1e-6)
+    assert np.linalg.det(found[:2, :2]) == pytest.approx(1)
+    assert distance > 0.005
+
+
+def test_the_distance_is_the_root_mean_square_of_closest_points(rng):
+    source, target = random_curve(ROPE, rng), random_curve(ROPE, rng)
+    by, distance = align(source, target)
+    apart = np.linalg.norm(moved(source, by)[:, None, :2] - target[None, :, :2], axis=-1)
+    assert distance == pytest.approx(np.sqrt((apart.min(axis=1) ** 2).mean()), rel=1e-3)
+
+
+def test_a_moved_rope_gets_the_moved_splines(rng):
+    shape = random_curve(ROPE, rng)
+    mean = np.array([0.8, 0.1, 0.05, 0.15, -0.1, 0.0])
+    sampler = IcpSampler(trials([shape], [mean]), IcpConfig())
+    by = motion(0.7, 0.05, -0.04)
+    splines = sampler.sample(moved(shape, by), R1, 500, rng)
+    np.testing.assert_allclose(splines[:, 0].mean(), 0.8, atol=0.001)
+    np.testing.assert_allclose(splines[:, 3].mean(), 0.15, atol=0.001)
+    for columns in ([1, 2], [4, 5]):
+        expected = by[:2, :2] @ mean[columns] + by[:2, 2]
+        np.testing.assert_allclose(splines[:, columns].mean(axis=0), expected, atol=0.002)
+
+
+def test_the_nearest_demonstration_weighs_most(rng):
+    shapes = [random_curve(ROPE, rng) for _ in range(4)]
+    means = np.array([[0.1 + 0.2 * i, 0, 0, 0.1, 0, 0] for i in range(4)])
+    sampler = IcpSampler(trials(shapes, means), IcpConfig(length_scale=1e-4))
+    for shape, mean in zip(shapes, means, strict=True):
+        assert sampler.sample(shape, R1, 50, rng)[:, 0].mean() == pytest.approx(mean[0], abs=0.01)
+    even = IcpSampler(trials(shapes, means), IcpConfig(length_scale=1e4, align=False))
+    assert even.sample(shapes[0], R1, 50, rng)[:, 0].mean() == pytest.approx(0.4, abs=0.01)
+
+
+def test_only_successes_count(rng):
+    shape = random_curve(ROPE, rng)
+    good, bad = np.full((20, 6), 0.1), np.full((20, 6), 0.3)
+    mixed = Trials(
+        R1,
+        shape[None],
+        np.zeros(40, int),
+        np.concatenate([good, bad]),
+        np.repeat([True, False], 20),
+    )
+    sampler = IcpSampler({R1: mixed}, IcpConfig())
+    np.testing.assert_allclose(sampler.sample(shape, R1, 10, rng), 0.1, atol=1e-3)
+
+
+def test_an_action_without_demonstration_is_refused(rng):
+    sampler = IcpSampler(trials([random_curve(ROPE, rng)], [np.full(6, 0.1)]), IcpConfig())
+    with pytest.raises(ValueError, match=r"no demonstration of C\(0,1,1\).*R1\(0,1,1\)"):
+        sampler.sample(random_curve(ROPE, rng), parse_action("C(0,1,1)"), 1, rng)

@@ -1,0 +1,129 @@
+"""One contract for every registered sampler, and what a wrong configuration is told."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from knotflow import samplers
+from knotflow.samplers.demonstrations import (
+    TASKS,
+    NoiseConfig,
+    Trials,
+    load_demonstrations,
+    load_trials,
+    noisy_copies,
+)
+from knotflow.samplers.primitives import (
+    FILE,
+    PRIMITIVES,
+    CemConfig,
+    NetworkConfig,
+    PrimitiveConfig,
+    PrimitiveLibrary,
+    primitive_of,
+)
+from knotflow.samplers.sampler import SamplerConfig, build_sampler
+from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW, RopeConfig, check_splines
+from knotflow.training import Imitation, ImitationConfig, LearnerConfig
+
+SMALL = PrimitiveConfig(
+    network=NetworkConfig(lstm=8, attention=4, stream=8, feature=8, head=8),
+    cem=CemConfig(population=16, elites=4, iterations=2),
+)
+
+
+def registered():
+    """The names of all samplers: an unknown one is answered with those whose inputs are there."""
+    with pytest.raises(ValueError) as error:
+        build_sampler(SamplerConfig(""), {"demonstrations": Path()})
+    return str(error.value).rpartition("there are ")[2].split(", ")
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    """Outputs of a small `demonstrations` stage, its outcomes made up, and of `imitation` of it."""
+    folder = tmp_path_factory.mktemp("demonstrations")
+    (folder / "trials").mkdir()
+    rng = np.random.default_rng(0)
+    for number, one in enumerate(load_demonstrations()):
+        splines = noisy_copies(one.spline, 12, rng, NoiseConfig())
+        trials = Trials(
+            one.task.action, one.points[None], np.zeros(12, int), splines, rng.random(12) < 0.6
+        )
+        trials.save(folder / "trials" / f"{number}.npz")
+    library = tmp_path_factory.mktemp("imitation")
+    imitated(load_trials(folder)).save(library / FILE)
+    return {"demonstrations": folder, "primitives": library}
+
+
+def imitated(trials):
+    """A library of four small primitives after a few steps of imitation."""
+    learner = LearnerConfig(demonstration_ropes=2, demonstration_trials=4)
+    effort = ImitationConfig(learner, steps=2, validations=1)
+    primitives, trained_on = {}, {}
+    for number in PRIMITIVES:
+        tasks = [t for t in TASKS if primitive_of(t.action, t.start_state.num_segments) == number]
+        trained_on[number] = [task.action for task in tasks]
+        training = Imitation(
+            [trials[action] for action in trained_on[number]], SMALL, effort, number
+        )
+        assert len(list(training)) == 1
+        primitives[number] = training.primitive
+    return PrimitiveLibrary(primitives, trained_on, RopeConfig())
+
+
+@pytest.fixture(scope="module")
+def starts():
+    return {one.task: one.points for one in load_demonstrations()}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", registered())
+@pytest.mark.parametrize("task", TASKS, ids=lambda task: task.name)
+def test_contract(name, task, inputs, starts):
+    sampler = build_sampler(SamplerConfig(name), inputs)
+    points = starts[task]
+    before = points.copy()
+    for count in (0, 1, 7):
+        splines = sampler.sample(points, task.action, count, np.random.default_rng(1))
+        assert splines.shape == (count, 6)
+        check_splines(splines)
+        again = sampler.sample(points, task.action, count, np.random.default_rng(1))
+        assert np.array_equal(splines, again)  # everything random comes from the generator
+    assert len(np.unique(splines, axis=0)) == 7
+    assert np.array_equal(points, before)
+
+
+def test_random_covers_the_whole_space(starts):
+    sampler = build_sampler(SamplerConfig("random"), {})
+    splines = sampler.sample(starts[TASKS[0]], TASKS[0].action, 4000, np.random.default_rng(0))
+    for q in (0.0, 0.25, 0.5, 0.75, 1.0):
+        expected = SPLINE_LOW + q * (SPLINE_HIGH - SPLINE_LOW)
+        np.testing.assert_allclose(np.quantile(splines, q, axis=0), expected, atol=0.04)
+
+
+def test_unknown_names_and_settings_are_answered_with_the_valid_ones():
+    with pytest.raises(ValueError, match="unknown sampler 'best'; here there are .*icp.*random"):
+        build_sampler(SamplerConfig("best"), {"demonstrations": Path()})
+    with pytest.raises(ValueError, match="'icp'.*length_scale, align"):
+        build_sampler(SamplerConfig("icp", {"scale": 1}), {"demonstrations": Path()})
+
+
+def test_a_sampler_without_its_inputs_is_not_offered():
+    with pytest.raises(ValueError) as error:
+        build_sampler(SamplerConfig("icp"), {})
+    reason, _, offered = str(error.value).partition("without it there are ")
+    assert "'icp' needs the output of the stage demonstrations" in reason
+    assert {"aimed", "primitives", "random"} <= set(offered.split(", "))
+    assert "icp" not in offered
+
+
+def test_a_sampler_of_ones_own_is_one_function(monkeypatch):
+    monkeypatch.setattr(samplers, "_FACTORIES", dict(samplers._FACTORIES))
+
+    @samplers.sampler("constant")
+    def build(config: SamplerConfig, inputs):
+        return config.name
+
+    assert build_sampler(SamplerConfig("constant", {"name": "mine"}), {}) == "mine"

@@ -1,0 +1,55 @@
+import pytest
+
+from knotflow.planning import Goal, SolutionDag
+from knotflow.topology import TopologicalState, Undo, parse_action
+from knotflow.viz.dag import dag_figure, draw_dag
+from knotflow.viz.palette import SPLINE
+from knotflow.viz.style import styled
+
+OVERHAND = TopologicalState.parse("4o1+2o5+6o3+")
+PATH = [parse_action(text) for text in ("R1(0,1,1)", "C(0,1,1)", "C(2,0,1)")]
+
+
+def test_every_state_and_action_is_named_and_the_path_is_lit():
+    dag = Goal.state(OVERHAND).dag
+    with styled():
+        figure = dag_figure(dag, PATH)
+    texts = {text.get_text(): text.get_color() for text in figure.axes[0].texts}
+    assert {str(state) for state in dag.graph} <= set(texts)
+    for state in dag.graph:
+        for action, _ in dag.edges_from(state):
+            assert (texts[str(action)] == SPLINE) == (action in PATH)
+    assert len(figure.axes) == 1 + len(dag)  # a diagram for each state
+
+
+def test_it_is_written_in_several_formats(tmp_path):
+    dag = Goal.path(PATH).dag
+    paths = [tmp_path / "dag.svg", tmp_path / "dag.png"]
+    draw_dag(dag, paths, PATH)
+    assert all(2_000 < path.stat().st_size < 500_000 for path in paths)
+    before = paths[0].read_bytes()
+    draw_dag(dag, paths[:1], PATH)
+    assert paths[0].read_bytes() == before
+
+
+def test_a_path_that_leaves_the_dag_is_refused():
+    dag = Goal.state(OVERHAND).dag
+    with pytest.raises(ValueError, match="no edge C"):
+        with styled():
+            dag_figure(dag, PATH[1:])
+    with styled():
+        dag_figure(
+            dag.after(TopologicalState.trivial().apply(PATH[0])),
+            PATH[1:],
+            TopologicalState.trivial().apply(PATH[0]),
+        )
+
+
+def test_an_undoing_is_beside_the_action_that_it_takes_back():
+    there = PATH[0]
+    dag = SolutionDag.along([there, Undo(there), there])
+    with styled():
+        figure = dag_figure(dag, [there, Undo(there)])
+    (first, second) = (patch.get_path() for patch in figure.axes[0].patches[:2])
+    assert {str(there), f"undo {there}"} <= {text.get_text() for text in figure.axes[0].texts}
+    assert first.get_extents().x1 < second.get_extents().x0
