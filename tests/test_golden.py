@@ -16,6 +16,7 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -40,6 +41,7 @@ from knotflow.planning.branches import Node
 from knotflow.planning.config import RULES
 from knotflow.planning.growth import node_probabilities
 from knotflow.planning.posterior import PosteriorRule
+from knotflow.recording import load, read_recording, recorded, write_recording
 from knotflow.samplers import RandomSampler
 from knotflow.samplers.causal_infogan import StartFrame, measure
 from knotflow.samplers.demonstrations import TASKS, NoiseConfig, Trials, aim, noisy_copies
@@ -58,6 +60,7 @@ from knotflow.simulation import (
     LEVELS,
     SPLINE_HIGH,
     SPLINE_LOW,
+    Attempts,
     Rollouts,
     RopeConfig,
     RopeSimulator,
@@ -362,6 +365,32 @@ def execution() -> dict[str, Any]:
     }
 
 
+def recording() -> dict[str, Any]:
+    """A rollout that was written and read back."""
+    action, before = parse_action("C(0,1,1)"), TopologicalState.from_curve(loop())
+    frames = np.linspace(loop(), loop() + [0.1, 0.0, 0.0], 3, dtype=np.float32)[None]
+    gripper, ends = frames[:, :, 5] + np.float32(0.01), frames[:, -1].astype(float)
+    rollouts = Rollouts(np.array([0.0, 0.1, 0.25]), frames, gripper, ends, np.zeros(1, bool))
+    attempts = Attempts.of(action, before, loop()[None], SPLINES[:1], rollouts)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "one.mcap"
+        made = recorded(attempts, ROPE, "golden", "0123", 7, {"seed": "1"})
+        write_recording(path, made, {"stage": "golden"})
+        (found,) = read_recording(path)
+        table = load(path)
+    return {
+        "points": found.points[:, ::10],
+        "gripper": found.gripper,
+        "times": found.times,
+        "spline": found.spline,
+        "control_points": found.control_points,
+        "texts": [found.action, found.start_state, found.goal_state, found.end_state],
+        "outcome": [found.outcome, found.source, found.signature, dict(found.extra)["seed"]],
+        "columns": [*table.columns],
+        "row": [int(table.at[0, "number"]), float(table.at[0, "duration_s"])],
+    }
+
+
 CASES: dict[str, Callable[[], dict[str, Any]]] = {
     "topology": topology,
     "simulation": simulation,
@@ -373,6 +402,7 @@ CASES: dict[str, Callable[[], dict[str, Any]]] = {
     "planning": planning,
     "perception": perception,
     "execution": execution,
+    "recording": recording,
 }
 
 
@@ -414,7 +444,7 @@ def read(package: str) -> dict[str, Any]:
 
 
 def test_every_package_has_golden_outcomes() -> None:
-    assert CASES.keys() == COMPONENTS.keys() - {"recording"}
+    assert CASES.keys() == COMPONENTS.keys()
 
 
 @pytest.mark.parametrize("package", CASES)
