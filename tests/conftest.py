@@ -2,6 +2,8 @@
 
 import sys
 from collections import Counter
+from contextlib import contextmanager
+from itertools import islice
 from subprocess import CompletedProcess
 
 import numpy as np
@@ -38,6 +40,27 @@ def no_worker_outlives_the_tests():
 @pytest.fixture
 def rng():
     return np.random.default_rng(7)
+
+
+@pytest.fixture
+def interrupted_training(monkeypatch):
+    """A context manager in which trainings are interrupted after so many rounds, once the driver
+    has had its time to save them."""
+    from knotflow.training.trainer import Trainer
+
+    @contextmanager
+    def interrupted(rounds):
+        whole = Trainer.__iter__
+
+        def some(self):
+            yield from islice(whole(self), rounds)
+            raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt), monkeypatch.context() as patch:
+            patch.setattr(Trainer, "__iter__", some)
+            yield
+
+    return interrupted
 
 
 @pytest.fixture

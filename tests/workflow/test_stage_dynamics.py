@@ -13,6 +13,7 @@ from knotflow.execution import (
 )
 from knotflow.execution.training_config import SHIPPED_DYNAMICS
 from knotflow.simulation import SimulationConfig
+from knotflow.training.trainer import CHECKPOINT
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages.dynamics import DynamicsConfig, measure
 from knotflow.workflow.stages.dynamics_training import (
@@ -22,7 +23,6 @@ from knotflow.workflow.stages.dynamics_training import (
 )
 from knotflow.workflow.stages.motions import FILE as MOTIONS
 from knotflow.workflow.stages.motions import MotionsConfig, make_motions
-from knotflow.workflow.stages.validations import CHECKPOINT
 
 SIMULATION = SimulationConfig(threads=1)
 TRAINING = DynamicsTrainingStageConfig(
@@ -60,18 +60,12 @@ def test_errors_of_every_model_and_level(motions, tmp_path):
     assert (table["motions"] == 2).all() and (table["mean_error_mm"] > 0).all()
 
 
-def test_an_interrupted_training_ends_the_same(motions, tmp_path):
-    class Interrupted(Exception):
-        pass
-
-    def interrupt() -> None:
-        if (tmp_path / "broken" / CHECKPOINT).exists():
-            raise Interrupted
-
+def test_an_interrupted_training_ends_the_same(motions, tmp_path, interrupted_training):
     inputs = {"motions": motions}
     train_dynamics(TRAINING, inputs, StageContext(tmp_path / "whole"))
-    with pytest.raises(Interrupted):
-        train_dynamics(TRAINING, inputs, StageContext(tmp_path / "broken", after_save=interrupt))
+    with interrupted_training(1):
+        train_dynamics(TRAINING, inputs, StageContext(tmp_path / "broken"))
+    assert (tmp_path / "broken" / CHECKPOINT).exists()
     train_dynamics(TRAINING, inputs, StageContext(tmp_path / "broken"))
     whole, broken = (pd.read_csv(tmp_path / name / "curves.csv") for name in ("whole", "broken"))
     pd.testing.assert_frame_equal(whole, broken)

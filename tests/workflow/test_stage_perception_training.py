@@ -10,6 +10,7 @@ import torch
 from knotflow.perception.network import Network
 from knotflow.perception.training_config import CoarseToFineConfig, TrainingConfig
 from knotflow.simulation import RopeConfig, random_curve, state_or_none
+from knotflow.training.trainer import CHECKPOINT
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages.perception_training import (
     FILE,
@@ -18,7 +19,6 @@ from knotflow.workflow.stages.perception_training import (
 )
 from knotflow.workflow.stages.ropes import FILE as ROPES
 from knotflow.workflow.stages.ropes import RopesConfig, make_ropes
-from knotflow.workflow.stages.validations import CHECKPOINT
 
 TINY = CoarseToFineConfig(size=32, channels=(8, 16, 16), nodes=(5, 9, 41), width=16, layers=1)
 CONFIG = PerceptionTrainingConfig(
@@ -35,18 +35,11 @@ def ropes(tmp_path: Path) -> Path:
     return folder
 
 
-def test_an_interrupted_training_ends_the_same(ropes, tmp_path):
-    class Interrupted(Exception):
-        pass
-
-    def interrupt() -> None:
-        if (tmp_path / "broken" / CHECKPOINT).exists():
-            raise Interrupted
-
+def test_an_interrupted_training_ends_the_same(ropes, tmp_path, interrupted_training):
     train_perception(CONFIG, {"ropes": ropes}, StageContext(tmp_path / "whole"))
-    with pytest.raises(Interrupted):
-        context = StageContext(tmp_path / "broken", after_save=interrupt)
-        train_perception(CONFIG, {"ropes": ropes}, context)
+    with interrupted_training(1):
+        train_perception(CONFIG, {"ropes": ropes}, StageContext(tmp_path / "broken"))
+    assert (tmp_path / "broken" / CHECKPOINT).exists()
     train_perception(CONFIG, {"ropes": ropes}, StageContext(tmp_path / "broken"))
     whole, broken = (pd.read_csv(tmp_path / name / "curves.csv") for name in ("whole", "broken"))
     pd.testing.assert_frame_equal(whole, broken)

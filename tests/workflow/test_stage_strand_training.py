@@ -7,10 +7,10 @@ import torch
 
 from knotflow.perception import Network, NetworkError, StrandNetworkConfig, StrandTrainingConfig
 from knotflow.perception.coarse_to_fine import CoarseToFine
+from knotflow.training.trainer import CHECKPOINT
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages.perception_training import FILE
 from knotflow.workflow.stages.strand_training import StrandTrainingStageConfig, train_strands
-from knotflow.workflow.stages.validations import CHECKPOINT
 
 from .test_stage_perception_training import TINY, ropes
 
@@ -25,20 +25,16 @@ def config(whole: str) -> StrandTrainingStageConfig:
     return StrandTrainingStageConfig(whole=whole, whole_contents="", training=EFFORT, seed=0)
 
 
-def test_an_interrupted_training_ends_the_same_beside_the_network_it_was_given(ropes, tmp_path):
-    class Interrupted(Exception):
-        pass
-
-    def interrupt() -> None:
-        if (tmp_path / "broken" / CHECKPOINT).exists():
-            raise Interrupted
-
+def test_an_interrupted_training_ends_the_same_beside_the_network_it_was_given(
+    ropes, tmp_path, interrupted_training
+):
     given = Network(CoarseToFine(TINY))
     given.save(tmp_path / "given.safetensors")
     asked, inputs = config(str(tmp_path / "given.safetensors")), {"ropes": ropes}
     train_strands(asked, inputs, StageContext(tmp_path / "whole"))
-    with pytest.raises(Interrupted):
-        train_strands(asked, inputs, StageContext(tmp_path / "broken", after_save=interrupt))
+    with interrupted_training(1):
+        train_strands(asked, inputs, StageContext(tmp_path / "broken"))
+    assert (tmp_path / "broken" / CHECKPOINT).exists()
     train_strands(asked, inputs, StageContext(tmp_path / "broken"))
     whole, broken = (pd.read_csv(tmp_path / name / "curves.csv") for name in ("whole", "broken"))
     pd.testing.assert_frame_equal(whole, broken)

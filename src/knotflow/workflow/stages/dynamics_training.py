@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from knotflow.execution import DynamicsTraining, DynamicsTrainingConfig, Motions
+from knotflow.training.trainer import run_training
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.motions import FILE as MOTIONS
-from knotflow.workflow.stages.validations import run_validations
 
 FILE = "dynamics.safetensors"
 
@@ -32,5 +32,12 @@ def train_dynamics(
     """Makes dynamics.safetensors, in half precision, and curves.csv; resumed by validation."""
     motions = Motions.load(inputs["motions"] / MOTIONS)
     training = DynamicsTraining(motions, config.training, config.seed)
-    effort, weights = config.training, (FILE, training.model.save)
-    run_validations(training, context, effort.validations, effort.steps, "dynamics", weights)
+
+    def finish() -> None:
+        with context.atomic(FILE) as path:
+            training.model.save(path)
+
+    run_training(
+        training, context.out, name="dynamics", progress=context.progress, finish=finish,
+        log=context.logger.log_scalar,
+    )  # fmt: skip

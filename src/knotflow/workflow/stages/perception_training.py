@@ -11,10 +11,10 @@ import numpy as np
 from knotflow.perception.training import Training
 from knotflow.perception.training_config import TrainingConfig
 from knotflow.simulation import RopeConfig
+from knotflow.training.trainer import run_training
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.ropes import FILE as ROPES
-from knotflow.workflow.stages.validations import run_validations
 
 FILE = "network.safetensors"
 
@@ -40,5 +40,12 @@ def train_perception(
     training = Training(
         ropes["points"], ropes["crossings"], config.rope, config.training, config.seed
     )
-    effort, weights = config.training, (FILE, training.network.save)
-    run_validations(training, context, effort.validations, effort.steps, "perception", weights)
+
+    def finish() -> None:
+        with context.atomic(FILE) as path:
+            training.network.save(path)
+
+    run_training(
+        training, context.out, name="perception", progress=context.progress, finish=finish,
+        log=context.logger.log_scalar,
+    )  # fmt: skip

@@ -10,12 +10,12 @@ import numpy as np
 
 from knotflow.perception import Network, StrandTraining, StrandTrainingConfig
 from knotflow.simulation import RopeConfig
+from knotflow.training.trainer import run_training
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.signature import runtime
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.perception_training import FILE
 from knotflow.workflow.stages.ropes import FILE as ROPES
-from knotflow.workflow.stages.validations import run_validations
 
 
 @dataclass(kw_only=True)
@@ -49,8 +49,11 @@ def train_strands(
         ropes["points"], ropes["crossings"], config.rope, config.training, config.seed
     )
 
-    def write(path: Path) -> None:
-        Network(whole.model, training.model).save(path)
+    def finish() -> None:
+        with context.atomic(FILE) as path:
+            Network(whole.model, training.model).save(path)
 
-    effort = config.training
-    run_validations(training, context, effort.validations, effort.steps, "strands", (FILE, write))
+    run_training(
+        training, context.out, name="strands", progress=context.progress, finish=finish,
+        log=context.logger.log_scalar,
+    )  # fmt: skip
