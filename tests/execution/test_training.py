@@ -85,7 +85,7 @@ def test_training_lowers_the_error(motions):
     history = list(DynamicsTraining(motions, SMALL, seed=0))
     assert len(history) == SMALL.validations
     assert history[-1]["error_mm"] < 0.9 * history[0]["error_mm"]
-    assert set(history[0]) == {"error_mm", *(f"validation_{n}_mm" for n in (1, 10, 25))}
+    assert set(history[0]) == {"step", "error_mm", *(f"validation_{n}_mm" for n in (1, 10, 25))}
 
 
 def test_motions_that_are_held_out_are_not_learned_from(motions):
