@@ -50,8 +50,8 @@ def test_edges_are_all_undoings_and_the_forward_edges_of_the_dag(all_states):
         forward = tuple(e for e in graph.edges_from(state) if not isinstance(e[0], Undo))
         assert forward == (dag.edges_from(state) if state in dag else ())
         undone = [edge for edge in graph.edges_from(state) if isinstance(edge[0], Undo)]
-        assert len(undone) == len(set(undone)) == len(list(state.undoings()))
-        assert set(undone) == set(state.undoings())
+        assert len(undone) == len(set(undone)) == len(list(state.undo_actions()))
+        assert set(undone) == set(state.undo_actions())
 
 
 def test_distances_are_those_of_the_graph_however_it_grew(all_states):

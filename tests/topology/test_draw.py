@@ -1,38 +1,34 @@
-"""Every state can be drawn, and the drawing tells the state."""
+"""Drawings of states: they read back as the state, and their mesh has no folds."""
 
 from __future__ import annotations
 
 import random
+from itertools import chain
 
 import numpy as np
 import pytest
 
 import knotflow.topology.draw as draw_module
-from knotflow.topology import TopologicalState, knot
-from knotflow.topology.curve import project
-from knotflow.topology.draw import draw
+from knotflow.topology import TopologicalState, knot, project
+from knotflow.topology.draw import draw, relax
+from knotflow.topology.embedding import build_mesh, tutte
 
 
 @pytest.mark.slow
-def test_states_survive_drawing(states_by_crossings):
+def test_drawing_preserves_state(states_by_crossings):
     sample = random.Random(0).sample(sorted(states_by_crossings[3]), 60)
-    for state in [
-        *states_by_crossings[0],
-        *states_by_crossings[1],
-        *states_by_crossings[2],
-        *sample,
-    ]:
+    for state in [*chain(*states_by_crossings[:3]), *sample]:
         assert TopologicalState.from_curve(draw(state)) == state
 
 
 @pytest.mark.parametrize("crossings", [5, 7, 10])
-def test_random_larger_states_survive_drawing(random_state, crossings):
+def test_drawing_preserves_larger_states(random_state, crossings):
     for seed in range(2):
         state = random_state(crossings, seed)
         assert TopologicalState.from_curve(draw(state)) == state
 
 
-def test_length_heights_and_place():
+def test_drawing_length_heights_and_centre():
     points = draw(min(knot("overhand")), length=2.0, gap=0.03)
     assert points.shape == (4 * 8 * 7 + 1, 3)
     assert np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1).sum() == pytest.approx(2.0)
@@ -43,7 +39,7 @@ def test_length_heights_and_place():
     assert crossings.heights.min() == pytest.approx(0.0, abs=0.001)
 
 
-def test_drawings_are_rounded_and_roomy():
+def test_drawings_are_smooth_and_spacious():
     for name in ("overhand", "figure_eight", "pentagram"):
         points = draw(min(knot(name)))
         steps = np.diff(points[:, :2], axis=0)
@@ -52,12 +48,12 @@ def test_drawings_are_rounded_and_roomy():
         assert np.diff(project(points).segment_intervals).min() > 0.04
 
 
-def test_the_same_state_gives_the_same_drawing():
+def test_drawing_is_deterministic():
     state = min(knot("pentagram"))
     np.testing.assert_array_equal(draw(state), draw(TopologicalState.parse(str(state))))
 
 
-def test_wrong_sizes_are_refused():
+def test_invalid_sizes_are_rejected():
     for wrong in ({"length": 0.0}, {"gap": -1.0}, {"samples": 0}):
         with pytest.raises(ValueError, match="must be above 0"):
             draw(TopologicalState.trivial(), **wrong)
@@ -70,8 +66,34 @@ def test_wrong_sizes_are_refused():
         (lambda nodes: nodes[:, :1] * [1, 1], "crossings"),  # all on one line
     ],
 )
-def test_a_drawing_that_shows_another_state_is_an_error(monkeypatch, spoil, message):
+def test_drawing_with_wrong_state_raises(monkeypatch, spoil, message):
     relaxed = draw_module.relax
     monkeypatch.setattr(draw_module, "relax", lambda *mesh: spoil(relaxed(*mesh)))
     with pytest.raises(RuntimeError, match=message):
         draw(TopologicalState.parse("1o2+"))
+
+
+def doubled_areas(mesh, places):
+    first, second, third = (places[mesh.triangles[:, corner]] for corner in range(3))
+    one, two = second - first, third - first
+    return one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
+
+
+@pytest.mark.parametrize("crossings", [0, 1, 3, 6, 10])
+def test_relaxation_folds_no_triangle(random_state, crossings):
+    mesh = build_mesh(random_state(crossings, 7))
+    places = tutte(mesh)
+    assert doubled_areas(mesh, places).min() > 0
+    relaxed = relax(mesh, places)
+    assert doubled_areas(mesh, relaxed).min() > 0
+    np.testing.assert_array_equal(relaxed[mesh.rim], places[mesh.rim])
+    lengths = [np.linalg.norm(np.diff(p[mesh.path], axis=0), axis=1) for p in (places, relaxed)]
+    assert lengths[1].max() / lengths[1].min() <= lengths[0].max() / lengths[0].min()
+    assert 0.2 < np.median(lengths[1]) < 3.0
+
+
+def test_relaxing_a_folded_drawing_is_rejected(random_state):
+    mesh = build_mesh(random_state(2, 0))
+    mirrored = tutte(mesh) * np.array([1.0, -1.0])
+    with pytest.raises(ValueError, match="folded over"):
+        relax(mesh, mirrored)

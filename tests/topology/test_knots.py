@@ -1,20 +1,29 @@
-"""Knot types, named by us and by topoly."""
+"""Knot types compared with topoly's, and solution graphs."""
 
 from __future__ import annotations
 
 import os
 from collections import deque
 
+import networkx as nx
 import numpy as np
 import pytest
 import topoly
 
-from knotflow.topology import KNOT_NAMES, Cross, TopologicalState, knot
+from knotflow.topology import (
+    KNOT_NAMES,
+    Cross,
+    TopologicalState,
+    knot,
+    parse_action,
+    solution_graph,
+    solution_paths,
+)
 from knotflow.topology.draw import draw
 
 
 @pytest.fixture(autouse=True)
-def descriptor_0():
+def restore_stdin():
     """topoly closes it, see `knotflow.planning.homfly`."""
     kept = os.dup(0)
     yield
@@ -68,7 +77,7 @@ def joined_above(state):
     [("overhand", "3_1", 4), ("figure_eight", "4_1", 8), ("pentagram", "5_1", 4)]
     + [("three_twist", "5_2", 20)],
 )
-def test_named_knots_are_the_knots_of_the_tables(name, rolfsen, count):
+def test_named_knots_have_their_rolfsen_type(name, rolfsen, count):
     states = knot(name)
     assert len(states) == count
     assert {state.num_crossings for state in states} == {int(rolfsen[0])}
@@ -82,7 +91,7 @@ def test_named_knots_are_the_knots_of_the_tables(name, rolfsen, count):
     assert found == rolfsen
 
 
-def test_names_are_closed_under_the_symmetries():
+def test_knots_are_closed_under_symmetries():
     for name in KNOT_NAMES:
         states = knot(name)
         assert {state.mirrored() for state in states} == states
@@ -90,7 +99,7 @@ def test_names_are_closed_under_the_symmetries():
 
 
 @pytest.mark.slow
-def test_figure_eights_are_all_the_four_crossing_ones(states_by_crossings):
+def test_figure_eight_states_are_complete(states_by_crossings):
     # Alternating, reduced, and with both ends in one face: the only such knot is 4_1.
     found = set()
     for state in states_by_crossings[3]:
@@ -118,16 +127,119 @@ def test_closed_knot_type_agrees_with_topoly(random_state, seed):
 
 
 @pytest.mark.slow
-def test_chirality_shows():
+def test_mirror_images_have_different_types():
     left, right = (TopologicalState.parse(text) for text in ("4o1-2o5-6o3-", "4o1+2o5+6o3+"))
     assert homfly_of_diagram(left) != homfly_of_diagram(right)
     assert homfly_of_diagram(right) == homfly_of_diagram(TopologicalState.parse("1o4+5o2+3o6+"))
 
 
-def test_the_unknot_is_the_trivial_state():
+def test_unknot_is_trivial():
     assert knot("unknot") == {TopologicalState.trivial()}
 
 
-def test_an_unknown_name_lists_the_valid_ones():
+def test_unknown_knot_name_lists_valid_names():
     with pytest.raises(ValueError, match="'bowline'.*overhand, figure_eight, pentagram"):
         knot("bowline")
+
+
+@pytest.mark.parametrize(("name", "paths"), [("overhand", 4), ("pentagram", 16)])
+def test_number_of_paths(name, paths):
+    for goal in knot(name):
+        found = list(solution_paths(solution_graph(goal), goal))
+        assert len(found) == len(set(found)) == paths
+        for path in found:
+            kinds = [action.symbol for action, _ in path]
+            assert kinds == ["R1"] + ["C"] * (goal.num_crossings - 1)
+
+
+def test_overhand_paths_of_fig_1():
+    goal = TopologicalState.parse("4o1+2o5+6o3+")
+    texts = {
+        tuple(str(action) for action, _ in path)
+        for path in solution_paths(solution_graph(goal), goal)
+    }
+    assert ("R1(0,1,1)", "C(0,1,1)", "C(2,0,1)") in texts
+    assert ("R1(0,1,1)", "C(1,2,1)", "C(4,2,1)") in texts
+
+
+def test_pentagram_is_two_actions_from_overhand():
+    pentagram = TopologicalState.parse("4o1+2o5+6o3+")
+    for text in ("C(0,3,1)", "C(4,0,1)"):
+        pentagram = pentagram.apply(parse_action(text))
+    assert pentagram in knot("pentagram")
+    assert TopologicalState.parse("4o1+2o5+6o3+") in solution_graph(pentagram)
+
+
+def test_solution_graph_is_complete(states_by_crossings):
+    # Forward, by brute force, from every state with fewer crossings.
+    for goal in sorted(states_by_crossings[3])[::50]:
+        graph = solution_graph(goal)
+        assert nx.is_directed_acyclic_graph(graph)
+        leading = {goal}
+        for states in reversed(states_by_crossings[:3]):
+            for state in states:
+                for action, following in state.actions():
+                    if following in leading or following in graph:
+                        assert graph.has_edge(state, following, key=str(action))
+                        leading.add(state)
+        assert set(graph) == leading
+        trivial = TopologicalState.trivial()
+        for state in graph:
+            assert state == goal or nx.has_path(graph, state, goal)
+            assert nx.has_path(graph, trivial, state)
+
+
+def test_edges_carry_their_action(random_state):
+    goal = random_state(6, 1)
+    graph = solution_graph(goal)
+    assert graph.number_of_edges() > 0
+    for state, following, action in graph.edges(data="action"):
+        assert state.apply(action) == following
+
+
+def test_paths_lead_from_trivial_to_goal(random_state):
+    goal = random_state(5, 2)
+    for path in solution_paths(solution_graph(goal), goal):
+        state = TopologicalState.trivial()
+        for action, following in path:
+            state = state.apply(action)
+            assert state == following
+        assert state == goal
+
+
+def test_ten_crossing_graphs_are_small(random_state):
+    torus = TopologicalState.from_crossings(
+        [
+            (position + 9, position, 1) if position % 2 else (position, position + 9, 1)
+            for position in range(1, 10)
+        ]
+    )
+    assert len(solution_graph(torus)) == 18
+    for seed in range(4):
+        assert len(solution_graph(random_state(10, seed))) < 1000
+
+
+def test_several_goals_share_one_graph():
+    goals = knot("overhand")
+    graph = solution_graph(*goals)
+    assert goals <= set(graph)
+    for goal in goals:
+        assert len(list(solution_paths(graph, goal))) == 4
+        assert graph.out_degree(goal) == 0
+
+
+def test_trivial_goal_needs_no_action():
+    trivial = TopologicalState.trivial()
+    graph = solution_graph(trivial)
+    assert list(graph) == [trivial]
+    assert list(solution_paths(graph, trivial)) == [()]
+
+
+def test_invalid_goals_are_rejected():
+    with pytest.raises(TypeError, match="at least one goal"):
+        solution_graph()
+    with pytest.raises(TypeError, match="knot by name"):
+        solution_graph("overhand")
+    graph = solution_graph(TopologicalState.trivial())
+    with pytest.raises(ValueError, match="not in this solution graph"):
+        next(solution_paths(graph, TopologicalState.parse("2o1+")))

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from knotflow.topology import R1, Cross, IllegalActionError, InvalidStateError, TopologicalState
-from knotflow.topology.faces import trace_faces
+from knotflow.topology.planar_map import trace_faces
 
 
 def pairings(positions):
@@ -39,7 +39,7 @@ def euler_number(code):
     return (len(code) + 2) - (2 * len(code) + 1) + len(trace_faces(code).faces)
 
 
-def test_actions_reach_exactly_the_drawable_codes(states_by_crossings):
+def test_actions_reach_all_drawable_codes(states_by_crossings):
     assert [len(states) for states in states_by_crossings] == [1, 4, 40, 528]
     for count, states in enumerate(states_by_crossings):
         drawable = {code for code in signed_codes(count) if euler_number(code) == 2}
@@ -93,14 +93,14 @@ def test_predecessors_are_exactly_the_actions_that_lead_here(states_by_crossings
         assert set(found) == expected
 
 
-def test_undo_of_an_action_that_did_not_lead_here_is_refused():
+def test_undo_of_another_action_is_rejected():
     loop = TopologicalState.from_crossings([(2, 1, 1)])
     for action in (R1(0, -1, 1), R1(1, 1, 1), Cross(0, 7, 1), R1(0, 1, -1)):
         with pytest.raises(IllegalActionError, match="does not lead to the state 2o1\\+"):
             loop.undo(action)
 
 
-def test_text_parses_back_and_is_safe_in_a_table(states_by_crossings):
+def test_text_parses_back_and_is_csv_safe(states_by_crossings):
     for states in states_by_crossings:
         texts = {str(state) for state in states}
         assert len(texts) == len(states)
@@ -110,7 +110,7 @@ def test_text_parses_back_and_is_safe_in_a_table(states_by_crossings):
     assert str(TopologicalState.from_crossings([(4, 1, 1), (6, 3, 1), (2, 5, 1)])) == "4o1+2o5+6o3+"
 
 
-def test_crossings_are_ordered_by_the_first_position_met():
+def test_crossings_are_sorted_by_first_position():
     crossings = [(6, 3, 1), (4, 1, 1), (2, 5, 1)]
     for permuted in itertools.permutations(crossings):
         state = TopologicalState.from_crossings([list(crossing) for crossing in permuted])
@@ -126,31 +126,31 @@ def test_crossings_are_ordered_by_the_first_position_met():
         ([(1, 2.5, 1)], "three whole numbers"),
         ([(1, 3, 1)], "position 3 is out of range.*1 to 2"),
         ([(0, 1, 1)], "position 0 is out of range"),
-        ([(1, 1, 1)], "position 1 is met twice"),
-        ([(1, 2, 1), (2, 3, 1)], "position 2 is met twice, by \\(1, 2, 1\\) and \\(2, 3, 1\\)"),
+        ([(1, 1, 1)], "position 1 is used twice"),
+        ([(1, 2, 1), (2, 3, 1)], "position 2 is used twice, by \\(1, 2, 1\\) and \\(2, 3, 1\\)"),
         ([(1, 3, 1), (2, 4, 1)], "no plane curve.*need 3 faces"),
         ([(4, 1, 1), (2, 5, 1), (6, 3, -1)], "no plane curve"),
     ],
 )
-def test_contradictory_crossings_are_refused(crossings, wrong):
+def test_contradictory_crossings_are_rejected(crossings, wrong):
     with pytest.raises(InvalidStateError, match=wrong):
         TopologicalState.from_crossings(crossings)
 
 
 @pytest.mark.parametrize("text", ["", "4o1", "4o1+x", "o1+", "4u1+2o5+", "1,2,+"])
-def test_text_that_is_no_state_is_refused(text):
+def test_invalid_text_is_rejected(text):
     with pytest.raises(InvalidStateError, match="is not a state"):
         TopologicalState.parse(text)
 
 
-def test_text_of_contradictory_crossings_is_refused():
-    with pytest.raises(InvalidStateError, match="met twice"):
+def test_text_of_contradictory_crossings_is_rejected():
+    with pytest.raises(InvalidStateError, match="used twice"):
         TopologicalState.parse("1o2+2o3+")
 
 
 @settings(deadline=None, max_examples=40)
 @given(data=st.data(), length=st.integers(1, 6))
-def test_a_random_plan_can_be_undone_to_the_start(data, length):
+def test_random_plan_can_be_undone(data, length):
     state, plan = TopologicalState.trivial(), []
     for _ in range(length):
         choice = data.draw(st.sampled_from(list(state.actions())))

@@ -151,7 +151,7 @@ def next_step(
     from dataclasses import replace
 
     from knotflow.apps import tie
-    from knotflow.topology.words import describe
+    from knotflow.topology.action_text import describe
 
     if out is not None:
         _check_free(out)
@@ -214,7 +214,7 @@ def explain(
         Replace a file of that name.
     """
     from knotflow.topology import KNOT_NAMES, TopologicalState, knot, parse_action
-    from knotflow.topology.words import describe
+    from knotflow.topology.action_text import describe
 
     path = out if out is not None else Path(f"explain-{_word(what + _after(state)) or 'all'}.png")
     if path.suffix not in (".png", ".svg", ".pdf"):

@@ -132,7 +132,7 @@ def lay_down(curve: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
     curve[:, 2] += rope.radius - curve[:, 2].min()
     crossings = project(curve)
     heights = {p + 1: height for p, height in enumerate(crossings.heights)}
-    gaps = [heights[over] - heights[under] for over, under, _ in crossings.state.crossings]
+    gaps = [heights[over] - heights[under] for over, under, _ in crossings.crossings]
     low = 6.0 * rope.radius  # three strands on top of each other
     if not gaps:
         curve[:, 2] = rope.radius
@@ -144,8 +144,8 @@ def lay_down(curve: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
 def _lift(points: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
     """Heights (V, 3) of a rope at rest: a smooth hump of a diameter at every over passage."""
     crossings = project(points)
-    over = [p - 1 for p, _, _ in crossings.state.crossings]
-    under = [p - 1 for _, p, _ in crossings.state.crossings]
+    over = [p - 1 for p, _, _ in crossings.crossings]
+    under = [p - 1 for _, p, _ in crossings.crossings]
     along = np.linspace(0.0, 1.0, len(points))  # links are equal
     height = np.zeros(len(points))
     widest = 4.0 * rope.radius + 2.0 * rope.link_length

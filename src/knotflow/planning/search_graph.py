@@ -35,7 +35,7 @@ class SearchGraph(SolutionDag):
         """
         graph = dag.graph.copy()
         for state in _undone(dag.graph):
-            for undoing, previous in state.undoings():
+            for undoing, previous in state.undo_actions():
                 graph.add_edge(state, previous, key=str(undoing), action=undoing)
         leading = set(dag.goals).union(*(nx.ancestors(graph, goal) for goal in dag.goals))
         super().__init__(graph.subgraph(leading).copy(), dag.goals)
@@ -54,7 +54,7 @@ class SearchGraph(SolutionDag):
         # Undoing leads down, so a state comes after all those that it can be undone to.
         new = [below for below in _undone([state]) if below not in self]
         for below in sorted(new, key=lambda one: (one.num_crossings, one)):
-            edges = [edge for edge in below.undoings() if edge[1] in self]
+            edges = [edge for edge in below.undo_actions() if edge[1] in self]
             if not edges:
                 continue
             for undoing, previous in edges:
@@ -85,7 +85,7 @@ def _undone(states: Iterable[TopologicalState]) -> set[TopologicalState]:
     found = set(states)
     waiting = list(found)
     while waiting:
-        for _, previous in waiting.pop().undoings():
+        for _, previous in waiting.pop().undo_actions():
             if previous not in found:
                 found.add(previous)
                 waiting.append(previous)

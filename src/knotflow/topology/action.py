@@ -1,4 +1,7 @@
-"""What topological actions have in common, and what those have that add crossings (Table I)."""
+"""Actions on topological states: their interface, those that add crossings, Undo and Arrange.
+
+Segments are numbered as in the state before the action.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +11,11 @@ from dataclasses import astuple, dataclass, fields
 from operator import index
 from typing import ClassVar, Self
 
-from knotflow.topology.faces import Crossing, PlanarMap
+from knotflow.topology.planar_map import Crossing, PlanarMap
 
 SIGNS = (1, -1)
+UNDO, ARRANGE = "undo", "arrange for"
+"""What the text of an Undo and of an Arrange begins with."""
 
 NewPoint = tuple[int, int]
 """(segment, rank): the rank-th point, counted from the head, that an action adds to a segment."""
@@ -21,46 +26,46 @@ class IllegalActionError(ValueError):
 
 
 class Action(ABC):
-    """An action on a state; `str` gives the compact form that `parse_action` reads.
-
-    Segments are numbered as in the state before the action.
-    """
+    """An action on a state; `parse_action` reads its `str`."""
 
     @property
     @abstractmethod
     def segments(self) -> tuple[int, ...]:
-        """The segments of the state before that the action is about, over before under."""
+        """The segments of the state before that the action involves, over before under."""
 
     @property
     def over_segment(self) -> int:
-        """The segment that will be over (or is, where the action is undone)."""
+        """The segment that will be over (for an Undo: that is over)."""
         return self.segments[0]
 
     @property
     def under_segment(self) -> int:
-        """The segment that will be under (or is, where the action is undone)."""
+        """The segment that will be under (for an Undo: that is under)."""
         return self.segments[-1]
 
     @abstractmethod
     def check_segments(self, num_segments: int) -> None:
-        """Raise IllegalActionError when a state with so many segments lacks one of the action's."""
+        """Raise IllegalActionError where a state with `num_segments` lacks one of the action's."""
 
     @abstractmethod
     def mirrored(self) -> Self:
-        """The action seen in a mirror that stands on the table (Sec. V-A)."""
+        """The action reflected about a line on the table: `left` and `sign` negated (Sec. V-A)."""
 
     @abstractmethod
     def reversed(self, num_segments: int) -> Self:
-        """The action read from the other end of a rope with `num_segments` segments (Sec. V-A).
+        """The action read from the tail: `left` and `over_first` negated (Sec. V-A).
+
+        Args:
+            num_segments: of the state before the action, 2c + 1.
 
         Raises:
-            IllegalActionError: the action names a segment that such a rope does not have.
+            IllegalActionError: the action names a segment beyond the last.
         """
 
 
 @dataclass(frozen=True, order=True)
 class ForwardAction(Action):
-    """What R1, R2 and Cross have in common: they add crossings.
+    """An action that adds crossings: R1, R2 or Cross (Table I).
 
     The over segment is the one to grasp, the under segment the one to move toward (Sec. V-A).
     """
@@ -69,7 +74,7 @@ class ForwardAction(Action):
     segment_fields: ClassVar[tuple[str, ...]]
 
     def __post_init__(self) -> None:
-        """Refuse parameters that no state could give a meaning to."""
+        """Convert numpy integers to int and reject parameters that are invalid in every state."""
         for field in fields(self):
             try:
                 value = index(getattr(self, field.name))
@@ -78,7 +83,7 @@ class ForwardAction(Action):
                     f"{self}: {field.name} must be a whole number, "
                     f"got {getattr(self, field.name)!r}"
                 ) from None
-            object.__setattr__(self, field.name, value)  # numpy's integers become int
+            object.__setattr__(self, field.name, value)
             if field.name in self.segment_fields:
                 if value < 0:
                     raise IllegalActionError(f"{self}: {field.name} must be 0 or more, got {value}")
@@ -90,7 +95,6 @@ class ForwardAction(Action):
 
     @property
     def segments(self) -> tuple[int, ...]:
-        """The segments the action names, over before under."""
         return tuple(getattr(self, name) for name in self.segment_fields)
 
     def check_segments(self, num_segments: int) -> None:
@@ -103,22 +107,22 @@ class ForwardAction(Action):
 
     @property
     @abstractmethod
-    def touched(self) -> tuple[int, ...]:
-        """The segment of every new point on the rope, in rising order."""
+    def split_segments(self) -> tuple[int, ...]:
+        """The segment of every new point on the rope, in ascending order."""
 
     @property
     def new_positions(self) -> tuple[int, ...]:
-        """The position of every new point in the state after the action, in rising order."""
-        return tuple(segment + rank + 1 for rank, segment in enumerate(self.touched))
+        """The position of every new point in the state after the action, in ascending order."""
+        return tuple(segment + rank + 1 for rank, segment in enumerate(self.split_segments))
 
     @property
     @abstractmethod
     def segments_after(self) -> tuple[int, ...]:
-        """The segments of the state after by which the action is taken back, over before under."""
+        """The segments, over before under, of the state after that an undo involves."""
 
     @abstractmethod
     def new_crossings(self, planar_map: PlanarMap) -> tuple[tuple[NewPoint, NewPoint, int], ...]:
-        """The (over point, under point, sign) made in a state with this planar map.
+        """The (over point, under point, sign) added to a state with this planar map.
 
         Raises:
             IllegalActionError: the state does not allow the action; says which rule it breaks.
@@ -141,4 +145,106 @@ class ForwardAction(Action):
     @classmethod
     @abstractmethod
     def last_candidates(cls, crossings: Sequence[Crossing]) -> Iterator[Self]:
-        """Every action of this kind that may have been the last; only R2 may offer false ones."""
+        """Every action of this kind that may have been the last; some of R2's could not."""
+
+
+@dataclass(frozen=True)
+class Undo(Action):
+    """The inverse of an R1, R2 or Cross.
+
+    `segments`, `over_segment` and `under_segment` are of the state before the undo:
+
+    * R1: the loop, which is both;
+    * R2: the two sides of the bigon: the tip of the finger and the strand it lies on;
+    * Cross: the segments before the first and behind the second passage of the crossing, one of
+      which is the end that crosses.
+
+    Attributes:
+        action: the action to undo. Its segments are those of the state after the undo, which has
+            fewer of them.
+
+    Raises:
+        IllegalActionError: the action does not add crossings.
+    """
+
+    action: ForwardAction
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.action, ForwardAction):
+            raise IllegalActionError(f"R1, R2 and Cross can be undone, got {self.action}")
+
+    def __str__(self) -> str:
+        return f"{UNDO} {self.action}"
+
+    @property
+    def segments(self) -> tuple[int, ...]:
+        return self.action.segments_after
+
+    def pulled_segment(self, num_segments: int) -> int:
+        """The segment to pull out of a rope with `num_segments`: loop, finger tip, or rope end.
+
+        Where both segments of a Cross are ends it is the over one, which lies free.
+        """
+        ends = (0, num_segments - 1)
+        under_is_end = self.under_segment in ends and self.over_segment not in ends
+        return self.under_segment if under_is_end else self.over_segment
+
+    def other_segment(self, num_segments: int) -> int:
+        """The segment that `pulled_segment` is pulled away from; the loop itself for R1."""
+        pulled_over = self.pulled_segment(num_segments) == self.over_segment
+        return self.under_segment if pulled_over else self.over_segment
+
+    def num_segments_after(self, num_segments: int) -> int:
+        """The number of segments that the undo leaves of `num_segments`."""
+        return num_segments - len(self.action.split_segments)
+
+    def check_segments(self, num_segments: int) -> None:
+        after = self.num_segments_after(num_segments)
+        if max(self.action.segments) >= after:
+            raise IllegalActionError(
+                f"{self}: of the {num_segments} segments, 0 to {num_segments - 1}, it would leave "
+                f"{max(after, 0)}, and the action names segment {max(self.action.segments)}"
+            )
+
+    def mirrored(self) -> Undo:
+        return Undo(self.action.mirrored())
+
+    def reversed(self, num_segments: int) -> Undo:
+        self.check_segments(num_segments)
+        return Undo(self.action.reversed(self.num_segments_after(num_segments)))
+
+
+@dataclass(frozen=True)
+class Arrange(Action):
+    """Keep the state and make room for an action that is not done yet (Sec. VIII).
+
+    Legal wherever the wanted action is. `TopologicalState.actions` does not list it.
+
+    Attributes:
+        wanted: the action to make room for.
+
+    Raises:
+        IllegalActionError: the wanted action is itself an Arrange.
+    """
+
+    wanted: Action
+
+    def __post_init__(self) -> None:
+        if isinstance(self.wanted, Arrange):
+            raise IllegalActionError(f"{self}: the wanted action must change the state")
+
+    def __str__(self) -> str:
+        return f"{ARRANGE} {self.wanted}"
+
+    @property
+    def segments(self) -> tuple[int, ...]:
+        return self.wanted.segments
+
+    def check_segments(self, num_segments: int) -> None:
+        self.wanted.check_segments(num_segments)
+
+    def mirrored(self) -> Arrange:
+        return Arrange(self.wanted.mirrored())
+
+    def reversed(self, num_segments: int) -> Arrange:
+        return Arrange(self.wanted.reversed(num_segments))

@@ -4,7 +4,7 @@ The map is thickened to a triangulated disc: every segment gets inner nodes, eve
 nodes along its walls and a node in its middle; the outer face gets a frame far out, the rim of
 the disc. Tutte's theorem: with the rim on a circle and every other node at a weighted mean of its
 neighbours (positive weights), all triangles keep their orientation, so no two edges meet. This
-first drawing is valid but cramped; `relaxation` evens it out.
+first drawing is valid but cramped; `draw.relax` evens it out.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from knotflow.topology.faces import LEFT, PlanarMap, Side
+from knotflow.topology.planar_map import LEFT, PlanarMap, Side
 from knotflow.topology.polyline import Floats, Ints
 from knotflow.topology.state import TopologicalState
 
@@ -38,7 +38,7 @@ class Mesh:
         triangles: (T, 3) nodes, counter-clockwise.
         shapes: (T, 3, 2) the shape each triangle should have: its place in a regular polygon with
             the walls of its face as sides of length 1.
-        weights: (T,) how much each triangle insists on its shape.
+        weights: (T,) weight of each triangle's energy.
         rim: (R,) the nodes of the outer boundary, counter-clockwise.
         rim_radius: of the circle they are fixed on, in wall lengths; several times the size that
             the rope should take.
@@ -53,7 +53,7 @@ class Mesh:
 
     @property
     def num_nodes(self) -> int:
-        """N; nodes are numbered 0 to N - 1."""
+        """Number of nodes, N."""
         return int(self.triangles.max()) + 1
 
     @property
@@ -91,9 +91,9 @@ def build_mesh(state: TopologicalState) -> Mesh:
         near, far = _polar(radii[0], 0.0), _polar(radii[0], turn)
         node, next_node = _polar(radii[1], 0.5 * turn), _polar(radii[1], 1.5 * turn)
         for k in range(len(walls)):
-            onward = (k + 1) % len(walls)
-            triangles.append((walls[k], walls[onward], ring[k]))
-            triangles.append((ring[k], walls[onward], ring[onward]))
+            following = (k + 1) % len(walls)
+            triangles.append((walls[k], walls[following], ring[k]))
+            triangles.append((ring[k], walls[following], ring[following]))
             shapes.extend(((near, far, node), (node, far, next_node)))
             weights.extend((weight, weight))
 
@@ -130,17 +130,17 @@ def build_mesh(state: TopologicalState) -> Mesh:
 
 
 def tutte(mesh: Mesh) -> Floats:
-    """Places (N, 2) of all nodes: the rim on its circle, the others at weighted means."""
+    """Positions (N, 2) of all nodes: the rim on its circle, the others at weighted means."""
     count, rim = mesh.num_nodes, mesh.rim
     angle = 2.0 * np.pi * np.arange(len(rim)) / len(rim)
-    places = np.zeros((count, 2))
-    places[rim] = mesh.rim_radius * np.stack((np.cos(angle), np.sin(angle)), axis=1)
+    positions = np.zeros((count, 2))
+    positions[rim] = mesh.rim_radius * np.stack((np.cos(angle), np.sin(angle)), axis=1)
     inner = np.setdiff1d(np.arange(count), rim)
     laplacian = graph_laplacian(count, mesh.edges, _cotangent_weights(mesh))
-    places[inner] = np.linalg.solve(
-        laplacian[np.ix_(inner, inner)], -laplacian[np.ix_(inner, rim)] @ places[rim]
+    positions[inner] = np.linalg.solve(
+        laplacian[np.ix_(inner, inner)], -laplacian[np.ix_(inner, rim)] @ positions[rim]
     )
-    return places
+    return positions
 
 
 def graph_laplacian(count: int, edges: Ints, weight: Floats) -> Floats:
@@ -155,8 +155,7 @@ def graph_laplacian(count: int, edges: Ints, weight: Floats) -> Floats:
 def _cotangent_weights(mesh: Mesh) -> Floats:
     """(E,) weights with which the drawing is about conformal to the wanted shapes.
 
-    It can still be cramped, but its triangles are not thin, as equal weights would make them:
-    easing thin ones apart is what would take `relaxation` long.
+    Equal weights would make thin triangles, which take `draw.relax` long to open.
     """
     weight = np.zeros((mesh.num_nodes, mesh.num_nodes))
     for corner in range(3):
@@ -168,11 +167,12 @@ def _cotangent_weights(mesh: Mesh) -> Floats:
         ends = np.sort(mesh.triangles[:, [first, second]], axis=1)
         np.add.at(weight, (ends[:, 0], ends[:, 1]), dot / cross)
     # Obtuse angles make negative weights, for which Tutte's theorem promises nothing.
-    return np.maximum(weight[tuple(mesh.edges.T)], _LEAST_WEIGHT)
+    result: Floats = np.maximum(weight[tuple(mesh.edges.T)], _LEAST_WEIGHT)
+    return result
 
 
 def _rope_nodes(state: TopologicalState) -> list[int]:
-    """The node at every place along the rope; a crossing has one node for two places."""
+    """The node at every place along the rope; the two places of a crossing share theirs."""
     path = list(range(state.num_segments * PIECES + 1))
     for over, under, _ in state.crossings:
         path[max(over, under) * PIECES] = min(over, under) * PIECES

@@ -1,31 +1,32 @@
-"""Named knots as sets of goal states.
+"""Knots as goal states, and the graph of all ways to tie them (paper Sec. IV, V-B d).
 
-A knot is tied into an open rope when both ends lie in the outer face of a diagram of it, that is
-when the rope is a closed minimal diagram cut at some segment. One diagram and its cuts, mirror
-images and reversals give all the states of a name: chiralities, over-first or under-first, and
-where the rope may be cut.
+A knot can be tied into an open rope when both ends lie in the outer face of a diagram of it, that
+is when the rope is a closed minimal diagram cut at some segment. One diagram, its cuts, mirror
+images and reversals give all states of a name.
 """
 
 from __future__ import annotations
 
-from types import MappingProxyType
+from collections import deque
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
-from knotflow.topology.faces import Crossing
+from knotflow.topology.action import Action
 from knotflow.topology.state import TopologicalState
 
-_DIAGRAMS: MappingProxyType[str, str] = MappingProxyType(
-    {
-        "unknot": "trivial",
-        # 3_1, the goal of the paper's Fig. 1.
-        "overhand": "4o1+2o5+6o3+",
-        # 4_1
-        "figure_eight": "4o1+2o7-6o3-8o5+",
-        # 5_1, the pentagram-like knot of the paper's Sec. VII-E.
-        "pentagram": "6o1+2o7+8o3+4o9+10o5+",
-        # 5_2
-        "three_twist": "4o1+2o7+8o3+10o5+6o9+",
-    }
-)
+if TYPE_CHECKING:
+    import networkx as nx
+
+Step = tuple[Action, TopologicalState]
+"""An action and the state it leads to."""
+
+_DIAGRAMS = {
+    "unknot": "trivial",
+    "overhand": "4o1+2o5+6o3+",  # 3_1, the goal of the paper's Fig. 1
+    "figure_eight": "4o1+2o7-6o3-8o5+",  # 4_1
+    "pentagram": "6o1+2o7+8o3+4o9+10o5+",  # 5_1, Sec. VII-E
+    "three_twist": "4o1+2o7+8o3+10o5+6o9+",  # 5_2
+}
 
 KNOT_NAMES: tuple[str, ...] = tuple(_DIAGRAMS)
 
@@ -47,11 +48,85 @@ def _cuts(state: TopologicalState) -> set[TopologicalState]:
     """The states of the same closed diagram cut at each of its segments."""
     count = 2 * state.num_crossings
 
-    def later(crossing: Crossing, shift: int) -> Crossing:
-        over, under, sign = crossing
-        return ((over - 1 + shift) % count + 1, (under - 1 + shift) % count + 1, sign)
-
     return {
-        TopologicalState.from_crossings(later(crossing, shift) for crossing in state.crossings)
+        TopologicalState.from_crossings(
+            ((over - 1 + shift) % count + 1, (under - 1 + shift) % count + 1, sign)
+            for over, under, sign in state.crossings
+        )
         for shift in range(max(count, 1))
     }
+
+
+def solution_graph(*goals: TopologicalState) -> nx.MultiDiGraph:
+    """Every action path from the trivial state to the goal (or to any of several goals).
+
+    Undoing removes crossings, so a search backward from the goal meets few states.
+
+    Returns:
+        A directed acyclic multigraph. Its nodes are the TopologicalStates on some path; an edge
+        is one action, in its attribute `action`, with `str(action)` as its key.
+
+    Raises:
+        TypeError: no goal, or one that is not a TopologicalState.
+    """
+    import networkx as nx
+
+    if not goals:
+        raise TypeError("solution_graph needs at least one goal state")
+    for goal in goals:
+        if not isinstance(goal, TopologicalState):
+            raise TypeError(
+                f"a goal must be a TopologicalState, got {goal!r}; for a knot by name: "
+                "solution_graph(*knot(name))"
+            )
+    graph = nx.MultiDiGraph()
+    graph.add_nodes_from(goals)
+    open_states = deque(graph.nodes)
+    while open_states:
+        state = open_states.popleft()
+        for action, previous in state.predecessors():
+            if previous not in graph:
+                open_states.append(previous)
+            graph.add_edge(previous, state, key=str(action), action=action)
+    return graph
+
+
+def solution_paths(graph: nx.MultiDiGraph, goal: TopologicalState) -> Iterator[tuple[Step, ...]]:
+    """The paths of a solution graph from the trivial state to a goal, as (action, state) steps.
+
+    Lazy: their number grows about exponentially with the crossings of the goal.
+
+    Raises:
+        ValueError: the goal is not a node of the graph.
+    """
+    if goal not in graph:
+        raise ValueError(f"the state {goal} is not in this solution graph")
+
+    def paths_to(state: TopologicalState) -> Iterator[tuple[Step, ...]]:
+        if state.num_crossings == 0:
+            yield ()
+        for previous, _, action in graph.in_edges(state, data="action"):
+            for path in paths_to(previous):
+                yield (*path, (action, state))
+
+    return paths_to(goal)
+
+
+def all_states(crossings: int) -> tuple[TopologicalState, ...]:
+    """Every state with so many crossings, sorted: 1, 4, 40, 528 and 7,968 of them with 0 to 4.
+
+    Four crossings take seconds, five take minutes.
+
+    Raises:
+        ValueError: a negative number.
+    """
+    if crossings < 0:
+        raise ValueError(f"a state has 0 or more crossings, got {crossings}")
+    states: list[set[TopologicalState]] = [set() for _ in range(crossings + 1)]
+    states[0].add(TopologicalState.trivial())
+    for fewer in states[:-1]:
+        for state in fewer:
+            for _, after in state.actions():
+                if after.num_crossings <= crossings:
+                    states[after.num_crossings].add(after)
+    return tuple(sorted(states[crossings]))

@@ -1,4 +1,4 @@
-"""Where a polyline in the plane crosses itself, and where that is nearly undecided."""
+"""The self-crossings of a polyline in the plane, and its degeneracies."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 COINCIDENCE = 1e-9
-"""Of the polyline's length: what is closer than this counts as being in one place."""
+"""Share of the polyline's length below which two places coincide."""
 
 
 class DegenerateCurveError(ValueError):
@@ -21,17 +21,17 @@ class DegenerateCurveError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class PlanarCrossings:
-    """Where a polyline in the plane crosses itself: n proper crossings of link `first` < `second`.
+    """The n proper self-crossings of a polyline in the plane, of links `first` < `second`.
 
     Attributes:
         first: (n,) link index; link i runs from vertex i to vertex i + 1.
         second: (n,) link index.
-        first_along: (n,) where on its link, 0..1.
-        second_along: (n,) where on its link, 0..1.
+        first_along: (n,) place on that link, 0..1.
+        second_along: (n,) place on that link, 0..1.
         turn: (n,) sign of (direction of first x direction of second) . z.
         passed: (2n,) length of the polyline up to each passage, first[0..n) then second[0..n).
         order: (2n,) the passages, first[0..n) then second[0..n), in the order met from vertex 0.
-        degenerate: what makes these crossings unreliable; empty when nothing does.
+        degenerate: what makes these crossings unreliable; empty if nothing does.
     """
 
     first: Ints
@@ -89,17 +89,15 @@ def planar_crossings(xy: Floats) -> PlanarCrossings:
 def _touching(
     links: Floats, length: Floats, dx: Floats, dy: Floats, near_line: NDArray[np.bool_]
 ) -> str:
-    """Name an upright link or a vertex that lies on another link; "" when there is none.
+    """Name an upright link or a vertex that lies on another link; "" if there is none.
 
-    Raises DegenerateCurveError for the head or tail on another link: an end that only touches a
-    strand may or may not cross it, whichever way one looks at it.
+    Raises DegenerateCurveError for the head or tail on another link.
     """
     tolerance = COINCIDENCE * float(length.sum())
     if length.min() <= tolerance:
-        return f"link {int(length.argmin())} stands upright"
-    along = (links[:, :1] * dx + links[:, 1:] * dy) / length[
-        :, None
-    ]  # (E, V) from the link's start
+        return f"link {int(length.argmin())} is upright"
+    # (E, V) distance along the link from its start
+    along = (links[:, :1] * dx + links[:, 1:] * dy) / length[:, None]
     on_link = near_line & (along >= -tolerance) & (along <= length[:, None] + tolerance)
     if not on_link.any():
         return ""
@@ -116,7 +114,7 @@ def _touching(
 
 @lru_cache(maxsize=16)
 def _later_links(count: int) -> NDArray[np.bool_]:
-    """(E, E) pairs of links to test: the second after the first and not sharing a vertex."""
+    """(E, E) pairs of links, the second after the first and sharing no vertex with it."""
     return np.triu(np.ones((count, count), dtype=bool), k=2)
 
 

@@ -7,16 +7,20 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from operator import index
-from typing import TYPE_CHECKING
 
-from knotflow.topology.action import Action, ForwardAction, IllegalActionError, NewPoint
-from knotflow.topology.actions import ACTION_KINDS
-from knotflow.topology.arrange import Arrange
-from knotflow.topology.faces import Crossing, PlanarMap, trace_faces
-from knotflow.topology.undo import Undo
+from numpy.typing import ArrayLike
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+from knotflow.topology.action import (
+    Action,
+    Arrange,
+    ForwardAction,
+    IllegalActionError,
+    NewPoint,
+    Undo,
+)
+from knotflow.topology.curve import project
+from knotflow.topology.moves import ACTION_KINDS
+from knotflow.topology.planar_map import Crossing, PlanarMap, trace_faces
 
 _TOKEN = re.compile(r"(\d+)o(\d+)([+-])")
 _TRIVIAL_TEXT = "trivial"
@@ -44,7 +48,7 @@ class TopologicalState:
     crossings: tuple[Crossing, ...]
 
     def __post_init__(self) -> None:
-        """Check everything; `_trusted` is for results of legal actions."""
+        """Check the crossings; `_trusted` skips this for results of legal actions."""
         object.__setattr__(self, "crossings", _in_order(_checked(self.crossings)))
         num_faces = len(self.planar_map.faces)
         if num_faces != self.num_crossings + 1:
@@ -56,7 +60,7 @@ class TopologicalState:
 
     @classmethod
     def trivial(cls) -> TopologicalState:
-        """The rope without crossings, the root of all actions."""
+        """The rope without crossings."""
         return cls._trusted(())
 
     @classmethod
@@ -83,10 +87,7 @@ class TopologicalState:
             DegenerateCurveError: the projection onto the table does not determine the state.
             ValueError: not finite (V, 3) numbers.
         """
-        # numpy is needed here only: states and their graph stay free of it.
-        from knotflow.topology.projection import read_crossings
-
-        return cls.from_crossings(read_crossings(points).crossings)
+        return cls.from_crossings(project(points).crossings)
 
     @classmethod
     def parse(cls, text: str) -> TopologicalState:
@@ -107,7 +108,7 @@ class TopologicalState:
 
     @classmethod
     def _trusted(cls, crossings: Iterable[Crossing]) -> TopologicalState:
-        """A state from crossings known to be valid: the check would cost more than the search."""
+        """A state from crossings known to be valid, without the costly check."""
         state = object.__new__(cls)
         object.__setattr__(state, "crossings", _in_order(crossings))
         return state
@@ -138,7 +139,7 @@ class TopologicalState:
             IllegalActionError: the state does not allow the action; says which rule it breaks.
         """
         if isinstance(action, Arrange):
-            self.apply(action.wanted)  # what is not legal cannot be wanted
+            self.apply(action.wanted)  # raises where it is illegal
             return self
         if isinstance(action, Undo):
             return self.undo(action.action)
@@ -146,21 +147,21 @@ class TopologicalState:
         return self._after(action)
 
     def _after(self, action: ForwardAction) -> TopologicalState:
-        made = action.new_crossings(self.planar_map)
-        touched = action.touched
+        added = action.new_crossings(self.planar_map)
+        split = action.split_segments
         shift = [0] * (self.num_segments + 1)
-        for segment in touched:
+        for segment in split:
             for position in range(segment + 1, self.num_segments):
                 shift[position] += 1
 
         def position_of(point: NewPoint) -> int:
-            # `segment` old points lie before it, and the new ones of lower segment and rank.
+            # `segment` old points precede it, and the new ones of lower segment and rank.
             segment, rank = point
-            return segment + touched.index(segment) + rank + 1
+            return segment + split.index(segment) + rank + 1
 
-        kept = ((o + shift[o], u + shift[u], sign) for o, u, sign in self.crossings)
-        new = ((position_of(o), position_of(u), sign) for o, u, sign in made)
-        return TopologicalState._trusted((*kept, *new))
+        old = ((o + shift[o], u + shift[u], sign) for o, u, sign in self.crossings)
+        new = ((position_of(o), position_of(u), sign) for o, u, sign in added)
+        return TopologicalState._trusted((*old, *new))
 
     def undo(self, action: Action) -> TopologicalState:
         """The state from which an action led to this one.
@@ -203,8 +204,8 @@ class TopologicalState:
             for action in kind.legal(self.planar_map):
                 yield action, self._after(action)
 
-    def undoings(self) -> Iterator[tuple[Undo, TopologicalState]]:
-        """Every legal undoing with the state it leads to, each once."""
+    def undo_actions(self) -> Iterator[tuple[Undo, TopologicalState]]:
+        """Every legal Undo with the state it leads to, each once."""
         for action, previous in self.predecessors():
             yield Undo(action), previous
 
@@ -217,11 +218,11 @@ class TopologicalState:
                     yield action, previous
 
     def mirrored(self) -> TopologicalState:
-        """The rope seen in a mirror that stands on the table: all signs change (Sec. V-A)."""
+        """The rope reflected about a line on the table: all signs change (Sec. V-A)."""
         return TopologicalState._trusted((o, u, -sign) for o, u, sign in self.crossings)
 
     def reversed(self) -> TopologicalState:
-        """The same rope read from tail to head: positions count from the other end (Sec. V-A)."""
+        """The rope with head and tail exchanged: positions count from the other end (Sec. V-A)."""
         count = self.num_segments
         return TopologicalState._trusted((count - o, count - u, s) for o, u, s in self.crossings)
 
@@ -243,19 +244,19 @@ def _checked(crossings: Iterable[Iterable[int]]) -> list[Crossing]:
         if sign not in (1, -1):
             raise InvalidStateError(f"crossing {(over, under, sign)}: the sign must be +1 or -1")
         triples.append((over, under, sign))
-    wanted = range(1, 2 * len(triples) + 1)
-    met: dict[int, Crossing] = {}
+    valid = range(1, 2 * len(triples) + 1)
+    owners: dict[int, Crossing] = {}
     for triple in triples:
         for position in triple[:2]:
-            if position not in wanted:
+            if position not in valid:
                 raise InvalidStateError(
                     f"crossing {triple}: position {position} is out of range; {len(triples)} "
                     f"crossings have positions 1 to {2 * len(triples)}"
                 )
-            if position in met:
+            if position in owners:
                 raise InvalidStateError(
-                    f"position {position} is met twice, by {met[position]} and {triple}; every "
+                    f"position {position} is used twice, by {owners[position]} and {triple}; every "
                     f"position from 1 to {2 * len(triples)} belongs to one crossing"
                 )
-            met[position] = triple
+            owners[position] = triple
     return triples

@@ -1,7 +1,7 @@
 """Mirror and Reverse, the symmetries that let one primitive serve many actions (paper Sec. V-A).
 
 Both are involutions, they commute, and they commute with applying actions:
-`mirror(state).apply(mirror_action(a)) == mirror(state.apply(a))`, and the same for reverse.
+`state.mirrored().apply(action.mirrored()) == state.apply(action).mirrored()`, likewise reversed.
 """
 
 from __future__ import annotations
@@ -11,34 +11,6 @@ from functools import cache
 
 from knotflow.topology.action import Action
 from knotflow.topology.state import TopologicalState
-
-
-def mirror(state: TopologicalState) -> TopologicalState:
-    """The state of the rope reflected about a line on the table: all signs change."""
-    return state.mirrored()
-
-
-def reverse(state: TopologicalState) -> TopologicalState:
-    """The state of the rope with head and tail exchanged: positions count from the other end."""
-    return state.reversed()
-
-
-def mirror_action(action: Action) -> Action:
-    """The action on the reflected rope: opposite `left` and `sign`."""
-    return action.mirrored()
-
-
-def reverse_action(action: Action, num_segments: int) -> Action:
-    """The action on the reversed rope: opposite `left` and `over_first`, segments from the tail.
-
-    Args:
-        action: an action for a state with `num_segments` segments.
-        num_segments: of the state before the action, 2c + 1.
-
-    Raises:
-        IllegalActionError: the action names a segment beyond the last.
-    """
-    return action.reversed(num_segments)
 
 
 @dataclass(frozen=True)
@@ -51,9 +23,7 @@ class Symmetry:
     @classmethod
     def all(cls) -> tuple[Symmetry, ...]:
         """The identity, Reverse, Mirror, and both."""
-        return tuple(
-            cls(mirrored, turned) for mirrored in (False, True) for turned in (False, True)
-        )
+        return tuple(cls(mirror, reverse) for mirror in (False, True) for reverse in (False, True))
 
     def of_state(self, state: TopologicalState) -> TopologicalState:
         """The transformed state."""
@@ -70,18 +40,17 @@ class Symmetry:
 
 @cache
 def representative(state: TopologicalState) -> tuple[TopologicalState, Symmetry]:
-    """The state that stands for a state and its images, and a transformation that leads there."""
+    """The least of a state's four images, and a symmetry that leads from the state to it."""
     images = ((symmetry.of_state(state), symmetry) for symmetry in Symmetry.all())
     return min(images, key=lambda image: image[0])
 
 
 def distinct_actions(state: TopologicalState) -> list[tuple[Action, TopologicalState]]:
-    """The actions of a state with the states they lead to, one of each class that symmetries of
-    the state turn into each other."""
-    kept = [symmetry for symmetry in Symmetry.all() if symmetry.of_state(state) == state]
+    """The actions of a state with the states they lead to, up to the symmetries of the state."""
+    symmetries = [symmetry for symmetry in Symmetry.all() if symmetry.of_state(state) == state]
+    count = state.num_segments
     return [
-        (action, onward)
-        for action, onward in state.actions()
-        if str(action)
-        == min(str(symmetry.of_action(action, state.num_segments)) for symmetry in kept)
+        (action, after)
+        for action, after in state.actions()
+        if str(action) == min(str(symmetry.of_action(action, count)) for symmetry in symmetries)
     ]

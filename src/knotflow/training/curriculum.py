@@ -38,7 +38,7 @@ def outcomes(state: TopologicalState, most_crossings: int) -> Mapping[Action, To
         for action, onward in state.actions()
         if onward.num_crossings <= most_crossings
     }
-    return found | dict(state.undoings())
+    return found | dict(state.undo_actions())
 
 
 @cache

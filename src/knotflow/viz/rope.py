@@ -115,7 +115,7 @@ def cuts(points: Floats, curve: Floats, edges: Floats, width: float) -> list[Cut
     reached = _reached(curve)
     places = np.searchsorted(reached / reached[-1], crossings.fractions)
     found = []
-    for over, under, _ in crossings.state.crossings:
+    for over, under, _ in crossings.crossings:
         upper, lower = _meeting(curve[:, :2], int(places[over - 1]), int(places[under - 1]), width)
         others = np.abs(reached[places] - reached[lower])
         others[[over - 1, under - 1]] = np.inf

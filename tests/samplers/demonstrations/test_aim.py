@@ -80,7 +80,7 @@ def test_what_may_make_room_moves_the_strands_that_the_action_is_about(rng):
     on_loop = points[(np.linspace(0, 1, 60) > loop[0]) & (np.linspace(0, 1, 60) < loop[1])]
     apart = np.linalg.norm(np.stack([x, y], 1)[of_tip, None] - on_loop[:, :2], axis=2).min(1)
     assert 0.3 < (apart < 0.12).mean() < 0.9
-    (undo, _), *_ = TopologicalState.from_curve(points).undoings()
+    (undo, _), *_ = TopologicalState.from_curve(points).undo_actions()
     low, high = segment_intervals(points)[undo.pulled_segment(3)]
     grasp = check_splines(rearrange(points, undo, 40, rng))[:30, 0]
     assert ((grasp >= low) & (grasp <= high)).all()

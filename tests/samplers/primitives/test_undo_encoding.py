@@ -28,7 +28,7 @@ STATES = ["2o1+", "1o4+2o3-", "1o3+4o2+", "4o1+2o5+6o3+", "1o2+3o5+6o4+"]
 CASES = [
     (text, str(undoing))
     for text in STATES
-    for undoing, _ in TopologicalState.parse(text).undoings()
+    for undoing, _ in TopologicalState.parse(text).undo_actions()
 ]
 BOTH = pytest.mark.parametrize("arranging", [False, True], ids=["acting", "arranging"])
 
@@ -51,7 +51,7 @@ def test_the_cases_undo_every_kind():
 @pytest.mark.parametrize("text", STATES)
 def test_every_undoing_has_one_learned_counterpart(text):
     state = TopologicalState.parse(text)
-    for undoing, _ in state.undoings():
+    for undoing, _ in state.undo_actions():
         group = [symmetry.of_action(undoing, state.num_segments) for symmetry in Symmetry.all()]
         assert sum(is_canonical(one, state.num_segments) for one in group) == 1
         assert {primitive_of(one, state.num_segments) for one in group} == {UNDO}

@@ -10,7 +10,7 @@ from knotflow.apps.studio.draft import HEIGHTS, Draft
 from knotflow.apps.studio.playback import Playback
 from knotflow.apps.studio.session import StudioError
 from knotflow.topology import parse_action
-from knotflow.topology.words import describe
+from knotflow.topology.action_text import describe
 
 _ASKS = {
     "grasp": "Click **1 of 3**: where to grasp the rope.",

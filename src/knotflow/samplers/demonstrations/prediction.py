@@ -106,7 +106,7 @@ def aim_predicted(
     predicted.
     """
     guesses = aim(points, action, GUESSES * count, rng)
-    goal = project(points).state.apply(action)
+    goal = TopologicalState.from_curve(points).apply(action)
     promising = np.flatnonzero([state == goal for state in predicted_states(points, guesses)])
     return _chosen(guesses, promising, guesses, worth, count, rng)
 
@@ -122,7 +122,7 @@ def rearrange_predicted(
     predicted to keep its state and to leave the shapes (N, V, 3) of most `worth` (N,); one of four
     is as `rearrange` makes it."""
     moves = rearrange(points, action, MOVES * count, rng)
-    state = project(points).state
+    state = TopologicalState.from_curve(points)
     shapes = followed(points, moves)
     # What lies on what is not followed: a strand that hardly moves keeps its height.
     shapes[..., 2] = points[:, 2]

@@ -1,4 +1,4 @@
-"""Which actions there are, how they are written, and which are legal where."""
+"""R1, R2 and Cross: their text, their conventions, and where they are legal."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ def all_actions(num_segments):
 
 
 @pytest.mark.parametrize("text", EIGHT)
-def test_the_eight_actions_are_legal_from_their_start_states(text):
+def test_eight_actions_are_legal_from_their_start_states(text):
     action = parse_action(text)
     assert str(action) == text
     assert action in dict(after(*EIGHT[text]).actions())
 
 
-def test_actions_yields_exactly_what_apply_allows(states_by_crossings):
+def test_actions_lists_what_apply_allows(states_by_crossings):
     for states in states_by_crossings[:3]:
         for state in states:
             listed = list(state.actions())
@@ -67,13 +67,13 @@ def test_actions_yields_exactly_what_apply_allows(states_by_crossings):
             assert dict(listed) == allowed
 
 
-def test_every_action_text_parses_back(states_by_crossings):
+def test_action_text_parses_back(states_by_crossings):
     for state in states_by_crossings[1]:
         for action, _ in state.actions():
             assert parse_action(str(action)) == action
 
 
-def test_conventions_that_design_fixes():
+def test_conventions():
     assert after("R1(0,1,1)").crossings == ((2, 1, 1),)
     assert after("R2(0,0,1,1)").crossings == ((1, 4, 1), (2, 3, -1))
     assert after("R1(0,1,1)", "C(0,1,1)").crossings == ((1, 3, 1), (4, 2, 1))
@@ -82,7 +82,7 @@ def test_conventions_that_design_fixes():
     assert after("R1(0,1,1)", "C(1,2,1)", "C(4,2,1)").crossings == overhand
 
 
-def test_four_r1_results_are_the_four_loops():
+def test_r1_makes_four_loops():
     trivial = TopologicalState.trivial()
     loops = {trivial.apply(R1(0, left, sign)) for left in (1, -1) for sign in (1, -1)}
     assert len(loops) == 4
@@ -92,7 +92,7 @@ def test_four_r1_results_are_the_four_loops():
         assert planar_map.segments_around(planar_map.face(1, left)) == (1,)
 
 
-def test_r2_makes_opposite_signs_and_a_face_with_two_sides(states_by_crossings):
+def test_r2_makes_opposite_signs_and_a_bigon(states_by_crossings):
     def bigons(state):
         return [face for face in state.planar_map.faces if len(face) == 2]
 
@@ -106,7 +106,7 @@ def test_r2_makes_opposite_signs_and_a_face_with_two_sides(states_by_crossings):
                 assert bigons(following)
 
 
-def test_r2_ignores_over_first_where_the_segments_differ():
+def test_r2_ignores_over_first_for_two_segments():
     loop = after("R1(0,1,1)")
     assert loop.apply(R2(0, 2, 1, 1)) == loop.apply(R2(0, 2, 1, -1))
     canonical = [action for action, _ in loop.actions() if isinstance(action, R2)]
@@ -117,7 +117,7 @@ def test_r2_ignores_over_first_where_the_segments_differ():
     )
 
 
-def test_both_signs_are_legal_across_a_segment_with_one_face_on_both_sides():
+def test_both_signs_are_legal_across_a_bridge():
     loop = after("R1(0,1,1)")
     for over, under in ((0, 2), (2, 0)):
         for sign in (1, -1):
@@ -139,12 +139,12 @@ def test_both_signs_are_legal_across_a_segment_with_one_face_on_both_sides():
         (["R1(0,1,1)"], "R2(1,0,1,1)", "must border a common face.*left=-1"),
     ],
 )
-def test_an_illegal_action_says_which_rule_it_breaks(start, action, rule):
+def test_illegal_action_names_the_broken_rule(start, action, rule):
     with pytest.raises(IllegalActionError, match=rule):
         after(*start).apply(parse_action(action))
 
 
-def test_an_end_inside_a_face_reaches_only_its_walls():
+def test_end_inside_a_face_crosses_only_its_border():
     pentagram = sorted(knot("pentagram"))[0]
     planar_map = pentagram.planar_map
     reach = set(planar_map.segments_around(planar_map.left[0]))
@@ -159,7 +159,7 @@ def test_an_end_inside_a_face_reaches_only_its_walls():
 @pytest.mark.parametrize(
     "text", ["", "C", "R3(0,1)", "C(0,1)", "C(0,1,1,1)", "C(0,one,1)", "c(0,1,1)", "R1(0,1,1"]
 )
-def test_text_that_is_no_action_lists_the_valid_forms(text):
+def test_invalid_text_lists_valid_forms(text):
     with pytest.raises(IllegalActionError, match="R1\\(index,left,sign\\)"):
         parse_action(text)
 
@@ -173,7 +173,7 @@ def test_text_that_is_no_action_lists_the_valid_forms(text):
         (lambda: Cross(0, 1, 0.5), "sign must be a whole number"),
     ],
 )
-def test_parameters_that_no_state_gives_a_meaning_are_refused(make, wrong):
+def test_invalid_parameters_are_rejected(make, wrong):
     with pytest.raises(IllegalActionError, match=wrong):
         make()
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from knotflow.topology import TopologicalState
-from knotflow.topology.faces import LEFT, RIGHT, trace_faces
+from knotflow.topology.planar_map import LEFT, RIGHT, trace_faces
 
 
-def test_every_side_borders_one_face_and_euler_holds(states_by_crossings):
+def test_faces_partition_sides_and_satisfy_euler(states_by_crossings):
     for states in states_by_crossings:
         for state in states:
             planar_map = state.planar_map
@@ -19,18 +19,17 @@ def test_every_side_borders_one_face_and_euler_holds(states_by_crossings):
                 assert all(planar_map.face(*side) == face for side in walk)
 
 
-def test_ends_have_one_face_on_both_sides(states_by_crossings):
+def test_end_segments_border_one_face(states_by_crossings):
     for state in states_by_crossings[3]:
         planar_map = state.planar_map
         assert planar_map.left[0] == planar_map.right[0]
         assert planar_map.left[planar_map.tail] == planar_map.right[planar_map.tail]
 
 
-def test_counter_clockwise_loop_has_its_own_face_on_the_left():
+def test_counter_clockwise_loop_encloses_a_face():
     planar_map = TopologicalState.from_crossings([(2, 1, 1)]).planar_map
     assert planar_map.segments_around(planar_map.left[1]) == (1,)
     assert planar_map.segments_around(planar_map.right[1]) == (0, 1, 2)
-    assert planar_map.common_faces(0, 1) == {planar_map.right[1]}
     assert planar_map.sides_towards(1, planar_map.left[0]) == (RIGHT,)
     assert planar_map.sides_towards(2, planar_map.left[0]) == (LEFT, RIGHT)
 

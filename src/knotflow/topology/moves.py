@@ -1,10 +1,7 @@
-"""Topological actions: Reidemeister I, Reidemeister II and Cross (paper Sec. IV, Table I).
+"""The actions that add crossings: Reidemeister I and II, and Cross (paper Sec. IV, Table I).
 
-Segment indices speak of the state before the action. An action says where it adds points to the
-rope (`touched`), which crossings it makes there (`new_crossings`, which is also where its legality
-is decided, from the faces of the planar map), which actions of its kind could have been the last
-one before a state (`last_candidates`), and by which segments it is taken back (`segments_after`).
-Putting points in and taking them out is the business of `state`.
+Legality is decided in `new_crossings`, from the faces of the planar map. `state` inserts the new
+points into the Gauss code and removes them.
 
 Conventions where the geometry of an open curve leaves a choice:
 
@@ -25,7 +22,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from knotflow.topology.action import SIGNS, ForwardAction, IllegalActionError, NewPoint
-from knotflow.topology.faces import LEFT, Crossing, PlanarMap
+from knotflow.topology.planar_map import LEFT, Crossing, PlanarMap
 
 
 @dataclass(frozen=True, order=True)
@@ -46,7 +43,7 @@ class R1(ForwardAction):
     sign: int
 
     @property
-    def touched(self) -> tuple[int, ...]:
+    def split_segments(self) -> tuple[int, ...]:
         return (self.index, self.index)
 
     @property
@@ -101,7 +98,7 @@ class R2(ForwardAction):
     over_first: int
 
     @property
-    def touched(self) -> tuple[int, ...]:
+    def split_segments(self) -> tuple[int, ...]:
         return tuple(sorted((self.over, self.over, self.under, self.under)))
 
     @property
@@ -120,7 +117,15 @@ class R2(ForwardAction):
         face = planar_map.face(self.over, self.left)
         sides = planar_map.sides_towards(self.under, face)
         if not sides:
-            raise IllegalActionError(self._out_of_reach(planar_map))
+            name, other = ("left", "right") if self.left == LEFT else ("right", "left")
+            message = (
+                f"{self}: the two segments must border a common face, but the face on the {name} "
+                f"of segment {self.over}, where its finger leaves, borders segments "
+                f"{list(planar_map.segments_around(face))}"
+            )
+            if planar_map.sides_towards(self.under, planar_map.face(self.over, -self.left)):
+                message += f"; segment {self.under} is on its {other}: left={-self.left}"
+            raise IllegalActionError(message)
         side = self.left if self.left in sides else sides[0]
         over_rank = under_rank = 0
         if self.over == self.under:
@@ -133,18 +138,6 @@ class R2(ForwardAction):
             near, far = far, near
         # From the left of the under strand the finger goes out with sign +1 and back with -1.
         return ((out, near, side), (back, far, -side))
-
-    def _out_of_reach(self, planar_map: PlanarMap) -> str:
-        name, other = ("left", "right") if self.left == LEFT else ("right", "left")
-        face = planar_map.face(self.over, self.left)
-        message = (
-            f"{self}: the two segments must border a common face, but the face on the {name} of "
-            f"segment {self.over}, where its finger leaves, borders segments "
-            f"{list(planar_map.segments_around(face))}"
-        )
-        if planar_map.sides_towards(self.under, planar_map.face(self.over, -self.left)):
-            return f"{message}; segment {self.under} is on its {other}: left={-self.left}"
-        return message
 
     def mirrored(self) -> R2:
         return replace(self, left=-self.left)
@@ -199,12 +192,12 @@ class Cross(ForwardAction):
     sign: int
 
     @property
-    def touched(self) -> tuple[int, ...]:
+    def split_segments(self) -> tuple[int, ...]:
         return tuple(sorted((self.over, self.under)))
 
     @property
     def segments_after(self) -> tuple[int, ...]:
-        # Those beyond the crossing, as seen from between its passages: one is the rope's end.
+        # The two outside the loop between the passages: one is the end segment.
         first, second = self.new_positions
         return (first - 1, second) if self.over < self.under else (second, first - 1)
 
@@ -222,9 +215,11 @@ class Cross(ForwardAction):
             )
         signs = _cross_signs(planar_map, self.over, self.under)
         if not signs:
+            faces = {planar_map.left[self.over], planar_map.right[self.over]}
+            neighbours = {other for face in faces for other in planar_map.segments_around(face)}
             raise IllegalActionError(
                 f"{self}: the two segments must border a common face, but segment {self.over} "
-                f"shares faces only with {_neighbours(planar_map, self.over)}"
+                f"shares faces only with {sorted(neighbours - {self.over})}"
             )
         if self.sign not in signs:
             raise IllegalActionError(
@@ -269,14 +264,6 @@ def _cross_signs(planar_map: PlanarMap, over: int, under: int) -> tuple[int, ...
     height = 1 if end == over else -1
     sides = planar_map.sides_towards(other, planar_map.left[end])
     return tuple(sorted((side * along * height for side in sides), reverse=True))
-
-
-def _neighbours(planar_map: PlanarMap, segment: int) -> list[int]:
-    return [
-        other
-        for other in range(planar_map.num_segments)
-        if other != segment and planar_map.common_faces(segment, other)
-    ]
 
 
 ACTION_KINDS: tuple[type[ForwardAction], ...] = (R1, R2, Cross)

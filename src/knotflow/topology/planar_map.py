@@ -1,8 +1,8 @@
 """The planar map of a projected open curve: its segments, their two sides, and the faces.
 
 A curve with c crossings has 2c + 1 segments and, when it can be drawn in the plane, c + 1 faces
-(Euler: V - E + F = 2 with V = c + 2, E = 2c + 1). Which face is the outer one is not part of the
-topology: the map lives on the sphere.
+(Euler: V - E + F = 2 with V = c + 2, E = 2c + 1). The map is one on the sphere: the choice of the
+outer face is not part of the topology.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ class PlanarMap:
     Attributes:
         left: the face on the left of each segment, indexed by segment.
         right: the face on the right of each segment.
-        faces: the sides that bound each face, in the order met when walking round it with the
-            face on the left hand. A left side is walked forward, a right side backward.
+        faces: the sides that bound each face, in the order of a walk round it with the face on
+            the left hand. A left side is walked forward, a right side backward.
     """
 
     left: tuple[int, ...]
@@ -57,18 +57,11 @@ class PlanarMap:
         """The segments that border a face, in rising order."""
         return tuple(sorted({segment for segment, _ in self.faces[face]}))
 
-    def common_faces(self, first: int, second: int) -> frozenset[int]:
-        """The faces that two segments both border; empty when neither can reach the other."""
-        return frozenset((self.left[first], self.right[first])) & frozenset(
-            (self.left[second], self.right[second])
-        )
-
 
 def trace_faces(crossings: Sequence[Crossing]) -> PlanarMap:
-    """Walk round every face of the map that signed crossings describe.
+    """The planar map of signed crossings whose positions are a permutation of 1..2c.
 
-    The positions must be a permutation of 1..2c. When the crossings cannot be drawn in the plane
-    the walk still ends, with fewer than c + 1 faces.
+    Crossings that cannot be drawn in the plane give fewer than c + 1 faces.
     """
     num_segments = 2 * len(crossings) + 1
     # At position p the left turn leads onto the other strand: forward where that strand passes
@@ -77,10 +70,10 @@ def trace_faces(crossings: Sequence[Crossing]) -> PlanarMap:
     left_turn: list[Side] = [(0, LEFT)] * num_segments
     right_turn: list[Side] = [(0, LEFT)] * num_segments
     for over, under, sign in crossings:
-        for met, other, to_left in ((over, under, sign > 0), (under, over, sign < 0)):
-            onward, backward = (other, LEFT), (other - 1, RIGHT)
-            left_turn[met] = onward if to_left else backward
-            right_turn[met] = backward if to_left else onward
+        for position, other, to_left in ((over, under, sign > 0), (under, over, sign < 0)):
+            forward, backward = (other, LEFT), (other - 1, RIGHT)
+            left_turn[position] = forward if to_left else backward
+            right_turn[position] = backward if to_left else forward
 
     def following(side: Side) -> Side:
         segment, direction = side
@@ -98,7 +91,8 @@ def trace_faces(crossings: Sequence[Crossing]) -> PlanarMap:
     for start in ((segment, side) for segment in range(num_segments) for side in (LEFT, RIGHT)):
         if sides[start[1]][start[0]] >= 0:
             continue
-        walk, here = [], start
+        walk: list[Side] = []
+        here = start
         while sides[here[1]][here[0]] < 0:
             sides[here[1]][here[0]] = len(faces)
             walk.append(here)
