@@ -8,7 +8,6 @@ needs. What is set here has no default in the stage that takes it, so that it st
 from __future__ import annotations
 
 import hashlib
-import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,7 @@ from knotflow.perception.training_config import (
     StrandTrainingConfig,
     TrainingConfig,
 )
-from knotflow.planning import PlannerConfig
+from knotflow.planning import FAST_SEARCH, PlannerConfig, plan_name
 from knotflow.samplers import IcpConfig
 from knotflow.samplers.causal_infogan import CausalInfoGanBudget
 from knotflow.samplers.demonstrations import SHIPPED, DemonstratorConfig, NoiseConfig
@@ -87,9 +86,6 @@ SPARING_SEARCH = PlannerConfig(
 )
 """One branch after the other (Sec. V-B d), straight on towards the goal, but soon elsewhere where
 nothing succeeds, such as at loops that are too tight. What counts is the number of branches."""
-FAST_SEARCH = PlannerConfig(batch=4, steady=True, max_branches=20_000, max_seconds=60.0)
-"""In batches, to use all cores; what counts is the time. On two cores an overhand takes a quarter
-of the time that it takes in batches of 16, and hard goals as long; with more cores raise it."""
 
 
 @dataclass
@@ -497,14 +493,6 @@ def plan_folder(knot: str, rope: str, seed: int) -> str:
     if (knot, rope, seed) == (PlanRequest.knot, PlanRequest.rope, PlanRequest.seed):
         return "overhand"
     return f"plan-{plan_name(knot, rope, seed)}"
-
-
-def plan_name(knot: str, rope: str, seed: int) -> str:
-    """What is planned, as a folder's name; files of one name and different points have two."""
-    signs = knot.replace("+", "p").replace("-", "m")
-    path = Path(rope)
-    lies = f"{path.stem}-{digest(rope)[:8]}" if path.is_file() else path.stem
-    return re.sub(r"[^A-Za-z0-9.-]+", "_", f"{signs}-{lies}-{seed}")
 
 
 def shipped_primitives() -> str:

@@ -7,11 +7,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from knotflow.planning import KnotPlan, PlannerConfig, SolutionDag, shown
+from knotflow.planning import KnotPlan, PlannerConfig, SolutionDag
 from knotflow.recording import load
 from knotflow.samplers.sampler import SamplerConfig
 from knotflow.simulation import SimulationConfig
 from knotflow.topology import TopologicalState, Undo, segment_intervals
+from knotflow.viz import plan_folder
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages import overhand, plans, plans_checks, plans_tables
 from knotflow.workflow.stages.plans import PlanCase, PlansConfig, make_plans, read_searches
@@ -204,7 +205,7 @@ def test_the_exemplar_is_the_plan_of_fewest_branches(planned, tmp_path):
     assert np.diff(rollout.times).max() == pytest.approx(0.02)
     assert {path.name for path in (tmp_path / "plan").iterdir()} == {
         *("plan.json", "plan.png", "plan.svg", "plan.gif", "plan.mcap"),
-        *("waypoints.csv", "dag.png", "dag.svg"),
+        *("waypoints.csv", "dag.png", "dag.svg", "outcome.json"),
     }
 
 
@@ -214,11 +215,11 @@ def test_a_large_dag_is_drawn_as_one_path(planned, monkeypatch):
     failed = replace(
         plan, solved=False, steps=(), goal_states=(TopologicalState.parse("1o4+2o3-"),)
     )
-    full = shown.shown_dag(failed)
+    full = plan_folder.drawn_dag(failed)
     assert len(full) == len(SolutionDag.to(*failed.goal_states))
-    monkeypatch.setattr(shown, "DRAWN_STATES", 1)
-    assert len(shown.shown_dag(plan)) == 2
-    one = shown.shown_dag(failed)
+    monkeypatch.setattr(plan_folder, "MAX_DRAWN_STATES", 1)
+    assert len(plan_folder.drawn_dag(plan)) == 2
+    one = plan_folder.drawn_dag(failed)
     assert len(one) <= len(full)
     assert all(len(one.edges_from(state)) <= 1 for state in one.graph)
 
@@ -231,7 +232,7 @@ def test_of_a_plan_that_takes_crossings_back_its_own_way_is_drawn(planned):
         tie, action=Undo(tie.action), start_state=tie.end_state, end_state=tie.start_state
     )
     twice = replace(plan, steps=(tie, undo, tie))
-    drawn = shown.shown_dag(twice)
+    drawn = plan_folder.drawn_dag(twice)
     assert set(drawn.graph) == set(twice.states)
     assert [str(action) for action, _ in drawn.edges_from(tie.end_state)] == [f"undo {LOOP}"]
 
@@ -241,7 +242,7 @@ def test_what_is_drawn_of_a_rope_outside_the_dag(planned):
     plan = plan_of(planned, table[table["solved"]]["plan"].iloc[0])
     goal, stray = plan.states[-1], TopologicalState.parse("1o4+2o3-")
     failed = replace(plan, solved=False, steps=(), goal_states=(goal,), start_state=stray)
-    drawn = shown.shown_dag(failed)
+    drawn = plan_folder.drawn_dag(failed)
     assert stray in drawn
     assert drawn.goals == {goal}
 
@@ -301,7 +302,7 @@ def rope_file(tmp_path, points):
 def test_a_search_that_gets_nowhere_leaves_what_it_tried(tmp_path):
     config = replace(ONE, knot="overhand", planner=PlannerConfig(max_branches=1), seed=1)
     overhand.plan_one(config, {}, StageContext(tmp_path, "0123456789abcdef"))
-    outcome = json.loads((tmp_path / "outcome.json").read_text())
+    outcome = json.loads((tmp_path / "plan" / "outcome.json").read_text())
     assert not outcome["success"]
     assert "NOT tied (1 branches were simulated without reaching the goal)" in outcome["text"]
     assert pd.read_csv(tmp_path / "branches.csv")["solved"].tolist() == [False]

@@ -1,25 +1,34 @@
 """The `knotflow` command, for people with a rope; `python -m knotflow` runs the experiments.
 
-Cyclopts reads the commands off the functions' types and docstrings, suggests what was meant, and
-completes in bash, zsh and fish (`knotflow --install-completion`). Everything heavy is imported
-inside the commands: help and errors are there at once.
+Cyclopts builds the commands from the functions' types and docstrings. Heavy modules are imported
+inside the commands, so that help and errors appear at once.
 
-Exit codes: 0 done, or tied; 1 not tied, out of the arm's reach, or the viewer found problems;
-2 wrong input.
+Exit codes: 0 success; 1 not tied, out of the arm's reach, in doubt, or the viewer found problems;
+2 invalid input.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
+import os
 import re
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import App, CycloptsError, Parameter
 from cyclopts.validators import Number
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from knotflow.planning import KnotPlan
+    from knotflow.simulation import Attempts
 
 EXAMPLES = """\
 Examples:
@@ -28,26 +37,26 @@ Examples:
   knotflow next overhand --rope measured.csv           only the next action
   knotflow explain                                     the notation in pictures
   knotflow explain "C(0,2,-1)" --state 3o1-2o4-        one action in a state
-  knotflow explain overhand                            every way to a knot
+  knotflow explain overhand                            every path to a knot
   knotflow view plans/overhand-random-0/plan.mcap      in Rerun, or with --web
   knotflow studio                                      plan, watch, demonstrate
   knotflow see image.png depth.png --camera camera.yaml --out rope.csv
   knotflow export plans/overhand-random-0 --arm panda  joint trajectories
 
-Exit codes: 0 tied, 1 not tied, 2 wrong input.
+Exit codes: 0 tied, 1 not tied, 2 invalid input.
 Experiments: python -m knotflow +experiment=NAME"""
 
 
 def _version() -> str:
     try:
-        return version("knotflow")
+        return f"knotflow {version('knotflow')}"
     except PackageNotFoundError:
-        return "unknown: run from a source tree that is not installed"
+        return "knotflow, unknown version: not installed"
 
 
 app = App(
     name="knotflow",
-    help="Robots that tie knots: from a rope as it lies to a knot.",
+    help="Robots that tie knots: from a rope as it lies to a tied knot.",
     help_epilogue=EXAMPLES,
     help_format="plaintext",
     version=_version,
@@ -60,6 +69,12 @@ Rope = Annotated[
     str,
     Parameter(help="straight, arc, random, or a CSV or NPY file of x, y, z rows, head first."),
 ]
+Seed = Annotated[int, Parameter(validator=Number(gte=0))]
+Seconds = Annotated[float, Parameter(validator=Number(gt=0))]
+Margin = Annotated[float, Parameter(validator=Number(gte=0))]
+
+REPEATS = 32
+"""Disturbed repetitions from which `next` estimates the success probability."""
 
 
 @app.command
@@ -70,9 +85,9 @@ def plan(
     rope: Rope = "random",
     rope_unit: Unit | None = None,
     out: Path | None = None,
-    seed: int = 0,
-    max_seconds: float = 60.0,
-    margin: float = 0.0,
+    seed: Seed = 0,
+    max_seconds: Seconds = 60.0,
+    margin: Margin = 0.0,
     overwrite: bool = False,
 ) -> int:
     """Plan how to tie a knot into a rope as it lies.
@@ -82,34 +97,35 @@ def plan(
     knot
         overhand, figure_eight, ...; crossings (4o1+2o5+6o3+); or actions ("R1(0,1,1) C(0,1,1)").
     rope_unit
-        Of the numbers in the rope's file; the one in its header, such as "x [mm]", or metres.
+        Unit of the rope file; by default the one in its header, such as "x [mm]", else metres.
     out
-        Folder for picture, animation, recording and waypoints; plans/KNOT-ROPE-SEED by default.
+        Folder for pictures, recording and waypoints; plans/KNOT-ROPE-SEED by default.
     seed
-        Of a random rope and of the search.
+        Of the random rope and of the search.
     max_seconds
-        Give up after this time.
+        Time limit of the search.
     margin
-        Metres of rope that every step leaves between passages; 0.05 for a real rope.
+        Metres of rope that every step leaves between crossings; use 0.05 for a real rope.
     overwrite
-        Replace another plan in that folder, or plan the same anew.
+        Replace the plan in that folder; other files there are kept.
     """
-    from knotflow.apps import tie
+    from knotflow.planning import plan_name
 
-    request = tie.Request(knot, rope, rope_unit, seed, max_seconds, margin)
-    task = tie.prepare(request)
-
-    from knotflow.config import plan_name  # slower than refusing a wrong knot or rope
-
+    points = _read_rope(rope, rope_unit, seed)
     folder = out if out is not None else Path("plans") / plan_name(knot, rope, seed)
-    before = tie.recall(folder, request, overwrite)
-    if before is not None:
-        print(f"{before['text']}\n{folder}: planned before; --overwrite plans it anew")
-        return _outcome(before["success"], max_seconds)
-    _check_writable(folder)
-    found, last = tie.search(task)
-    tie.write(folder, task, found, last)
+    request = {"knot": knot, "rope": _digest(Path(rope)) if Path(rope).is_file() else rope}
+    request |= {"rope_unit": rope_unit, "seed": seed, "max_seconds": max_seconds, "margin": margin}
+    request |= _provenance()
+    stored = None if overwrite else _stored_outcome(folder, request)
+    if stored is not None:
+        print(f"{stored['text']}\n{folder}: already planned; --overwrite plans again")
+        return _outcome(stored["success"], max_seconds)
+    _check_plan_folder(folder)
+    found, last = _search(knot, points, seed, max_seconds, margin)
+    kept = _write_plan(folder, found, last, request)
     print(f"{found.summary()}\n{folder}: plan.png, plan.gif, plan.mcap, waypoints.csv and others")
+    if kept:
+        print(f"not part of this plan, but kept: {', '.join(kept)}")
     return _outcome(found.solved, max_seconds)
 
 
@@ -123,70 +139,73 @@ def next_step(
     image: tuple[Path, Path] | None = None,
     camera: Path | None = None,
     out: Path | None = None,
-    seed: int = 0,
-    max_seconds: float = 60.0,
-    margin: float = 0.05,
+    seed: Seed = 0,
+    max_seconds: Seconds = 60.0,
+    margin: Margin = 0.05,
 ) -> int:
-    """The next action, how sure it is, what to check.
+    """Plan only the next action, with its success probability and what to check.
 
     Parameters
     ----------
     knot
         As in `knotflow plan`.
     rope_unit
-        Of the numbers in the rope's file; the one in its header, such as "x [mm]", or metres.
+        Unit of the rope file; by default the one in its header, such as "x [mm]", else metres.
     image
-        Colours and depth, in place of a rope: as in `knotflow see`.
+        Colour and depth image, in place of a rope: as in `knotflow see`.
     camera
         Of the image: as in `knotflow see`.
     out
-        CSV for the gripper's waypoints of this action alone.
+        CSV file for the gripper's waypoints of this action alone.
     seed
         Of the search.
     max_seconds
-        Give up after this time.
+        Time limit of the search.
     margin
-        Metres of rope that every step leaves between passages, as your rope is not the planner's.
+        Metres of rope that every step leaves between crossings, as your rope differs from the
+        simulated one.
     """
     from dataclasses import replace
 
-    from knotflow.apps import tie
-    from knotflow.topology.action_text import describe
+    import numpy as np
 
     if out is not None:
         _check_free(out)
     if (rope is None) == (image is None) or (image is None) != (camera is None):
-        raise ValueError("next takes either --rope, or --image COLOURS DEPTH with --camera")
+        raise ValueError("next takes either --rope, or --image COLOUR DEPTH with --camera")
     if image is not None and camera is not None:
         from knotflow.perception import seeing
 
         seen, *_ = seeing.see(*image, camera)
         print(seeing.describe(seen))
         if seen.doubtful:
-            print("nothing is planned for a rope in doubt: lay its crossings apart, look again")
+            print("the rope is ambiguous: spread its crossings apart and take another image")
             return 1
         with tempfile.TemporaryDirectory() as folder:
             seeing.write_rope(measured := Path(folder) / "seen.csv", seen.points)
-            task = tie.prepare(tie.Request(knot, str(measured), None, seed, max_seconds, margin))
+            points = _read_rope(str(measured), None, seed)
     else:
         assert rope is not None
-        task = tie.prepare(tie.Request(knot, rope, rope_unit, seed, max_seconds, margin))
-    found, _ = tie.search(task)
+        points = _read_rope(rope, rope_unit, seed)
+    found, _ = _search(knot, points, seed, max_seconds, margin)
     if not found.solved:
-        tighter = f"; with tighter loops: --margin {margin / 2:g}" if margin else ""
+        tighter = f"; tighter loops: --margin {margin / 2:g}" if margin else ""
         print(f"{found.summary()}\nlonger: --max-seconds {2 * max_seconds:g}{tighter}")
         return 1
+    from knotflow.planning import success_probability
+    from knotflow.topology.action_text import describe
+
     step = found.steps[0]
-    low, middle, end = found.controls[0]
-    share = tie.certainty(task, step)
+    share = success_probability(step, np.random.default_rng([seed, 2]), repeats=REPEATS)
+    grasp, middle, end = ("x {:+.3f}  y {:+.3f}  z {:.3f} m".format(*p) for p in found.controls[0])
     print(
         f"{len(found.steps)} actions to {knot}; the next is\n"
         f"  {describe(step.action, step.start_state)}\n"
-        f"grasp    {_place(low)}, {step.spline[0]:.0%} of the rope from its head\n"
-        f"through  {_place(middle)} (middle control point)\n"
-        f"release  {_place(end)}\n"
-        f"sure     {share:.0%} of {tie.REPEATS} repetitions with a gripper 5 mm off reach it\n"
-        f"check    the rope must then read {step.end_state}; measure it and ask again"
+        f"grasp    {grasp}, {step.spline[0]:.0%} of the rope from its head\n"
+        f"through  {middle} (middle control point)\n"
+        f"release  {end}\n"
+        f"success  in {share:.0%} of {REPEATS} repetitions with gripper errors of 5 mm\n"
+        f"check    the rope must then be in the state {step.end_state}; measure it and ask again"
     )
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -199,24 +218,25 @@ def next_step(
 def explain(
     what: str = "", /, *, state: str = "trivial", out: Path | None = None, overwrite: bool = False
 ) -> int:
-    """Draw an action, a state, or the ways to a knot.
+    """Draw an action, a state, or the paths to a knot.
 
     Parameters
     ----------
     what
-        An action such as "C(0,2,-1)", a state such as 4o1+2o5+6o3+, or a knot's name; without it,
+        An action such as "C(0,2,-1)", a state such as 4o1+2o5+6o3+, or a knot's name; by default
         one action of each kind.
     state
-        Before the action.
+        The state before the action.
     out
         PNG, SVG or PDF; explain-WHAT.png here by default.
     overwrite
-        Replace a file of that name.
+        Replace an existing file.
     """
     from knotflow.topology import KNOT_NAMES, TopologicalState, knot, parse_action
     from knotflow.topology.action_text import describe
 
-    path = out if out is not None else Path(f"explain-{_word(what + _after(state)) or 'all'}.png")
+    name = what if state == "trivial" else f"{what} after {state}"
+    path = out if out is not None else Path(f"explain-{_word(name) or 'all'}.png")
     if path.suffix not in (".png", ".svg", ".pdf"):
         raise ValueError(f"--out {path}: a picture is a .png, .svg or .pdf file")
     if out is not None and not overwrite:
@@ -227,7 +247,7 @@ def explain(
 
         states = sorted(knot(what))
         draw_dag(SolutionDag.to(states[-1]), [path])
-        print(f"every way to {states[-1]}, one of {len(states)} states of {what}")
+        print(f"every path to {states[-1]}, one of {len(states)} states of {what}")
     elif not what:
         from knotflow.viz.action import draw_notation
 
@@ -274,9 +294,9 @@ def view(
     save
         Write a Rerun file (.rrd) instead of opening it.
     headless_check
-        Open it without a window, report what Rerun complains about, keep a screenshot (PNG).
+        Open it without a window, report problems, and save a screenshot (PNG).
     web
-        Serve it to web browsers instead of opening a window, until Ctrl-C; prints the address.
+        Serve it to web browsers until Ctrl-C instead of opening a window; prints the address.
     """
     from knotflow.view import show
     from knotflow.viz.viewer import ViewerError
@@ -302,26 +322,26 @@ def export(
     space: Literal["joint", "cartesian"] = "joint",
     out: Path | None = None,
 ) -> int:
-    """A plan as a trajectory for an arm.
+    """Export a plan as a trajectory for an arm.
 
     Parameters
     ----------
     plan
-        A plan's folder, or its plan.json.
+        A plan's folder or its plan.json.
     arm
-        panda, or an MJCF file.
+        panda or an MJCF file.
     base
-        YAML with position (metres) and rpy_deg of the arm's base in the rope's frame.
+        YAML file with position (metres) and rpy_deg of the arm's base in the rope's frame.
     tip
-        Site between the fingers of an arm from a file.
+        Name of the site between the fingers, for an MJCF file.
     max_speed
-        Of the tip, metres per second.
+        Highest speed of the tip, metres per second.
     format
-        Rows of numbers, or a ROS 2 trajectory_msgs message as YAML.
+        csv, or a ROS 2 trajectory_msgs message as YAML.
     space
-        Of the arm's joints, or of its tip.
+        Trajectory of the joints or of the tip.
     out
-        File to write; beside the plan by default.
+        File to write; next to the plan by default.
     """
     from knotflow.execution import export_plan
     from knotflow.planning import KnotPlan
@@ -345,18 +365,18 @@ def studio(
     host: str = "localhost",
     port: Annotated[int, Parameter(validator=Number(gte=1, lte=65535))] = 8080,
 ) -> int:
-    """Lay ropes, plan, watch and demonstrate in the browser.
+    """Place ropes, plan, watch and demonstrate in the browser.
 
     Parameters
     ----------
     rope
-        On the table at first.
+        The rope on the table at first.
     demonstrations
-        File that kept demonstrations are added to.
+        File to which demonstrations are appended.
     host
         Address to listen on; 0.0.0.0 lets other machines in.
     port
-        Port of the page, or the next that is free. Over ssh: ssh -L 8080:localhost:8080 MACHINE.
+        Port of the page, or the next free one. Over ssh: ssh -L 8080:localhost:8080 MACHINE.
     """
     _check_writable(demonstrations)
     try:
@@ -368,7 +388,7 @@ def studio(
     from knotflow.apps.studio.session import Session
 
     page = Page(Session(rope, demonstrations), host, port)
-    print(f"{page.url} (Ctrl-C ends it)")
+    print(f"{page.url} (Ctrl-C to stop)")
     try:
         page.serve()
     finally:
@@ -378,12 +398,12 @@ def studio(
 
 @app.command
 def merge(files: list[Path], /, *, out: Path) -> int:
-    """Make one file of several people's demonstrations.
+    """Merge demonstration files into one.
 
     Parameters
     ----------
     files
-        JSON lines, as the studio keeps them; none may hold the same demonstration as another.
+        JSON lines files, as the studio writes them, without duplicates.
     out
         File to write.
     """
@@ -410,26 +430,26 @@ def see(
     radius: float | None = None,
     overwrite: bool = False,
 ) -> int:
-    """The rope in an RGB-D image, as a file for `--rope`.
+    """Estimate the rope in an RGB-D image and write a file for `--rope`.
 
     Parameters
     ----------
     image
-        Colours, as PNG.
+        Colour image (PNG).
     depth
-        PNG of 16-bit millimetres, or NPY of metres; registered to the colours.
+        Registered depth: 16-bit PNG in millimetres or NPY in metres.
     camera
-        YAML with intrinsics and pose; the table is at z = 0.
+        YAML file with intrinsics and pose; the table is at z = 0.
     out
-        CSV of the rope's points, head first.
+        CSV file for the rope's points, head first.
     picture
-        Of the image with the rope drawn over it; beside the CSV by default.
+        Picture of the image with the estimate; next to the CSV file by default.
     length
-        Of the rope, metres; the model's by default.
+        Of the rope, metres.
     radius
-        Of the rope, metres; the model's by default.
+        Of the rope, metres.
     overwrite
-        Replace files of those names.
+        Replace existing files.
     """
     from dataclasses import replace
 
@@ -451,12 +471,12 @@ def see(
 
 @app.command
 def report(*, results: Path = Path("results"), out: Path = Path("reports")) -> int:
-    """Make the report from the results folder alone.
+    """Make the report from the results folder.
 
     Parameters
     ----------
     results
-        Folder with a folder for each experiment.
+        Folder with one folder per experiment.
     out
         Folder for report.md, index.html and figures/.
     """
@@ -468,11 +488,11 @@ def report(*, results: Path = Path("results"), out: Path = Path("reports")) -> i
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; see the module for what it returns."""
+    """Run the command and return its exit code."""
     try:
         return app(arguments, exit_on_error=False, result_action="return_value") or 0
     except CycloptsError:
-        return 2  # reported by cyclopts already
+        return 2  # cyclopts has reported it
     except (ValueError, OSError, ImportError) as error:
         print(f"knotflow: {error}", file=sys.stderr)
         return 2
@@ -480,23 +500,135 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
 
 
+def _read_rope(rope: str, unit: Unit | None, seed: int) -> NDArray[np.float64]:
+    """The rope (V, 3) that --rope names, metres."""
+    import numpy as np
+
+    from knotflow.planning import parse_rope
+    from knotflow.simulation import RopeConfig
+
+    return parse_rope(rope, RopeConfig(), np.random.default_rng([seed, 0]), unit=unit)
+
+
+def _search(
+    knot: str, points: NDArray[np.float64], seed: int, max_seconds: float, margin: float
+) -> tuple[KnotPlan, Attempts | None]:
+    """The plan, solved or not, and the last attempts; None if time was up before any."""
+    from dataclasses import replace
+
+    import numpy as np
+    from tqdm import tqdm
+
+    from knotflow.planning import FAST_SEARCH, SearchUpdate, plan_rope
+
+    config = replace(FAST_SEARCH, max_seconds=max_seconds, margin=margin)
+    last: list[Attempts] = []
+    with tqdm(desc="simulated", unit=" branches", disable=None) as bar:
+
+        def show(update: SearchUpdate) -> None:
+            bar.update(update.branches - bar.n)
+
+        found = plan_rope(
+            points,
+            knot,
+            np.random.default_rng([seed, 1]),
+            config=config,
+            progress=show,
+            observe=lambda attempts: last.__setitem__(slice(None), [attempts]),
+        )
+    return found, last[0] if last else None
+
+
+def _provenance() -> dict[str, str]:
+    """Version, code and weights on which a plan depends."""
+    import knotflow
+    from knotflow.samplers.primitives import SHIPPED_PRIMITIVES
+
+    source = Path(knotflow.__file__).parent
+    packages = ("topology", "simulation", "samplers", "planning")
+    code = sorted(path for name in packages for path in (source / name).rglob("*.py"))
+    weights = sorted(Path(SHIPPED_PRIMITIVES).iterdir())
+    return {
+        "knotflow": _version().removeprefix("knotflow "),
+        "code": _digest(*code),
+        "primitives": _digest(*weights),
+    }
+
+
+def _digest(*files: Path) -> str:
+    """Hash of the files' contents, 16 hex digits."""
+    found = hashlib.sha256()
+    for path in files:
+        found.update(path.read_bytes())
+    return found.hexdigest()[:16]
+
+
+def _stored_outcome(folder: Path, request: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The outcome of the same request, made by the same code and weights; None if there is none.
+
+    Raises:
+        ValueError: the folder holds another plan.
+    """
+    from knotflow.viz.plan_folder import OUTCOME, REQUEST
+
+    if not (folder / REQUEST).is_file() or not (folder / OUTCOME).is_file():
+        return None
+    stored = json.loads((folder / REQUEST).read_text("utf-8"))
+    if stored == request:
+        return dict(json.loads((folder / OUTCOME).read_text("utf-8")))
+    differing = ", ".join(
+        f"{key} {stored.get(key)!r} there and {request.get(key)!r} here"
+        for key in sorted({*stored, *request})
+        if stored.get(key) != request.get(key)
+    )
+    raise ValueError(
+        f"{folder} holds another plan ({differing}); --overwrite replaces it, "
+        "--out DIR writes elsewhere"
+    )
+
+
+def _check_plan_folder(folder: Path) -> None:
+    """Refuse a folder that a plan cannot be written to, before the search."""
+    from knotflow.viz.plan_folder import REQUEST
+
+    if folder.is_file():
+        raise ValueError(f"--out {folder} is a file; a plan needs a folder")
+    if folder.exists() and any(folder.iterdir()) and not (folder / REQUEST).is_file():
+        raise ValueError(f"{folder} holds files, but no plan; name another folder with --out")
+    _check_writable(folder)
+
+
+def _write_plan(
+    folder: Path, found: KnotPlan, last: Attempts | None, request: Mapping[str, Any]
+) -> list[str]:
+    """Write a plan's folder and return the names of other files in it.
+
+    The outcome is moved there last: a folder without it is planned again.
+    """
+    from knotflow.simulation import RopeConfig
+    from knotflow.viz.plan_folder import OUTCOME, PLAN_FILES, write_plan_folder
+
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".tmp-", dir=folder.parent) as name:
+        made = Path(name)
+        write_plan_folder(made, found, "primitives", RopeConfig(), last_tried=last, request=request)
+        folder.mkdir(exist_ok=True)
+        for file in (OUTCOME, *PLAN_FILES):
+            (folder / file).unlink(missing_ok=True)
+        for path in sorted(made.iterdir(), key=lambda path: path.name == OUTCOME):
+            path.replace(folder / path.name)
+    return sorted(path.name for path in folder.iterdir() if path.name not in PLAN_FILES)
+
+
 def _outcome(tied: bool, max_seconds: float) -> int:
-    """The exit code of a plan; of one that ties nothing it is said what to try."""
+    """The exit code of a plan; prints what to try where it ties nothing."""
     if not tied:
-        print(f"longer: --overwrite --max-seconds {2 * max_seconds:g}; by another way: --seed N")
+        print(f"longer: --overwrite --max-seconds {2 * max_seconds:g}; another search: --seed N")
     return 0 if tied else 1
 
 
-def _place(point: Sequence[float]) -> str:
-    return "x {:+.3f}  y {:+.3f}  z {:.3f} m".format(*point)
-
-
-def _after(state: str) -> str:
-    return "" if state == "trivial" else f" after {state}"
-
-
 def _word(text: str) -> str:
-    """A text as part of a file's name; signs stay apart."""
+    """A text as part of a file name; signs stay distinct."""
     signs = text.replace("+", "p").replace("-", "m")
     return re.sub(r"[^A-Za-z0-9]+", "_", signs).strip("_")
 
@@ -508,12 +640,9 @@ def _check_free(path: Path) -> None:
 
 
 def _check_writable(path: Path) -> None:
-    """Refuse early: a search whose plan cannot be written is lost."""
-    import os
-
     folder = next(one for one in path.absolute().parents if one.exists())
     if not folder.is_dir() or not os.access(folder, os.W_OK):
-        raise ValueError(f"cannot write {path}: {folder} is not a folder one may write to")
+        raise ValueError(f"cannot write {path}: {folder} is not a writable folder")
 
 
 if __name__ == "__main__":

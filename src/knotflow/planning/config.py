@@ -96,3 +96,7 @@ class PlannerConfig:
             raise ValueError(
                 f"planner.failure_discount must lie in (0, 1], got {self.failure_discount}"
             )
+
+
+FAST_SEARCH = PlannerConfig(batch=4, steady=True, max_branches=20_000, max_seconds=60.0)
+"""In batches, so that all cores are used; the default of `plan_rope`."""

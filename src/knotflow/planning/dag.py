@@ -97,6 +97,14 @@ class SolutionDag:
         """The outgoing edges of a state, in a fixed order; none for a final goal."""
         return self._edges[state]
 
+    def shortest_path(self, state: TopologicalState) -> list[Action]:
+        """Actions of a shortest path from a state to a goal; the first of equals."""
+        actions = []
+        while state not in self.goals:
+            action, state = min(self._edges[state], key=lambda edge: self._distance[edge[1]])
+            actions.append(action)
+        return actions
+
     def check_start(self, state: TopologicalState) -> None:
         """Refuse a rope from whose state no edges lead to the goal.
 

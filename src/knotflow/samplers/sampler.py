@@ -20,8 +20,6 @@ from typing import Any, Protocol, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
-from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
 
 from knotflow.topology import Action
 
@@ -141,6 +139,9 @@ def build_sampler(config: SamplerConfig, inputs: Mapping[str, Path]) -> Sampler:
         ValueError: for an unknown name, one whose inputs are missing, or unknown settings, naming
             the valid ones.
     """
+    from omegaconf import OmegaConf  # here, as `knotflow plan` does without
+    from omegaconf.errors import OmegaConfBaseException
+
     for module in MODULES:
         import_module(module)
     usable = ", ".join(sorted(name for name in _FACTORIES if set(_NEEDS[name]) <= set(inputs)))

@@ -17,14 +17,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
 from knotflow.samplers.primitives.canonical import ALL_PRIMITIVES, ARRANGE, UNDO, canonicalise
-from knotflow.samplers.primitives.config import PrimitiveConfig
+from knotflow.samplers.primitives.config import CemConfig, NetworkConfig, PrimitiveConfig
 from knotflow.samplers.primitives.encoding import Encoded, encode_canonical
 from knotflow.samplers.primitives.primitive import Primitive
 from knotflow.samplers.sampler import sampler
@@ -347,8 +345,11 @@ def _primitive(
     path: Path, number: str, config: dict[str, Any], weights: Mapping[str, Tensor]
 ) -> Primitive:
     try:
-        merged = OmegaConf.merge(OmegaConf.structured(PrimitiveConfig), config)
-        primitive = Primitive(OmegaConf.to_object(merged))  # type: ignore[arg-type]
+        parts = {
+            "network": NetworkConfig(**config.get("network", {})),
+            "cem": CemConfig(**config.get("cem", {})),
+        }
+        primitive = Primitive(PrimitiveConfig(**config | parts))
         prefix = f"{number}."
         primitive.load_state_dict(
             {
@@ -357,7 +358,7 @@ def _primitive(
                 if name.startswith(prefix)
             }
         )
-    except (OmegaConfBaseException, ValueError, RuntimeError) as error:
+    except (AttributeError, TypeError, ValueError, RuntimeError) as error:
         raise LibraryError(
             f"{path}: primitive {number} does not fit these networks: {error}"
         ) from None

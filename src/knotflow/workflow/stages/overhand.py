@@ -5,7 +5,6 @@ It carries the name of its experiment, for the overhand is what it ties unless a
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,18 +14,16 @@ import pandas as pd
 
 from knotflow.planning import (
     ROPE_NAMES,
-    KnotPlan,
     PlannerConfig,
     SearchUpdate,
-    parse_goal,
     parse_rope,
-    plan_knot,
+    plan_rope,
 )
 from knotflow.recording import write_index
 from knotflow.samplers.sampler import SamplerConfig, build_sampler
-from knotflow.simulation import Attempts, RopeSimulator, SimulationConfig, StartsConfig
+from knotflow.simulation import Attempts, SimulationConfig, StartsConfig
+from knotflow.viz.plan_folder import write_plan_folder
 from knotflow.workflow.context import StageContext
-from knotflow.workflow.plan_folder import write_plan
 from knotflow.workflow.signature import runtime
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.plans import search_row
@@ -64,10 +61,10 @@ class OverhandConfig:
 
 @stage("overhand", inputs=())
 def plan_one(config: OverhandConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
-    """Makes plan/ (see `plan_folder.write_plan`), branches.csv, outcome.json, and recordings/.
+    """Makes plan/ (see `write_plan_folder`), branches.csv, and recordings/.
 
-    A search that ends without a knot makes the same files of how far it came; outcome.json says
-    which, and what was tried.
+    A search that ends without a knot makes the same files of how far it came; plan/outcome.json
+    says which, and what was tried.
 
     Raises:
         ValueError: an unknown knot, rope or sampler; a rope that cannot be used, is tied already,
@@ -75,11 +72,9 @@ def plan_one(config: OverhandConfig, inputs: Mapping[str, Path], context: StageC
         FileNotFoundError: no primitives at the given file.
     """
     rope = config.simulation.rope
-    goal = parse_goal(config.knot, rope)
     points = parse_rope(config.rope, rope, np.random.default_rng([config.seed, 0]), config.starts)
     settings = {"file": config.primitives} if config.sampler == TRAINED else {}
     sampler = build_sampler(SamplerConfig(config.sampler, settings), inputs)
-    simulator = RopeSimulator(config.simulation)
     recorder = Recorder(context, config.sampler, rope)
     last: list[Attempts] = []
 
@@ -93,28 +88,23 @@ def plan_one(config: OverhandConfig, inputs: Mapping[str, Path], context: StageC
         def progress(update: SearchUpdate) -> None:
             bar.update(update.branches - bar.n)
 
-        plan = plan_knot(points, goal, sampler, simulator, rng, config.planner, progress, observe)
+        plan = plan_rope(
+            points, config.knot, rng, sampler=sampler, simulation=config.simulation,
+            config=config.planner, progress=progress, observe=observe,
+        )  # fmt: skip
     if not plan.branches:
-        _refuse(plan, config)
+        raise ValueError(
+            f"no spline was simulated: {plan.reason}; raise planner.max_seconds, which is "
+            f"{config.planner.max_seconds:g}"
+        )
     recorder.save("recordings/branches.mcap")
     write_index(context.out / "recordings")
     name = config.rope if config.rope in ROPE_NAMES else Path(config.rope).name
     row = search_row(plan, config.knot, name, config.seed)
     with context.atomic("branches.csv") as path:
         pd.DataFrame([row]).to_csv(path, index=False)
-    write_plan(context, "plan", plan, config.simulation, config.sampler, last[0])
-    with context.atomic("outcome.json") as path:
-        outcome = {"success": plan.solved, "text": plan.summary()}
-        path.write_text(json.dumps(outcome, indent=1) + "\n", "utf-8")
-
-
-def _refuse(plan: KnotPlan, config: OverhandConfig) -> None:
-    if plan.solved:
-        raise ValueError(
-            f"there is nothing to plan: the rope {config.rope!r} lies in the state "
-            f"{plan.start_state}, which is {config.knot} already"
+    with context.atomic("plan") as folder:
+        folder.mkdir()
+        write_plan_folder(
+            folder, plan, config.sampler, rope, last_tried=last[0], signature=context.signature
         )
-    raise ValueError(
-        f"no spline was simulated: {plan.reason}; raise planner.max_seconds, which is "
-        f"{config.planner.max_seconds:g}"
-    )

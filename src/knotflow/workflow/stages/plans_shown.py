@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from knotflow.planning import KnotPlan, SolutionDag, parse_goal
+from knotflow.planning import KnotPlan, SolutionDag, parse_goal, replay
 from knotflow.planning.pull import PullConfig
 from knotflow.samplers.sampler import SamplerConfig
 from knotflow.simulation import SimulationConfig
 from knotflow.topology import TopologicalState
+from knotflow.viz.plan_folder import write_plan_folder
 from knotflow.workflow.context import StageContext
-from knotflow.workflow.plan_folder import write_plan
 from knotflow.workflow.stage import stage
 from knotflow.workflow.stages.plans import SEARCHES, read_searches
 
@@ -29,7 +29,7 @@ class PlansExemplarConfig:
 
 @stage("plans_exemplar", inputs=("plans",))
 def show(config: PlansExemplarConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
-    """Makes plan/ with the files of `write_plan`.
+    """Makes plan/ with the files of `write_plan_folder`.
 
     The plan shown is the solved one of fewest branches, the first of equals; where no search was
     solved, the one that came nearest, that is with the most steps.
@@ -40,7 +40,10 @@ def show(config: PlansExemplarConfig, inputs: Mapping[str, Path], context: Stage
         for name in searches["plan"]
     }
     best = min(plans, key=lambda name: (not plans[name].solved, _effort(plans[name]), name))
-    write_plan(context, "plan", plans[best], config.simulation, config.sampler.name)
+    plan, rope = replay(plans[best], config.simulation), config.simulation.rope
+    with context.atomic("plan") as folder:
+        folder.mkdir()
+        write_plan_folder(folder, plan, config.sampler.name, rope, signature=context.signature)
 
 
 def _effort(plan: KnotPlan) -> int:
