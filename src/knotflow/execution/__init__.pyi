@@ -1,49 +1,68 @@
-from .arm import Arm, ArmError, Base, load_arm
-from .dynamics import ModelPrediction, MujocoDynamics, RopeDynamics, Still
-from .errors import STEPS, predict_motions, prediction_errors
-from .execute import Execution, Replan, StepOutcome, execute
-from .export import Export, export_plan
-from .faults import FAULTS, Faulty
-from .film import Filming, Frame, animate_execution, draw_execution, frames, jpeg
-from .follow import Controller, ExecutionConfig, Tick
-from .franka import panda
-from .lstm import LstmDynamics
-from .mppi import Mppi, MppiConfig
-from .perturbation import ERRORS, Errors
-from .reach import Reached, follow_waypoints
-from .robot import Relay, Robot, Timed
-from .rope_motions import FREE, STEP, Motions, draw_motions
-from .sight import Estimated, Look, RopeSource, Sight, Tracked
-from .timing import JointTrajectory, time_joints
-from .training import DynamicsTraining
-from .training_config import DynamicsTrainingConfig, LstmConfig
-from .trial import CONTROLS, Control, Trial, failure, try_plan
-from .twin import TrueState, Twin, TwinConfig
+from .arm.arm_model import Arm, ArmError, Base, load_arm, panda
+from .arm.export import Export, JointTrajectory, export_plan, time_joints
+from .arm.inverse_kinematics import IkSolution, follow_waypoints
+from .control.closed_loop import Execution, Replan, StepOutcome, execute
+from .control.dynamics import (
+    JUDGED_STEPS,
+    SHIPPED_DYNAMICS,
+    DynamicsTrainingConfig,
+    LstmConfig,
+    ModelPrediction,
+    MujocoDynamics,
+    RopeDynamics,
+    StaticDynamics,
+    motion_errors,
+    prediction_errors,
+)
+from .control.dynamics_training import DynamicsTrainer
+from .control.film import (
+    DragFrame,
+    FilmedRollout,
+    ImageRecorder,
+    animate_execution,
+    drag_frames,
+    draw_execution,
+    encode_jpeg,
+    film_rollout,
+)
+from .control.lstm_dynamics import LstmDynamics
+from .control.motions import FREE, STEP, Motions, draw_motions
+from .control.mppi import Mppi, MppiConfig
+from .control.observation import (
+    ImageStateEstimator,
+    Observation,
+    RopeSource,
+    StateEstimator,
+    TrackedRope,
+)
+from .control.robot import FAULTS, Robot, RobotWrapper
+from .control.step_executor import Controller, ExecutionConfig, TickTiming
+from .control.trial import CONTROLLERS, ControllerSpec, Trial, failure_cause, run_trial
+from .control.twin import ERROR_LEVELS, ErrorLevel, TrueState, Twin, TwinConfig
 
 __all__ = [
-    "CONTROLS",
-    "ERRORS",
-    "FAULTS",
-    "FREE",
-    "STEP",
-    "STEPS",
     "Arm",
     "ArmError",
     "Base",
-    "Control",
+    "CONTROLLERS",
     "Controller",
-    "DynamicsTraining",
+    "ControllerSpec",
+    "DragFrame",
+    "DynamicsTrainer",
     "DynamicsTrainingConfig",
-    "Errors",
-    "Estimated",
+    "ERROR_LEVELS",
+    "ErrorLevel",
     "Execution",
     "ExecutionConfig",
     "Export",
-    "Faulty",
-    "Filming",
-    "Frame",
+    "FAULTS",
+    "FREE",
+    "FilmedRollout",
+    "IkSolution",
+    "ImageRecorder",
+    "ImageStateEstimator",
+    "JUDGED_STEPS",
     "JointTrajectory",
-    "Look",
     "LstmConfig",
     "LstmDynamics",
     "ModelPrediction",
@@ -51,35 +70,37 @@ __all__ = [
     "Mppi",
     "MppiConfig",
     "MujocoDynamics",
-    "Reached",
-    "Relay",
+    "Observation",
     "Replan",
     "Robot",
+    "RobotWrapper",
     "RopeDynamics",
     "RopeSource",
-    "Sight",
+    "SHIPPED_DYNAMICS",
+    "STEP",
+    "StateEstimator",
+    "StaticDynamics",
     "StepOutcome",
-    "Still",
-    "Tracked",
+    "TickTiming",
+    "TrackedRope",
     "Trial",
-    "Tick",
-    "Timed",
     "TrueState",
     "Twin",
     "TwinConfig",
     "animate_execution",
+    "drag_frames",
     "draw_execution",
     "draw_motions",
+    "encode_jpeg",
     "execute",
     "export_plan",
-    "failure",
+    "failure_cause",
+    "film_rollout",
     "follow_waypoints",
-    "frames",
-    "jpeg",
     "load_arm",
+    "motion_errors",
     "panda",
-    "predict_motions",
     "prediction_errors",
+    "run_trial",
     "time_joints",
-    "try_plan",
 ]

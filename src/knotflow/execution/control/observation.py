@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.execution.robot import Robot
+from knotflow.execution.control.robot import Robot
 from knotflow.simulation import RopeConfig, resample, state_or_none
 from knotflow.topology import TopologicalState
 
@@ -22,7 +22,7 @@ class RopeSource(Protocol):
 
     @property
     def lost(self) -> bool:
-        """Whether the rope is known not to be where it was followed to."""
+        """Whether the rope is known not to be where it was tracked."""
         ...
 
     def points(self, robot: Robot, grasped: bool) -> NDArray:
@@ -34,38 +34,37 @@ class RopeSource(Protocol):
 
 
 @dataclass
-class Tracked:
-    """The rope as `perception.Tracker` follows it in the robot's images, a `RopeSource`.
+class TrackedRope:
+    """The rope as `perception.Tracker` tracks it in the robot's images, a `RopeSource`.
 
-    The link that closing fingers take is the one nearest to them. Where an image is missing, the
-    rope is taken to be where it was.
+    Closing fingers take the link nearest to them. A missing image leaves the rope where it was.
     """
 
     tracker: Tracker
     """Began with the rope as it lay."""
     lost: bool = field(default=False, init=False)
-    _held: int | None = field(default=None, init=False)
+    _grasped_link: int | None = field(default=None, init=False)
 
     def points(self, robot: Robot, grasped: bool) -> NDArray:
         """See `RopeSource`."""
         points, gripper = self.tracker.points, robot.position
         if not grasped:
-            self._held = None
-        elif self._held is None:
+            self._grasped_link = None
+        elif self._grasped_link is None:
             centres = (points[1:] + points[:-1]) / 2
-            self._held = int(np.linalg.norm(centres - gripper, axis=1).argmin())
+            self._grasped_link = int(np.linalg.norm(centres - gripper, axis=1).argmin())
         try:
             image = robot.observe()
         except TimeoutError:
             return points
-        found = self.tracker.update(image, gripper, self._held)
-        self.lost = found.explained < self.tracker.config.lost
-        return found.points
+        estimate = self.tracker.update(image, gripper, self._grasped_link)
+        self.lost = estimate.explained < self.tracker.config.lost
+        return estimate.points
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
-    """A rope at rest, as one look shows it.
+class Observation:
+    """A rope at rest, as one estimate has it.
 
     Attributes:
         points: (V, 3) metres, a shape of the rope; None where none was seen.
@@ -81,30 +80,32 @@ class Sight:
     ends: tuple[int, ...] = ()
 
     @classmethod
-    def of(cls, points: NDArray, doubts: tuple[str, ...] = (), ends: tuple[int, ...] = ()) -> Sight:
-        """The sight of a shape, in doubt where its projection cannot be read."""
+    def of(
+        cls, points: NDArray, doubts: tuple[str, ...] = (), ends: tuple[int, ...] = ()
+    ) -> Observation:
+        """Of a shape (V, 3), ambiguous where its projection cannot be read."""
         state = state_or_none(points)
         if state is None:
             doubts += ("the shape's projection does not determine its state",)
         return cls(points, state, tuple(dict.fromkeys(doubts)), ends)
 
+    @classmethod
+    def no_rope(cls, reason: str) -> Observation:
+        """No rope was seen."""
+        return cls(None, None, (reason,))
+
     @property
-    def in_doubt(self) -> tuple[str, ...]:
-        """All that is in doubt, in words; empty for a sight to rely on."""
+    def all_doubts(self) -> tuple[str, ...]:
+        """All that is ambiguous, the ends included, in words."""
         from knotflow.perception import END_DOUBTS
 
         return self.doubts + tuple(END_DOUBTS[end] for end in self.ends)
 
-    @classmethod
-    def nothing(cls, reason: str) -> Sight:
-        """No rope was seen."""
-        return cls(None, None, (reason,))
 
-
-class Look(Protocol):
+class StateEstimator(Protocol):
     """Reads the rope's state between two actions, when the gripper is out of the way."""
 
-    def look(self, robot: Robot, likely: Sequence[NDArray] = ()) -> Sight | None:
+    def estimate(self, robot: Robot, likely: Sequence[NDArray] = ()) -> Observation | None:
         """What is seen now, or None to be asked again a tick later: there is no new image yet.
 
         Args:
@@ -116,14 +117,12 @@ class Look(Protocol):
 
 
 @dataclass
-class Estimated:
-    """A `Look` at the robot's images, by `perception.estimate`.
+class ImageStateEstimator:
+    """A `StateEstimator` by `perception.estimate`.
 
-    The image alone is ambiguous where strands touch, and what is likely may not have come about. So
-    the estimate begins at the likely shapes, at the paths through the image and at the network's
-    guess, and takes the fit that accounts best for the image; where fits of different crossings
-    account for it alike, it is in doubt. Head and tail of a plain rope are distinguished by its
-    last known shape.
+    The image alone is ambiguous where strands touch, so the fit begins at the likely shapes, at the
+    paths through the image and at the network's guess; where fits of different crossings account
+    for it alike, it is in doubt. Head and tail of a plain rope are told apart by its last shape.
 
     The first image only shows how late it is by the camera's clock: where frames are lost it may
     have been taken before the gripper was out of the way. A later one is read.
@@ -140,46 +139,36 @@ class Estimated:
     """Proposes further first guesses; the shipped one where none is given."""
     tracker: Tracker | None = None
     """Goes on from what is seen."""
-    _before: float | None = field(default=None, init=False)
-    _doubted: bool = field(default=False, init=False)
+    _previous_time: float | None = field(default=None, init=False)
+    _search_wider: bool = field(default=False, init=False)
 
-    def __post_init__(self) -> None:
-        """Take the default configuration."""
-        from knotflow.perception import EstimateConfig
-
-        self.config = self.config or EstimateConfig()
-
-    def look(self, robot: Robot, likely: Sequence[NDArray] = ()) -> Sight | None:
-        """See `Look`."""
-        from knotflow.perception import TraceError, estimate
+    def estimate(self, robot: Robot, likely: Sequence[NDArray] = ()) -> Observation | None:
+        """See `StateEstimator`."""
+        from knotflow.perception import EstimateConfig, TraceError, estimate
 
         try:
             image = robot.observe()
         except TimeoutError:
             return None
-        if self._before is None or image.time <= self._before:
-            self._before = image.time
+        if self._previous_time is None or image.time <= self._previous_time:
+            self._previous_time = image.time
             return None
-        self._before = None
+        self._previous_time = None
+        config = self.config or EstimateConfig()
         try:
             found = estimate(
                 image,
                 self.camera,
                 self.rope,
-                config=self._config(),
+                config=config if self._search_wider else replace(config, wider=None),
                 earlier=likely[0] if likely else None,
                 network=self.network,
                 likely=likely,
             )
         except TraceError as error:
-            return Sight.nothing(str(error))
-        self._doubted = bool(found.doubts) and not self._doubted
+            return Observation.no_rope(str(error))
+        self._search_wider = bool(found.doubts) and not self._search_wider
         if self.tracker is not None:
             self.tracker.reseat(found, image.time)
         unknown = () if found.head_known else ("head and tail look alike",)
-        return Sight.of(resample(found.points, self.rope), found.doubts + unknown, found.ends)
-
-    def _config(self) -> EstimateConfig:
-        """For the next look."""
-        assert self.config is not None
-        return self.config if self._doubted else replace(self.config, wider=None)
+        return Observation.of(resample(found.points, self.rope), found.doubts + unknown, found.ends)

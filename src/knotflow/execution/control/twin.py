@@ -3,20 +3,70 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.execution.perturbation import ERRORS, Errors, displaced
-from knotflow.execution.robot import Robot
-from knotflow.execution.sight import Sight
-from knotflow.simulation import REACH, RopeConfig, build_model, check_points, perturb_rope, pose
+from knotflow.execution.control.observation import Observation
+from knotflow.execution.control.robot import Robot
+from knotflow.simulation import (
+    ACTUATION,
+    REACH,
+    RopeConfig,
+    build_model,
+    check_points,
+    perturb_rope,
+    pose,
+)
 
 if TYPE_CHECKING:
     from knotflow.perception import Camera, RgbdImage, SimulatedCamera
+
+MIN_SETTLE_TIME, MAX_SETTLE_TIME = 0.1, 2.0
+"""Seconds that a rope moves at least and at most after it was laid down."""
+
+RELEASE_SETTLE_TIME = 0.7
+"""Seconds that it moves at least after it was let go. Once slow it is frozen until it is grasped
+again: MuJoCo's friction yields to any force, so that a bent rope would creep by centimetres."""
+
+REST_SPEED = 0.004
+"""Root mean square speed of the rope below which it comes to rest, metres per second."""
+
+
+@dataclass(frozen=True)
+class ErrorLevel:
+    """What a robot and its camera do wrong."""
+
+    actuation: float
+    """Standard deviation of the gripper's place in x and y while it moves, metres."""
+    grasp: float
+    """The same of the place at which the fingers close, metres."""
+    camera_shift: float
+    """Largest error of the camera's position along each axis, metres."""
+    camera_turn: float
+    """Largest error of its orientation about each axis, radians."""
+    camera_noise: float
+    """`CameraNoiseConfig.level` of its images."""
+
+
+ERROR_LEVELS = (
+    ErrorLevel(ACTUATION[0], ACTUATION[0], 0.0, 0.0, 0.0),
+    ErrorLevel(ACTUATION[1], ACTUATION[1], 0.002, np.deg2rad(0.2), 1.0),
+    ErrorLevel(ACTUATION[2], ACTUATION[2], 0.002, np.deg2rad(0.2), 1.0),
+)
+"""Of each level of `simulation.perturbation`."""
+
+
+def displace_camera(camera: Camera, errors: ErrorLevel, rng: np.random.Generator) -> Camera:
+    """A camera that stands not quite where it is believed to."""
+    from scipy.spatial.transform import Rotation
+
+    shift = rng.uniform(-1, 1, 3) * errors.camera_shift
+    turn = Rotation.from_rotvec(rng.uniform(-1, 1, 3) * errors.camera_turn).as_matrix()
+    return replace(camera, position=camera.position + shift, rotation=turn @ camera.rotation)
 
 
 @dataclass
@@ -41,14 +91,14 @@ class TwinConfig:
 class Twin:
     """A simulated robot and rope, with parameters drawn from stated ranges.
 
-    Whoever plays with it has the truth (`points`); whoever executes a plan gets `robot()`, from
-    which nothing but the `Robot` protocol is reached.
+    The truth is `points`; a plan is executed by `robot()`, from which nothing but the `Robot`
+    protocol is reached.
 
     Attributes:
         rope: what was drawn.
         times: (N,) seconds at the end of each move.
         trajectory: (N, V, 3) the rope then.
-        missed: grasps that caught nothing.
+        missed_grasps: how many grasps caught nothing.
     """
 
     def __init__(
@@ -76,9 +126,11 @@ class Twin:
         drawn, swaying, grasping, seeing = rng.spawn(4)
         self.config = config
         self.rope = perturb_rope(config.rope, config.level, drawn)
-        self._errors: Errors = ERRORS[config.level]
+        self._errors = ERROR_LEVELS[config.level]
         self._grasping, self._seeing = grasping, seeing
-        self._camera = _camera(camera, self.rope, self._errors, seeing) if camera else None
+        self._camera = (
+            _displaced_camera(camera, self.rope, self._errors, seeing) if camera else None
+        )
         points = check_points(points, config.rope).copy()
         points[:, 2] += self.rope.radius - config.rope.radius
         self._model = build_model(self.rope, config.timestep, config.contact_time)
@@ -87,14 +139,14 @@ class Twin:
         self._vertices = [self._model.site(f"vertex_{i}").id for i in range(self.rope.num_vertices)]
         self._sway = _Sway(self._errors.actuation, swaying)
         self._commanded = np.array(config.home)
-        self._held: NDArray | None = None
+        self._grasp_offset: NDArray | None = None  # from the gripper to the held link's centre
         self._closed = False
-        self.missed = 0
+        self.missed_grasps = 0
         self.times: list[float] = []
         self.trajectory: list[NDArray[np.float64]] = []
-        self._time, self._loose = 0.0, LAID
-        while self._time < MOST_LAID and not self._at_rest():
-            self._advance(self._commanded, LAID)
+        self._time, self._settle_time = 0.0, MIN_SETTLE_TIME
+        while self._time < MAX_SETTLE_TIME and not self._at_rest():
+            self._advance(self._commanded, MIN_SETTLE_TIME)
 
     @property
     def points(self) -> NDArray[np.float64]:
@@ -104,13 +156,13 @@ class Twin:
     @property
     def grasped(self) -> bool:
         """Whether the fingers truly hold the rope."""
-        return self._held is not None
+        return self._grasp_offset is not None
 
     def robot(self) -> Robot:
         """All that whoever executes a plan may have."""
-        hand = _Hand()
-        _TWINS[hand] = self
-        return hand
+        handle = _RobotHandle()
+        _TWINS[handle] = self
+        return handle
 
     def observe(self) -> RgbdImage:
         """See `Robot`; raises a RuntimeError for a twin without a camera."""
@@ -139,17 +191,17 @@ class Twin:
         distance = np.linalg.norm(nearest - fingers, axis=1)
         link = int(distance.argmin())
         self._closed = True
-        self.missed += bool(distance[link] > self.config.reach)
-        if self._held is None and distance[link] <= self.config.reach:
-            self._held = (points[link] + points[link + 1]) / 2 - self.position
-            self._data.mocap_pos[0] = self.position + self._held
+        self.missed_grasps += bool(distance[link] > self.config.reach)
+        if not self.grasped and distance[link] <= self.config.reach:
+            self._grasp_offset = (points[link] + points[link + 1]) / 2 - self.position
+            self._data.mocap_pos[0] = self.position + self._grasp_offset
             self._data.eq_active[link] = 1
 
     def release(self) -> None:
         """See `Robot`."""
-        if self._held is not None:
-            self._loose = SETTLED
-        self._held, self._closed = None, False
+        if self.grasped:
+            self._settle_time = RELEASE_SETTLE_TIME
+        self._grasp_offset, self._closed = None, False
         self._data.eq_active[:] = 0
 
     @property
@@ -162,13 +214,14 @@ class Twin:
         import mujoco
 
         begin, steps = self._commanded, max(1, round(seconds / self.config.timestep))
+        offset = np.zeros(3) if self._grasp_offset is None else self._grasp_offset
         for step in range(1, steps + 1):
             self._commanded = begin + (target - begin) * step / steps
-            place = self.position if self._held is None else self.position + self._held
-            self._data.mocap_pos[0] = np.maximum(place, [-np.inf, -np.inf, self.rope.radius])
+            self._data.mocap_pos[0] = self.position + offset
+            self._data.mocap_pos[0, 2] = max(self._data.mocap_pos[0, 2], self.rope.radius)
             if not self._at_rest():
                 mujoco.mj_step(self._model, self._data)
-                self._loose -= self.config.timestep
+                self._settle_time -= self.config.timestep
             self._time += self.config.timestep
         mujoco.mj_kinematics(self._model, self._data)
 
@@ -176,12 +229,12 @@ class Twin:
         """Whether the rope, let go long enough ago, hardly moves; then it stops altogether."""
         import mujoco
 
-        if self._held is not None or self._loose > 0:
+        if self.grasped or self._settle_time > 0:
             return False
         if self._data.qvel.any():
             mujoco.mj_energyVel(self._model, self._data)
             speed = np.sqrt(2 * self._data.energy[1] / self._model.body_subtreemass[0])
-            if speed > RESTING:
+            if speed > REST_SPEED:
                 return False
             self._data.qvel[:] = 0.0
         return True
@@ -198,32 +251,20 @@ class TrueState:
         """See `RopeSource`."""
         return self.twin.points
 
-    def look(self, robot: Robot, likely: Sequence[NDArray] = ()) -> Sight:
-        """See `Look`."""
-        return Sight.of(self.twin.points)
+    def estimate(self, robot: Robot, likely: Sequence[NDArray] = ()) -> Observation:
+        """See `StateEstimator`."""
+        return Observation.of(self.twin.points)
 
 
-LAID, MOST_LAID = 0.1, 2.0
-"""Seconds that a rope moves at least and at most after it was laid down."""
-
-SETTLED = 0.7
-"""Seconds that it moves at least after it was let go. Once it is slow it then lies still until it
-is grasped again: MuJoCo's friction yields a little to any force, so that a bent rope would creep by
-centimetres while the gripper travels; a real one does not."""
-
-RESTING = 0.004
-"""Root mean square speed of the rope below which it comes to rest, metres per second."""
-
-
-def _camera(
-    camera: Camera, rope: RopeConfig, errors: Errors, rng: np.random.Generator
+def _displaced_camera(
+    camera: Camera, rope: RopeConfig, errors: ErrorLevel, rng: np.random.Generator
 ) -> SimulatedCamera:
     """A camera that is not quite where it is believed to be, in a light of its own."""
     from knotflow.perception import Appearance, CameraNoiseConfig, SimulatedCamera
 
-    moved = displaced(camera, errors, rng)
+    camera = displace_camera(camera, errors, rng)
     noise = CameraNoiseConfig(level=errors.camera_noise)
-    return SimulatedCamera(moved, rope, noise, Appearance.draw(rng, noise))
+    return SimulatedCamera(camera, rope, noise, Appearance.draw(rng, noise))
 
 
 class _Sway:
@@ -243,8 +284,8 @@ class _Sway:
         return begin + (end - begin) * share**2 * (3 - 2 * share)
 
 
-class _Hand:
-    """The five words, and no attribute that leads to the twin."""
+class _RobotHandle:
+    """The five methods of `Robot`, and no attribute that leads to the twin."""
 
     __slots__ = ("__weakref__",)
 
@@ -265,4 +306,4 @@ class _Hand:
         return _TWINS[self].position
 
 
-_TWINS: WeakKeyDictionary[_Hand, Twin] = WeakKeyDictionary()
+_TWINS: WeakKeyDictionary[_RobotHandle, Twin] = WeakKeyDictionary()

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from knotflow.execution.errors import STEPS, predict_motions
-from knotflow.execution.lstm import LstmDynamics
-from knotflow.execution.rope_motions import STEP, Motions
-from knotflow.execution.training_config import DynamicsTrainingConfig
-from knotflow.supervised import SupervisedTraining
+from knotflow.execution.control.dynamics import (
+    JUDGED_STEPS,
+    DynamicsTrainingConfig,
+    motion_errors,
+)
+from knotflow.execution.control.lstm_dynamics import LstmDynamics
+from knotflow.execution.control.motions import STEP, Motions
+from knotflow.training.trainer import Metrics, SupervisedTrainer
 
-VALIDATION = 256
+MAX_VALIDATED = 256
 """Motions that are held out, most."""
 
 
-class DynamicsTraining(SupervisedTraining):
-    """A `SupervisedTraining` on parts of motions; at last `training.model.save(path)`."""
+class DynamicsTrainer(SupervisedTrainer):
+    """Trains on parts of motions; at last `trainer.model.save(path)`."""
 
     measure = "error_mm"
     model: LstmDynamics
@@ -47,21 +49,20 @@ class DynamicsTraining(SupervisedTraining):
         super().__init__(model, config, seed)
         self.config = config
         held = max(1, round(config.held_out * len(motions)))
-        self._held_out = motions[-held:][:VALIDATION]
+        self._held_out = motions[-held:][:MAX_VALIDATED]
         learned = motions[:-held]
         self._points = torch.from_numpy(learned.points)
         self._gripper = torch.from_numpy(learned.gripper)
         self._grasped = torch.from_numpy(learned.grasped)
 
-    def validate(self) -> dict[str, float]:
-        """Mean error (mm) of held-out motions after each number of `STEPS`, from rest."""
-        away = predict_motions(self.model, self._held_out).numpy() - self._held_out.points[:, 1:]
-        error = 1e3 * np.linalg.norm(away, axis=-1).mean(axis=(0, 2))  # (T - 1,)
-        return {f"validation_{steps}_mm": float(error[steps - 1]) for steps in STEPS}
+    def validate(self) -> Metrics:
+        """Mean error (mm) of held-out motions after each number of `JUDGED_STEPS`, from rest."""
+        errors = motion_errors(self.model, self._held_out).mean(axis=(0, 2))  # (T - 1,)
+        return {f"validation_{steps}_mm": float(errors[steps - 1]) for steps in JUDGED_STEPS}
 
-    def _step(self, step: int) -> float:
+    def update(self, step: int) -> float:
         """Mean error of a batch, millimetres."""
-        done = self._done(step)
+        done = self.fraction(step)
         horizon = min(self.config.horizon, 2 + 2 * int(8 * done))
         points, velocities, grasped, gripper, truth = self._batch(horizon)
         ahead = self.model.predict(points, velocities, grasped, gripper)
@@ -70,7 +71,7 @@ class DynamicsTraining(SupervisedTraining):
         scale = torch.arange(1, horizon + 1).sqrt()[:, None]
         cosine = 0.5 * (1 + math.cos(math.pi * done))
         rate = self.config.learning_rate * (0.01 + 0.99 * cosine)
-        self._descend((error / scale).mean(), rate)
+        self.descend((error / scale).mean(), rate)
         return 1e3 * float(error.detach().mean())
 
     def _batch(self, horizon: int) -> tuple[Tensor, ...]:

@@ -4,12 +4,11 @@ The paper tracks a simulated rope trajectory with MPPI (Williams et al., 2017) o
 with actions "initialized by the planned spline". Here an action is what is added to the planned
 displacement of a tick, so the planned spline is the zero action. The sampling, weighting and
 averaging of action sequences is pytorch-mppi's. Sequences are drawn at a few knots and run smoothly
-between them: of as many samples independent in every tick, most only shake the rope.
+between them: independent draws in every tick mostly shake the rope.
 
-A learned model errs even where the rope lies as planned, and would be corrected for it: steered by
-the distance from the plan itself, fewer plans succeed on the very rope that they were made for than
-without control. So the rope is to be where the model predicts the planned rope under the planned
-motion. There the zero action is the best.
+A learned model errs even where the rope lies as planned. So that this is not corrected for, the
+reference is where the model predicts the planned rope under the planned motion, and there the zero
+action is the best.
 """
 
 from __future__ import annotations
@@ -20,13 +19,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.execution.rope_motions import STEP
+from knotflow.execution.control.motions import STEP
 from knotflow.threads import one_thread
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from knotflow.execution.dynamics import RopeDynamics
+    from knotflow.execution.control.dynamics import RopeDynamics
+
+CM2 = 1e4  # square centimetres of a square metre
+BOUNDARY_COST = 100.0
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ class Mppi:
         self._weights = torch.from_numpy(np.asarray(weights, np.float32))
         self._grasped, self._tick = grasped, 0
         self._vertices = len(weights)
-        self._expected = self._predicted(torch.from_numpy(np.asarray(reference, np.float32)))
+        self._expected = self._predict_plan(torch.from_numpy(np.asarray(reference, np.float32)))
         bound = torch.full((3,), config.bound)
         self._planner = KMPPI(
             self._next,
@@ -105,14 +107,14 @@ class Mppi:
             torch.manual_seed(self.config.seed + self._tick)
             action = self._planner.command(state.float(), self._tick > 0)
         action = action.clamp(-self.config.bound, self.config.bound)  # knots overshoot
-        planned = self._steps[self._at(0)]
+        step = self._steps[self._frame(0)] + action
         self._tick += 1
-        there = gripper + (planned + action).numpy().astype(np.float64)
-        low = [-self.config.reach, -self.config.reach, self.config.table]
-        return np.clip(there, low, [self.config.reach, self.config.reach, np.inf])
+        reach = self.config.reach
+        low, high = [-reach, -reach, self.config.table], [reach, reach, np.inf]
+        return np.clip(gripper + step.numpy().astype(np.float64), low, high)
 
     @one_thread()
-    def _predicted(self, points: Tensor) -> Tensor:
+    def _predict_plan(self, points: Tensor) -> Tensor:
         """(T, horizon + 1, V, 3) metres: the planned rope (T, V, 3) of each frame, and where the
         model takes it from there in the ticks to come, by the planned motion."""
         import torch
@@ -123,11 +125,13 @@ class Mppi:
             frames, shapes = torch.arange(len(points)), [points]
             for ahead in range(self.config.horizon):
                 gripper = gripper + self._steps[(frames + ahead).clamp(max=len(self._steps) - 1)]
-                points, velocities = self._moved(points, velocities, gripper)
+                points, velocities = self._predict(points, velocities, gripper)
                 shapes.append(points)
         return torch.stack(shapes, 1)
 
-    def _moved(self, points: Tensor, velocities: Tensor, gripper: Tensor) -> tuple[Tensor, Tensor]:
+    def _predict(
+        self, points: Tensor, velocities: Tensor, gripper: Tensor
+    ) -> tuple[Tensor, Tensor]:
         """The rope's vertices and velocities (K, V, 3) when the gripper is at (K, 3), a tick on."""
         import torch
 
@@ -135,7 +139,7 @@ class Mppi:
         moved = self.dynamics.predict(points, velocities, held, gripper[:, None])[:, 0]
         return moved, (moved - points) / STEP
 
-    def _at(self, ahead: int) -> int:
+    def _frame(self, ahead: int) -> int:
         """Index of the planned frame that many ticks ahead; the last one stays."""
         return min(self._tick + ahead, len(self._steps) - 1)
 
@@ -143,8 +147,8 @@ class Mppi:
         import torch
 
         points, velocities, gripper = self._split(states)
-        gripper = gripper + self._steps[self._at(step)] + actions
-        points, velocities = self._moved(points, velocities, gripper)
+        gripper = gripper + self._steps[self._frame(step)] + actions
+        points, velocities = self._predict(points, velocities, gripper)
         return torch.cat([points.flatten(1), velocities.flatten(1), gripper], 1)
 
     def _cost(self, states: Tensor, actions: Tensor, step: int) -> Tensor:
@@ -154,8 +158,8 @@ class Mppi:
         below = (config.table - gripper[:, 2]).clamp(min=0)
         return (
             self._deviation(points, step + 1)
-            + config.effort * actions.square().sum(1) * _CM2
-            + (outside + below).square() * _CM2 * _FORBIDDEN
+            + config.effort * actions.square().sum(1) * CM2
+            + (outside + below).square() * CM2 * BOUNDARY_COST
         )
 
     def _terminal(self, states: Tensor, actions: Tensor) -> Tensor:
@@ -166,15 +170,11 @@ class Mppi:
     def _deviation(self, points: Tensor, ahead: int) -> Tensor:
         """Weighted mean square distance (K,) from the planned rope as the model sees it, square
         centimetres."""
-        square = (points - self._expected[self._at(0), ahead]).square().sum(-1)
-        return (square * self._weights).mean(1) * _CM2
+        square = (points - self._expected[self._frame(0), ahead]).square().sum(-1)
+        return (square * self._weights).mean(1) * CM2
 
     def _split(self, states: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Vertices and velocities (K, V, 3), and the dragged link's centre (K, 3)."""
         size = 3 * self._vertices
         points, velocities, gripper = states.split([size, size, 3], dim=1)
         return points.unflatten(1, (-1, 3)), velocities.unflatten(1, (-1, 3)), gripper
-
-
-_CM2 = 1e4  # square centimetres of a square metre
-_FORBIDDEN = 100.0

@@ -15,13 +15,16 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.execution.robot import Robot, Timed
-from knotflow.execution.rope_motions import STEP
-from knotflow.execution.sight import Look, RopeSource, Sight
+from knotflow.execution.control.motions import STEP
+from knotflow.execution.control.observation import Observation, RopeSource, StateEstimator
+from knotflow.execution.control.robot import CameraTimer, Robot
 from knotflow.planning import GripperConfig, KnotPlan, PlanStep
 from knotflow.planning.waypoints import trace_waypoints
 from knotflow.simulation import grasped_link, spline_basis
 from knotflow.topology import project
+
+MAX_CORRECTION = 0.03
+"""Largest error of the robot along each axis that is made up for, metres; more is a fault."""
 
 
 class Controller(Protocol):
@@ -60,22 +63,22 @@ class ExecutionConfig:
     that its link is 0.04 s behind."""
     attempts: int = 3
     """How often a step is begun, in closed loop, whose grasp misses or slips."""
-    aside: tuple[float, float, float] = (0.0, 0.45, 0.3)
-    """Where the gripper waits while the rope is looked at, metres: out of the camera's way. For
-    another look it waits opposite."""
-    looks: int = 2
-    """How often the rope is looked at while it is in doubt."""
-    pulls: int = 2
-    """How often a rope that stays in doubt is pulled at an end, where the plan goes on from what is
-    seen, and looked at again; its ends take turns."""
-    pull: float = 0.04
+    park_position: tuple[float, float, float] = (0.0, 0.45, 0.3)
+    """Where the gripper waits while the rope is observed, metres: out of the camera's way. For
+    another observation it waits opposite."""
+    max_observations: int = 2
+    """How often the rope is observed while it is in doubt."""
+    max_pulls: int = 2
+    """How often a rope that stays in doubt is pulled at an end, where the plan continues from what
+    is observed, and observed again; its ends take turns."""
+    pull_distance: float = 0.04
     """How far, metres."""
-    patience: float = 3.0
+    image_timeout: float = 3.0
     """How long a new image is waited for, seconds."""
-    unsolved: int = 3
-    """How many plans in a row may end before the goal, where each action is planned anew."""
+    max_unsolved: int = 3
+    """How many plans in a row may end before the goal, with replanning."""
     max_actions: int = 20
-    """Give up after so many actions, where each is planned anew."""
+    """Give up after so many actions, with replanning."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +93,7 @@ class Move:
 
 
 @dataclass(frozen=True)
-class Tick:
+class TickTiming:
     """What a move that the controller chose took, seconds."""
 
     image: float
@@ -99,17 +102,21 @@ class Tick:
 
 
 @dataclass(frozen=True)
-class Dragged:
-    """What became of a drag: whether the rope was `held` until it was let go, as far as that was
-    watched, and whether it was still where it was `followed` to, as far as it was."""
+class DragResult:
+    """What became of a drag.
+
+    Attributes:
+        held: whether the rope was held until it was let go, as far as that was watched.
+        tracked: whether it then was where it was tracked, as far as it was tracked.
+    """
 
     held: bool
-    followed: bool
+    tracked: bool
 
 
 @dataclass(eq=False)
-class Run:
-    """An execution under way."""
+class StepExecutor:
+    """Executes steps of a plan and notes down every move."""
 
     robot: Robot
     config: ExecutionConfig
@@ -119,28 +126,28 @@ class Run:
     """Whether the robot's own error is made up for."""
     points: NDArray | None = None
     """The rope as it was seen last."""
-    before: NDArray | None = None
+    previous_points: NDArray | None = None
     """The rope as it was seen a move earlier."""
     closed: bool = False
     commanded: NDArray = field(default_factory=lambda: np.zeros(3))
     """Where the gripper should have come last."""
     error: NDArray = field(default_factory=lambda: np.zeros(3))
     """How far off the robot is from where it is sent, metres."""
-    frames: list[Move] = field(default_factory=list)
-    ticks: list[Tick] = field(default_factory=list)
+    moves: list[Move] = field(default_factory=list)
+    ticks: list[TickTiming] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self._camera = Timed(self.robot)
+        self._camera = CameraTimer(self.robot)
 
-    def execute(self, step: PlanStep, plan: KnotPlan, number: int) -> Dragged:
-        """Grasp, drag, let go and rise.
+    def execute(self, step: PlanStep, plan: KnotPlan, number: int) -> DragResult:
+        """Grasp, drag, let go and rise; `number` is that of the step.
 
-        The rope is followed from the grasp until the fingers are open: else it lies still.
+        The rope is tracked from the grasp until the fingers are open: else it lies still.
         """
-        self._look()
+        self._track()
         rope = step.start if self.points is None else self.points
         link = int(grasped_link(step.spline, len(rope) - 1))
-        path = from_grasp(step, (rope[link] + rope[link + 1]) / 2, plan.move_time)
+        path = path_from_grasp(step, (rope[link] + rope[link + 1]) / 2, plan.move_time)
         waypoints = trace_waypoints(
             [(step.times, path, str(step.action))],
             np.stack([step.start, step.end]),
@@ -151,62 +158,44 @@ class Run:
         )
         drag = np.flatnonzero([phase == "drag" for phase in waypoints.phases])
         before, after = waypoints.positions[: drag[0]], waypoints.positions[drag[-1] + 1 :]
-        for place in _straight(self.robot.position, before[0], self.config.gripper.travel_speed):
-            self._move(place, number)
-        for place, phase in zip(before, waypoints.phases, strict=False):
+        self._travel(before[0], number)
+        for position, phase in zip(before, waypoints.phases, strict=False):
             if phase == "close" and not self.closed:
                 self.robot.grasp()
                 self.closed = True
-            self._move(place, number, follow=self.closed)
+            self._move(position, number, track=self.closed)
         planned = np.concatenate([before[-1:], waypoints.positions[drag]])
         held = self._drag(step, planned, number)
         self.robot.release()
         self.closed = False
-        released = self.commanded
-        places = after + released - planned[-1]
-        phases = waypoints.phases[drag[-1] + 1 :]
-        for place, phase in zip(places, phases, strict=True):
-            low = np.maximum(place, [-np.inf, -np.inf, planned[-1, 2]])
-            self._move(low, number, follow=phase == "open")
-        return Dragged(held, self.source is None or not self.source.lost)
+        positions = after + self.commanded - planned[-1]
+        positions[:, 2] = np.maximum(positions[:, 2], planned[-1, 2])
+        for position, phase in zip(positions, waypoints.phases[drag[-1] + 1 :], strict=True):
+            self._move(position, number, track=phase == "open")
+        return DragResult(held, self.source is None or not self.source.lost)
 
-    def _drag(self, step: PlanStep, path: NDArray, number: int) -> bool:
-        """Drag the rope along path (T + 1, 3) or as the controller says, unless it gets lost."""
-        reference = rope_at(step, STEP * np.arange(len(path)))
-        caught = self._distances()
-        link = int(caught.argmin())
-        if self.controller is not None:
-            self.controller.begin(reference, path, self._weights(step), link)
-        for place, rope in zip(path[1:], reference[1:], strict=True):
-            control = 0.0
-            if self.controller is not None:
-                began = time.perf_counter()
-                place = self._controlled(self.controller)
-                control = time.perf_counter() - began
-            before = self.commanded
-            image, track = self._move(place, number, rope, follow=True)
-            if self.controller is not None:
-                self.ticks.append(Tick(image, track, control))
-            trailing = self.config.lag * float(np.linalg.norm(place - before)) / STEP
-            allowed = caught[link] + self.config.slip + trailing
-            if self.source is not None and self._distances()[link] > allowed:
-                return False
-        return True
+    def observe(
+        self, estimator: StateEstimator, number: int, likely: Sequence[NDArray] = ()
+    ) -> Observation:
+        """Go out of the way and observe, then from the other side if the rope is in doubt.
 
-    def see(self, look: Look, number: int, likely: Sequence[NDArray] = ()) -> Sight:
-        """Go out of the way and look, then from the other side if the rope is in doubt.
-
-        Where that stays in doubt, the last sight has the reason. `likely` is handed to the look.
+        Where that stays in doubt, the last observation says why. `likely` is for the estimator.
         """
-        sight = Sight.nothing(f"no new image came for {self.config.patience:g} s")
-        for turn in range(self.config.looks):
-            aside = np.array(self.config.aside) * [1, (-1) ** turn, 1]
-            seen = self._see_from(aside, look, number, likely)
-            sight = seen or sight
-            if seen is None or not seen.doubts:
+        timeout = self.config.image_timeout
+        observation = Observation.no_rope(f"no new image came for {timeout:g} s")
+        for turn in range(self.config.max_observations):
+            position = np.array(self.config.park_position) * [1, (-1) ** turn, 1]
+            self._travel(position, number)
+            self._move(position, number)
+            waited = 0.0
+            while (found := estimator.estimate(self.robot, likely)) is None and waited < timeout:
+                waited += STEP
+                self._move(position, number)
+            observation = found or observation
+            if found is None or not found.doubts:
                 break
-        self.before = self.points = sight.points
-        return sight
+        self.previous_points = self.points = observation.points
+        return observation
 
     def pull(self, number: int, ends: Sequence[int] = (), turn: int = 0) -> None:
         """Draw an end outward, so that what touches comes apart: of the given `ends`, 0 for the
@@ -219,51 +208,60 @@ class Run:
         gripper, points = self.config.gripper, self.points
         from_middle = np.linalg.norm((points - points.mean(axis=0))[:, :2], axis=1)
         ends = ends or ((0, -1) if from_middle[0] >= from_middle[-1] else (-1, 0))
-        end = ends[turn % len(ends)]
-        if end == -1:
+        if ends[turn % len(ends)] == -1:
             points = points[::-1]
         outward = (points[0] - points[4]) * [1.0, 1.0, 0.0]
-        place = (points[0] + points[1]) / 2
-        goal = place + self.config.pull * outward / max(float(np.linalg.norm(outward)), 1e-9)
-        above, raised = np.array([place, goal]) * [1, 1, 0] + [0, 0, gripper.approach_height]
-        way = [*_straight(self.robot.position, above, gripper.travel_speed)]
-        for at in [*way, *_straight(above, place, gripper.vertical_speed)]:
-            self._move(at, number)
+        begin = (points[0] + points[1]) / 2
+        step = self.config.pull_distance / max(float(np.linalg.norm(outward)), 1e-9)
+        end = begin + step * outward
+        above, raised = np.array([begin, end]) * [1, 1, 0] + [0, 0, gripper.approach_height]
+        self._travel(above, number)
+        for position in straight_moves(above, begin, gripper.vertical_speed):
+            self._move(position, number)
         self.robot.grasp()
         self.closed = True
-        closing = [place] * round(gripper.close_time / STEP)
-        for at in [*closing, *_straight(place, goal, gripper.vertical_speed)]:
-            self._move(at, number, follow=True)
+        closing = [begin] * round(gripper.close_time / STEP)
+        for position in [*closing, *straight_moves(begin, end, gripper.vertical_speed)]:
+            self._move(position, number, track=True)
         self.robot.release()
         self.closed = False
-        for at in _straight(goal, raised, gripper.vertical_speed):
-            self._move(at, number, follow=True)
+        for position in straight_moves(end, raised, gripper.vertical_speed):
+            self._move(position, number, track=True)
 
-    def _see_from(
-        self, aside: NDArray, look: Look, number: int, likely: Sequence[NDArray]
-    ) -> Sight | None:
-        """What is seen while the gripper waits at a place (3,); None where no new image comes."""
+    def _travel(self, position: NDArray, number: int) -> None:
         speed = self.config.gripper.travel_speed
-        for place in [*_straight(self.robot.position, aside, speed), aside]:
-            self._move(place, number)
-        waited = 0.0
-        while (sight := look.look(self.robot, likely)) is None and waited < self.config.patience:
-            waited += STEP
-            self._move(aside, number)
-        return sight
+        for one in straight_moves(self.robot.position, position, speed):
+            self._move(one, number)
 
-    def _distances(self) -> NDArray[np.float64]:
+    def _drag(self, step: PlanStep, path: NDArray, number: int) -> bool:
+        """Drag the rope along path (T + 1, 3) or as the controller says, unless it gets lost."""
+        reference = interpolate_rope(step, STEP * np.arange(len(path)))
+        at_grasp = self._link_distances()
+        link = int(at_grasp.argmin())
+        if self.controller is not None:
+            self.controller.begin(reference, path, self._weights(step), link)
+        for position, rope in zip(path[1:], reference[1:], strict=True):
+            before, began = self.commanded, time.perf_counter()
+            if self.controller is not None:
+                assert self.points is not None and self.previous_points is not None
+                velocities = (self.points - self.previous_points) / STEP
+                position = self.controller.act(self.points, velocities, self.robot.position)
+            control = time.perf_counter() - began
+            image, track = self._move(position, number, rope, track=True)
+            if self.controller is not None:
+                self.ticks.append(TickTiming(image, track, control))
+            trailing = self.config.lag * float(np.linalg.norm(position - before)) / STEP
+            allowed = at_grasp[link] + self.config.slip + trailing
+            if self.source is not None and self._link_distances()[link] > allowed:
+                return False
+        return True
+
+    def _link_distances(self) -> NDArray[np.float64]:
         """(V - 1,) of the links' centres from the gripper, metres; 0 where no rope is seen."""
         if self.points is None:
             return np.zeros(1)
         centres = (self.points[1:] + self.points[:-1]) / 2
         return np.linalg.norm(centres - self.robot.position, axis=1)
-
-    def _controlled(self, controller: Controller) -> NDArray:
-        """The controller's next place (3,)."""
-        assert self.points is not None and self.before is not None
-        velocities = (self.points - self.before) / STEP
-        return controller.act(self.points, velocities, self.robot.position)
 
     def _weights(self, step: PlanStep) -> NDArray[np.float64]:
         """(V,) with the strands at the crossings of the step's end weighing most."""
@@ -276,43 +274,39 @@ class Run:
 
     def _move(
         self,
-        place: NDArray,
+        position: NDArray,
         number: int,
         reference: NDArray | None = None,
-        follow: bool = False,
+        track: bool = False,
     ) -> tuple[float, float]:
-        """Move for a tick, follow the rope if it may move, and note it down.
+        """Move for a tick, track the rope if it may move, and note it down.
 
         Returns:
-            What the image and following the rope in it took, seconds.
+            What the image and tracking the rope in it took, seconds.
         """
-        self.commanded = place
-        self.robot.move_to(place - self.error, STEP)
+        self.commanded = position
+        self.robot.move_to(position - self.error, STEP)
         if self.corrects:
-            self.error = self.error + self.robot.position - place
-            self.error = np.clip(self.error, -MOST_ERROR, MOST_ERROR)
-        took = self._look() if follow else (0.0, 0.0)
+            self.error = self.error + self.robot.position - position
+            self.error = np.clip(self.error, -MAX_CORRECTION, MAX_CORRECTION)
+        took = self._track() if track else (0.0, 0.0)
         points = None if self.source is None else self.points
-        self.frames.append(Move(place, self.closed, number, reference, points))
+        self.moves.append(Move(position, self.closed, number, reference, points))
         return took
 
-    def _look(self) -> tuple[float, float]:
-        """Follow the rope; what the image and the rest took, seconds."""
+    def _track(self) -> tuple[float, float]:
+        """Track the rope; what the image and the rest took, seconds."""
         if self.source is None:
             return 0.0, 0.0
         began, image = time.perf_counter(), self._camera.seconds
-        now = self.source.points(self._camera, self.closed)
-        self.before = now if self.points is None else self.points
-        self.points = now
+        points = self.source.points(self._camera, self.closed)
+        self.previous_points = points if self.points is None else self.points
+        self.points = points
         image = self._camera.seconds - image
         return image, time.perf_counter() - began - image
 
 
-MOST_ERROR = 0.03
-"""Largest error of the robot along each axis that is made up for, metres; more is a fault."""
-
-
-def from_grasp(step: PlanStep, grasp: NDArray, move_time: float) -> NDArray[np.float64]:
+def path_from_grasp(step: PlanStep, grasp: NDArray, move_time: float) -> NDArray[np.float64]:
     """The gripper's path (T, 3) of a step, begun at another place (3,), metres.
 
     What the beginning is off fades as the first control point's weight does.
@@ -322,7 +316,7 @@ def from_grasp(step: PlanStep, grasp: NDArray, move_time: float) -> NDArray[np.f
     return step.gripper + weight * (grasp - step.gripper[0])
 
 
-def rope_at(step: PlanStep, times: NDArray) -> NDArray[np.float64]:
+def interpolate_rope(step: PlanStep, times: NDArray) -> NDArray[np.float64]:
     """The rope (N, V, 3) of a step at times (N,), seconds since the grasp."""
     at = np.interp(times, step.times, np.arange(len(step.times)))
     frame = np.minimum(at.astype(int), len(step.times) - 2)
@@ -330,8 +324,8 @@ def rope_at(step: PlanStep, times: NDArray) -> NDArray[np.float64]:
     return (1 - share) * step.trajectory[frame] + share * step.trajectory[frame + 1]
 
 
-def _straight(begin: NDArray, end: NDArray, speed: float) -> NDArray[np.float64]:
-    """Places (N, 3), a tick apart, on a straight line from rest to rest; none if it is there."""
+def straight_moves(begin: NDArray, end: NDArray, speed: float) -> NDArray[np.float64]:
+    """Positions (N, 3), a tick apart, on a line from rest to rest; none if it is there."""
     # The smooth step 3u^2 - 2u^3 is at most 1.5 times as fast as its mean.
     count = int(np.ceil(1.5 * float(np.linalg.norm(end - begin)) / speed / STEP))
     u = np.arange(1, count + 1)[:, None] / max(count, 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,12 +37,12 @@ class Base:
     and its x axis is the world's; roll 180 hangs it from above."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no place."""
+        """Refuse what is no pose."""
         try:
-            place = np.array([self.position, self.rpy_deg], float)
+            pose = np.array([self.position, self.rpy_deg], float)
         except (TypeError, ValueError):
-            place = np.empty(0)
-        if place.shape != (2, 3) or not np.isfinite(place).all():
+            pose = np.empty(0)
+        if pose.shape != (2, 3) or not np.isfinite(pose).all():
             raise ArmError(
                 "a base has a position of three numbers in metres and rpy_deg, three in degrees, "
                 f"got {self.position!r} and {self.rpy_deg!r}"
@@ -53,14 +53,14 @@ class Base:
         """Read a YAML file with `position: [x, y, z]` and, if not 0, `rpy_deg: [r, p, y]`.
 
         Raises:
-            ArmError: no such file, no YAML mapping, other keys, or values that are no place.
+            ArmError: no such file, no YAML mapping, other keys, or values that are no pose.
         """
         try:
             data = yaml.safe_load(Path(path).read_text("utf-8"))
         except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
             raise ArmError(f"{path}: the arm's base cannot be read: {error}") from None
-        known = [one.name for one in fields(cls)]
-        if not isinstance(data, dict) or set(data) - {*known} or "position" not in data:
+        known = {one.name for one in fields(cls)}
+        if not isinstance(data, dict) or set(data) - known or "position" not in data:
             raise ArmError(
                 f"{path}: an arm's base is a YAML mapping with position: [x, y, z] in metres and "
                 f"rpy_deg: [roll, pitch, yaw] in degrees, got {data!r}"
@@ -127,34 +127,55 @@ class Arm:
         scene.attach(self.spec(), prefix=PREFIX, frame=frame)
         return scene.compile()
 
-    def tips(self, joints: NDArray) -> NDArray[np.float64]:
+    def joint_ids(self, model: mujoco.MjModel) -> list[int]:
+        """Of the arm's `joints` in what `model` returned."""
+        return [model.joint(PREFIX + name).id for name in self.joints]
+
+    def tip_positions(self, joints: NDArray) -> NDArray[np.float64]:
         """Where the tip is (N, 3) in configurations (N, n), metres, by forward kinematics; the arm
         stands on its own base."""
         import mujoco
 
         model = self.model()
         data, tip = mujoco.MjData(model), model.site(PREFIX + self.tip).id
-        where = model.jnt_qposadr[[model.joint(PREFIX + name).id for name in self.joints]]
-        places = np.empty((len(joints), 3))
-        for place, configuration in zip(places, joints, strict=True):
-            data.qpos[where] = configuration
+        columns = model.jnt_qposadr[self.joint_ids(model)]
+        positions = np.empty((len(joints), 3))
+        for position, configuration in zip(positions, joints, strict=True):
+            data.qpos[columns] = configuration
             mujoco.mj_kinematics(model, data)
-            place[:] = data.site_xpos[tip]
-        return places
+            position[:] = data.site_xpos[tip]
+        return positions
 
-    def ranges(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def joint_ranges(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lower and upper ends (n,) of the joints' ranges, radians (metres for slides)."""
         model = self.model()
-        low, high = model.jnt_range[[model.joint(PREFIX + name).id for name in self.joints]].T
+        low, high = model.jnt_range[self.joint_ids(model)].T
         return low, high
+
+
+def panda() -> Arm:
+    """The Panda hanging 0.9 m above the table, its base 0.3 m beside the middle of the rope.
+
+    Hanging with the elbow behind it the arm works on the side opposite to its x axis, so the base
+    is turned by half a turn, away from the rope: the 28 degrees that the first joint lacks then lie
+    outside of most plans. Upright it cannot fold to the near end of a rope 1 m long and stretch to
+    the far end too. Limits are Franka's, see panda.xml.
+    """
+    arm = load_arm(
+        Path(__file__).with_name("panda.xml"),
+        base=Base([-0.3, 0.0, 0.9], [180.0, 0.0, 180.0]),
+        max_speed=[2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61],
+        max_acceleration=[15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0],
+    )
+    return replace(arm, gripper="panda_finger_joint1", opening=(0.012, 0.008))
 
 
 def load_arm(
     path: Path,
     tip: str | None = None,
     base: Base | None = None,
-    max_speed: float = 1.0,
-    max_acceleration: float = 5.0,
+    max_speed: float | Sequence[float] = 1.0,
+    max_acceleration: float | Sequence[float] = 5.0,
 ) -> Arm:
     """Any arm from an MJCF file, which says nothing of speeds.
 
@@ -162,8 +183,8 @@ def load_arm(
         path: the MJCF file.
         tip: a site, see `Arm.tip`; not needed where the model has a single one.
         base: where it stands.
-        max_speed: of every joint, rad/s (m/s for slides).
-        max_acceleration: of every joint, rad/s^2 (m/s^2).
+        max_speed: of every joint or of each, rad/s (m/s for slides).
+        max_acceleration: of every joint or of each, rad/s^2 (m/s^2).
 
     Returns:
         The arm; its homes are the model's keyframes, or the middle of every joint's range.
@@ -191,14 +212,17 @@ def load_arm(
     chain = _joints_to(model, int(model.site(tip).bodyid[0]))
     if not chain:
         raise ArmError(f"{path}: no hinge or slide moves the site {tip!r}")
-    where = model.jnt_qposadr[chain]
-    homes = model.key_qpos if model.nkey else _middle(model)[None]
+    homes = model.key_qpos
+    if not model.nkey:
+        homes = model.qpos0[None].copy()
+        limited = model.jnt_limited.astype(bool)
+        homes[:, model.jnt_qposadr[limited]] = model.jnt_range[limited].mean(axis=1)
     return Arm(
         name=path.stem,
         spec=lambda: mujoco.MjSpec.from_file(str(path)),
         tip=tip,
         joints=tuple(model.joint(one).name for one in chain),
-        homes=homes[:, where].copy(),
+        homes=homes[:, model.jnt_qposadr[chain]].copy(),
         max_speed=np.full(len(chain), max_speed),
         max_acceleration=np.full(len(chain), max_acceleration),
         base=base or Base(),
@@ -216,11 +240,3 @@ def _joints_to(model: mujoco.MjModel, body: int) -> list[int]:
         body = int(model.body_parentid[body])
     moving = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
     return [joint for joint in found if int(model.jnt_type[joint]) in moving]
-
-
-def _middle(model: mujoco.MjModel) -> NDArray[np.float64]:
-    middle = model.qpos0.copy()
-    for joint in range(model.njnt):
-        if model.jnt_limited[joint]:
-            middle[model.jnt_qposadr[joint]] = model.jnt_range[joint].mean()
-    return middle

@@ -1,13 +1,10 @@
 """The learned dynamics of a rope: a bidirectional LSTM over its vertices, as in [15] (Sec. VI).
 
-Where a vertex goes depends on the whole rope, and mostly along it: from the grasp to both ends. So
-an LSTM reads the vertices in both directions, a few neighbours at a time, and its states say how
-far each moves in the next step: a share of the gripper's displacement, a share of its own velocity,
-and a residual. A dragged rope follows itself, so each vertex sees all of this, and moves, in a
-frame whose x axis is its own heading; and the prediction turns with the rope. After 7 minutes of
-training on one core that was off by 14.6 mm after a second; all vertices in the frame of the
-grasped link, one at a time, by 18.6. Predicted links are then brought back towards their
-length, which a long rollout would lose otherwise.
+The LSTM reads the vertices in both directions, a few neighbours at a time. Its states say how far
+each vertex moves in the next step: a share of the gripper's displacement, a share of the vertex's
+own velocity, and a residual, all in a frame whose x axis is the vertex's heading, so that the
+prediction turns with the rope. Predicted links are then brought back towards their length, which a
+long rollout would lose otherwise.
 """
 
 from __future__ import annotations
@@ -19,10 +16,13 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import pad
 
-from knotflow.execution.dynamics import grasped_at_each_step
-from knotflow.execution.rope_motions import FREE, STEP
-from knotflow.execution.training_config import SHIPPED_DYNAMICS, LstmConfig
+from knotflow.execution.control.dynamics import SHIPPED_DYNAMICS, LstmConfig, grasped_at_each_step
+from knotflow.execution.control.motions import FREE, STEP
 from knotflow.threads import one_thread
+
+FEATURES, OUTPUTS = 22, 5  # of a vertex
+POSITION_SCALE, HEIGHT_SCALE, DISPLACEMENT_SCALE = 0.2, 0.02, 0.05  # metres; features are about 1
+RELAXATION = 0.25  # of a link's excess length per pass, at each end
 
 
 class LstmDynamics(nn.Module):
@@ -31,11 +31,11 @@ class LstmDynamics(nn.Module):
     def __init__(self, config: LstmConfig | None = None) -> None:
         super().__init__()
         self.config = config = config or LstmConfig()
-        self.read = nn.Sequential(nn.Linear(_FEATURES * config.group, config.hidden), nn.SiLU())
+        self.read = nn.Sequential(nn.Linear(FEATURES * config.group, config.hidden), nn.SiLU())
         self.lstm = nn.LSTM(
             config.hidden, config.hidden, config.layers, batch_first=True, bidirectional=True
         )
-        self.out = nn.Linear(2 * config.hidden, _OUTPUTS * config.group)
+        self.out = nn.Linear(2 * config.hidden, OUTPUTS * config.group)
         nn.init.zeros_(self.out.weight)
         nn.init.zeros_(self.out.bias)
 
@@ -46,40 +46,42 @@ class LstmDynamics(nn.Module):
         held = (grasped != FREE).float()[:, None]  # (B, 1)
         count = points.shape[1]
         link = torch.where(grasped == FREE, (count - 1) // 2, grasped)[:, None]
-        place = torch.arange(count, device=points.device)
-        flag = ((place == link) | (place == link + 1)).float()  # (B, V)
+        vertex = torch.arange(count, device=points.device)
+        flag = ((vertex == link) | (vertex == link + 1)).float()  # (B, V)
         centre = (flag[..., None] * points).sum(1, keepdim=True) / 2  # (B, 1, 3)
         links = points.diff(dim=1)
-        onward, behind = torch.cat([links, links[:, -1:]], 1), torch.cat([links[:, :1], links], 1)
-        heading = _heading(onward + behind)
+        ahead, behind = torch.cat([links, links[:, -1:]], 1), torch.cat([links[:, :1], links], 1)
+        across = (ahead + behind)[..., :2]
+        heading = across / across.norm(dim=-1, keepdim=True).clamp(min=1e-6)
         pull = ((gripper[:, None] - centre) * held[..., None]).expand_as(points)
-        pull, speed = _turned(pull, heading, -1), _turned(velocities, heading, -1)
-        away = ((place - link) / count)[..., None]
+        pull, speed = _rotate(pull, heading, -1), _rotate(velocities, heading, -1)
+        away = ((vertex - link) / count)[..., None]
         features = [
-            _turned(points - centre, heading, -1) / _POSITION,
-            points[..., 2:] / _HEIGHT,
-            _turned(onward, heading, -1) * self.config.links,
-            _turned(behind, heading, -1) * self.config.links,
-            speed * STEP / _DISPLACEMENT,
-            pull / _DISPLACEMENT,
+            _rotate(points - centre, heading, -1) / POSITION_SCALE,
+            points[..., 2:] / HEIGHT_SCALE,
+            _rotate(ahead, heading, -1) * self.config.links,
+            _rotate(behind, heading, -1) * self.config.links,
+            speed * STEP / DISPLACEMENT_SCALE,
+            pull / DISPLACEMENT_SCALE,
             away,
             away.abs(),
             flag[..., None],
             held[..., None].expand(-1, count, 1),
-            pull.norm(dim=-1, keepdim=True) / _DISPLACEMENT,
-            speed.norm(dim=-1, keepdim=True) * STEP / _DISPLACEMENT,
+            pull.norm(dim=-1, keepdim=True) / DISPLACEMENT_SCALE,
+            speed.norm(dim=-1, keepdim=True) * STEP / DISPLACEMENT_SCALE,
         ]
-        out = self._read_along(torch.cat(features, -1))
-        moved = _DISPLACEMENT * out[..., :3] + out[..., 3:4] * pull + out[..., 4:] * speed * STEP
-        return self._with_links(points + _turned(moved, heading, 1))
+        out = self._read_vertices(torch.cat(features, -1))
+        residual = DISPLACEMENT_SCALE * out[..., :3]
+        moved = residual + out[..., 3:4] * pull + out[..., 4:] * speed * STEP
+        return self._restore_lengths(points + _rotate(moved, heading, 1))
 
-    def _read_along(self, features: Tensor) -> Tensor:
+    def _read_vertices(self, features: Tensor) -> Tensor:
         """(B, V, outputs) of features (B, V, features), a group of neighbours at a time."""
         rows, count, size = features.shape
         group = self.config.group
         grouped = pad(features, (0, 0, 0, -count % group)).reshape(rows, -1, group * size)
         out: Tensor = self.out(self.lstm(self.read(grouped))[0])
-        return out.reshape(rows, -1, _OUTPUTS)[:, :count]
+        return out.reshape(rows, -1, OUTPUTS)[:, :count]
 
     @one_thread()
     def predict(
@@ -95,7 +97,7 @@ class LstmDynamics(nn.Module):
             ahead.append(points)
         return torch.stack(ahead, 1)
 
-    def _with_links(self, points: Tensor) -> Tensor:
+    def _restore_lengths(self, points: Tensor) -> Tensor:
         """Vertices (B, V, 3) whose links are closer to their length; both ends give way alike."""
         length = self.config.length / self.config.links
         for _ in range(self.config.straightening):
@@ -103,7 +105,7 @@ class LstmDynamics(nn.Module):
             size = link.norm(dim=-1, keepdim=True).clamp(min=1e-6)
             excess = link * (1 - length / size)
             back = pad(excess, (0, 0, 0, 1)) - pad(excess, (0, 0, 1, 0))
-            points = points + _RELAXATION * back
+            points = points + RELAXATION * back
         return points
 
     def save(self, path: Path) -> None:
@@ -129,21 +131,8 @@ class LstmDynamics(nn.Module):
         return model.eval().requires_grad_(False)
 
 
-def _heading(directions: Tensor) -> Tensor:
-    """Cosine and sine (..., 2) of the angle about z of directions (..., 3), as seen from above."""
-    across = directions[..., :2]
-    return across / across.norm(dim=-1, keepdim=True).clamp(min=1e-6)
-
-
-def _turned(vectors: Tensor, heading: Tensor, way: int) -> Tensor:
-    """Vectors (..., 3) turned about z by a heading (..., 2), or back from it where `way` is -1."""
+def _rotate(vectors: Tensor, heading: Tensor, sign: int) -> Tensor:
+    """Vectors (..., 3) turned about z by a heading (..., 2), its cosine and sine, or back (-1)."""
     x, y, z = vectors.unbind(-1)
-    cos, sin = heading[..., 0], way * heading[..., 1]
+    cos, sin = heading[..., 0], sign * heading[..., 1]
     return torch.stack([cos * x - sin * y, sin * x + cos * y, z], -1)
-
-
-_FEATURES, _OUTPUTS = 22, 5  # of a vertex
-_POSITION = 0.2  # metres; features are of size 1 or so
-_HEIGHT = 0.02
-_DISPLACEMENT = 0.05
-_RELAXATION = 0.25  # of a link's excess per pass, at each end

@@ -7,16 +7,78 @@ is: friction, stiffness and weight are the planner's or an average.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.execution.rope_motions import FREE, STEP
+from knotflow.execution.control.motions import FREE, STEP, Motions
 from knotflow.simulation import SimulationConfig, build_model, pose, resample
 
 if TYPE_CHECKING:
+    import pandas as pd
     from torch import Tensor
+
+SHIPPED_DYNAMICS = Path(__file__).parents[1] / "data" / "dynamics.safetensors"
+"""The weights that come with the package."""
+
+JUDGED_STEPS = (1, 10, 25)
+"""Steps of 0.1 s after which predictions are judged; 25 are a whole motion."""
+
+CHUNK = 64
+"""Ropes simulated at once."""
+
+RIDGE = 1e-6
+"""Weight of the coordinates' velocities beside the vertices', square metres: the lever of a link is
+25 mm, or 6e-4 square metres."""
+
+
+@dataclass
+class LstmConfig:
+    """The network, and the rope it is for."""
+
+    hidden: int = 128
+    """Size of each direction's state."""
+    layers: int = 1
+    """LSTMs on top of each other."""
+    group: int = 4
+    """Neighbouring vertices that are read at a time: a rope read in a quarter of the steps may have
+    twice the states for the same time."""
+    links: int = 40
+    """Of the rope."""
+    length: float = 1.0
+    """Of the rope, metres."""
+    straightening: int = 4
+    """Passes over the links that bring them back towards their length."""
+
+
+@dataclass
+class DynamicsTrainingConfig:
+    """The effort, and what is learned from."""
+
+    network: LstmConfig = field(default_factory=LstmConfig)
+    """What is trained."""
+    validations: int = 120
+    """Validations, and checkpoints, until the end."""
+    steps: int = 200
+    """Gradient steps between two of them."""
+    batch: int = 48
+    """Parts of motions in a gradient step."""
+    horizon: int = 10
+    """Longest rollout that is learned from, in steps of 0.1 s; training begins with one of 2."""
+    learning_rate: float = 3e-3
+    """At first; it falls to a hundredth along a cosine."""
+    weight_decay: float = 1e-4
+    """AdamW's."""
+    gradient_norm: float = 0.1
+    """Gradients are cut to this length."""
+    noise: float = 0.0003
+    """Standard deviation of the error of the first vertices, metres: estimates have some."""
+    held_out: float = 0.05
+    """Share of the motions, those of the last ropes, that are for validation."""
 
 
 class RopeDynamics(Protocol):
@@ -40,7 +102,7 @@ class RopeDynamics(Protocol):
         ...
 
 
-class Still:
+class StaticDynamics:
     """A rope that stays where it is: what any model must beat."""
 
     def predict(
@@ -89,7 +151,7 @@ class MujocoDynamics:
         points = np.stack([resample(one, rope) for one in points])
         qpos = pose(points, rope)
         substeps = round(STEP / self.config.timestep)
-        path = self._path(points, velocities, grasped[:, 0], gripper, substeps)
+        path = self._gripper_path(points, velocities, grasped[:, 0], gripper, substeps)
         total = path.shape[1]
         control = np.zeros((count, total, rope.links + 3))
         row, step = np.nonzero(np.repeat(grasped, substeps, axis=1) != FREE)
@@ -109,8 +171,7 @@ class MujocoDynamics:
             ids=np.arange(count),
         )["site_xpos"].reshape(count, total, -1, 3)[:, :, self._vertices]
         # MuJoCo places sites before it integrates: a step's end is read in the next step.
-        ends = np.arange(substeps, total, substeps)
-        ahead = recorded[:, ends]
+        ahead = recorded[:, np.arange(substeps, total, substeps)]
         # One that blows up is put back to the reference pose and stops there.
         warned = np.asarray(batch.warning)[:count, :, 1].any(axis=1, keepdims=True)
         stopped = np.equal(ahead, recorded[:, -1:]).all(axis=(2, 3))
@@ -121,7 +182,7 @@ class MujocoDynamics:
             before = here
         return ahead
 
-    def _path(
+    def _gripper_path(
         self,
         points: NDArray,
         velocities: NDArray,
@@ -183,14 +244,14 @@ class ModelPrediction:
         gripper: NDArray | None,
         grasped: int | None,
     ) -> NDArray[np.float64]:
-        """See `perception.motion.go_on`, which is the prediction without a model."""
+        """The rope (V, 3) after some seconds, metres; the gripper (3,) is where it will be then."""
         import torch
 
         if seconds <= 0:
             return points.copy()
         steps = int(np.ceil(seconds / STEP - 1e-6))
         link = FREE if gripper is None or grasped is None else grasped
-        path = np.zeros((steps, 3))  # nobody looks at the gripper of a rope that is let go
+        path = np.zeros((steps, 3))  # a free rope's gripper does not matter
         if link != FREE:
             centre = points[link : link + 2].mean(axis=0)
             share = STEP * np.arange(1, steps + 1) / seconds  # beyond the image by part of a step
@@ -210,9 +271,32 @@ def grasped_at_each_step(grasped: Tensor, steps: int) -> Tensor:
     return grasped.reshape(len(grasped), -1).expand(-1, steps)
 
 
-CHUNK = 64
-"""Ropes simulated at once."""
+def motion_errors(model: RopeDynamics, motions: Motions) -> NDArray[np.float64]:
+    """Distance (N, T - 1, V) of predicted from true vertices in frames 1.., millimetres.
 
-RIDGE = 1e-6
-"""Weight of the coordinates' velocities beside the vertices', square metres: the lever of a link is
-25 mm, or 6e-4 square metres."""
+    A motion is predicted from its first frame, a rope at rest, and from what the gripper does:
+    where it moves, and when it lets go.
+    """
+    import torch
+
+    points = torch.from_numpy(motions.points[:, 0])
+    gripper, grasped = torch.from_numpy(motions.gripper), torch.from_numpy(motions.grasped)
+    with torch.no_grad():
+        ahead = model.predict(points, torch.zeros_like(points), grasped[:, :-1], gripper[:, 1:])
+    return 1e3 * np.linalg.norm(ahead.numpy() - motions.points[:, 1:], axis=-1)
+
+
+def prediction_errors(models: Mapping[str, RopeDynamics], motions: Motions) -> pd.DataFrame:
+    """A row a model, level and number of steps: model, level, steps, motions, mean_error_mm."""
+    import pandas as pd
+
+    rows = []
+    for name, model in models.items():
+        errors = motion_errors(model, motions).mean(axis=-1)
+        for level in np.unique(motions.level):
+            of_level = motions.level == level
+            for steps in JUDGED_STEPS:
+                mean = float(errors[of_level, steps - 1].mean())
+                rows.append((name, level, steps, of_level.sum(), round(mean, 2)))
+    columns = ["model", "level", "steps", "motions", "mean_error_mm"]
+    return pd.DataFrame(rows, columns=columns)

@@ -27,6 +27,15 @@ STEP = 0.1
 FREE = -1
 """Stands for the index of the grasped link where no link is."""
 
+ACTIONS_PER_CURVE = 4
+"""Splines that move a random curve one after the other: an overhand takes three actions."""
+
+MAX_CROSSINGS = 4
+"""A rope with more is left, and another one taken."""
+
+RANDOM_SHARE = 0.25
+"""Of the splines that move random curves."""
+
 
 @dataclass(frozen=True, eq=False)
 class Motions:
@@ -63,9 +72,8 @@ class Motions:
     @classmethod
     def join(cls, parts: Sequence[Motions]) -> Motions:
         """All motions of several sets."""
-        return cls(
-            **{name: np.concatenate([vars(p)[name] for p in parts]) for name in vars(parts[0])}
-        )
+        columns = zip(*(vars(part).values() for part in parts), strict=True)
+        return cls(*(np.concatenate(column) for column in columns))
 
 
 def draw_motions(
@@ -79,51 +87,53 @@ def draw_motions(
     """Motions of perturbed ropes, a rope at a time; levels take turns.
 
     Half begin where a demonstration does: a quarter with copies of its spline with noise, a quarter
-    with one aimed at any action. The others are as in plans: random curves, moved by `ACTIONS`
-    splines one after the other, aimed at an action or, of four, one random.
+    with one aimed at any action. The others are as in plans: random curves, moved by
+    `ACTIONS_PER_CURVE` splines one after the other, aimed at an action or, of four, one random.
     """
     for number in range(ropes):
         level = levels[number % len(levels)]
         rope = perturb_rope(config.rope, level, rng)
         simulator = RopeSimulator(replace(config, rope=rope, record_rate=1 / config.timestep))
         raised = np.array([0.0, 0.0, rope.radius - config.rope.radius])
-        shown = [
+        demonstrated = [
             _demonstrated(demonstrations, copy=kind % 2 == 0, rng=rng)
             for kind in range(per_rope // 2)
         ]
-        if shown:
-            starts, splines = (np.stack(part) for part in zip(*shown, strict=True))
+        if demonstrated:
+            starts, splines = (np.stack(part) for part in zip(*demonstrated, strict=True))
             yield _execute(simulator, starts + raised, splines, level)[0]
-        left = per_rope - len(shown)
-        lying = [random_curve(config.rope, rng) + raised for _ in range(-(-left // ACTIONS))]
-        while left > 0:
-            lying = lying[:left]
-            left -= len(lying)
-            states = [TopologicalState.from_curve(points) for points in lying]
+        remaining = per_rope - len(demonstrated)
+        curves = -(-remaining // ACTIONS_PER_CURVE)
+        points = [random_curve(config.rope, rng) + raised for _ in range(curves)]
+        while remaining > 0:
+            points = points[:remaining]
+            remaining -= len(points)
+            states = [TopologicalState.from_curve(one) for one in points]
             splines = np.stack(
                 [
-                    aim_anywhere(points, state, rng, RANDOM_SHARE)
-                    for points, state in zip(lying, states, strict=True)
+                    aim_anywhere(one, state, rng, RANDOM_SHARE)
+                    for one, state in zip(points, states, strict=True)
                 ]
             )
-            motions, ends = _execute(simulator, np.stack(lying), splines, level)
+            motions, ends = _execute(simulator, np.stack(points), splines, level)
             yield motions
-            lying = [
+            points = [
                 end - [*end[:, :2].mean(axis=0), 0.0]
-                if _readable(end)
+                if (state := state_or_none(end)) is not None
+                and state.num_crossings <= MAX_CROSSINGS
                 else random_curve(config.rope, rng) + raised
                 for end in ends
             ]
 
 
-ACTIONS = 4
-"""Splines that move a random curve one after the other: an overhand takes three actions."""
-
-MOST_CROSSINGS = 4
-"""A rope with more is left, and another one taken."""
-
-RANDOM_SHARE = 0.25
-"""Of the splines in plans."""
+def _demonstrated(
+    demonstrations: Sequence[Demonstration], copy: bool, rng: np.random.Generator
+) -> tuple[NDArray, NDArray]:
+    """A demonstrated start (V, 3), and a noisy copy of its spline or one aimed elsewhere (6,)."""
+    one = demonstrations[int(rng.integers(len(demonstrations)))]
+    if copy:
+        return one.points, noisy_copies(one.spline, 1, rng, NoiseConfig())[0]
+    return one.points, aim_anywhere(one.points, one.task.start_state, rng)
 
 
 def _execute(
@@ -153,18 +163,3 @@ def simulated_frames(steps: NDArray[np.intp], frames: int) -> NDArray[np.intp]:
     for the start, and for the end, of which there is no later one and at which the rope rests.
     """
     return np.where(steps > 0, np.minimum(steps + 1, frames - 1), 0)
-
-
-def _demonstrated(
-    demonstrations: Sequence[Demonstration], copy: bool, rng: np.random.Generator
-) -> tuple[NDArray, NDArray]:
-    """A start (V, 3) and a spline (6,): a copy of the one shown there, or one aimed elsewhere."""
-    shown = demonstrations[int(rng.integers(len(demonstrations)))]
-    if copy:
-        return shown.points, noisy_copies(shown.spline, 1, rng, NoiseConfig())[0]
-    return shown.points, aim_anywhere(shown.points, shown.task.start_state, rng)
-
-
-def _readable(points: NDArray) -> bool:
-    state = state_or_none(points)
-    return state is not None and state.num_crossings <= MOST_CROSSINGS

@@ -1,0 +1,1 @@
+"""Plans as trajectories of a robot arm (Sec. VII-D)."""

@@ -1,0 +1,339 @@
+"""A plan as a timed trajectory of an arm, and its file: CSV, or the YAML of a ROS 2 message.
+
+`joint` trajectories are trajectory_msgs/JointTrajectory, arm and gripper together; `cartesian` ones
+are trajectory_msgs/MultiDOFJointTrajectory of the tip in the world frame. Neither needs ROS.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import yaml
+from numpy.typing import NDArray
+
+from knotflow.execution.arm.arm_model import Arm, ArmError, Base, load_arm, panda
+from knotflow.execution.arm.inverse_kinematics import IkSolution, follow_waypoints
+from knotflow.planning import GripperConfig, KnotPlan, Waypoints
+
+FORMATS = ("csv", "ros2")
+SPACES = ("joint", "cartesian")
+
+MAX_LISTED = 12  # ranges of waypoints named before the rest is counted
+SUBDIVISIONS = 8  # of the way between two waypoints, at which the tip's pace is measured
+
+
+@dataclass(frozen=True, eq=False)
+class JointTrajectory:
+    """N configurations in time, at rest between phases.
+
+    Attributes:
+        arm: which moves.
+        waypoints: which it follows; their times are those before joints limited them.
+        ik: how closely.
+        times: (N,) seconds, increasing.
+    """
+
+    arm: Arm
+    waypoints: Waypoints
+    ik: IkSolution
+    times: NDArray[np.float64]
+
+    @property
+    def unreachable(self) -> NDArray[np.intp]:
+        """Numbers of the waypoints that are not reached, counted from 0."""
+        return np.flatnonzero(~self.ik.ok)
+
+    @property
+    def joint_speeds(self) -> NDArray[np.float64]:
+        """(N, n) velocities, rad/s (m/s); 0 where a phase ends."""
+        return self._rates(self.ik.joints)
+
+    @property
+    def tip_speeds(self) -> NDArray[np.float64]:
+        """(N, 3) velocities of the tip, m/s; 0 where a phase ends."""
+        return self._rates(self.ik.positions)
+
+    def peaks(self) -> dict[str, float]:
+        """Peak tip speed (m/s) and acceleration (m/s^2), and joints' as shares of their limits."""
+        found = []
+        for rows in _phases(self.waypoints):
+            seconds = float(self.times[rows[1]] - self.times[rows[0]]) if len(rows) > 1 else 1.0
+            tip = _differences(self.ik.positions[rows], seconds)
+            joints = _differences(self.ik.joints[rows], seconds)
+            found.append(
+                {
+                    "tip_speed": np.linalg.norm(tip[0], axis=1).max(initial=0.0),
+                    "tip_acceleration": np.linalg.norm(tip[1], axis=1).max(initial=0.0),
+                    "joint_speed": _share(joints[0], self.arm.max_speed),
+                    "joint_acceleration": _share(joints[1], self.arm.max_acceleration),
+                }
+            )
+        return {name: float(max(one[name] for one in found)) for name in found[0]}
+
+    def _rates(self, values: NDArray) -> NDArray[np.float64]:
+        if len(values) < 2:
+            return np.zeros_like(values)
+        rates: NDArray[np.float64] = np.gradient(values, self.times, axis=0)
+        rates[[rows[-1] for rows in _phases(self.waypoints)]] = 0.0
+        return rates
+
+
+def time_joints(
+    arm: Arm, waypoints: Waypoints, ik: IkSolution, max_speed: float
+) -> JointTrajectory:
+    """Give each phase the time that tip and joints need: the waypoints' own, or longer.
+
+    A phase goes from rest to rest and is slowed as a whole, so its path and the shape of its
+    speed are kept. Between waypoints joints go straight, and the tip, in an arc, a little farther.
+
+    Args:
+        arm: whose limits hold.
+        waypoints: evenly spaced in time.
+        ik: the arm's configurations at them.
+        max_speed: of the tip, m/s.
+    """
+    even = float(waypoints.times[1] - waypoints.times[0]) if len(waypoints) > 1 else 0.0
+    intervals = np.full(len(waypoints), even)
+    lengths = _tip_path_lengths(arm, ik.joints)
+    for rows in _phases(waypoints):
+        if len(rows) < 2:
+            continue
+        speed, acceleration = _differences(ik.joints[rows], even)
+        intervals[rows[1:]] *= max(
+            1.0,
+            float(lengths[rows[:-1]].max()) / even / max_speed,
+            _share(speed, arm.max_speed),
+            np.sqrt(_share(acceleration, arm.max_acceleration)),
+        )
+    intervals[:1] = 0.0
+    return JointTrajectory(arm, waypoints, ik, np.cumsum(intervals))
+
+
+def _tip_path_lengths(arm: Arm, joints: NDArray) -> NDArray[np.float64]:
+    """(N - 1,) metres: how far the tip would go from each of N configurations to the next at the
+    pace of its fastest part."""
+    part = np.linspace(0.0, 1.0, SUBDIVISIONS + 1)[:-1, None]
+    between = joints[:-1, None] + part * np.diff(joints, axis=0)[:, None]  # (N - 1, parts, n)
+    tips = arm.tip_positions(np.concatenate([between.reshape(-1, joints.shape[1]), joints[-1:]]))
+    lengths = np.linalg.norm(np.diff(tips, axis=0), axis=1).reshape(-1, SUBDIVISIONS)
+    return SUBDIVISIONS * lengths.max(axis=1)
+
+
+def _phases(waypoints: Waypoints) -> list[NDArray[np.intp]]:
+    """Rows of each phase, the last of the phase before it in front."""
+    names = list(zip(waypoints.step.tolist(), waypoints.phases, strict=True))
+    cuts = [0, *(i for i in range(1, len(names)) if names[i] != names[i - 1]), len(names)]
+    return [np.arange(max(a - 1, 0), b) for a, b in zip(cuts, cuts[1:], strict=False)]
+
+
+def _differences(values: NDArray, interval: float) -> tuple[NDArray, NDArray]:
+    """Speeds (m - 1, d) between m values, and accelerations (m, d) from rest to rest."""
+    speed = np.diff(values, axis=0) / interval
+    rest = np.zeros((1, values.shape[1]))
+    return speed, np.diff(np.concatenate([rest, speed, rest]), axis=0) / interval
+
+
+def _share(values: NDArray, limits: NDArray) -> float:
+    return float((np.abs(values) / limits).max(initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Export:
+    """What `export_plan` returns.
+
+    Attributes:
+        text: the file's contents.
+        trajectory: what they were made of.
+        slowed: how many times longer than simulated the gripper holds the rope, 1 or more.
+    """
+
+    text: str
+    trajectory: JointTrajectory
+    slowed: float
+
+    @property
+    def reachable(self) -> bool:
+        """Whether the arm reaches every waypoint."""
+        return len(self.trajectory.unreachable) == 0
+
+    def summary(self) -> str:
+        """Duration, peaks, and what cannot be reached, for printing."""
+        trajectory, ik, waypoints = self.trajectory, self.trajectory.ik, self.trajectory.waypoints
+        peaks = trajectory.peaks()
+        lines = [
+            f"{trajectory.arm.name}: {len(trajectory.times)} waypoints, "
+            f"{trajectory.times[-1]:.1f} s; the rope moves {self.slowed:.1f} times slower than "
+            "simulated",
+            f"peak at the tip {peaks['tip_speed']:.3f} m/s and "
+            f"{peaks['tip_acceleration']:.2f} m/s^2; in the joints {peaks['joint_speed']:.0%} of "
+            f"the speed limit, {peaks['joint_acceleration']:.0%} of the acceleration limit",
+        ]
+        if self.reachable:
+            lines.append(
+                f"all waypoints reached: at most {ik.error.max() * 1e3:.2f} mm off, gripper "
+                f"tilted by at most {np.rad2deg(ik.tilt.max()):.0f} degrees"
+            )
+            return "\n".join(lines)
+        missed = len(trajectory.unreachable)
+        lines.append(f"{missed} waypoints cannot be reached; do not execute this trajectory:")
+        ranges = _runs(~ik.ok)
+        for rows in ranges[:MAX_LISTED]:
+            worst = rows[int(ik.error[rows].argmax())]
+            position = ", ".join(f"{number:.3f}" for number in waypoints.positions[worst])
+            lines.append(
+                f"  {rows[0]} to {rows[-1]} ({waypoints.actions[worst]}, "
+                f"{waypoints.phases[worst]}): up to {ik.error[worst] * 1e3:.1f} mm off at "
+                f"({position}) m, tilt {np.rad2deg(ik.tilt[rows].max()):.0f} and turn "
+                f"{np.rad2deg(ik.turn[rows].max()):.0f} degrees"
+            )
+        if len(ranges) > MAX_LISTED:
+            lines.append(f"  and {len(ranges) - MAX_LISTED} more ranges")
+        return "\n".join(lines)
+
+
+def export_plan(
+    plan: KnotPlan,
+    arm: str | Path | Arm = "panda",
+    base: Path | Base | None = None,
+    max_speed: float = 0.25,
+    format: str = "csv",
+    space: str = "joint",
+    rate_hz: float = 20.0,
+    tip: str | None = None,
+) -> Export:
+    """A plan's motion by an arm, moves between the splines included.
+
+    It begins above the first grasp, where the arm must be brought first.
+
+    Args:
+        plan: with at least one step.
+        arm: `panda`, an MJCF file, or an `Arm`.
+        base: where it stands, or a YAML file that says so, see `Base.load`; by default the arm's.
+        max_speed: of the tip, m/s.
+        format: csv or ros2.
+        space: joint or cartesian.
+        rate_hz: waypoints per second, before joint limits slow them.
+        tip: for an MJCF file, the site between the fingers, see `load_arm`.
+
+    Raises:
+        ArmError: an arm, base, speed, format or space that cannot be used, or nothing to execute.
+        ValueError: a rate that is not above 0, or a rope too high to pass above.
+    """
+    for name, value, known in (("format", format, FORMATS), ("space", space, SPACES)):
+        if value not in known:
+            raise ArmError(f"unknown {name} {value!r}; choose {' or '.join(known)}")
+    if not 0.0 < max_speed < np.inf:
+        raise ArmError(f"max_speed must be above 0 m/s, got {max_speed}")
+    if not plan.steps:
+        raise ArmError(f"the plan for {plan.goal} has no steps to execute: {plan.reason}")
+    if not isinstance(arm, Arm):
+        arm = panda() if str(arm) == "panda" else load_arm(Path(arm), tip)
+    base = Base.load(base) if isinstance(base, str | Path) else base
+    moves = GripperConfig(
+        travel_speed=max_speed,
+        vertical_speed=min(GripperConfig().vertical_speed, max_speed),
+        drag_speed=max_speed,
+    )
+    waypoints = plan.waypoints(rate_hz, moves)
+    ik = follow_waypoints(plan, waypoints, arm, base)
+    trajectory = time_joints(arm, waypoints, ik, max_speed)
+    dragging = np.array(waypoints.phases) == "drag"
+    seconds = float(np.diff(trajectory.times, prepend=0.0)[dragging].sum())
+    slowed = max(1.0, seconds / (plan.move_time * (waypoints.step[-1] + 1)))
+    text = (_csv if format == "csv" else _ros2)(trajectory, space)
+    return Export(text, trajectory, slowed)
+
+
+def _runs(mask: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
+    """Rows of each stretch in which the mask (N,) is true."""
+    rows = np.flatnonzero(mask)
+    return [run for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(run)]
+
+
+def _gripper_positions(trajectory: JointTrajectory) -> NDArray[np.float64]:
+    """Position (N,) of the gripper's joint: it moves while the arm stands."""
+    opened, closed = trajectory.arm.opening
+    phases = np.array(trajectory.waypoints.phases)
+    share = trajectory.waypoints.closed.astype(float)
+    for phase in ("close", "open"):
+        for rows in _runs(phases == phase):
+            u = np.arange(1, len(rows) + 1) / len(rows)
+            share[rows] = u if phase == "close" else 1.0 - u
+    return opened + (closed - opened) * share
+
+
+def _csv(trajectory: JointTrajectory, space: str) -> str:
+    waypoints, ik = trajectory.waypoints, trajectory.ik
+    if space == "joint":
+        names, values = [*trajectory.arm.joints], ik.joints
+    else:
+        names = ["x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"]
+        values = np.concatenate([ik.positions, ik.quaternions], axis=1)
+    table = pd.DataFrame(values, columns=names)
+    table.insert(0, "time_s", trajectory.times)
+    table[trajectory.arm.gripper] = _gripper_positions(trajectory)
+    table["closed"], table["reached"] = waypoints.closed.astype(int), ik.ok.astype(int)
+    table["step"], table["action"] = waypoints.step, waypoints.actions
+    table["phase"] = waypoints.phases
+    return table.to_csv(index=False, float_format="%.6f", lineterminator="\n")
+
+
+def _ros2(trajectory: JointTrajectory, space: str) -> str:
+    arm, ik, times = trajectory.arm, trajectory.ik, trajectory.times
+    points: list[dict[str, Any]]
+    if space == "joint":
+        kind, names, frame = "JointTrajectory", [*arm.joints, arm.gripper], ""
+        gripper = _gripper_positions(trajectory)
+        positions = np.column_stack([ik.joints, gripper])
+        speeds = np.column_stack([trajectory.joint_speeds, np.gradient(gripper, times)])
+        points = [
+            {"positions": position, "velocities": speed}
+            for position, speed in zip(_rounded(positions), _rounded(speeds), strict=True)
+        ]
+    else:
+        kind, names, frame = "MultiDOFJointTrajectory", [arm.tip], "world"
+        points = [
+            {
+                "transforms": [
+                    {
+                        "translation": dict(zip("xyz", position, strict=True)),
+                        "rotation": dict(zip("xyzw", (x, y, z, w), strict=True)),
+                    }
+                ],
+                "velocities": [{"linear": dict(zip("xyz", speed, strict=True))}],
+            }
+            for position, (w, x, y, z), speed in zip(
+                *map(_rounded, (ik.positions, ik.quaternions, trajectory.tip_speeds)), strict=True
+            )
+        ]
+    for point, time in zip(points, times, strict=True):
+        seconds, nanoseconds = divmod(round(float(time) * 1e9), 10**9)
+        point["time_from_start"] = {"sec": seconds, "nanosec": nanoseconds}
+    # For arms whose gripper is commanded apart:
+    phases = np.array(trajectory.waypoints.phases)
+    events = sorted(
+        (times[rows[0]], phase) for phase in ("close", "open") for rows in _runs(phases == phase)
+    )
+    comments = "".join(f"# {time:9.3f} s: {phase} the gripper\n" for time, phase in events)
+    head = yaml.safe_dump(
+        {"header": {"frame_id": frame}, "joint_names": names},
+        sort_keys=False,
+        default_flow_style=None,
+        width=1000,
+    )
+    # A line a point: block style would take ten times the lines.
+    lines = (
+        yaml.safe_dump(point, sort_keys=False, default_flow_style=True, width=10**6)
+        for point in points
+    )
+    body = "".join(f"- {line}" for line in lines)
+    return f"# trajectory_msgs/msg/{kind}\n{comments}{head}points:\n{body}"
+
+
+def _rounded(values: NDArray) -> list[list[float]]:
+    rows: list[list[float]] = np.round(values, 6).tolist()
+    return rows

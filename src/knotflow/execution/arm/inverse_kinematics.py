@@ -1,0 +1,322 @@
+"""Inverse kinematics along a plan's waypoints with mink (differential, a QP a step).
+
+The tip's position comes first, then the gripper's direction: pointing down, its fingers closing
+across the strand it grasps. Where it comes down and closes it must; once it holds the rope it may
+turn about the vertical, as the rope does that it drags. At the edge of the workspace the gripper
+tilts rather than miss.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import chain
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.execution.arm.arm_model import PREFIX, TABLE, Arm, Base
+from knotflow.planning import KnotPlan, Waypoints
+from knotflow.simulation import grasped_link
+
+if TYPE_CHECKING:
+    import mink
+
+TOLERANCE = 1e-3
+"""Distance of the tip from its waypoint that counts as reached, metres."""
+MAX_TILT = np.deg2rad(30.0)
+"""The gripper may lean this far from pointing down."""
+MAX_TURN = np.deg2rad(15.0)
+"""The fingers may close this far from across the strand."""
+GRASPING = ("descend", "close")
+"""Phases in which the fingers must close across the strand,"""
+ALIGNED = ("travel", *GRASPING)
+"""and those in which they turn there and keep; in the others the gripper may turn."""
+CLEARANCE = 1e-3
+"""Least distance between arm and table, and between links that are not neighbours, metres."""
+
+# Costs of a metre missed and of a radian tilted, turned or away from home. The last settles what
+# the tip leaves free; much smaller ones get lost in the solver's tolerance.
+POSITION_COST, TILT_COST, TURN_COST, HOME_COST = 200.0, 2.0, 4.0, 0.05
+FREE_TURN_COST = 0.1  # of a gripper that holds the rope or leaves it
+HOME_GAIN = 0.1  # share of the way home an iteration; a faster one would keep the arm moving
+MAX_ITERATION_STEP = 0.15  # rad (m); near a stretched arm longer ones leap about
+MAX_WAYPOINT_STEP = 0.2  # rad (m); more would take the tip off its path in between
+CONVERGED_POSITION, CONVERGED_ANGLE = 1e-4, 2e-3  # metres, radians an iteration
+ITERATIONS = 25
+RESTARTS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class IkSolution:
+    """An arm following N waypoints as closely as it can.
+
+    Attributes:
+        joints: (N, n) configurations, radians (metres for slides).
+        positions: (N, 3) of the tip by forward kinematics, metres, world frame.
+        quaternions: (N, 4) of the tip, w x y z.
+        error: (N,) distance from the waypoints, metres.
+        tilt: (N,) of the gripper from pointing down, radians.
+        turn: (N,) of the fingers from the direction in which they should close, radians; 0 where
+            they do not come down on a strand or close on it.
+    """
+
+    joints: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    quaternions: NDArray[np.float64]
+    error: NDArray[np.float64]
+    tilt: NDArray[np.float64]
+    turn: NDArray[np.float64]
+
+    @property
+    def ok(self) -> NDArray[np.bool_]:
+        """(N,) whether each waypoint is reached."""
+        return (self.error <= TOLERANCE) & (self.tilt <= MAX_TILT) & (self.turn <= MAX_TURN)
+
+
+def follow_waypoints(
+    plan: KnotPlan, waypoints: Waypoints, arm: Arm, base: Base | None = None
+) -> IkSolution:
+    """Follow a plan's waypoints with an arm, within its joint ranges and above the table.
+
+    For each step the fingers can close in two directions, half a turn apart. The one nearer to
+    the arm's home is taken, or the other where that reaches more waypoints.
+    """
+    solver = _Solver(arm, base or arm.base)
+    joints: NDArray | None = None
+    yaw: float | None = None
+    segments: list[_Segment] = []
+    phases = np.array(waypoints.phases)
+    for step, plan_step in enumerate(plan.steps):
+        rows = np.flatnonzero(waypoints.step == step)
+        positions, aligned = waypoints.positions[rows], np.isin(phases[rows], ALIGNED)
+        link = int(grasped_link(plan_step.spline, len(plan_step.start) - 1))
+        x, y, _ = plan_step.start[link + 1] - plan_step.start[link]
+        nearer = solver.nearest_yaw(float(np.arctan2(y, x)), positions[-1])
+        best: _Segment | None = None
+        for goal in (nearer, nearer + np.pi):
+            yaws = _interpolate_yaw(yaw, goal, phases[rows] == "travel")
+            segment = solver.follow(joints, positions, yaws, aligned)
+            if best is None or segment.missed < best.missed:
+                best = segment
+            if not best.missed:
+                break
+        assert best is not None
+        segments.append(best)
+        joints, yaw = best.joints[-1], solver.yaw(best.joints[-1], near=float(best.yaws[-1]))
+    return solver.solution(segments, waypoints)
+
+
+@dataclass(frozen=True, eq=False)
+class _Segment:
+    """One step: joints (n, J), the yaws (n,) asked for, and how many waypoints were missed."""
+
+    joints: NDArray[np.float64]
+    yaws: NDArray[np.float64]
+    missed: int
+
+
+def _interpolate_yaw(
+    begin: float | None, end: float, travel: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Direction (n,) of the gripper's x axis: it turns while it travels, then keeps."""
+    if begin is None:
+        return np.full(len(travel), end)
+    u = np.minimum(np.cumsum(travel) / max(travel.sum(), 1), 1.0)
+    return begin + u**2 * (3.0 - 2.0 * u) * (end - begin)
+
+
+class _Solver:
+    """An arm's kinematics and the QP that moves its tip."""
+
+    def __init__(self, arm: Arm, base: Base) -> None:
+        import mink
+
+        self.base, self.model = base, arm.model(base)
+        self.configuration = mink.Configuration(self.model)
+        ids = arm.joint_ids(self.model)
+        self.columns = self.model.jnt_qposadr[ids]
+        self.site = self.model.site(PREFIX + arm.tip).id
+        turn_costs = [TILT_COST, TILT_COST, TURN_COST]
+        self.tip_task = mink.FrameTask(self.site, "site", POSITION_COST, turn_costs)
+        self.posture_task = mink.PostureTask(self.model, HOME_COST, gain=HOME_GAIN)
+        self.home = self._lowest_home(arm)
+        self.ranges = mink.ConfigurationLimit(self.model)
+        self.low, self.high = self.ranges.lower.copy(), self.ranges.upper.copy()
+        speeds = dict.fromkeys((PREFIX + name for name in arm.joints), MAX_ITERATION_STEP)
+        self.configuration.update(self.home)
+        self.limits = [
+            self.ranges,
+            mink.VelocityLimit(self.model, speeds),
+            self._collision_limit(),
+        ]
+        position, rotation = self._tip()
+        x, y, _ = rotation[:, 0]
+        self.home_azimuth = self._azimuth(position)
+        self.home_yaw = float(np.arctan2(y, x)) - self.home_azimuth
+        # About the vertical, upward (+1) or downward (-1)? Then the first joint faces the work.
+        self.swing = float(np.round(self.configuration.data.xaxis[ids[0]][2]))
+
+    def nearest_yaw(self, strand: float, position: NDArray) -> float:
+        """The direction along a strand, of two, that lies nearer to the gripper's at home."""
+        home = self.home_yaw + self._azimuth(position)
+        return home + (strand - home + np.pi / 2) % np.pi - np.pi / 2
+
+    def follow(
+        self, start: NDArray | None, positions: NDArray, yaws: NDArray, aligned: NDArray[np.bool_]
+    ) -> _Segment:
+        """Track positions (n, 3), and yaws (n,) where `aligned`, from joints (J,) or anywhere."""
+        self._set_joints(self._find_start(positions[0], yaws[0]) if start is None else start)
+        joints, missed = [], 0
+        for position, yaw, align in zip(positions, yaws, aligned, strict=True):
+            here = self.configuration.q
+            self.ranges.lower = np.maximum(self.low, here - MAX_WAYPOINT_STEP)
+            self.ranges.upper = np.minimum(self.high, here + MAX_WAYPOINT_STEP)
+            missed += not self._solve(position, yaw, align)
+            joints.append(self.configuration.q[self.columns])
+        self.ranges.lower, self.ranges.upper = self.low, self.high
+        return _Segment(np.array(joints), yaws, missed)
+
+    def yaw(self, joints: NDArray, near: float) -> float:
+        """Direction of the gripper's x axis at joints (J,), within half a turn of `near`."""
+        self._set_joints(joints)
+        x, y, _ = self._tip()[1][:, 0]
+        return near + (float(np.arctan2(y, x)) - near + np.pi) % (2 * np.pi) - np.pi
+
+    def solution(self, segments: list[_Segment], waypoints: Waypoints) -> IkSolution:
+        """What forward kinematics says of the joints found."""
+        joints = np.concatenate([segment.joints for segment in segments])
+        yaws = np.concatenate([segment.yaws for segment in segments])
+        poses, angles = [], []
+        for configuration, yaw in zip(joints, yaws, strict=True):
+            self._set_joints(configuration)
+            poses.append(self.configuration.get_transform_frame_to_world(self.site, "site"))
+            angles.append(self._tilt_and_turn(yaw))
+        tilt, turn = np.array(angles).T
+        turn[~np.isin(waypoints.phases, GRASPING)] = 0.0
+        positions = np.array([pose.translation() for pose in poses])
+        quaternions = np.array([pose.rotation().wxyz for pose in poses])
+        error = np.linalg.norm(positions - waypoints.positions, axis=1)
+        return IkSolution(joints, positions, quaternions, error, tilt, turn)
+
+    def _find_start(self, position: NDArray, yaw: float) -> NDArray[np.float64]:
+        """Joints (J,) for the first waypoint: from home, else from elsewhere in the ranges."""
+        rng = np.random.default_rng(0)
+        low = np.maximum(self.low[self.columns], -np.pi)
+        high = np.minimum(self.high[self.columns], np.pi)
+        home = self._home_towards(position)[self.columns]
+        restarts = (home + 0.3 * (rng.uniform(low, high) - home) for _ in range(RESTARTS))
+        best, least = home, np.inf
+        for start in chain([home], restarts):
+            self._set_joints(np.clip(start, low, high))
+            reached = self._solve(position, yaw, iterations=8 * ITERATIONS)
+            error = float(np.linalg.norm(self._tip()[0] - position))
+            if error < least:
+                best, least = self.configuration.q[self.columns], error
+            if reached:
+                break
+        return best
+
+    def _solve(
+        self,
+        position: NDArray,
+        yaw: float,
+        align: bool = True,
+        iterations: int = ITERATIONS,
+    ) -> bool:
+        """Move the configuration to a waypoint; whether it is reached."""
+        import mink
+
+        # Pointing down, its x axis in direction `yaw`, so that the fingers close across.
+        down = mink.SO3.from_z_radians(yaw) @ mink.SO3.from_x_radians(np.pi)
+        turn_cost = TURN_COST if align else FREE_TURN_COST
+        self.tip_task.set_orientation_cost([TILT_COST, TILT_COST, turn_cost])
+        self.tip_task.set_target(mink.SE3.from_rotation_and_translation(down, position))
+        self.posture_task.set_target(self._home_towards(position))
+        tilt, turn = self._tilt_and_turn(yaw)
+        missed = np.inf
+        for _ in range(iterations):
+            try:
+                step = mink.solve_ik(
+                    self.configuration,
+                    [self.tip_task, self.posture_task],
+                    1.0,
+                    "daqp",
+                    damping=1e-5,
+                    limits=self.limits,
+                )
+            except mink.NoSolutionFound:
+                break
+            self.configuration.integrate_inplace(step, 1.0)
+            before, (tilt, turn) = tilt + turn, self._tilt_and_turn(yaw)
+            nearer, missed = missed, float(np.linalg.norm(self._tip()[0] - position))
+            there = missed < CONVERGED_POSITION or abs(missed - nearer) < 0.1 * CONVERGED_POSITION
+            if there and abs(tilt + turn - before) < CONVERGED_ANGLE:
+                break
+        return bool(missed <= TOLERANCE and tilt <= MAX_TILT and (turn <= MAX_TURN or not align))
+
+    def _set_joints(self, joints: NDArray) -> None:
+        q = self.home.copy()
+        q[self.columns] = joints
+        self.configuration.update(q)
+
+    def _tip(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Position (3,) and rotation (3, 3) of the tip."""
+        data = self.configuration.data
+        return data.site_xpos[self.site], data.site_xmat[self.site].reshape(3, 3)
+
+    def _tilt_and_turn(self, yaw: float) -> tuple[float, float]:
+        """How far the gripper leans from pointing down, and its fingers from closing across."""
+        _, rotation = self._tip()
+        fingers, across = rotation[:, 1], np.array([np.sin(yaw), -np.cos(yaw), 0.0])
+        level = max(float(np.hypot(*fingers[:2])), 1e-9)
+        tilt = np.arccos(np.clip(-rotation[2, 2], -1.0, 1.0))
+        turn = np.arccos(np.clip(fingers @ across / level, -1.0, 1.0))
+        return float(tilt), float(turn)
+
+    def _collision_limit(self) -> mink.CollisionAvoidanceLimit:
+        """Table and arm, and the links with each other, but for those that touch at home."""
+        import mink
+        import mujoco
+
+        model, data, table = self.model, self.configuration.data, self.model.geom(TABLE).id
+        parts = np.flatnonzero(model.geom_contype | model.geom_conaffinity)
+        parts = parts[parts != table].tolist()
+        pairs = []
+        for a in parts:
+            if model.body_weldid[model.geom_bodyid[a]] != 0:
+                pairs.append(([a], [table]))
+            pairs += [
+                ([a], [b])
+                for b in parts
+                if b > a and mujoco.mj_geomDistance(model, data, a, b, 1.0, None) > 2 * CLEARANCE
+            ]
+        return mink.CollisionAvoidanceLimit(
+            model,
+            pairs,
+            minimum_distance_from_collisions=CLEARANCE,
+            collision_detection_distance=0.05,
+        )
+
+    def _lowest_home(self, arm: Arm) -> NDArray[np.float64]:
+        """The whole model's configuration at the home in which the gripper points down most."""
+        best, lowest = self.model.qpos0.copy(), np.inf
+        for home in arm.homes:
+            q = self.model.qpos0.copy()
+            q[self.columns] = home
+            self.configuration.update(q)
+            upward = float(self._tip()[1][2, 2])
+            if upward < lowest:
+                best, lowest = q, upward
+        return best
+
+    def _home_towards(self, position: NDArray) -> NDArray[np.float64]:
+        """Home, turned by the first joint to face a position."""
+        turn = self._azimuth(position) - self.home_azimuth
+        home = self.home.copy()
+        home[self.columns[0]] += self.swing * ((turn + np.pi) % (2 * np.pi) - np.pi)
+        return np.clip(home, self.low, self.high)
+
+    def _azimuth(self, position: NDArray) -> float:
+        x, y = np.asarray(position)[:2] - np.asarray(self.base.position)[:2]
+        return float(np.arctan2(y, x))

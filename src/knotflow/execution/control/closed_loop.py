@@ -1,0 +1,255 @@
+"""A plan executed by a robot: step by step as planned, or replanned after each (Sec. VI).
+
+With replanning, the rope is observed after each action and the rest planned from there: with
+splines for the rope as it lies, whether the action led to its state, to another one of the solution
+DAG, or outside of it, from where a planner that may undo has a way back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.execution.control.motions import STEP
+from knotflow.execution.control.observation import Observation, RopeSource, StateEstimator
+from knotflow.execution.control.robot import Robot
+from knotflow.execution.control.step_executor import (
+    Controller,
+    ExecutionConfig,
+    StepExecutor,
+    TickTiming,
+)
+from knotflow.planning import KnotPlan, PlanStep, UnreachableGoalError
+from knotflow.simulation import ShapeError
+from knotflow.topology import Action, DegenerateCurveError, TopologicalState
+
+Replan = Callable[[NDArray], KnotPlan]
+"""Plans the rest of a knot from a rope (V, 3) as it lies, such as `planning.plan_knot` does."""
+
+
+@dataclass(frozen=True)
+class StepOutcome:
+    """What became of one step.
+
+    Attributes:
+        step: as it was planned.
+        observed_state: after it; None where it was not observed, or cannot be read.
+        held: see `DragResult`.
+        tracked: see `DragResult`.
+    """
+
+    step: PlanStep
+    observed_state: TopologicalState | None
+    held: bool
+    tracked: bool
+
+    @property
+    def action(self) -> Action:
+        """What it was for; an `Arrange` keeps the state."""
+        return self.step.action
+
+
+@dataclass(frozen=True, eq=False)
+class Execution:
+    """What was commanded and observed; a frame after each of the robot's N moves.
+
+    Attributes:
+        times: (N,) seconds since the first move began.
+        gripper: (N, 3) where it was commanded to be, metres.
+        closed: (N,) whether the fingers were commanded to be closed.
+        step: (N,) how many actions had been begun before.
+        reference: (N, V, 3) the rope of the plan, metres; NaN where the gripper does not drag.
+        points: (N, V, 3) the rope as it was tracked, metres; NaN where it was not.
+        ticks: what each move that the controller chose took.
+        outcomes: of each step, in the order executed.
+        observation: the last one of the rope; None without any.
+        tied: whether it shows a state of the goal, without doubt; None without an observation.
+        reason: why it ended.
+    """
+
+    times: NDArray[np.float64]
+    gripper: NDArray[np.float64]
+    closed: NDArray[np.bool_]
+    step: NDArray[np.int64]
+    reference: NDArray[np.float64]
+    points: NDArray[np.float64]
+    ticks: tuple[TickTiming, ...]
+    outcomes: tuple[StepOutcome, ...]
+    observation: Observation | None
+    tied: bool | None
+    reason: str
+
+
+def execute(
+    plan: KnotPlan,
+    robot: Robot,
+    config: ExecutionConfig | None = None,
+    source: RopeSource | None = None,
+    controller: Controller | None = None,
+    estimator: StateEstimator | None = None,
+    replan: Replan | None = None,
+) -> Execution:
+    """Tie the plan's knot.
+
+    Args:
+        plan: with the trajectories of its steps.
+        robot: used by the methods of `Robot` alone.
+        config: heights, speeds, what matters, and when to give up.
+        source: tracks the rope while it is dragged, so that a rope that is lost is noticed.
+        controller: corrects the drag. Without one, but with a source, the spline begins where the
+            rope is and is then followed blindly.
+        estimator: reads the rope's state at the end, and with `replan` after each action.
+        replan: plans the rest after each action. Only the first step of each plan is executed, also
+            of one that comes near the goal only; the given plan's if the rope is seen to lie in the
+            state it begins with.
+
+    Returns:
+        What was done, and whether the knot is seen to be tied.
+
+    Raises:
+        ValueError: a controller without a source, `replan` without an estimator, or a plan without
+            trajectories.
+    """
+    if controller is not None and source is None:
+        raise ValueError("a controller needs a source that tracks the rope")
+    if replan is not None and estimator is None:
+        raise ValueError("replanning needs an estimator of the rope's state after each action")
+    if any(len(step.trajectory) == 0 for step in plan.steps):
+        raise ValueError("the plan was saved without trajectories, so there is nothing to follow")
+    corrects = source is not None or replan is not None
+    executor = StepExecutor(robot, config or ExecutionConfig(), source, controller, corrects)
+    knot = _KnotExecution(executor, plan, estimator)
+    try:
+        reason = knot.execute_steps() if replan is None else knot.execute_with_replanning(replan)
+    finally:
+        robot.release()
+    return knot.record(reason)
+
+
+@dataclass(eq=False)
+class _KnotExecution:
+    """An execution under way."""
+
+    executor: StepExecutor
+    plan: KnotPlan
+    estimator: StateEstimator | None
+    outcomes: list[StepOutcome] = field(default_factory=list)
+    observation: Observation | None = None
+
+    def execute_steps(self) -> str:
+        """Execute every step of the plan; why it ended."""
+        attempts = self.executor.config.attempts
+        for number, step in enumerate(self.plan.steps):
+            if not any(self._execute_step(step, self.plan) for _ in range(attempts)):
+                reason = f"the rope was lost in all {attempts} attempts at step {number}"
+                break
+        else:
+            reason = "every step was executed"
+        if self.estimator is None:
+            return reason
+        self._observe(self.plan.steps[-1].end if self.plan.steps else self.plan.start)
+        return f"{reason}, and {self._observed()}"
+
+    def execute_with_replanning(self, replan: Replan) -> str:
+        """Plan, execute one step, observe, and so on; why it ended.
+
+        Nothing is planned from a rope in doubt: the planner would tie one that is not there. Where
+        only an end is in doubt, the shape is right within millimetres, and it can be planned from;
+        but a knot that hangs on such an end is not reported. A search that found no plan in its
+        time leads some way: its first step is executed, and the rest searched for from there.
+        """
+        config, lost, unsolved = self.executor.config, 0, 0
+        observation = self._observe(self.plan.start, config.max_pulls)
+        begins = self.plan.solved and observation.state == self.plan.start_state
+        plan = self.plan if begins else None
+        while observation.points is not None and not self._tied():
+            done = len(self.outcomes)
+            if self._in_doubt():
+                return f"it cannot be planned after {done} actions: {self._observed()}"
+            if lost == config.attempts:
+                times = f"{lost} actions one after the other"
+                return f"the rope was lost in {times}: {self._observed()}"
+            if done == config.max_actions:
+                return f"the knot is not tied after {done} actions: {self._observed()}"
+            try:
+                plan = plan or replan(observation.points)
+            except (UnreachableGoalError, DegenerateCurveError, ShapeError) as error:
+                return f"there is no plan after {done} actions: {error}"
+            unsolved = 0 if plan.solved else unsolved + 1
+            if unsolved > config.max_unsolved or (plan.solved and not plan.steps):
+                return f"no plan was found after {done} actions: {plan.reason}"
+            if plan.steps:  # else nothing succeeded from here: search again
+                lost = 0 if self._execute_step(plan.steps[0], plan) else lost + 1
+                observation = self._observe(plan.steps[0].end, config.max_pulls)
+                self.outcomes[-1] = replace(self.outcomes[-1], observed_state=observation.state)
+            plan = None
+        return f"{self._observed()} after {len(self.outcomes)} actions"
+
+    def _execute_step(self, step: PlanStep, plan: KnotPlan) -> bool:
+        """Whether the rope was held all the time."""
+        drag = self.executor.execute(step, plan, len(self.outcomes))
+        self.outcomes.append(StepOutcome(step, None, drag.held, drag.tracked))
+        return drag.held
+
+    def _observe(self, expected: NDArray, pulls: int = 0) -> Observation:
+        """The rope, that may be where it was seen last, or where it is expected.
+
+        A rope in doubt is pulled so often, at one end and the other, and so is the end that a knot
+        hangs on. What was seen of it then is no evidence of how it lies now.
+        """
+        assert self.estimator is not None
+        executor, done = self.executor, len(self.outcomes)
+        likely = [expected] if executor.points is None else [executor.points, expected]
+        self.observation = executor.observe(self.estimator, done, likely)
+        for turn in range(pulls):
+            if self.observation.points is None or not self._in_doubt():
+                break
+            executor.pull(done, self.observation.ends, turn)
+            self.observation = executor.observe(self.estimator, done, likely)
+        return self.observation
+
+    def _in_doubt(self) -> bool:
+        """Whether the last observation leaves open whether the knot is tied."""
+        seen = self.observation
+        assert seen is not None
+        return bool(seen.doubts or (seen.ends and seen.state in self.plan.goal_states))
+
+    def _tied(self) -> bool | None:
+        if self.observation is None:
+            return None
+        return self.observation.state in self.plan.goal_states and not self._in_doubt()
+
+    def _observed(self) -> str:
+        """What the last observation says, in words."""
+        seen = self.observation
+        assert seen is not None
+        doubts = "; ".join(seen.all_doubts)
+        if self._tied():
+            return "the knot is seen to be tied"
+        if seen.points is None:
+            return f"the rope is not seen: {doubts}"
+        state = "that cannot be read" if seen.state is None else seen.state
+        words = f"the rope is seen in the state {state}"
+        return f"{words}, in doubt: {doubts}" if doubts else words
+
+    def record(self, reason: str) -> Execution:
+        """All that was done."""
+        moves, unknown = self.executor.moves, np.full(self.plan.start.shape, np.nan)
+        references = [unknown if one.reference is None else one.reference for one in moves]
+        points = [unknown if one.points is None else one.points for one in moves]
+        return Execution(
+            times=STEP * np.arange(1, len(moves) + 1, dtype=np.float64),
+            gripper=np.reshape([one.gripper for one in moves], (-1, 3)),
+            closed=np.array([one.closed for one in moves], bool),
+            step=np.array([one.step for one in moves], np.int64),
+            reference=np.reshape(references, (-1, *unknown.shape)),
+            points=np.reshape(points, (-1, *unknown.shape)),
+            ticks=tuple(self.executor.ticks),
+            outcomes=tuple(self.outcomes),
+            observation=self.observation,
+            tied=self._tied(),
+            reason=reason,
+        )

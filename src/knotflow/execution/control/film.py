@@ -1,0 +1,246 @@
+"""Images of executions and of rollouts: recorded, drawn and animated (Fig. 1)."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from knotflow.execution.control.robot import Robot, RobotWrapper
+from knotflow.execution.control.twin import ERROR_LEVELS, displace_camera
+from knotflow.samplers.demonstrations import Demonstration
+from knotflow.simulation import Attempts, RopeConfig, RopeSimulator, SimulationConfig, attempt
+from knotflow.viz.palette import INK
+from knotflow.viz.style import PNG_DPI, WIDTH, styled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from knotflow.execution.control.closed_loop import Execution
+    from knotflow.execution.control.twin import Twin
+    from knotflow.perception import Camera, CameraNoiseConfig, RgbdImage
+
+FRAME_STRIDE = 2
+"""Of so many images one is kept: they would be most of a recording, and its limit is 1 MB."""
+JPEG_QUALITY = 60
+REFERENCE_COLOUR, TRACKED_COLOUR = "#ffd33d", "#ffffff"
+"""Of the rope; dark edges set them off from tables of any colour."""
+MARGIN = 0.15  # of what is drawn, around the ropes
+GIF_SIZE, GIF_COLOURS = (320, 240), 64  # pixels, palette
+
+Window = tuple[float, float, float, float]
+"""Left, top, right and bottom of a part of an image, pixels."""
+
+
+class ImageRecorder(RobotWrapper):
+    """A robot whose images are kept.
+
+    Attributes:
+        images: all that were asked for, in order.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+        self.images: list[RgbdImage] = []
+
+    def observe(self) -> RgbdImage:
+        """See `Robot`."""
+        self.images.append(super().observe())
+        return self.images[-1]
+
+
+@dataclass(frozen=True, eq=False)
+class DragFrame:
+    """A moment of a drag.
+
+    Attributes:
+        number: of the robot's moves before.
+        step: of the actions before.
+        image: what the camera saw.
+    """
+
+    number: int
+    step: int
+    image: RgbdImage
+
+
+def drag_frames(execution: Execution, twin: Twin, images: Sequence[RgbdImage]) -> list[DragFrame]:
+    """Every second moment at which a rope was dragged, tracked and imaged."""
+    by_time = {round(image.time, 6): image for image in images}
+    dragged = np.isfinite(execution.reference[:, 0, 0]) & np.isfinite(execution.points[:, 0, 0])
+    frames = [
+        DragFrame(int(number), int(execution.step[number]), image)
+        for number in np.flatnonzero(dragged)
+        if (image := by_time.get(round(twin.times[number], 6))) is not None
+    ]
+    return frames[::FRAME_STRIDE]
+
+
+def encode_jpeg(image: RgbdImage) -> bytes:
+    """The file of an image's colours."""
+    file = io.BytesIO()
+    Image.fromarray(image.rgb).save(file, "jpeg", quality=JPEG_QUALITY)
+    return file.getvalue()
+
+
+def draw_execution(
+    stem: Path,
+    execution: Execution,
+    camera: Camera,
+    frames: Sequence[DragFrame],
+    last: RgbdImage,
+) -> None:
+    """Writes stem.png and stem.svg: an image from the middle of each drag, and the last one.
+
+    Only the part of the images around the ropes is drawn.
+
+    Args:
+        stem: path without ending.
+        execution: what was planned and tracked.
+        camera: of the images.
+        frames: of the drags.
+        last: the image of the last observation.
+    """
+    from matplotlib.figure import Figure
+
+    left, top, right, bottom = _window(execution, camera, frames)
+    drags = [[one for one in frames if one.step == n] for n in range(len(execution.outcomes))]
+    middles = [drag[len(drag) // 2] for drag in drags if drag]
+    columns = min(4, len(middles) + 1)
+    lines = -(-(len(middles) + 1) // columns)
+    with styled():
+        figure = Figure((WIDTH, (0.85 * WIDTH / columns + 0.1) * lines), layout="constrained")
+        panels = figure.subplots(lines, columns, squeeze=False).ravel()
+        for axes in panels:
+            axes.set_axis_off()
+        for number, (axes, frame) in enumerate(zip(panels, middles, strict=False), 1):
+            axes.imshow(frame.image.rgb)
+            reference = camera.project(execution.reference[frame.number])[:, :2].T
+            for colour, width in ((INK, 1.8), (REFERENCE_COLOUR, 0.9)):
+                axes.plot(*reference, color=colour, linewidth=width)
+            _draw_tracked(axes, camera, execution.points[frame.number])
+            axes.set_title(f"{number}.  {execution.outcomes[frame.step].action}")
+        axes = panels[len(middles)]
+        axes.imshow(last.rgb)
+        if execution.observation is not None and execution.observation.points is not None:
+            _draw_tracked(axes, camera, execution.observation.points)
+        axes.set_title("tied" if execution.tied else "stopped")
+        for axes in panels:
+            axes.set(xlim=(left, right), ylim=(bottom, top))
+        figure.savefig(stem.with_suffix(".png"), dpi=PNG_DPI)
+        figure.savefig(stem.with_suffix(".svg"), dpi=PNG_DPI, metadata={"Date": None})
+
+
+def animate_execution(
+    path: Path, execution: Execution, camera: Camera, frames: Sequence[DragFrame]
+) -> None:
+    """Writes a GIF of the drags: the camera's images, with the ropes planned and tracked."""
+    window = _window(execution, camera, frames)
+    low, high = np.reshape(window, (2, 2))
+    images = []
+    for frame in frames:
+        picture = Image.fromarray(frame.image.rgb).resize(GIF_SIZE, box=window)
+        canvas = ImageDraw.Draw(picture)
+        ropes = np.stack([execution.reference[frame.number], execution.points[frame.number]])
+        pixels = camera.project(ropes.reshape(-1, 3))[:, :2].reshape(2, -1, 2)
+        reference, tracked = ((pixels - low) * GIF_SIZE / (high - low)).tolist()
+        for colour, width in ((INK, 3), (REFERENCE_COLOUR, 1)):
+            canvas.line([(u, v) for u, v in reference], colour, width, joint="curve")
+        for u, v in tracked:
+            canvas.circle((u, v), 2, TRACKED_COLOUR, INK)
+        images.append(
+            picture.quantize(GIF_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+        )
+    images[0].save(
+        path,
+        save_all=True,
+        append_images=images[1:],
+        duration=100 * FRAME_STRIDE,
+        loop=0,
+        optimize=True,
+    )
+
+
+def _window(execution: Execution, camera: Camera, frames: Sequence[DragFrame]) -> Window:
+    """The part of the images around all ropes of the frames, in the images' proportions."""
+    rows = [frame.number for frame in frames]
+    ropes = np.concatenate([execution.reference[rows], execution.points[rows]])
+    pixels = camera.project(ropes.reshape(-1, 3))[:, :2]
+    size = np.array([camera.width, camera.height])
+    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    half = size * min(0.5, (0.5 + MARGIN) * float(((high - low) / size).max()))
+    middle = np.clip((low + high) / 2, half, size - half)
+    return (*(middle - half).tolist(), *(middle + half).tolist())
+
+
+def _draw_tracked(axes: Axes, camera: Camera, points: NDArray[np.float64]) -> None:
+    """A rope (V, 3) in a panel, as dots between which it is seen."""
+    pixels = camera.project(points)[:, :2].T
+    axes.plot(*pixels, "o", markersize=2.2, color=TRACKED_COLOUR, mec=INK, mew=0.4)
+
+
+@dataclass(frozen=True, eq=False)
+class FilmedRollout:
+    """A rollout, and its images: one a frame, and one of the end when the gripper has left.
+
+    Attributes:
+        attempts: the one rollout, on a rope that differs.
+        images: T + 1 images.
+        visible: (T + 1, V) whether an image shows a vertex.
+        camera: where it truly stood.
+    """
+
+    attempts: Attempts
+    images: tuple[RgbdImage, ...]
+    visible: NDArray[np.bool_]
+    camera: Camera
+
+
+def film_rollout(
+    demonstrations: Sequence[Demonstration],
+    rope: RopeConfig,
+    level: int,
+    simulation: SimulationConfig,
+    noise: CameraNoiseConfig,
+    rng: np.random.Generator,
+) -> FilmedRollout:
+    """One of the demonstrations, drawn at random, on another rope.
+
+    Args:
+        demonstrations: of one action.
+        rope: that is dragged.
+        level: how far the camera is from where it is believed to be, see `ERROR_LEVELS`.
+        simulation: of the demonstrated rope; its record rate is the camera's.
+        noise: of the camera.
+        rng: draws all else.
+    """
+    from knotflow.perception import Appearance, Camera, Label, SimulatedCamera, add_noise, seen
+
+    simulator, attempts = RopeSimulator(replace(simulation, rope=rope)), None
+    while attempts is None or attempts.rollouts.diverged.any():
+        one = demonstrations[int(rng.integers(len(demonstrations)))]
+        points = one.points + [0.0, 0.0, rope.radius - simulation.rope.radius]
+        task = one.task
+        attempts = attempt(simulator, points, one.spline[None], task.action, task.start_state)
+    rollouts = attempts.rollouts
+    camera = displace_camera(Camera.overhead(), ERROR_LEVELS[level], rng)
+    simulated = SimulatedCamera(camera, rope, noise, Appearance.draw(rng, noise))
+    after = rollouts.times[-1:] + 1 / simulation.record_rate
+    images, visible = [], []
+    for seconds, points, gripper in zip(
+        np.concatenate([rollouts.times, after]),
+        np.concatenate([rollouts.trajectory[0], rollouts.trajectory[0, -1:]]).astype(np.float64),
+        [*rollouts.gripper[0], None],
+        strict=True,
+    ):
+        closed = 0 < seconds < simulation.move_time
+        view = simulated.view(points, gripper, bool(closed), float(seconds))
+        images.append(add_noise(view.image, camera, noise, rng))
+        visible.append(seen(points, view.labels == Label.ROPE, view.image, camera, rope))
+    return FilmedRollout(attempts, tuple(images), np.stack(visible), camera)

@@ -1,0 +1,174 @@
+"""What a robot must be able to do to execute a plan: five methods, for a lab to implement.
+
+Beside them, wrappers of such a robot that time its camera or inject a fault.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from knotflow.perception import RgbdImage
+
+
+class Robot(Protocol):
+    """A gripper above a table, and a camera that sees both.
+
+    Positions are (3,) in metres in the world frame, in which the table is z = 0, z points up and
+    the rope lies around the origin. They are of the point between the fingertips that is on the
+    rope's centre line when the gripper holds it. Nothing else of the hand is commanded: yaw across
+    the strand, joints and the avoidance of collisions are the implementation's business.
+
+    Every method returns when it is done, so the caller's clock is the robot's. A command that
+    cannot be carried out (out of reach, stopped by the hardware) raises; an exception of any kind
+    ends the execution after a `release()`.
+    """
+
+    def observe(self) -> RgbdImage:
+        """The newest image of the camera, with the time at which it was taken.
+
+        Raises:
+            TimeoutError: there is none; it is asked for again.
+        """
+        ...
+
+    def move_to(self, position: NDArray, seconds: float) -> None:
+        """Move the gripper in a straight line to a position, to arrive after that time.
+
+        Called every 0.1 s with the next short move while the rope is dragged, so an implementation
+        that streams set points blends one move into the next. The fingers stay as they are.
+        """
+        ...
+
+    def grasp(self) -> None:
+        """Close the fingers where the gripper is. They may close on nothing."""
+        ...
+
+    def release(self) -> None:
+        """Open the fingers. Does nothing when they are open."""
+        ...
+
+    @property
+    def position(self) -> NDArray:
+        """(3,) where the gripper is, as the robot measures it."""
+        ...
+
+
+class RobotWrapper:
+    """A robot that passes all commands on to another one."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+
+    def observe(self) -> RgbdImage:
+        """See `Robot`."""
+        return self.robot.observe()
+
+    def move_to(self, position: NDArray, seconds: float) -> None:
+        """See `Robot`."""
+        self.robot.move_to(position, seconds)
+
+    def grasp(self) -> None:
+        """See `Robot`."""
+        self.robot.grasp()
+
+    def release(self) -> None:
+        """See `Robot`."""
+        self.robot.release()
+
+    @property
+    def position(self) -> NDArray:
+        """See `Robot`."""
+        return self.robot.position
+
+
+class CameraTimer(RobotWrapper):
+    """Sums up the `seconds` that images took: rendering a simulated one is no work of a tracker."""
+
+    seconds = 0.0
+
+    def observe(self) -> RgbdImage:
+        """See `Robot`."""
+        began = time.perf_counter()
+        try:
+            return super().observe()
+        finally:
+            self.seconds += time.perf_counter() - began
+
+
+class FaultyRobot(RobotWrapper):
+    """Fails once, for `duration` seconds, `delay` seconds of moves after the first grasp."""
+
+    delay = 1.0  # half of it closes the fingers, half drags the rope
+    duration = 1.0
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+        self._remaining = np.inf  # seconds until it fails
+
+    def move_to(self, position: NDArray, seconds: float) -> None:
+        """See `Robot`."""
+        super().move_to(position, seconds)
+        self._remaining -= seconds
+
+    def grasp(self) -> None:
+        """See `Robot`."""
+        super().grasp()
+        self._remaining = min(self._remaining, self.delay)
+
+    @property
+    def failing(self) -> bool:
+        """Whether it fails now."""
+        return -self.duration < round(self._remaining, 6) <= 0
+
+
+class FramesLost(FaultyRobot):
+    """No image arrives for a second of the first drag."""
+
+    def observe(self) -> RgbdImage:
+        """See `Robot`."""
+        if self.failing:
+            raise TimeoutError("the frame was lost")
+        return super().observe()
+
+
+class RopeOccluded(FaultyRobot):
+    """Images show the table alone, from within the first drag until after the first estimate."""
+
+    duration = 8.0
+
+    def observe(self) -> RgbdImage:
+        """See `Robot`."""
+        from knotflow.perception import RgbdImage
+
+        image = super().observe()
+        if not self.failing:
+            return image
+        depth = np.where(np.isnan(image.depth), np.nan, np.nanmedian(image.depth))
+        colour = np.median(image.rgb.reshape(-1, 3), axis=0).astype(np.uint8)
+        rgb = np.broadcast_to(colour, image.rgb.shape)
+        return RgbdImage(rgb, depth.astype(np.float32), image.time)
+
+
+class RopeDropped(FaultyRobot):
+    """The fingers open by themselves in the middle of the first drag."""
+
+    def move_to(self, position: NDArray, seconds: float) -> None:
+        """See `Robot`."""
+        worked = not self.failing
+        super().move_to(position, seconds)
+        if worked and self.failing:
+            self.robot.release()
+
+
+FAULTS: dict[str, type[RobotWrapper]] = {
+    "": RobotWrapper,
+    "frames lost": FramesLost,
+    "rope dropped": RopeDropped,
+    "table alone": RopeOccluded,
+}
+"""By the names that tables give them; without a name nothing fails."""
