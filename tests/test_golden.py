@@ -25,8 +25,8 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from knotflow.execution import ERRORS, FREE, LstmConfig, LstmDynamics
-from knotflow.execution.follow import from_grasp
+from knotflow.execution import ERROR_LEVELS, FREE, LstmConfig, LstmDynamics
+from knotflow.execution.control.step_executor import path_from_grasp
 from knotflow.perception import (
     Appearance,
     Camera,
@@ -359,8 +359,8 @@ def execution() -> dict[str, Any]:
     with torch.no_grad():
         ahead = dynamics.predict(ropes, 0.1 * ropes, torch.tensor([10, FREE]), drag)
     return {
-        "errors": [list(vars(one).values()) for one in ERRORS],
-        "path": from_grasp(cast(PlanStep, step), np.array([0.02, -0.01, 0.008]), 1.8),
+        "errors": [list(vars(one).values()) for one in ERROR_LEVELS],
+        "path": path_from_grasp(cast(PlanStep, step), np.array([0.02, -0.01, 0.008]), 1.8),
         "dragged": ahead[:, :, ::5],
     }
 

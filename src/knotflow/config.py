@@ -16,7 +16,7 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import II, MISSING, DictConfig, OmegaConf
 
 from knotflow.execution import DynamicsTrainingConfig, ExecutionConfig
-from knotflow.execution.training_config import SHIPPED_DYNAMICS
+from knotflow.execution.control.dynamics import SHIPPED_DYNAMICS
 from knotflow.perception.training_config import (
     SELF_SUPERVISION_STEPS,
     SHIPPED_NETWORK,

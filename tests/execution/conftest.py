@@ -8,9 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from knotflow.execution import Motions, draw_motions
 from knotflow.planning import KnotPlan, PlanStep
 from knotflow.samplers.demonstrations import load_demonstrations
-from knotflow.simulation import RopeConfig, control_points, spline_path, state_or_none, straight
+from knotflow.simulation import (
+    RopeConfig,
+    SimulationConfig,
+    control_points,
+    spline_path,
+    state_or_none,
+    straight,
+)
 from knotflow.topology import TopologicalState, parse_action
 
 ROPE = RopeConfig()
@@ -137,3 +145,11 @@ def plan(simulator):
 @pytest.fixture
 def points(plan):
     return np.array(plan.start)
+
+
+@pytest.fixture(scope="session")
+def motions():
+    """Eight motions of two ropes, like the planner's and unlike it."""
+    simulation = SimulationConfig(threads=1)
+    drawn = draw_motions(load_demonstrations(), simulation, 2, 4, np.random.default_rng(0), (0, 2))
+    return Motions.join(list(drawn))

@@ -47,6 +47,6 @@ def test_an_error_is_found_by_forward_kinematics():
     export = export_plan(plan, arm)
     right = check(arm, export)
     assert right["unreached"] == 0 and right["tip_error_mm"] <= 1.0
-    export.trajectory.reached.joints[5:] += 0.05  # what the file says is no longer what it claims
+    export.trajectory.ik.joints[5:] += 0.05  # what the file says is no longer what it claims
     wrong = check(arm, export)
     assert wrong["tip_error_mm"] > 1.0 and wrong["tip_speed"] > right["tip_speed"]

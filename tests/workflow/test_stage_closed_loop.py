@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 from knotflow.execution import ExecutionConfig
-from knotflow.execution.training_config import SHIPPED_DYNAMICS
+from knotflow.execution.control.dynamics import SHIPPED_DYNAMICS
 from knotflow.perception.training_config import SHIPPED_NETWORK
 from knotflow.planning import PlannerConfig
 from knotflow.recording import read_recording
@@ -60,7 +60,7 @@ def test_one_execution_by_vision_is_shown(tmp_path):
         simulation=SIMULATION,
         sampler=SamplerConfig("aimed"),
         planner=PlannerConfig(batch=8, max_branches=64),
-        execution=ExecutionConfig(max_actions=1, looks=1),
+        execution=ExecutionConfig(max_actions=1, max_observations=1),
         ensemble=2,
         weights=str(SHIPPED_DYNAMICS),
         weights_contents="shipped",

@@ -11,7 +11,7 @@ from knotflow.execution import (
     LstmDynamics,
     Motions,
 )
-from knotflow.execution.training_config import SHIPPED_DYNAMICS
+from knotflow.execution.control.dynamics import SHIPPED_DYNAMICS
 from knotflow.simulation import SimulationConfig
 from knotflow.training.trainer import CHECKPOINT
 from knotflow.workflow import StageContext

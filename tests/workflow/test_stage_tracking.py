@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from knotflow.execution.training_config import SHIPPED_DYNAMICS
+from knotflow.execution.control.dynamics import SHIPPED_DYNAMICS
 from knotflow.perception import EstimateConfig, FitConfig, TrackerConfig
 from knotflow.perception.searching import SearchConfig
 from knotflow.recording import read_recording

@@ -272,7 +272,7 @@ def grasped_at_each_step(grasped: Tensor, steps: int) -> Tensor:
 
 
 def motion_errors(model: RopeDynamics, motions: Motions) -> NDArray[np.float64]:
-    """Distance (N, T - 1, V) of predicted from true vertices in frames 1.., millimetres.
+    """Distance (N, T - 1, V) of predicted from true vertices in frames 1.., metres.
 
     A motion is predicted from its first frame, a rope at rest, and from what the gripper does:
     where it moves, and when it lets go.
@@ -283,7 +283,7 @@ def motion_errors(model: RopeDynamics, motions: Motions) -> NDArray[np.float64]:
     gripper, grasped = torch.from_numpy(motions.gripper), torch.from_numpy(motions.grasped)
     with torch.no_grad():
         ahead = model.predict(points, torch.zeros_like(points), grasped[:, :-1], gripper[:, 1:])
-    return 1e3 * np.linalg.norm(ahead.numpy() - motions.points[:, 1:], axis=-1)
+    return np.linalg.norm(ahead.numpy() - motions.points[:, 1:], axis=-1)
 
 
 def prediction_errors(models: Mapping[str, RopeDynamics], motions: Motions) -> pd.DataFrame:
@@ -292,7 +292,7 @@ def prediction_errors(models: Mapping[str, RopeDynamics], motions: Motions) -> p
 
     rows = []
     for name, model in models.items():
-        errors = motion_errors(model, motions).mean(axis=-1)
+        errors = 1e3 * motion_errors(model, motions).mean(axis=-1)
         for level in np.unique(motions.level):
             of_level = motions.level == level
             for steps in JUDGED_STEPS:

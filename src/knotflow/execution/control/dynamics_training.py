@@ -57,7 +57,7 @@ class DynamicsTrainer(SupervisedTrainer):
 
     def validate(self) -> Metrics:
         """Mean error (mm) of held-out motions after each number of `JUDGED_STEPS`, from rest."""
-        errors = motion_errors(self.model, self._held_out).mean(axis=(0, 2))  # (T - 1,)
+        errors = 1e3 * motion_errors(self.model, self._held_out).mean(axis=(0, 2))  # (T - 1,)
         return {f"validation_{steps}_mm": float(errors[steps - 1]) for steps in JUDGED_STEPS}
 
     def update(self, step: int) -> float:

@@ -91,18 +91,18 @@ def check(arm: Arm, export: Export) -> dict[str, float]:
     stays from the ends of its range, degrees.
     """
     trajectory = export.trajectory
-    joints, times = trajectory.reached.joints, trajectory.times
+    joints, times = trajectory.ik.joints, trajectory.times
     even = np.linspace(0.0, 1.0, BETWEEN, endpoint=False)
     fine = (times[:-1, None] + np.diff(times)[:, None] * even).ravel()
     passed = np.stack([np.interp(fine, times, joint) for joint in joints.T], axis=1)
-    tips, (low, high) = arm.tips(passed), arm.ranges()
-    error = np.linalg.norm(arm.tips(joints) - trajectory.waypoints.positions, axis=1)
+    tips, (low, high) = arm.tip_positions(passed), arm.joint_ranges()
+    error = np.linalg.norm(arm.tip_positions(joints) - trajectory.waypoints.positions, axis=1)
     speeds = np.linalg.norm(np.diff(tips, axis=0), axis=1) / np.diff(fine)
     margin = np.minimum(joints - low, high - joints).min()
     return {
         "waypoints": len(times),
         "unreached": len(trajectory.unreachable),
-        "tip_error_mm": round(1e3 * float(error[trajectory.reached.ok].max(initial=0.0)), 3),
+        "tip_error_mm": round(1e3 * float(error[trajectory.ik.ok].max(initial=0.0)), 3),
         "tip_speed": round(float(speeds.max()), 4),
         "limit_margin_deg": round(float(np.rad2deg(margin)), 2),
         "joint_speed_share": round(trajectory.peaks()["joint_speed"], 3),

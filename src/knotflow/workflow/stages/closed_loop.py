@@ -14,13 +14,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from knotflow.execution import (
-    CONTROLS,
+    CONTROLLERS,
     FAULTS,
     ExecutionConfig,
-    Filming,
+    ImageRecorder,
     Twin,
     TwinConfig,
-    try_plan,
+    run_trial,
 )
 from knotflow.perception import Camera, network_of
 from knotflow.planning import Goal, KnotPlan, PlannerConfig, parse_goal, plan_knot
@@ -43,7 +43,7 @@ class ExecutionCase:
     """Executions of one kind."""
 
     controller: str
-    """One of `execution.CONTROLS`."""
+    """One of `execution.CONTROLLERS`."""
     level: int
     """How far the twins are from the planner's model, see `simulation.perturbation`."""
     twins: int
@@ -55,9 +55,9 @@ class ExecutionCase:
 
     def __post_init__(self) -> None:
         """Refuse a controller or fault that there is none of."""
-        if self.controller not in CONTROLS:
+        if self.controller not in CONTROLLERS:
             raise ValueError(
-                f"unknown controller {self.controller!r}; there are {', '.join(CONTROLS)}"
+                f"unknown controller {self.controller!r}; there are {', '.join(CONTROLLERS)}"
             )
         if self.fault not in FAULTS:
             raise ValueError(f"unknown fault {self.fault!r}; there are {', '.join(FAULTS)}")
@@ -128,12 +128,14 @@ def _shard(
     cases = [
         one for one in config.cases if (one.knot, one.level) == (knot, level) and number < one.twins
     ]
-    robust = {CONTROLS[one.controller].robust for one in cases}
+    robust = {CONTROLLERS[one.controller].robust for one in cases}
     plans = {one: planner.first(points, number, one) for one in sorted(robust)}
     rows = [
         {"controller": one.controller, "level": level, "twin": number, "knot": knot}
         | {"fault": one.fault}
-        | _row(config, plans[CONTROLS[one.controller].robust], goal, one, number, planner, context)
+        | _row(
+            config, plans[CONTROLLERS[one.controller].robust], goal, one, number, planner, context
+        )
         for one in cases
     ]
     return pd.DataFrame(rows)
@@ -176,7 +178,7 @@ def _row(
     context: StageContext,
 ) -> dict[str, object]:
     """What became of one execution; the first of those that are shown is recorded."""
-    control, level = CONTROLS[case.controller], case.level
+    control, level = CONTROLLERS[case.controller], case.level
     camera = Camera.overhead() if control.state == "vision" else None
     drawn = np.random.default_rng([config.seed, number, 2, level])
     twin = Twin(plan.start, TwinConfig(level=level, rope=config.simulation.rope), drawn, camera)
@@ -185,8 +187,8 @@ def _row(
     weights = Path(config.weights)
     network = None if camera is None else network_of(Path(config.network))
     robot = FAULTS[case.fault](twin.robot())
-    film = Filming(robot) if (case.controller, case.fault, number) == SHOWN else None
-    trial = try_plan(
+    film = ImageRecorder(robot) if (case.controller, case.fault, number) == SHOWN else None
+    trial = run_trial(
         plan, goal, twin, control, config.execution, anew, camera, weights, network, film or robot
     )
     execution = trial.execution

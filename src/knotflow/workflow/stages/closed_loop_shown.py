@@ -7,14 +7,14 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from knotflow.execution import (
+    DragFrame,
     Execution,
-    Filming,
-    Frame,
+    ImageRecorder,
     Twin,
     animate_execution,
+    drag_frames,
     draw_execution,
-    frames,
-    jpeg,
+    encode_jpeg,
 )
 from knotflow.perception import Camera
 from knotflow.recording import RecordedRollout, RolloutImages, write_recording
@@ -27,10 +27,10 @@ def show(
     execution: Execution,
     twin: Twin,
     camera: Camera,
-    film: Filming,
+    film: ImageRecorder,
 ) -> None:
     """A recording, pictures and an animation of one execution; none where nothing was dragged."""
-    shown = frames(execution, twin, film.images)
+    shown = drag_frames(execution, twin, film.images)
     with context.atomic(folder) as made:
         made.mkdir()
         if not shown:
@@ -43,7 +43,7 @@ def show(
 
 
 def _rollouts(
-    execution: Execution, twin: Twin, shown: Sequence[Frame], signature: str
+    execution: Execution, twin: Twin, shown: Sequence[DragFrame], signature: str
 ) -> Iterator[RecordedRollout]:
     """The drags as rollouts: the true rope, and beside the images what was followed and wanted."""
     for number, outcome in enumerate(execution.outcomes):
@@ -60,13 +60,13 @@ def _rollouts(
             action=str(step.action),
             start_state=str(step.start_state),
             goal_state=str(step.end_state),
-            end_state="" if outcome.found is None else str(outcome.found),
-            outcome="success" if outcome.found == step.end_state else "failure",
+            end_state="" if outcome.observed_state is None else str(outcome.observed_state),
+            outcome="success" if outcome.observed_state == step.end_state else "failure",
             signature=signature,
             source="execution",
             number=number,
             camera=RolloutImages(
-                tuple(jpeg(frame.image) for frame in own),
+                tuple(encode_jpeg(frame.image) for frame in own),
                 execution.points[rows].astype(np.float32),
                 execution.reference[rows].astype(np.float32),
             ),

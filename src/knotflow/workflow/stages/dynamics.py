@@ -11,7 +11,7 @@ from knotflow.execution import (
     Motions,
     MujocoDynamics,
     RopeDynamics,
-    Still,
+    StaticDynamics,
     prediction_errors,
 )
 from knotflow.simulation import SimulationConfig
@@ -37,7 +37,7 @@ class DynamicsConfig:
 def measure(config: DynamicsConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
     """Makes errors.csv, a row a model, level and number of steps."""
     models: dict[str, RopeDynamics] = {
-        "still": Still(),
+        "still": StaticDynamics(),
         "lstm": LstmDynamics.load(Path(config.weights)),
         "mujoco": MujocoDynamics(config.simulation),
     }

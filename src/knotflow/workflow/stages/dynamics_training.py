@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from knotflow.execution import DynamicsTraining, DynamicsTrainingConfig, Motions
+from knotflow.execution import DynamicsTrainer, DynamicsTrainingConfig, Motions
 from knotflow.training.trainer import run_training
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
@@ -31,7 +31,7 @@ def train_dynamics(
 ) -> None:
     """Makes dynamics.safetensors, in half precision, and curves.csv; resumed by validation."""
     motions = Motions.load(inputs["motions"] / MOTIONS)
-    training = DynamicsTraining(motions, config.training, config.seed)
+    training = DynamicsTrainer(motions, config.training, config.seed)
 
     def finish() -> None:
         with context.atomic(FILE) as path:

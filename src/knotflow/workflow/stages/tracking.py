@@ -19,8 +19,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.execution import LstmDynamics, ModelPrediction, MujocoDynamics, Sight
-from knotflow.execution.filmed import film_rollout
+from knotflow.execution import LstmDynamics, ModelPrediction, MujocoDynamics, Observation
+from knotflow.execution.control.film import film_rollout
 from knotflow.perception import (
     Camera,
     CameraNoiseConfig,
@@ -81,7 +81,7 @@ class TrackingConfig:
     network_contents: str
     """Digest of what the file holds, or its name where there is none."""
     levels: list[int]
-    """How far ropes and camera are from what is believed, see `execution.perturbation`."""
+    """How far ropes and camera are from what is believed, see `execution.ERROR_LEVELS`."""
     rollouts: int
     """Of each action at each level."""
     seed: int
@@ -110,7 +110,7 @@ def _track(config: TrackingConfig, shown: str, context: StageContext, name: str)
     demonstrations = load_demonstrations(Path(config.demonstrations))
     of_action = [one for one in demonstrations if one.task.name == action]
     film = film_rollout(of_action, rope, int(level), config.simulation, config.noise, rng)
-    attempts, (*images, at_rest), (*shows, rest_shows) = film.attempts, film.images, film.shows
+    attempts, (*images, at_rest), (*shows, rest_shows) = film.attempts, film.images, film.visible
     truth = attempts.rollouts.trajectory[0].astype(np.float64)
     camera, believed = Camera.overhead(), config.simulation.rope
     network = network_of(Path(config.network))
@@ -152,7 +152,7 @@ def _track(config: TrackingConfig, shown: str, context: StageContext, name: str)
                 points = np.stack([one.points for one in found]).astype(np.float32)
                 _record(context, rope, attempts, RolloutImages(tuple(map(_jpeg, images)), points))
     pixels = film.camera.project(truth[-1])
-    moved = Sight.of(camera.unproject(pixels[:, :2], pixels[:, 2]))
+    moved = Observation.of(camera.unproject(pixels[:, :2], pixels[:, 2]))
     rows.append(
         _row(MISPLACED, len(images), moved, truth[-1])
         | {"visible_share": 1.0, "moving": 0, "seconds": 0.0}

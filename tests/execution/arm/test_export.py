@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from knotflow.execution import ArmError, Base, export_plan, load_arm, panda
-from knotflow.execution.arm import PREFIX, TABLE
-from knotflow.execution.reach import TOLERANCE
+from knotflow.execution.arm.arm_model import PREFIX, TABLE
+from knotflow.execution.arm.inverse_kinematics import TOLERANCE
 
 UPRIGHT = Base([-0.5, 0.0, 0.0])
 
@@ -27,7 +27,7 @@ def columns(text, names):
     return np.array([[float(row[name]) for name in names] for row in rows(text)])
 
 
-def test_forward_kinematics_of_what_is_written_meets_every_waypoint(exported):
+def test_exported_joints_reach_every_waypoint(exported):
     arm, waypoints = panda(), exported.trajectory.waypoints
     model = arm.model(UPRIGHT)
     data = mujoco.MjData(model)
@@ -46,12 +46,12 @@ def test_forward_kinematics_of_what_is_written_meets_every_waypoint(exported):
 
 
 @pytest.mark.parametrize("max_speed", [0.1, 0.25])
-def test_speed_limits_hold_between_all_points(still, max_speed):
+def test_speed_limits_hold(still, max_speed):
     arm = panda()
     exported = export_plan(still, arm, UPRIGHT, max_speed, rate_hz=10.0)
     seconds = np.diff(columns(exported.text, ["time_s"]), axis=0)
     assert (seconds > 0).all()
-    places = exported.trajectory.reached.positions
+    places = exported.trajectory.ik.positions
     speed = np.linalg.norm(np.diff(places, axis=0), axis=1)
     assert (speed <= max_speed * seconds[:, 0] + 3e-6).all()  # what rounding adds
     turning = np.abs(np.diff(columns(exported.text, arm.joints), axis=0))
@@ -61,20 +61,20 @@ def test_speed_limits_hold_between_all_points(still, max_speed):
     assert max(peaks["joint_speed"], peaks["joint_acceleration"]) <= 1 + 1e-6
 
 
-def test_the_fingers_close_across_the_strand(exported, still):
+def test_fingers_close_across_the_strand(exported, still):
     trajectory = exported.trajectory
     for index in range(len(still.steps)):
         grasp = np.flatnonzero(
             (trajectory.waypoints.step == index)
             & (np.array(trajectory.waypoints.phases) == "close")
         )[0]
-        w, x, y, z = trajectory.reached.quaternions[grasp]
+        w, x, y, z = trajectory.ik.quaternions[grasp]
         along, across = 2 * (x * y - w * z), w * w - x * x + y * y - z * z
         assert abs(along) < 0.05  # the rope lies along x
         assert abs(across) > 0.99
 
 
-def test_what_is_out_of_reach_is_named(still):
+def test_unreachable_waypoints_are_named(still):
     far = export_plan(still, "panda", Base([-1.1, 0.0, 0.0]), rate_hz=2.0)
     missed = far.trajectory.unreachable
     assert not far.reachable and len(missed)
@@ -84,7 +84,7 @@ def test_what_is_out_of_reach_is_named(still):
 
 
 @pytest.mark.slow
-def test_ros2_messages_have_the_fields_of_their_types(still):
+def test_ros2_messages(still):
     csv_like = export_plan(still, "panda", UPRIGHT, rate_hz=5.0).trajectory
     joint = yaml.safe_load(export_plan(still, "panda", UPRIGHT, format="ros2", rate_hz=5.0).text)
     assert set(joint) == {"header", "joint_names", "points"}
@@ -93,14 +93,14 @@ def test_ros2_messages_have_the_fields_of_their_types(still):
     times = np.array([stamp["sec"] + stamp["nanosec"] * 1e-9 for stamp in stamps])
     np.testing.assert_allclose(times, csv_like.times, atol=1e-8)
     arm_joints = np.array([one["positions"][:7] for one in joint["points"]])
-    np.testing.assert_allclose(arm_joints, csv_like.reached.joints, atol=1e-6)
+    np.testing.assert_allclose(arm_joints, csv_like.ik.joints, atol=1e-6)
     text = export_plan(still, "panda", UPRIGHT, format="ros2", space="cartesian", rate_hz=5.0).text
     place = yaml.safe_load(text)["points"][-1]["transforms"][0]["translation"]
-    last = csv_like.reached.positions[-1]
+    last = csv_like.ik.positions[-1]
     np.testing.assert_allclose([place["x"], place["y"], place["z"]], last, atol=1e-6)
 
 
-def test_the_gripper_opens_and_closes_while_it_stands(exported):
+def test_gripper_moves_while_the_arm_stands(exported):
     opening = columns(exported.text, ["panda_finger_joint1"])[:, 0]
     phases = np.array([row["phase"] for row in rows(exported.text)])
     wide, narrow = panda().opening
@@ -108,13 +108,13 @@ def test_the_gripper_opens_and_closes_while_it_stands(exported):
     assert set(opening[phases == "drag"]) == {narrow}
 
 
-def test_an_arm_from_a_file_executes_a_plan(still, scara):
+def test_loaded_arm_executes_a_plan(still, scara):
     exported = export_plan(still, load_arm(scara), Base([-0.4, -0.3, 0.0]), rate_hz=10.0)
     assert exported.reachable, exported.summary()
     assert exported.trajectory.peaks()["joint_speed"] <= 1 + 1e-6
 
 
-def test_what_cannot_be_exported_is_refused(still):
+def test_invalid_exports_are_refused(still):
     with pytest.raises(ArmError, match="csv or ros2"):
         export_plan(still, format="urscript")
     with pytest.raises(ArmError, match="joint or cartesian"):

@@ -1,37 +1,14 @@
-"""Training lowers the error, and goes on from where it was stopped as if it had not been."""
+"""Motions are of ropes that are dragged and let go."""
 
 import numpy as np
-import pytest
 
-from knotflow.execution import (
-    FREE,
-    DynamicsTraining,
-    DynamicsTrainingConfig,
-    LstmConfig,
-    draw_motions,
-)
-from knotflow.execution.rope_motions import Motions, simulated_frames
+from knotflow.execution import FREE, Motions, draw_motions
+from knotflow.execution.control.motions import simulated_frames
 from knotflow.samplers.demonstrations import load_demonstrations
 from knotflow.simulation import RopeSimulator, SimulationConfig
 
-SMALL = DynamicsTrainingConfig(
-    network=LstmConfig(hidden=12),
-    validations=4,
-    steps=10,
-    batch=8,
-    horizon=2,
-    learning_rate=1e-2,
-)
 
-
-@pytest.fixture(scope="module")
-def motions():
-    simulation = SimulationConfig(threads=1)
-    drawn = draw_motions(load_demonstrations(), simulation, 2, 4, np.random.default_rng(0), (0, 2))
-    return Motions.join(list(drawn))
-
-
-def test_motions_are_of_ropes_that_are_dragged_and_then_free(motions):
+def test_ropes_are_dragged_then_free(motions):
     assert motions.points.shape[1:] == (26, 41, 3)
     assert set(motions.level) == {0, 2}
     dragged, free = motions.grasped[:, :18], motions.grasped[:, 18:]
@@ -42,7 +19,7 @@ def test_motions_are_of_ropes_that_are_dragged_and_then_free(motions):
     np.testing.assert_allclose(held / 2, motions.gripper[:, 10], atol=0.04)
 
 
-def test_frames_of_a_motion_are_a_step_apart_though_the_simulator_shows_them_early():
+def test_frames_correct_the_simulators_early_recording():
     """A frame read a time step later is what the next step's gripper has not yet moved."""
     frames = simulated_frames(np.array([0, 10, 20, 250]), 251)
     assert frames.tolist() == [0, 11, 21, 250]
@@ -65,38 +42,17 @@ def test_frames_of_a_motion_are_a_step_apart_though_the_simulator_shows_them_ear
     np.testing.assert_allclose(away[0] - away[1], speed, rtol=0.3)
 
 
-def test_a_file_of_motions_is_read_as_it_was_written(motions, tmp_path):
+def test_save_and_load(motions, tmp_path):
     motions.save(tmp_path / "motions.npz")
     read = Motions.load(tmp_path / "motions.npz")
     for name, value in vars(motions).items():
         np.testing.assert_array_equal(getattr(read, name), value)
 
 
-def test_half_of_the_motions_follow_each_other_as_in_a_plan():
+def test_half_of_the_motions_are_consecutive():
     simulation = SimulationConfig(threads=1)
     parts = list(draw_motions(load_demonstrations(), simulation, 1, 4, np.random.default_rng(1)))
     assert [len(part) for part in parts] == [2, 1, 1]
     before, after = (part.points[0] for part in parts[1:])
     apart = after[0] - before[-1]
     np.testing.assert_allclose(apart, np.broadcast_to(apart[:1], apart.shape), atol=1e-5)
-
-
-def test_training_lowers_the_error(motions):
-    history = list(DynamicsTraining(motions, SMALL, seed=0))
-    assert len(history) == SMALL.validations
-    assert history[-1]["error_mm"] < 0.9 * history[0]["error_mm"]
-    assert set(history[0]) == {"step", "error_mm", *(f"validation_{n}_mm" for n in (1, 10, 25))}
-
-
-def test_motions_that_are_held_out_are_not_learned_from(motions):
-    other = Motions(**vars(motions) | {"points": motions.points.copy()})
-    other.points[-1] += 1.0  # one of eight is held out
-    one, same = (next(iter(DynamicsTraining(some, SMALL, seed=0))) for some in (motions, other))
-    assert one["error_mm"] == same["error_mm"]
-    assert one["validation_1_mm"] != same["validation_1_mm"]
-
-
-def test_motions_of_another_rope_are_refused(motions):
-    config = DynamicsTrainingConfig(network=LstmConfig(links=32))
-    with pytest.raises(ValueError, match="33 vertices"):
-        DynamicsTraining(motions, config, seed=0)

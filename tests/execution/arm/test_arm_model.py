@@ -2,8 +2,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from knotflow.execution.arm import PREFIX, Arm, ArmError, Base, load_arm
-from knotflow.execution.franka import panda
+from knotflow.execution.arm.arm_model import PREFIX, Arm, ArmError, Base, load_arm, panda
 
 
 def placed(arm: Arm, base: Base, joints) -> tuple[np.ndarray, np.ndarray]:
@@ -16,7 +15,7 @@ def placed(arm: Arm, base: Base, joints) -> tuple[np.ndarray, np.ndarray]:
     return tip.xpos.copy(), tip.xmat.reshape(3, 3).copy()
 
 
-def test_the_panda_stands_as_published():
+def test_panda_ready_pose_is_frankas():
     # Franka's ready pose holds the flange 0.3069 m before and 0.5903 m above the base.
     position, rotation = placed(
         panda(), Base(), [0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, 0]
@@ -26,7 +25,7 @@ def test_the_panda_stands_as_published():
     np.testing.assert_allclose(rotation[:, 2], [0, 0, -1], atol=1e-12)
 
 
-def test_a_base_moves_the_arm_as_a_rigid_body():
+def test_base_moves_the_arm_rigidly():
     arm, joints = panda(), [0.3, -0.5, 0.2, -1.9, 0.4, 1.5, 0.6]
     here, _ = placed(arm, Base(), joints)
     turned, _ = placed(arm, Base([0.1, 0.2, 0.3], [0.0, 0.0, 90.0]), joints)
@@ -35,7 +34,7 @@ def test_a_base_moves_the_arm_as_a_rigid_body():
     np.testing.assert_allclose(hung, [here[0], -here[1], 1.0 - here[2]], atol=1e-9)
 
 
-def test_a_base_is_read_back(tmp_path):
+def test_base_is_loaded(tmp_path):
     path = tmp_path / "base.yaml"
     path.write_text("position: [-0.5, 0, 0.1]\nrpy_deg: [0, 0, 30]\n")
     assert Base.load(path) == Base([-0.5, 0, 0.1], [0, 0, 30])
@@ -52,20 +51,20 @@ def test_a_base_is_read_back(tmp_path):
         ("a: [\n", "cannot be read"),
     ],
 )
-def test_what_is_no_base_is_refused_with_the_file_and_the_cure(tmp_path, text, word):
+def test_invalid_base_files_are_refused(tmp_path, text, word):
     path = tmp_path / "base.yaml"
     path.write_text(text)
     with pytest.raises(ArmError, match=rf"base\.yaml: .*{word}"):
         Base.load(path)
 
 
-def test_any_arm_is_read_from_its_file(scara):
+def test_arm_is_loaded_from_mjcf(scara):
     arm = load_arm(scara)
     assert (arm.tip, arm.joints) == ("fingers", ("shoulder", "elbow", "lift", "wrist"))
     np.testing.assert_array_equal(arm.homes, [[0.5, -1.0, -0.05, 0.0]])
 
 
-def test_an_arm_that_cannot_be_used_is_refused(scara, tmp_path):
+def test_unusable_arms_are_refused(scara, tmp_path):
     with pytest.raises(ArmError, match="there is no such arm"):
         load_arm(tmp_path / "none.xml")
     with pytest.raises(ArmError, match="'hand' is none of fingers"):

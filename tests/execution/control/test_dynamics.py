@@ -10,11 +10,12 @@ from knotflow.execution import (
     ModelPrediction,
     Motions,
     MujocoDynamics,
-    Still,
+    StaticDynamics,
     draw_motions,
+    motion_errors,
+    prediction_errors,
 )
-from knotflow.execution.errors import predict_motions
-from knotflow.execution.rope_motions import STEP
+from knotflow.execution.control.motions import STEP
 from knotflow.samplers.demonstrations import load_demonstrations
 from knotflow.simulation import RopeConfig, SimulationConfig, random_curve
 
@@ -23,7 +24,7 @@ def mujoco_dynamics():
     return MujocoDynamics(SimulationConfig(threads=1))
 
 
-MODELS = {"still": Still, "lstm": LstmDynamics.load, "mujoco": mujoco_dynamics}
+MODELS = {"still": StaticDynamics, "lstm": LstmDynamics.load, "mujoco": mujoco_dynamics}
 
 
 @pytest.fixture(params=MODELS)
@@ -42,7 +43,7 @@ def drag(points, link, steps=3, by=(0.01, 0.005, 0.01)):
     return centre[:, None] + torch.arange(1, steps + 1)[:, None] * torch.tensor(by)
 
 
-def test_a_prediction_is_finite_and_as_long_as_the_gripper(model, rng):
+def test_prediction_shape_and_dtype(model, rng):
     points = ropes(rng)
     grasped = torch.tensor([0, 17, FREE])
     ahead = model.predict(points, torch.zeros_like(points), grasped, drag(points, 17, 4))
@@ -51,7 +52,7 @@ def test_a_prediction_is_finite_and_as_long_as_the_gripper(model, rng):
     assert ahead.isfinite().all()
 
 
-def test_a_row_does_not_depend_on_the_others(model, rng):
+def test_rows_are_independent(model, rng):
     points = ropes(rng)
     grasped, still = torch.tensor([5, 17, FREE]), torch.zeros_like(points)
     gripper = drag(points, 17)
@@ -61,7 +62,7 @@ def test_a_row_does_not_depend_on_the_others(model, rng):
 
 
 @pytest.mark.parametrize("name", ["lstm", "mujoco"])
-def test_a_dragged_link_goes_with_the_gripper(name, rng):
+def test_dragged_link_follows_the_gripper(name, rng):
     points = ropes(rng)
     gripper = drag(points, 20, 5)
     grasped = torch.full((3,), 20)
@@ -70,7 +71,7 @@ def test_a_dragged_link_goes_with_the_gripper(name, rng):
     assert (centre - gripper[:, -1]).norm(dim=-1).max() < 0.02
 
 
-def test_the_learned_rope_turns_with_its_start(rng):
+def test_lstm_is_equivariant_to_rotation(rng):
     model, points = LstmDynamics.load(), ropes(rng)
     gripper, grasped = drag(points, 8), torch.full((3,), 8)
     cos, sin = np.cos(1.0), np.sin(1.0)
@@ -82,21 +83,16 @@ def test_the_learned_rope_turns_with_its_start(rng):
 
 
 @pytest.fixture(scope="module")
-def motions():
+def nominal_motions():
     """Eight ropes like the planner's, dragged and let go."""
     simulation = SimulationConfig(threads=1)
     rng = np.random.default_rng(0)
     return Motions.join(list(draw_motions(load_demonstrations(), simulation, 1, 8, rng, (0,))))
 
 
-def errors_mm(predicted, truth):
-    """(N, H) mean distance of vertices."""
-    return 1e3 * np.linalg.norm(np.asarray(predicted) - truth, axis=-1).mean(-1)
-
-
 @pytest.mark.slow
-def test_mujoco_follows_the_simulator_from_rest_to_rest(motions):
-    away = errors_mm(predict_motions(mujoco_dynamics(), motions), motions.points[:, 1:])
+def test_mujoco_matches_the_simulator(nominal_motions):
+    away = 1e3 * motion_errors(mujoco_dynamics(), nominal_motions).mean(axis=-1)
     assert away.shape == (8, 25)
     assert np.median(away[:, 0]) < 0.5
     # Where the gripper is between frames is interpolated; strands that touch make much of that.
@@ -104,21 +100,22 @@ def test_mujoco_follows_the_simulator_from_rest_to_rest(motions):
     assert away[:, -1].mean() < 12.0
 
 
-def test_mujoco_goes_on_from_the_middle_of_a_drag(motions):
-    now, model = 8, mujoco_dynamics()
-    points, truth = motions.points[:, now], motions.points[:, now + 1 :]
+def test_mujoco_predicts_from_the_middle_of_a_drag(nominal_motions):
+    now, model, motions = 8, mujoco_dynamics(), nominal_motions
+    points, truth = motions.points[:, now], torch.from_numpy(motions.points[:, now + 1 :])
     given = [motions.grasped[:, now:-1], motions.gripper[:, now + 1 :]]
     speed = (points - motions.points[:, now - 1]) / STEP
     moving, halted = (
-        errors_mm(model.predict(*map(torch.from_numpy, (points, one, *given))), truth)
+        1e3 * (model.predict(*map(torch.from_numpy, (points, one, *given))) - truth).norm(dim=-1)
         for one in (speed, np.zeros_like(speed))
     )
+    moving, halted = moving.mean(-1).numpy(), halted.mean(-1).numpy()
     assert np.median(moving[:, 0]) < 1.0
     assert np.median(moving[:, -1]) < 8.0
     assert np.median(moving[:, 0] / halted[:, 0]) < 0.85
 
 
-def test_mujoco_starts_with_the_velocities_of_the_vertices(rng):
+def test_mujoco_starts_with_the_vertex_velocities(rng):
     """Also where the head stands upright, about which it may have any roll."""
     upright = np.linspace(0, np.pi / 2, 12)[::-1]
     steps = np.zeros((40, 3))
@@ -138,7 +135,7 @@ def test_mujoco_starts_with_the_velocities_of_the_vertices(rng):
     assert np.abs(moved).max() < 0.1
 
 
-def test_a_simulation_that_blows_up_stays_where_it_was(rng):
+def test_diverged_simulation_stays_where_it_was(rng):
     points = ropes(rng, 2).double()
     velocities = torch.zeros_like(points)
     velocities[1] = torch.from_numpy(rng.normal(size=(41, 3))) * 1e5
@@ -147,7 +144,7 @@ def test_a_simulation_that_blows_up_stays_where_it_was(rng):
     assert (ahead[0, -1] - points[0].float()).norm(dim=-1).max() > 0.01
 
 
-def test_a_saved_model_predicts_the_same(tmp_path, rng):
+def test_saved_model_predicts_the_same(tmp_path, rng):
     model, points = LstmDynamics.load(), ropes(rng)
     model.save(tmp_path / "model.safetensors")
     again = LstmDynamics.load(tmp_path / "model.safetensors")
@@ -156,7 +153,7 @@ def test_a_saved_model_predicts_the_same(tmp_path, rng):
 
 
 @pytest.mark.usefixtures("two_threads")
-def test_the_learned_rope_is_predicted_on_one_thread(rng):
+def test_lstm_predicts_on_one_thread(rng):
     model, points, threads = LstmDynamics.load(), ropes(rng), []
     model.register_forward_hook(lambda *_: threads.append(torch.get_num_threads()))
     model.predict(points, torch.zeros_like(points), torch.full((3,), 4), drag(points, 4, steps=2))
@@ -174,7 +171,7 @@ class Carried:
 
 
 @pytest.mark.parametrize("seconds", [0.03, 0.1, 0.25])
-def test_a_tracker_is_told_where_the_rope_is_when_the_image_is_taken(seconds, rng):
+def test_model_prediction_interpolates_in_time(seconds, rng):
     points = random_curve(RopeConfig(), rng)
     gripper = points[8:10].mean(axis=0) + [0.02, -0.01, 0.03]
     ahead = ModelPrediction(Carried())(points, np.zeros_like(points), seconds, gripper, 8)
@@ -183,6 +180,48 @@ def test_a_tracker_is_told_where_the_rope_is_when_the_image_is_taken(seconds, rn
     np.testing.assert_allclose(free, points, atol=1e-6)
 
 
-def test_at_the_same_moment_a_rope_is_where_it_is(rng):
+def test_model_prediction_after_zero_seconds(rng):
     points = random_curve(RopeConfig(), rng)
     assert np.array_equal(ModelPrediction(Carried())(points, points, 0.0, points[3], 3), points)
+
+
+FRAMES, VERTICES, RELEASED = 26, 41, 18
+
+
+def drifting(count=4, speed=0.01):
+    """Ropes that move by `speed` metres a step along x, held until they are let go."""
+    points = np.zeros((count, FRAMES, VERTICES, 3), np.float32)
+    points[..., 0] = np.linspace(-0.5, 0.5, VERTICES)
+    points[..., 0] += speed * np.arange(FRAMES)[None, :, None]
+    grasped = np.where(np.arange(FRAMES) < RELEASED, 20, FREE)
+    gripper = (points[:, :, 20] + points[:, :, 21]) / 2
+    return Motions(points, gripper, np.tile(grasped, (count, 1)), np.arange(count) % 2)
+
+
+class Oracle:
+    """Knows how the ropes drift, and what it was told."""
+
+    def __init__(self):
+        self.asked = []
+
+    def predict(self, points, velocities, grasped, gripper):
+        self.asked.append((grasped.tolist(), gripper.shape[1]))
+        steps = torch.arange(1, gripper.shape[1] + 1)[None, :, None, None]
+        return points[:, None] + steps * torch.tensor([0.01, 0.0, 0.0])
+
+
+def test_static_error_is_the_ropes_motion():
+    table = prediction_errors({"still": StaticDynamics()}, drifting())
+    assert list(table.columns) == ["model", "level", "steps", "motions", "mean_error_mm"]
+    for row in table.itertuples():
+        assert np.isclose(row.mean_error_mm, 10.0 * row.steps, atol=0.01)
+        assert row.motions == 2
+    assert sorted(set(table.level)) == [0, 1]
+
+
+def test_model_knows_the_release():
+    oracle = Oracle()
+    table = prediction_errors({"oracle": oracle}, drifting())
+    grasped = [20] * RELEASED + [FREE] * (FRAMES - 1 - RELEASED)
+    assert oracle.asked == [([grasped] * 4, FRAMES - 1)]
+    assert table.mean_error_mm.max() < 0.01

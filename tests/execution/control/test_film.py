@@ -4,14 +4,14 @@ import numpy as np
 from PIL import Image
 
 from knotflow.execution import (
-    Filming,
+    ImageRecorder,
     TrueState,
     Twin,
     TwinConfig,
     animate_execution,
+    drag_frames,
     draw_execution,
     execute,
-    frames,
 )
 from knotflow.perception import Camera
 
@@ -26,11 +26,11 @@ class Watched(TrueState):
         return super().points(robot, grasped)
 
 
-def test_every_second_image_of_a_drag_is_shown(plan, tmp_path):
+def test_every_second_image_of_a_drag_is_drawn(plan, tmp_path):
     twin = Twin(plan.start, TwinConfig(level=0), np.random.default_rng(1), CAMERA)
-    film = Filming(twin.robot())
-    execution = execute(plan, film, source=Watched(twin), look=TrueState(twin))
-    shown = frames(execution, twin, film.images)
+    film = ImageRecorder(twin.robot())
+    execution = execute(plan, film, source=Watched(twin), estimator=TrueState(twin))
+    shown = drag_frames(execution, twin, film.images)
     dragged = np.flatnonzero(np.isfinite(execution.reference[:, 0, 0]))
     assert [one.number for one in shown] == dragged[::2].tolist()
     for one in shown:

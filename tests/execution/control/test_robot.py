@@ -22,7 +22,7 @@ def grasped(robot, seconds):
     return robot
 
 
-def test_frames_are_lost_for_a_second(plan):
+def test_frames_lost_for_a_second(plan):
     robot = FAULTS["frames lost"](twin_of(plan, CAMERA).robot())
     robot.observe()
     grasped(robot, 1.0)
@@ -34,22 +34,22 @@ def test_frames_are_lost_for_a_second(plan):
     grasped(robot, 1.5).observe()  # once is enough
 
 
-def test_an_image_of_the_table_alone_shows_no_rope(plan):
+def test_occluded_rope_is_not_estimated(plan):
     robot = FAULTS["table alone"](twin_of(plan, CAMERA).robot())
     assert estimate(robot.observe(), CAMERA, RopeConfig(), plan.start).explained > 0.9
     with pytest.raises(TraceError):
         estimate(grasped(robot, 1.0).observe(), CAMERA, RopeConfig(), likely=[plan.start])
 
 
-def test_a_dropped_rope_is_not_reported_tied(plan):
+def test_dropped_rope_is_not_reported_tied(plan):
     twin = twin_of(plan)
     true = TrueState(twin)
-    execution = execute(plan, FAULTS["rope dropped"](twin.robot()), source=true, look=true)
+    execution = execute(plan, FAULTS["rope dropped"](twin.robot()), source=true, estimator=true)
     assert not execution.outcomes[0].held
     assert execution.tied == (state_or_none(twin.points) in plan.goal_states)
 
 
-def test_without_a_fault_nothing_fails(plan):
+def test_no_fault_by_default(plan):
     twin = twin_of(plan)
     execute(plan, FAULTS[""](twin.robot()))
     assert state_or_none(twin.points) in plan.goal_states

@@ -21,7 +21,7 @@ def twin_of(points, level=0, seed=3, **config):
     return Twin(points, TwinConfig(level=level, **config), np.random.default_rng(seed))
 
 
-def test_only_the_five_words_lead_from_the_robot(points):
+def test_robot_exposes_only_the_protocol(points):
     robot = twin_of(points, level=2).robot()
     public = {name for name in dir(robot) if not name.startswith("__")}
     assert public == WORDS
@@ -34,13 +34,13 @@ def test_only_the_five_words_lead_from_the_robot(points):
     assert robot.grasp() is None and robot.release() is None
 
 
-def test_nothing_that_a_robot_refers_to_is_its_twin(points):
+def test_robot_holds_no_reference_to_its_twin(points):
     twin = twin_of(points, level=2)
     robot = twin.robot()
     assert [one for one in gc.get_referents(robot) if one is not type(robot)] == []
 
 
-def test_a_robot_keeps_its_twin_alive_and_no_longer(points):
+def test_robot_keeps_its_twin_alive(points):
     import weakref
 
     robot = twin_of(points).robot()
@@ -52,7 +52,7 @@ def test_a_robot_keeps_its_twin_alive_and_no_longer(points):
     assert alive() is None
 
 
-def test_the_draw_does_not_depend_on_what_is_done(points):
+def test_draws_do_not_depend_on_commands(points):
     one, other = twin_of(points, level=2), twin_of(points, level=2)
     one.robot().move_to(UP, 1.0)
     other.grasp()
@@ -63,7 +63,7 @@ def test_the_draw_does_not_depend_on_what_is_done(points):
 
 
 @pytest.mark.parametrize("level", LEVELS)
-def test_a_rope_is_lifted_by_the_link_that_was_grasped(points, level):
+def test_grasped_link_lifts_the_rope(points, level):
     twin = twin_of(points, level=level, reach=0.05)
     robot = twin.robot()
     robot.move_to(centre(twin.points, 20), 0.5)
@@ -77,18 +77,18 @@ def test_a_rope_is_lifted_by_the_link_that_was_grasped(points, level):
     assert twin.points[:, 2].max() < 0.8 * heights.max()
 
 
-def test_a_grasp_that_misses_the_rope_catches_nothing(points):
+def test_missed_grasp_holds_nothing(points):
     twin = twin_of(points)
     robot = twin.robot()
     before = twin.points
     robot.move_to(centre(points, 20) + [0.0, 0.03, 0.0], 0.5)
     robot.grasp()
-    assert not twin.grasped and twin.missed == 1
+    assert not twin.grasped and twin.missed_grasps == 1
     robot.move_to(robot.position + UP, 0.5)
     np.testing.assert_allclose(twin.points, before, atol=1e-3)
 
 
-def test_a_rope_that_nobody_holds_lies_still(points):
+def test_free_rope_lies_still(points):
     twin = twin_of(points, level=2)
     before = twin.points
     for _ in range(20):
@@ -96,11 +96,11 @@ def test_a_rope_that_nobody_holds_lies_still(points):
     np.testing.assert_array_equal(twin.points, before)
 
 
-def test_a_rope_comes_to_rest_on_the_table_and_not_in_mid_air(points):
+def test_rope_settles_on_the_table(points):
     assert twin_of(points + UP).points[:, 2].max() < 0.02
 
 
-def test_without_errors_the_robot_goes_where_it_is_sent(points):
+def test_robot_error_grows_with_the_level(points):
     exact, swaying = twin_of(points, level=0), twin_of(points, level=2)
     for twin in (exact, swaying):
         twin.move_to(UP, 1.3)
@@ -108,7 +108,7 @@ def test_without_errors_the_robot_goes_where_it_is_sent(points):
     assert 0 < np.linalg.norm(swaying.position - UP) < 0.06
 
 
-def test_images_need_a_camera_and_have_its_size(points):
+def test_images_need_a_camera(points):
     twin = twin_of(points)
     with pytest.raises(RuntimeError, match="camera"):
         twin.robot().observe()
@@ -120,7 +120,7 @@ def test_images_need_a_camera_and_have_its_size(points):
     assert np.nanmedian(image.depth) == pytest.approx(camera.position[2], abs=0.02)
 
 
-def test_senseless_commands_are_refused(points):
+def test_invalid_commands_are_refused(points):
     with pytest.raises(ValueError, match="position"):
         twin_of(points).robot().move_to([0.0, np.nan, 0.1], 0.1)
     with pytest.raises(ValueError, match="level"):

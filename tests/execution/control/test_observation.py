@@ -5,8 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from knotflow.execution import STEP, Estimated, ExecutionConfig, Sight, Tracked, execute
-from knotflow.execution.follow import Run
+from knotflow.execution import (
+    STEP,
+    ExecutionConfig,
+    ImageStateEstimator,
+    Observation,
+    TrackedRope,
+    execute,
+)
+from knotflow.execution.control.step_executor import StepExecutor
 from knotflow.perception import Camera, RgbdImage, RopeEstimate, Tracker, TrackerConfig
 from knotflow.simulation import RopeConfig, straight
 from knotflow.topology import TopologicalState
@@ -52,22 +59,24 @@ class Filmed:
         self.words.append("release")
 
 
-def test_a_shape_that_cannot_be_read_is_in_doubt():
-    assert Sight.of(STRAIGHT).doubts == ()
-    upright = Sight.of(STRAIGHT[:, ::-1])
+def test_unreadable_shape_is_ambiguous():
+    assert Observation.of(STRAIGHT).doubts == ()
+    upright = Observation.of(STRAIGHT[:, ::-1])
     assert upright.state is None and upright.doubts
 
 
-def test_a_table_alone_shows_no_rope_and_no_knot(plan):
+def test_empty_table_shows_no_rope(plan):
     robot = Filmed()
-    execution = execute(plan, robot, look=Estimated(CAMERA), replan=lambda points: plan)
+    execution = execute(
+        plan, robot, estimator=ImageStateEstimator(CAMERA), replan=lambda points: plan
+    )
     assert execution.tied is False and execution.outcomes == ()
     assert execution.reason.startswith("the rope is not seen: ")
     assert "grasp" not in robot.words
 
 
 @pytest.mark.parametrize("silent", [True, False])
-def test_frames_that_are_lost_for_a_second_are_waited_for(silent, monkeypatch):
+def test_lost_frames_are_waited_for(silent, monkeypatch):
     asked = []
 
     def estimate(image, camera, rope, **_):
@@ -75,52 +84,52 @@ def test_frames_that_are_lost_for_a_second_are_waited_for(silent, monkeypatch):
         return SEEN
 
     monkeypatch.setattr("knotflow.perception.estimate", estimate)
-    robot, look = Filmed((0.0, 4.0), silent), Estimated(CAMERA)
-    run = Run(robot, ExecutionConfig(patience=10.0))
-    sight = run.see(look, 0)
-    assert sight.state == TopologicalState.trivial() and not sight.doubts
+    robot, estimator = Filmed((0.0, 4.0), silent), ImageStateEstimator(CAMERA)
+    run = StepExecutor(robot, ExecutionConfig(image_timeout=10.0))
+    observation = run.observe(estimator, 0)
+    assert observation.state == TopologicalState.trivial() and not observation.doubts
     assert len(asked) == 1 and asked[0] >= 4.0
-    run = Run(Filmed((0.0, 1e3), silent), ExecutionConfig(patience=1.0))
-    sight = run.see(Estimated(CAMERA), 0)
-    assert sight.points is None and sight.doubts == ("no new image came for 1 s",)
-    assert run.frames[-1].gripper.tolist() == list(run.config.aside)
+    run = StepExecutor(Filmed((0.0, 1e3), silent), ExecutionConfig(image_timeout=1.0))
+    observation = run.observe(ImageStateEstimator(CAMERA), 0)
+    assert observation.points is None and observation.doubts == ("no new image came for 1 s",)
+    assert run.moves[-1].gripper.tolist() == list(run.config.park_position)
 
 
-def test_an_image_from_before_the_look_is_not_read(monkeypatch):
+def test_image_from_before_the_observation_is_skipped(monkeypatch):
     monkeypatch.setattr("knotflow.perception.estimate", lambda *_, **__: SEEN)
-    robot, look = Filmed(), Estimated(CAMERA)
-    assert look.look(robot) is None  # it may be an old one
-    assert look.look(robot) is None  # it is the same one
+    robot, estimator = Filmed(), ImageStateEstimator(CAMERA)
+    assert estimator.estimate(robot) is None  # it may be an old one
+    assert estimator.estimate(robot) is None  # it is the same one
     robot.move_to(robot.position, STEP)
-    assert look.look(robot) is not None
-    assert look.look(robot) is None
+    assert estimator.estimate(robot) is not None
+    assert estimator.estimate(robot) is None
 
 
-def test_ends_that_look_alike_are_a_doubt(monkeypatch):
+def test_unknown_head_is_ambiguous(monkeypatch):
     monkeypatch.setattr(
         "knotflow.perception.estimate", lambda *_, **__: replace(SEEN, head_known=False)
     )
-    robot, look = Filmed(), Estimated(CAMERA)
-    look.look(robot)
+    robot, estimator = Filmed(), ImageStateEstimator(CAMERA)
+    estimator.estimate(robot)
     robot.move_to(robot.position, STEP)
-    assert look.look(robot).doubts == ("head and tail look alike",)
+    assert estimator.estimate(robot).doubts == ("head and tail look alike",)
 
 
-def test_a_look_begins_where_the_rope_may_be_and_the_tracker_goes_on_from_it(monkeypatch):
+def test_estimate_starts_at_likely_shapes_and_resets_the_tracker(monkeypatch):
     asked = {}
     monkeypatch.setattr(
         "knotflow.perception.estimate", lambda *_, **named: asked.update(named) or SEEN
     )
     robot, tracker = Filmed(), Tracker(CAMERA, RopeConfig(), STRAIGHT + [0.0, 0.1, 0.0])
-    look = Estimated(CAMERA, tracker=tracker)
-    look.look(robot)
+    estimator = ImageStateEstimator(CAMERA, tracker=tracker)
+    estimator.estimate(robot)
     robot.move_to(robot.position, STEP)
-    look.look(robot, [STRAIGHT, STRAIGHT[::-1]])
+    estimator.estimate(robot, [STRAIGHT, STRAIGHT[::-1]])
     assert asked["earlier"] is STRAIGHT and len(asked["likely"]) == 2
     np.testing.assert_array_equal(tracker.points, SEEN.points)
 
 
-def test_after_a_doubt_it_is_searched_wider(monkeypatch):
+def test_ambiguity_widens_the_next_search(monkeypatch):
     doubtful = replace(SEEN, doubts=("a crossing is in doubt",))
     tried, found = [], [doubtful, doubtful, doubtful, SEEN, SEEN]
 
@@ -129,9 +138,9 @@ def test_after_a_doubt_it_is_searched_wider(monkeypatch):
         return found.pop(0)
 
     monkeypatch.setattr("knotflow.perception.estimate", estimate)
-    robot, look = Filmed(), Estimated(CAMERA)
+    robot, estimator = Filmed(), ImageStateEstimator(CAMERA)
     for _ in range(10):
-        look.look(robot, [STRAIGHT])
+        estimator.estimate(robot, [STRAIGHT])
         robot.move_to(robot.position, STEP)
     assert tried == [False, True, False, True, False]
 
@@ -149,9 +158,9 @@ class Guess:
         return SEEN
 
 
-def test_the_link_that_fingers_close_on_is_held_until_they_open():
+def test_nearest_link_is_held_until_release():
     tracker, robot = Guess(), Filmed((9.0, 10.0))
-    source = Tracked(tracker)
+    source = TrackedRope(tracker)
     source.points(robot, False)
     robot.position = (STRAIGHT[7] + STRAIGHT[8]) / 2
     source.points(robot, True)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from knotflow.execution import Mppi, MppiConfig, Still
+from knotflow.execution import Mppi, MppiConfig, StaticDynamics
 
 FRAMES, VERTICES, LINK = 19, 41, 20
 
@@ -46,29 +46,29 @@ def follow(controller, points, reference):
     return np.array(off)
 
 
-def test_a_rope_off_the_plan_is_brought_back():
+def test_displaced_rope_returns_to_the_plan():
     off = follow(*begin(MppiConfig()))
     assert off[0] > 0.015
     assert off[-5:].max() < 0.006
 
 
-def test_a_rope_on_the_plan_stays_there():
+def test_rope_on_the_plan_stays():
     assert follow(*begin(MppiConfig(), off=(0.0, 0.0, 0.0))).max() < 0.006
 
 
-def test_what_the_model_gets_wrong_on_the_plan_is_not_corrected():
+def test_model_bias_is_not_corrected():
     on_plan = begin(MppiConfig(), off=(0.0, 0.0, 0.0), dynamics=Biased())
     assert follow(*on_plan).max() < 0.006
     off = follow(*begin(MppiConfig(), dynamics=Biased()))
     assert off[-5:].max() < 0.006
 
 
-def test_the_same_seed_chooses_the_same_moves():
+def test_same_seed_same_moves():
     one, other = (follow(*begin(MppiConfig(seed=5))) for _ in range(2))
     np.testing.assert_array_equal(one, other)
 
 
-def test_an_action_stays_within_its_bound_and_above_the_table():
+def test_actions_stay_within_bounds():
     config = MppiConfig(bound=0.004)
     controller, points, reference = begin(config, off=(0.2, 0.2, -0.1))
     centre = (points[LINK] + points[LINK + 1]) / 2
@@ -79,7 +79,7 @@ def test_an_action_stays_within_its_bound_and_above_the_table():
 
 
 @pytest.mark.usefixtures("two_threads")
-def test_moves_are_chosen_on_one_thread(monkeypatch):
+def test_acts_on_one_thread(monkeypatch):
     threads, predict = set(), Rigid.predict
 
     def counted(*arguments):
@@ -93,7 +93,7 @@ def test_moves_are_chosen_on_one_thread(monkeypatch):
     assert torch.get_num_threads() == 2
 
 
-def test_where_actions_change_nothing_the_planned_path_is_kept():
-    controller, points, reference = begin(MppiConfig(), dynamics=Still())
+def test_static_dynamics_keep_the_planned_path():
+    controller, points, reference = begin(MppiConfig(), dynamics=StaticDynamics())
     off = follow(controller, points, reference)
     assert off[-1] == pytest.approx(np.hypot(0.03, 0.02), abs=0.02)

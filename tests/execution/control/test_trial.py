@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from knotflow.execution import (
-    CONTROLS,
+    CONTROLLERS,
     ExecutionConfig,
     MppiConfig,
-    Sight,
+    Observation,
     Twin,
     TwinConfig,
-    failure,
-    mppi,
-    try_plan,
+    failure_cause,
+    run_trial,
 )
+from knotflow.execution.control import mppi
 from knotflow.perception import Camera
 from knotflow.planning import parse_goal
 from knotflow.simulation import RopeConfig, straight
@@ -33,37 +33,37 @@ def twin_of(plan, **config):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("control", ["open_loop", "replan_true_state"])
-def test_a_plan_that_works_is_tied_on_the_planners_rope(plan, goal, control):
-    trial = try_plan(plan, goal, twin_of(plan), CONTROLS[control], replan=lambda points: plan)
+def test_working_plan_ties_the_nominal_rope(plan, goal, control):
+    trial = run_trial(plan, goal, twin_of(plan), CONTROLLERS[control], replan=lambda points: plan)
     assert trial.tied and trial.cause == ""
     assert 0 < trial.deviation < 0.05
     assert trial.execution.tied is (None if control == "open_loop" else True)
 
 
-def test_a_grasp_that_misses_is_the_cause(plan, goal):
-    trial = try_plan(plan, goal, twin_of(plan, reach=0.0), CONTROLS["open_loop"])
+def test_missed_grasp_is_the_cause(plan, goal):
+    trial = run_trial(plan, goal, twin_of(plan, reach=0.0), CONTROLLERS["open_loop"])
     assert not trial.tied and trial.cause == "grasp missed"
 
 
-def test_every_failure_has_the_first_cause_that_applies(plan, goal):
+def test_failure_cause_is_the_first_that_applies(plan, goal):
     looped, flat = plan.steps[0].end, straight(RopeConfig())
 
-    def cause(points, sight, missed=0, **last):
-        outcomes = (SimpleNamespace(**({"held": True, "followed": True} | last)),)
-        return failure(
-            SimpleNamespace(sight=sight, outcomes=outcomes),
+    def cause(points, observation, missed=0, **last):
+        outcomes = (SimpleNamespace(**({"held": True, "tracked": True} | last)),)
+        return failure_cause(
+            SimpleNamespace(observation=observation, outcomes=outcomes),
             goal,
-            SimpleNamespace(points=points, missed=missed),
+            SimpleNamespace(points=points, missed_grasps=missed),
         )
 
     mirrored = looped * [1.0, -1.0, 1.0]
     assert cause(looped, None, missed=1) == ""
-    assert cause(flat, Sight.nothing("dark")) == "rope not seen"
-    assert cause(flat, Sight.of(looped)) == "state misread"
-    assert cause(flat, Sight.of(flat, ("blurred",)), held=False) == "state in doubt"
-    assert cause(flat, Sight.of(flat), held=False, followed=False) == "track lost"
-    assert cause(flat, Sight.of(flat), held=False) == "grasp missed"
-    assert cause(flat, Sight.of(flat), missed=1) == "action failed"
+    assert cause(flat, Observation.no_rope("dark")) == "rope not seen"
+    assert cause(flat, Observation.of(looped)) == "state misread"
+    assert cause(flat, Observation.of(flat, ("blurred",)), held=False) == "state in doubt"
+    assert cause(flat, Observation.of(flat), held=False, tracked=False) == "track lost"
+    assert cause(flat, Observation.of(flat), held=False) == "grasp missed"
+    assert cause(flat, Observation.of(flat), missed=1) == "action failed"
     assert cause(flat, None, missed=1) == "grasp missed"
     assert cause(mirrored, None) == "out of the DAG"
     assert cause(flat, None) == "action failed"
@@ -71,25 +71,27 @@ def test_every_failure_has_the_first_cause_that_applies(plan, goal):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("control", ["mppi_true_state", "mppi_true_state_mujoco"])
-def test_mppi_follows_a_plan_by_either_model(plan, goal, control, monkeypatch):
+def test_mppi_tracks_a_plan_by_either_model(plan, goal, control, monkeypatch):
     monkeypatch.setattr(mppi, "MppiConfig", partial(MppiConfig, samples=16, horizon=3))
-    trial = try_plan(plan, goal, twin_of(plan), CONTROLS[control])
+    trial = run_trial(plan, goal, twin_of(plan), CONTROLLERS[control])
     assert trial.tied and trial.deviation < 0.03
     assert len(trial.execution.ticks) > 5
     assert all(tick.control > 0 and tick.image == 0 for tick in trial.execution.ticks)
 
 
 @pytest.mark.slow
-def test_a_knot_is_tied_by_what_a_camera_sees(plan, goal):
+def test_knot_is_tied_by_vision(plan, goal):
     camera = Camera.overhead()
     twin = Twin(plan.start, TwinConfig(level=1), np.random.default_rng(4), camera)
     config = ExecutionConfig(max_actions=1)
-    trial = try_plan(plan, goal, twin, CONTROLS["mppi_replan"], config, lambda points: plan, camera)
+    trial = run_trial(
+        plan, goal, twin, CONTROLLERS["mppi_replan"], config, lambda points: plan, camera
+    )
     execution = trial.execution
-    assert trial.tied and execution.tied and execution.sight.doubts == ()
-    assert np.linalg.norm(execution.sight.points - twin.points, axis=1).mean() < 0.01
+    assert trial.tied and execution.tied and execution.observation.doubts == ()
+    assert np.linalg.norm(execution.observation.points - twin.points, axis=1).mean() < 0.01
     dragged = ~np.isnan(execution.reference[:, 0, 0])
-    followed = execution.points[dragged] - np.array(twin.trajectory)[dragged]
-    assert np.linalg.norm(followed, axis=-1).mean() < 0.015
+    away = execution.points[dragged] - np.array(twin.trajectory)[dragged]
+    assert np.linalg.norm(away, axis=-1).mean() < 0.015
     assert len(execution.ticks) == dragged.sum()
     assert all(min(tick.image, tick.track, tick.control) > 0 for tick in execution.ticks)
