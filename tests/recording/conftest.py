@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from knotflow.recording import RecordedRollout
-from knotflow.recording.scene import spline_curve
+from knotflow.simulation import spline_path
 
 
 def dragged_rope(number: int, frames: int = 26, vertices: int = 41, **changes: Any):
@@ -23,7 +23,7 @@ def dragged_rope(number: int, frames: int = 26, vertices: int = 41, **changes: A
     middle = rng.uniform([-0.2, -0.2, 0.1], [0.2, 0.2, 0.3])
     end = np.array([*rng.uniform(-0.4, 0.4, 2), 0.008])
     controls = np.stack([first, middle, end])
-    gripper = spline_curve(controls, frames)
+    gripper = spline_path(controls, np.linspace(0.0, 1.0, frames))
     near = np.exp(-(((along - grasp) / 0.15) ** 2))
     points = rest + near[None, :, None] * (gripper - first)[:, None, :]
     points += rng.normal(size=points.shape) * 1e-6  # a simulator's last bits are never alike

@@ -3,7 +3,7 @@ import pytest
 from knotflow.planning import Goal, SolutionDag
 from knotflow.topology import TopologicalState, Undo, parse_action
 from knotflow.viz.dag import dag_figure, draw_dag
-from knotflow.viz.palette import SPLINE
+from knotflow.viz.style import SPLINE
 from knotflow.viz.style import styled
 
 OVERHAND = TopologicalState.parse("4o1+2o5+6o3+")

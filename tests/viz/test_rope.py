@@ -6,7 +6,7 @@ from matplotlib.path import Path
 
 from knotflow.topology import knot
 from knotflow.topology.draw import draw
-from knotflow.viz.palette import PAPER, rope_colour
+from knotflow.viz.style import PAPER, rope_colour
 from knotflow.viz.rope import GAP, rope_pieces
 
 WIDTH = 0.016

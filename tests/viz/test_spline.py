@@ -5,7 +5,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from knotflow.simulation import spline_path
-from knotflow.viz.palette import BAD
+from knotflow.viz.style import BAD
 from knotflow.viz.spline import draw_spline, spline_bounds
 from knotflow.viz.style import styled
 

@@ -159,7 +159,7 @@ def draw_estimate(
 
     Vertices that the image does not show, which are not `seen` (V,), are ringed.
     """
-    from knotflow.viz.palette import BAD
+    from knotflow.viz.style import BAD
     from knotflow.viz.rope import draw_rope
 
     column, row, depth = camera.project(points).T

@@ -1,4 +1,4 @@
-"""Every simulated rollout on disk: MCAP files, an index to find them, and eyes to see them.
+"""Every simulated rollout on disk: MCAP files, and tables of what is in them.
 
 A recording is one MCAP file with Foxglove protobuf messages, so Rerun and Foxglove show it as it
 is, and one ``knotflow.Rollout`` message a rollout with its action, spline and outcome.
@@ -6,16 +6,14 @@ is, and one ``knotflow.Rollout`` message a rollout with its action, spline and o
 
 from __future__ import annotations
 
-from .attempts import recorded
-from .index import write_index
 from .reader import (
     DamagedRecordingError,
     NotARecordingError,
     read_metadata,
     read_recording,
 )
-from .schema import OUTCOMES, Outcome, RecordedRollout, RolloutImages
-from .table import load
+from .rollout import OUTCOMES, Outcome, RecordedRollout, RolloutImages, recorded
+from .table import load, write_index
 from .writer import write_recording
 
 __all__ = [

@@ -12,8 +12,8 @@ import warnings
 from bisect import bisect_right
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import zstandard
@@ -22,22 +22,21 @@ from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader
 from mcap.writer import MCAP0_MAGIC as MAGIC
 
-from . import topics
-from .facts import Facts, RolloutMessage
-from .scene import cloud_points, gripper_position, image_file
-from .schema import RecordedRollout, RolloutImages
+from . import messages
+from .rollout import RecordedRollout, RolloutImages
 
-# What mcap and the codecs under it raise on bytes that are not as they were written.
+# What mcap and the codecs under it raise on changed bytes.
 _UNREADABLE = (
-    McapError,
-    DecodeError,
-    struct.error,
-    zstandard.ZstdError,
-    ValueError,
-    LookupError,
-    OverflowError,
-    MemoryError,
+    *(McapError, DecodeError, struct.error, zstandard.ZstdError),
+    *(ValueError, LookupError, OverflowError, MemoryError),
 )
+_DECODERS = {
+    messages.ROPE: messages.cloud_points,
+    messages.GRIPPER: messages.gripper_position,
+    messages.CAMERA: messages.image_file,
+    messages.ESTIMATE: messages.cloud_points,
+    messages.REFERENCE: messages.cloud_points,
+}
 
 
 class NotARecordingError(ValueError):
@@ -45,7 +44,7 @@ class NotARecordingError(ValueError):
 
 
 class DamagedRecordingError(ValueError):
-    """A recording was cut or changed after it was written; says how to save what is left."""
+    """A recording was cut or changed after it was written; names the command that repairs it."""
 
     def __init__(self, path: Path, reason: object) -> None:
         super().__init__(
@@ -69,8 +68,8 @@ def read_recording(path: str | os.PathLike[str]) -> Iterator[RecordedRollout]:
     return (rollout for _, rollout in read_with_facts(path))
 
 
-def read_with_facts(path: str | os.PathLike[str]) -> Iterator[tuple[Facts, RecordedRollout]]:
-    """The same as ``read_recording``, each rollout with the facts that say where it lies."""
+def read_with_facts(path: str | os.PathLike[str]) -> Iterator[tuple[Any, RecordedRollout]]:
+    """As ``read_recording``, each rollout with its ``knotflow.Rollout``."""
     return _rollouts(existing_recording(path))
 
 
@@ -83,13 +82,13 @@ def read_metadata(path: str | os.PathLike[str]) -> dict[str, str]:
     file = existing_recording(path)
     with file.open("rb") as stream, damage_named(file):
         for record in NonSeekingReader(stream).iter_metadata():  # they precede the first message
-            if record.name == topics.METADATA:
+            if record.name == messages.METADATA:
                 return dict(record.metadata)
     return {}
 
 
 def existing_recording(path: str | os.PathLike[str]) -> Path:
-    """The path of a file that is there and begins and ends as an MCAP.
+    """The path of a file that exists and begins and ends as an MCAP.
 
     Raises:
         FileNotFoundError, NotARecordingError, DamagedRecordingError: it does not.
@@ -115,73 +114,64 @@ def existing_recording(path: str | os.PathLike[str]) -> Path:
 
 @contextmanager
 def damage_named(path: Path) -> Iterator[None]:
-    """Turns whatever the mcap library trips over into a ``DamagedRecordingError``."""
+    """Turns whatever the mcap library raises into a ``DamagedRecordingError``."""
     try:
         yield
     except _UNREADABLE as error:
         raise DamagedRecordingError(path, str(error) or type(error).__name__) from error
 
 
-@dataclass
-class _Assembly:
-    """A rollout whose frames are still coming in."""
+class _Frames:
+    """The frames of a rollout that were read so far, and its ``knotflow.Rollout``."""
 
-    facts: Facts
-    log_times: list[int] = field(default_factory=list)
-    points: list[np.ndarray] = field(default_factory=list)
-    gripper: list[tuple[float, float, float]] = field(default_factory=list)
-    images: list[bytes] = field(default_factory=list)
-    estimates: list[np.ndarray] = field(default_factory=list)
-    references: list[np.ndarray] = field(default_factory=list)
-
-    @property
-    def whole(self) -> bool:
-        return len(self.points) == len(self.gripper) == self.facts.frames
+    def __init__(self, facts: Any) -> None:
+        self.facts = facts
+        self.log_times: list[int] = []
+        self.by_topic: dict[str, list[Any]] = {topic: [] for topic in _DECODERS}
 
     def add(self, topic: str, log_time: int, data: bytes) -> None:
-        if topic == topics.ROPE:
-            self.points.append(cloud_points(data))
+        self.by_topic[topic].append(_DECODERS[topic](data))
+        if topic == messages.ROPE:
             self.log_times.append(log_time)
-        elif topic == topics.GRIPPER:
-            self.gripper.append(gripper_position(data))
-        elif topic == topics.CAMERA:
-            self.images.append(image_file(data))
-        elif topic == topics.ESTIMATE:
-            self.estimates.append(cloud_points(data))
-        else:
-            self.references.append(cloud_points(data))
+
+    @property
+    def complete(self) -> bool:
+        ropes, grippers = self.by_topic[messages.ROPE], self.by_topic[messages.GRIPPER]
+        return len(ropes) == len(grippers) == self.facts.frames
 
     def rollout(self) -> RecordedRollout:
-        whole = self.facts.rollout(self.log_times, np.array(self.points), np.array(self.gripper))
-        if not self.images:
-            return whole
-        reference = np.array(self.references) if self.references else None
-        seen = RolloutImages(tuple(self.images), np.array(self.estimates), reference)
-        return replace(whole, camera=seen)
+        ropes, grippers, images, estimates, references = self.by_topic.values()
+        camera = None
+        if images:
+            reference = np.array(references) if references else None
+            camera = RolloutImages(tuple(images), np.array(estimates), reference)
+        return messages.decode_rollout(
+            self.facts, self.log_times, np.array(ropes), np.array(grippers), camera
+        )
 
 
-def _rollouts(path: Path) -> Iterator[tuple[Facts, RecordedRollout]]:
-    waiting: list[_Assembly] = []  # by start time, which is also the order of the file
+def _rollouts(path: Path) -> Iterator[tuple[Any, RecordedRollout]]:
+    waiting: list[_Frames] = []  # by start time, which is also the order of the file
     read = 0
     for topic, log_time, data in _messages(path):
         with damage_named(path):
-            if topic == topics.ROLLOUT:
-                waiting.append(_Assembly(Facts(RolloutMessage.FromString(data))))
+            if topic == messages.ROLLOUT:
+                waiting.append(_Frames(messages.RolloutMessage.FromString(data)))
                 continue
-            owner = _owner(waiting, log_time)
-            if owner is None:
+            at = bisect_right(waiting, log_time, key=lambda frames: frames.facts.start_ns) - 1
+            owner = waiting[at].facts if at >= 0 else None
+            if owner is None or log_time > owner.start_ns + owner.duration_ns:
                 continue  # a recovered file may have lost the facts of these frames
-            owner.add(topic, log_time, data)
-            if not owner.whole:
+            waiting[at].add(topic, log_time, data)
+            if not waiting[at].complete:
                 continue
-            waiting.remove(owner)
-            rollout = owner.rollout()
+            rollout = waiting.pop(at).rollout()
         read += 1
-        yield owner.facts, rollout
+        yield owner, rollout
     if read == 0:
         raise NotARecordingError(
             f"{path} is an MCAP without a single whole rollout: a recording has the topics "
-            f"{topics.ROLLOUT}, {topics.ROPE} and {topics.GRIPPER}"
+            f"{messages.ROLLOUT}, {messages.ROPE} and {messages.GRIPPER}"
         )
     if waiting:
         warnings.warn(
@@ -193,17 +183,8 @@ def _rollouts(path: Path) -> Iterator[tuple[Facts, RecordedRollout]]:
 
 def _messages(path: Path) -> Iterator[tuple[str, int, bytes]]:
     """Topic, log time in ns and encoded data of each message with facts or a frame."""
-    seen = (topics.CAMERA, topics.ESTIMATE, topics.REFERENCE)
-    wanted = (topics.ROLLOUT, topics.ROPE, topics.GRIPPER, *seen)
     with path.open("rb") as stream, damage_named(path):
         reader = NonSeekingReader(stream, validate_crcs=True)  # reads nothing unchecked
+        wanted = (messages.ROLLOUT, *_DECODERS)
         for _, channel, message in reader.iter_messages(wanted, log_time_order=False):
             yield channel.topic, message.log_time, message.data
-
-
-def _owner(waiting: list[_Assembly], log_time: int) -> _Assembly | None:
-    """The rollout in whose time a frame lies, if the file still has its facts."""
-    at = bisect_right(waiting, log_time, key=lambda assembly: assembly.facts.start_ns) - 1
-    if at < 0 or log_time > waiting[at].facts.end_ns:
-        return None
-    return waiting[at]

@@ -1,4 +1,8 @@
-"""Recordings as pandas tables, one row a rollout."""
+"""Recordings as pandas tables, one row a rollout.
+
+A folder's table is kept beside its recordings as ``index.parquet``. It can always be rebuilt from
+them, and is for those that have changed since.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +10,38 @@ import json
 import os
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
+from mcap.reader import make_reader
 
-from .index import SCHEMA, file_table, fresh_index, index_table, recordings_in, write_index
-from .reader import existing_recording, read_with_facts
+from . import messages
+from .reader import damage_named, existing_recording, read_with_facts
 
+INDEX_NAME = "index.parquet"
+SCHEMA = pa.schema(
+    [
+        pa.field("file", pa.string()),  # its name in the folder
+        pa.field("number", pa.int64()),
+        pa.field("start_time_s", pa.float64()),  # on the file's timeline
+        pa.field("duration_s", pa.float64()),
+        pa.field("action", pa.string()),
+        *(pa.field(name, pa.float64()) for name in messages.SPLINE_COLUMNS),
+        pa.field("start_state", pa.string()),
+        pa.field("goal_state", pa.string()),
+        pa.field("end_state", pa.string()),
+        pa.field("outcome", pa.string()),
+        pa.field("source", pa.string()),
+        pa.field("signature", pa.string()),
+        pa.field("extra", pa.string()),  # JSON of a mapping of texts
+    ]
+)
 TRAJECTORY_COLUMNS = ("times", "points", "gripper", "control_points")
 PathLike = str | os.PathLike[str]
+_STAMPS = b"knotflow.files"  # key of the indexed files' stamps in the Parquet metadata
 
 
 def load(path: PathLike | Iterable[PathLike], *, trajectories: bool = False) -> pd.DataFrame:
@@ -28,52 +54,144 @@ def load(path: PathLike | Iterable[PathLike], *, trajectories: bool = False) -> 
 
     Returns:
         One row a rollout, files by name and rollouts in file order, with the columns of
-        ``index.SCHEMA``; ``file`` is a path that can be opened and ``extra`` a dict.
+        ``SCHEMA``; ``file`` is a path that can be opened and ``extra`` a dict.
 
     Raises:
         FileNotFoundError: a file or folder is not there, or a folder holds no recording.
         NotARecordingError, DamagedRecordingError: a file is no recording, or cut or changed.
     """
-    if not isinstance(path, (str, os.PathLike)):
+    arrays = TRAJECTORY_COLUMNS if trajectories else ()
+    if not isinstance(path, str | os.PathLike):
         frames = [load(each, trajectories=trajectories) for each in path]
-        return pd.concat(frames, ignore_index=True) if frames else _empty(trajectories)
+        empty = SCHEMA.empty_table().to_pandas()
+        empty = empty.reindex(columns=[*empty.columns, *arrays])
+        return pd.concat(frames, ignore_index=True) if frames else empty
     place = Path(path)
     if trajectories:
-        return _with_arrays(recordings_in(place) if place.is_dir() else [existing_recording(place)])
-    if place.is_dir():
-        return _frame(_index_of(place), place)
-    return _frame(file_table(place), place.parent)
-
-
-def _index_of(folder: Path) -> pa.Table:
-    fresh = fresh_index(folder)
-    if fresh is not None:
-        return fresh
-    if os.access(folder, os.W_OK):
-        return pq.read_table(write_index(folder))
-    return index_table(folder)  # a folder we may only read keeps no index
-
-
-def _frame(table: pa.Table, folder: Path) -> pd.DataFrame:
-    frame = table.to_pandas()
+        files = recordings_in(place) if place.is_dir() else [existing_recording(place)]
+        rows = [
+            {"file": str(file)}
+            | messages.table_row(facts)
+            | {name: getattr(rollout, name) for name in arrays}
+            for file in files
+            for facts, rollout in read_with_facts(file)
+        ]
+        return pd.DataFrame(rows, columns=[*SCHEMA.names, *arrays])
+    folder = place if place.is_dir() else place.parent
+    frame = (_folder_table(place) if place.is_dir() else file_table(place)).to_pandas()
     frame["file"] = [str(folder / name) for name in frame["file"]]
     frame["extra"] = [json.loads(text) for text in frame["extra"]]
     return frame
 
 
-def _with_arrays(files: list[Path]) -> pd.DataFrame:
-    rows = [
-        {
-            "file": str(file),
-            **facts.row(),
-            **{name: getattr(rollout, name) for name in TRAJECTORY_COLUMNS},
-        }
-        for file in files
-        for facts, rollout in read_with_facts(file)
+def write_index(folder: PathLike) -> Path:
+    """Bring ``index.parquet`` of a folder up to date with its ``*.mcap`` files.
+
+    Only files whose size or modification time has changed are read. Its columns are those of
+    ``SCHEMA``.
+
+    Returns:
+        The index file.
+
+    Raises:
+        FileNotFoundError: no such folder, or no recording in it.
+        NotARecordingError, DamagedRecordingError: a ``*.mcap`` in it is no recording, or none
+            that can be read.
+    """
+    path = Path(folder) / INDEX_NAME
+    partial = path.with_name(f".{INDEX_NAME}.partial")
+    pq.write_table(_updated_table(Path(folder)), partial)
+    return partial.replace(path)
+
+
+def file_table(path: Path) -> pa.Table:
+    """The index rows of one recording.
+
+    Raises:
+        FileNotFoundError, NotARecordingError, DamagedRecordingError: as for ``read_recording``.
+    """
+    facts = _facts_of_complete_file(existing_recording(path))
+    if facts is None:  # only reading it through shows which rollouts are whole
+        facts = [each for each, _ in read_with_facts(path)]
+    rows = [{"file": path.name, **messages.table_row(each)} for each in facts]
+    for row in rows:
+        row["extra"] = json.dumps(row["extra"], sort_keys=True)
+    return pa.Table.from_pylist(rows, schema=SCHEMA)
+
+
+def recordings_in(folder: Path) -> list[Path]:
+    """The ``*.mcap`` files of a folder, by name.
+
+    Raises:
+        FileNotFoundError: no such folder, or no recording in it; names what is there instead.
+    """
+    if not folder.is_dir():
+        raise FileNotFoundError(f"there is no folder {folder}")
+    files = sorted(folder.glob("*.mcap"))
+    if not files:
+        there = sorted(child.name + "/" * child.is_dir() for child in folder.iterdir())
+        more = f" and {len(there) - 12} more" if len(there) > 12 else ""
+        raise FileNotFoundError(
+            f"no *.mcap recording in {folder}; there is: {', '.join(there[:12]) or 'nothing'}{more}"
+        )
+    return files
+
+
+def _folder_table(folder: Path) -> pa.Table:
+    """The index of a folder, brought up to date on disk where one may write."""
+    table = _stored_table(folder)
+    if _indexed_stamps(table) == _stamps(folder):
+        return table
+    return pq.read_table(write_index(folder)) if os.access(folder, os.W_OK) else _updated_table(
+        folder
+    )
+
+
+def _updated_table(folder: Path) -> pa.Table:
+    """The index of a folder's files as they are now, with the stored rows of unchanged ones."""
+    stamps, old = _stamps(folder), _stored_table(folder)
+    known = _indexed_stamps(old)
+    parts = [
+        old.filter(pc.equal(old["file"], name))
+        if known.get(name) == stamp
+        else file_table(folder / name)
+        for name, stamp in stamps.items()
     ]
-    return pd.DataFrame(rows, columns=[*SCHEMA.names, *TRAJECTORY_COLUMNS])
+    table = pa.concat_tables([part.replace_schema_metadata(None) for part in parts])
+    return table.replace_schema_metadata({_STAMPS: json.dumps(stamps)})
 
 
-def _empty(trajectories: bool) -> pd.DataFrame:
-    frame = SCHEMA.empty_table().to_pandas()
-    return frame.reindex(columns=[*frame.columns, *(TRAJECTORY_COLUMNS if trajectories else ())])
+def _facts_of_complete_file(path: Path) -> list[Any] | None:
+    """Each ``knotflow.Rollout`` of a file whose summary accounts for every frame, else None."""
+    with path.open("rb") as stream, damage_named(path):
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        if summary is None or summary.statistics is None:
+            return None
+        found = reader.iter_messages(messages.ROLLOUT, log_time_order=False)
+        facts = [messages.RolloutMessage.FromString(message.data) for _, _, message in found]
+    counts = {
+        summary.channels[channel].topic: count
+        for channel, count in summary.statistics.channel_message_counts.items()
+    }
+    frames = sum(each.frames for each in facts)
+    complete = counts.get(messages.ROPE) == counts.get(messages.GRIPPER) == frames
+    return facts if facts and complete else None
+
+
+def _stored_table(folder: Path) -> pa.Table:
+    """The stored index; an empty one if there is none, or only of another version."""
+    path = folder / INDEX_NAME
+    table = pq.read_table(path) if path.is_file() else None
+    return table if table and table.schema.names == SCHEMA.names else SCHEMA.empty_table()
+
+
+def _indexed_stamps(table: pa.Table) -> dict[str, Any]:
+    stamps: dict[str, Any] = json.loads((table.schema.metadata or {}).get(_STAMPS, b"{}"))
+    return stamps
+
+
+def _stamps(folder: Path) -> dict[str, list[int]]:
+    """Size and modification time of each recording, by which a changed file is noticed."""
+    stats = {file.name: file.stat() for file in recordings_in(folder)}
+    return {name: [stat.st_size, stat.st_mtime_ns] for name, stat in stats.items()}

@@ -1,8 +1,8 @@
 """Writing a recording: one MCAP that appears under its name only when it is complete.
 
-Rollouts lie one after the other on one timeline. The facts of a batch of rollouts stand in a
-chunk of their own *before* their trajectories: the index then reads facts without unpacking
-trajectories, and what is recovered of a cut file still knows what each of its trajectories is.
+Rollouts lie one after the other on one timeline. The ``knotflow.Rollout`` messages of a batch
+stand in a chunk of their own *before* the trajectories: the index reads them without unpacking
+trajectories, and a recovered file still knows what each of its trajectories is.
 """
 
 from __future__ import annotations
@@ -22,23 +22,25 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
-from . import scene, topics
-from .facts import RolloutMessage, facts_message
-from .schema import NANOSECONDS, RecordedRollout, RolloutImages
+from . import messages
+from .rollout import NANOSECONDS, RecordedRollout, RolloutImages
 
 GAP_NS = NANOSECONDS // 2  # between two rollouts on the timeline
-BATCH = 32  # rollouts whose facts share a chunk; also what the writer holds in memory
+BATCH = 32  # rollouts that share a chunk of facts; also what the writer holds in memory
 _TYPES = {
-    topics.ROLLOUT: RolloutMessage,
-    topics.FRAMES: FrameTransforms,
-    topics.ROPE: PointCloud,
-    topics.ROPE_LINE: SceneUpdate,
-    topics.GRIPPER: PoseInFrame,
-    topics.SPLINE: SceneUpdate,
-    topics.TOPOLOGY: Log,
+    messages.ROLLOUT: messages.RolloutMessage,
+    messages.FRAMES: FrameTransforms,
+    messages.ROPE: PointCloud,
+    messages.ROPE_LINE: SceneUpdate,
+    messages.GRIPPER: PoseInFrame,
+    messages.SPLINE: SceneUpdate,
+    messages.TOPOLOGY: Log,
 }
-_CAMERA = {topics.CAMERA: CompressedImage, topics.ESTIMATE: PointCloud}
-_CAMERA |= {topics.REFERENCE: PointCloud}
+_CAMERA_TYPES = {
+    messages.CAMERA: CompressedImage,
+    messages.ESTIMATE: PointCloud,
+    messages.REFERENCE: PointCloud,
+}
 
 
 def write_recording(
@@ -48,11 +50,9 @@ def write_recording(
     *,
     rope_line: bool | None = None,
 ) -> None:
-    """Write rollouts to one MCAP file, all or nothing.
+    """Write rollouts to one MCAP file, all or nothing: under another name, renamed when complete.
 
-    The file is written beside its final name, brought to disk and renamed: a name that ends
-    as asked always stands for a complete file. Rollouts are taken as they come, ``BATCH`` at a
-    time, so a generator of thousands needs little memory.
+    Rollouts are taken ``BATCH`` at a time, so a generator of thousands needs little memory.
 
     Args:
         path: the file to make, by custom ``*.mcap``, and its folder; an older one is replaced.
@@ -74,23 +74,11 @@ def write_recording(
     partial = target.with_name(f".{target.name}.partial")
     try:
         with partial.open("wb") as stream:
-            _write(stream, rollouts, metadata, rope_line)
-            stream.flush()
-            os.fsync(stream.fileno())
+            _write(stream, iter(rollouts), metadata, rope_line)
         partial.replace(target)
     except BaseException:
         partial.unlink(missing_ok=True)
         raise
-    sync_folder(target.parent)
-
-
-def sync_folder(folder: Path) -> None:
-    """Bring a rename to disk: without it a power cut may undo the renaming."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _write(
@@ -99,8 +87,7 @@ def _write(
     metadata: Mapping[str, str],
     rope_line: bool | None,
 ) -> None:
-    source = iter(rollouts)
-    batch, following = list(islice(source, BATCH)), list(islice(source, BATCH))
+    batch, following = list(islice(rollouts, BATCH)), list(islice(rollouts, BATCH))
     if not batch:
         raise ValueError("a recording needs at least one rollout, got none")
     mcap = _Timeline(stream, metadata, not following if rope_line is None else rope_line)
@@ -111,7 +98,7 @@ def _write(
                 raise ValueError(f"two rollouts have the number {rollout.number}")
             seen.add(rollout.number)
         mcap.add(batch)
-        batch, following = following, list(islice(source, BATCH))
+        batch, following = following, list(islice(rollouts, BATCH))
     mcap.writer.finish()
 
 
@@ -121,16 +108,16 @@ class _Timeline:
     def __init__(self, stream: IO[bytes], metadata: Mapping[str, str], rope_line: bool) -> None:
         self.writer = Writer(stream)  # chunks of 1 MiB, zstd
         self.writer.start(profile="knotflow")
-        self.writer.add_metadata(topics.METADATA, dict(metadata))
+        self.writer.add_metadata(messages.METADATA, dict(metadata))
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         self._register(_TYPES)
-        self._clouds: dict[tuple[int], scene.RopeCloud] = {}  # by vertex count
-        self._lines: dict[tuple[int, float], scene.RopeLine] = {}  # and radius
-        self._gripper = scene.GripperPose()
+        self._clouds: dict[int, messages.RopeCloud] = {}  # by vertex count
+        self._lines: dict[tuple[int, float], messages.RopeLine] = {}  # and radius
+        self._gripper = messages.GripperPose()
         self._rope_line = rope_line
         self._now = 0
-        self._log(topics.FRAMES, 0, scene.root_frame(0))
+        self._log(messages.FRAMES, 0, messages.root_frame(0))
 
     def _register(self, types: Mapping[str, Any]) -> None:
         for topic, kind in types.items():
@@ -145,8 +132,8 @@ class _Timeline:
         starts = []
         for rollout in batch:
             starts.append(self._now)
-            facts = facts_message(rollout, self._now)
-            self._log(topics.ROLLOUT, self._now, facts.SerializeToString())
+            facts = messages.encode_rollout(rollout, self._now)
+            self._log(messages.ROLLOUT, self._now, facts.SerializeToString())
             self._now += facts.duration_ns + GAP_NS
         self.writer.flush()  # the facts' chunk ends here
         for start, rollout in zip(starts, batch, strict=True):
@@ -155,38 +142,40 @@ class _Timeline:
 
     def _trajectory(self, start: int, rollout: RecordedRollout) -> None:
         vertices = rollout.points.shape[1]
-        cloud = self._painter(self._clouds, scene.RopeCloud, vertices)
-        radius = scene.rope_radius(rollout.control_points)
-        line = self._painter(self._lines, scene.RopeLine, vertices, radius)
-        self._log(topics.SPLINE, start, scene.spline_message(start, rollout.control_points))
-        self._log(topics.TOPOLOGY, start, scene.start_message(start, rollout))
+        radius = messages.rope_radius(rollout.control_points)
+        if (vertices, radius) not in self._lines:
+            self._lines[vertices, radius] = messages.RopeLine(vertices, radius)
+        cloud, line = self._cloud(vertices), self._lines[vertices, radius]
+        self._log(messages.SPLINE, start, messages.spline_message(start, rollout.control_points))
+        self._log(messages.TOPOLOGY, start, messages.start_message(start, rollout))
         log_times = (rollout.times_ns - rollout.times_ns[0] + start).tolist()
         for frame, (log_time, points, gripper) in enumerate(
             zip(log_times, rollout.points, rollout.gripper, strict=True)
         ):
             if rollout.camera is not None:  # before the rope: a frame ends with the gripper
                 self._camera(log_time, rollout.camera, frame)
-            self._log(topics.ROPE, log_time, cloud.frame(log_time, points))
+            self._log(messages.ROPE, log_time, cloud.frame(log_time, points))
             if self._rope_line:
-                self._log(topics.ROPE_LINE, log_time, line.frame(log_time, points))
-            self._log(topics.GRIPPER, log_time, self._gripper.frame(log_time, gripper))
+                self._log(messages.ROPE_LINE, log_time, line.frame(log_time, points))
+            self._log(messages.GRIPPER, log_time, self._gripper.frame(log_time, gripper))
         end = log_times[-1]
-        self._log(topics.TOPOLOGY, end, scene.end_message(end, rollout))
+        self._log(messages.TOPOLOGY, end, messages.end_message(end, rollout))
 
     def _camera(self, log_time: int, camera: RolloutImages, frame: int) -> None:
-        if topics.CAMERA not in self._channels:  # most recordings have none
-            self._register(_CAMERA)
-        cloud = self._painter(self._clouds, scene.RopeCloud, camera.points.shape[1])
-        self._log(topics.CAMERA, log_time, scene.image_message(log_time, camera.images[frame]))
-        self._log(topics.ESTIMATE, log_time, cloud.frame(log_time, camera.points[frame]))
+        if messages.CAMERA not in self._channels:  # most recordings have none
+            self._register(_CAMERA_TYPES)
+        cloud = self._cloud(camera.points.shape[1])
+        image = messages.image_message(log_time, camera.images[frame])
+        self._log(messages.CAMERA, log_time, image)
+        self._log(messages.ESTIMATE, log_time, cloud.frame(log_time, camera.points[frame]))
         if camera.reference is not None:
-            self._log(topics.REFERENCE, log_time, cloud.frame(log_time, camera.reference[frame]))
+            reference = cloud.frame(log_time, camera.reference[frame])
+            self._log(messages.REFERENCE, log_time, reference)
 
-    @staticmethod
-    def _painter(known: dict[Any, Any], kind: Any, *looks: float) -> Any:
-        if looks not in known:
-            known[looks] = kind(*looks)
-        return known[looks]
+    def _cloud(self, vertices: int) -> messages.RopeCloud:
+        if vertices not in self._clouds:
+            self._clouds[vertices] = messages.RopeCloud(vertices)
+        return self._clouds[vertices]
 
     def _log(self, topic: str, log_time: int, data: bytes) -> None:
         self.writer.add_message(self._channels[topic], log_time, data, publish_time=log_time)

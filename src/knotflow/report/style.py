@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from knotflow.viz.palette import INK, MUTED, PAPER, RULE
+from knotflow.viz.style import INK, MUTED, PAPER, RULE
 from knotflow.viz.style import PNG_DPI, WIDTH, styled
 
 __all__ = [

@@ -11,15 +11,15 @@ from PIL import Image, ImageDraw, ImageFont
 
 from knotflow.planning.plan import KnotPlan
 from knotflow.simulation import spline_path
-from knotflow.viz.palette import INK, MUTED, SPLINE
 from knotflow.viz.rope import rope_pieces
+from knotflow.viz.style import INK, MUTED, SPLINE
 
 _OVERSAMPLING = 2  # drawn larger and scaled down, for smooth edges
 _COLOURS = 48  # of the palette; keeps a plan of five steps below 1 MB
-_BANDS = 16  # of one colour each along the rope: as many as the palette has room for
+_BANDS = 16  # colours along the rope: as many as the palette has room for
 _HEADER = 44  # pixels above the view, for text
 _HEIGHT = 0.62  # of the view, in its width
-_PAUSE = 0.8  # seconds between steps
+_PAUSE, _END = 0.8, 2.5  # seconds between steps, and of the last picture
 _PAD = 0.03  # metres round everything
 _BAR = 0.1  # metres
 
@@ -41,31 +41,23 @@ def animate_plan(plan: KnotPlan, path: Path, width: int = 600, speed: float = 1.
     """
     if not plan.steps:
         raise ValueError("a plan without steps has nothing to animate")
-    for number, step in enumerate(plan.steps, start=1):
+    frames: list[Image.Image] = []
+    seconds: list[float] = []
+    for number, (step, controls) in enumerate(zip(plan.steps, plan.controls, strict=True), start=1):
         if len(step.trajectory) != len(step.times):
             raise ValueError(
                 f"step {number} has no trajectory: the plan was saved with trajectories=False"
             )
-    frames: list[Image.Image] = []
-    seconds: list[float] = []
-    for number, (step, controls) in enumerate(zip(plan.steps, plan.controls, strict=True), start=1):
         spline = spline_path(controls, np.linspace(0.0, 1.0, 50))
         view = _View(plan, np.concatenate((step.trajectory.reshape(-1, 3), spline)), width)
-        title = f"{number}/{len(plan.steps)}  {step.action}"
-        for index, (points, gripper) in enumerate(zip(step.trajectory, step.gripper, strict=True)):
-            holds = step.times[index] <= plan.move_time
-            frame = view.frame(title, str(step.start_state))
-            frame.spline(spline)
-            frame.rope(points)
-            frame.gripper(gripper, holds)
-            frames.append(frame.image())
+        texts = f"{number}/{len(plan.steps)}  {step.action}", str(step.start_state)
+        for time, points, gripper in zip(step.times, step.trajectory, step.gripper, strict=True):
+            frames.append(view.frame(*texts, points, spline, gripper, time <= plan.move_time))
         seconds += [_PAUSE, *np.diff(step.times)]
-    frame = _View(plan, plan.shapes[-1], width).frame(
-        "tied" if plan.solved else "search stopped here", str(plan.states[-1])
-    )
-    frame.rope(plan.shapes[-1])
-    frames.append(frame.image())
-    seconds.append(2.5)
+    title = "tied" if plan.solved else "search stopped here"
+    last = plan.shapes[-1]
+    frames.append(_View(plan, last, width).frame(title, str(plan.states[-1]), last))
+    seconds.append(_END)
     # A GIF counts in hundredths of a second, and viewers slow down what is below two of them.
     milliseconds = [max(20, round(second * 100 / speed) * 10) for second in seconds]
     palette = frames[-2].quantize(_COLOURS, dither=Image.Dither.NONE)
@@ -86,67 +78,54 @@ class _View:
 
     def __init__(self, plan: KnotPlan, points: NDArray, width: int) -> None:
         low, high = points[:, :2].min(axis=0) - _PAD, points[:, :2].max(axis=0) + _PAD
-        self.goal, self.radius = plan.goal, plan.radius
-        self.shown = (width, round(_HEIGHT * width) + _HEADER)
+        self._goal = plan.goal if len(plan.goal) < 24 else plan.goal[:21] + "..."
+        self._diameter = 2.0 * plan.radius
+        self._size = (width, round(_HEIGHT * width) + _HEADER)
         room = _OVERSAMPLING * np.array([width, _HEIGHT * width])
-        self.scale = float((room / (high - low)).min())  # pixels a metre
+        self._scale = float((room / (high - low)).min())  # pixels a metre
         centre = room / 2 + (0, _OVERSAMPLING * _HEADER)
-        self._offset = centre - self.scale * (low + high) / 2 * (1, -1)
+        self._offset = centre - self._scale * (low + high) / 2 * (1, -1)
 
-    def frame(self, title: str, state: str) -> _Frame:
-        """An empty table with its texts and a scale bar."""
-        return _Frame(self, title, state)
+    def frame(
+        self,
+        title: str,
+        state: str,
+        points: NDArray,
+        spline: NDArray | None = None,
+        gripper: NDArray | None = None,
+        holding: bool = False,
+    ) -> Image.Image:
+        """One picture: texts, scale bar, rope (V, 3), dashed spline (N, 3) and gripper (3,)."""
+        width, height = (_OVERSAMPLING * side for side in self._size)
+        image = Image.new("RGB", (width, height), "white")
+        canvas = ImageDraw.Draw(image)
+        edge, small = 10 * _OVERSAMPLING, _font(11 * _OVERSAMPLING)
+        right = width - edge
+        canvas.text((edge, edge * 0.7), title, fill=INK, font=_font(15 * _OVERSAMPLING))
+        canvas.text((edge, edge * 2.7), state, fill=MUTED, font=small)
+        canvas.text((right, edge * 0.7), self._goal, fill=MUTED, font=small, anchor="ra")
+        left, y = right - _BAR * self._scale, edge * 3.2
+        canvas.line((left, y, right, y), fill=MUTED, width=2 * _OVERSAMPLING)
+        canvas.text((left - edge / 2, y), "10 cm", fill=MUTED, font=small, anchor="rm")
+        if spline is not None:
+            dashes = self._pixels(spline)
+            for begin, end in zip(dashes[:-1:2], dashes[1::2], strict=False):
+                canvas.line((*begin, *end), fill=SPLINE, width=3)
+        for piece in rope_pieces(points, self._diameter, _BANDS):
+            canvas.polygon(self._pixels(piece.outline), fill=piece.colour)
+        if gripper is not None:
+            ((x, y),) = self._pixels(gripper[None])
+            ring, dot = (0.014 + 0.12 * float(gripper[2])) * self._scale, 0.007 * self._scale
+            box = (x - ring, y - ring, x + ring, y + ring)
+            canvas.ellipse(box, outline=SPLINE, width=3 * _OVERSAMPLING)
+            if holding:
+                canvas.ellipse((x - dot, y - dot, x + dot, y + dot), fill=SPLINE)
+        return image.resize(self._size, Image.Resampling.LANCZOS)
 
-    def pixels(self, places: NDArray) -> list[tuple[float, float]]:
+    def _pixels(self, places: NDArray) -> list[tuple[float, float]]:
         """Where places (N, 2 or 3) are in the picture before it is scaled down."""
-        return [
-            (float(x), float(y)) for x, y in places[:, :2] * self.scale * (1, -1) + self._offset
-        ]
-
-
-class _Frame:
-    """One picture of the animation."""
-
-    def __init__(self, view: _View, title: str, state: str) -> None:
-        self._view = view
-        width, height = (_OVERSAMPLING * side for side in view.shown)
-        self._image = Image.new("RGB", (width, height), "white")
-        self._canvas = ImageDraw.Draw(self._image)
-        edge = 10 * _OVERSAMPLING
-        small = _font(11 * _OVERSAMPLING)
-        self._canvas.text((edge, edge * 0.7), title, fill=INK, font=_font(15 * _OVERSAMPLING))
-        self._canvas.text((edge, edge * 2.7), state, fill=MUTED, font=small)
-        goal = view.goal if len(view.goal) < 24 else view.goal[:21] + "..."
-        self._canvas.text((width - edge, edge * 0.7), goal, fill=MUTED, font=small, anchor="ra")
-        end = width - edge
-        bar = (end - _BAR * view.scale, edge * 3.2, end, edge * 3.2)
-        self._canvas.line(bar, fill=MUTED, width=2 * _OVERSAMPLING)
-        self._canvas.text((bar[0] - edge / 2, bar[1]), "10 cm", fill=MUTED, font=small, anchor="rm")
-
-    def image(self) -> Image.Image:
-        """The finished picture."""
-        return self._image.resize(self._view.shown, Image.Resampling.LANCZOS)
-
-    def rope(self, points: NDArray) -> None:
-        """The rope (V, 3), metres."""
-        for piece in rope_pieces(points, 2.0 * self._view.radius, _BANDS):
-            self._canvas.polygon(self._view.pixels(piece.outline), fill=piece.colour)
-
-    def spline(self, path: NDArray) -> None:
-        """The whole path (N, 3) of the gripper as a dashed line, metres."""
-        places = self._view.pixels(path)
-        for begin, end in zip(places[:-1:2], places[1::2], strict=False):
-            self._canvas.line((*begin, *end), fill=SPLINE, width=3)
-
-    def gripper(self, place: NDArray, holds: bool) -> None:
-        """The gripper (3,), metres."""
-        ((x, y),) = self._view.pixels(place[None])
-        ring = (0.014 + 0.12 * float(place[2])) * self._view.scale
-        box = (x - ring, y - ring, x + ring, y + ring)
-        self._canvas.ellipse(box, outline=SPLINE, width=3 * _OVERSAMPLING)
-        if holds:
-            dot = 0.007 * self._view.scale
-            self._canvas.ellipse((x - dot, y - dot, x + dot, y + dot), fill=SPLINE)
+        pixels = places[:, :2] * self._scale * (1, -1) + self._offset
+        return [(float(x), float(y)) for x, y in pixels]
 
 
 @cache

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import textwrap
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,107 +13,99 @@ from numpy.typing import NDArray
 
 from knotflow.planning.plan import KnotPlan
 from knotflow.simulation import spline_path
-from knotflow.viz.palette import INK, MUTED, PAPER, SPLINE
 from knotflow.viz.rope import draw_rope
 from knotflow.viz.spline import draw_spline, spline_bounds
-from knotflow.viz.style import PNG_DPI, WIDTH, styled
+from knotflow.viz.style import INK, MUTED, PAPER, SPLINE, WIDTH, save_figure, styled
 
-_MOST_COLUMNS, _FEWEST_COLUMNS = 4, 3
-_TALLEST = 1.25  # of a panel's width: its height at most
-_BETWEEN = 0.12  # inches between panels
-_HEADER, _CAPTION = 0.38, 0.44  # inches: above and below a panel
+_MAX_COLUMNS, _MIN_COLUMNS = 4, 3
+_MAX_ASPECT = 1.25  # height of a panel in its width
+_GUTTER = 0.12  # inches between panels
+_HEADER, _CAPTION = 0.38, 0.44  # inches above and below a panel
 _LINE, _MARGIN = 0.17, 0.12  # inches: a line of the footer, the figure's edge
 _LETTERS = 120  # in a line of the footer
 _PAD = 0.02  # metres round everything in a panel
 _BAR = 0.1  # metres
 
-_HALO = [withStroke(linewidth=2.5, foreground=PAPER)]
-_KEY = "Rope: head blue with a ring, tail orange.  ● grasp,  ▶ release,  cm: highest point between."
+_LEGEND = (
+    "Rope: head blue with a ring, tail orange.  ● grasp,  ▶ release,  cm: highest point between."
+)
 
 
 def draw_plan(plan: KnotPlan, path: Path) -> None:
     """Draw the start with the first spline, and each resulting rope with the next one.
 
     Ropes go from blue (head) to orange (tail) at their true thickness, with gaps where a strand
-    passes under. Each panel is filled by its rope and has its own scale bar. A plan that is not
-    solved is drawn as far as it came and says so.
+    passes under. Each panel is filled by its rope and has its own scale bar. An unsolved plan is
+    drawn as far as it came and says so.
 
     Args:
         plan: the plan, with or without trajectories.
         path: of the picture; its suffix (png, svg, pdf) sets the format.
     """
-    # An SVG with its date would change each time it is drawn.
-    metadata = {"Date": None} if Path(path).suffix == ".svg" else {}
     with styled():
-        plan_figure(plan).savefig(path, dpi=PNG_DPI, metadata=metadata)
-
-
-@dataclass(frozen=True, eq=False)
-class _Window:
-    """What a panel shows: its lower corner (2,) and its size (2,), metres."""
-
-    low: NDArray[np.float64]
-    size: NDArray[np.float64]
-
-    def scale(self, panel: float) -> float:
-        """Inches a metre in a panel of a width in inches."""
-        return float(panel / max(self.size[0], self.size[1] / _TALLEST))
+        save_figure(plan_figure(plan), path)
 
 
 def plan_figure(plan: KnotPlan) -> Figure:
-    """The figure of `draw_plan`; call it within `drawing.style.styled()`."""
-    windows = [_window(plan, index) for index in range(len(plan.shapes))]
-    rows = -(-len(windows) // _MOST_COLUMNS)
-    columns = -(-len(windows) // rows)
-    panel = (WIDTH - 2 * _MARGIN) / max(columns, _FEWEST_COLUMNS) - _BETWEEN
-    tall = [
-        max(window.scale(panel) * float(window.size[1]) for window in row)
-        for row in (windows[i : i + columns] for i in range(0, len(windows), columns))
-    ]
-    footer = _footer(plan)
-    height = sum(tall) + rows * (_HEADER + _CAPTION) + _LINE * len(footer) + 2 * _MARGIN
+    """The figure of `draw_plan`; call it within `viz.style.styled()`."""
+    count = len(plan.shapes)
+    rows = -(-count // _MAX_COLUMNS)
+    columns = -(-count // rows)
+    panel = (WIDTH - 2 * _MARGIN) / max(columns, _MIN_COLUMNS) - _GUTTER
+    corners = np.array([_bounds(plan, index) for index in range(count)])  # low and high, metres
+    sizes = corners[:, 1] - corners[:, 0]
+    scales = panel / np.maximum(sizes[:, 0], sizes[:, 1] / _MAX_ASPECT)  # inches a metre
+    heights = [max(scales[i : i + columns] * sizes[i : i + columns, 1])
+               for i in range(0, count, columns)]  # fmt: skip
+    facts = f"{plan.goal}: {plan.branches} branches, {plan.seconds:.1f} s"
+    if not plan.solved:
+        facts += f"; {plan.reason}"
+    footer = textwrap.wrap(facts, _LETTERS)
+    height = sum(heights) + rows * (_HEADER + _CAPTION) + _LINE * (len(footer) + 1) + 2 * _MARGIN
     figure = Figure(figsize=(WIDTH, height))
-    left = (WIDTH - columns * (panel + _BETWEEN) + _BETWEEN) / 2
-    for index, window in enumerate(windows):
+    canvas = figure.add_axes((0, 0, 1, 1), xlim=(0, WIDTH), ylim=(0, height))  # in inches
+    canvas.axis("off")
+    left = (WIDTH - columns * (panel + _GUTTER) + _GUTTER) / 2
+    for index, (low, high) in enumerate(corners):
         row, column = divmod(index, columns)
-        top = height - sum(tall[:row]) - row * (_HEADER + _CAPTION) - _HEADER
-        x, y = left + column * (panel + _BETWEEN), top - tall[row]
-        scale = window.scale(panel)
-        axes = figure.add_axes((x / WIDTH, y / height, panel / WIDTH, tall[row] / height))
-        axes.axis("off")
-        middle, reach = window.low + window.size / 2, np.array([panel, tall[row]]) / scale / 2
-        axes.set(
-            xlim=(middle[0] - reach[0], middle[0] + reach[0]),
-            ylim=(middle[1] - reach[1], middle[1] + reach[1]),
-        )
-        draw_rope(axes, plan.shapes[index], 2.0 * plan.radius)
+        x = left + column * (panel + _GUTTER)
+        top = height - sum(heights[:row]) - row * (_HEADER + _CAPTION) - _HEADER
+        y, scale = top - heights[row], float(scales[index])
+        inside = canvas.inset_axes((x, y, panel, heights[row]), transform=canvas.transData)
+        inside.axis("off")
+        half = np.array([panel, heights[row]]) / scale / 2
+        (west, south), (east, north) = (low + high) / 2 - half, (low + high) / 2 + half
+        inside.set(xlim=(west, east), ylim=(south, north))
+        draw_rope(inside, plan.shapes[index], 2.0 * plan.radius)
+        title, colour = ("tied" if plan.solved else "search stopped here"), INK
         if index < len(plan.steps):
-            draw_spline(axes, plan.controls[index], dashed=True)
-            _height(axes, plan.controls[index])
-        below = figure.add_axes(
-            (x / WIDTH, (y - _CAPTION) / height, panel / WIDTH, _CAPTION / height)
-        )
-        below.axis("off")
-        below.set(xlim=(0, panel), ylim=(-_CAPTION, 0))
-        _caption(below, str(plan.states[index]), panel, scale, first=index == 0)
-        _title(figure, plan, index, (x + panel / 2) / WIDTH, (top + 0.12) / height)
-    for line, (text, colour) in enumerate(reversed(footer)):
-        place = (_MARGIN / WIDTH, (_MARGIN + line * _LINE) / height)
-        figure.text(*place, text, color=colour, fontsize=8)
+            title, colour = f"{index + 1}.  {plan.steps[index].action}", SPLINE
+            draw_spline(inside, plan.controls[index], dashed=True)
+            _draw_height(inside, plan.controls[index])
+        middle = x + panel / 2
+        canvas.text(middle, top + 0.12, title, ha="center", color=colour, weight="bold")
+        bar = np.array([-0.5, 0.5]) * _BAR * scale + middle
+        canvas.plot(bar, [y - 0.12] * 2, color=MUTED, linewidth=1.2)
+        canvas.text(bar[1], y - 0.12, "  10 cm", color=MUTED, fontsize=6.5, va="center")
+        state = str(plan.states[index])
+        label, size = state if index else f"start: {state}", 8 if len(state) < 26 else 6.5
+        canvas.text(middle, y - 0.22, label, ha="center", va="top", color=MUTED, fontsize=size)
+    for line, text in enumerate([_LEGEND, *footer[::-1]]):
+        colour = INK if line else MUTED
+        canvas.text(_MARGIN, _MARGIN + line * _LINE, text, color=colour, fontsize=8)
     return figure
 
 
-def _window(plan: KnotPlan, index: int) -> _Window:
-    places = [plan.shapes[index][:, :2]]
+def _bounds(plan: KnotPlan, index: int) -> NDArray[np.float64]:
+    """Lower and upper corner (2, 2) of a panel, metres."""
+    flat = plan.shapes[index][:, :2]
     if index < len(plan.steps):
-        places.append(np.array(spline_bounds(plan.controls[index])))
-    flat = np.concatenate(places)
-    low, high = flat.min(axis=0) - _PAD, flat.max(axis=0) + _PAD
-    return _Window(low, high - low)
+        flat = np.concatenate((flat, spline_bounds(plan.controls[index])))
+    return np.array([flat.min(axis=0) - _PAD, flat.max(axis=0) + _PAD])
 
 
-def _height(axes: Axes, controls: NDArray) -> None:
-    """How high the gripper goes, beside the highest place of its path, on its outer side."""
+def _draw_height(axes: Axes, controls: NDArray) -> None:
+    """The gripper's greatest height, beside its highest point, on the outer side of its path."""
     path = spline_path(controls, np.linspace(0.0, 1.0, 60))
     highest = path[path[:, 2].argmax()]
     outward = controls[1, :2] - (controls[0, :2] + controls[2, :2]) / 2
@@ -129,38 +120,5 @@ def _height(axes: Axes, controls: NDArray) -> None:
         color=SPLINE,
         fontsize=7,
         zorder=5,
-        path_effects=_HALO,
+        path_effects=[withStroke(linewidth=2.5, foreground=PAPER)],
     )
-
-
-def _caption(axes: Axes, state: str, width: float, scale: float, *, first: bool) -> None:
-    """A scale bar and the state; the axes are in inches, `scale` in inches a metre."""
-    half, y = _BAR * scale / 2, -0.12
-    axes.plot([width / 2 - half, width / 2 + half], [y, y], color=MUTED, linewidth=1.2)
-    axes.text(width / 2 + half, y, "  10 cm", color=MUTED, fontsize=6.5, va="center")
-    axes.text(
-        width / 2,
-        -0.22,
-        f"start: {state}" if first else state,
-        ha="center",
-        va="top",
-        color=MUTED,
-        fontsize=8 if len(state) < 26 else 6.5,
-    )
-
-
-def _title(figure: Figure, plan: KnotPlan, index: int, x: float, y: float) -> None:
-    """The action that comes next, or how the plan ends; place in shares of the figure."""
-    if index < len(plan.steps):
-        title, colour = f"{index + 1}.  {plan.steps[index].action}", SPLINE
-    else:
-        title, colour = ("tied" if plan.solved else "search stopped here"), INK
-    figure.text(x, y, title, ha="center", color=colour, weight="bold")
-
-
-def _footer(plan: KnotPlan) -> list[tuple[str, str]]:
-    """Lines and their colours: the goal, the size of the search, and what the marks mean."""
-    facts = f"{plan.goal}: {plan.branches} branches, {plan.seconds:.1f} s"
-    if not plan.solved:
-        facts += f"; {plan.reason}"
-    return [*((line, INK) for line in textwrap.wrap(facts, _LETTERS)), (_KEY, MUTED)]

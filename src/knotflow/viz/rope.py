@@ -16,20 +16,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.topology import DegenerateCurveError, project
-from knotflow.viz.palette import PAPER, rope_colour
+from knotflow.viz.style import PAPER, rope_colour
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 GAP = 0.32
-"""Of the rope's width: what is left free on each side of an upper strand."""
+"""Free space on each side of an upper strand, in widths of the rope."""
 
 _BANDS = 40  # of one colour each along a rope: looks smooth, and keeps an SVG small
 _FINENESS = 5  # steps along the curve in a width of rope
 _TURN = np.radians(8)  # in which an outline is straight
-_REACH = 3.0  # widths along the lower strand: no gap is longer, however flat the crossing
+_REACH = 3.0  # widths along the lower strand: the longest gap, however flat the crossing
 
 Floats = NDArray[np.float64]
+Edges = tuple[float, float]
+"""A step along the left edge of a rope and one along the right edge."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,14 +47,6 @@ class Piece:
     outline: Floats
     colour: str
     height: float
-
-
-@dataclass(frozen=True, eq=False)
-class Cut:
-    """Where the two edges (left, right) of a lower strand end and go on, in steps along it."""
-
-    ends: tuple[float, float]
-    resumes: tuple[float, float]
 
 
 def draw_rope(
@@ -84,18 +78,20 @@ def rope_pieces(points: NDArray, width: float, bands: int = _BANDS) -> list[Piec
     """
     points = np.asarray(points, np.float64)
     curve = _smooth(points, width)
-    edges = _edges(curve[:, :2], width)
-    bends = _bends(curve[:, :2])
+    along = np.gradient(curve[:, :2], axis=0)
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    across = 0.5 * width * np.column_stack((-along[:, 1], along[:, 0]))
+    edges = np.stack((curve[:, :2] + across, curve[:, :2] - across))  # left and right, (2, N, 2)
     pieces: list[Piece] = []
     begin = (0.0, 0.0)
     last = float(len(curve) - 1)
-    for cut in [*cuts(points, curve, edges, width), Cut((last, last), (last, last))]:
-        pieces += _bands(curve, edges, bends, (begin, cut.ends), bands)
-        begin = (max(begin[0], cut.resumes[0]), max(begin[1], cut.resumes[1]))
+    for ends, resumes in [*_gaps(points, curve, edges, width), ((last, last), (last, last))]:
+        pieces += _bands(curve, edges, begin, ends, bands)
+        begin = (max(begin[0], resumes[0]), max(begin[1], resumes[1]))
     pieces.append(_disc(curve[-1], 0.5 * width, rope_colour(1.0)))
-    # What lies equally high stays in order: the last digits differ from one processor to the next.
+    # Rounded: the last digits differ from one processor to the next.
     pieces.sort(key=lambda piece: round(piece.height, 5))
-    # The mark is not to disappear under the rope that it ends.
+    # The ring comes last: it must not disappear under the rope that it ends.
     return [
         *pieces,
         _disc(curve[0], 0.72 * width, rope_colour(0.0)),
@@ -103,8 +99,8 @@ def rope_pieces(points: NDArray, width: float, bands: int = _BANDS) -> list[Piec
     ]
 
 
-def cuts(points: Floats, curve: Floats, edges: Floats, width: float) -> list[Cut]:
-    """A cut for each crossing of a rope (V, 3), in the order in which its lower strands are met.
+def _gaps(points: Floats, curve: Floats, edges: Floats, width: float) -> list[tuple[Edges, Edges]]:
+    """Where each lower strand ends and resumes, in the order along the rope (V, 3).
 
     `curve` (N, 3) is the smooth rope, `edges` (2, N, 2) its left and right edge, all in metres.
     """
@@ -112,12 +108,12 @@ def cuts(points: Floats, curve: Floats, edges: Floats, width: float) -> list[Cut
         crossings = project(points, min_gap=0.0)
     except DegenerateCurveError:
         return []
-    reached = _reached(curve)
-    places = np.searchsorted(reached / reached[-1], crossings.fractions)
+    reached = _arc_length(curve)
+    passages = np.searchsorted(reached / reached[-1], crossings.fractions)
     found = []
     for over, under, _ in crossings.crossings:
-        upper, lower = _meeting(curve[:, :2], int(places[over - 1]), int(places[under - 1]), width)
-        others = np.abs(reached[places] - reached[lower])
+        upper, lower = _nearest(curve[:, :2], int(passages[over - 1]), int(passages[under - 1]))
+        others = np.abs(reached[passages] - reached[lower])
         others[[over - 1, under - 1]] = np.inf
         # Where the strand passes over another soon, it has to be seen.
         apart = abs(reached[upper] - reached[lower])
@@ -126,11 +122,13 @@ def cuts(points: Floats, curve: Floats, edges: Floats, width: float) -> list[Cut
         above = np.abs(reached - reached[upper]) <= min(2 * _REACH * width, 0.5 * apart)
         offset = edges[:, below, None] - curve[above, :2]  # (2, lower, upper, 2)
         room = np.linalg.norm(offset, axis=-1).min(axis=-1) - (0.5 + GAP) * width  # (2, lower)
-        behind, ahead = below <= lower, below >= lower
-        ends = (_clear_from(below[behind][::-1], edge[behind][::-1]) for edge in room)
-        resumes = (_clear_from(below[ahead], edge[ahead]) for edge in room)
-        found.append(Cut((next(ends), next(ends)), (next(resumes), next(resumes))))
-    return sorted(found, key=lambda cut: cut.resumes)
+        back, ahead = (below <= lower).nonzero()[0][::-1], (below >= lower).nonzero()[0]
+        ends, resumes = (
+            (_clear_from(below[way], room[0, way]), _clear_from(below[way], room[1, way]))
+            for way in (back, ahead)
+        )
+        found.append((ends, resumes))
+    return sorted(found, key=lambda gap: gap[1])
 
 
 def _clear_from(steps: NDArray[np.intp], room: Floats) -> float:
@@ -147,7 +145,7 @@ def _clear_from(steps: NDArray[np.intp], room: Floats) -> float:
     return float(steps[after] + share * (steps[before] - steps[after]))
 
 
-def _meeting(xy: Floats, upper: int, lower: int, width: float) -> tuple[int, int]:
+def _nearest(xy: Floats, upper: int, lower: int) -> tuple[int, int]:
     """Where two strands of the smooth curve are nearest, close to where their chords cross."""
     spread = 2 * _FINENESS
     over = np.arange(max(0, upper - spread), min(len(xy), upper + spread + 1))
@@ -157,19 +155,12 @@ def _meeting(xy: Floats, upper: int, lower: int, width: float) -> tuple[int, int
     return int(over[row]), int(under[column])
 
 
-def _bands(
-    curve: Floats,
-    edges: Floats,
-    bends: NDArray[np.intp],
-    shown: tuple[tuple[float, float], tuple[float, float]],
-    bands: int,
-) -> Iterator[Piece]:
-    """A visible stretch in its colours; its edges (left, right) begin and end where they do.
-
-    Where only one edge is visible yet, the outline's other side waits: its end is slanted.
-    """
-    begin, end = shown
+def _bands(curve: Floats, edges: Floats, begin: Edges, end: Edges, bands: int) -> Iterator[Piece]:
+    """A visible stretch in its colours, slanted at its ends where its edges end apart."""
     steps = np.arange(len(curve))
+    heading = np.arctan2(*np.diff(curve[:, :2], axis=0).T[::-1])
+    turned = np.r_[0.0, np.cumsum(np.abs(np.diff(np.unwrap(heading))))]
+    bends = np.flatnonzero(np.diff(turned // _TURN)) + 1  # the steps that an outline needs
     seams = np.linspace(0, steps[-1], bands + 1)
     first, last = min(begin), max(end)
     bounds = [first, *seams[(seams > first) & (seams < last)], last] if first < last else []
@@ -177,54 +168,30 @@ def _bands(
         rungs = np.array([low, *bends[(bends > low) & (bends < high)], high])
         sides = []
         for edge, from_, to in zip(edges, begin, end, strict=True):
-            places = np.clip(rungs, from_, max(from_, to))
-            sides.append(np.column_stack([np.interp(places, steps, part) for part in edge.T]))
+            visible = np.clip(rungs, from_, max(from_, to))
+            sides.append(np.column_stack([np.interp(visible, steps, part) for part in edge.T]))
         outline = np.concatenate((sides[0], sides[1][::-1]))
         height = float(np.interp((low + high) / 2, steps, curve[:, 2]))
         yield Piece(outline, rope_colour((low + high) / 2 / steps[-1]), height)
 
 
-def _bends(xy: Floats) -> NDArray[np.intp]:
-    """The steps along a curve (N, 2) that its outline needs: one for each `_TURN`."""
-    along = np.diff(xy, axis=0)
-    heading = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
-    turned = np.r_[0.0, np.cumsum(np.abs(np.diff(heading)))]
-    return np.flatnonzero(np.diff(turned // _TURN)) + 1
-
-
-def _disc(place: Floats, radius: float, colour: str) -> Piece:
-    """A disc round a place (3,), metres."""
+def _disc(centre: Floats, radius: float, colour: str) -> Piece:
     turn = np.linspace(0.0, 2 * np.pi, 25)[:-1]
-    outline = place[:2] + radius * np.column_stack((np.cos(turn), np.sin(turn)))
-    return Piece(outline, colour, float(place[2]))
+    outline = centre[:2] + radius * np.column_stack((np.cos(turn), np.sin(turn)))
+    return Piece(outline, colour, float(centre[2]))
 
 
-def _edges(xy: Floats, width: float) -> Floats:
-    """The left and the right edge (2, N, 2) of a curve (N, 2)."""
-    along = np.gradient(xy, axis=0)
-    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
-    across = 0.5 * width * np.column_stack((-along[:, 1], along[:, 0]))
-    return np.stack((xy + across, xy - across))
-
-
-def _reached(curve: Floats) -> Floats:
+def _arc_length(curve: Floats) -> Floats:
     """(N,) metres of a curve up to each of its points."""
     return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))]
 
 
 def _smooth(points: Floats, width: float) -> Floats:
     """A Catmull-Rom curve (N, 3) through the vertices (V, 3), finer than the rope is wide."""
-    link = _reached(points)[-1] / (len(points) - 1)
-    pieces = int(np.clip(np.ceil(_FINENESS * link / width), 2, 24))
-    before, after = 2 * points[:1] - points[1:2], 2 * points[-1:] - points[-2:-1]
-    p = np.concatenate((before, points, after))
-    u = (np.arange(pieces) / pieces)[:, None]
-    basis = (
-        -0.5 * u + u**2 - 0.5 * u**3,
-        1 - 2.5 * u**2 + 1.5 * u**3,
-        0.5 * u + 2 * u**2 - 1.5 * u**3,
-        -0.5 * u**2 + 0.5 * u**3,
-    )
+    from scipy.interpolate import CubicHermiteSpline
+
     links = len(points) - 1
-    curve = sum(b * p[k : k + links, None] for k, b in enumerate(basis))
-    return np.concatenate((np.reshape(curve, (-1, 3)), points[-1:]))
+    per_link = int(np.clip(np.ceil(_FINENESS * _arc_length(points)[-1] / links / width), 2, 24))
+    tangents = np.gradient(points, axis=0)
+    curve = CubicHermiteSpline(np.arange(links + 1), points, tangents)
+    return np.asarray(curve(np.linspace(0, links, per_link * links + 1)))

@@ -1,8 +1,4 @@
-"""The gripper's path over the table, drawn from its control points.
-
-A quadratic Bezier curve is one of the lines that matplotlib, SVG and PDF know by themselves: no
-sampling is needed, and the curve stays smooth at any size.
-"""
+"""The gripper's path over the table: a quadratic Bezier curve, as SVG and PDF know it."""
 
 from __future__ import annotations
 
@@ -11,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.viz.palette import PAPER, SPLINE
+from knotflow.viz.style import PAPER, SPLINE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,7 +37,7 @@ def draw_spline(
     Args:
         axes: to draw in.
         controls: grasp, middle control point, release.
-        colour: of everything.
+        colour: of the curve and its marks.
         linewidth: points; the marks grow with it.
         dashed: whether the curve is.
         release: the mark at its end.

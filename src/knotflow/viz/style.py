@@ -1,21 +1,40 @@
-"""What matplotlib is set to for all pictures, so that they are the same on every machine."""
+"""Colours, sizes and matplotlib settings of all pictures, the same on every machine."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from knotflow.viz.palette import INK, MUTED, PAPER, RULE
+import numpy as np
 
-#: Inches. At 8.4 in a figure is about as wide as a code host's page, so that 9 pt reads as 9 pt.
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 WIDTH = 8.4
+"""Inches: about the width of a code host's page, so that 9 pt reads as 9 pt."""
 PNG_DPI = 180
+
+INK = "#24292f"
+MUTED = "#656d76"
+RULE = "#d0d7de"
+PAPER = "#ffffff"
+GOOD = "#1a7f37"
+BAD = "#d1242f"
+SPLINE = GOOD
+"""The gripper's path, where success and failure need not be distinguished."""
+OVER = GOOD
+UNDER = "#8250df"
+"""Segments that an action lays over and under; distinguishable by the colour-blind."""
+
+_ROPE = ("#0b5cad", "#2f9bd6", "#8fb8c4", "#f0b25a", "#e8710a")
 
 _STYLE = {
     "font.family": "DejaVu Sans",  # ships with matplotlib: the same text metrics everywhere
     "font.size": 9,
     "text.color": INK,
-    "text.parse_math": False,  # a name with a dollar sign is a name
+    "text.parse_math": False,  # names may contain dollar signs
     "axes.edgecolor": RULE,
     "axes.labelcolor": MUTED,
     "axes.labelsize": 8.5,
@@ -39,6 +58,16 @@ _STYLE = {
 }
 
 
+def rope_colour(along: float) -> str:
+    """Colour '#rrggbb' from blue at the head (0) to orange at the tail (1), as in Fig. 9.
+
+    Legible on light and dark backgrounds, and distinguishable by the colour-blind.
+    """
+    stops = np.array([[int(stop[i : i + 2], 16) for i in (1, 3, 5)] for stop in _ROPE])
+    positions = np.linspace(0.0, 1.0, len(stops))
+    return "#" + "".join(f"{round(np.interp(along, positions, part)):02x}" for part in stops.T)
+
+
 @contextmanager
 def styled() -> Iterator[None]:
     """Our style over matplotlib's own defaults, whatever the user's matplotlibrc says."""
@@ -49,3 +78,9 @@ def styled() -> Iterator[None]:
         for name, value in _STYLE.items():
             matplotlib.rcParams[name] = value  # type: ignore[index]
         yield
+
+
+def save_figure(figure: Figure, path: Path, dpi: int = PNG_DPI) -> None:
+    """Write a figure reproducibly: an SVG without its date. The suffix sets the format."""
+    metadata = {"Date": None} if Path(path).suffix == ".svg" else {}
+    figure.savefig(path, dpi=dpi, metadata=metadata)

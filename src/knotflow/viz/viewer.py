@@ -1,116 +1,85 @@
-"""Opening recordings in Rerun with our blueprint."""
+"""Recordings in the Rerun viewer: in a window, in a browser, as a file, or checked headless."""
 
 from __future__ import annotations
 
 import os
-import shutil
+import platform
+import socket
 import subprocess
-import sysconfig
+import sys
 import tempfile
-from collections.abc import Iterator
+import textwrap
+import time
+from ctypes.util import find_library
+from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-from knotflow.recording.index import recordings_in
-from knotflow.recording.reader import existing_recording, read_metadata, read_recording
-from knotflow.recording.scene import rope_radius
-from knotflow.recording.schema import RecordedRollout
-from knotflow.recording.table import load
-from knotflow.recording.writer import write_recording
-from knotflow.viz.blueprint import APPLICATION, TIMELINE, blueprint
+from knotflow.recording import load, messages
+from knotflow.recording.reader import existing_recording
+from knotflow.recording.rollout import NANOSECONDS
+from knotflow.recording.table import recordings_in
+from knotflow.viz.rerun_file import (
+    TIMELINE,
+    ViewerError,
+    no_such_number,
+    rerun_program,
+    run_rerun,
+    save_rerun,
+)
 
 if TYPE_CHECKING:
-    from rerun.chunk import Chunk
+    from rerun.experimental import ViewerClient, ViewerState
 
-LOG_TIME = "message_log_time"
-"""Rerun's name for the time of an MCAP file's messages."""
-
-
-class ViewerError(RuntimeError):
-    """Rerun refused a recording or could not open its window."""
-
-
-def open_recording(path: str | os.PathLike[str], *, number: int | None = None) -> None:
-    """Show a recording in a Rerun window and return when that is closed.
-
-    Args:
-        path: a recording or a folder of recordings; see ``find_recording``.
-        number: show only the rollout of this number.
-
-    Raises:
-        FileNotFoundError, ValueError: as for ``save_rerun``.
-        ViewerError: the window could not be opened.
-    """
-    with tempfile.TemporaryDirectory(prefix="knotflow-view-") as folder:
-        rrd = save_rerun(path, Path(folder) / "recording.rrd", number=number)
-        # An open viewer would take the file over and let us return, and so delete it, before it
-        # is read: a new one stays with us until its window is closed.
-        try:
-            _rerun(str(rrd), "--new")
-        except ViewerError as error:
-            raise ViewerError(
-                f"{error}; without a screen, use --save or --headless-check"
-            ) from error
+_VIEWS = ("3D", "TextLog")
+_TOPICS = (
+    messages.ROPE,
+    messages.ROPE_LINE,
+    messages.GRIPPER,
+    messages.SPLINE,
+    messages.TOPOLOGY,
+)
+_TIMEOUT = 20.0  # seconds for a headless viewer to show a recording
+_GREETING = 6.0  # seconds until Rerun's notices are gone from the screenshot
+_REPORT_LENGTH = 300  # letters: Rerun spells out whole Arrow types
 
 
-def serve_recording(
-    path: str | os.PathLike[str], *, number: int | None = None, port: int = 9090
-) -> None:
-    """Serve a recording to web browsers with Rerun's web viewer, until interrupted.
-
-    The address is printed. Over ssh two ports are to be forwarded: `port`, where the page is, and
-    the next one, from which it takes the data.
-
-    Args:
-        path, number: as for ``open_recording``.
-        port: of the page.
-
-    Raises:
-        FileNotFoundError, ValueError: as for ``save_rerun``.
-        ViewerError: it could not be served, such as on a port that is taken.
-    """
-    with tempfile.TemporaryDirectory(prefix="knotflow-view-") as folder:
-        rrd = save_rerun(path, Path(folder) / "recording.rrd", number=number)
-        command = [rerun_program(), "--serve-web", str(rrd), "--bind", "127.0.0.1"]
-        command += ["--web-viewer-port", str(port), "--port", str(port + 1)]
-        data = quote(f"rerun+http://localhost:{port + 1}/proxy", safe="")
-        print(f"http://localhost:{port}?url={data} (Ctrl-C ends it)", flush=True)
-        quiet = {"RUST_LOG": "warn"} | os.environ  # else the address drowns in what Rerun logs
-        code = subprocess.run(command, check=False, env=quiet).returncode
-        if code:
-            raise ViewerError(f"rerun could not serve on the ports {port} and {port + 1}")
-
-
-def save_rerun(
-    path: str | os.PathLike[str], target: str | os.PathLike[str], *, number: int | None = None
-) -> Path:
-    """Write a recording and our blueprint as one ``.rrd`` that ``rerun`` shows as it is.
-
-    The rollouts are read and written again on the way: so one of them can be picked, and bulk
-    data get their rope line.
+def show(
+    recording: Path,
+    number: int | None = None,
+    save: Path | None = None,
+    headless_check: Path | None = None,
+    web: bool = False,
+) -> int:
+    """Show a recording; the arguments are those of `knotflow view`.
 
     Returns:
-        The file written.
+        The exit code: 1 if a headless check found problems, else 0.
 
     Raises:
-        FileNotFoundError: the recording, or a recording in the folder, is not there.
-        NotARecordingError, DamagedRecordingError: the file is no recording, or cut or changed.
-        ValueError: no rollout has this number.
-        ViewerError: Rerun could not convert it.
+        OSError, ValueError: no such recording, or a damaged one.
+        ViewerError: no viewer can be opened.
     """
-    source = find_recording(path, number)
-    with tempfile.TemporaryDirectory(prefix="knotflow-view-") as temporary:
-        folder = Path(temporary)
-        mcap, plain, layout = folder / "view.mcap", folder / "view.rrd", folder / "view.rbl"
-        radii: list[float] = []
-        cameras: list[bool] = []
-        chosen = _measured(_chosen(source, number), radii, cameras)
-        write_recording(mcap, chosen, read_metadata(source), rope_line=True)
-        _convert(mcap, plain, source.stem if number is None else f"{source.stem}#{number}")
-        blueprint(radii[0], camera=any(cameras)).save(APPLICATION, layout)
-        _rerun("rrd", "merge", str(plain), str(layout), "-o", str(target))
-    return Path(target)
+    source = find_recording(recording, number)
+    if recording.is_dir() and len(files := recordings_in(recording)) > 1:
+        names = ", ".join(file.name for file in files)
+        print(f"showing {source.name} of {len(files)} recordings: {names}")
+    if save is not None:
+        print(f"saved {save_rerun(source, save, number=number)}")
+    if headless_check is not None:
+        report = check_recording(source, number=number, delay=_GREETING)
+        headless_check.write_bytes(report.screenshot)
+        for problem in report.problems:
+            print(problem, file=sys.stderr)
+        print(f"{source}: {len(report.problems)} problems; shows {', '.join(report.entities)}")
+        return 1 if report.problems else 0
+    if web:
+        serve_recording(source, number=number)
+    elif save is None:
+        open_recording(source, number=number)
+    return 0
 
 
 def find_recording(path: str | os.PathLike[str], number: int | None = None) -> Path:
@@ -132,89 +101,139 @@ def find_recording(path: str | os.PathLike[str], number: int | None = None) -> P
     table = load(place)
     files = table.loc[table["number"] == number, "file"].tolist()
     if not files:
-        raise ValueError(_no_such_number(place, number, table["number"].tolist()))
+        raise ValueError(no_such_number(place, number, table["number"].tolist()))
     if len(files) > 1:
         raise ValueError(f"rollout {number} is in several recordings, name one: {files}")
     return Path(files[0])
 
 
-def rerun_program() -> str:
-    """Path of Rerun's command, which need not be on PATH: it lies beside our Python.
+def open_recording(path: Path, *, number: int | None = None) -> None:
+    """Show a recording, or one of its rollouts, in a Rerun window; returns when it is closed.
 
     Raises:
-        ViewerError: Rerun is not installed.
+        FileNotFoundError, ValueError: as for ``save_rerun``.
+        ViewerError: the window could not be opened.
     """
-    program = shutil.which("rerun", path=sysconfig.get_path("scripts")) or shutil.which("rerun")
-    if program is None:
-        raise ViewerError("the Rerun viewer is not installed; pip install rerun-sdk brings it")
-    return program
+    with tempfile.TemporaryDirectory(prefix="knotflow-view-") as folder:
+        rrd = save_rerun(path, Path(folder) / "recording.rrd", number=number)
+        try:
+            # An open viewer would take the file over and return before it has read it.
+            run_rerun(str(rrd), "--new")
+        except ViewerError as error:
+            hint = "without a screen, use --save or --headless-check"
+            raise ViewerError(f"{error}; {hint}") from error
 
 
-def _chosen(source: Path, number: int | None) -> Iterator[RecordedRollout]:
-    seen = []
-    found = False
-    for rollout in read_recording(source):
-        seen.append(rollout.number)
-        if number is None or rollout.number == number:
-            found = True
-            yield rollout
-    if not found and number is not None:
-        raise ValueError(_no_such_number(source, number, seen))
+def serve_recording(path: Path, *, number: int | None = None, port: int = 9090) -> None:
+    """Serve a recording to web browsers with Rerun's web viewer, until interrupted.
+
+    The address is printed. Over ssh two ports are to be forwarded: `port`, where the page is, and
+    the next one, from which it takes the data.
+
+    Raises:
+        FileNotFoundError, ValueError: as for ``save_rerun``.
+        ViewerError: it could not be served, such as on a port that is taken.
+    """
+    with tempfile.TemporaryDirectory(prefix="knotflow-view-") as folder:
+        rrd = save_rerun(path, Path(folder) / "recording.rrd", number=number)
+        command = [rerun_program(), "--serve-web", str(rrd), "--bind", "127.0.0.1"]
+        command += ["--web-viewer-port", str(port), "--port", str(port + 1)]
+        data = quote(f"rerun+http://localhost:{port + 1}/proxy", safe="")
+        print(f"http://localhost:{port}?url={data} (Ctrl-C ends it)", flush=True)
+        quiet = {"RUST_LOG": "warn"} | os.environ  # else Rerun's log hides the address
+        if subprocess.run(command, check=False, env=quiet).returncode:
+            raise ViewerError(f"rerun could not serve on the ports {port} and {port + 1}")
 
 
-def _measured(
-    rollouts: Iterator[RecordedRollout], radii: list[float], cameras: list[bool]
-) -> Iterator[RecordedRollout]:
-    """The same rollouts, while the radii of their ropes, m, and who was seen are noted."""
-    for rollout in rollouts:
-        radii.append(rope_radius(rollout.control_points))
-        cameras.append(rollout.camera is not None)
-        yield rollout
+@dataclass(frozen=True)
+class HeadlessReport:
+    """What Rerun reports about a recording.
+
+    Attributes:
+        problems: one line each; none means that everything is shown.
+        entities: paths of what the recording holds.
+        screenshot: the whole viewer in the middle of the recording, PNG.
+        scene: its 3-D view alone, PNG.
+    """
+
+    problems: tuple[str, ...]
+    entities: tuple[str, ...]
+    screenshot: bytes
+    scene: bytes
 
 
-def _convert(source: Path, target: Path, name: str) -> None:
-    """Write a recording as Rerun reads it, under a name, with the one timeline `TIMELINE`."""
-    from rerun.chunk import McapReader
-
-    stream = McapReader(source, timeline_type="duration_ns").stream()  # from 0 s, not from 1970
-    stream.flat_map(_timed).write_rrd(target, application_id=APPLICATION, recording_id=name)
-
-
-def _timed(chunk: Chunk) -> list[Chunk]:
-    """A chunk's rows by the time of the rollout alone; Rerun's reader offers others, too."""
-    import pyarrow as pa
-    from rerun.chunk import Chunk
-
-    if chunk.is_static:
-        return [chunk]
-    others = [name for name in chunk.timeline_names if name != LOG_TIME]
-    batch = chunk.to_record_batch().drop_columns(others)
-    column = batch.schema.get_field_index(LOG_TIME)
-    old = batch.schema.field(column)
-    new = old.with_name(TIMELINE).with_metadata(
-        (old.metadata or {}) | {b"rerun:index_name": TIMELINE.encode()}
-    )
-    schema = batch.schema.set(column, new)
-    return Chunk.from_record_batch(pa.RecordBatch.from_arrays(batch.columns, schema=schema))
+def why_not_headless() -> str:
+    """What is missing for a headless viewer here; "" when nothing is."""
+    if find_spec("rerun") is None:
+        return "rerun-sdk is not installed"
+    if platform.system() != "Linux":
+        return ""  # macOS and Windows bring Metal and DirectX
+    drivers = [Path(root, "vulkan/icd.d") for root in ("/usr/share", "/etc", "/usr/local/share")]
+    if not find_library("vulkan") or not any(list(place.glob("*.json")) for place in drivers):
+        return "no Vulkan driver (Debian: apt-get install mesa-vulkan-drivers libvulkan1)"
+    return ""
 
 
-def _no_such_number(place: Path, number: int, numbers: list[int]) -> str:
-    there = f"{len(numbers)} rollouts from {min(numbers)} to {max(numbers)}" if numbers else "none"
-    return f"{place} has no rollout number {number}; there are {there}"
+def check_recording(
+    path: Path, *, number: int | None = None, at: float = 0.5, delay: float = 0.0
+) -> HeadlessReport:
+    """Open a recording without a window and collect what Rerun reports.
+
+    Args:
+        path: of the recording.
+        number: check only the rollout of this number.
+        at: the moment of the screenshots, as a fraction of the recording's duration.
+        delay: seconds before the screenshots.
+
+    Raises:
+        FileNotFoundError, ValueError: as for ``save_rerun``.
+        ViewerError: no headless viewer can run here, or it did not answer.
+    """
+    if missing := why_not_headless():
+        raise ViewerError(f"no headless viewer can run here: {missing}")
+    from rerun.experimental import ViewerClient
+
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = int(probe.getsockname()[1])
+    with tempfile.TemporaryDirectory(prefix="knotflow-check-") as folder:
+        rrd = save_rerun(path, Path(folder) / "recording.rrd", number=number)
+        with ViewerClient.spawn(
+            headless=True, port=port, executable_path=rerun_program()
+        ) as viewer:
+            viewer.open(str(rrd))
+            state = _wait_for_views(viewer)
+            (recording,) = state.recordings
+            (line,) = [each for each in recording.timelines if each.name == TIMELINE]
+            end = (line.end or 0) / NANOSECONDS  # a recording starts at 0
+            viewer.set_time(TIMELINE, duration=at * end, play_state="paused")
+            time.sleep(delay)
+            scene_view = next(view for view in state.views if view.view_class == "3D")
+            screenshot = viewer.take_screenshot()  # paints, so the reports below are of this time
+            scene = viewer.take_screenshot(scene_view.view_id)
+            state = viewer.get_state()
+            schema = viewer.get_recording_schema(paths_only=True)
+    entities = tuple(sorted({entity.entity_path for entity in schema.entities}))
+    problems = [f"{topic} is not in the recording" for topic in _TOPICS if topic not in entities]
+    for view in state.views:
+        for report in view.reports:
+            text = f"{report.severity}: {report.summary} {report.details or ''}"
+            problems.append(f"view {view.name!r}: {textwrap.shorten(text, _REPORT_LENGTH)}")
+        if not view.visible:
+            problems.append(f"view {view.name!r} is not visible")
+    return HeadlessReport(tuple(problems), entities, screenshot, scene)
 
 
-def _rerun(*arguments: str) -> None:
-    """Run Rerun's command line and wait for it."""
-    command = [rerun_program(), *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise ViewerError(
-            f"rerun {' '.join(arguments)} failed with code {done.returncode}: "
-            + _last_error(done.stderr)
-        )
-
-
-def _last_error(log: str) -> str:
-    """The line that says what went wrong, without what Rerun reports of its own working."""
-    lines = [line for line in log.splitlines() if line.strip()]
-    return next((line for line in reversed(lines) if "rror" in line), "\n".join(lines[-3:]))
+def _wait_for_views(viewer: ViewerClient) -> ViewerState:
+    """The viewer's state once the recording and its blueprint are there."""
+    deadline = time.monotonic() + _TIMEOUT
+    while True:
+        state = viewer.get_state()
+        classes = {view.view_class for view in state.views}
+        if not state.loading and state.recordings and classes.issuperset(_VIEWS):
+            return state
+        if time.monotonic() > deadline:
+            raise ViewerError(
+                f"after {_TIMEOUT:.0f} s Rerun shows the views {sorted(classes)}, not {_VIEWS}"
+            )
+        time.sleep(0.2)

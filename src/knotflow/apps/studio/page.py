@@ -15,7 +15,7 @@ from knotflow.apps.studio.plan_tab import PlanTab
 from knotflow.apps.studio.rope_tab import RopeTab
 from knotflow.apps.studio.scene import eye, rgb
 from knotflow.apps.studio.session import Session
-from knotflow.viz.palette import rope_colour
+from knotflow.viz.style import rope_colour
 
 WIDTH = 330
 """Of the panel, pixels: half of a tablet's screen is left to the scene at least."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from knotflow.apps.studio.draft import CLICKS
 from knotflow.simulation import SPLINE_HIGH, RopeConfig, spline_path
 from knotflow.topology import Action, DegenerateCurveError, segment_intervals
-from knotflow.viz.palette import INK, MUTED, OVER, PAPER, RULE, SPLINE, UNDER, rope_colour
+from knotflow.viz.style import INK, MUTED, OVER, PAPER, RULE, SPLINE, UNDER, rope_colour
 
 if TYPE_CHECKING:
     import viser

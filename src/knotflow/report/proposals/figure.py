@@ -13,7 +13,7 @@ from knotflow.report.paper import in_order
 from knotflow.report.proposals.pair import draw_pair, window
 from knotflow.report.proposals.records import Proposed, Rope
 from knotflow.report.style import Picture, render
-from knotflow.viz.palette import BAD, GOOD, INK, MUTED, RULE, rope_colour
+from knotflow.viz.style import BAD, GOOD, INK, MUTED, RULE, rope_colour
 from knotflow.viz.spline import draw_spline
 from knotflow.viz.style import WIDTH, styled
 

@@ -1,0 +1,187 @@
+"""One recorded rollout: a spline executed on a rope, its trajectory and its outcome."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.arrays import floats
+from knotflow.simulation import Attempts, RopeConfig, control_points
+
+Outcome = Literal["success", "failure", "diverged"]
+OUTCOMES: tuple[str, ...] = get_args(Outcome)
+
+NANOSECONDS = 1_000_000_000
+IMAGE_FORMATS = {b"\x89PNG": "png", b"\xff\xd8": "jpeg"}
+"""First bytes of an image's file -> its format."""
+
+_ARRAYS: dict[str, tuple[Any, tuple[str | int, ...]]] = {  # dtype and shape
+    "times": (np.float64, ("T",)),
+    "points": (np.float32, ("T", "V", 3)),
+    "gripper": (np.float32, ("T", 3)),
+    "control_points": (np.float64, (3, 3)),
+    "spline": (np.float64, (6,)),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class RolloutImages:
+    """A camera's images of a rollout, and the rope estimated from them.
+
+    Attributes:
+        images: of every frame, each the bytes of a PNG or JPEG file.
+        points: (T, V, 3) m float32, the estimated rope, head first.
+        reference: (T, V, 3) m float32, the rope that was planned; None where there was no plan.
+
+    Raises:
+        ValueError: another image format, or not one image for each estimate and reference.
+    """
+
+    images: tuple[bytes, ...]
+    points: NDArray[np.float32]
+    reference: NDArray[np.float32] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", np.asarray(self.points, np.float32))
+        if self.points.ndim != 3 or len(self.images) != len(self.points):
+            raise ValueError(
+                f"a rollout has as many images as estimates (T, V, 3), got {len(self.images)} and "
+                f"{self.points.shape}"
+            )
+        if self.reference is not None:
+            object.__setattr__(self, "reference", np.asarray(self.reference, np.float32))
+            if self.reference.shape != self.points.shape:
+                raise ValueError(
+                    f"a reference is as many ropes as estimates, got {self.reference.shape} and "
+                    f"{self.points.shape}"
+                )
+        for frame, image in enumerate(self.images):
+            if not image.startswith(tuple(IMAGE_FORMATS)):
+                raise ValueError(f"image {frame} of a rollout is neither a PNG nor a JPEG file")
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedRollout:
+    """A rollout as every stage records it (Sec. IV and V of the paper name the parts).
+
+    Trajectories are kept in float32 (a micrometre over 10 m) and times in whole nanoseconds, as
+    they are on disk, so what is read equals what was written bit for bit. Lengths are metres in
+    the world frame, z up.
+
+    Attributes:
+        times: (T,) s float64, strictly increasing, rounded to whole nanoseconds.
+        points: (T, V, 3) m float32, rope vertices, head first.
+        gripper: (T, 3) m float32.
+        control_points: (3, 3) m float64, of the clamped quadratic B-spline the gripper follows.
+        spline: (6,) float64, the action's parameters (Sec. V).
+        action: topological action as compact text, e.g. ``"C(2,0,1)"``.
+        start_state: topological state before, as compact text.
+        goal_state: state the action should lead to.
+        end_state: state reached; "" when it could not be read from the rope.
+        outcome: "success", "failure" or "diverged" (the simulation blew up).
+        signature: config signature of the stage that made it.
+        source: who proposed the spline, e.g. "scripted", "random", "icp", "plan".
+        number: unique inside a stage.
+        extra: further facts, as text.
+        camera: its images, one for each of `times`; None where there was no camera.
+
+    Raises:
+        ValueError: a shape is wrong, times do not increase, the outcome is unknown, or a number
+            is not finite (only a diverged trajectory may hold NaN or infinities).
+    """
+
+    times: NDArray[np.float64]
+    points: NDArray[np.float32]
+    gripper: NDArray[np.float32]
+    control_points: NDArray[np.float64]
+    spline: NDArray[np.float64]
+    action: str
+    start_state: str
+    goal_state: str
+    end_state: str
+    outcome: Outcome
+    signature: str
+    source: str
+    number: int
+    extra: Mapping[str, str] = field(default_factory=dict)
+    camera: RolloutImages | None = None
+
+    def __post_init__(self) -> None:
+        this = f"rollout {self.number}"
+        if self.outcome not in OUTCOMES:
+            raise ValueError(
+                f"{this}: unknown outcome {self.outcome!r}, choose one of {', '.join(OUTCOMES)}"
+            )
+        sizes: dict[str | int, int] = {}
+        for name, (dtype, shape) in _ARRAYS.items():
+            with np.errstate(over="ignore"):  # a diverged rope may lie beyond float32: infinity
+                given = floats(getattr(self, name), f"{this}: {name}").astype(dtype, copy=False)
+            object.__setattr__(self, name, given)
+            wanted = [
+                sizes.setdefault(size, got) if isinstance(size, str) else size
+                for size, got in zip(shape, given.shape, strict=False)
+            ]
+            if given.shape != tuple(wanted) or given.ndim != len(shape) or 0 in given.shape:
+                raise ValueError(
+                    f"{this}: {name} has shape {given.shape}, needs {_text(shape)} with T >= 1 "
+                    "frames (those of times) and V >= 2 vertices"
+                )
+            free = self.outcome == "diverged" and name in ("points", "gripper")
+            if not free and len(bad := np.argwhere(~np.isfinite(given))):
+                raise ValueError(
+                    f"{this}: {name}{bad[0].tolist()} is not finite "
+                    "(only points and gripper of a diverged rollout may be)"
+                )
+        if sizes["V"] < 2:
+            raise ValueError(f"{this}: points has {sizes['V']} vertex, a rope has 2 or more")
+        if self.camera is not None and len(self.camera.images) != sizes["T"]:
+            raise ValueError(
+                f"{this}: a camera saw {len(self.camera.images)} of {sizes['T']} frames"
+            )
+        if np.any(np.diff(self.times_ns) <= 0):
+            raise ValueError(f"{this}: times must increase by at least 1 ns a frame")
+        object.__setattr__(self, "times", self.times_ns / NANOSECONDS)
+
+    @property
+    def times_ns(self) -> NDArray[np.int64]:
+        """``times`` as whole nanoseconds, (T,)."""
+        return np.rint(self.times * NANOSECONDS).astype(np.int64)
+
+
+def _text(shape: tuple[str | int, ...]) -> str:
+    return str(shape).replace("'", "")
+
+
+def recorded(
+    attempts: Attempts,
+    rope: RopeConfig,
+    source: str,
+    signature: str,
+    first_number: int = 0,
+    extra: Mapping[str, str] | None = None,
+) -> Iterator[RecordedRollout]:
+    """Attempts at an action as recorded rollouts, numbered from `first_number` on."""
+    controls = control_points(attempts.points, attempts.splines, rope.radius)
+    rollouts, success, goal = attempts.rollouts, attempts.success, str(attempts.goal)
+    for i, end in enumerate(attempts.ends):
+        outcome: Outcome = "success" if success[i] else "failure"
+        yield RecordedRollout(
+            times=rollouts.times,
+            points=rollouts.trajectory[i],
+            gripper=rollouts.gripper[i],
+            control_points=controls[i],
+            spline=attempts.splines[i],
+            action=str(attempts.action),
+            start_state=str(attempts.start),
+            goal_state=goal,
+            end_state="" if end is None else str(end),
+            outcome="diverged" if rollouts.diverged[i] else outcome,
+            signature=signature,
+            source=source,
+            number=first_number + i,
+            extra=extra or {},
+        )
