@@ -31,9 +31,8 @@ KNOWS = {
     "workflow": {"versions", "training", "planning", "recording", "execution"},
     "report": {"viz", "intervals", "versions"},
     "config": {"workflow"},
-    "view": {"viz"},
     "overrides": {"config"},
-    "apps": {"config", "view", "report"},
+    "apps": {"config", "report"},
     "__main__": {"overrides"},
 }
 """Each package and what it may import, beside what that one may: the floor plan as a graph."""

@@ -1,15 +1,19 @@
 from __future__ import annotations
 
+import io
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from PIL import Image
 
 from knotflow.recording import (
     DamagedRecordingError,
     NotARecordingError,
+    RolloutImages,
     load,
     read_metadata,
     read_recording,
@@ -31,7 +35,7 @@ def recording(tmp_path, rollouts):
     return path
 
 
-def test_round_trip_is_exact_and_silent(recording, rollouts, assert_same):
+def test_round_trip_is_exact(recording, rollouts, assert_same):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for written, read in zip(rollouts, read_recording(recording), strict=True):
@@ -52,7 +56,7 @@ def test_round_trip_of_extremes(tmp_path, make_rollout, assert_same):
         assert_same(written, read)
 
 
-def test_a_cut_file_is_refused_at_once_and_names_its_repair(recording):
+def test_cut_file_is_refused_at_once(recording):
     whole = recording.read_bytes()
     for cut in [*range(0, len(whole), len(whole) // 60), len(whole) - 1]:
         recording.write_bytes(whole[:cut])
@@ -62,7 +66,7 @@ def test_a_cut_file_is_refused_at_once_and_names_its_repair(recording):
                 read(recording)
 
 
-def test_flipped_bytes_never_give_a_wrong_trajectory(recording, rollouts, assert_same):
+def test_flipped_bytes_never_change_a_trajectory(recording, rollouts, assert_same):
     whole = recording.read_bytes()
     rng = np.random.default_rng(0)
     refused = 0
@@ -82,9 +86,7 @@ def test_flipped_bytes_never_give_a_wrong_trajectory(recording, rollouts, assert
     assert refused > 50
 
 
-def test_a_recovered_recording_gives_its_whole_rollouts_and_counts_the_others(
-    recording, rollouts, assert_same
-):
+def test_recovered_recording_yields_complete_rollouts(recording, rollouts, assert_same):
     """What `mcap recover` makes of a cut file: a complete file of the messages before the cut."""
     with recording.open("rb") as stream:
         messages = list(make_reader(stream).iter_messages(log_time_order=False))
@@ -108,7 +110,7 @@ def test_a_recovered_recording_gives_its_whole_rollouts_and_counts_the_others(
         assert load(recovered)["number"].tolist() == [rollout.number for rollout in found]
 
 
-def test_errors_come_at_the_call_and_say_what_is_there(tmp_path, recording):
+def test_errors_are_raised_at_the_call(tmp_path, recording):
     with pytest.raises(FileNotFoundError, match="not there; recordings beside it: recording.mcap"):
         read_recording(tmp_path / "other.mcap")
     with pytest.raises(FileNotFoundError, match="a folder"):
@@ -119,7 +121,7 @@ def test_errors_come_at_the_call_and_say_what_is_there(tmp_path, recording):
         read_recording(picture)
 
 
-def test_a_foreign_mcap_is_no_recording(tmp_path):
+def test_foreign_mcap_is_refused(tmp_path):
     path = tmp_path / "foreign.mcap"
     with path.open("wb") as stream:
         writer = Writer(stream)
@@ -131,3 +133,41 @@ def test_a_foreign_mcap_is_no_recording(tmp_path):
         NotARecordingError, match="foreign.mcap is an MCAP without a single whole rollout"
     ):
         list(read_recording(path))
+
+
+def png(shade):
+    file = io.BytesIO()
+    Image.new("RGB", (8, 6), (shade, 0, 0)).save(file, "png")
+    return file.getvalue()
+
+
+@pytest.fixture
+def camera(make_rollout):
+    points = make_rollout(3, frames=5).points
+    images = tuple(png(20 * frame) for frame in range(5))
+    return RolloutImages(images, points + 0.001, points - 0.002)
+
+
+def test_round_trip_of_images_and_estimates(tmp_path, make_rollout, camera):
+    seen = replace(make_rollout(3, frames=5), camera=camera)
+    write_recording(tmp_path / "a.mcap", [make_rollout(1), seen, make_rollout(2)], {})
+    read = {one.number: one.camera for one in read_recording(tmp_path / "a.mcap")}
+    assert read[1] is None and read[2] is None
+    assert read[3].images == camera.images
+    assert np.array_equal(read[3].points, camera.points)
+    assert np.array_equal(read[3].reference, camera.reference)
+    write_recording(
+        tmp_path / "b.mcap", [replace(seen, camera=replace(camera, reference=None))], {}
+    )
+    assert next(read_recording(tmp_path / "b.mcap")).camera.reference is None
+
+
+def test_images_must_match_frames(make_rollout, camera):
+    with pytest.raises(ValueError, match="saw 5 of 6 frames"):
+        replace(make_rollout(3, frames=6), camera=camera)
+    with pytest.raises(ValueError, match="as many images"):
+        RolloutImages(camera.images[:4], camera.points)
+    with pytest.raises(ValueError, match="as many ropes as estimates"):
+        replace(camera, reference=camera.points[:4])
+    with pytest.raises(ValueError, match="image 1 of a rollout is neither"):
+        RolloutImages((camera.images[0], b"GIF89a"), camera.points[:2])

@@ -4,9 +4,19 @@ import os
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 
-from knotflow.recording import load, write_recording
+from knotflow.recording import (
+    DamagedRecordingError,
+    NotARecordingError,
+    load,
+    messages,
+    reader,
+    table,
+    write_index,
+    write_recording,
+)
 
 
 @pytest.fixture
@@ -18,7 +28,7 @@ def folder(tmp_path, make_rollout):
     return place
 
 
-def test_file_folder_and_list_agree(folder):
+def test_load_accepts_file_folder_and_list(folder):
     whole = load(folder)
     assert whole["number"].tolist() == list(range(8))
     assert all(os.path.isfile(file) for file in whole["file"])
@@ -29,20 +39,20 @@ def test_file_folder_and_list_agree(folder):
     assert whole.loc[5, "extra"] == {"demonstration": "5"}
 
 
-def test_trajectories_are_those_written(folder, make_rollout):
-    table = load(folder, trajectories=True)
+def test_load_returns_written_trajectories(folder, make_rollout):
+    frame = load(folder, trajectories=True)
     pd.testing.assert_frame_equal(
-        table.drop(columns=["times", "points", "gripper", "control_points"]),
+        frame.drop(columns=["times", "points", "gripper", "control_points"]),
         load(folder),
         check_dtype=False,
     )
-    for _, row in table.iterrows():
+    for _, row in frame.iterrows():
         rollout = make_rollout(row["number"])
         for name in ("times", "points", "gripper", "control_points"):
             np.testing.assert_array_equal(row[name], getattr(rollout, name))
 
 
-def test_an_old_index_is_not_believed(folder, make_rollout):
+def test_load_updates_stale_index(folder, make_rollout):
     assert len(load(folder)) == 8
     write_recording(folder / "c.mcap", [make_rollout(8)], {})
     assert len(load(folder)) == 9
@@ -50,20 +60,89 @@ def test_an_old_index_is_not_believed(folder, make_rollout):
     assert load(folder)["number"].tolist() == [3, 4, 5, 6, 7, 8]
 
 
-def test_a_folder_we_may_only_read_is_loaded_without_leaving_an_index(folder, monkeypatch):
+def test_load_writes_no_index_into_read_only_folder(folder, monkeypatch):
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     assert len(load(folder)) == 8
     assert sorted(os.listdir(folder)) == ["a.mcap", "b.mcap"]
 
 
-def test_nothing_asked_gives_an_empty_table_of_the_same_columns(folder):
+def test_load_of_nothing_has_all_columns(folder):
     assert load([]).columns.tolist() == load(folder).columns.tolist()
     wide = load(folder, trajectories=True).columns.tolist()
     assert load([], trajectories=True).columns.tolist() == wide
 
 
-def test_missing_paths_are_errors(folder):
+def test_load_names_missing_paths(folder):
     with pytest.raises(FileNotFoundError, match="recordings beside it: a.mcap, b.mcap"):
         load(folder / "z.mcap")
     with pytest.raises(FileNotFoundError, match=r"z\.mcap"):
         load([folder, folder / "z.mcap"], trajectories=True)
+
+
+@pytest.fixture
+def shards(tmp_path, make_rollout):
+    for shard in range(3):
+        numbers = range(40 * shard, 40 * shard + 40)
+        rollouts = (make_rollout(number, frames=3) for number in numbers)
+        write_recording(tmp_path / f"shard-{shard}.mcap", rollouts, {})
+    return tmp_path
+
+
+def test_index_has_one_row_a_rollout_in_order(shards, make_rollout):
+    path = write_index(shards)
+    assert path == shards / "index.parquet"
+    rows = pq.read_table(path).to_pylist()
+    assert [row["number"] for row in rows] == list(range(120))
+    assert [row["file"] for row in rows[::40]] == [f"shard-{shard}.mcap" for shard in range(3)]
+    row, rollout = rows[41], make_rollout(41, frames=3)
+    spline = [row[name] for name in messages.SPLINE_COLUMNS]
+    assert spline == rollout.spline.tolist()
+    assert (row["action"], row["outcome"], row["source"]) == ("C(0,1,1)", "success", "scripted")
+    assert (row["start_time_s"], row["duration_s"]) == (3.0, 2.5)  # one rollout and a gap later
+    assert row["extra"] == '{"demonstration": "41"}'
+    assert sorted(os.listdir(shards))[0] == "index.parquet"  # no partial file left
+
+
+def test_index_reads_no_trajectories(shards, monkeypatch):
+    monkeypatch.setitem(reader._DECODERS, messages.ROPE, None)
+    assert pq.read_table(write_index(shards)).num_rows == 120
+
+
+def test_index_rereads_changed_files_only(shards, make_rollout, monkeypatch):
+    write_index(shards)
+    read = []
+    original = table.file_table
+    monkeypatch.setattr(table, "file_table", lambda path: read.append(path.name) or original(path))
+    assert len(load(shards)) == 120 and read == []
+
+    write_recording(shards / "shard-1.mcap", [make_rollout(500)], {})
+    (shards / "shard-2.mcap").unlink()
+    write_recording(shards / "shard-3.mcap", [make_rollout(600)], {})
+    written = pq.read_table(write_index(shards))
+    assert written["number"].to_pylist() == [*range(40), 500, 600]
+    assert read == ["shard-1.mcap", "shard-3.mcap"]
+
+
+def test_damaged_file_leaves_old_index(shards):
+    written = write_index(shards).read_bytes()
+    path = shards / "shard-1.mcap"
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) * 2 // 3])
+    with pytest.raises(DamagedRecordingError, match="shard-1.mcap is damaged"):
+        write_index(shards)
+    path.write_bytes(whole.replace(b"\x28\xb5\x2f\xfd", b"\x28\xb5\x2f\xfe", 1))  # zstd's magic
+    with pytest.raises(DamagedRecordingError, match="shard-1.mcap is damaged"):
+        write_index(shards)
+    assert (shards / "index.parquet").read_bytes() == written
+
+
+def test_index_errors_list_folder_contents(tmp_path):
+    with pytest.raises(FileNotFoundError, match="there is no folder"):
+        write_index(tmp_path / "nowhere")
+    (tmp_path / "notes.txt").write_text("")
+    (tmp_path / "sub").mkdir()
+    with pytest.raises(FileNotFoundError, match=r"no \*\.mcap recording .*: notes.txt, sub/"):
+        write_index(tmp_path)
+    (tmp_path / "fake.mcap").write_text("not one")
+    with pytest.raises(NotARecordingError, match="fake.mcap is not an MCAP"):
+        write_index(tmp_path)

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
 import knotflow
 from knotflow.recording import read_recording, write_recording
 
 
-def test_any_mcap_reader_can_decode_everything(tmp_path, make_rollout):
+def test_any_mcap_reader_decodes_everything(tmp_path, make_rollout):
     path = tmp_path / "new" / "folder" / "two.mcap"
     write_recording(path, [make_rollout(1), make_rollout(2)], {"stage": "test"})
     with path.open("rb") as stream:
@@ -38,7 +39,7 @@ def test_any_mcap_reader_can_decode_everything(tmp_path, make_rollout):
     assert dict(facts.extra) == {"demonstration": "2"}
 
 
-def test_rollouts_follow_each_other_on_one_timeline(tmp_path, make_rollout):
+def test_rollouts_share_one_timeline(tmp_path, make_rollout):
     path = tmp_path / "many.mcap"
     write_recording(path, (make_rollout(number, frames=3) for number in range(70)), {})
     with path.open("rb") as stream:
@@ -49,7 +50,7 @@ def test_rollouts_follow_each_other_on_one_timeline(tmp_path, make_rollout):
     assert log_times[3] - log_times[2] < 1_000_000_000  # a short gap
 
 
-def test_only_files_for_looking_at_draw_the_line_unless_asked(tmp_path, make_rollout):
+def test_only_small_files_draw_the_rope_line(tmp_path, make_rollout):
     def has_line(count: int, **options: bool) -> bool:
         path = tmp_path / "recording.mcap"
         write_recording(path, (make_rollout(n, frames=2) for n in range(count)), {}, **options)
@@ -60,13 +61,13 @@ def test_only_files_for_looking_at_draw_the_line_unless_asked(tmp_path, make_rol
     assert has_line(33, rope_line=True) and not has_line(1, rope_line=False)
 
 
-def test_a_bulk_rollout_stays_small(tmp_path, make_rollout):
+def test_bulk_rollout_size(tmp_path, make_rollout):
     path = tmp_path / "shard.mcap"
     write_recording(path, map(make_rollout, range(64)), {})
     assert path.stat().st_size / 64 < 15_000
 
 
-def test_a_failing_source_leaves_the_old_file_and_nothing_else(tmp_path, make_rollout):
+def test_failing_source_leaves_old_file(tmp_path, make_rollout):
     path = tmp_path / "recording.mcap"
     write_recording(path, [make_rollout(1)], {})
 
@@ -80,17 +81,17 @@ def test_a_failing_source_leaves_the_old_file_and_nothing_else(tmp_path, make_ro
     assert os.listdir(tmp_path) == ["recording.mcap"]
 
 
-def test_a_full_disk_leaves_nothing_behind(tmp_path, make_rollout, monkeypatch):
-    def full(handle: int) -> None:
+def test_full_disk_leaves_nothing_behind(tmp_path, make_rollout, monkeypatch):
+    def full(writer: Writer) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(os, "fsync", full)
+    monkeypatch.setattr(Writer, "finish", full)
     with pytest.raises(OSError, match="No space left"):
         write_recording(tmp_path / "recording.mcap", [make_rollout(1)], {})
     assert os.listdir(tmp_path) == []
 
 
-def test_a_killed_writer_leaves_no_file_of_the_final_name(tmp_path, make_rollout):
+def test_killed_writer_leaves_no_recording(tmp_path, make_rollout):
     path = tmp_path / "recording.mcap"
     program = f"""
 import os, signal, numpy as np

@@ -8,7 +8,7 @@ from knotflow.planning import KnotPlan
 from knotflow.viz.animation import animate_plan
 
 
-def test_the_animation_shows_all_steps_in_their_time_and_stays_small(plan, tmp_path):
+def test_animation_lasts_as_long_as_the_plan(plan, tmp_path):
     animate_plan(plan, tmp_path / "plan.gif", width=240)
     with Image.open(tmp_path / "plan.gif") as image:
         milliseconds = 0
@@ -20,7 +20,7 @@ def test_the_animation_shows_all_steps_in_their_time_and_stays_small(plan, tmp_p
     assert (tmp_path / "plan.gif").stat().st_size < 1_000_000
 
 
-def test_the_rope_fills_the_view_in_every_step(plan, tmp_path):
+def test_rope_fills_the_view_in_every_step(plan, tmp_path):
     animate_plan(plan, tmp_path / "plan.gif", width=240)
     with Image.open(tmp_path / "plan.gif") as image:
         for frame in range(image.n_frames):
@@ -30,7 +30,7 @@ def test_the_rope_fills_the_view_in_every_step(plan, tmp_path):
             assert max(np.ptp(columns) / view.shape[1], np.ptp(rows) / view.shape[0]) > 0.5
 
 
-def test_what_has_no_motion_is_refused(plan, tmp_path):
+def test_plan_without_motion_is_refused(plan, tmp_path):
     with pytest.raises(ValueError, match="without steps"):
         animate_plan(replace(plan, steps=()), tmp_path / "plan.gif")
     still = KnotPlan.from_json(plan.to_json(trajectories=False))

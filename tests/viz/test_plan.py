@@ -10,23 +10,28 @@ from knotflow.viz.plan import draw_plan, plan_figure
 from knotflow.viz.style import styled
 
 
+def text_artists(figure):
+    """Every text of a figure with one canvas and a panel for each rope."""
+    (canvas,) = figure.axes
+    return [text for axes in (canvas, *canvas.child_axes) for text in axes.texts]
+
+
 def texts(figure):
-    return [text.get_text() for text in figure.texts] + [
-        text.get_text() for axes in figure.axes for text in axes.texts
-    ]
+    return [text.get_text() for text in text_artists(figure)]
 
 
-def test_the_picture_shows_every_rope_action_and_state(plan):
+def test_figure_shows_every_rope_action_and_state(plan):
     with styled():
         figure = plan_figure(plan)
     shown = texts(figure)
+    (canvas,) = figure.axes
     for number, action in enumerate(plan.actions, start=1):
         assert f"{number}.  {action}" in shown
     assert "tied" in shown
     assert all(any(str(state) in text for text in shown) for state in plan.states)
-    ropes = [axes for axes in figure.axes if axes.collections]
-    assert len(ropes) == len(plan.shapes)
-    for axes, shape in zip(ropes, plan.shapes, strict=True):
+    assert len(canvas.child_axes) == len(plan.shapes)
+    figure.draw_without_rendering()
+    for axes, shape in zip(canvas.child_axes, plan.shapes, strict=True):
         (rope,) = axes.collections
         assert isinstance(rope, PolyCollection)
         low, high = np.sort(axes.transAxes.transform([(0, 0), (1, 1)]), axis=0)
@@ -38,16 +43,14 @@ def test_the_picture_shows_every_rope_action_and_state(plan):
 
 @pytest.mark.parametrize("goal", ["overhand", " ".join(["C(0,3,1)"] * 40)])
 @pytest.mark.parametrize("steps", [0, 2, 3])
-def test_no_text_overprints_another(plan, steps, goal):
+def test_texts_do_not_overlap(plan, steps, goal):
     part = replace(plan, steps=plan.steps[:steps], solved=steps == 3, goal=goal, reason="60 s " * 9)
     with styled():
         figure = plan_figure(part)
         renderer = FigureCanvasAgg(figure).get_renderer()
     width, height = figure.bbox.size
-    boxes = [
-        text.get_window_extent(renderer)
-        for text in [*figure.texts, *(text for axes in figure.axes for text in axes.texts)]
-    ]
+    figure.draw(renderer)
+    boxes = [text.get_window_extent(renderer) for text in text_artists(figure)]
     for number, box in enumerate(boxes):
         assert box.x0 >= 0 and box.x1 <= width and box.y0 >= 0 and box.y1 <= height
         assert not any(box.overlaps(other) for other in boxes[:number])
@@ -62,7 +65,7 @@ def test_plans_of_any_length_are_drawn(plan, tmp_path, steps, ending):
 
 
 @pytest.mark.slow
-def test_the_picture_is_not_blank(plan, tmp_path):
+def test_picture_is_not_blank(plan, tmp_path):
     draw_plan(plan, tmp_path / "plan.png")
     pixels = np.asarray(Image.open(tmp_path / "plan.png").convert("RGB")).reshape(-1, 3)
     assert len(np.unique(pixels, axis=0)) > 100

@@ -6,8 +6,8 @@ from matplotlib.path import Path
 
 from knotflow.topology import knot
 from knotflow.topology.draw import draw
-from knotflow.viz.style import PAPER, rope_colour
 from knotflow.viz.rope import GAP, rope_pieces
+from knotflow.viz.style import PAPER, rope_colour
 
 WIDTH = 0.016
 STRAIGHT = np.column_stack((np.linspace(0, 1, 41), np.zeros(41), np.zeros(41)))
@@ -36,7 +36,7 @@ def line(begin, end, count=2001):
     return np.linspace(begin, end, count)
 
 
-def test_the_rope_has_its_true_thickness_and_the_colours_of_its_ends():
+def test_rope_has_true_thickness_and_end_colours():
     across = line((0.5, -0.05), (0.5, 0.05))
     assert shown(STRAIGHT, across).mean() * 0.1 == pytest.approx(WIDTH, rel=0.02)
     assert shown(STRAIGHT, line((0, 0), (1, 0))).all()
@@ -44,7 +44,7 @@ def test_the_rope_has_its_true_thickness_and_the_colours_of_its_ends():
     assert {rope_colour(0.0), rope_colour(1.0), PAPER} <= set(colours)
 
 
-def test_the_ends_of_the_colours_are_blue_and_orange():
+def test_colours_run_from_blue_to_orange():
     for along, strongest in ((0.0, 2), (1.0, 0)):
         colour = rope_colour(along)
         parts = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
@@ -53,7 +53,7 @@ def test_the_ends_of_the_colours_are_blue_and_orange():
 
 @pytest.mark.parametrize("angle", [90, 60, 40])
 @pytest.mark.parametrize("above", [1, -1])
-def test_the_lower_strand_has_a_gap_on_each_side_of_the_upper_one(angle, above):
+def test_lower_strand_has_gaps_beside_upper_strand(angle, above):
     angle = np.radians(angle)
     points = alpha(angle, above * WIDTH)
     along = np.array([np.cos(angle), np.sin(angle)])
@@ -65,7 +65,7 @@ def test_the_lower_strand_has_a_gap_on_each_side_of_the_upper_one(angle, above):
     assert free == pytest.approx(2 * GAP * WIDTH / np.sin(angle), rel=0.2)
 
 
-def test_the_gap_is_as_wide_along_a_slanted_upper_strand():
+def test_gap_follows_slanted_upper_strand():
     """Each edge of the lower strand ends at the same distance from the upper one."""
     angle = np.radians(50)
     points = alpha(angle)
@@ -95,14 +95,14 @@ def test_knots_have_two_gaps_a_crossing(name):
     assert gaps(points, 0.008) == 2 * state.num_crossings
 
 
-def test_higher_pieces_are_drawn_later_and_the_mark_of_the_head_last():
+def test_pieces_are_sorted_by_height_with_head_ring_last():
     pieces = rope_pieces(draw(min(knot("overhand"))), 0.008)
     heights = [piece.height for piece in pieces[:-2]]
     assert heights == sorted(heights)
     assert [piece.colour for piece in pieces[-2:]] == [rope_colour(0.0), PAPER]
 
 
-def test_a_rope_whose_crossings_cannot_be_read_is_drawn_whole():
+def test_degenerate_rope_is_drawn_without_gaps():
     there = np.linspace((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 20)
     folded = np.concatenate((there, there[-2::-1]))  # back along itself
     assert shown(folded, line((0, 0), (0.99, 0))).all()

@@ -5,14 +5,13 @@ import pytest
 from matplotlib.figure import Figure
 
 from knotflow.simulation import spline_path
-from knotflow.viz.style import BAD
 from knotflow.viz.spline import draw_spline, spline_bounds
-from knotflow.viz.style import styled
+from knotflow.viz.style import BAD, styled
 
 CONTROLS = np.array([[0.0, 0.0, 0.01], [0.3, 0.4, 0.2], [0.5, -0.1, 0.01]])
 
 
-def test_the_curve_is_the_gripper_s():
+def test_bounds_match_gripper_path():
     path = spline_path(CONTROLS, np.linspace(0, 1, 2001))
     low, high = spline_bounds(CONTROLS)
     np.testing.assert_allclose(low, path[:, :2].min(axis=0), atol=1e-6)

@@ -8,7 +8,7 @@ import matplotlib
 from knotflow.viz.style import styled
 
 
-def test_the_user_s_settings_have_no_say_and_come_back():
+def test_styled_ignores_and_restores_user_settings():
     before = matplotlib.rcParams["lines.linewidth"]
     matplotlib.rcParams["lines.linewidth"] = 7.0
     try:
@@ -20,8 +20,8 @@ def test_the_user_s_settings_have_no_say_and_come_back():
         matplotlib.rcParams["lines.linewidth"] = before
 
 
-def test_drawing_is_imported_without_matplotlib_and_simulation():
-    modules = ("palette", "rope", "spline", "style")
+def test_import_needs_neither_matplotlib_nor_mujoco():
+    modules = ("rope", "spline", "style")
     imports = "; ".join(f"import knotflow.viz.{module}" for module in modules)
     check = f"{imports}; import sys; print(sorted({{'matplotlib', 'mujoco'}} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True)

@@ -1,46 +1,36 @@
-from __future__ import annotations
-
-import re
+import io
 import subprocess
+from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
-from knotflow.recording import (
-    DamagedRecordingError,
-    ViewerError,
-    blueprint,
-    find_recording,
-    read_recording,
-    save_rerun,
-    viewer,
-    write_recording,
-)
+from knotflow.apps.cli import main
+from knotflow.recording import messages, write_recording
+from knotflow.viz import rerun_file, viewer
+from knotflow.viz.viewer import check_recording, find_recording, show, why_not_headless
+
+headless = pytest.mark.skipif(bool(why_not_headless()), reason=why_not_headless() or "can run")
 
 
 @pytest.fixture
 def folder(tmp_path, make_rollout):
-    place = tmp_path / "data"
-    place.mkdir()
-    write_recording(place / "a.mcap", map(make_rollout, [4, 5]), {})
-    write_recording(place / "b.mcap", map(make_rollout, [5, 6]), {"stage": "test"})
-    return place
+    write_recording(tmp_path / "a.mcap", map(make_rollout, [4, 5]), {})
+    write_recording(tmp_path / "b.mcap", map(make_rollout, [5, 6]), {"stage": "test"})
+    return tmp_path
 
 
 @pytest.fixture
-def rerun_calls(monkeypatch):
-    """Instead of running Rerun, keep what it would have been asked, and what it would show."""
-    calls = []
-
-    def convert(source, target, name) -> None:
-        shown = [rollout.number for rollout in read_recording(source)]
-        calls.append((("convert", str(source), name), shown))
-
-    monkeypatch.setattr(viewer, "_convert", convert)
-    monkeypatch.setattr(viewer, "_rerun", lambda *arguments: calls.append((arguments, [])))
-    return calls
+def opened(monkeypatch):
+    windows = []
+    monkeypatch.setattr(
+        viewer, "open_recording", lambda path, number: windows.append((path.name, number))
+    )
+    return windows
 
 
-def test_a_number_finds_its_file(folder):
+def test_number_finds_its_file(folder):
     assert find_recording(folder / "b.mcap", 99) == folder / "b.mcap"
     assert find_recording(folder) == folder / "a.mcap"
     assert find_recording(folder, 6) == folder / "b.mcap"
@@ -50,73 +40,106 @@ def test_a_number_finds_its_file(folder):
         find_recording(folder, 5)
 
 
-def test_the_rollouts_asked_for_are_shown(folder, rerun_calls):
-    save_rerun(folder / "b.mcap", "out.rrd")
-    save_rerun(folder, "out.rrd", number=6)
-    assert [shown for _, shown in rerun_calls if shown] == [[5, 6], [6]]
-    assert rerun_calls[1][0][:2] == ("rrd", "merge") and rerun_calls[1][0][-1] == "out.rrd"
-    with pytest.raises(ValueError, match="no rollout number 9; there are 2 rollouts from 5 to 6"):
-        save_rerun(folder / "b.mcap", "out.rrd", number=9)
+def test_show_opens_the_recording_asked_for(folder, opened, capsys):
+    assert show(folder / "b.mcap") == 0
+    assert show(folder, 6) == 0
+    assert capsys.readouterr().out.count("showing b.mcap of 2 recordings: a.mcap, b.mcap") == 1
+    assert show(folder) == 0
+    assert "showing a.mcap of 2 recordings" in capsys.readouterr().out
+    assert opened == [("b.mcap", None), ("b.mcap", 6), ("a.mcap", None)]
 
 
-def test_a_damaged_recording_is_not_shown_in_part(tmp_path, make_rollout, rerun_calls):
-    path = tmp_path / "changed.mcap"
-    write_recording(path, map(make_rollout, range(30)), {})
-    whole = bytearray(path.read_bytes())
-    whole[len(whole) // 2] ^= 255
-    path.write_bytes(whole)
-    with pytest.raises(DamagedRecordingError, match="mcap recover"):
-        save_rerun(path, "out.rrd")
-    assert rerun_calls == []
+def test_web_serves_instead_of_opening(folder, opened, monkeypatch):
+    served = []
+    monkeypatch.setattr(
+        viewer, "serve_recording", lambda path, number: served.append((path.name, number))
+    )
+    assert show(folder, 6, web=True) == 0
+    assert served == [("b.mcap", 6)] and opened == []
 
 
-def test_what_rerun_refuses_is_told(tmp_path):
-    pytest.importorskip("rerun")
-    with pytest.raises(ViewerError, match=r"rerun rrd merge .*nothing\.rrd"):
-        viewer._rerun("rrd", "merge", str(tmp_path / "nothing.rrd"))
-
-
-def test_the_saved_file_holds_recording_and_blueprint(tmp_path, make_rollout):
-    pytest.importorskip("rerun")
-    write_recording(tmp_path / "a.mcap", [make_rollout(1), make_rollout(2)], {})
-    rrd = save_rerun(tmp_path / "a.mcap", tmp_path / "a.rrd", number=2)
-    command = [viewer.rerun_program(), "rrd", "print", str(rrd)]
-    text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    stores = re.findall(r'StoreId\(\s*(\w+),\s*"(\w+)",\s*"([^"]+)"', text)
-    assert ("Recording", viewer.APPLICATION, "a#2") in stores
-    assert any(store[:2] == ("Blueprint", viewer.APPLICATION) for store in stores)
-    for topic in ("/rope/points", "/rope/line", "/gripper", "/spline", "/topology"):
-        assert f" - {topic} - " in text
-
-
-def test_the_one_timeline_is_called_time(tmp_path, make_rollout):
-    reader = pytest.importorskip("rerun.chunk").RrdReader
-    write_recording(tmp_path / "a.mcap", [make_rollout(1)], {})
-    rrd = save_rerun(tmp_path / "a.mcap", tmp_path / "a.rrd")
-    (recording,) = reader(rrd).recordings()
-    chunks = reader(rrd).stream(store=recording).to_chunks()
-    names = {name for chunk in chunks for name in chunk.timeline_names}
-    assert names == {blueprint.TIMELINE} == {"time"}
-    assert any(chunk.entity_path == "/gripper" and chunk.timeline_names for chunk in chunks)
-
-
-@pytest.mark.parametrize("camera", [False, True])
-def test_the_scene_is_the_largest_view_and_its_name_is_a_legend_of_all_it_draws(camera):
-    pytest.importorskip("rerun")
-    column = blueprint.blueprint(0.008, camera).root_container
-    assert column.row_shares[0] >= 0.8 * sum(column.row_shares)
-    view = column.contents[0].contents[0] if camera else column.contents[0]
-    for topic in view.contents:  # such as /rope/points: named by its first word
-        assert topic.split("/")[1] in view.name.lower()
-    assert {"table", "control points"} <= set(re.findall("table|control points", view.name))
-
-
-def test_the_address_of_the_page_is_printed(folder, monkeypatch, rerun_calls, capsys):
+def test_address_of_the_page_is_printed(folder, monkeypatch, capsys):
     def run(command, check, env):
         assert command[command.index("--web-viewer-port") + 1] == "9100"
         return subprocess.CompletedProcess(command, 0)
 
+    monkeypatch.setattr(viewer, "save_rerun", lambda path, target, number: Path(target))
     monkeypatch.setattr(viewer.subprocess, "run", run)
-    viewer.serve_recording(folder, port=9100)
+    viewer.serve_recording(folder / "a.mcap", port=9100)
     page = "http://localhost:9100?url=rerun%2Bhttp%3A%2F%2Flocalhost%3A9101%2Fproxy"
     assert capsys.readouterr().out.startswith(page)
+
+
+@pytest.mark.slow
+def test_save_writes_a_file_and_opens_nothing(folder, opened, capsys):
+    pytest.importorskip("rerun")
+    target = folder / "out.rrd"
+    assert show(folder / "a.mcap", 5, save=target) == 0
+    assert target.stat().st_size > 1000 and str(target) in capsys.readouterr().out
+    assert opened == []
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("missing.mcap", "missing.mcap is not there"),
+        ("text.mcap", "text.mcap is not an MCAP file"),
+        ("notes", "there is: notes.txt"),
+    ],
+)
+def test_command_names_bad_paths_in_one_line(tmp_path, opened, capsys, name, words):
+    (tmp_path / "text.mcap").write_text("hello, this is no recording")
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "notes/notes.txt").write_text("")
+    assert main(["view", str(tmp_path / name)]) == 2
+    error = capsys.readouterr().err
+    assert words in error and error.count("\n") == 1
+    assert opened == []
+
+
+@pytest.mark.parametrize(("problems", "code"), [((), 0), (("view '3D': error: nothing drawn",), 1)])
+def test_headless_check_prints_problems_and_keeps_the_picture(
+    folder, opened, monkeypatch, capsys, problems, code
+):
+    report = viewer.HeadlessReport(problems, ("/gripper",), b"whole", b"scene")
+    monkeypatch.setattr(viewer, "check_recording", lambda path, **options: report)
+    picture = folder / "out.png"
+    assert show(folder / "a.mcap", headless_check=picture) == code
+    printed = capsys.readouterr()
+    assert printed.err.splitlines() == list(problems)
+    assert f"{len(problems)} problems; shows /gripper" in printed.out
+    assert picture.read_bytes() == b"whole" and opened == []
+
+
+def test_command_names_the_missing_driver(folder, monkeypatch, capsys):
+    monkeypatch.setattr(viewer, "why_not_headless", lambda: "no Vulkan driver")
+    assert main(["view", str(folder / "a.mcap"), "--headless-check", "out.png"]) == 1
+    assert "no headless viewer can run here: no Vulkan driver" in capsys.readouterr().err
+
+
+def pixels_like(png: bytes, rgb: tuple[int, int, int]) -> int:
+    """How many pixels have the hue of a colour, however it is lit."""
+    pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"), float).reshape(-1, 3)
+    bright = pixels[pixels.max(axis=1) > 60]
+    unit = bright / np.linalg.norm(bright, axis=1, keepdims=True)
+    return int((unit @ (np.array(rgb) / np.linalg.norm(rgb)) > 0.995).sum())
+
+
+@headless
+@pytest.mark.slow
+def test_rerun_shows_rope_gripper_spline_and_topology(folder):
+    report = check_recording(folder / "a.mcap", at=0.2)
+    assert report.problems == ()
+    assert set(viewer._TOPICS) <= set(report.entities)
+    for name in ("HEAD_RGB", "TAIL_RGB", "GRIPPER_RGB", "SPLINE_RGB", "CONTROL_RGB"):
+        assert pixels_like(report.scene, getattr(messages, name)) > 30, name
+    assert len(report.screenshot) > len(report.scene) > 1000
+
+
+@headless
+@pytest.mark.slow
+def test_headless_check_reports_what_rerun_cannot_draw(folder, monkeypatch):
+    monkeypatch.setattr(rerun_file, "_LINES", ".entities[].no_such_field")
+    problems = check_recording(folder / "a.mcap").problems
+    assert len(problems) == 2  # the rope's line and the spline's
+    assert all("error: Failed" in problem and len(problem) < 400 for problem in problems)

@@ -249,18 +249,18 @@ def explain(
         draw_dag(SolutionDag.to(states[-1]), [path])
         print(f"every path to {states[-1]}, one of {len(states)} states of {what}")
     elif not what:
-        from knotflow.viz.action import draw_notation
+        from knotflow.viz.notation import draw_notation
 
         draw_notation(path)
     elif "(" in what:
         action, before = parse_action(what), TopologicalState.parse(state)
         print(describe(action, before))
-        from knotflow.viz.action import draw_action
+        from knotflow.viz.notation import draw_action
 
         draw_action(action, before, path)
     elif what[0].isdigit() or what == "trivial":
         shown = TopologicalState.parse(what)
-        from knotflow.viz.action import draw_state
+        from knotflow.viz.notation import draw_state
 
         draw_state(shown, path)
         print(f"{shown}: {shown.num_crossings} crossings, segments 0 to {shown.num_segments - 1}")
@@ -298,12 +298,10 @@ def view(
     web
         Serve it to web browsers until Ctrl-C instead of opening a window; prints the address.
     """
-    from knotflow.view import show
-    from knotflow.viz.viewer import ViewerError
+    from knotflow.viz.viewer import ViewerError, show
 
-    picture = None if headless_check is None else str(headless_check)
     try:
-        return show(recording, number, save, picture, web)
+        return show(recording, number, save, headless_check, web)
     except ViewerError as error:
         print(f"knotflow: {error}", file=sys.stderr)
         return 1

@@ -159,8 +159,8 @@ def draw_estimate(
 
     Vertices that the image does not show, which are not `seen` (V,), are ringed.
     """
-    from knotflow.viz.style import BAD
     from knotflow.viz.rope import draw_rope
+    from knotflow.viz.style import BAD
 
     column, row, depth = camera.project(points).T
     width = 2 * rope.radius * camera.fx / float(np.median(depth))

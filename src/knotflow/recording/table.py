@@ -142,8 +142,8 @@ def _folder_table(folder: Path) -> pa.Table:
     table = _stored_table(folder)
     if _indexed_stamps(table) == _stamps(folder):
         return table
-    return pq.read_table(write_index(folder)) if os.access(folder, os.W_OK) else _updated_table(
-        folder
+    return (
+        pq.read_table(write_index(folder)) if os.access(folder, os.W_OK) else _updated_table(folder)
     )
 
 

@@ -12,9 +12,8 @@ from matplotlib.lines import Line2D
 from knotflow.report.proposals.pair import draw_pair, window
 from knotflow.report.proposals.records import Rope
 from knotflow.report.style import Picture, render
-from knotflow.viz.style import GOOD, INK, MUTED, RULE
 from knotflow.viz.spline import draw_spline
-from knotflow.viz.style import WIDTH, styled
+from knotflow.viz.style import GOOD, INK, MUTED, RULE, WIDTH, styled
 
 ROPE_WIDTH = 2.0  # points, about that of a rope 16 mm thick
 COLUMNS = 8

@@ -14,8 +14,7 @@ from knotflow.report.results import COUNT, NUMBER, TEXT, Results
 from knotflow.report.statistics import clustered_rate
 from knotflow.report.style import Picture, render
 from knotflow.report.tables import NOTHING, markdown_table, percent
-from knotflow.viz.style import INK, MUTED, RULE
-from knotflow.viz.style import WIDTH, styled
+from knotflow.viz.style import INK, MUTED, RULE, WIDTH, styled
 
 STEPS = {"start": TEXT, "action": TEXT, "shape": COUNT, "splines": COUNT, "successes": COUNT}
 SHAPES = {"start": TEXT, "action": TEXT, "shape": COUNT, "point": COUNT}

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from knotflow.viz.style import INK, MUTED, PAPER, RULE
-from knotflow.viz.style import PNG_DPI, WIDTH, styled
+from knotflow.viz.style import INK, MUTED, PAPER, PNG_DPI, RULE, WIDTH, styled
 
 __all__ = [
     "INK",

@@ -224,4 +224,4 @@ def _timed(chunk: Chunk) -> list[Chunk]:
     old = batch.schema.field(column)
     metadata = (old.metadata or {}) | {b"rerun:index_name": TIMELINE.encode()}
     schema = batch.schema.set(column, old.with_name(TIMELINE).with_metadata(metadata))
-    return [Chunk.from_record_batch(pa.RecordBatch.from_arrays(batch.columns, schema=schema))]
+    return Chunk.from_record_batch(pa.RecordBatch.from_arrays(batch.columns, schema=schema))

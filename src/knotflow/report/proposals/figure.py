@@ -13,9 +13,8 @@ from knotflow.report.paper import in_order
 from knotflow.report.proposals.pair import draw_pair, window
 from knotflow.report.proposals.records import Proposed, Rope
 from knotflow.report.style import Picture, render
-from knotflow.viz.style import BAD, GOOD, INK, MUTED, RULE, rope_colour
 from knotflow.viz.spline import draw_spline
-from knotflow.viz.style import WIDTH, styled
+from knotflow.viz.style import BAD, GOOD, INK, MUTED, RULE, WIDTH, rope_colour, styled
 
 ROPE_WIDTH = 2.4  # points, about that of a rope 16 mm thick
 # Inches.

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 
-def test_arrays_take_the_precision_they_have_on_disk(make_rollout):
+def test_arrays_have_the_precision_of_the_file(make_rollout):
     rollout = make_rollout(1)
     assert rollout.points.dtype == rollout.gripper.dtype == np.float32
     assert rollout.spline.dtype == rollout.control_points.dtype == rollout.times.dtype == np.float64
@@ -26,12 +26,12 @@ def test_arrays_take_the_precision_they_have_on_disk(make_rollout):
         ({"outcome": "won"}, "unknown outcome 'won', choose one of success, failure, diverged"),
     ],
 )
-def test_bad_rollouts_are_refused_with_their_number(make_rollout, changes, words):
+def test_bad_rollouts_are_refused_by_number(make_rollout, changes, words):
     with pytest.raises(ValueError, match=f"rollout 7: {words}"):
         make_rollout(7, **changes)
 
 
-def test_a_diverged_rollout_may_hold_what_the_simulation_left(make_rollout):
+def test_diverged_rollout_may_be_infinite(make_rollout):
     points = np.full((26, 41, 3), 1e300)
     points[3] = np.nan
     rollout = make_rollout(1, outcome="diverged", points=points)
