@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from knotflow.topology import Action, TopologicalState, parse_action, project
-from knotflow.topology.draw import draw
 from knotflow.topology.action_text import describe
+from knotflow.topology.draw import draw
 from knotflow.viz.rope import draw_rope
 from knotflow.viz.style import INK, MUTED, PAPER, SPLINE, WIDTH, rope_colour, save_figure, styled
 
