@@ -16,8 +16,7 @@ from knotflow.execution.control.robot import Robot, RobotWrapper
 from knotflow.execution.control.twin import ERROR_LEVELS, displace_camera
 from knotflow.samplers.demonstrations import Demonstration
 from knotflow.simulation import Attempts, RopeConfig, RopeSimulator, SimulationConfig, attempt
-from knotflow.viz.palette import INK
-from knotflow.viz.style import PNG_DPI, WIDTH, styled
+from knotflow.viz.style import INK, PNG_DPI, WIDTH, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
