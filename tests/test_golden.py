@@ -44,7 +44,7 @@ from knotflow.planning.posterior import PosteriorRule
 from knotflow.recording import load, read_recording, recorded, write_recording
 from knotflow.samplers import RandomSampler
 from knotflow.samplers.causal_infogan import StartFrame, measure
-from knotflow.samplers.demonstrations import TASKS, NoiseConfig, Trials, aim, noisy_copies
+from knotflow.samplers.demonstrations import TASKS, NoiseConfig, aim, noisy_copies
 from knotflow.samplers.demonstrations.prediction import aim_predicted
 from knotflow.samplers.icp import align
 from knotflow.samplers.primitives import (
@@ -66,6 +66,7 @@ from knotflow.simulation import (
     RopeSimulator,
     SimulationConfig,
     StartsConfig,
+    Trials,
     arc,
     is_roomy,
     perturb_rope,
@@ -85,7 +86,6 @@ from knotflow.topology import (
 )
 from knotflow.topology.draw import draw
 from knotflow.training import ActorLoss, CriticLoss, Learner, LearnerConfig
-from knotflow.training.fitting import fit
 from knotflow.training.learner import demonstration_buffer
 from knotflow.versions import COMPONENTS
 from knotflow.workflow.dependencies import component_versions, modules_of
@@ -238,21 +238,23 @@ def training() -> dict[str, Any]:
     )
     critic, actor = CriticLoss(filled(Critic(SMALL))), ActorLoss(filled(Actor(SMALL)), 0.5)
     losses = {name: loss for part in (critic, actor) for name, loss in part(batch).items()}
-    return losses | {f"settling_{name}": value for name, value in settling().items()}
+    return losses | {f"settling_{name}": value for name, value in after_reset().items()}
 
 
-def settling() -> dict[str, float]:
-    """What three gradient steps on made-up trials give, after the critic has begun anew."""
+def after_reset() -> dict[str, float]:
+    """What three gradient steps on made-up trials give, after the critic was reset."""
     action, rng = parse_action("R1(0,1,1)"), np.random.default_rng(0)
     curves = np.stack([straight(ROPE), arc(ROPE)])
     frames = encode(curves, [action] * len(curves)).frames
-    splines = frames.to_world(rng.normal(0.0, 0.6, (2, 8, 6))).reshape(-1, 6)
-    made_up = Trials(action, curves, np.repeat([0, 1], 8), splines, splines[:, 5] > 0)
+    splines, trivial = frames.to_world(rng.normal(0.0, 0.6, (2, 8, 6))), TopologicalState.trivial()
+    made_up = [
+        Trials(action, trivial, np.stack([curve] * 8), own, own[:, 5] > 0)
+        for curve, own in zip(curves, splines, strict=True)
+    ]
     learner = Learner(Primitive(PrimitiveConfig(network=SMALL)), LearnerConfig(), seed=0)
     filled(learner.primitive).train()
-    every = np.ones(len(made_up), bool)
-    learner.demonstrations = demonstration_buffer([(made_up, every)], learner.generator)
-    return fit(learner, 3, settling=True)
+    learner.demonstrations = demonstration_buffer(made_up, learner.generator)
+    return learner.fit(3, reset=True)
 
 
 class Obedient:

@@ -128,7 +128,11 @@ def _longer() -> SelfPlayConfig:
     that were set aside for development were tied in 400 branches, with these 25."""
     shares = [0.5, 3.0, 7.0, 2.0, 0.2]
     return SelfPlayConfig(
-        rounds=250, crossings_shares=shares, capacity=60_000, settle_every=125, settle_steps=1500
+        rounds=250,
+        crossings_shares=shares,
+        capacity=60_000,
+        critic_reset_every=125,
+        critic_reset_steps=1500,
     )
 
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from knotflow.samplers import IcpConfig, IcpSampler
-from knotflow.samplers.demonstrations import Trials
 from knotflow.samplers.icp import align
-from knotflow.simulation import RopeConfig, random_curve
-from knotflow.topology import parse_action
+from knotflow.simulation import RopeConfig, Trials, random_curve
+from knotflow.topology import TopologicalState, parse_action
 
+TRIVIAL = TopologicalState.trivial()
 R1 = parse_action("R1(0,1,1)")
 ROPE = RopeConfig()
 
@@ -26,9 +26,13 @@ def moved(points, by):
 
 def trials(shapes, means, scale=0.003, count=40):
     rng = np.random.default_rng(0)
-    start = np.repeat(np.arange(len(shapes)), count)
-    splines = np.asarray(means)[start] + rng.normal(0, scale, (len(start), 6))
-    return {R1: Trials(R1, np.stack(shapes), start, splines, np.ones(len(start), bool))}
+    noise = rng.normal(0, scale, (len(shapes), count, 6))
+    return {
+        R1: [
+            Trials(R1, TRIVIAL, np.stack([shape] * count), mean + own, np.ones(count, bool))
+            for shape, mean, own in zip(shapes, means, noise, strict=True)
+        ]
+    }
 
 
 @pytest.mark.parametrize("angle", [0.0, 1.0, np.pi, -2.5])
@@ -84,12 +88,12 @@ def test_only_successes_count(rng):
     good, bad = np.full((20, 6), 0.1), np.full((20, 6), 0.3)
     mixed = Trials(
         R1,
-        shape[None],
-        np.zeros(40, int),
+        TRIVIAL,
+        np.stack([shape] * 40),
         np.concatenate([good, bad]),
         np.repeat([True, False], 20),
     )
-    sampler = IcpSampler({R1: mixed}, IcpConfig())
+    sampler = IcpSampler({R1: [mixed]}, IcpConfig())
     np.testing.assert_allclose(sampler.sample(shape, R1, 10, rng), 0.1, atol=1e-3)
 
 

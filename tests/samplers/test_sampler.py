@@ -9,7 +9,6 @@ from knotflow import samplers
 from knotflow.samplers.demonstrations import (
     TASKS,
     NoiseConfig,
-    Trials,
     load_demonstrations,
     load_trials,
     noisy_copies,
@@ -24,7 +23,7 @@ from knotflow.samplers.primitives import (
     primitive_of,
 )
 from knotflow.samplers.sampler import SamplerConfig, build_sampler
-from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW, RopeConfig, check_splines
+from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW, RopeConfig, Trials, check_splines
 from knotflow.training import Imitation, ImitationConfig, LearnerConfig
 
 SMALL = PrimitiveConfig(
@@ -48,9 +47,8 @@ def inputs(tmp_path_factory):
     rng = np.random.default_rng(0)
     for number, one in enumerate(load_demonstrations()):
         splines = noisy_copies(one.spline, 12, rng, NoiseConfig())
-        trials = Trials(
-            one.task.action, one.points[None], np.zeros(12, int), splines, rng.random(12) < 0.6
-        )
+        points, success = np.stack([one.points] * 12), rng.random(12) < 0.6
+        trials = Trials(one.task.action, one.task.start_state, points, splines, success)
         trials.save(folder / "trials" / f"{number}.npz")
     library = tmp_path_factory.mktemp("imitation")
     imitated(load_trials(folder)).save(library / FILE)

@@ -7,10 +7,10 @@ from knotflow.topology import R1, Cross, TopologicalState, Undo, parse_action
 from knotflow.training.curriculum import (
     KIND_SHARES,
     Curriculum,
-    Record,
-    need,
+    PairStats,
     outcomes,
     pairs_by_kind,
+    sampling_priority,
 )
 
 TRIVIAL = TopologicalState.trivial()
@@ -19,20 +19,20 @@ LOOP = TRIVIAL.apply(parse_action("R1(0,1,1)"))
 
 def test_the_outcomes_of_a_state_are_its_actions_and_their_inverses():
     found = outcomes(LOOP, 3)
-    assert all(LOOP.apply(action) == onward for action, onward in found.items())
+    assert all(LOOP.apply(action) == after for action, after in found.items())
     assert found[Undo(parse_action("R1(0,1,1)"))] == TRIVIAL
-    assert max(onward.num_crossings for onward in found.values()) == 3
-    assert max(onward.num_crossings for onward in outcomes(LOOP, 2).values()) == 2
+    assert max(after.num_crossings for after in found.values()) == 3
+    assert max(after.num_crossings for after in outcomes(LOOP, 2).values()) == 2
 
 
-def test_need_is_least_where_everything_or_nothing_succeeds():
-    never, sometimes, often, solved = Record(), Record(), Record(), Record()
+def test_priority_is_least_where_everything_or_nothing_succeeds():
+    never, sometimes, often, solved = PairStats(), PairStats(), PairStats(), PairStats()
     for trial in range(200):
         often.add(False)
         sometimes.add(trial % 4 == 0)
         solved.add(True)
-    assert min(never.need, sometimes.need) > often.need > solved.need > 0
-    assert 0 == need(np.array(0.0)) == need(np.array(1.0))
+    assert min(never.priority, sometimes.priority) > often.priority > solved.priority > 0
+    assert 0 == sampling_priority(np.array(0.0)) == sampling_priority(np.array(1.0))
     assert (often.trials, often.successes, often.rate) == (200, 0, 0.0)
     assert solved.rate == 1.0
     for _ in range(300):
@@ -44,7 +44,7 @@ def test_rarely_solved_pairs_are_drawn_more_often():
     curriculum, rng = Curriculum(1, [1.0], 0.0), np.random.default_rng(0)
     solved = parse_action("R1(0,1,1)")
     for _ in range(1000):
-        curriculum.record(TRIVIAL, solved).add(True)
+        curriculum.add(TRIVIAL, solved, True)
     drawn = [curriculum.draw({0: [TRIVIAL]}, rng)[1] for _ in range(400)]
     assert 0 < drawn.count(solved) < 40 < drawn.count(parse_action("R1(0,-1,1)"))
 
@@ -72,11 +72,10 @@ def test_next_actions_are_legal_and_never_beyond_the_most_crossings():
 def test_what_was_counted_can_be_saved_and_loaded():
     curriculum = Curriculum(3, [1.0], 0.0)
     undo = Undo(parse_action("R1(0,1,1)"))
-    curriculum.record(LOOP, undo).add(True)
-    curriculum.record(TRIVIAL, parse_action("R1(0,1,1)"))
+    curriculum.add(LOOP, undo, True)
     other = Curriculum(3, [1.0], 0.0)
     other.load_state_dict(curriculum.state_dict())
-    assert other.records == {(LOOP, undo): Record(1, 1, 1.0)}
+    assert other.stats == {(LOOP, undo): PairStats(1, 1, 1.0)}
 
 
 def test_kinds_are_drawn_by_their_shares():
@@ -84,9 +83,9 @@ def test_kinds_are_drawn_by_their_shares():
     reached = {TRIVIAL}
     for _ in range(3):
         reached |= {
-            onward
+            after
             for state in reached
-            for action, onward in state.actions()
+            for action, after in state.actions()
             if isinstance(action, Cross)
             or (isinstance(action, R1) and action.index in (0, state.num_segments - 1))
         }

@@ -8,7 +8,7 @@ import torch
 
 from knotflow.samplers.primitives import encode
 from knotflow.training import Imitation, ImitationConfig, LearnerConfig
-from knotflow.training.augmentation import AugmentationConfig
+from knotflow.training.config import AugmentationConfig
 
 CONFIG = ImitationConfig(
     LearnerConfig(learning_rate=5e-3, augmentation=AugmentationConfig(0.0, 0.0)),
@@ -26,10 +26,10 @@ def test_imitation_learns_what_makes_trials_succeed(primitive_config, trials, cu
     training = Imitation([trials], primitive_config, replace(CONFIG, validations=12), 0)
     metrics = list(training)
     assert metrics[-1]["loss_critic"] < 0.6 * metrics[0]["loss_critic"]
-    seen = encode(curves, [trials.action] * len(curves))
+    seen = encode(curves, [one.action for one in trials])
     found, _ = training.primitive.search(seen, 8, np.random.default_rng(1))
     rate = (found[..., 5] > 0.2).float().mean()
-    assert rate > 0.8 > trials.success.mean() + 0.2
+    assert rate > 0.8 > np.mean([one.success for one in trials]) + 0.2
 
 
 @pytest.mark.slow

@@ -1,19 +1,17 @@
-"""The optimiser, and critics that begin anew."""
+"""Gradient steps, and resets of the critic."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import torch
 
 from knotflow.samplers.primitives import Primitive
 from knotflow.training import LearnerConfig
-from knotflow.training.fitting import fit, fit_each, settles
-from knotflow.training.learner import Learner, demonstration_buffer
+from knotflow.training.learner import Learner, demonstration_buffer, fit_each, is_reset_round
 
-CONFIG = LearnerConfig(learning_rate=1e-3, settling_boost=3.0, demonstration_trials=4)
+CONFIG = LearnerConfig(learning_rate=1e-3, critic_reset_boost=3.0, demonstration_trials=4)
 
 
 @pytest.fixture
@@ -21,9 +19,7 @@ def make(primitive_config, trials):
     def learner(seed=3, variant="actor_critic"):
         torch.manual_seed(0)
         one = Learner(Primitive(replace(primitive_config, variant=variant)), CONFIG, seed)
-        one.demonstrations = demonstration_buffer(
-            [(trials, np.ones(len(trials), bool))], one.generator
-        )
+        one.demonstrations = demonstration_buffer(trials, one.generator)
         return one
 
     return learner
@@ -33,13 +29,13 @@ def weights(network):
     return torch.cat([value.flatten() for value in network.state_dict().values()])
 
 
-def test_a_critic_that_begins_anew_has_forgotten_all_and_the_actor_nothing(make):
+def test_reset_forgets_the_critic_and_keeps_the_actor(make):
     one, other = make(), make()
     actor = weights(one.primitive.actor)
-    fit(other, 3)
+    other.fit(3)
     for learner in (one, other):
         learner.generator.manual_seed(7)
-        learner.restart_critic()
+        learner.reset_critic()
     assert torch.equal(weights(one.primitive.critic), weights(other.primitive.critic))
     assert torch.equal(weights(one.primitive.actor), actor)
     known = {id(parameter) for parameter in other.optimizer.state}
@@ -50,13 +46,13 @@ def test_a_critic_that_begins_anew_has_forgotten_all_and_the_actor_nothing(make)
 def test_new_weights_leave_the_global_generator_alone(make):
     learner = make()
     torch.manual_seed(1)
-    learner.restart_critic()
+    learner.reset_critic()
     drawn = torch.rand(3)
     torch.manual_seed(1)
     assert torch.equal(drawn, torch.rand(3))
 
 
-def test_only_a_settling_critic_steps_farther_and_ever_less(make):
+def test_learning_rate_falls_after_reset_and_is_boosted_for_the_critic(make):
     learner = make()
     rates = []
     update = learner.update
@@ -67,24 +63,24 @@ def test_only_a_settling_critic_steps_farther_and_ever_less(make):
         return losses
 
     learner.update = watched
-    fit(learner, 1)
-    fit(learner, 2, settling=True)
+    learner.fit(1)
+    learner.fit(2, reset=True)
     assert rates == [[1e-3, 1e-3], [1e-3, 3e-3], [0.5e-3, 1.5e-3]]
 
 
-def test_side_by_side_learners_settle_as_one_by_one(make):
+def test_learners_in_threads_learn_as_one_by_one(make):
     alone, beside = {n: make(n) for n in (1, 2, 3)}, {n: make(n) for n in (1, 2, 3)}
     for learner in alone.values():
-        fit(learner, 2, settling=True)
-    fit_each(beside, 2, settling=True, threads=3)
+        learner.fit(2, reset=True)
+    fit_each(beside, dict.fromkeys(beside, 2), reset=True, threads=3)
     for number, learner in alone.items():
         assert torch.equal(weights(learner.primitive), weights(beside[number].primitive))
 
 
-def test_an_actor_without_critic_settles_too(make):
+def test_actor_without_critic_learns_after_reset(make):
     learner = make(variant="actor_only")
     before = weights(learner.primitive)
-    assert "loss_actor" in fit(learner, 2, settling=True)
+    assert "loss_actor" in learner.fit(2, reset=True)
     assert not torch.equal(weights(learner.primitive), before)
 
 
@@ -92,5 +88,5 @@ def test_an_actor_without_critic_settles_too(make):
     ("every", "rounds", "after"),
     [(20, 40, [20, 40]), (20, 45, [20, 45]), (20, 24, [24]), (50, 3, [3]), (1, 3, [1, 2, 3])],
 )
-def test_learners_settle_now_and_then_and_at_the_end(every, rounds, after):
-    assert [done for done in range(1, rounds + 1) if settles(done, every, rounds)] == after
+def test_reset_rounds(every, rounds, after):
+    assert [done for done in range(1, rounds + 1) if is_reset_round(done, every, rounds)] == after

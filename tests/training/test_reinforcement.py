@@ -25,7 +25,7 @@ CONFIG = ReinforcementConfig(
     ropes=3,
     splines=2,
     steps=2,
-    settle_steps=2,
+    critic_reset_steps=2,
 )
 
 
@@ -38,10 +38,11 @@ def simulator():
 
 @pytest.fixture
 def start(primitive_config, trials, curves, simulator):
-    def make(config=CONFIG, variant="actor_critic"):
+    def make(config=CONFIG, variant="actor_critic", observe=None):
         torch.manual_seed(0)
         primitive = Primitive(replace(primitive_config, variant=variant))
-        return Reinforcement(primitive, [trials], {TASK: curves}, simulator, config, 5)
+        pools = {TASK: curves}
+        return Reinforcement(primitive, trials, pools, simulator, config, 5, observe=observe)
 
     return make
 
@@ -53,11 +54,12 @@ def weights(training):
 @pytest.mark.slow
 @pytest.mark.parametrize("variant", ["actor_critic", "actor_only", "critic_only"])
 def test_a_round_gives_all_it_simulated_and_trains(start, curves, variant):
-    training = start(variant=variant)
+    rounds = {}
+    training = start(variant=variant, observe=rounds.__setitem__)
     before = weights(training)
-    rounds = list(training)
-    assert [one.index for one in rounds] == [0, 1, 2]
-    (attempts,) = rounds[0].attempts
+    metrics = list(training)
+    assert list(rounds) == [one["step"] for one in metrics] == [0, 1, 2]
+    (attempts,) = rounds[0]
     assert (attempts.action, attempts.start) == (TASK.action, TASK.start_state)
     assert attempts.splines.shape == (6, 6) and len(attempts.rollouts) == 6
     assert (attempts.splines >= SPLINE_LOW).all() and (attempts.splines <= SPLINE_HIGH).all()
@@ -69,21 +71,22 @@ def test_a_round_gives_all_it_simulated_and_trains(start, curves, variant):
     ]
     known = [*curves, *left]  # only round 1 can start from what round 0 left
     assert left
-    for points in rounds[1].attempts[0].points:
+    for points in rounds[1][0].points:
         assert any(np.array_equal(points, shape) for shape in known)
     goal = TASK.goal_state
     ends = [state_or_none(end) == goal for end in attempts.rollouts.end_points]
     np.testing.assert_array_equal(attempts.success, ends & ~attempts.rollouts.diverged)
-    assert np.isfinite(list(rounds[-1].metrics.values())).all()
+    assert np.isfinite(list(metrics[-1].values())).all()
     assert not torch.equal(weights(training), before)
 
 
 def test_what_was_tried_is_what_is_remembered(start, curves):
-    training = start()
-    one = next(iter(training))
-    (attempts,) = one.attempts
-    buffer = training.learner.rollouts
-    assert buffer.trials == len(attempts.splines)
+    rounds = {}
+    training = start(observe=rounds.__setitem__)
+    next(iter(training))
+    (attempts,) = rounds[0]
+    buffer = training.rollouts
+    assert buffer.num_trials == len(attempts.splines)
     items = buffer.state_dict()["items"]
     frames = encode(attempts.points[::2], [TASK.action] * 3).frames
     expected = frames.to_network(attempts.splines.reshape(3, 2, 6))
@@ -100,7 +103,7 @@ def test_an_interrupted_training_ends_with_the_same_weights(start, tmp_path):
     first.save(tmp_path / "checkpoint")
     second = start()
     second.load(tmp_path / "checkpoint")
-    assert [one.index for one in second] == [1, 2]
+    assert [one["step"] for one in second] == [1, 2]
     torch.testing.assert_close(weights(second), weights(through), atol=0, rtol=0)
 
 

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from knotflow.recording import load
-from knotflow.samplers.demonstrations import TASKS, Trials, aim, task
+from knotflow.samplers.demonstrations import TASKS, aim, task
 from knotflow.samplers.primitives import (
     FILE,
     CemConfig,
@@ -21,10 +21,11 @@ from knotflow.samplers.primitives import (
 )
 from knotflow.samplers.primitives.canonical import ALL_PRIMITIVES, ARRANGE
 from knotflow.samplers.primitives.encoding import KINDS
-from knotflow.simulation import SimulationConfig, arc, attempt, resample, straight
+from knotflow.simulation import SimulationConfig, Trials, arc, attempt, resample, straight
 from knotflow.topology import TopologicalState
 from knotflow.topology.draw import draw
-from knotflow.training import LearnerConfig, SelfPlay, SelfPlayConfig
+from knotflow.training import LearnerConfig, SelfPlayConfig
+from knotflow.training.trainer import CHECKPOINT
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages import self_play as room
 from knotflow.workflow.stages.recorder import Recorder
@@ -38,7 +39,7 @@ CONFIG = room.SelfPlayStageConfig(
     simulation=SIMULATION,
     training=SelfPlayConfig(
         LearnerConfig(demonstration_trials=4, rollout_ropes=8, rollout_trials=1),
-        rounds=2, ropes=8, memory=4, steps=1, settle_steps=1, capacity=100,
+        rounds=2, ropes=8, memory=4, steps=1, critic_reset_steps=1, capacity=100,
         refreshed=4,
     ),
     seed=40,
@@ -64,7 +65,8 @@ def inputs(tmp_path_factory, simulator):
     for one in TASKS:
         start = shape_of(one.start_state)
         splines = aim(start, one.action, 5, rng)
-        trials = Trials(one.action, start[None], np.zeros(5, int), splines, np.arange(5) < 2)
+        points, success = np.stack([start] * 5), np.arange(5) < 2
+        trials = Trials(one.action, one.start_state, points, splines, success)
         trials.save(folder / "demonstrations" / "trials" / f"{one.name}.npz")
     torch.manual_seed(0)
     library = PrimitiveLibrary(
@@ -124,23 +126,16 @@ def test_the_curves_go_round_by_round(played):
     pairs = curves[curves["metric"] == "pairs_tried"]["value"]
     assert pairs.is_monotonic_increasing
     assert pairs.iloc[-1] == len(pd.read_csv(played / "trials.csv"))
-    assert not (played / "checkpoints").exists()
+    assert not list(played.rglob(CHECKPOINT))
 
 
-def test_an_interrupted_stage_goes_on_and_ends_the_same(played, inputs, tmp_path, monkeypatch):
-    save = SelfPlay.save
-
-    def stop(self, folder):
-        if self.rounds_done == 2:
-            raise KeyboardInterrupt
-        save(self, folder)
-
+def test_interrupted_stage_ends_the_same(
+    played, inputs, tmp_path, monkeypatch, interrupted_training
+):
     monkeypatch.setattr(room, "SAVED_EVERY", 1)
-    monkeypatch.setattr(SelfPlay, "save", stop)
-    with pytest.raises(KeyboardInterrupt):
+    with interrupted_training(1):
         room.play(CONFIG, inputs, StageContext(tmp_path, "0123456789abcdef"))
-    assert len([*(tmp_path / "checkpoints").iterdir()]) == 1
-    monkeypatch.setattr(SelfPlay, "save", save)
+    assert len([*tmp_path.rglob(CHECKPOINT)]) == 1
     room.play(CONFIG, inputs, StageContext(tmp_path, "0123456789abcdef"))
     for name in ("curves.csv", "trials.csv"):
         assert (tmp_path / name).read_bytes() == (played / name).read_bytes()
@@ -165,5 +160,5 @@ def test_the_newest_attempts_are_remembered(inputs):
     np.testing.assert_array_equal(all_of_them.success, table["outcome"] == "success")
     for row, points in enumerate(table["points"]):
         np.testing.assert_array_equal(all_of_them.points[row], points[0])
-        np.testing.assert_array_equal(all_of_them.ends[row], points[-1])
+        np.testing.assert_array_equal(all_of_them.rollouts.end_points[row], points[-1])
     assert room.earlier_attempts(recordings, 0) == []

@@ -192,4 +192,4 @@ def by_action(
     for (state, action), same in rows.items():
         points = np.stack([chosen[row].node.points for row in same])
         outcome = tuple(ends[row] for row in same)
-        yield Attempts(action, state, points, splines[same], rollouts[same], outcome)
+        yield Attempts.of(action, state, points, splines[same], rollouts[same], outcome)

@@ -13,16 +13,16 @@ stronger: a demonstration then serves a rope that lies elsewhere on the table.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.samplers.demonstrations import Trials, load_trials
+from knotflow.samplers.demonstrations import load_trials
 from knotflow.samplers.sampler import sampler
-from knotflow.simulation import clip_splines
+from knotflow.simulation import Trials, clip_splines
 from knotflow.topology import Action
 
 
@@ -51,7 +51,7 @@ class _Gaussian:
 class IcpSampler:
     """Splines from the interpolated Gaussian of an action's demonstrated configurations."""
 
-    def __init__(self, trials: Mapping[Action, Trials], config: IcpConfig) -> None:
+    def __init__(self, trials: Mapping[Action, Sequence[Trials]], config: IcpConfig) -> None:
         self.config = config
         self._gaussians = {action: _fit(some) for action, some in trials.items()}
 
@@ -123,13 +123,15 @@ def align(source: NDArray, target: NDArray) -> tuple[NDArray[np.float64], float]
     return motion[np.ix_([0, 1, 3], [0, 1, 3])], float(distance)
 
 
-def _fit(trials: Trials) -> list[_Gaussian]:
+def _fit(trials: Sequence[Trials]) -> list[_Gaussian]:
     """A Gaussian for each configuration with at least two successful splines."""
     fitted = []
-    for index, points in enumerate(trials.starts):
-        splines = trials.splines[(trials.start == index) & trials.success]
+    for one in trials:
+        splines = one.splines[one.success]
         if len(splines) > 1:
-            fitted.append(_Gaussian(points, splines.mean(axis=0), np.cov(splines, rowvar=False)))
+            fitted.append(
+                _Gaussian(one.points[0], splines.mean(axis=0), np.cov(splines, rowvar=False))
+            )
     return fitted
 
 

@@ -3,6 +3,7 @@
 from knotflow.simulation.attempt import (
     Attempts,
     Observer,
+    Trials,
     attempt,
     end_states,
     state_or_none,
@@ -66,6 +67,7 @@ __all__ = [
     "ShapeError",
     "SimulationConfig",
     "SplineError",
+    "Trials",
     "Starts",
     "StartsConfig",
     "arc",

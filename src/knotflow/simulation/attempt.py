@@ -1,59 +1,92 @@
-"""An attempt: splines executed to instantiate a topological action, and the states they reached."""
+"""Trials: splines tried for a topological action, and the states they reached."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.simulation.simulator import Rollouts, RopeSimulator
-from knotflow.topology import Action, DegenerateCurveError, TopologicalState
+from knotflow.topology import Action, DegenerateCurveError, TopologicalState, parse_action
 
 
 @dataclass(frozen=True)
-class Attempts:
-    """A batch of attempts at one action from one topological state."""
+class Trials:
+    """N splines tried for one action on ropes in one topological state."""
 
     action: Action
     """What they are for; an `Arrange` succeeds where the state is kept."""
     start: TopologicalState
-    """The state of every rope before."""
+    """State of every rope before."""
     points: NDArray[np.float64]
-    """(B, V, 3) start shapes, metres."""
+    """(N, V, 3) start shapes, metres."""
     splines: NDArray[np.float64]
-    """(B, 6) splines."""
-    rollouts: Rollouts
-    """What the simulator made of them."""
-    ends: tuple[TopologicalState | None, ...]
-    """(B,) states at rest; None where the projection cannot be read or the simulation diverged."""
+    """(N, 6) splines."""
+    success: NDArray[np.bool_]
+    """(N,) whether the rope at rest has exactly the state the action leads to."""
 
-    @classmethod
-    def of(
-        cls,
-        action: Action,
-        start: TopologicalState,
-        points: NDArray,
-        splines: NDArray,
-        rollouts: Rollouts,
-    ) -> Attempts:
-        """Attempts whose end states are read from their rollouts."""
-        return cls(action, start, points, splines, rollouts, end_states(rollouts))
+    def __len__(self) -> int:
+        return len(self.splines)
+
+    def __getitem__(self, rows: NDArray[np.bool_]) -> Trials:
+        return Trials(
+            self.action, self.start, self.points[rows], self.splines[rows], self.success[rows]
+        )
 
     @property
     def goal(self) -> TopologicalState:
         """The state the action leads to."""
         return self.start.apply(self.action)
 
-    @property
-    def success(self) -> NDArray[np.bool_]:
-        """(B,) whether the rope at rest has exactly the state the action leads to."""
-        goal = self.goal
-        return np.array([end == goal for end in self.ends], dtype=bool)
+    def save(self, path: Path) -> None:
+        """Write to an .npz file."""
+        np.savez_compressed(
+            path,
+            action=str(self.action),
+            start=str(self.start),
+            points=self.points,
+            splines=self.splines,
+            success=self.success,
+        )
 
-    def __len__(self) -> int:
-        return len(self.splines)
+    @classmethod
+    def load(cls, path: Path) -> Trials:
+        """Read what `save` wrote."""
+        with np.load(path) as file:
+            return cls(
+                parse_action(str(file["action"])),
+                TopologicalState.parse(str(file["start"])),
+                *(file[name] for name in ("points", "splines", "success")),
+            )
+
+
+@dataclass(frozen=True)
+class Attempts(Trials):
+    """Trials with the simulated motion."""
+
+    rollouts: Rollouts
+    """What the simulator made of them."""
+    ends: tuple[TopologicalState | None, ...]
+    """(N,) states at rest; None where the projection cannot be read or the simulation diverged."""
+
+    @classmethod
+    def of(
+        cls,
+        action: Action,
+        start: TopologicalState,
+        points: NDArray[np.float64],
+        splines: NDArray[np.float64],
+        rollouts: Rollouts,
+        ends: Sequence[TopologicalState | None] | None = None,
+    ) -> Attempts:
+        """Attempts with the given end states, or those read from the rollouts."""
+        ends = tuple(end_states(rollouts) if ends is None else ends)
+        goal = start.apply(action)
+        success = np.array([end == goal for end in ends], dtype=bool)
+        return cls(action, start, points, splines, success, rollouts, ends)
 
 
 Observer = Callable[[Attempts], None]
@@ -62,8 +95,8 @@ Observer = Callable[[Attempts], None]
 
 def attempt(
     simulator: RopeSimulator,
-    points: NDArray,
-    splines: NDArray,
+    points: NDArray[np.float64],
+    splines: NDArray[np.float64],
     action: Action,
     start: TopologicalState,
     observe: Observer | None = None,
@@ -92,7 +125,7 @@ def end_states(rollouts: Rollouts) -> tuple[TopologicalState | None, ...]:
     )
 
 
-def state_or_none(points: NDArray) -> TopologicalState | None:
+def state_or_none(points: NDArray[np.float64]) -> TopologicalState | None:
     """The state of a rope (V, 3), or None where its projection cannot be read."""
     try:
         return TopologicalState.from_curve(points)

@@ -1,8 +1,5 @@
 """Training of the primitives (Sec. V-B a to c): imitation, reinforcement, joint finetuning.
 
-It knows the simulator and what demonstrations are, but neither recordings nor stages: iterating
-over a training gives what there is to log, to record and to save.
-
 A name is loaded when it is used, from the file that `__init__.pyi` gives: PyTorch takes seconds.
 """
 

@@ -8,9 +8,9 @@ from .config import (
 from .imitation import Imitation
 from .learner import Learner
 from .losses import ActorLoss, CriticLoss
-from .reinforcement import Reinforcement, Round
-from .self_play import SelfPlay, SelfPlayRound
-from .transitions import Transitions
+from .reinforcement import Reinforcement
+from .self_play import SelfPlay
+from .trainer import SupervisedTrainer, Trainer, run_training
 
 __all__ = [
     "ActorLoss",
@@ -22,9 +22,9 @@ __all__ = [
     "LearnerConfig",
     "Reinforcement",
     "ReinforcementConfig",
-    "Round",
     "SelfPlay",
     "SelfPlayConfig",
-    "SelfPlayRound",
-    "Transitions",
+    "SupervisedTrainer",
+    "Trainer",
+    "run_training",
 ]

@@ -1,7 +1,4 @@
-"""What each training takes from the configuration: efforts, batches, exploration.
-
-They are here, beside no code, so that the command's configuration is read without PyTorch.
-"""
+"""Configuration of the trainings; loads no PyTorch."""
 
 from __future__ import annotations
 
@@ -26,16 +23,16 @@ class LearnerConfig:
     """Of AdamW."""
     weight_decay: float = 1e-3
     """Of AdamW."""
-    settling_boost: float = 1.0
-    """Factor on the learning rate of a critic that begins anew."""
+    critic_reset_boost: float = 1.0
+    """Factor on the learning rate of a critic that was reset."""
     gradient_norm: float = 5.0
     """Gradients are clipped to this norm."""
     failure_weight: float = 0.0
-    """Share of a rope's mean reward that the actor's advantage takes off; see `ActorLoss`."""
+    """Factor on the baseline in the actor's advantage; see `ActorLoss`."""
     gains_only: bool = False
-    """Whether trials that were worse than the baseline are left out of the actor's loss."""
+    """Whether trials below the baseline are left out of the actor's loss."""
     success_share: float = 0.5
-    """Share of the actor's return that success brings alone; the rest is for what it leaves."""
+    """Share of the actor's return that is for success; the rest is for the next action's value."""
     demonstration_ropes: int = 24
     """Demonstrated ropes in a batch."""
     demonstration_trials: int = 24
@@ -52,22 +49,20 @@ class LearnerConfig:
 
 @dataclass
 class ExplorationConfig:
-    """Shares of the three ways, and how wide the wider neighbourhood is."""
+    """Shares of the three ways to propose a spline, and the width of the widened Gaussian."""
 
     search: float = 0.4
-    """Share of ropes whose splines a search in the wider neighbourhood finds; the policy does,
-    without critic."""
+    """Share of ropes whose splines a search from the widened Gaussian finds; 0 without critic."""
     spread: float = 0.3
-    """Share of ropes whose splines are drawn from the wider neighbourhood; the rest are the
-    policy's."""
+    """Share of ropes whose splines are drawn from the widened Gaussian; the rest: the policy's."""
     last: float = 0.3
-    """Both shares fall to this part of themselves, evenly over the rounds."""
+    """Both shares fall linearly to this fraction of themselves in the last round."""
     widening: float = 1.5
     """Factor on the actor's spread."""
     floor: float = 0.25
     """Standard deviation added to it in every direction, normalised units."""
     iterations: int = 3
-    """Iterations of the wide search."""
+    """Cross-entropy iterations of the search."""
 
 
 @dataclass
@@ -81,8 +76,7 @@ class ImitationConfig:
     validations: int = 40
     """How many there are, the last one at the end."""
     held_out: float = 0.125
-    """Share of the start shapes that is held out, to see how the losses are there; of the trials,
-    where start shapes are few."""
+    """Share of the start shapes (of the trials, where start shapes are few) that is held out."""
 
 
 @dataclass
@@ -96,83 +90,74 @@ class ReinforcementConfig:
     rounds: int = 24
     """Rounds of attempts and gradient steps."""
     ropes: int = 48
-    """Start shapes of each task in a round; few splines on many shapes teach more than many on
-    few."""
+    """Start shapes of each task in a round."""
     splines: int = 2
     """Splines tried on each."""
     steps: int = 40
     """Gradient steps in a round."""
     recycled_share: float = 0.3
-    """Share of the start shapes that earlier attempts left behind, see `shapes`."""
+    """Share of the start shapes that earlier attempts left behind."""
     recycled_capacity: int = 1000
     """How many of those are kept for each start state."""
-    settle_every: int = 20
-    """Rounds after which the critic begins anew and the learning rate falls to 0, as both do after
-    the last,"""
-    settle_steps: int = 1000
-    """over so many gradient steps: what the attempts teach is more than the few steps of a round
-    take in."""
+    critic_reset_every: int = 20
+    """Rounds between two resets of the critic; there is one after the last round, too."""
+    critic_reset_steps: int = 1000
+    """Gradient steps after a reset, over which the learning rate falls to 0."""
 
 
 def _gentle() -> LearnerConfig:
     # Large steps would unlearn what took long to learn; every trial is one of its own rope.
     return LearnerConfig(
-        learning_rate=5e-4, settling_boost=4.0, rollout_ropes=256, rollout_trials=1
+        learning_rate=5e-4, critic_reset_boost=4.0, rollout_ropes=256, rollout_trials=1
     )
 
 
 @dataclass
 class SelfPlayConfig:
-    """How long primitives play together, and how."""
+    """How long the primitives train together, and how."""
 
     learner: LearnerConfig = field(default_factory=_gentle)
     """Optimiser and batches of each primitive."""
     exploration: ExplorationConfig = field(
         default_factory=lambda: ExplorationConfig(search=0.2, spread=0.15, last=1.0)
     )
-    """How the behaviour policy differs from the policy: no less in the end, so that fewer rounds
-    are the first ones of more."""
+    """How the behaviour policy differs from the policy: constant over the rounds, so that a short
+    training is the beginning of a long one."""
     most_crossings: int = 4
-    """Of the states that are played from and to."""
+    """Of the states that trials begin in and lead to."""
     rounds: int = 100
     """Rounds of trials and gradient steps."""
     ropes: int = 384
     """Trials in a round, each on a rope of its own."""
     crossings_shares: list[float] = field(default_factory=lambda: [0.5, 1.5, 7.0, 2.0, 0.2])
-    """How often trials begin with 0, 1, 2, ... crossings, relative to each other."""
+    """Relative frequencies of 0, 1, 2, ... crossings at the start of a trial."""
     candidates: int = 4
-    """Ropes and actions that are drawn for each trial; tried are rather those of which the critic
-    thinks that they sometimes succeed."""
+    """Ropes and actions that are drawn for each trial; see `curriculum.sampling_priority`."""
     undo_share: float = 0.15
     """Share of the trials that undo an action."""
     arranging_share: float = 0.35
-    """Share of the trials that arrange the rope instead,"""
+    """Share of the trials that arrange the rope instead of acting,"""
     arrange_below_value: float = 0.7
-    """where the critic gives the wanted action less than this."""
+    """where the action's value is below this."""
     guess_below_value: float = 0.3
-    """Where the best value that the critic sees is below this, or the rope is to be arranged,"""
+    """Where the action's value is below this, or the rope is arranged,"""
     guess_fraction: float = 0.5
-    """this share of the splines are guesses, the best of many that are cheaply predicted."""
-    hindsight: bool = True
-    """Whether trials count for other actions than the one that was meant."""
-    hindsight_pull: float = 0.2
-    """Weight of such trials on the actor: they are mostly unlike what it should propose."""
+    """this share of the splines are heuristic, the best of many by a cheap prediction."""
     shapes: int = 128
-    """Rope shapes that are remembered of each state."""
+    """Rope shapes that are kept of each state."""
     capacity: int = 30000
-    """Trials that stay in each primitive's replay buffer, the newest."""
+    """Trials in each primitive's replay buffer, the newest."""
     memory: int = 4000
     """Attempts of independent training that it begins with, the newest, for each action."""
     refreshed: int = 256
-    """Stored trials of each primitive whose next value is worked out anew in a round."""
+    """Stored trials of each primitive whose next value is recomputed in a round."""
     steps: int = 8
     """Gradient steps of each primitive in a round,"""
     new_steps: int = 16
     """and of one without demonstrations, which has everything to learn,"""
     successes_per_step: int = 4
-    """but at most one for so many successes in its replay buffer, lest it learn a few by heart."""
-    settle_every: int = 50
-    """Rounds after which the critics begin anew and the learning rates fall to 0, as both do after
-    the last,"""
-    settle_steps: int = 1000
-    """over so many gradient steps."""
+    """but at most one for so many successes in its replay buffer, lest it overfit to a few."""
+    critic_reset_every: int = 50
+    """Rounds between two resets of the critics; there is one after the last round, too."""
+    critic_reset_steps: int = 1000
+    """Gradient steps after a reset, over which the learning rates fall to 0."""

@@ -1,11 +1,11 @@
-"""Which state and action self-play tries next: rarely tried and rarely solved pairs more often."""
+"""The state and action that self-play tries next: rarely solved pairs more often."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from knotflow.topology import R1, Action, ForwardAction, TopologicalState, parse_action
 
 INNER_R1 = "inner R1"
-"""The kind of R1 on a segment without an end."""
+"""The kind of R1 on a segment without a rope end."""
 
 KIND_SHARES = {"R1": 2.0, INNER_R1: 0.5, "R2": 1.0, "C": 3.0}
 """How often kinds of actions are drawn, relative to each other. Cross, and R1 on a segment with an
 end, lead to every state of up to three crossings; to twist a loop into a segment between two
 crossings hardly ever succeeds."""
 
-_Rate = TypeVar("_Rate", float, NDArray)
+_Rate = TypeVar("_Rate", float, NDArray[np.float64])
 
 UNDO = "undo"
 """The kind of all actions that undo another."""
@@ -31,12 +31,10 @@ Pair = tuple[TopologicalState, Action]
 
 @cache
 def outcomes(state: TopologicalState, most_crossings: int) -> Mapping[Action, TopologicalState]:
-    """Every action that a state allows, undoing ones included, with the state it leads to, as far
-    as that has no more than so many crossings."""
+    """Every action that a state allows, undoing ones included, with the state it leads to, of at
+    most so many crossings."""
     found = {
-        action: onward
-        for action, onward in state.actions()
-        if onward.num_crossings <= most_crossings
+        action: after for action, after in state.actions() if after.num_crossings <= most_crossings
     }
     return found | dict(state.undo_actions())
 
@@ -53,20 +51,19 @@ def pairs_by_kind(state: TopologicalState, most_crossings: int) -> Mapping[str, 
     return {kind: tuple(pairs) for kind, pairs in found.items()}
 
 
-def need(rate: _Rate) -> _Rate:
-    """How much there is to learn, in 0..0.4, where success has this probability: most where it is
-    rare, little where it nearly always or never succeeds."""
-    return (1 - rate) * rate**0.5
+def sampling_priority(rate: _Rate) -> _Rate:
+    """Priority, 0..0.4, of what succeeds at a rate: highest at 1/3, 0 at 0 and 1."""
+    return cast(_Rate, (1 - rate) * rate**0.5)
 
 
 @dataclass
-class Record:
-    """What became of the trials of a pair."""
+class PairStats:
+    """Outcomes of the trials of a pair."""
 
     trials: int = 0
     successes: int = 0
     rate: float = 0.0
-    """Of success, over the last hundred trials or so."""
+    """Success rate, an exponential average over the last hundred trials or so."""
 
     def add(self, success: bool) -> None:
         """Count a trial."""
@@ -75,13 +72,13 @@ class Record:
         self.rate += (success - self.rate) / min(self.trials, 100)
 
     @property
-    def need(self) -> float:
-        """How much there is to learn, see `need`; success is taken to be rare until it is seen."""
+    def priority(self) -> float:
+        """`sampling_priority` of the rate, which is taken to be low until success is seen."""
         recent = min(self.trials, 100)
-        return need((recent * self.rate + 0.5) / (recent + 2.5))
+        return sampling_priority((recent * self.rate + 0.5) / (recent + 2.5))
 
 
-_UNTRIED = Record()
+_UNTRIED = PairStats()
 
 
 def _drawn_kind(kinds: Iterable[str], rng: np.random.Generator) -> str:
@@ -91,7 +88,7 @@ def _drawn_kind(kinds: Iterable[str], rng: np.random.Generator) -> str:
 
 
 class Curriculum:
-    """Counts trials of every pair, and draws pairs by their need."""
+    """Counts trials of every pair, and draws pairs by priority."""
 
     def __init__(
         self, most_crossings: int, crossings_shares: Sequence[float], undo_share: float
@@ -105,11 +102,11 @@ class Curriculum:
         """
         self.most_crossings, self.undo_share = most_crossings, undo_share
         self.crossings_shares = crossings_shares
-        self.records: dict[Pair, Record] = {}
+        self.stats: dict[Pair, PairStats] = {}
 
-    def record(self, state: TopologicalState, action: Action) -> Record:
-        """What is known of a pair."""
-        return self.records.setdefault((state, action), Record())
+    def add(self, state: TopologicalState, action: Action, success: bool) -> None:
+        """Count a trial."""
+        self.stats.setdefault((state, action), PairStats()).add(success)
 
     def by_crossings(
         self, states: Iterable[TopologicalState]
@@ -129,7 +126,7 @@ class Curriculum:
         """A state out of those given, and an action.
 
         First the number of crossings by its share, then the kind of action by its share; among the
-        pairs left, by need.
+        pairs left, by priority.
         """
         shares = np.array([self.crossings_shares[count] for count in sorted(by_crossings)])
         crossings = sorted(by_crossings)[rng.choice(len(shares), p=shares / shares.sum())]
@@ -145,8 +142,8 @@ class Curriculum:
             chosen = undoing
         else:
             chosen = pairs[_drawn_kind(pairs, rng)]
-        needs = np.array([self.records.get(pair, _UNTRIED).need for pair in chosen])
-        return chosen[rng.choice(len(chosen), p=needs / needs.sum())]
+        priority = np.array([self.stats.get(pair, _UNTRIED).priority for pair in chosen])
+        return chosen[rng.choice(len(chosen), p=priority / priority.sum())]
 
     def next_action(self, state: TopologicalState, rng: np.random.Generator) -> Action | None:
         """An action that may follow: a kind by its share, then any; None where none may."""
@@ -158,17 +155,15 @@ class Curriculum:
         return some[rng.integers(len(some))][1]
 
     def state_dict(self) -> dict[str, Any]:
-        """All counts."""
         return {
             f"{state} {action}": (one.trials, one.successes, one.rate)
-            for (state, action), one in self.records.items()
+            for (state, action), one in self.stats.items()
             if one.trials
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a `state_dict`."""
-        self.records = {}
+        self.stats = {}
         for name, counts in state.items():
             before, action = name.split(" ", 1)
             pair = TopologicalState.parse(before), parse_action(action)
-            self.records[pair] = Record(*counts)
+            self.stats[pair] = PairStats(*counts)

@@ -1,16 +1,14 @@
-"""The behaviour policy of the reinforcement stage (Fig. 5, black arrows), and how it explores.
+"""The behaviour policy (Fig. 5, black arrows).
 
-The policy alone would only try again what it already does: an actor that fits the successes of its
-own narrow samples stays where it is, and where it never succeeds, it never learns. So of the
-splines that are tried, some are the policy's, some are the critic's best in a wider neighbourhood
-of the actor's mean (what a critic overestimates is then found out), and some are drawn from this
-wider neighbourhood.
+Some splines are the policy's, some are the critic's best from a widened Gaussian of the actor (what
+a critic overestimates is then found out), and some are drawn from this Gaussian.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from knotflow.samplers.primitives.cem import cross_entropy, standard_normal
@@ -31,35 +29,43 @@ def explore(
     config: ExplorationConfig,
     progress: float,
     rng: np.random.Generator,
-    onward: bool = False,
-) -> tuple[Tensor, np.ndarray]:
+    use_next_value: bool = False,
+) -> tuple[Tensor, NDArray[np.int64]]:
     """Splines (S, count, 6) in network space to try on S ropes, and the way (S,) of each rope's.
 
-    `progress` runs from 0 in the first round to 1 in the last; `onward` searches also for the value
-    of what a spline leaves.
+    Args:
+        primitive: its actor and critic are the policy.
+        encoded: the S ropes.
+        count: splines a rope.
+        config: shares of the ways.
+        progress: 0 in the first round, 1 in the last.
+        rng: of everything random.
+        use_next_value: search also for the next action's value.
     """
     left = 1 + progress * (config.last - 1)
     search = left * config.search if primitive.critic is not None else 0.0
     spread = left * config.spread
     ways = rng.choice(3, len(encoded.frames), p=[1 - search - spread, search, spread])
     splines = torch.empty(len(ways), count, SPLINE)
-    for way, propose in ((POLICY, _policy), (SEARCH, _search), (SPREAD, _spread)):
-        rows = np.flatnonzero(ways == way)
-        if len(rows):
-            some = Encoded(encoded.states[torch.from_numpy(rows)], encoded.frames[rows])
-            splines[torch.from_numpy(rows)] = propose(primitive, some, count, config, rng, onward)
+    for way in (POLICY, SEARCH, SPREAD):
+        if not len(rows := np.flatnonzero(ways == way)):
+            continue
+        some = Encoded(encoded.states[torch.from_numpy(rows)], encoded.frames[rows])
+        if way == POLICY:
+            found = primitive.search(some, count, rng, use_next_value)[0]
+        elif way == SEARCH:
+            found = _search(primitive, some, count, config, rng, use_next_value)
+        else:
+            noise = standard_normal(rng, (len(rows), count, SPLINE))
+            if primitive.actor is None:
+                # A critic's wide Gaussian hardly ever succeeds: stay near its choice.
+                best = primitive.search(some, count, rng, use_next_value)[0]
+                found = best + config.floor * noise
+            else:
+                mean, factor = _widened(primitive, some, config)
+                found = mean[:, None] + noise @ factor.mT
+        splines[torch.from_numpy(rows)] = found
     return splines, ways
-
-
-def _policy(
-    primitive: Primitive,
-    encoded: Encoded,
-    count: int,
-    config: ExplorationConfig,
-    rng: np.random.Generator,
-    onward: bool,
-) -> Tensor:
-    return primitive.search(encoded, count, rng, onward)[0]
 
 
 def _search(
@@ -68,12 +74,12 @@ def _search(
     count: int,
     config: ExplorationConfig,
     rng: np.random.Generator,
-    onward: bool,
+    use_next_value: bool,
 ) -> Tensor:
-    mean, factor = _wider(primitive, encoded, config)
+    mean, factor = _widened(primitive, encoded, config)
     cem = primitive.config.cem
     found, _ = cross_entropy(
-        primitive.scorer(encoded.states, onward),
+        primitive.scorer(encoded.states, use_next_value),
         mean.repeat_interleave(count, 0),
         factor.repeat_interleave(count, 0),
         standard_normal(rng, (config.iterations, len(mean) * count, cem.population, SPLINE)),
@@ -82,26 +88,10 @@ def _search(
     return found.reshape(len(mean), count, SPLINE)
 
 
-def _spread(
-    primitive: Primitive,
-    encoded: Encoded,
-    count: int,
-    config: ExplorationConfig,
-    rng: np.random.Generator,
-    onward: bool,
-) -> Tensor:
-    noise = standard_normal(rng, (len(encoded.frames), count, SPLINE))
-    if primitive.actor is None:
-        # The wide Gaussian of a critic-only policy hardly ever succeeds: stay near its choice.
-        return primitive.search(encoded, count, rng, onward)[0] + config.floor * noise
-    mean, factor = _wider(primitive, encoded, config)
-    return mean[:, None] + noise @ factor.mT
-
-
-def _wider(
+def _widened(
     primitive: Primitive, encoded: Encoded, config: ExplorationConfig
 ) -> tuple[Tensor, Tensor]:
-    """The actor's Gaussian, widened; the wide one of a critic-only policy is wide enough."""
+    """The actor's Gaussian, widened; that of a critic-only policy is wide enough."""
     mean, factor = primitive.gaussian(encoded.states)
     if primitive.actor is None:
         return mean, factor

@@ -1,32 +1,31 @@
-"""One gradient step of adapted QT-Opt on demonstrations and rollouts (Fig. 5, green arrows).
+"""Gradient steps of adapted QT-Opt on demonstrations and rollouts (Fig. 5, green arrows).
 
-Beyond the paper, critics now and then begin anew. One that learned while its replay buffer filled
-has seen the first trials hundreds of times and knows them by heart: on the fresh trials of a
-self-play its cross-entropy was 0.42, no better than the mere rate of success, and 0.29 after a
-thousand steps from new weights on the same buffer. Nikishin et al., "The Primacy Bias in Deep
-Reinforcement Learning" (ICML 2022), found the same cure.
+Beyond the paper, critics are reset now and then (Nikishin et al., "The Primacy Bias in Deep
+Reinforcement Learning", ICML 2022).
 """
 
 from __future__ import annotations
 
-from threading import Lock
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event, Lock
 from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
 
-from knotflow.samplers.demonstrations import Trials
-from knotflow.samplers.primitives.encoding import Encoded, encode
+from knotflow.samplers.primitives.encoding import encode
 from knotflow.samplers.primitives.networks import Critic
 from knotflow.samplers.primitives.primitive import Primitive
-from knotflow.training.augmentation import augment
-from knotflow.training.buffer import TransitionBuffer, TrialBuffer, mixed
+from knotflow.simulation import Trials
+from knotflow.threads import one_thread
+from knotflow.training.buffers import TransitionBuffer, TrialBuffer, augment, mix
 from knotflow.training.config import LearnerConfig
 from knotflow.training.losses import ActorLoss, CriticLoss
 
-_DRAWING = Lock()
-"""Learners run side by side, but new weights come from PyTorch's one global generator."""
+_GLOBAL_GENERATOR = Lock()
+"""Learners run in threads, but new weights come from PyTorch's one global generator."""
 
 
 class Learner:
@@ -49,64 +48,78 @@ class Learner:
                     gains_only=config.gains_only,
                 )
             )
+        networks = ((primitive.actor, 1.0), (primitive.critic, config.critic_reset_boost))
         groups = [
             {"params": list(network.parameters()), "boost": boost}
-            for network, boost in (
-                (primitive.actor, 1.0),
-                (primitive.critic, config.settling_boost),
-            )
+            for network, boost in networks
             if network is not None
         ]
         self.optimizer = torch.optim.AdamW(
             groups, config.learning_rate, weight_decay=config.weight_decay
         )
 
-    def restart_critic(self) -> None:
+    def reset_critic(self) -> None:
         """Give the critic, if there is one, new weights."""
         critic = self.primitive.critic
         if critic is None:
             return
         seed = int(torch.randint(2**31, (), generator=self.generator))
-        with _DRAWING, torch.random.fork_rng(devices=[]):
+        with _GLOBAL_GENERATOR, torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             fresh = Critic(self.primitive.config.network)
         critic.load_state_dict(fresh.state_dict())
         for parameter in critic.parameters():
             self.optimizer.state.pop(parameter, None)
 
-    def update(self, rate: float = 1.0, settling: bool = False) -> dict[str, float]:
-        """One gradient step; gives the losses and what goes with them.
+    def update(self, rate: float = 1.0, after_reset: bool = False) -> dict[str, float]:
+        """One gradient step; the losses and their companions.
 
         Args:
-            rate: share of the learning rate to step with.
-            settling: let the critic step as far as one does that begins anew.
+            rate: fraction of the learning rate.
+            after_reset: whether the critic's learning rate is boosted.
 
         Raises:
             ValueError: there is nothing to learn from.
         """
-        config = self.config
-        sources = [
-            (self.demonstrations, config.demonstration_ropes, config.demonstration_trials,
-             config.demonstration_share),
-            (self.rollouts, config.rollout_ropes, config.rollout_trials,
-             1 - config.demonstration_share),
-        ]  # fmt: skip
-        filled = [source for source in sources if source[0] is not None and len(source[0])]
-        if not filled:
+        config, parts, shares = self.config, [], []
+        if self.demonstrations:
+            ropes, trials = config.demonstration_ropes, config.demonstration_trials
+            parts.append(self.demonstrations.sample(ropes, trials))
+            shares.append(config.demonstration_share)
+        if self.rollouts:
+            parts.append(self.rollouts.sample(config.rollout_ropes, config.rollout_trials))
+            shares.append(1 - config.demonstration_share)
+        if not parts:
             raise ValueError("a learner needs demonstrations or rollouts before it can update")
-        parts = [buffer.sample(ropes, trials) for buffer, ropes, trials, _ in filled if buffer]
-        batch = mixed(parts, [share for *_, share in filled])
-        batch = augment(batch, config.augmentation, self.generator)
+        batch = augment(mix(parts, shares), config.augmentation, self.generator)
         outcomes = [loss(batch) for loss in self.losses]
         self.optimizer.zero_grad(set_to_none=True)
-        total = sum(value for out in outcomes for key, value in out.items() if key[:5] == "loss_")
-        total.backward()
+        losses = [value for out in outcomes for key, value in out.items() if key[:5] == "loss_"]
+        torch.autograd.backward(sum(losses))
         torch.nn.utils.clip_grad_norm_(self.primitive.parameters(), config.gradient_norm)
         for group in self.optimizer.param_groups:
-            boost = group["boost"] if settling else 1.0
+            boost = group["boost"] if after_reset else 1.0
             group["lr"] = rate * boost * config.learning_rate
         self.optimizer.step()
         return {key: float(value.detach()) for out in outcomes for key, value in out.items()}
+
+    def fit(self, steps: int, reset: bool = False, stop: Event | None = None) -> dict[str, float]:
+        """Gradient steps; the means of what `update` gives.
+
+        Args:
+            steps: how many.
+            reset: reset the critic, and let the learning rate fall linearly to 0.
+            stop: once it is set, no further step is made.
+        """
+        means: dict[str, float] = {}
+        if reset and steps:
+            self.reset_critic()
+        for step in range(steps):
+            if stop is not None and stop.is_set():
+                break
+            for key, value in self.update(1 - step / steps if reset else 1.0, reset).items():
+                means[key] = means.get(key, 0.0) + value / steps
+        return means
 
     def state_dict(self) -> dict[str, Any]:
         """All that `update` depends on but the demonstrations, which do not change."""
@@ -118,7 +131,6 @@ class Learner:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a `state_dict`."""
         self.primitive.load_state_dict(state["primitive"])
         self.optimizer.load_state_dict(state["optimizer"])
         self.generator.set_state(state["generator"])
@@ -126,33 +138,59 @@ class Learner:
             self.rollouts.load_state_dict(state["rollouts"])
 
 
-def demonstration_buffer(
-    trials: list[tuple[Trials, np.ndarray]], generator: torch.Generator
-) -> TrialBuffer:
-    """A buffer of the trials (of each action, those chosen by a bool (N,)), a start shape an item.
+def fit_each(
+    learners: Mapping[int, Learner],
+    steps: Mapping[int, int],
+    reset: bool = False,
+    threads: int | None = None,
+) -> dict[int, dict[str, float]]:
+    """`Learner.fit` of several learners, each by its steps, in threads; None is one a CPU.
+
+    Learners share neither weights nor random generators: the number of threads changes nothing.
+    """
+    if not learners:
+        return {}
+    stop = Event()
+    with one_thread(), ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+        running = {
+            number: pool.submit(learner.fit, steps[number], reset, stop)
+            for number, learner in learners.items()
+        }
+        try:
+            return {number: future.result() for number, future in running.items()}
+        except BaseException:
+            stop.set()
+            raise
+
+
+def is_reset_round(done: int, every: int, rounds: int) -> bool:
+    """Whether critics are reset after round number `done`, counted from 1: after every so many
+    rounds and after the last, but not shortly before it."""
+    return done == rounds or (done % every == 0 and rounds - done >= every)
+
+
+def demonstration_buffer(trials: Sequence[Trials], generator: torch.Generator) -> TrialBuffer:
+    """A buffer of trials, a rope an item.
+
+    Args:
+        trials: each of one rope.
+        generator: of what is sampled.
 
     Raises:
-        ValueError: no trial was chosen.
+        ValueError: there are no trials.
     """
-    parts = [grouped(some, chosen) for some, chosen in trials]
-    slots = max((len(spline) for _, splines, _ in parts for spline in splines), default=0)
-    if slots == 0:
+    trials = [some for some in trials if len(some)]
+    if not trials:
         raise ValueError("there are no demonstrated trials to learn from")
-    buffer = TrialBuffer(sum(len(part[1]) for part in parts), slots, generator)
-    for encoded, splines, rewards in parts:
-        if splines:
-            buffer.extend(encoded.states, splines, rewards)
+    encoded = encode([some.points[0] for some in trials], [some.action for some in trials])
+    splines = [
+        encoded.frames[row : row + 1].to_network(some.splines[None])[0]
+        for row, some in enumerate(trials)
+    ]
+    buffer = TrialBuffer(len(trials), max(map(len, trials)), generator)
+    buffer.extend(
+        encoded.states,
+        [torch.from_numpy(one).float() for one in splines],
+        [torch.from_numpy(some.success.astype(np.float32)) for some in trials],
+    )
     return buffer
-
-
-def grouped(trials: Trials, chosen: np.ndarray) -> tuple[Encoded, list[Tensor], list[Tensor]]:
-    """Chosen trials by start shape: encoded starts, splines in network space, rewards."""
-    kept = np.unique(trials.start[chosen])
-    encoded = encode(trials.starts[kept], [trials.action] * len(kept))
-    splines, rewards = [], []
-    for row, start in enumerate(kept):
-        mine = chosen & (trials.start == start)
-        network = encoded.frames[row : row + 1].to_network(trials.splines[mine][None])[0]
-        splines.append(torch.from_numpy(network).float())
-        rewards.append(torch.from_numpy(trials.success[mine].astype(np.float32)))
-    return encoded, splines, rewards

@@ -1,8 +1,7 @@
 """Adapted QT-Opt's two losses (Sec. V-B b, Fig. 5) as TorchRL loss modules.
 
-TorchRL has no QT-Opt, and its ReinforceLoss wants one action a state and brings a value loss of its
-own; here many splines share a rope, whose trunk must run once. Both modules read a batch as
-`buffer.TrialBuffer.sample` makes it, with S ropes and N trials:
+TorchRL has no QT-Opt, and its ReinforceLoss wants one action a state; here many splines share a
+rope, whose trunk runs once. Both read a batch of S ropes and N trials:
 
 | key                   | shape          | what                                                |
 |-----------------------|----------------|-----------------------------------------------------|
@@ -12,7 +11,6 @@ own; here many splines share a rope, whose trunk must run once. Both modules rea
 | reward                | (N,)           | 1 where the trial succeeded, else 0                 |
 | baseline              | (N,)           | mean return of the trials known from the same rope  |
 | weight                | (N,)           | of the trial in the batch, of mean 1                |
-| pull (optional)       | (N,)           | of the trial on the actor; 1 where it is not given  |
 | next_value (optional) | (N,)           | max Q of a next action at the end shape; NaN where  |
 |                       |                | none was valued                                     |
 """
@@ -30,9 +28,8 @@ from knotflow.samplers.primitives.networks import Actor, Critic
 
 
 def returns(batch: TensorDict, success_share: float) -> Tensor:
-    """What the actor is to repeat, (N,) in 0..1: the reward, partly for success, partly for what
-    is left. Where nothing is known of what comes next it is the reward alone.
-    """
+    """Returns (N,) in 0..1: the reward, in part for success and in part for the next value; the
+    reward alone where no next value is known."""
     if "next_value" not in batch.keys():
         return batch["reward"]
     next_value = batch["next_value"]
@@ -41,10 +38,10 @@ def returns(batch: TensorDict, success_share: float) -> Tensor:
 
 
 class CriticLoss(LossModule):
-    """Cross-entropy between the critic and what trials brought.
+    """Cross-entropy between the critic and the outcomes of trials.
 
-    Success is learned from every trial, QT-Opt's r + gamma max Q of what comes next (Sec. V-B c) in
-    two factors: what is left onward is learned from trials that succeeded and are valued.
+    QT-Opt's r + gamma max Q (Sec. V-B c) in two factors: success, learned from every trial, and the
+    next value, learned from trials that succeeded and are valued.
     """
 
     critic: Critic
@@ -60,31 +57,26 @@ class CriticLoss(LossModule):
         reward, weight = tensordict["reward"], tensordict["weight"]
         with self.critic_params.to_module(self.critic):
             logits = self.critic(tensordict["states"], tensordict["spline"], tensordict["owner"])
-        success, onward = logits.unbind(-1)
+        success, value = logits.unbind(-1)
         loss = binary_cross_entropy_with_logits(success, reward, weight=weight)
         if "next_value" in tensordict.keys():
             next_value = tensordict["next_value"]
             known = (reward > 0.5) & ~next_value.isnan()
             weight = torch.where(known, weight, 0.0)
             loss = loss + binary_cross_entropy_with_logits(
-                onward, torch.where(known, next_value, 0.0), weight=weight
+                value, torch.where(known, next_value, 0.0), weight=weight
             )
         accuracy = ((success.detach() > 0) == (reward > 0.5)).float().mean()
         return TensorDict({"loss_critic": loss, "critic_accuracy": accuracy})
 
 
 class ActorLoss(LossModule):
-    """REINFORCE from the replay buffer: -(R - b) log pi(a | s), kept from running away.
+    """Off-policy REINFORCE, -(R - b) log pi(a | s), with bounded pushes.
 
-    R is the return: of a step that others follow, how well these can be done from the shape it led
-    to, which makes the actor prefer shapes that are favourable (Sec. V-B c).
-
-    The data are not the actor's own. A success pulls the Gaussian towards it and may do so for
-    ever: with b = 0 this is reward-weighted maximum likelihood, whose optimum is the Gaussian
-    closest to the behaviour's successes. A failure pushes, and as -log pi has no upper bound, a
-    failure that the actor would not propose any more would go on pushing. So a failure counts only
-    where its density is within `reach` of the actor's typical density. (Importance weights, the
-    textbook's cure, could not be stabilised by the paper's authors either, Sec. VII-B1.)
+    With b = 0 this is reward-weighted maximum likelihood. A failure pushes, and as -log pi has no
+    upper bound, one that the actor would not propose any more would go on pushing: it counts only
+    where its log density is within `reach` of the actor's typical one. (Importance weights could
+    not be stabilised by the paper's authors either, Sec. VII-B1.)
     """
 
     actor: Actor
@@ -99,8 +91,13 @@ class ActorLoss(LossModule):
         reach: float = 3.0,
         gains_only: bool = False,
     ) -> None:
-        """`failure_weight` times the batch's baseline is b; `success_share` is that part of the
-        return which success alone brings; `reach` is in nats; with `gains_only` nothing pushes."""
+        """Args:
+        actor: that learns.
+        failure_weight: b is this times the batch's baseline.
+        success_share: part of the return that is for success alone.
+        reach: nats.
+        gains_only: leave out trials below b.
+        """
         super().__init__()
         self.convert_to_functional(actor, "actor")
         self.failure_weight, self.success_share = failure_weight, success_share
@@ -121,7 +118,7 @@ class ActorLoss(LossModule):
             advantage = advantage.clamp(min=0)
         typical = -gaussian.entropy().detach()  # the mean of log pi under pi
         counts = (advantage > 0) | (log_prob.detach() > typical - self.reach)
-        pull = weight * tensordict.get("pull", torch.ones_like(weight)) * advantage * counts
+        pull = weight * advantage * counts
         # Per unit of pull, so that the step does not depend on how often the batch succeeds.
         loss = -(pull * log_prob).sum() / pull.abs().sum().clamp(min=1.0)
         spread = factor.detach().square().sum(-1).sqrt().mean()

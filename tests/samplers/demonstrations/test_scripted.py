@@ -6,7 +6,6 @@ import pytest
 from knotflow.samplers.demonstrations import (
     DemonstratorConfig,
     NoiseConfig,
-    Trials,
     demonstrate,
     load_demonstrations,
     load_trials,
@@ -15,7 +14,7 @@ from knotflow.samplers.demonstrations import (
     succeed,
     task,
 )
-from knotflow.simulation import SPLINE_HIGH, check_splines, straight
+from knotflow.simulation import SPLINE_HIGH, Trials, check_splines, straight
 from knotflow.topology import TopologicalState, parse_action
 
 
@@ -77,31 +76,31 @@ def test_noise_has_its_spread_and_stays_in_range():
     check_splines(noisy_copies(SPLINE_HIGH, 100, np.random.default_rng(0), config))
 
 
-def make_trials(action="R1(0,1,1)", starts=2, count=5, seed=0):
+def make_trials(action="R1(0,1,1)", count=5, seed=0):
     rng = np.random.default_rng(seed)
     return Trials(
         parse_action(action),
-        rng.normal(size=(starts, 41, 3)),
-        rng.integers(0, starts, count),
+        TopologicalState.trivial(),
+        rng.normal(size=(count, 41, 3)),
         rng.normal(size=(count, 6)),
         rng.random(count) < 0.5,
     )
 
 
-def test_trials_are_read_back_and_joined(tmp_path):
+def test_trials_are_loaded_by_action(tmp_path):
     (tmp_path / "trials").mkdir()
     parts = [make_trials(seed=1), make_trials(seed=2), make_trials("R2(0,0,1,1)", seed=3)]
     for number, part in enumerate(parts):
         part.save(tmp_path / "trials" / f"{number}.npz")
     loaded = load_trials(tmp_path)
-    assert {str(action) for action in loaded} == {"R1(0,1,1)", "R2(0,0,1,1)"}
-    joined = loaded[parts[0].action]
-    assert len(joined) == 10
-    for offset, part in ((0, parts[0]), (5, parts[1])):
-        rows = slice(offset, offset + 5)
-        assert np.array_equal(joined.starts[joined.start[rows]], part.starts[part.start])
-        assert np.array_equal(joined.splines[rows], part.splines)
-        assert np.array_equal(joined.success[rows], part.success)
+    assert {str(action): len(some) for action, some in loaded.items()} == {
+        "R1(0,1,1)": 2,
+        "R2(0,0,1,1)": 1,
+    }
+    for part, read in zip(parts, [one for some in loaded.values() for one in some], strict=True):
+        assert (read.action, read.start) == (part.action, part.start)
+        for name in ("points", "splines", "success"):
+            assert np.array_equal(getattr(read, name), getattr(part, name))
 
 
 def test_a_folder_without_trials_is_an_error(tmp_path):

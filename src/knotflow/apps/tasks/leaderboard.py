@@ -17,6 +17,7 @@ from knotflow.apps.tasks.public import public_tasks
 from knotflow.intervals import wilson
 from knotflow.samplers.primitives import SHIPPED_PRIMITIVES
 from knotflow.samplers.sampler import Sampler, SamplerConfig, build_sampler
+from knotflow.topology import Action
 
 TRACKS = ("actions", "knots")
 COPIES = 12
@@ -87,23 +88,20 @@ def _icp() -> Sampler:
     from knotflow.samplers import IcpConfig, IcpSampler
     from knotflow.samplers.demonstrations import (
         NoiseConfig,
-        Trials,
         load_demonstrations,
         noisy_copies,
     )
-    from knotflow.simulation import RopeSimulator, SimulationConfig, attempt, resample
+    from knotflow.simulation import RopeSimulator, SimulationConfig, Trials, attempt, resample
 
     simulator, rng = RopeSimulator(SimulationConfig()), np.random.default_rng(0)
-    trials: dict[object, list[Trials]] = {}
+    trials: dict[Action, list[Trials]] = {}
     for one in load_demonstrations():
         points = resample(one.points, simulator.config.rope)
         splines = noisy_copies(one.spline, COPIES, rng, NoiseConfig())
         action, start = one.task.action, one.task.start_state
-        success = attempt(simulator, points, splines, action, start).success
-        index = np.zeros(COPIES, np.intp)
-        trials.setdefault(action, []).append(Trials(action, points[None], index, splines, success))
-    merged = [Trials.concatenate(some) for some in trials.values()]
-    return IcpSampler({some.action: some for some in merged}, IcpConfig())
+        tried = attempt(simulator, points, splines, action, start)
+        trials.setdefault(action, []).append(tried)
+    return IcpSampler(trials, IcpConfig())
 
 
 def main(words: list[str] | None = None) -> None:

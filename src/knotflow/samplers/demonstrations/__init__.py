@@ -7,6 +7,7 @@ from knotflow.samplers.demonstrations.dataset import (
     DemonstrationError,
     add_demonstration,
     load_demonstrations,
+    load_trials,
     merge_demonstrations,
     save_demonstrations,
 )
@@ -24,7 +25,6 @@ from knotflow.samplers.demonstrations.scripted import (
     succeed,
 )
 from knotflow.samplers.demonstrations.tasks import TASKS, Task, task, task_at
-from knotflow.samplers.demonstrations.trials import Trials, load_trials
 
 __all__ = [
     "SHIPPED",
@@ -35,7 +35,6 @@ __all__ = [
     "NoiseConfig",
     "Scored",
     "Task",
-    "Trials",
     "add_demonstration",
     "aim",
     "aim_anywhere",

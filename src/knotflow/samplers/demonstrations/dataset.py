@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.samplers.demonstrations.tasks import TASKS, Task, task
-from knotflow.simulation import check_splines
-from knotflow.topology import parse_action
+from knotflow.simulation import Trials, check_splines
+from knotflow.topology import Action, parse_action
 
 SHIPPED = Path(__file__).parent / "data" / "scripted.jsonl"
 """The demonstrations that come with the package."""
@@ -145,3 +145,14 @@ def _deed(one: Demonstration) -> str:
             "points": np.round(one.points, 6).tolist(),
         }
     )
+
+
+def load_trials(folder: Path) -> dict[Action, list[Trials]]:
+    """All trials of a `demonstrations` stage's output, by action: an item a demonstrated rope."""
+    trials: dict[Action, list[Trials]] = {}
+    for path in sorted((Path(folder) / "trials").glob("*.npz")):
+        own = Trials.load(path)
+        trials.setdefault(own.action, []).append(own)
+    if not trials:
+        raise FileNotFoundError(f"no trials (*.npz) in {folder}/trials")
+    return trials

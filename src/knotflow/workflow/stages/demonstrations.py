@@ -15,11 +15,10 @@ from knotflow.samplers.demonstrations import (
     SHIPPED,
     Demonstration,
     NoiseConfig,
-    Trials,
     load_demonstrations,
     noisy_copies,
 )
-from knotflow.simulation import RopeSimulator, SimulationConfig, attempt, resample
+from knotflow.simulation import RopeSimulator, SimulationConfig, Trials, attempt, resample
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.signature import runtime
 from knotflow.workflow.stage import stage
@@ -80,8 +79,7 @@ def _simulate(config: DemonstrationsConfig, context: StageContext, name: str) ->
     simulator = RopeSimulator(config.simulation)
     tried = attempt(simulator, points, splines, one.task.action, one.task.start_state, recorder)
     with context.atomic(f"trials/{name}.npz") as path:
-        zeros = np.zeros(len(splines), dtype=np.intp)
-        Trials(one.task.action, points[None], zeros, splines, tried.success).save(path)
+        tried.save(path)
     recorder.save(f"recordings/{name}.mcap")
 
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
-from knotflow.samplers.demonstrations import SHIPPED, TASKS, Task, Trials, load_trials
+from knotflow.samplers.demonstrations import SHIPPED, TASKS, Task, load_trials
 from knotflow.samplers.primitives import (
     FILE,
     PRIMITIVES,
@@ -17,12 +15,12 @@ from knotflow.samplers.primitives import (
     PrimitiveLibrary,
     primitive_of,
 )
-from knotflow.simulation import RopeConfig
-from knotflow.topology import Action, segment_intervals
+from knotflow.simulation import RopeConfig, Trials
+from knotflow.topology import Action
 from knotflow.training import Imitation, ImitationConfig
+from knotflow.training.trainer import CURVES, merge_curves, run_training
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
-from knotflow.workflow.stages.curves import Curves
 
 
 @dataclass(kw_only=True)
@@ -61,26 +59,31 @@ def _imitate(
         config.imitation,
         config.seed + number,
     )
-    curves = Curves(context, part)
-    if checkpoint := curves.checkpoint():
-        training.load(checkpoint)
-    bar = context.progress(
-        total=config.imitation.validations, initial=len(curves), desc=f"imitation {number}"
-    )
-    with bar:
-        for metrics in training:
-            curves.add(number, metrics)
-            bar.update()
-            if len(curves) % 10 == 0:
-                with curves.saving() as folder:
-                    training.save(folder)
-    curves.save()
-    library = PrimitiveLibrary({number: training.primitive}, {number: list(trials)}, config.rope)
-    with context.atomic(f"{part}.safetensors") as path:
-        library.save(path)
+
+    def finish() -> None:
+        actions = {number: list(trials)}
+        library = PrimitiveLibrary({number: training.primitive}, actions, config.rope)
+        with context.atomic(f"{part}.safetensors") as path:
+            library.save(path)
+
+    run_training(
+        training, context.out / part, name=f"imitation {number}", progress=context.progress,
+        save_every=10, finish=finish, log=log_to(context, number),
+    )  # fmt: skip
 
 
-def demonstrated(number: int, trials: Mapping[Action, Trials]) -> dict[Action, Trials]:
+def log_to(context: StageContext, number: int) -> Callable[[str, float, int], None]:
+    """Logs the metrics of a primitive's training."""
+
+    def log(name: str, value: float, step: int) -> None:
+        context.logger.log_scalar(f"primitive_{number}/{name}", value, step)
+
+    return log
+
+
+def demonstrated(
+    number: int, trials: Mapping[Action, Sequence[Trials]]
+) -> dict[Action, list[Trials]]:
     """Of all trials those that a primitive, 1 to 4, learns from.
 
     Actions beyond the eight tasks are among them, if somebody has demonstrated some.
@@ -88,12 +91,11 @@ def demonstrated(number: int, trials: Mapping[Action, Trials]) -> dict[Action, T
     Raises:
         ValueError: there are none.
     """
-    chosen: dict[Action, Trials] = {}
+    chosen: dict[Action, list[Trials]] = {}
     for action, some in trials.items():
-        segments = [len(segment_intervals(points)) for points in some.starts]
-        own = np.flatnonzero([primitive_of(action, count) == number for count in segments])
-        if len(own):
-            chosen[action] = some.from_starts(own)
+        own = [one for one in some if primitive_of(action, one.start.num_segments) == number]
+        if own:
+            chosen[action] = own
     if not chosen:
         raise ValueError(
             f"there is no demonstration for primitive {number}, which learns "
@@ -120,4 +122,6 @@ def merge(context: StageContext, parts: list[str]) -> None:
     with context.atomic(FILE) as path:
         libraries = [PrimitiveLibrary.load(context.out / f"{part}.safetensors") for part in parts]
         PrimitiveLibrary.merged(libraries).save(path)
-    Curves.merge(context, parts)
+    curves = {number_of(part): context.out / part / CURVES for part in parts}
+    with context.atomic(CURVES) as path:
+        merge_curves(curves).to_csv(path, index=False, float_format="%.6g")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -12,12 +12,12 @@ import numpy as np
 from knotflow.recording import write_index
 from knotflow.samplers.demonstrations import load_trials
 from knotflow.samplers.primitives import FILE, PRIMITIVES, PrimitiveLibrary
-from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig
+from knotflow.simulation import Attempts, RopeSimulator, SimulationConfig, StartsConfig
 from knotflow.training import Reinforcement, ReinforcementConfig
+from knotflow.training.trainer import run_training
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
-from knotflow.workflow.stages.curves import Curves
-from knotflow.workflow.stages.imitation import merge, number_of, tasks_of
+from knotflow.workflow.stages.imitation import log_to, merge, number_of, tasks_of
 from knotflow.workflow.stages.recorder import Recorder
 
 
@@ -57,38 +57,34 @@ def _reinforce(
     tasks = tasks_of(number)
     trials = load_trials(inputs["demonstrations"])
     rope = config.simulation.rope
+
+    def record(index: int, attempts: Sequence[Attempts]) -> None:
+        first = number * 1_000_000 + index * sum(map(len, attempts))
+        recorder = Recorder(context, "reinforcement", rope, first)
+        for some in attempts:
+            recorder(some)
+        recorder.save(f"recordings/{part}-{index:03d}.mcap")
+
     training = Reinforcement(
         PrimitiveLibrary.load(inputs["imitation"] / FILE, rope).primitives[number],
-        [trials[task.action] for task in tasks],
+        [one for task in tasks for one in trials[task.action]],
         {task: _pool(inputs["pools"], str(task.start_state)) for task in tasks},
         RopeSimulator(config.simulation),
         config.reinforcement,
         config.seed + number,
         config.starts,
+        record,
     )
-    curves = Curves(context, part)
-    if checkpoint := curves.checkpoint():
-        training.load(checkpoint)
-    bar = context.progress(
-        total=config.reinforcement.rounds, initial=len(curves), desc=f"reinforcement {number}"
-    )
-    with bar:
-        for one in training:
-            curves.add(number, one.metrics)
-            each = sum(len(attempts) for attempts in one.attempts)
-            first = number * 1_000_000 + one.index * each
-            recorder = Recorder(context, "reinforcement", rope, first)
-            for attempts in one.attempts:
-                recorder(attempts)
-            recorder.save(f"recordings/{part}-{one.index:03d}.mcap")
-            bar.update()
-            if len(curves) % 4 == 0:
-                with curves.saving() as folder:
-                    training.save(folder)
-    curves.save()
-    actions = [task.action for task in tasks]
-    with context.atomic(f"{part}.safetensors") as path:
-        PrimitiveLibrary({number: training.primitive}, {number: actions}, rope).save(path)
+
+    def finish() -> None:
+        actions = [task.action for task in tasks]
+        with context.atomic(f"{part}.safetensors") as path:
+            PrimitiveLibrary({number: training.primitive}, {number: actions}, rope).save(path)
+
+    run_training(
+        training, context.out / part, name=f"reinforcement {number}", progress=context.progress,
+        save_every=4, finish=finish, log=log_to(context, number),
+    )  # fmt: skip
 
 
 def _pool(folder: Path, state: str) -> np.ndarray:

@@ -16,12 +16,19 @@ import pandas as pd
 from knotflow.recording import load
 from knotflow.samplers.demonstrations import TASKS, load_trials
 from knotflow.samplers.primitives import FILE, PrimitiveLibrary
-from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, state_or_none
+from knotflow.simulation import (
+    Attempts,
+    Rollouts,
+    RopeSimulator,
+    SimulationConfig,
+    StartsConfig,
+    state_or_none,
+)
 from knotflow.topology import TopologicalState, parse_action
-from knotflow.training import SelfPlay, SelfPlayConfig, Transitions
+from knotflow.training import SelfPlay, SelfPlayConfig
+from knotflow.training.trainer import CURVES, merge_curves, run_training
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
-from knotflow.workflow.stages.curves import Curves
 
 PART = "self_play"
 SAVED_EVERY = 25
@@ -57,40 +64,33 @@ def play(config: SelfPlayStageConfig, inputs: Mapping[str, Path], context: Stage
         config.seed,
         config.starts,
     )
-    curves = Curves(context, PART)
-    if checkpoint := curves.checkpoint():
-        training.load(checkpoint)
-    bar = context.progress(
-        total=config.training.rounds, initial=training.rounds_done, desc="self-play"
-    )
-    with bar:
-        for one in training:
-            for number, metrics in one.metrics.items():
-                curves.add(number, metrics)
-            bar.update()
-            if training.rounds_done % SAVED_EVERY == 0:
-                with curves.saving() as folder:
-                    training.save(folder)
-    curves.save()
-    with context.atomic(FILE) as file:
-        training.library.save(file)
-    with context.atomic("trials.csv") as file:
-        trials_table(training).to_csv(file, index=False)
-    Curves.merge(context, [PART])  # last, for it drops the checkpoints
+
+    def finish() -> None:
+        with context.atomic(FILE) as file:
+            training.library.save(file)
+        with context.atomic("trials.csv") as file:
+            trials_table(training).to_csv(file, index=False)
+        with context.atomic(CURVES) as file:
+            curves = merge_curves({1: context.out / PART / CURVES})
+            curves.to_csv(file, index=False, float_format="%.6g")
+
+    run_training(
+        training, context.out / PART, name="self-play", progress=context.progress,
+        save_every=SAVED_EVERY, finish=finish, log=context.logger.log_scalar,
+    )  # fmt: skip
 
 
 def trials_table(training: SelfPlay) -> pd.DataFrame:
     """The trials of every pair of state and action, and how many of them succeeded."""
     rows = [
-        (str(state), str(action), record.trials, record.successes, record.rate)
-        for (state, action), record in training.curriculum.records.items()
-        if record.trials
+        (str(state), str(action), pair.trials, pair.successes, pair.rate)
+        for (state, action), pair in training.curriculum.stats.items()
     ]
     columns = ["start", "action", "trials", "successes", "recent_rate"]
     return pd.DataFrame(rows, columns=columns).sort_values(["start", "action"])
 
 
-def earlier_attempts(folder: Path, count: int) -> list[Transitions]:
+def earlier_attempts(folder: Path, count: int) -> list[Attempts]:
     """The newest `count` attempts of each action among the recordings of a stage.
 
     Shapes are recorded in single precision; the few whose state this changes are left out.
@@ -119,13 +119,20 @@ def earlier_attempts(folder: Path, count: int) -> list[Transitions]:
             ]
         )
         found.append(
-            Transitions(
+            Attempts.of(
                 parse_action(action),
                 before,
                 points[legible],
                 own[splines].to_numpy(np.float64)[legible],
-                success[legible],
-                ends[legible],
+                _first_and_last(points[legible], ends[legible]),
+                [after if hit else None for hit in success[legible]],
             )
         )
     return found
+
+
+def _first_and_last(points: np.ndarray, ends: np.ndarray) -> Rollouts:
+    """Rollouts of which only the first and the last frame are known."""
+    frames = np.stack([points, ends], axis=1).astype(np.float32)
+    nowhere = np.full((len(points), 2, 3), np.nan, np.float32)
+    return Rollouts(np.array([0.0, 1.0]), frames, nowhere, ends, np.zeros(len(points), bool))

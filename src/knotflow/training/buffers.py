@@ -1,0 +1,301 @@
+"""Replay buffers of trials, the batches drawn from them, and buffers of start shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tensordict import TensorDict
+from torch import Tensor
+from torch.nn.functional import pad
+from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
+
+from knotflow.topology import TopologicalState
+from knotflow.topology.symmetry import Symmetry, representative
+from knotflow.training.config import AugmentationConfig
+
+Floats = NDArray[np.float64]
+
+
+class ReplayBuffer:
+    """A TorchRL ring buffer whose contents and write cursor can be saved."""
+
+    def __init__(self, capacity: int, generator: torch.Generator) -> None:
+        self._generator = generator
+        self._replay = TensorDictReplayBuffer(
+            storage=LazyTensorStorage(capacity), generator=generator
+        )
+
+    def __len__(self) -> int:
+        return len(self._replay)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Contents and write cursor; the generator is its owner's to save."""
+        return {
+            "count": len(self),
+            "items": self._replay[:].to_dict() if len(self) else {},
+            "writer": self._replay.writer.state_dict(),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self._replay.empty()
+        if state["count"]:
+            self._replay.extend(TensorDict(state["items"], [state["count"]]))
+        self._replay.writer.load_state_dict(state["writer"])
+
+    def _draw(self, count: int) -> TensorDict:
+        """All items, or `count` random ones where there are more."""
+        return self._replay[:] if len(self) <= count else self._replay.sample(count)
+
+
+class TrialBuffer(ReplayBuffer):
+    """Encoded ropes, each with up to `slots` trials.
+
+    Sampling takes ropes, then trials of each, so that the networks' trunks run once a rope.
+    """
+
+    def __init__(self, capacity: int, slots: int, generator: torch.Generator) -> None:
+        super().__init__(capacity, generator)
+        self.slots = slots
+
+    @property
+    def num_trials(self) -> int:
+        return int(self._replay[:]["count"].sum()) if len(self) else 0
+
+    def extend(
+        self, states: TensorDict, splines: Sequence[Tensor], rewards: Sequence[Tensor]
+    ) -> None:
+        """Add S ropes with splines (K_s, 6) in network space and rewards (K_s,) each.
+
+        Raises:
+            ValueError: a rope has no trials, or more than there are slots.
+        """
+        items = []
+        for spline, reward in zip(splines, rewards, strict=True):
+            count = len(spline)
+            if not 0 < count <= self.slots:
+                raise ValueError(f"a rope of this buffer has 1 to {self.slots} trials, not {count}")
+            padding = self.slots - count
+            items.append(
+                TensorDict(
+                    {
+                        "spline": pad(spline.float(), (0, 0, 0, padding)),
+                        "reward": pad(reward.float(), (0, padding)),
+                        "count": torch.tensor(count),
+                    }
+                )
+            )
+        stacked = TensorDict.stack(items)
+        stacked["states"] = states
+        self._replay.extend(stacked)
+
+    def sample(self, ropes: int, trials: int) -> TensorDict:
+        """Up to `trials` trials of each of up to `ropes` ropes, as `losses` describes them."""
+        items = self._draw(ropes)
+        count, reward = items["count"], items["reward"]
+        keys = torch.rand(len(items), self.slots, generator=self._generator)
+        keys[torch.arange(self.slots) >= count[:, None]] = 2.0
+        order = keys.argsort(dim=1)[:, :trials]
+        valid = keys.gather(1, order) < 2.0
+        owner = torch.arange(len(items))[:, None].expand_as(order)[valid]
+        return TensorDict(
+            {
+                "states": items["states"],
+                "owner": owner,
+                "spline": items["spline"].gather(1, order[..., None].expand(-1, -1, 6))[valid],
+                "reward": reward.gather(1, order)[valid],
+                "baseline": (reward.sum(1) / count)[owner],
+                "weight": torch.ones(len(owner)),
+            }
+        )
+
+
+class TransitionBuffer(ReplayBuffer):
+    """Single trials, each with the encoded rope that a next action would begin with.
+
+    `next_value` is the critic's value of that action when the trial was stored or last refreshed:
+    QT-Opt's lagged targets.
+    """
+
+    @property
+    def num_successes(self) -> int:
+        return int((self._replay[:]["reward"] > 0.5).sum()) if len(self) else 0
+
+    def extend(self, trials: TensorDict) -> None:
+        """Add N trials; the oldest are overwritten.
+
+        Args:
+            trials: [N] with "states" and "next_states" (encoded ropes before and after),
+                "next_primitive" (N,) int64 of the next action, -1 where none is valued, "spline"
+                (N, 6) in network space, "reward", "baseline" and "next_value" (N,), the last NaN
+                where there is no next primitive.
+        """
+        if len(trials):
+            self._replay.extend(trials)
+
+    def refresh(self, value: Callable[[int, TensorDict], Tensor], count: int) -> None:
+        """Revalue `count` random trials; `value(primitive, states [M])` gives values (M,)."""
+        if not len(self):
+            return
+        rows = torch.randperm(len(self), generator=self._generator)[:count]
+        items = self._replay[rows].clone()
+        for primitive in sorted({*items["next_primitive"].tolist()} - {-1}):
+            own = torch.nonzero(items["next_primitive"] == primitive)[:, 0]
+            items["next_value"][own] = value(primitive, items["next_states"][own])
+        self._replay[rows] = items
+
+    def sample(self, ropes: int, trials: int) -> TensorDict:
+        """Up to `ropes` trials as `losses` describes them, with the key `next_value`."""
+        items = self._draw(ropes)
+        batch = TensorDict(
+            {key: items[key] for key in ("states", "spline", "reward", "baseline", "next_value")}
+        )
+        batch["weight"] = torch.ones(len(items))
+        batch["owner"] = torch.arange(len(items))
+        return batch
+
+
+def mix(parts: Sequence[TensorDict], shares: Sequence[float]) -> TensorDict:
+    """Batches from several buffers as one, in which each counts with its share.
+
+    Where one has next values, the others' are NaN.
+    """
+    offset = 0
+    owners, weights = [], []
+    total = sum(len(part["owner"]) for part in parts)
+    for part, share in zip(parts, shares, strict=True):
+        owners.append(part["owner"] + offset)
+        weights.append(part["weight"] * share / sum(shares) * total / len(part["owner"]))
+        offset += len(part["states"])
+    columns = {
+        key: torch.cat([part[key] for part in parts]) for key in ("spline", "reward", "baseline")
+    }
+    if any("next_value" in part.keys() for part in parts):
+        unknown = [torch.full_like(part["reward"], torch.nan) for part in parts]
+        columns["next_value"] = torch.cat(
+            [part.get("next_value", nan) for part, nan in zip(parts, unknown, strict=True)]
+        )
+    return TensorDict(
+        {
+            "states": torch.cat([part["states"] for part in parts]),
+            "owner": torch.cat(owners),
+            "weight": torch.cat(weights),
+            **columns,
+        }
+    )
+
+
+def augment(
+    batch: TensorDict, config: AugmentationConfig, generator: torch.Generator
+) -> TensorDict:
+    """A batch with each rope and its trials moved rigidly on the table at random.
+
+    The networks' frame is attached to one place of the rope; this keeps them from trusting just
+    this place, the more so as demonstrations have few start shapes.
+    """
+    ropes = len(batch["states"])
+    angle = config.turn * torch.randn(ropes, generator=generator)
+    turn = torch.stack([angle.cos(), -angle.sin(), angle.sin(), angle.cos()], dim=1)
+    turn = turn.reshape(ropes, 2, 2)
+    shift = config.shift * torch.randn(ropes, 1, 2, generator=generator)
+    streams = batch["states"]["streams"].clone()
+    streams[..., :2] = streams[..., :2] @ turn.mT + shift
+    streams[..., 4:6] = streams[..., 4:6] @ turn.mT  # directions
+    owner, spline = batch["owner"], batch["spline"].clone()
+    for columns in (slice(1, 3), slice(4, 6)):
+        turned = (turn[owner] @ spline[:, columns, None])[..., 0]
+        spline[:, columns] = turned + shift[owner, 0]
+    out = batch.copy()
+    out["states"] = batch["states"].copy().update({"streams": streams})
+    out["spline"] = spline
+    return out
+
+
+def transformed(points: Floats, symmetry: Symmetry) -> Floats:
+    """Ropes (..., V, 3) mirrored at the x axis and read from the other end, as the symmetry is."""
+    points = np.asarray(points, dtype=np.float64)
+    if symmetry.mirror:
+        points = points * [1, -1, 1]
+    return np.ascontiguousarray(points[..., ::-1, :]) if symmetry.reverse else points
+
+
+class StateBuffer:
+    """At most `capacity` rope shapes in each topological state; a full state forgets random ones.
+
+    Mirror and Reverse make up to four states one (Sec. V-A): a shape of any of them is kept as a
+    shape of the representative one.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        self.capacity = capacity
+        self._shapes: dict[TopologicalState, list[Floats]] = {}
+
+    def __iter__(self) -> Iterator[TopologicalState]:
+        """The states that shapes are known of."""
+        return iter(self._shapes)
+
+    def __len__(self) -> int:
+        """Number of states that shapes are known of."""
+        return len(self._shapes)
+
+    def add(self, points: Floats, state: TopologicalState, rng: np.random.Generator) -> None:
+        """Keep a rope (V, 3), metres, at rest in a state."""
+        state, symmetry = representative(state)
+        shapes = self._shapes.setdefault(state, [])
+        shape = transformed(points, symmetry)
+        if len(shapes) < self.capacity:
+            shapes.append(shape)
+        else:
+            shapes[rng.integers(self.capacity)] = shape
+
+    def draw(self, state: TopologicalState, rng: np.random.Generator) -> Floats:
+        """A shape (V, 3), metres, of a representative state."""
+        shapes = self._shapes[state]
+        return shapes[rng.integers(len(shapes))]
+
+    def state_dict(self) -> dict[str, Any]:
+        return {
+            str(state): torch.from_numpy(np.stack(shapes)) for state, shapes in self._shapes.items()
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self._shapes = {
+            TopologicalState.parse(name): list(shapes.numpy()) for name, shapes in state.items()
+        }
+
+
+class InitialStateBuffer:
+    """Start shapes in one topological state: given ones, and the newest that trials left behind."""
+
+    def __init__(self, given: Floats, recycled_share: float, capacity: int) -> None:
+        """Begin with the given shapes.
+
+        Args:
+            given: (P, V, 3) metres.
+            recycled_share: share of the draws that trials left behind, once there are some.
+            capacity: how many of those are kept.
+        """
+        self.given = np.asarray(given, dtype=np.float64)
+        self.recycled_share, self.capacity = recycled_share, capacity
+        self.recycled = self.given[:0]
+
+    def draw(self, count: int, rng: np.random.Generator) -> Floats:
+        """Shapes (count, V, 3), metres; given ones without repetition where there are enough."""
+        out = self.given[rng.choice(len(self.given), count, replace=len(self.given) < count)]
+        if len(self.recycled):
+            rows = np.flatnonzero(rng.random(count) < self.recycled_share)
+            out[rows] = self.recycled[rng.integers(len(self.recycled), size=len(rows))]
+        return out
+
+    def recycle(self, points: Floats) -> None:
+        """Take shapes (N, V, 3) that trials ended in."""
+        self.recycled = np.concatenate([self.recycled, points])[-self.capacity :]
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"recycled": torch.from_numpy(self.recycled)}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self.recycled = state["recycled"].numpy()
