@@ -43,13 +43,19 @@ def test_trials_and_recordings_tell_the_same(demonstrated):
     _, out = demonstrated
     rollouts = load(out / "recordings")
     trials = load_trials(out)
-    assert len(rollouts) == 2 * 4 + 6 * 6 == sum(map(len, trials.values()))
+    assert (
+        len(rollouts) == 2 * 4 + 6 * 6 == sum(len(one) for some in trials.values() for one in some)
+    )
     assert sorted(rollouts["number"]) == list(range(len(rollouts)))
     for action, some in trials.items():
         of_action = rollouts[rollouts["action"] == str(action)].sort_values("number")
-        assert np.array_equal((of_action["outcome"] == "success").to_numpy(), some.success)
+        assert np.array_equal(
+            (of_action["outcome"] == "success").to_numpy(),
+            np.concatenate([one.success for one in some]),
+        )
         columns = [name for name in rollouts if name.startswith("spline_")]
-        assert np.array_equal(of_action[columns].to_numpy(), some.splines)
+        splines = np.concatenate([one.splines for one in some])
+        assert np.array_equal(of_action[columns].to_numpy(), splines)
     table = pd.read_csv(out / "success.csv")
     assert table["trials"].sum() == len(rollouts)
     assert table["successes"].sum() == (rollouts["outcome"] == "success").sum()
