@@ -85,8 +85,9 @@ from knotflow.topology import (
     solution_graph,
 )
 from knotflow.topology.draw import draw
-from knotflow.training import ActorLoss, CriticLoss, Learner, LearnerConfig
+from knotflow.training import Learner, LearnerConfig
 from knotflow.training.learner import demonstration_buffer
+from knotflow.training.losses import actor_loss, critic_loss
 from knotflow.versions import COMPONENTS
 from knotflow.workflow.dependencies import component_versions, modules_of
 
@@ -236,8 +237,9 @@ def training() -> dict[str, Any]:
             "weight": torch.ones(4),
         }
     )
-    critic, actor = CriticLoss(filled(Critic(SMALL))), ActorLoss(filled(Actor(SMALL)), 0.5)
-    losses = {name: loss for part in (critic, actor) for name, loss in part(batch).items()}
+    losses = critic_loss(filled(Critic(SMALL)), batch) | actor_loss(
+        filled(Actor(SMALL)), batch, failure_weight=0.5
+    )
     return losses | {f"settling_{name}": value for name, value in after_reset().items()}
 
 

@@ -178,14 +178,12 @@ class GoalsBudget:
 
 @dataclass
 class GoalsAblationBudget:
-    """What each part of planning and of self-play brings on random goals."""
+    """What each part of planning brings on random goals."""
 
     three: int = 20
     """Goals of three crossings, the first of those of `goals`."""
     four: int = 10
     """Goals of four crossings, the first of those of `goals`."""
-    rounds: int = 30
-    """Of self-play with and without hindsight."""
 
 
 @dataclass

@@ -188,7 +188,7 @@ def test_joint_finetuning_is_measured_on_any_overhand_before_and_after(workflow_
 
 EXPERIMENTS = (
     *("single_stage", "tree_size", "ablation_actor_critic", "joint_finetuning", "pentagram"),
-    *("knots", "goals", "goals_ablation", "self_play_ablation", "actions"),
+    *("knots", "goals", "goals_ablation", "actions"),
 )
 
 
@@ -219,15 +219,6 @@ def test_ablations_search_for_the_same_goals_and_lack_one_part(workflow_of):
     for name, changes in lacking.items():
         planner = replace(complete.planner, **changes)
         assert workflow.config(name) == replace(complete, planner=planner)
-    workflow = workflow_of("+experiment=self_play_ablation")
-    for name in ("with_hindsight", "without_hindsight"):
-        config = workflow.config(name)
-        assert config == replace(complete, sampler=config.sampler)
-    taught, untaught = (
-        workflow.config(workflow.stages[name].needs["primitives"])
-        for name in ("with_hindsight", "without_hindsight")
-    )
-    assert untaught == replace(taught, training=replace(taught.training, hindsight=False))
 
 
 @pytest.mark.slow

@@ -5,9 +5,8 @@ import torch
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from knotflow.samplers.primitives import Actor, Critic, NetworkConfig
-from knotflow.training import ActorLoss, CriticLoss
 from knotflow.training.learner import demonstration_buffer
-from knotflow.training.losses import returns
+from knotflow.training.losses import actor_loss, critic_loss, returns
 
 NETWORK = NetworkConfig(lstm=8, attention=4, stream=8, feature=8, head=8)
 
@@ -23,12 +22,12 @@ def test_critic_loss_is_cross_entropy_with_the_reward(batch):
     critic = Critic(NETWORK)
     success, _ = critic(batch["states"], batch["spline"], batch["owner"]).unbind(-1)
     expected = binary_cross_entropy_with_logits(success, batch["reward"])
-    torch.testing.assert_close(CriticLoss(critic)(batch)["loss_critic"], expected)
+    torch.testing.assert_close(critic_loss(critic, batch)["loss_critic"], expected)
 
 
 def test_next_value_is_learned_from_valued_successes(batch):
     critic = Critic(NETWORK)
-    alone = CriticLoss(critic)(batch)["loss_critic"]
+    alone = critic_loss(critic, batch)["loss_critic"]
     hits = torch.nonzero(batch["reward"] > 0)[:, 0]
     assert len(hits) > 1
     batch["next_value"] = torch.full_like(batch["reward"], 0.8)
@@ -38,7 +37,7 @@ def test_next_value_is_learned_from_valued_successes(batch):
     expected = binary_cross_entropy_with_logits(
         valued, torch.full_like(valued, 0.8), reduction="sum"
     ) / len(batch["reward"])
-    loss = CriticLoss(critic)(batch)["loss_critic"]
+    loss = critic_loss(critic, batch)["loss_critic"]
     torch.testing.assert_close(loss, alone + expected)
     loss.backward()
     assert all(p.grad is None or p.grad.isfinite().all() for p in critic.parameters())
@@ -66,7 +65,7 @@ def test_actor_loss_without_baseline_is_likelihood_of_successes(batch):
         ]
     )
     expected = -log_prob[batch["reward"] > 0].mean()
-    loss = ActorLoss(actor)(batch)["loss_actor"]
+    loss = actor_loss(actor, batch)["loss_actor"]
     torch.testing.assert_close(loss, expected, atol=1e-4, rtol=1e-4)
 
 
@@ -78,21 +77,20 @@ def test_failures_count_only_within_reach_of_the_actor(batch):
     near["spline"] = actor(batch["states"])[0].detach()[batch["owner"]]
     far = batch.clone()
     far["spline"] = near["spline"] + 100
-    loss = ActorLoss(actor, failure_weight=1.0)
 
     def gradient(some):
         actor.zero_grad()
-        loss(some)["loss_actor"].backward()
+        actor_loss(actor, some, failure_weight=1.0)["loss_actor"].backward()
         return sum(float(p.grad.abs().sum()) for p in actor.parameters())
 
     assert gradient(near) > 0
     assert gradient(far) == 0
-    assert ActorLoss(actor, failure_weight=0.0)(near)["loss_actor"] == 0
+    assert actor_loss(actor, near, failure_weight=0.0)["loss_actor"] == 0
 
 
 def test_gains_only_leaves_out_trials_below_the_baseline(batch):
     actor = Actor(NETWORK)
     batch["baseline"] = torch.full_like(batch["baseline"], 2.0)
-    pushed = ActorLoss(actor, failure_weight=1.0)(batch)["loss_actor"]
+    pushed = actor_loss(actor, batch, failure_weight=1.0)["loss_actor"]
     assert pushed != 0
-    assert ActorLoss(actor, failure_weight=1.0, gains_only=True)(batch)["loss_actor"] == 0
+    assert actor_loss(actor, batch, failure_weight=1.0, gains_only=True)["loss_actor"] == 0

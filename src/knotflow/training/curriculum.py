@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from knotflow.topology import R1, Action, ForwardAction, TopologicalState, parse_action
 
@@ -19,8 +19,6 @@ KIND_SHARES = {"R1": 2.0, INNER_R1: 0.5, "R2": 1.0, "C": 3.0}
 """How often kinds of actions are drawn, relative to each other. Cross, and R1 on a segment with an
 end, lead to every state of up to three crossings; to twist a loop into a segment between two
 crossings hardly ever succeeds."""
-
-_Rate = TypeVar("_Rate", float, NDArray[np.float64])
 
 UNDO = "undo"
 """The kind of all actions that undo another."""
@@ -51,9 +49,10 @@ def pairs_by_kind(state: TopologicalState, most_crossings: int) -> Mapping[str, 
     return {kind: tuple(pairs) for kind, pairs in found.items()}
 
 
-def sampling_priority(rate: _Rate) -> _Rate:
+def sampling_priority(rate: ArrayLike) -> Any:
     """Priority, 0..0.4, of what succeeds at a rate: highest at 1/3, 0 at 0 and 1."""
-    return cast(_Rate, (1 - rate) * rate**0.5)
+    rate = np.asarray(rate)
+    return (1 - rate) * rate**0.5
 
 
 @dataclass
@@ -75,7 +74,7 @@ class PairStats:
     def priority(self) -> float:
         """`sampling_priority` of the rate, which is taken to be low until success is seen."""
         recent = min(self.trials, 100)
-        return sampling_priority((recent * self.rate + 0.5) / (recent + 2.5))
+        return float(sampling_priority((recent * self.rate + 0.5) / (recent + 2.5)))
 
 
 _UNTRIED = PairStats()

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from knotflow.samplers.primitives.primitive import Primitive, PrimitiveConfig
+from knotflow.samplers.primitives.config import PrimitiveConfig
+from knotflow.samplers.primitives.primitive import Primitive
 from knotflow.simulation import Trials
 from knotflow.training.config import ImitationConfig
 from knotflow.training.learner import Learner, demonstration_buffer
@@ -68,11 +69,8 @@ class Imitation(Trainer):
     @torch.no_grad()
     def validate(self) -> Metrics:
         """Losses on the held-out trials."""
-        return {
-            f"validation_{key}": float(value)
-            for loss in self.learner.losses
-            for key, value in loss(self._validation).items()
-        }
+        measured = self.learner.measure(self._validation)
+        return {f"validation_{key}": float(value) for key, value in measured.items()}
 
     def state_dict(self) -> dict[str, Any]:
         return super().state_dict() | {"learner": self.learner.state_dict()}

@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 import torch
+from tensordict import TensorDict
+from torch import Tensor
 
 from knotflow.samplers.primitives.encoding import encode
 from knotflow.samplers.primitives.networks import Critic
@@ -22,7 +24,7 @@ from knotflow.simulation import Trials
 from knotflow.threads import one_thread
 from knotflow.training.buffers import TransitionBuffer, TrialBuffer, augment, mix
 from knotflow.training.config import LearnerConfig
-from knotflow.training.losses import ActorLoss, CriticLoss
+from knotflow.training.losses import actor_loss, critic_loss
 
 _GLOBAL_GENERATOR = Lock()
 """Learners run in threads, but new weights come from PyTorch's one global generator."""
@@ -36,18 +38,6 @@ class Learner:
         self.generator = torch.Generator().manual_seed(seed)
         self.demonstrations: TrialBuffer | None = None
         self.rollouts: TrialBuffer | TransitionBuffer | None = None
-        self.losses: list[CriticLoss | ActorLoss] = []
-        if primitive.critic is not None:
-            self.losses.append(CriticLoss(primitive.critic))
-        if primitive.actor is not None:
-            self.losses.append(
-                ActorLoss(
-                    primitive.actor,
-                    config.failure_weight,
-                    config.success_share,
-                    gains_only=config.gains_only,
-                )
-            )
         networks = ((primitive.actor, 1.0), (primitive.critic, config.critic_reset_boost))
         groups = [
             {"params": list(network.parameters()), "boost": boost}
@@ -92,16 +82,26 @@ class Learner:
         if not parts:
             raise ValueError("a learner needs demonstrations or rollouts before it can update")
         batch = augment(mix(parts, shares), config.augmentation, self.generator)
-        outcomes = [loss(batch) for loss in self.losses]
+        measured = self.measure(batch)
         self.optimizer.zero_grad(set_to_none=True)
-        losses = [value for out in outcomes for key, value in out.items() if key[:5] == "loss_"]
-        torch.autograd.backward(sum(losses))
+        losses = [value for key, value in measured.items() if key.startswith("loss_")]
+        torch.autograd.backward(torch.stack(losses).sum())
         torch.nn.utils.clip_grad_norm_(self.primitive.parameters(), config.gradient_norm)
         for group in self.optimizer.param_groups:
             boost = group["boost"] if after_reset else 1.0
             group["lr"] = rate * boost * config.learning_rate
         self.optimizer.step()
-        return {key: float(value.detach()) for out in outcomes for key, value in out.items()}
+        return {key: float(value.detach()) for key, value in measured.items()}
+
+    def measure(self, batch: TensorDict) -> dict[str, Tensor]:
+        """The losses of a batch and their companions."""
+        config, actor, critic = self.config, self.primitive.actor, self.primitive.critic
+        out = {} if critic is None else critic_loss(critic, batch)
+        if actor is not None:
+            out |= actor_loss(
+                actor, batch, config.failure_weight, config.success_share, config.gains_only
+            )
+        return out
 
     def fit(self, steps: int, reset: bool = False, stop: Event | None = None) -> dict[str, float]:
         """Gradient steps; the means of what `update` gives.

@@ -200,8 +200,8 @@ class SelfPlay(Trainer):
         )
         numbers = np.where(arranging, ARRANGE, [query.rope.primitive for query in queries])
         for number in sorted(set(numbers.tolist())):
-            rows = np.flatnonzero((numbers == number) & ~guessed)
-            if not len(rows):
+            rows = np.flatnonzero((numbers == number) & ~guessed).tolist()
+            if not rows:
                 continue
             encoded = encode_canonical([queries[row].rope for row in rows], number == ARRANGE)
             use_next_value = number == ARRANGE or bool(rng.random() < 0.5)
@@ -210,7 +210,7 @@ class SelfPlay(Trainer):
                 use_next_value,
             )  # fmt: skip
             splines[rows] = encoded.frames.to_world(network.numpy())[:, 0]
-        for row in np.flatnonzero(guessed):
+        for row in np.flatnonzero(guessed).tolist():
             points, action = queries[row].points, queries[row].action
             if arranging[row]:
                 value = partial(self._values_at, action)
