@@ -32,7 +32,7 @@ KNOWS = {
     "report": {"viz", "intervals", "versions"},
     "config": {"workflow"},
     "overrides": {"config"},
-    "apps": {"config", "report"},
+    "apps": {"execution", "report"},
     "__main__": {"overrides"},
 }
 """Each package and what it may import, beside what that one may: the floor plan as a graph."""

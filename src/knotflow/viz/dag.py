@@ -132,8 +132,10 @@ def _draw_edge(
             zorder=width,
         )
     )
+    x, y = tail + _LABEL_AT * (head - tail)
     canvas.text(
-        *(tail + _LABEL_AT * (head - tail)),
+        x,
+        y,
         "\n".join(actions),
         ha="center",
         va="center",

@@ -9,6 +9,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -170,5 +171,5 @@ def _panel(
         _number(axes, position, place, size=6.5, color=MUTED)
 
 
-def _number(axes: Axes, number: int, place: NDArray, **style: object) -> None:
-    axes.text(*place.tolist(), str(number), ha="center", va="center", zorder=6, **style)
+def _number(axes: Axes, number: int, place: NDArray, **style: Any) -> None:
+    axes.text(place[0], place[1], str(number), ha="center", va="center", zorder=6, **style)

@@ -70,6 +70,26 @@ def draw_rope(
     )
 
 
+def rope_image(
+    points: NDArray,
+    width: float,
+    xlim: tuple[float, float],
+    ylim: tuple[float, float],
+    size: tuple[int, int],
+) -> NDArray[np.uint8]:
+    """A rope (V, 3) from above in a window, all in metres, as pixels (height, width, 3)."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(size[0] / 100, size[1] / 100), dpi=100)
+    canvas = FigureCanvasAgg(figure)
+    axes = figure.add_axes((0, 0, 1, 1), xlim=xlim, ylim=ylim, aspect="equal")
+    axes.axis("off")
+    draw_rope(axes, points, width)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
 def rope_pieces(points: NDArray, width: float, bands: int = _BANDS) -> list[Piece]:
     """The drawing of a rope (V, 3) of a width in metres, the lowest piece first.
 

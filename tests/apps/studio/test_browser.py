@@ -123,7 +123,7 @@ class Person:
 
     def demonstrate(self, spline):
         """Three clicks for the action that is chosen, and simulate."""
-        session = self.studio.desk.session
+        session = self.studio.state.session
         self.press("Demonstrate")
         self.until(lambda: session.draft is not None, "a draft")
         along = np.linspace(0, 1, len(session.points))
@@ -131,15 +131,15 @@ class Person:
         radius = session.simulation.rope.radius
         for count, place in enumerate([grasp, [*spline[1:3], radius], [*spline[4:], radius]], 1):
             self.click_at(place)
-            self.until(lambda count=count: len(session.draft.places) == count, f"click {count}")
+            self.until(lambda count=count: len(session.draft.clicks) == count, f"click {count}")
         self.number("Height (m)", spline[3])
         self.until(lambda: abs(session.draft.height - spline[3]) < 0.003, "the height")
         self.press("Simulate")
-        self.until(lambda: session.tried is not None, "a simulation")
+        self.until(lambda: session.simulated is not None, "a simulation")
 
     def lay(self, name):
         """Lay a rope by its name."""
-        session = self.studio.desk.session
+        session = self.studio.state.session
         before = session.points
         self.tab("Rope")
         self.choose("Rope", name)
@@ -149,7 +149,7 @@ class Person:
     def teach(self, action):
         """Lay a start of an action and demonstrate it where the shipped demonstration of that start
         went; what misses is redone, as people do."""
-        session = self.studio.desk.session
+        session = self.studio.state.session
         count = len(session.kept())
         for _ in range(3):
             self.rest()
@@ -162,7 +162,7 @@ class Person:
             self.tab("Teach")
             self.choose("Action", action)
             self.demonstrate(shown.spline)
-            if session.tried.success[0]:
+            if session.simulated.success[0]:
                 break
         self.page.get_by_text("keep it.").wait_for()
         self.press("Keep")
@@ -194,12 +194,12 @@ def person(browser, tmp_path):
 
 
 def test_ropes_are_laid_and_drawn(person):
-    session = person.studio.desk.session
+    session = person.studio.state.session
     before = session.points
     person.press("Lay it")
     person.until(lambda: session.points is not before, "a random rope")
     person.press("Draw it with the mouse")
-    person.until(lambda: person.studio.desk.takes_click is not None, "drawing")
+    person.until(lambda: person.studio.state.on_click is not None, "drawing")
     for place in ((-0.4, 0.0, 0.0), (0.2, 0.0, 0.0), (0.2, 0.3, 0.0), (0, 0.3, 0), (0, -0.3, 0)):
         person.click_at(place)
         person.page.wait_for_timeout(200)
@@ -208,11 +208,11 @@ def test_ropes_are_laid_and_drawn(person):
 
 
 def test_three_clicks_are_a_demonstration(person):
-    session, shown = person.studio.desk.session, load_demonstrations()[0]
+    session, shown = person.studio.state.session, load_demonstrations()[0]
     person.tab("Teach")
     person.type("Your name", "Ada")
     person.demonstrate(shown.spline)
-    assert session.tried.success[0]
+    assert session.simulated.success[0]
     assert session.draft.spline == pytest.approx(shown.spline, abs=0.005)
     person.press("Keep")
     person.until(session.kept, "a kept demonstration")
@@ -228,7 +228,7 @@ TEN = {
 
 
 def test_ten_demonstrations_of_two_people_train_primitives(person, tmp_path):
-    session, both = person.studio.desk.session, tmp_path / "both.jsonl"
+    session, both = person.studio.state.session, tmp_path / "both.jsonl"
     files = [str(tmp_path / f"{who}.jsonl") for who in TEN]
     for file, (who, actions) in zip(files, TEN.items(), strict=True):
         session.file = Path(file)  # a studio of their own
@@ -255,12 +255,12 @@ def test_ten_demonstrations_of_two_people_train_primitives(person, tmp_path):
         check_splines(library.sample(points, one.task.action, 2, np.random.default_rng(0)))
 
 
-def test_a_plan_is_made_and_exported(person):
+def test_plan_is_made_and_exported(person):
     person.tab("Plan")
     person.type("Other", "R1(0,1,1)")
     person.press("Plan")
-    person.until(lambda: person.studio.desk.session.plan is not None, "a plan")
-    assert person.studio.desk.session.plan.solved
+    person.until(lambda: person.studio.state.session.plan is not None, "a plan")
+    assert person.studio.state.session.plan.solved
     with person.page.expect_download() as download:
         person.press("Export plan (JSON)")
     assert download.value.suggested_filename == "plan.json"
@@ -269,14 +269,14 @@ def test_a_plan_is_made_and_exported(person):
 def test_clicks_beside_the_rope_are_explained(person):
     person.tab("Teach")
     person.press("Demonstrate")
-    person.until(lambda: person.studio.desk.session.draft is not None, "a draft")
+    person.until(lambda: person.studio.state.session.draft is not None, "a draft")
     person.click_at((0.0, 0.3, 0.0))
     person.page.get_by_text("grasp the rope: that was").wait_for()
 
 
-def test_the_start_of_any_task_can_be_laid(person):
-    session = person.studio.desk.session
-    session.load("start of C(2,0,1)")
-    person.studio.desk.rope_changed("Laid.")
+def test_start_of_a_task_can_be_laid(person):
+    session = person.studio.state.session
+    session.lay_named("start of C(2,0,1)")
+    person.studio.state.rope_changed("Laid.")
     person.page.get_by_text(str(session.state)).first.wait_for()
     assert session.points == pytest.approx(resample(session.points, session.simulation.rope))

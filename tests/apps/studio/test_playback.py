@@ -1,4 +1,4 @@
-"""What is watched runs through, step after step."""
+"""Playbacks of plans and single splines."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def attempts():
 
 
 @pytest.mark.parametrize(("row", "words"), [(0, "ends in trivial"), (1, "ends in unreadable")])
-def test_a_spline_is_watched_with_its_outcome(attempts, row, words):
+def test_playback_of_attempt_names_outcome(attempts, row, words):
     shown = Playback.of_attempt(attempts, row, ROPE.radius)
     assert len(shown) == len(shown.ropes) == len(shown.grippers) == 4
     assert shown.controls.shape == (1, 3, 3)

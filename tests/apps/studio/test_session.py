@@ -20,28 +20,39 @@ def session(tmp_path):
 
 def demonstrate(session, spline, action):
     draft = session.begin(parse_action(action))
-    draft.places[:] = [(spline[0],), tuple(spline[1:3]), tuple(spline[4:])]
+    draft.clicks[:] = [(spline[0],), tuple(spline[1:3]), tuple(spline[4:])]
     draft.height = spline[3]
     return session.simulate()
 
 
 @pytest.mark.parametrize("name", ROPES)
 def test_every_named_rope_can_be_laid(session, name):
-    session.load(name)
+    session.lay_named(name)
     wanted = {f"start of {one.action}": one.start_state for one in TASKS}
     assert session.state == wanted.get(name, TopologicalState.trivial())
 
 
-def test_a_file_from_the_browser_is_laid(session, tmp_path):
+def test_uploaded_file_is_laid(session, tmp_path):
     rows = "\n".join(",".join(map(str, row)) for row in straight(session.simulation.rope)[::-1])
-    session.load_upload("mine.csv", rows.encode())
+    session.lay_upload("mine.csv", rows.encode())
     assert session.points[0, 0] > 0
     with pytest.raises(RopeInputError, match="^other.csv, line 1: has no z"):
-        session.load_upload("../other.csv", b"1,2\n")
+        session.lay_upload("../other.csv", b"1,2\n")
 
 
-def test_offered_actions_are_legal_and_the_tasks_come_first(session):
-    session.load("start of C(0,1,1)")
+def test_only_offered_names_are_laid(session, tmp_path):
+    path = tmp_path / "secret.csv"
+    path.write_text("\n".join(f"{0.025 * k},0,0" for k in range(41)))
+    before = session.points
+    for name in (str(path), "../secret.csv", "/etc/passwd", ""):
+        with pytest.raises(StudioError, match="there is no rope"):
+            session.lay_named(name)
+    assert session.points is before
+    assert Session(str(path), tmp_path / "mine.jsonl").points.shape == before.shape
+
+
+def test_offered_actions_are_legal_with_tasks_first(session):
+    session.lay_named("start of C(0,1,1)")
     actions = session.actions()
     assert len(actions) == len(set(actions))
     assert {session.state.apply(action) for action in actions}
@@ -49,7 +60,7 @@ def test_offered_actions_are_legal_and_the_tasks_come_first(session):
     assert ours <= set(actions[: len(TASKS)])
 
 
-def test_a_demonstration_is_kept_with_who_and_when(session):
+def test_kept_demonstration_has_name_and_time(session):
     tried = demonstrate(session, SHOWN.spline, "R1(0,1,1)")
     assert tried.success[0]
     session.keep(" Ada ")
@@ -60,7 +71,7 @@ def test_a_demonstration_is_kept_with_who_and_when(session):
     assert session.draft is None
 
 
-def test_what_cannot_be_kept_is_refused(session):
+def test_unfit_demonstrations_are_not_kept(session):
     with pytest.raises(StudioError, match="choose an action"):
         session.simulate()
     with pytest.raises(StudioError, match="simulate a demonstration"):
@@ -77,20 +88,20 @@ def test_what_cannot_be_kept_is_refused(session):
     assert session.kept() == []
 
 
-def test_an_action_that_the_state_forbids_cannot_be_begun(session):
+def test_illegal_action_cannot_be_begun(session):
     with pytest.raises(IllegalActionError):
         session.begin(task("C(2,0,1)").action)
     assert session.draft is None
 
 
-def test_another_rope_ends_draft_and_plan(session):
+def test_another_rope_drops_draft_and_plan(session):
     session.begin(parse_action("R1(0,1,1)"))
-    session.load("arc")
+    session.lay_named("arc")
     assert session.draft is None and session.plan is None
 
 
 @pytest.mark.slow
-def test_proposals_are_simulated_best_value_first(session):
+def test_proposals_are_sorted_by_value(session):
     found = session.propose(parse_action("R1(0,1,1)"), 2)
     assert (np.diff(found.values) <= 0).all()
     assert len(found.attempts) == 2
@@ -98,7 +109,7 @@ def test_proposals_are_simulated_best_value_first(session):
 
 
 @pytest.mark.slow
-def test_a_plan_is_found_and_can_be_watched(session):
+def test_plan_is_found_and_can_be_played(session):
     from knotflow.apps.studio.playback import Playback
 
     updates = []

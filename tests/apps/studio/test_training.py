@@ -14,7 +14,7 @@ from knotflow.workflow.stages.imitation import ImitationStageConfig, imitate
 
 pytestmark = pytest.mark.slow
 
-EYE = np.array([0.0, -0.55, 1.05])
+CAMERA = np.array([0.0, -0.55, 1.05])
 ACTIONS = ("R1(0,1,1)", "R2(0,0,1,1)", "C(0,1,1)", "C(1,2,1)")
 """One for each primitive."""
 
@@ -22,7 +22,7 @@ ACTIONS = ("R1(0,1,1)", "R2(0,0,1,1)", "C(0,1,1)", "C(1,2,1)")
 def demonstrate(session, action):
     """Lay a start, click where the shipped demonstration of that start went, and keep it."""
     named = f"start of {action}"
-    session.load("straight" if action[0] == "R" else named)
+    session.lay_named("straight" if action[0] == "R" else named)
     rope = session.simulation.rope
     shown = min(
         (one for one in load_demonstrations() if str(one.task.action) == action),
@@ -32,13 +32,13 @@ def demonstrate(session, action):
     along = np.linspace(0, 1, len(session.points))
     grasp = [np.interp(shown.spline[0], along, column) for column in session.points.T]
     for place in (grasp, [*shown.spline[1:3], rope.radius], [*shown.spline[4:], rope.radius]):
-        draft.click(EYE, np.array(place) - EYE)
+        draft.click(CAMERA, np.array(place) - CAMERA)
     draft.height = float(shown.spline[3])
     assert session.simulate().success[0]
     session.keep("Ada")
 
 
-def test_three_clicks_for_each_primitive_make_a_library(tmp_path):
+def test_three_clicks_a_primitive_train_a_library(tmp_path):
     session = Session("straight", tmp_path / "ada.jsonl")
     for action in ACTIONS:
         demonstrate(session, action)

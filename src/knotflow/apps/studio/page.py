@@ -1,24 +1,37 @@
-"""The page: a scene with a panel of tabs beside it (viser), shown to every browser that opens it.
+"""The page: a 3-D scene with a panel of tabs (viser), the same in every browser that opens it.
 
-The page is one person's table: all browsers see the same rope. It listens on this machine alone
-unless another host is given; over ssh, `ssh -L 8080:localhost:8080 MACHINE` brings it home.
+It listens on this machine alone unless another host is given; over ssh,
+`ssh -L 8080:localhost:8080 MACHINE` brings it home. Other web pages are refused by their Origin,
+and on other hosts the address has a token.
 """
 
 from __future__ import annotations
 
-import viser
+import hmac
+import secrets
+import socket
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from http import HTTPStatus
+from typing import Any
+from urllib.parse import urlsplit
 
-from knotflow.apps.studio.compare_tab import CompareTab
+import viser
+import websockets.asyncio.server
+from websockets.asyncio.server import Request, Response, ServerConnection
+
+from knotflow.apps.studio.app_state import AppState
 from knotflow.apps.studio.demonstrate_tab import DemonstrateTab
-from knotflow.apps.studio.desk import Desk
-from knotflow.apps.studio.plan_tab import PlanTab
+from knotflow.apps.studio.plan_tab import CompareTab, PlanTab
 from knotflow.apps.studio.rope_tab import RopeTab
-from knotflow.apps.studio.scene import eye, rgb
+from knotflow.apps.studio.scene import camera_position, rgb
 from knotflow.apps.studio.session import Session
 from knotflow.viz.style import rope_colour
 
-WIDTH = 330
-"""Of the panel, pixels: half of a tablet's screen is left to the scene at least."""
+PANEL_WIDTH = 330
+"""Pixels: leaves at least half of a tablet's screen to the scene."""
+LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 
 
 class Page:
@@ -26,33 +39,41 @@ class Page:
 
     Attributes:
         server: of viser.
-        desk: what the tabs share.
+        state: what the tabs share.
     """
 
     def __init__(self, session: Session, host: str = "localhost", port: int = 8080) -> None:
-        """Open the page; on the next free port (`url` says which) where this one is taken."""
-        self.server = viser.ViserServer(host, port, label="knotflow studio", verbose=False)
-        gui, blue = self.server.gui, rgb(rope_colour(0.0))
-        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=blue)
+        """Open the page; on the next free port (`url` names it) where this one is taken."""
+        self._token = "" if host in LOCAL_HOSTS else secrets.token_urlsafe(16)
+        with _checked_requests(self._token):
+            self.server = viser.ViserServer(host, port, label="knotflow studio", verbose=False)
+        gui = self.server.gui
+        gui.configure_theme(
+            show_logo=False, show_share_button=False, brand_color=rgb(rope_colour(0.0))
+        )
         gui.main_panel.dock_right()
-        gui.main_panel.set_width(WIDTH)
-        self.desk = desk = Desk(session, self.server)
+        gui.main_panel.set_width(PANEL_WIDTH)
+        self.state = AppState(session, self.server)
         tabs = gui.add_tab_group()
-        with tabs.add_tab("Rope"):
-            RopeTab(desk)
-        with tabs.add_tab("Plan"):
-            PlanTab(desk)
-        with tabs.add_tab("Compare"):
-            CompareTab(desk)
-        with tabs.add_tab("Teach"):
-            DemonstrateTab(desk)
-        self.server.on_client_connect(_step_back)
-        desk.rope_changed("Lay a rope, tie a knot into it, or teach an action with three clicks.")
+        for label, tab in (
+            ("Rope", RopeTab),
+            ("Plan", PlanTab),
+            ("Compare", CompareTab),
+            ("Teach", DemonstrateTab),
+        ):
+            with tabs.add_tab(label):
+                tab(self.state)
+        self.server.on_client_connect(_show_whole_table)
+        self.state.rope_changed(
+            "Lay a rope, tie a knot into it, or teach an action with three clicks."
+        )
 
     @property
     def url(self) -> str:
-        """Where the page is."""
-        return f"http://{self.server.get_host()}:{self.server.get_port()}"
+        """Address of the page; of this machine where it listens on all of its addresses."""
+        host, port = self.server.get_host(), self.server.get_port()
+        name = socket.gethostname() if host in ("0.0.0.0", "::") else host
+        return f"http://{name}:{port}" + (f"/{self._token}/" if self._token else "")
 
     def serve(self) -> None:
         """Show the page until interrupted."""
@@ -63,8 +84,54 @@ class Page:
         self.server.stop()
 
 
-def _step_back(client: viser.ClientHandle) -> None:
-    """Let a new browser see the whole table, however narrow what the panel leaves of its window."""
-    camera = client.camera  # which describes the whole window: the panel is not laid out yet
-    camera.position = eye(max(camera.image_width - WIDTH, 1) / camera.image_height)
+def refusal(headers: Mapping[str, str], path: str, token: str) -> str:
+    """Why a request is refused; "" if it is not.
+
+    Args:
+        headers: of the request.
+        path: of the request.
+        token: the path's first part must be this; if empty, the host must be this machine.
+    """
+    host = headers.get("Host", "")
+    first = path.partition("?")[0].strip("/").partition("/")[0]
+    if token and not hmac.compare_digest(first.encode(), token.encode()):
+        return "the address lacks the studio's token: open the one that the studio has printed"
+    if not token and urlsplit(f"//{host}").hostname not in LOCAL_HOSTS:
+        return f"the studio listens on this machine only, not as {host!r}"
+    websocket = headers.get("Upgrade", "").lower() == "websocket"
+    if websocket and urlsplit(headers.get("Origin", "")).netloc != host:
+        return f"a page of {headers.get('Origin', 'unknown origin')} may not use the studio"
+    return ""
+
+
+@contextmanager
+def _checked_requests(token: str) -> Iterator[None]:
+    """Let the server that viser starts in this context answer no request that is refused.
+
+    viser has no hook for that; it looks up websockets' `serve` when it starts.
+    """
+    serve = websockets.asyncio.server.serve
+
+    def checked_serve(*arguments: Any, process_request: Any, **options: Any) -> Any:
+        def process(connection: ServerConnection, request: Request) -> Response | None:
+            if why := refusal(request.headers, request.path, token):
+                return connection.respond(HTTPStatus.FORBIDDEN, f"{why}\n")
+            inner = request.path.removeprefix(f"/{token}") if token else request.path
+            answer: Response | None = process_request(connection, replace(request, path=inner))
+            return answer
+
+        return serve(*arguments, process_request=process, **options)
+
+    websockets.asyncio.server.serve = checked_serve  # type: ignore[assignment, misc]
+    try:
+        yield
+    finally:
+        websockets.asyncio.server.serve = serve  # type: ignore[misc]
+
+
+def _show_whole_table(client: viser.ClientHandle) -> None:
+    """Move a new browser's camera back until the whole table is seen beside the panel."""
+    camera = client.camera  # describes the whole window: the panel is not laid out yet
+    aspect = max(camera.image_width - PANEL_WIDTH, 1) / camera.image_height
+    camera.position = camera_position(aspect)
     camera.look_at = (0.0, 0.0, 0.0)  # which has moved along with the position

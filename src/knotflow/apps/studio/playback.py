@@ -1,14 +1,26 @@
-"""What can be watched: a plan's steps one after the other, or one simulated spline."""
+"""Frames of a plan or of one simulated spline, and the controls that play them in the scene."""
 
 from __future__ import annotations
 
+import threading
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.planning import KnotPlan
 from knotflow.simulation import Attempts, control_points
+
+if TYPE_CHECKING:
+    import viser
+
+    from knotflow.apps.studio.scene import Scene
+
+_LAST = 1e6  # in the order of the panel
+_FRAME_SECONDS = 0.08
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,14 +47,12 @@ class Playback:
         return len(self.times)
 
     def caption(self, frame: int) -> str:
-        """The step of a frame, and its time."""
+        """Time and step of a frame."""
         return f"{self.times[frame]:.1f} s: {self.captions[self.step[frame]]}"
 
     @classmethod
-    def of_plan(cls, plan: KnotPlan) -> Playback | None:
-        """A plan's steps, to which it must have its trajectories; None if it has no step."""
-        if not plan.steps:
-            return None
+    def of_plan(cls, plan: KnotPlan) -> Playback:
+        """All steps of a plan with at least one, and with its trajectories."""
         ends = np.cumsum([0.0, *(step.times[-1] for step in plan.steps)])
         return cls(
             times=np.concatenate([s.times + t for s, t in zip(plan.steps, ends, strict=False)]),
@@ -58,7 +68,7 @@ class Playback:
 
     @classmethod
     def of_attempt(cls, attempts: Attempts, row: int, radius: float) -> Playback:
-        """One spline of a batch, on a rope of that radius."""
+        """One spline of a batch, on a rope of that radius in metres."""
         rollouts = attempts.rollouts
         end = attempts.ends[row]
         outcome = "unreadable" if end is None else str(end)
@@ -70,3 +80,64 @@ class Playback:
             captions=(f"{attempts.action}, ends in {outcome}",),
             controls=control_points(attempts.points[row], attempts.splines[row], radius)[None],
         )
+
+
+class Player:
+    """Plays frames in the scene, with a button and a slider; hidden while there are none."""
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        scene: Scene,
+        guarded: Callable[[Callable[..., None]], Callable[..., None]],
+    ) -> None:
+        """At the end of the panel; `guarded` wraps its handlers."""
+        self._gui, self._scene, self._guarded = gui, scene, guarded
+        self._playback: Playback | None = None
+        self._drawn_step: int | None = None
+        self._playing = threading.Lock()
+        self._folder = gui.add_folder("Watch", visible=False, order=_LAST)
+        with self._folder:
+            self._caption = gui.add_markdown("")
+            gui.add_button("Play", color="gray").on_click(guarded(self._play))
+        self._slider: viser.GuiSliderHandle[int] | None = None
+
+    def show(self, playback: Playback) -> None:
+        """Offer frames to play, and show the last."""
+        self._playback, self._drawn_step = playback, None
+        if self._slider is not None:
+            self._slider.remove()
+        last = len(playback) - 1
+        with self._folder:
+            self._slider = slider = self._gui.add_slider("Frame", 0, last, 1, last)
+        slider.on_update(self._guarded(lambda event: self._draw(int(slider.value))))
+        self._folder.visible = True
+        self._draw(last)
+
+    def hide(self) -> None:
+        """Forget the frames."""
+        self._playback, self._folder.visible = None, False
+
+    def _draw(self, frame: int) -> None:
+        playback = self._playback
+        if playback is None or frame >= len(playback):
+            return
+        self._scene.move(playback.ropes[frame])
+        self._scene.gripper(playback.grippers[frame])
+        if (step := int(playback.step[frame])) != self._drawn_step:
+            self._scene.spline(playback.controls[step])
+            self._drawn_step = step
+        self._caption.content = playback.caption(frame)
+
+    def _play(self, event: viser.GuiEvent) -> None:
+        if not self._playing.acquire(blocking=False):
+            return
+        try:
+            playback, slider = self._playback, self._slider
+            for frame in range(0 if playback is None else len(playback)):
+                if playback is not self._playback or slider is None:
+                    return
+                slider.value = frame  # type: ignore[misc]  # mypy misses the setter
+                time.sleep(_FRAME_SECONDS)
+        finally:
+            self._playing.release()

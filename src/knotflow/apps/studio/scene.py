@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.apps.studio.draft import CLICKS
+from knotflow.apps.studio.demonstration import CLICKS
 from knotflow.simulation import SPLINE_HIGH, RopeConfig, spline_path
 from knotflow.topology import Action, DegenerateCurveError, segment_intervals
 from knotflow.viz.style import INK, MUTED, OVER, PAPER, RULE, SPLINE, UNDER, rope_colour
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 
 Colour = tuple[int, int, int]
 
-EYE = (0.0, -0.55, 1.05)
-"""Where one looks from at first, metres: almost from above, as on the paper's images."""
+CAMERA = (0.0, -0.55, 1.05)
+"""The first camera position, metres: almost from above, as on the paper's images."""
 FIELD_OF_VIEW = float(np.deg2rad(75.0))
-"""From the window's top to its bottom, radians."""
+"""Vertical, radians."""
 _FADED = 0.75  # towards paper: the segments that an action does not name
 _POINT = 0.012  # metres, radius of a control point
 _CURVE = np.linspace(0.0, 1.0, 33)
 
 
 class Scene:
-    """Draws what it is given, each thing in place of the one before."""
+    """Draws ropes, splines and grippers, each in place of the previous one."""
 
     def __init__(self, server: viser.ViserServer, rope: RopeConfig) -> None:
         """An empty table under a rope of that size."""
@@ -35,7 +35,7 @@ class Scene:
         self._handles: dict[str, list[viser.SceneNodeHandle]] = {}
         self._links: viser.BatchedMeshHandle | None = None
         server.scene.set_up_direction("+z")
-        server.initial_camera.position = EYE
+        server.initial_camera.position = CAMERA
         server.initial_camera.look_at = (0.0, 0.0, 0.0)
         server.initial_camera.fov = FIELD_OF_VIEW
         reach = 2 * float(SPLINE_HIGH[-1])
@@ -186,19 +186,21 @@ class Scene:
             self._clear({"spline": "points-labels", "segments": "segments-labels"}[name])
 
 
-def eye(aspect: float) -> NDArray[np.float64]:
-    """Where to look from, (3,) metres, to see the whole table in a window so many times as wide as
-    high: `EYE`, or further back where the window is narrow."""
-    ahead = -np.array(EYE) / np.linalg.norm(EYE)
+def camera_position(aspect: float) -> NDArray[np.float64]:
+    """Position (3,), metres, that shows the whole table: `CAMERA`, or further back.
+
+    Args:
+        aspect: width of the window by its height.
+    """
+    ahead = -np.array(CAMERA) / np.linalg.norm(CAMERA)
     corner = np.array([1.0, -1.0, 0.0]) * SPLINE_HIGH[-1]  # the nearer ones are seen furthest out
     depth = 1.04 * corner[0] / (np.tan(FIELD_OF_VIEW / 2) * aspect)  # that brings it to the rim
-    back = (depth - corner @ ahead) / np.linalg.norm(EYE)
-    return max(1.0, back) * np.array(EYE)
+    back = (depth - corner @ ahead) / np.linalg.norm(CAMERA)
+    return max(1.0, back) * np.array(CAMERA)
 
 
 def _colours(points: NDArray, action: Action | None) -> NDArray[np.uint8]:
-    """(V - 1, 3) from blue at the head to orange at the tail; faded but for an action's segments,
-    of which one is laid over and one under."""
+    """Colours (V - 1, 3) from head to tail; faded but for the segments of an action."""
     along = (np.arange(len(points) - 1) + 0.5) / (len(points) - 1)
     colours = np.array([rgb(rope_colour(place)) for place in along], float)
     if action is not None:
@@ -214,7 +216,7 @@ def _colours(points: NDArray, action: Action | None) -> NDArray[np.uint8]:
 
 
 def _linear(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """sRGB (N, 3) as linear light: what viser takes the colours of batched meshes for."""
+    """sRGB (N, 3) as linear light, as viser reads the colours of batched meshes."""
     share = colours / 255.0
     light = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
     return np.rint(255.0 * light).astype(np.uint8)

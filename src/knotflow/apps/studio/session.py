@@ -1,7 +1,6 @@
-"""What a person does in the studio, without a browser: a rope, plans for it, demonstrations on it.
+"""A studio session without a browser: a rope, plans for it, and demonstrations on it.
 
-Nothing here draws or asks; `page` does. A method that simulates takes its seconds in the thread
-that calls it, one at a time: the simulator is not to be shared.
+A method that simulates blocks the thread that calls it; only one runs at a time.
 """
 
 from __future__ import annotations
@@ -9,25 +8,25 @@ from __future__ import annotations
 import tempfile
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.apps.studio.draft import Draft
-from knotflow.apps.studio.drawn import lay_drawn
+from knotflow.apps.studio.demonstration import Draft, rope_from_drawing
 from knotflow.planning import (
+    FAST_SEARCH,
     ROPE_NAMES,
     KnotPlan,
     RopeInputError,
     SearchUpdate,
-    parse_goal,
     parse_rope,
-    plan_knot,
+    plan_rope,
+    shipped_sampler,
 )
 from knotflow.samplers.demonstrations import (
     TASKS,
@@ -40,6 +39,7 @@ from knotflow.samplers.demonstrations import (
 from knotflow.simulation import Attempts, RopeSimulator, SimulationConfig, attempt, resample
 from knotflow.threads import one_thread
 from knotflow.topology import Action, TopologicalState
+from knotflow.viz.plan_folder import subsample
 
 if TYPE_CHECKING:
     from knotflow.samplers.primitives import PrimitiveLibrary
@@ -47,16 +47,14 @@ if TYPE_CHECKING:
 STARTS = {f"start of {one.action}": str(one.action) for one in TASKS if one.start_actions}
 ROPES = (*ROPE_NAMES, *STARTS)
 """Ropes to choose from: generated, or a start shape of a shipped demonstration."""
-HUMAN = "human"
-"""The source of what is demonstrated here."""
 
 
 class StudioError(ValueError):
-    """Something that cannot be done now; says what has to come first."""
+    """Something that cannot be done now; names what has to come first."""
 
 
-class Stopped(Exception):
-    """A search was stopped by the person who had begun it."""
+class SearchStopped(Exception):
+    """A search was stopped from the page."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,15 +71,16 @@ class SimulatedProposals:
 
 
 class Session:
-    """A rope on the table, and what was made of it.
+    """A rope on the table, its plan and its demonstration.
 
     Attributes:
         file: where kept demonstrations go (JSON lines).
+        simulation: how splines are executed.
         points: (V, 3) the rope at rest, metres.
         state: its topological state.
         plan: the last one for this rope, if any.
         draft: the demonstration in the making, if any.
-        tried: the draft's simulation, if it was simulated.
+        simulated: the draft's simulation, if it was simulated.
     """
 
     def __init__(
@@ -91,12 +90,15 @@ class Session:
         simulation: SimulationConfig | None = None,
         seed: int = 0,
     ) -> None:
-        """Lay a rope that `load` knows; its errors are those of `load`."""
+        """Lay a rope: one of `ROPES`, or a file; the errors are those of `lay_file`."""
         self.file = Path(file)
         self.simulation = simulation or SimulationConfig()
         self._rng = np.random.default_rng(seed)
         self._busy = threading.Lock()
-        self.load(rope)
+        if rope in ROPES:
+            self.lay_named(rope)
+        else:
+            self.lay_file(Path(rope))
 
     @cached_property
     def simulator(self) -> RopeSimulator:
@@ -106,19 +108,14 @@ class Session:
     @cached_property
     def library(self) -> PrimitiveLibrary:
         """The shipped primitives."""
-        from knotflow.config import shipped_primitives  # slow: the page is there before
-        from knotflow.samplers.primitives import PrimitiveLibrary
-
-        return PrimitiveLibrary.load(Path(shipped_primitives()), self.simulation.rope)
-
-    # The rope.
+        return cast("PrimitiveLibrary", shipped_sampler(self.simulation))
 
     def lay(self, points: NDArray) -> None:
-        """Lay a rope (V, 3), metres; what was planned or begun with the one before is gone.
+        """Lay a rope (V, 3), metres; the plan and draft of the previous one are dropped.
 
         Raises:
             DegenerateCurveError: its state cannot be read.
-            StudioError: the one before is being worked on.
+            StudioError: the previous one is being worked on.
         """
         if self._busy.locked():
             raise StudioError("a search or a simulation is running: wait for it, or stop it")
@@ -126,43 +123,54 @@ class Session:
         self.points: NDArray[np.float64] = np.array(points, np.float64)
         self.plan: KnotPlan | None = None
         self.draft: Draft | None = None
-        self.tried: Attempts | None = None
+        self.simulated: Attempts | None = None
 
-    def load(self, rope: str) -> None:
-        """Lay a rope: one of `ROPES`, or a CSV or NPY file.
+    def lay_named(self, name: str) -> None:
+        """Lay one of `ROPES`.
+
+        Raises:
+            StudioError: another name, such as the path of a file.
+        """
+        if name not in ROPES:
+            raise StudioError(f"there is no rope {name!r}; choose one of {', '.join(ROPES)}")
+        rope = self.simulation.rope
+        if name in STARTS:
+            wanted = task(STARTS[name])
+            shapes = [one.points for one in load_demonstrations() if one.task == wanted]
+            self.lay(resample(shapes[self._rng.integers(len(shapes))], rope))
+        else:
+            self.lay(parse_rope(name, rope, self._rng))
+
+    def lay_file(self, path: Path) -> None:
+        """Lay the rope of a CSV or NPY file.
 
         Raises:
             RopeInputError: see `planning.read_rope`.
         """
-        if rope in STARTS:
-            wanted = task(STARTS[rope])
-            shapes = [one.points for one in load_demonstrations() if one.task == wanted]
-            self.lay(resample(shapes[self._rng.integers(len(shapes))], self.simulation.rope))
-        else:
-            self.lay(parse_rope(rope, self.simulation.rope, self._rng))
+        self.lay(parse_rope(str(path), self.simulation.rope, self._rng))
 
-    def load_upload(self, name: str, content: bytes) -> None:
-        """Lay the rope of a file that came through the browser; see `load`."""
+    def lay_upload(self, name: str, content: bytes) -> None:
+        """Lay the rope of a file that came through the browser; see `lay_file`."""
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / Path(name).name
             path.write_bytes(content)
             try:
-                self.load(str(path))
+                self.lay_file(path)
             except RopeInputError as error:  # the person knows the file by its name
                 raise RopeInputError(str(error).replace(f"{folder}/", "")) from None
 
-    def draw(self, clicked: NDArray) -> None:
-        """Lay a rope along points (N, 2) clicked on the table, head first; see `lay_drawn`."""
-        self.lay(lay_drawn(clicked, self.simulation.rope))
+    def lay_drawing(self, clicked: NDArray) -> None:
+        """Lay a rope along points (N, 2) clicked on the table; see `rope_from_drawing`."""
+        self.lay(rope_from_drawing(clicked, self.simulation.rope))
 
-    def see(self, files: Mapping[str, bytes]) -> tuple[str, ...]:
+    def lay_image(self, files: Mapping[str, bytes]) -> tuple[str, ...]:
         """Lay the rope of an image.
 
         Args:
             files: contents of the images `rgb` and `depth` (PNG), and of the `camera` (YAML).
 
         Returns:
-            What is in doubt, in words.
+            What is ambiguous in the image.
 
         Raises:
             ImageError, CameraError, TraceError: see `perception.estimate`.
@@ -182,8 +190,6 @@ class Session:
         self.lay(found.points)
         return found.in_doubt
 
-    # Plans.
-
     def search(
         self,
         knot: str,
@@ -191,31 +197,33 @@ class Session:
         stop: threading.Event | None = None,
         max_seconds: float = 60.0,
     ) -> KnotPlan:
-        """Plan a knot, see `planning.parse_goal`, for the rope as it lies.
+        """Plan a knot for the rope, see `planning.plan_rope`.
 
         Raises:
             ValueError: no such knot, or no way to it from this rope.
-            Stopped: `stop` was set.
+            SearchStopped: `stop` was set.
         """
-        from knotflow.config import PlanRequest
-
-        goal = parse_goal(knot, self.simulation.rope)
-        config = PlanRequest().planner
-        config.max_seconds = max_seconds
 
         def report(update: SearchUpdate) -> None:
             progress(update)
             if stop is not None and stop.is_set():
-                raise Stopped
+                raise SearchStopped
 
-        with self._busy, one_thread():
-            self.plan = plan_knot(
-                self.points, goal, self.library, self.simulator, self._rng, config, report
+        with self._busy:
+            plan = plan_rope(
+                self.points,
+                knot,
+                self._rng,
+                sampler=self.library,
+                simulation=self.simulation,
+                config=replace(FAST_SEARCH, max_seconds=max_seconds),
+                progress=report,
             )
+        self.plan = subsample(plan)
         return self.plan
 
     def propose(self, action: Action, count: int = 6) -> SimulatedProposals:
-        """What the library proposes for an action now, and what becomes of it.
+        """Splines that the library proposes for an action, simulated.
 
         Raises:
             ValueError: no primitive instantiates it.
@@ -225,8 +233,6 @@ class Session:
             order = np.argsort(-values, kind="stable")
             tried = attempt(self.simulator, self.points, splines[order], action, self.state)
         return SimulatedProposals(tried, values[order])
-
-    # Demonstrations.
 
     def actions(self) -> list[Action]:
         """The actions that the rope's state allows; first the tasks that start in it."""
@@ -243,7 +249,7 @@ class Session:
         self.state.apply(action)
         height = self.draft.height if self.draft else Draft.height
         self.draft = Draft(self.points, self.state, action, self.simulation.rope, height)
-        self.tried = None
+        self.simulated = None
         return self.draft
 
     def simulate(self) -> Attempts:
@@ -256,8 +262,10 @@ class Session:
             raise StudioError("choose an action to demonstrate first")
         splines, draft = self.draft.spline[None], self.draft
         with self._busy:
-            self.tried = attempt(self.simulator, draft.points, splines, draft.action, draft.state)
-        return self.tried
+            self.simulated = attempt(
+                self.simulator, draft.points, splines, draft.action, draft.state
+            )
+        return self.simulated
 
     def keep(self, who: str) -> Demonstration:
         """Append the simulated draft to `file`, signed, and end it.
@@ -265,24 +273,24 @@ class Session:
         Raises:
             StudioError: nothing was simulated, it did not reach its state, or nobody signs it.
         """
-        if self.draft is None or self.tried is None:
+        if self.draft is None or self.simulated is None:
             raise StudioError("simulate a demonstration before you keep it")
-        if not np.array_equal(self.tried.splines[0], self.draft.spline):
+        if not np.array_equal(self.simulated.splines[0], self.draft.spline):
             raise StudioError("the clicks have changed since: simulate them again")
-        if not self.tried.success[0]:
-            raise StudioError("it did not reach its state, so nothing can be learnt from it: redo")
+        if not self.simulated.success[0]:
+            raise StudioError("it did not reach its state, so nothing can be learned from it: redo")
         if not who.strip():
             raise StudioError("write your name first: who demonstrated is kept, too")
         demonstration = Demonstration(
             task_at(self.draft.state, self.draft.action),
             self.draft.points,
             self.draft.spline,
-            HUMAN,
+            "human",
             who.strip(),
             datetime.now(UTC).astimezone().isoformat(timespec="seconds"),
         )
         add_demonstration(self.file, demonstration)
-        self.draft = self.tried = None
+        self.draft = self.simulated = None
         return demonstration
 
     def kept(self) -> list[Demonstration]:

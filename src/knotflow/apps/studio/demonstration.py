@@ -1,0 +1,196 @@
+"""Ropes and splines from clicks: a drawn rope, and a demonstration in three clicks.
+
+A click is a ray from the camera into the scene: on the rope it means the strand on top, on the
+table the point where the ray meets it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from knotflow.planning import RopeInputError, lay_down
+from knotflow.simulation import (
+    SPLINE_HIGH,
+    SPLINE_LOW,
+    RopeConfig,
+    check_splines,
+    control_points,
+    resample,
+)
+from knotflow.topology import Action, TopologicalState
+
+CLICKS = ("grasp", "middle", "end")
+CLICK_RADIUS = 0.03
+"""Metres from the rope's centre line within which a click grasps it."""
+HEIGHTS = (float(SPLINE_LOW[3]), float(SPLINE_HIGH[3]))
+"""Lowest and highest middle control point, metres above the table."""
+
+_FINENESS = 0.001  # of the rope's length: resolution of a grasp
+_SLOPE = 0.1  # rise per length of a drawn rope, so that a later strand is over an earlier one
+_SMOOTHING = 4  # rounds of corner cutting: bends of a polyline become those of a rope
+
+
+class ClickError(ValueError):
+    """A click that means nothing here."""
+
+
+@dataclass
+class Draft:
+    """A demonstration in the making: up to three clicks for an action on a rope.
+
+    Attributes:
+        points: (V, 3) the rope at rest, metres.
+        state: its topological state.
+        action: what is demonstrated; legal in the state.
+        rope: its radius.
+        height: of the middle control point, metres above the table.
+        clicks: what was clicked, as parts of a spline: (grasp,), (x, y), (x, y).
+    """
+
+    points: NDArray[np.float64]
+    state: TopologicalState
+    action: Action
+    rope: RopeConfig
+    height: float = 0.15
+    clicks: list[tuple[float, ...]] = field(default_factory=list)
+
+    @property
+    def goal(self) -> TopologicalState:
+        """The state in which the demonstration succeeds."""
+        return self.state.apply(self.action)
+
+    @property
+    def next_click(self) -> str | None:
+        """Which of `CLICKS` comes next; None after the third."""
+        return CLICKS[len(self.clicks)] if len(self.clicks) < len(CLICKS) else None
+
+    @property
+    def spline(self) -> NDArray[np.float64]:
+        """(6,) the demonstrated spline.
+
+        Raises:
+            ClickError: there are fewer than three clicks.
+        """
+        if self.next_click is not None:
+            raise ClickError(f"the spline is not complete: click the {self.next_click} first")
+        (grasp,), middle, end = self.clicks
+        return check_splines(np.array([grasp, *middle, self.height, *end]))
+
+    @property
+    def controls(self) -> NDArray[np.float64]:
+        """(n, 3) the control points clicked so far, metres."""
+        clicks = [*self.clicks, *[(0.0, 0.0)] * (len(CLICKS) - len(self.clicks))]
+        spline = np.array([clicks[0][0], *clicks[1], self.height, *clicks[2]])
+        return control_points(self.points, spline, self.rope.radius)[: len(self.clicks)]
+
+    def click(self, origin: ArrayLike, direction: ArrayLike) -> None:
+        """Take the next click: a ray from `origin` (3,), metres, world frame, along a direction.
+
+        Raises:
+            ClickError: it misses the rope, or the table within a spline's reach; or all three
+                were made already.
+        """
+        if self.next_click is None:
+            raise ClickError("all three points are set: simulate them, or undo one")
+        if self.next_click == "grasp":
+            self.clicks.append((grasp_at(self.points, origin, direction),))
+            return
+        x, y = table_point(origin, direction, self.rope.radius)
+        low, high = SPLINE_LOW[4:], SPLINE_HIGH[4:]
+        if not ((low <= (x, y)) & ((x, y) <= high)).all():
+            raise ClickError(
+                f"the {self.next_click} at x {x:+.2f}, y {y:+.2f} m is out of the gripper's reach "
+                f"of {high[0]:g} m"
+            )
+        self.clicks.append((x, y))
+
+    def undo(self) -> None:
+        """Take the last click back, if there is one."""
+        del self.clicks[-1:]
+
+
+def grasp_at(points: NDArray, origin: ArrayLike, direction: ArrayLike) -> float:
+    """Where on a rope (V, 3) a ray hits first, as a fraction of its length from the head.
+
+    Raises:
+        ClickError: the ray passes the rope by more than `CLICK_RADIUS`.
+    """
+    origin, along = np.asarray(origin, float), _unit(direction)
+    fractions = np.arange(0.0, 1.0 + _FINENESS / 2, _FINENESS).clip(0.0, 1.0)
+    links = np.linspace(0.0, 1.0, len(points))
+    rope = np.column_stack([np.interp(fractions, links, column) for column in points.T])
+    depth = (rope - origin) @ along
+    distance = np.linalg.norm(rope - origin - depth[:, None] * along, axis=1)
+    if distance.min() > CLICK_RADIUS:
+        raise ClickError(
+            f"grasp the rope: that was {distance.min() * 100:.0f} cm beside it, at most "
+            f"{CLICK_RADIUS * 100:g} cm is allowed"
+        )
+    # Every strand under the cursor has a nearest point; the one on top is what one sees there.
+    padded = np.r_[np.inf, distance, np.inf]
+    nearest = (distance <= padded[:-2]) & (distance <= padded[2:])
+    strands = np.flatnonzero(nearest & (distance <= distance.min() + 0.004))
+    return float(fractions[strands[depth[strands].argmin()]])
+
+
+def table_point(
+    origin: ArrayLike, direction: ArrayLike, height: float = 0.0
+) -> tuple[float, float]:
+    """Where a ray meets the plane at a height above the table, metres (x, y).
+
+    Raises:
+        ClickError: it does not.
+    """
+    origin, along = np.asarray(origin, float), _unit(direction)
+    reach = (height - origin[2]) / along[2] if along[2] else -1.0
+    if reach <= 0.0:
+        raise ClickError("that is above the horizon: click on the table")
+    x, y = (origin + reach * along)[:2].tolist()
+    return x, y
+
+
+def rope_from_drawing(clicked: ArrayLike, rope: RopeConfig) -> NDArray[np.float64]:
+    """A rope (V, 3) at rest along a polyline (N, 2) on the table, metres, head first.
+
+    Its corners are rounded, it is scaled to the rope's length, and its middle put at the origin.
+    Where it crosses itself the strand drawn later is on top.
+
+    Raises:
+        RopeInputError: fewer than two points; a drawing too small, too sharp or too dense for a
+            rope of this thickness; says which.
+    """
+    corners = np.asarray(clicked, np.float64).reshape(-1, 2)
+    if len(corners) < 2:
+        raise RopeInputError("a drawn rope needs at least two points: click on the table")
+    for _ in range(_SMOOTHING):  # Chaikin
+        ahead, behind = corners[:-1], corners[1:]
+        cut = np.stack([0.75 * ahead + 0.25 * behind, 0.25 * ahead + 0.75 * behind], axis=1)
+        corners = np.concatenate([corners[:1], cut.reshape(-1, 2), corners[-1:]])
+    steps = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+    drawn = float(steps.sum())
+    if drawn < 0.2 * rope.length:
+        raise RopeInputError(f"the drawing is {drawn:.2f} m long, the rope {rope.length:g} m")
+    heights = _SLOPE * np.r_[0.0, np.cumsum(steps)]
+    curve = np.column_stack([corners, heights]) * rope.length / drawn
+    curve[:, :2] -= (curve[:, :2].min(axis=0) + curve[:, :2].max(axis=0)) / 2
+    points = lay_down(resample(curve, rope), rope)
+    if np.abs(points[:, :2]).max() > SPLINE_HIGH[-1]:
+        raise RopeInputError(f"stretched to {rope.length:g} m it would leave the gripper's reach")
+    links = np.diff(points, axis=0) / rope.link_length
+    bend = np.arccos(np.clip((links[1:] * links[:-1]).sum(axis=1), -1.0, 1.0)).max()
+    if bend > rope.max_bend:
+        raise RopeInputError(
+            f"it bends by {np.degrees(bend):.0f} degrees within a link, the rope by "
+            f"{np.degrees(rope.max_bend):.0f} at most: draw wider turns"
+        )
+    if TopologicalState.from_curve(points) != TopologicalState.from_curve(curve):
+        raise RopeInputError("its crossings are too close together for this rope: draw it wider")
+    return points
+
+
+def _unit(direction: ArrayLike) -> NDArray[np.float64]:
+    vector = np.asarray(direction, float)
+    return vector / np.linalg.norm(vector)
