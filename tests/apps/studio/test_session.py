@@ -42,7 +42,7 @@ def test_uploaded_file_is_laid(session, tmp_path):
 
 def test_only_offered_names_are_laid(session, tmp_path):
     path = tmp_path / "secret.csv"
-    path.write_text("\n".join(f"{0.025 * k},0,0" for k in range(41)))
+    path.write_text("\n".join(f"{0.025 * k - 0.5},0,0" for k in range(41)))
     before = session.points
     for name in (str(path), "../secret.csv", "/etc/passwd", ""):
         with pytest.raises(StudioError, match="there is no rope"):

@@ -7,15 +7,13 @@ import warnings
 import gymnasium
 import numpy as np
 import pytest
-import torch
 from gymnasium.utils.env_checker import check_env
-from torchrl.envs.utils import check_env_specs
 
 from knotflow.apps.tasks import (
     ENV_ID,
-    BatchedTieEnv,
     TieEnv,
     TieTask,
+    TieVectorEnv,
     register_envs,
     to_box,
     to_splines,
@@ -39,7 +37,7 @@ def loop(rope):
 
 
 @pytest.mark.slow
-def test_gymnasiums_checker_is_content():
+def test_gymnasium_checker_accepts_env():
     register_envs()
     env = gymnasium.make(ENV_ID, task="overhand", render_mode="rgb_array")
     with warnings.catch_warnings():
@@ -47,12 +45,7 @@ def test_gymnasiums_checker_is_content():
         check_env(env.unwrapped)
 
 
-@pytest.mark.slow
-def test_torchrls_checker_is_content():
-    check_env_specs(BatchedTieEnv("overhand", batch=2))
-
-
-def test_an_action_that_is_done_is_rewarded_and_ends_the_episode(loop, rope):
+def test_reached_state_is_rewarded_and_ends_episode(loop, rope):
     action = parse_action("R1(0,1,1)")
     rewards = []
     for seed in range(6):
@@ -67,7 +60,7 @@ def test_an_action_that_is_done_is_rewarded_and_ends_the_episode(loop, rope):
     assert max(rewards) == 1
 
 
-def test_an_episode_goes_on_along_the_dag_until_its_splines_are_used_up(rope):
+def test_episode_continues_until_splines_are_used_up(rope):
     env = TieEnv(TieTask.tie("overhand", rope[None], splines=2))
     env.reset(options={"start": 0})
     _, reward, terminated, truncated, info = env.step(NOTHING)
@@ -76,41 +69,53 @@ def test_an_episode_goes_on_along_the_dag_until_its_splines_are_used_up(rope):
     assert env.step(NOTHING)[2:4] == (False, True)
 
 
-def test_the_batch_plays_like_the_single_rope():
+def test_vector_env_matches_single_env():
     config = SimulationConfig().rope
     task = TieTask.single("R1(0,1,1)", np.stack([straight(config), arc(config)]))
-    action = np.float32([[0.9, 0.1, -0.3, 0.2, 0.4, 0.5], [-0.9, 0.2, 0.1, -0.3, -0.2, 0.1]])
-    env, batched = TieEnv(task), BatchedTieEnv(task, batch=2, seed=3)
-    first = batched.reset()
-    after = batched.step(first.set("action", torch.from_numpy(action)))["next"]
+    actions = np.float32([[0.9, 0.1, -0.3, 0.2, 0.4, 0.5], [-0.9, 0.2, 0.1, -0.3, -0.2, 0.1]])
+    env, vector = TieEnv(task), TieVectorEnv(2, task)
+    first, _ = vector.reset(seed=3)
+    observations, rewards, terminated, truncated, infos = vector.step(actions)
+    assert observations in vector.observation_space and first in vector.observation_space
     for row in range(2):
         starts = task.starts.astype(np.float32)
-        index = int(np.flatnonzero((starts == first["points"][row].numpy()).all((1, 2)))[0])
+        index = int(np.flatnonzero((starts == first["points"][row]).all((1, 2)))[0])
         env.reset(options={"start": index})
-        observation, reward, terminated, truncated, _ = env.step(action[row])
-        np.testing.assert_allclose(observation["points"], after["points"][row], atol=1e-6)
-        assert [reward, terminated, truncated] == [
-            float(after[key][row]) for key in ("reward", "terminated", "truncated")
-        ]
+        observation, reward, *ended, info = env.step(actions[row])
+        np.testing.assert_allclose(observation["points"], observations["points"][row], atol=1e-6)
+        assert [reward, *ended] == [rewards[row], terminated[row], truncated[row]]
+        assert info == {name: values[row] for name, values in infos.items()}
 
 
-def test_only_the_ropes_that_are_asked_for_are_reset():
-    env = BatchedTieEnv("overhand", batch=2)
-    first = env.reset()
-    before = env.episodes.points.copy()
-    again = env.reset(first.set("_reset", torch.tensor([[True], [False]])))
-    kept = (env.episodes.points == before).all((1, 2))
-    assert kept.tolist() == [False, True]
-    np.testing.assert_array_equal(again["points"], env.episodes.points.astype(np.float32))
+def test_vector_env_resets_ended_episodes_in_the_next_step(rope):
+    vector = TieVectorEnv(2, TieTask.tie("overhand", rope[None], splines=2))
+    before, _ = vector.reset(seed=0)
+    vector.episodes.used[0] = 1  # so that only the first episode ends
+    *_, truncated, _ = vector.step(np.stack([NOTHING, NOTHING]))
+    assert truncated.tolist() == [True, False]
+    action = to_box(np.array([0.5, 0.1, 0.1, 0.1, 0.1, 0.2]))
+    after, rewards, terminated, truncated, _ = vector.step(np.stack([action, action]))
+    assert truncated.tolist() == [False, True] and not terminated[0] and not rewards[0]
+    laid_anew = (after["points"] == before["points"]).all((1, 2))
+    assert laid_anew.tolist() == [True, False]
+    assert vector.episodes.used[0] == 0
 
 
-def test_the_box_holds_every_spline(rng):
+@pytest.mark.slow
+def test_make_vec_makes_the_vector_env():
+    register_envs()
+    env = gymnasium.make_vec(ENV_ID, num_envs=2, vectorization_mode="vector_entry_point")
+    assert isinstance(env.unwrapped, TieVectorEnv)
+    assert env.reset(seed=0)[0]["points"].shape[0] == 2
+
+
+def test_box_holds_every_spline(rng):
     box = rng.uniform(-1, 1, (20, 6))
     np.testing.assert_allclose(to_box(to_splines(box)), box, atol=1e-6)
     assert (to_splines(box * 3) == to_splines(np.clip(box * 3, -1, 1))).all()
 
 
-def test_wrong_input_is_named(rope):
+def test_wrong_arguments_are_named(rope):
     with pytest.raises(ValueError, match="choose None or rgb_array"):
         TieEnv(render_mode="human")
     with pytest.raises(ValueError, match="there is: start"):
@@ -118,4 +123,4 @@ def test_wrong_input_is_named(rope):
     with pytest.raises(ValueError, match="draws random curves"):
         TieEnv().reset(options={"start": 0})
     with pytest.raises(ValueError, match="at least 1 rope"):
-        BatchedTieEnv(batch=0)
+        TieVectorEnv(0)

@@ -13,7 +13,7 @@ ROPE = straight(RopeConfig())
 
 
 @pytest.mark.parametrize("name", ["overhand", "figure_eight", "pentagram"])
-def test_the_codes_of_a_goal_are_its_states(name):
+def test_goal_codes_are_states(name):
     codes = goal_codes(TieTask.tie(name))
     read = {
         TopologicalState.from_crossings([tuple(map(int, row)) for row in code if row.any()])
@@ -22,14 +22,14 @@ def test_the_codes_of_a_goal_are_its_states(name):
     assert read == knot(name) and name in KNOT_NAMES
 
 
-def test_the_codes_of_actions_differ_and_hold_their_parameters():
+def test_action_codes_hold_parameters():
     actions = [R1(0, 1, 1), R1(0, 1, -1), R2(0, 0, 1, 1), Cross(2, 0, 1), None]
     codes = [tuple(action_code(action).tolist()) for action in actions]
     assert len(set(codes)) == len(codes)
     assert codes[2] == (2, 0, 0, 1, 1) and codes[3] == (3, 2, 0, 1, 0) and not any(codes[4])
 
 
-def test_actions_lead_on_along_the_dag_only():
+def test_actions_follow_the_dag():
     task = TieTask.tie("overhand")
     state = TopologicalState.trivial()
     while state not in task.goal.states:
@@ -39,7 +39,7 @@ def test_actions_lead_on_along_the_dag_only():
     assert task.actions(TopologicalState.trivial().apply(R2(0, 0, 1, 1))) == ()
 
 
-def test_a_single_action_leads_to_one_state():
+def test_single_action_has_one_goal():
     task = TieTask.single("R1(0,1,1)", ROPE[None])
     assert task.goal.states == {TopologicalState.trivial().apply(parse_action("R1(0,1,1)"))}
     assert task.splines == 1

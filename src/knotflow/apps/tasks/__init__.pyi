@@ -1,19 +1,15 @@
-from .batched import BatchedTieEnv
-from .encoding import action_code, goal_codes, to_box, to_splines
-from .episodes import Episodes, StepResult
-from .evaluation import evaluate
-from .gym import TieEnv
-from .public import public_tasks
+from .environments import TieEnv, TieVectorEnv
+from .leaderboard import evaluate, public_tasks
 from .registration import ENV_ID, register_envs
-from .task import TieTask
+from .task import Episodes, StepResult, TieTask, action_code, goal_codes, to_box, to_splines
 
 __all__ = [
     "ENV_ID",
-    "BatchedTieEnv",
     "Episodes",
     "StepResult",
-    "TieTask",
     "TieEnv",
+    "TieTask",
+    "TieVectorEnv",
     "action_code",
     "evaluate",
     "goal_codes",

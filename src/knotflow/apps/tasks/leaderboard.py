@@ -1,28 +1,157 @@
 """The leaderboard: `python -m knotflow.apps.tasks.leaderboard [--measure NAME ...]`.
 
 Makes docs/leaderboard.md from docs/leaderboard.csv, after it has measured the samplers that are
-named and put their rows in place of older ones. Others' rows come from `evaluate`.
+named, in place of their older rows. Others' rows come from `evaluate`.
+
+The public tasks are fixed. Track `actions`: Fig. 6's eight topological actions, from ropes with no,
+one or two crossings, six ropes each, one spline a rope; actions from the same state share their
+ropes. Track `knots`: overhand and figure eight from sixteen random ropes, at most ten splines a
+rope. The ropes were drawn by `draw_starts` with a seed of their own, those with a crossing by aimed
+splines that no learned method has seen. Nothing else in knotflow uses them.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
-from knotflow.apps.tasks.evaluation import COLUMNS, evaluate
-from knotflow.apps.tasks.public import public_tasks
+from knotflow.apps.tasks.task import Episodes, TieTask
 from knotflow.intervals import wilson
+from knotflow.samplers.demonstrations import TASKS, aim
 from knotflow.samplers.primitives import SHIPPED_PRIMITIVES
 from knotflow.samplers.sampler import Sampler, SamplerConfig, build_sampler
+from knotflow.simulation import RopeSimulator, SimulationConfig, reached
 from knotflow.topology import Action
 
 TRACKS = ("actions", "knots")
+KNOTS = ("overhand", "figure_eight")
+ACTION_STARTS, KNOT_STARTS = 6, 16
+SPLINES = 10
+SEED = 20_201_025
+COLUMNS = ("method", "track", "task", "start", "success", "splines")
 COPIES = 12
 """Noisy copies of each shipped demonstration that ICP interpolates here; the paper has 320."""
-_INTRODUCTION = Path(__file__).parent / "data" / "leaderboard.md"
+REST_SPLINE = np.array([0.5, 0.0, 0.0, 0.02, 0.0, 0.0])
+"""Moves ropes whose episode is over; they no longer count."""
+_DATA = Path(__file__).parent / "data"
+_KNOTS_KEY = "knots"
+
+
+def public_tasks(track: str | None = None) -> dict[str, TieTask]:
+    """The public tasks of a track, "actions" or "knots", or of both, by name.
+
+    A name is an action such as "C(2,0,1)" or a knot such as "overhand".
+
+    Raises:
+        ValueError: an unknown track.
+    """
+    if track not in (None, "actions", "knots"):
+        raise ValueError(f"unknown track {track!r}; choose actions or knots")
+    tasks: dict[str, TieTask] = {}
+    with np.load(_DATA / "public.npz") as starts:
+        if track != "knots":
+            for one in TASKS:
+                name = str(one.action)
+                tasks[name] = TieTask.single(one.action, starts[_key(one.start_actions)])
+        if track != "actions":
+            tasks |= {name: TieTask.tie(name, starts[_KNOTS_KEY], SPLINES) for name in KNOTS}
+    return tasks
+
+
+def _key(start_actions: tuple[Action, ...]) -> str:
+    return " ".join(map(str, start_actions)) or "trivial"
+
+
+def draw_starts(simulator: RopeSimulator) -> dict[str, NDArray[np.float32]]:
+    """The starts (N, V, 3) by the actions that lead to their state: what is in the file.
+
+    Other versions of MuJoCo may draw others; the file is authoritative.
+    """
+    starts = {_key(task.start_actions): task.start_actions for task in TASKS}
+    fewest_first = sorted(starts, key=lambda key: len(starts[key]))
+    drawn = {}
+    for number, key in enumerate([*fewest_first[:2], _KNOTS_KEY, *fewest_first[2:]]):
+        rng = np.random.default_rng([SEED, number])  # the order counts: new ones come last
+        actions, count = starts.get(key, ()), KNOT_STARTS if key == _KNOTS_KEY else ACTION_STARTS
+        drawn[key] = reached(actions, count, simulator, aim, rng).points.astype(np.float32)
+    return drawn
+
+
+def evaluate(
+    sampler: Sampler,
+    method: str,
+    tasks: Mapping[str, TieTask] | None = None,
+    simulation: SimulationConfig | None = None,
+    seed: int = 0,
+) -> pd.DataFrame:
+    """Every start of the tasks once, without simulating a spline before it is executed.
+
+    Of the actions that lead on from a rope's state, one is drawn that the sampler serves, and the
+    sampler's first spline for it is executed.
+
+    Args:
+        sampler: proposes the splines. A ValueError says that it does not serve an action.
+        method: its name in the table.
+        tasks: all public ones if None.
+        simulation: how splines are executed.
+        seed: of all that is random.
+
+    Returns:
+        A row an episode with the columns of `COLUMNS`; `splines` counts those it took.
+    """
+    simulator = RopeSimulator(simulation or SimulationConfig())
+    rows: list[tuple[Any, ...]] = []
+    tasks = public_tasks() if tasks is None else tasks
+    for number, (name, task) in enumerate(tasks.items()):
+        track = "knots" if task.action is None else "actions"
+        rng = np.random.default_rng([seed, number])
+        for start, (success, used) in enumerate(_play(task, sampler, simulator, rng)):
+            rows.append((method, track, name, start, int(success), used))
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def _play(
+    task: TieTask, sampler: Sampler, simulator: RopeSimulator, rng: np.random.Generator
+) -> list[tuple[bool, int]]:
+    """Success and splines of an episode from each start, all of them simulated side by side."""
+    count = 1 if task.starts is None else len(task.starts)
+    episodes = Episodes(task, count, simulator)
+    for row in range(count):
+        episodes.reset(row, rng, None if task.starts is None else row)
+    playing, success = np.ones(count, bool), np.zeros(count, bool)
+    used = np.zeros(count, int)
+    while playing.any():
+        splines = np.tile(REST_SPLINE, (count, 1))
+        for row in np.flatnonzero(playing).tolist():
+            proposed = _propose(task, episodes, row, sampler, rng)
+            if proposed is None:
+                playing[row] = False
+            else:
+                splines[row] = proposed
+        outcome = episodes.step(splines)
+        used += playing
+        success |= playing & outcome.success
+        playing &= ~(outcome.terminated | outcome.truncated)
+    return list(zip(success.tolist(), used.tolist(), strict=True))
+
+
+def _propose(
+    task: TieTask, episodes: Episodes, row: int, sampler: Sampler, rng: np.random.Generator
+) -> NDArray | None:
+    """A spline (6,) for one rope, or None where the sampler serves none of its actions."""
+    actions = task.actions(episodes.states[row])
+    for index in rng.permutation(len(actions)):
+        try:
+            return sampler.sample(episodes.points[row], actions[index], 1, rng)[0]
+        except ValueError:
+            continue
+    return None
 
 
 def page(rows: pd.DataFrame) -> str:
@@ -36,7 +165,7 @@ def page(rows: pd.DataFrame) -> str:
     twice = rows[rows.duplicated(["method", "task", "start"])]
     if len(twice):
         raise ValueError(f"measured twice: {twice.iloc[0][['method', 'task', 'start']].tolist()}")
-    parts = [_INTRODUCTION.read_text("utf-8").rstrip()]
+    parts = [(_DATA / "leaderboard.md").read_text("utf-8").rstrip()]
     for track in TRACKS:
         some = rows[rows["track"] == track]
         tables = [_ranking(some), _by_task(some)] if len(some) else ["No method yet."]

@@ -1,6 +1,6 @@
 """Makes "knotflow/Tie-v0" known to Gymnasium.
 
-An installed knotflow is found by Gymnasium itself, through the entry point `gymnasium.envs`.
+Gymnasium finds an installed knotflow through the entry point `gymnasium.envs`.
 """
 
 from __future__ import annotations
@@ -14,4 +14,9 @@ def register_envs() -> None:
     from gymnasium.envs.registration import register, registry
 
     if ENV_ID not in registry:
-        register(ENV_ID, entry_point="knotflow.apps.tasks.gym:TieEnv")
+        module = "knotflow.apps.tasks.environments"
+        register(
+            ENV_ID,
+            entry_point=f"{module}:TieEnv",
+            vector_entry_point=f"{module}:TieVectorEnv",
+        )

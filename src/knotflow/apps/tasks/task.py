@@ -1,4 +1,11 @@
-"""What is to be tied into which ropes."""
+"""What is to be tied into which ropes, its episodes, and its goals and actions as arrays.
+
+An episode begins with a rope at rest and follows the solution DAG of its goal. A spline is
+executed, the rope comes to rest, and its state is read. In a goal state the episode is won, with a
+reward of 1. In a state off the DAG, or one that cannot be read, it is lost, as actions are never
+undone; so it is where the simulation diverged. In any other state of the DAG it goes on until its
+splines are used up.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +15,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.planning import Goal, SolutionDag, parse_goal
-from knotflow.simulation import RopeConfig, StartsConfig, check_points, random_curve
-from knotflow.topology import Action, TopologicalState, parse_action
+from knotflow.simulation import (
+    SPLINE_HIGH,
+    SPLINE_LOW,
+    RopeConfig,
+    RopeSimulator,
+    StartsConfig,
+    check_points,
+    clip_splines,
+    end_states,
+    random_curve,
+    state_or_none,
+)
+from knotflow.topology import R1, R2, Action, Cross, TopologicalState, parse_action
+
+KINDS = (R1, R2, Cross)
+"""Kinds of actions; in an action's code counted from 1, and 0 for any action."""
+ACTION_SIZE = 5
+"""The kind, and as many parameters as an R2 has."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +51,16 @@ class TieTask:
     action: Action | None = None
     """The one action that is asked for; None where any path of the solution DAG will do."""
 
+    def __post_init__(self) -> None:
+        if self.splines < 1:
+            raise ValueError(f"an episode has at least 1 spline, got {self.splines}")
+        if self.starts is None:
+            return
+        if self.starts.ndim != 3 or self.starts.shape[-1] != 3 or not len(self.starts):
+            raise ValueError(f"starts have shape (N, V, 3) with N >= 1, got {self.starts.shape}")
+        for points in self.starts:
+            self.goal.dag.check_start(TopologicalState.from_curve(points))
+
     @classmethod
     def tie(cls, goal: str, starts: NDArray | None = None, splines: int = 10) -> TieTask:
         """Tie a goal, by any path of its solution DAG.
@@ -40,7 +73,7 @@ class TieTask:
         Raises:
             ValueError: a text that names no goal, fewer than one spline, or unfit starts.
         """
-        return cls(parse_goal(goal), splines, _checked(starts))._check()
+        return cls(parse_goal(goal), splines, None if starts is None else np.asarray(starts, float))
 
     @classmethod
     def single(cls, action: str | Action, starts: NDArray | None = None) -> TieTask:
@@ -56,12 +89,12 @@ class TieTask:
             ValueError: a text that is no action, or unfit starts.
         """
         action = parse_action(action) if isinstance(action, str) else action
-        starts = _checked(starts)
         state = TopologicalState.trivial()
         if starts is not None:
+            starts = np.asarray(starts, float)
             state = TopologicalState.from_curve(starts[0])
         goal = Goal(str(action), SolutionDag.along([action], state))
-        return cls(goal, 1, starts, action)._check()
+        return cls(goal, 1, starts, action)
 
     def start(
         self, rng: np.random.Generator, rope: RopeConfig, index: int | None = None
@@ -82,23 +115,102 @@ class TieTask:
         )
 
     def actions(self, state: TopologicalState | None) -> tuple[Action, ...]:
-        """What leads on towards the goal from a state; nothing from a goal or off the DAG."""
+        """The actions of the DAG in a state; none in a goal state or off the DAG."""
         if state is None or state not in self.goal.dag or state in self.goal.states:
             return ()
         return tuple(action for action, _ in self.goal.dag.edges_from(state))
 
-    def _check(self) -> TieTask:
-        if self.splines < 1:
-            raise ValueError(f"an episode has at least 1 spline, got {self.splines}")
-        for points in () if self.starts is None else self.starts:
-            self.goal.dag.check_start(TopologicalState.from_curve(points))
-        return self
+
+@dataclass(frozen=True)
+class StepResult:
+    """Outcome of one spline on each of B ropes."""
+
+    success: NDArray[np.bool_]
+    """(B,) whether the rope is in a goal state."""
+    terminated: NDArray[np.bool_]
+    """(B,) whether the episode is won or lost."""
+    truncated: NDArray[np.bool_]
+    """(B,) whether its splines are used up, neither won nor lost."""
+    diverged: NDArray[np.bool_]
+    """(B,) whether the simulation diverged."""
 
 
-def _checked(starts: NDArray | None) -> NDArray[np.float64] | None:
-    if starts is None:
-        return None
-    starts = np.asarray(starts, np.float64)
-    if starts.ndim != 3 or starts.shape[-1] != 3 or not len(starts):
-        raise ValueError(f"starts have shape (N, V, 3) with N >= 1, got {starts.shape}")
-    return starts
+class Episodes:
+    """An episode of a task on each of B ropes, simulated together."""
+
+    def __init__(self, task: TieTask, batch: int, simulator: RopeSimulator) -> None:
+        self.task = task
+        self.simulator = simulator
+        self.points = np.zeros((batch, simulator.config.rope.num_vertices, 3))
+        """(B, V, 3) the ropes as they lie, metres."""
+        self.states: list[TopologicalState | None] = [None] * batch
+        """(B,) their states; None where one cannot be read."""
+        self.used = np.zeros(batch, np.intp)
+        """(B,) splines executed in this episode."""
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def reset(self, row: int, rng: np.random.Generator, index: int | None = None) -> None:
+        """Begin an episode with a start of the task; see `TieTask.start`."""
+        self.points[row] = self.task.start(rng, self.simulator.config.rope, index)
+        self.states[row] = state_or_none(self.points[row])
+        self.used[row] = 0
+
+    def step(self, splines: NDArray) -> StepResult:
+        """Execute splines (B, 6), one on each rope.
+
+        Raises:
+            SplineError: for splines out of range.
+        """
+        rollouts = self.simulator.execute(self.points, splines)
+        self.points = rollouts.end_points
+        self.states = list(end_states(rollouts))
+        self.used = self.used + 1
+        goal = self.task.goal
+        success = np.array([state in goal.states for state in self.states], bool)
+        lost = np.array([state is None or state not in goal.dag for state in self.states], bool)
+        terminated = success | lost
+        used_up = (self.used >= self.task.splines) & ~terminated
+        return StepResult(success, terminated, used_up, rollouts.diverged)
+
+
+def goal_codes(task: TieTask) -> NDArray[np.int8]:
+    """(G, C, 3) the signed Gauss codes of a task's goal states, sorted.
+
+    A row is one crossing (over, under, sign) as in Eq. 1, positions counted from 1; states of fewer
+    than C crossings are filled up with zeros.
+    """
+    states = sorted(task.goal.states)
+    codes = np.zeros((len(states), max(1, *(s.num_crossings for s in states), 1), 3), np.int8)
+    for code, state in zip(codes, states, strict=True):
+        code[: state.num_crossings] = state.crossings or np.zeros((0, 3))
+    return codes
+
+
+def action_code(action: Action | None) -> NDArray[np.int8]:
+    """(5,) kind and parameters in the paper's order (Table I), filled up with zeros.
+
+    No action at all is five zeros.
+    """
+    code = np.zeros(ACTION_SIZE, np.int8)
+    for kind, cls in enumerate(KINDS, 1):
+        if isinstance(action, cls):
+            parameters = str(action).partition("(")[2].rstrip(")").split(",")
+            code[: 1 + len(parameters)] = [kind, *map(int, parameters)]
+    return code
+
+
+def to_splines(actions: NDArray) -> NDArray[np.float64]:
+    """Splines (..., 6) from actions (..., 6) of [-1, 1]: see `simulation.spline` for their units.
+
+    What lies outside is brought to the edge.
+    """
+    unit = (np.asarray(actions, np.float64) + 1) / 2
+    return clip_splines(SPLINE_LOW + unit * (SPLINE_HIGH - SPLINE_LOW))
+
+
+def to_box(splines: NDArray) -> NDArray[np.float32]:
+    """Actions (..., 6) of [-1, 1] for splines (..., 6): the inverse of `to_splines`."""
+    unit = (np.asarray(splines, np.float64) - SPLINE_LOW) / (SPLINE_HIGH - SPLINE_LOW)
+    return (2 * unit - 1).astype(np.float32)

@@ -7,8 +7,7 @@ import pandas as pd
 import pytest
 
 from knotflow.apps.tasks import TieTask, evaluate, public_tasks
-from knotflow.apps.tasks.evaluation import COLUMNS
-from knotflow.apps.tasks.leaderboard import main, page
+from knotflow.apps.tasks.leaderboard import COLUMNS, main, page
 from knotflow.samplers.demonstrations import TASKS
 from knotflow.simulation import RopeConfig, check_points, straight
 from knotflow.topology import TopologicalState, parse_action
@@ -16,7 +15,7 @@ from knotflow.topology import TopologicalState, parse_action
 ROPE = RopeConfig()
 
 
-def test_every_start_is_a_rope_from_which_its_goal_is_reached():
+def test_every_public_start_can_reach_its_goal():
     tasks = public_tasks()
     assert len(tasks) == 10
     for name, task in tasks.items():
@@ -27,7 +26,7 @@ def test_every_start_is_a_rope_from_which_its_goal_is_reached():
         assert task.actions(states.pop())
 
 
-def test_a_track_is_named():
+def test_tracks_select_tasks():
     assert set(public_tasks("knots")) == {"overhand", "figure_eight"}
     assert set(public_tasks("actions")) == {str(task.action) for task in TASKS}
     with pytest.raises(ValueError, match="choose actions or knots"):
@@ -43,7 +42,7 @@ class Careful:
         return np.tile([0.5, 0.0, 0.0, 0.02, 0.0, 0.0], (count, 1))
 
 
-def test_an_episode_ends_when_its_splines_are_used_up_or_no_action_is_served():
+def test_episode_ends_without_splines_or_served_action():
     points = straight(ROPE)[None]
     tasks = {
         "served": TieTask.tie("2o1+", points, splines=2),
@@ -57,7 +56,7 @@ def test_an_episode_ends_when_its_splines_are_used_up_or_no_action_is_served():
     ]
 
 
-def test_the_page_ranks_methods_and_gives_intervals(tmp_path):
+def test_page_ranks_methods_with_intervals(tmp_path):
     rows = pd.DataFrame(
         [(m, "actions", "R1(0,1,1)", s, int(s < k), 1) for m, k in [("a", 1), ("b", 3)]
          for s in range(4)],
