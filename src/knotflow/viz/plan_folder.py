@@ -52,9 +52,8 @@ def write_plan_folder(
     # Here, as matplotlib is slow to import and most stages draw nothing.
     from PIL import Image
 
-    from knotflow.viz.animation import animate_plan
     from knotflow.viz.dag import draw_dag
-    from knotflow.viz.plan import draw_plan
+    from knotflow.viz.plan import animate_plan, draw_plan
 
     coarse = subsample(plan)
     for suffix in ("png", "svg"):
