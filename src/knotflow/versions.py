@@ -24,7 +24,7 @@ COMPONENTS = {
     "simulation": Component(2, ("simulation",)),
     "demonstrations": Component(2, ("samplers.demonstrations",)),
     "baselines": Component(1, ("samplers.random", "samplers.icp", "samplers.aimed")),
-    "causal_infogan": Component(1, ("samplers.causal_infogan",)),
+    "causal_infogan": Component(1, ("samplers.causal_infogan", "training.causal_infogan")),
     "primitives": Component(3, ("samplers.primitives",)),
     "training": Component(
         6,

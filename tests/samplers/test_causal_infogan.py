@@ -1,4 +1,4 @@
-"""Causal InfoGAN: its ropes keep their length, its training is repeatable, its plans are sound."""
+"""Causal InfoGAN: its ropes keep their length, its plans are sound."""
 
 import numpy as np
 import pytest
@@ -8,12 +8,19 @@ from knotflow.samplers.causal_infogan import CausalInfoGanConfig
 from knotflow.samplers.causal_infogan.health import Checkup
 from knotflow.samplers.causal_infogan.networks import load_model, save_model
 from knotflow.samplers.causal_infogan.planning import Planner
-from knotflow.samplers.causal_infogan.training import Trainer
 from knotflow.simulation import RopeConfig, arc
+from knotflow.training.causal_infogan import CausalInfoGanTrainer
 
 ROPE = RopeConfig(links=20)
 SMALL = CausalInfoGanConfig(
-    width=16, batch=16, prior_samples=64, restarts=2, projection_steps=60, candidates=4
+    width=16,
+    batch=16,
+    prior_samples=64,
+    restarts=2,
+    projection_steps=60,
+    candidates=4,
+    steps=60,
+    check_every=60,
 )
 
 
@@ -35,13 +42,9 @@ def shapes():
 
 @pytest.fixture(scope="module")
 def trained(shapes):
-    trainer = Trainer(shapes, SMALL, seed=1)
-    trainer.advance(60)
+    trainer = CausalInfoGanTrainer(shapes, np.arange(24) // 6, SMALL, seed=1)
+    list(trainer)
     return trainer
-
-
-def weights(trainer):
-    return torch.cat([one.flatten() for one in trainer.model.parameters()])
 
 
 @pytest.mark.slow
@@ -53,47 +56,6 @@ def test_generated_ropes_have_links_of_the_right_length(trained):
         assert made.shape == (50, 21, 3)
         lengths = torch.diff(made, dim=1).norm(dim=-1)
         assert torch.allclose(lengths, torch.tensor(ROPE.link_length), rtol=1e-3)
-
-
-def test_equal_seeds_give_equal_models_and_others_do_not(shapes):
-    trainers = [Trainer(shapes, SMALL, seed) for seed in (1, 1, 2)]
-    for one in trainers:
-        one.advance(3)
-    first, again, other = map(weights, trainers)
-    assert torch.equal(first, again)
-    assert not torch.allclose(first, other)
-
-
-def test_training_depends_on_no_random_numbers_of_others(shapes):
-    torch.manual_seed(5)
-    before = torch.random.get_rng_state()
-    trainer = Trainer(shapes, SMALL, 1)
-    trainer.advance(2)
-    assert torch.equal(torch.random.get_rng_state(), before)
-
-
-def test_a_resumed_training_ends_as_if_never_interrupted(shapes, tmp_path):
-    whole = Trainer(shapes, SMALL, 4)
-    whole.advance(6)
-    first = Trainer(shapes, SMALL, 4)
-    first.advance(4)
-    torch.save(first.state_dict(), tmp_path / "checkpoint.pt")
-    second = Trainer(shapes, SMALL, 4)
-    second.load_state_dict(torch.load(tmp_path / "checkpoint.pt", weights_only=True))
-    second.advance(2)
-    assert second.step == whole.step == 6
-    assert torch.equal(weights(second), weights(whole))
-
-
-def test_training_moves_the_shapes_toward_the_data(shapes, trained):
-    checkup = Checkup(torch.tensor(shapes).float(), torch.arange(24) // 6)
-    before, after = checkup(Trainer(shapes, SMALL, 1).model), checkup(trained.model)
-    assert after.distance_to_data < before.distance_to_data
-
-
-def test_rollouts_of_a_single_frame_are_refused(shapes):
-    with pytest.raises(ValueError, match="at least one rollout of two frames"):
-        Trainer(shapes[:, :1], SMALL, 0)
 
 
 class Made:

@@ -12,6 +12,7 @@ from knotflow.samplers.causal_infogan import CausalInfoGanConfig
 from knotflow.samplers.demonstrations import aim, task
 from knotflow.simulation import RopeSimulator, SimulationConfig, arc, attempt, straight
 from knotflow.topology import TopologicalState
+from knotflow.training.trainer import CHECKPOINT
 from knotflow.workflow import StageContext
 from knotflow.workflow.stages import causal_infogan as training
 from knotflow.workflow.stages import causal_infogan_ends as ending
@@ -87,29 +88,17 @@ def test_training_leaves_models_curves_and_verdicts(trained):
     seeds = pd.read_csv(trained / "seeds.csv", keep_default_na=False)
     assert seeds["step"].tolist() == [4, 4]
     assert sorted(path.name for path in (trained / "models").iterdir()) == ["0.pt", "1.pt"]
-    assert not list((trained / "checkpoints").iterdir())
+    assert not list(trained.rglob(CHECKPOINT))
 
 
-def test_an_interrupted_training_goes_on_and_ends_the_same(trained, demonstrations, tmp_path):
-    class Stop(Exception):
-        pass
-
-    class Interrupted(StageContext):
-        saved = 0
-
-        def atomic(self, path):
-            if str(path).startswith("checkpoints/1"):
-                self.saved += 1
-                if self.saved == 2:
-                    raise Stop
-            return super().atomic(path)
-
+def test_interrupted_training_ends_the_same(
+    trained, demonstrations, tmp_path, interrupted_training
+):
     config = training.CausalInfoGanStageConfig(NETWORK, [R2], seeds=2)
     inputs = {"demonstrations": demonstrations}
-    with pytest.raises(Stop):
-        training.train(config, inputs, Interrupted(tmp_path))
-    assert (tmp_path / "models" / "0.pt").exists()
-    assert torch.load(tmp_path / "checkpoints" / "1.pt", weights_only=True)["step"] == 2
+    with interrupted_training(1):
+        training.train(config, inputs, StageContext(tmp_path))
+    assert len([*tmp_path.rglob(CHECKPOINT)]) == 1
     training.train(config, inputs, StageContext(tmp_path))
     for name in ("training.csv", "seeds.csv"):
         assert (tmp_path / name).read_bytes() == (trained / name).read_bytes()

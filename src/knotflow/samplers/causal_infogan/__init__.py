@@ -5,7 +5,7 @@ Gaussian transition. A plan is a straight line in the code space between the pro
 start and a given end shape, decoded into rope shapes. It is no sampler: it wants the end shape,
 and returns shapes but no robot motion.
 
-What needs torch is imported from where it is: `training.Trainer`, `health.Checkup`,
+What needs torch is imported from where it is: `health.Checkup`,
 `networks.save_model` and `load_model`, `planning.Planner`.
 """
 

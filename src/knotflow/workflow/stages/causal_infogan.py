@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import partial
 from pathlib import Path
 
@@ -18,7 +18,11 @@ from knotflow.samplers.causal_infogan import (
     DemonstratedRollouts,
     frames_at,
 )
+from knotflow.samplers.causal_infogan.health import Health
+from knotflow.samplers.causal_infogan.networks import save_model
 from knotflow.samplers.demonstrations import TASKS, task
+from knotflow.training.causal_infogan import CausalInfoGanTrainer
+from knotflow.training.trainer import CURVES, run_training
 from knotflow.workflow.context import StageContext
 from knotflow.workflow.stage import stage
 
@@ -47,9 +51,15 @@ def train(
     pending = context.pending([f"models/{seed}" for seed in seeds], ".pt")
     work = partial(_train, config, dict(inputs))
     context.each(work, [int(Path(shard).name) for shard in pending], "causal_infogan")
-    curves = [
-        pd.read_csv(context.out / "curves" / f"{seed}.csv", keep_default_na=False) for seed in seeds
-    ]
+    curves = []
+    for seed in seeds:
+        curve = pd.read_csv(context.out / f"seed-{seed}" / CURVES)
+        curve.insert(0, "seed", int(seed))
+        health = curve[[one.name for one in fields(Health)]]
+        curve["collapsed"] = [
+            " ".join(Health(**row).collapsed) for row in health.to_dict("records")
+        ]
+        curves.append(curve)
     with context.atomic("training.csv") as path:
         pd.concat(curves).to_csv(path, index=False)
     with context.atomic("seeds.csv") as path:
@@ -59,43 +69,23 @@ def train(
 def _train(
     config: CausalInfoGanStageConfig, inputs: Mapping[str, Path], context: StageContext, seed: int
 ) -> None:
-    import torch
-
-    from knotflow.samplers.causal_infogan.health import Checkup
-    from knotflow.samplers.causal_infogan.networks import save_model
-    from knotflow.samplers.causal_infogan.training import Trainer
-
     network = config.network
     actions = [str(task(one).action) for one in config.actions] or [str(t.action) for t in TASKS]
     rollouts = load_rollouts(inputs["demonstrations"], actions, network.frame_rate)
     shapes = rollouts.in_start_frames()
-    trainer = Trainer(shapes, network, seed)
-    checkup = Checkup(torch.as_tensor(shapes).float(), torch.as_tensor(rollouts.starts))
-    checkpoint, curve = f"checkpoints/{seed}.pt", []
-    if (context.out / checkpoint).exists():
-        state = torch.load(context.out / checkpoint, weights_only=True)
-        curve = state.pop("curve")
-        trainer.load_state_dict(state)
-    with context.progress(
-        total=network.steps, initial=trainer.step, desc=f"causal_infogan, seed {seed}"
-    ) as bar:
-        while trainer.step < network.steps:
-            steps = min(network.check_every, network.steps - trainer.step)
-            losses = trainer.advance(steps)
-            health = checkup(trainer.model)
-            numbers = {**losses, **asdict(health)}
-            for name, value in numbers.items():
-                context.logger.log_scalar(f"seed_{seed}/{name}", value, trainer.step)
-            collapsed = " ".join(health.collapsed)
-            curve.append({"seed": seed, "step": trainer.step, **numbers, "collapsed": collapsed})
-            with context.atomic(checkpoint) as path:
-                torch.save({**trainer.state_dict(), "curve": curve}, path)
-            bar.update(steps)
-    with context.atomic(f"curves/{seed}.csv") as path:
-        pd.DataFrame(curve).to_csv(path, index=False, float_format="%.6g")
-    with context.atomic(f"models/{seed}.pt") as path:
-        save_model(path, trainer.model, actions)
-    (context.out / checkpoint).unlink()
+    trainer = CausalInfoGanTrainer(shapes, rollouts.starts, network, seed)
+
+    def finish() -> None:
+        with context.atomic(f"models/{seed}.pt") as path:
+            save_model(path, trainer.model, actions)
+
+    def log(name: str, value: float, step: int) -> None:
+        context.logger.log_scalar(f"seed_{seed}/{name}", value, step)
+
+    run_training(
+        trainer, context.out / f"seed-{seed}", name=f"causal_infogan, seed {seed}",
+        progress=context.progress, finish=finish, log=log,
+    )  # fmt: skip
 
 
 def load_rollouts(

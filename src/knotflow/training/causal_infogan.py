@@ -1,4 +1,4 @@
-"""Training: the generative-adversarial game with the mutual information of codes and shapes.
+"""Training of Causal InfoGAN (Sec. VII-C).
 
 For pairs (x, x') of the data, c uniform, c' from the transition, and (y, y') = G(z, c, c'):
 
@@ -10,6 +10,8 @@ where the information is bounded from below with Q (Kurutach et al. 2018, Eq. 4)
 
 from __future__ import annotations
 
+import math
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -19,31 +21,46 @@ from torch import Tensor
 from torch.nn.functional import softplus
 
 from knotflow.samplers.causal_infogan.config import CausalInfoGanConfig
+from knotflow.samplers.causal_infogan.health import Checkup
 from knotflow.samplers.causal_infogan.networks import CausalInfoGan, Scale, gaussian_log_density
+from knotflow.training.trainer import Metrics, Trainer
 
 
-class Trainer:
-    """A model in training. The same shapes, configuration and seed give the same model.
+class CausalInfoGanTrainer(Trainer):
+    """Trains `model`; a round ends with a check of the generator's health."""
 
-    Args:
-        shapes: (N, F, V, 3) N rollouts of F frames each in their start frames, metres.
-        config: networks and training.
-        seed: of the first weights and everything random.
-    """
+    def __init__(
+        self,
+        shapes: NDArray[np.float64],
+        starts: NDArray[np.intp],
+        config: CausalInfoGanConfig,
+        seed: int,
+    ) -> None:
+        """Draws the first weights from `seed`.
 
-    def __init__(self, shapes: NDArray, config: CausalInfoGanConfig, seed: int) -> None:
+        Args:
+            shapes: (N, F, V, 3) rollouts of F frames each in their start frames, metres.
+            starts: (N,) number of the demonstrated start of each.
+            config: networks and training.
+            seed: of everything random.
+
+        Raises:
+            ValueError: there is no rollout, or such of one frame.
+        """
         if shapes.ndim != 4 or shapes.shape[-1] != 3 or len(shapes) == 0 or shapes.shape[1] < 2:
             raise ValueError(
                 "training shapes are (N, F, V, 3) with at least one rollout of two frames, "
                 f"got {shapes.shape}"
             )
-        self.config, self.step = config, 0
+        super().__init__(math.ceil(config.steps / config.check_every))
+        self.config = config
         self._shapes = torch.as_tensor(shapes, dtype=torch.float32)
         self._rng = torch.Generator().manual_seed(seed)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             scale = Scale.of(self._shapes[:, :-1].flatten(0, 1), self._shapes[:, 1:].flatten(0, 1))
             self.model = CausalInfoGan(config, scale, shapes.shape[2])
+        self._checkup = Checkup(self._shapes, torch.as_tensor(starts))
         model, betas = self.model, (config.beta1, config.beta2)
         self._critic = torch.optim.Adam(
             model.discriminator.parameters(), config.learning_rate, betas
@@ -55,17 +72,19 @@ class Trainer:
             betas,
         )
 
-    def advance(self, steps: int) -> dict[str, float]:
-        """Take gradient steps; means of the losses over them."""
+    def step(self) -> Metrics:
+        first = len(self.history) * self.config.check_every
+        last = min(first + self.config.check_every, self.config.steps)
         self.model.train()
-        losses = [self._update() for _ in range(steps)]
-        self.step += steps
-        return {name: float(np.mean([one[name] for one in losses])) for name in losses[0]}
+        losses = [self._update() for _ in range(first, last)]
+        means = {name: float(np.mean([one[name] for one in losses])) for name in losses[0]}
+        return {"step": last} | means
+
+    def validate(self) -> Metrics:
+        return asdict(self._checkup(self.model))
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything needed to go on, exactly as if never interrupted."""
-        return {
-            "step": self.step,
+        return super().state_dict() | {
             "model": self.model.state_dict(),
             "critic": self._critic.state_dict(),
             "maker": self._maker.state_dict(),
@@ -73,8 +92,7 @@ class Trainer:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from what `state_dict` gave."""
-        self.step = state["step"]
+        super().load_state_dict(state)
         self.model.load_state_dict(state["model"])
         self._critic.load_state_dict(state["critic"])
         self._maker.load_state_dict(state["maker"])
@@ -98,7 +116,7 @@ class Trainer:
         real, fake = odds.split(config.batch)
         critic_loss = softplus(-real).mean() + softplus(fake).mean()
         self._critic.zero_grad()
-        critic_loss.backward()
+        torch.autograd.backward(critic_loss)
         self._critic.step()
 
         for parameter in model.discriminator.parameters():
@@ -112,7 +130,7 @@ class Trainer:
         wide = (variance**2).sum(dim=1).mean()
         loss = fooled + config.information_weight * unknown + config.variance_weight * wide
         self._maker.zero_grad()
-        loss.backward()
+        torch.autograd.backward(loss)
         self._maker.step()
         for parameter in model.discriminator.parameters():
             parameter.requires_grad_(True)
