@@ -91,18 +91,15 @@ class PlanTab:
             state.player.show(Playback.of_plan(plan))
 
     def _export_json(self, event: viser.GuiEvent) -> None:
-        self._send(event, "plan.json", self._current_plan().to_json().encode())
+        if (plan := self._state.session.plan) is not None:
+            self._send(event, "plan.json", plan.to_json().encode())
 
     def _export_csv(self, event: viser.GuiEvent) -> None:
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "waypoints.csv"
-            self._current_plan().waypoints().to_csv(path)
-            self._send(event, path.name, path.read_bytes())
-
-    def _current_plan(self) -> KnotPlan:
-        if self._state.session.plan is None:
-            raise StudioError("there is no plan for this rope yet: plan first")
-        return self._state.session.plan
+        if (plan := self._state.session.plan) is not None:
+            with tempfile.TemporaryDirectory() as folder:
+                path = Path(folder) / "waypoints.csv"
+                plan.waypoints().to_csv(path)
+                self._send(event, path.name, path.read_bytes())
 
     def _send(self, event: viser.GuiEvent, name: str, content: bytes) -> None:
         if event.client is not None:

@@ -62,7 +62,6 @@ class Scene:
         points = np.asarray(points, float)
         self._capsules(points, _colours(points, action))
         labels = [("head", points[0]), ("tail", points[-1])]
-        self._clear("segments")
         if action is not None:
             intervals = segment_intervals(points)
             chosen = {action.over_segment: "over", action.under_segment: "under"}
@@ -73,11 +72,12 @@ class Scene:
                 middle = intervals[segment].mean()
                 place = np.array([np.interp(middle, along, column) for column in points.T])
                 labels.append((f"{segment}: {word}", place))
-        self._labels("segments", labels)
+        self._clear("labels")
+        self._handles["labels"] = self._labels("rope", labels)
 
     def move(self, points: NDArray) -> None:
-        """The rope (V, 3) elsewhere, in the colours it has; labels go, as in a film."""
-        self._clear("segments")
+        """Move the rope to (V, 3), in its colours but without labels."""
+        self._clear("labels")
         self._capsules(np.asarray(points, float), None)
 
     def spline(self, controls: NDArray) -> None:
@@ -95,8 +95,8 @@ class Scene:
             nodes.append(self._line("/spline/stem", np.stack([foot, controls[1]]), MUTED, 2.0))
         if len(controls) == len(CLICKS):
             nodes.append(self._line("/spline/curve", spline_path(controls, _CURVE), SPLINE, 5.0))
-        self._handles["spline"] = nodes
-        self._labels("points", list(zip(CLICKS, np.asarray(controls), strict=False)))
+        labels = list(zip(CLICKS, np.asarray(controls), strict=False))
+        self._handles["spline"] = nodes + self._labels("spline", labels)
 
     def others(self, controls: NDArray) -> None:
         """The curves of further splines with control points (N, 3, 3), pale."""
@@ -167,9 +167,8 @@ class Scene:
             name, pieces, colors=rgb(colour), thickness=width, thickness_units="screen"
         )
 
-    def _labels(self, name: str, labels: list[tuple[str, NDArray]]) -> None:
-        self._clear(f"{name}-labels")
-        self._handles[f"{name}-labels"] = [
+    def _labels(self, name: str, labels: list[tuple[str, NDArray]]) -> list[viser.SceneNodeHandle]:
+        return [
             self._scene.add_label(
                 f"/labels/{name}/{n}",
                 text,
@@ -182,8 +181,6 @@ class Scene:
     def _clear(self, name: str) -> None:
         for handle in self._handles.pop(name, []):
             handle.remove()
-        if name in ("spline", "segments"):
-            self._clear({"spline": "points-labels", "segments": "segments-labels"}[name])
 
 
 def camera_position(aspect: float) -> NDArray[np.float64]:

@@ -6,8 +6,8 @@ named, in place of their older rows. Others' rows come from `evaluate`.
 The public tasks are fixed. Track `actions`: Fig. 6's eight topological actions, from ropes with no,
 one or two crossings, six ropes each, one spline a rope; actions from the same state share their
 ropes. Track `knots`: overhand and figure eight from sixteen random ropes, at most ten splines a
-rope. The ropes were drawn by `draw_starts` with a seed of their own, those with a crossing by aimed
-splines that no learned method has seen. Nothing else in knotflow uses them.
+rope. The ropes were drawn by benchmarks/draw_public_starts.py with a seed of their own, those with
+a crossing by aimed splines that no learned method has seen. Nothing else in knotflow uses them.
 """
 
 from __future__ import annotations
@@ -23,24 +23,21 @@ from numpy.typing import NDArray
 
 from knotflow.apps.tasks.task import Episodes, TieTask
 from knotflow.intervals import wilson
-from knotflow.samplers.demonstrations import TASKS, aim
+from knotflow.samplers.demonstrations import TASKS
 from knotflow.samplers.primitives import SHIPPED_PRIMITIVES
 from knotflow.samplers.sampler import Sampler, SamplerConfig, build_sampler
-from knotflow.simulation import RopeSimulator, SimulationConfig, reached
+from knotflow.simulation import RopeSimulator, SimulationConfig
 from knotflow.topology import Action
 
 TRACKS = ("actions", "knots")
 KNOTS = ("overhand", "figure_eight")
-ACTION_STARTS, KNOT_STARTS = 6, 16
 SPLINES = 10
-SEED = 20_201_025
 COLUMNS = ("method", "track", "task", "start", "success", "splines")
 COPIES = 12
 """Noisy copies of each shipped demonstration that ICP interpolates here; the paper has 320."""
 REST_SPLINE = np.array([0.5, 0.0, 0.0, 0.02, 0.0, 0.0])
 """Moves ropes whose episode is over; they no longer count."""
 _DATA = Path(__file__).parent / "data"
-_KNOTS_KEY = "knots"
 
 
 def public_tasks(track: str | None = None) -> dict[str, TieTask]:
@@ -58,29 +55,11 @@ def public_tasks(track: str | None = None) -> dict[str, TieTask]:
         if track != "knots":
             for one in TASKS:
                 name = str(one.action)
-                tasks[name] = TieTask.single(one.action, starts[_key(one.start_actions)])
+                key = " ".join(map(str, one.start_actions)) or "trivial"
+                tasks[name] = TieTask.single(one.action, starts[key])
         if track != "actions":
-            tasks |= {name: TieTask.tie(name, starts[_KNOTS_KEY], SPLINES) for name in KNOTS}
+            tasks |= {name: TieTask.tie(name, starts["knots"], SPLINES) for name in KNOTS}
     return tasks
-
-
-def _key(start_actions: tuple[Action, ...]) -> str:
-    return " ".join(map(str, start_actions)) or "trivial"
-
-
-def draw_starts(simulator: RopeSimulator) -> dict[str, NDArray[np.float32]]:
-    """The starts (N, V, 3) by the actions that lead to their state: what is in the file.
-
-    Other versions of MuJoCo may draw others; the file is authoritative.
-    """
-    starts = {_key(task.start_actions): task.start_actions for task in TASKS}
-    fewest_first = sorted(starts, key=lambda key: len(starts[key]))
-    drawn = {}
-    for number, key in enumerate([*fewest_first[:2], _KNOTS_KEY, *fewest_first[2:]]):
-        rng = np.random.default_rng([SEED, number])  # the order counts: new ones come last
-        actions, count = starts.get(key, ()), KNOT_STARTS if key == _KNOTS_KEY else ACTION_STARTS
-        drawn[key] = reached(actions, count, simulator, aim, rng).points.astype(np.float32)
-    return drawn
 
 
 def evaluate(
