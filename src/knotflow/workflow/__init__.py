@@ -1,42 +1,20 @@
-"""Workflows: typed stages that run once, go on after an interruption, and share their outputs."""
+"""Workflows: typed stages that run once, resume after an interruption, and share their outputs."""
 
-from .chain import Experiment, run_all
-from .context import StageContext
-from .definition import StageNode, Workflow
-from .errors import (
-    DamagedStageError,
-    DiskFullError,
-    ForeignResultsError,
-    UnknownStageError,
-    WorkflowError,
-)
-from .metrics import Metrics, open_metrics
-from .provenance import CodeState, code_state
-from .runner import run
-from .signature import runtime, signature
-from .stage import Stage, get_stage, stage
-from .workers import WorkersConfig
+from knotflow.workflow.errors import DamagedStageError, WorkflowError
+from knotflow.workflow.run import run_workflow
+from knotflow.workflow.shards import StageRun, WorkersConfig
+from knotflow.workflow.stage import Stage, get_stage, stage
+from knotflow.workflow.workflow import Workflow, read_workflow
 
 __all__ = [
-    "CodeState",
     "DamagedStageError",
-    "DiskFullError",
-    "Experiment",
-    "ForeignResultsError",
-    "Metrics",
-    "StageNode",
     "Stage",
-    "StageContext",
-    "UnknownStageError",
+    "StageRun",
     "WorkersConfig",
     "Workflow",
     "WorkflowError",
-    "code_state",
     "get_stage",
-    "open_metrics",
-    "run",
-    "run_all",
-    "runtime",
-    "signature",
+    "read_workflow",
+    "run_workflow",
     "stage",
 ]

@@ -1,4 +1,4 @@
-"""What code a stage's output depends on, read off the imports.
+"""What code the output of a stage depends on, read off its source.
 
 Sources are parsed, not run: an import inside a function, or one that a package defers until it is
 needed, counts like any other. Imports for type checking alone do not.
@@ -7,26 +7,64 @@ needed, counts like any other. Imports for type checking alone do not.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable, Iterator
+import hashlib
+import inspect
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
+from typing import Any
 
 import knotflow
 from knotflow.versions import COMPONENTS, LIBRARIES
 
 ROOT = Path(knotflow.__file__).parent
+STAGES = "knotflow.experiments"
+"""The package whose code counts line by line, not by a version."""
+_DEFINITIONS = (ast.FunctionDef, ast.ClassDef)
+_IGNORED = {"ctx", "kind", "type_comment", "type_params", "decorator_list"}
 
 
-def component_of(module: str) -> str | None:
-    """The component that owns a module, None for one without a version."""
-    name, best = module.removeprefix("knotflow."), ""
-    found = None
-    for component, (_, modules) in COMPONENTS.items():
-        for prefix in modules:
-            if f"{name}.".startswith(f"{prefix}.") and len(prefix) > len(best):
-                found, best = component, prefix
-    return found
+@dataclass(frozen=True)
+class StageCode:
+    """The definitions that a stage consists of, and what they import."""
+
+    digest: str
+    """Of the function and all it uses of `STAGES`, without comments, docstrings and names of
+    modules."""
+    modules: frozenset[str]
+    """Modules and libraries that these definitions import from."""
+
+
+def stage_code(function: Callable[..., Any]) -> StageCode:
+    """The code of a stage: its function and, transitively, what that uses of its own layer."""
+    module = function.__module__
+    file = source_of(module) or Path(inspect.getfile(function))
+    waiting, seen = [(module, file, function.__name__)], set()
+    parts, modules = [], set()
+    while waiting:
+        place = waiting.pop()
+        if place in seen:
+            continue
+        seen.add(place)
+        module, file, name = place
+        definitions, imports = _top_level(module, file)
+        if name not in definitions:
+            continue
+        node = definitions[name]
+        parts.append(_canonical(node))
+        used = {one.id for one in ast.walk(node) if isinstance(one, ast.Name)}
+        found = [imports[one] for one in used if one in imports] + _imports(node, module, file)
+        for origin, attribute in found:
+            source = source_of(origin)
+            if source is not None and f"{origin}.".startswith(f"{STAGES}."):
+                waiting.append((origin, source, attribute))
+            else:
+                modules.add(origin)
+        waiting += [(module, file, one) for one in used if one in definitions]
+    digest = hashlib.sha256("\n".join(sorted(parts)).encode()).hexdigest()[:16]
+    return StageCode(digest, frozenset(modules))
 
 
 def component_versions(modules: Iterable[str]) -> dict[str, int]:
@@ -39,6 +77,26 @@ def library_versions(modules: Iterable[str]) -> dict[str, str]:
     """Installed minor versions of the libraries in `LIBRARIES` that modules use, by import name."""
     used = {name.partition(".")[0] for name in closure(frozenset(modules))} & {*LIBRARIES}
     return {name: minor_version(name) for name in sorted(used)}
+
+
+def component_of(module: str) -> str | None:
+    """The component that owns a module, None for one without a version."""
+    name, best, found = module.removeprefix("knotflow."), "", None
+    for component, (_, modules) in COMPONENTS.items():
+        for prefix in modules:
+            if f"{name}.".startswith(f"{prefix}.") and len(prefix) > len(best):
+                found, best = component, prefix
+    return found
+
+
+def modules_of(component: str) -> Iterator[str]:
+    """The modules that a component consists of."""
+    for prefix in COMPONENTS[component].modules:
+        path = ROOT.joinpath(*prefix.split("."))
+        for file in path.rglob("*.py") if path.is_dir() else [path.with_suffix(".py")]:
+            name = ".".join(("knotflow", *file.relative_to(ROOT).with_suffix("").parts))
+            if component_of(name) == component and file.name != "__init__.py":
+                yield name
 
 
 @cache
@@ -57,65 +115,105 @@ def closure(modules: frozenset[str]) -> frozenset[str]:
         name = waiting.pop()
         if name not in found:
             found.add(name)
-            waiting += imported(name) if _is_ours(name) else ()
+            waiting += imported(name)
     return frozenset(found)
-
-
-def modules_of(component: str) -> Iterator[str]:
-    """The modules that a component consists of."""
-    for prefix in COMPONENTS[component].modules:
-        path = ROOT.joinpath(*prefix.split("."))
-        for file in path.rglob("*.py") if path.is_dir() else [path.with_suffix(".py")]:
-            name = ".".join(("knotflow", *file.relative_to(ROOT).with_suffix("").parts))
-            if component_of(name) == component and file.name != "__init__.py":
-                yield name
 
 
 @cache
 def imported(module: str) -> frozenset[str]:
-    """Dotted names of the modules that a module of knotflow imports."""
+    """Dotted names of the modules that a module of knotflow imports; none of other modules."""
     file = source_of(module)
     if file is None:
         return frozenset()
-    names: set[str] = set()
-    for node in _run(ast.parse(file.read_text("utf-8"))):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            base = _absolute(node, module, file)
-            names |= {definer(base, alias.name) for alias in node.names}
-    return frozenset(names)
+    return frozenset(origin for origin, _ in _imports(_parse(file), module, file))
 
 
-def definer(module: str, name: str) -> str:
-    """The module that `from module import name` takes a name from, through packages' exports."""
-    if not _is_ours(module) or source_of(f"{module}.{name}") is not None:
-        return f"{module}.{name}" if _is_ours(module) else module
-    for file in _exports(module):
-        for node in ast.parse(file.read_text("utf-8")).body:
-            if isinstance(node, ast.ImportFrom):
-                for alias in node.names:
-                    if (alias.asname or alias.name) == name:
-                        return definer(_absolute(node, module, file), alias.name)
-    return module
-
-
+@cache
 def source_of(module: str) -> Path | None:
     """The source file of a module of knotflow, None where there is none."""
+    if not _is_ours(module):
+        return None
     path = ROOT.joinpath(*module.split(".")[1:])
-    for file in (path / "__init__.py", path.with_suffix(".py")):
-        if file.is_file():
-            return file
-    return None
+    found = (file for file in (path / "__init__.py", path.with_suffix(".py")) if file.is_file())
+    return next(found, None)
+
+
+@cache
+def definer(module: str, name: str) -> tuple[str, str]:
+    """The module that defines what `from module import name` takes, and its name there."""
+    if source_of(f"{module}.{name}") is not None:
+        return f"{module}.{name}", ""
+    folder = ROOT.joinpath(*module.split(".")[1:])
+    for file in (folder / "__init__.pyi", folder / "__init__.py"):
+        if _is_ours(module) and file.is_file():
+            for node in _parse(file).body:
+                if isinstance(node, ast.ImportFrom):
+                    for alias in node.names:
+                        if (alias.asname or alias.name) == name:
+                            return definer(_absolute(node, module, file), alias.name)
+    return module, name
+
+
+def _imports(tree: ast.AST, module: str, file: Path) -> list[tuple[str, str]]:
+    """What is imported below a node: (module, name there), the name "" for a whole module."""
+    found = []
+    for node in _run(tree):
+        if isinstance(node, ast.Import):
+            found += [(alias.name, "") for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = _absolute(node, module, file)
+            found += [definer(base, alias.name) for alias in node.names]
+    return found
+
+
+@cache
+def _top_level(module: str, file: Path) -> tuple[dict[str, ast.stmt], dict[str, tuple[str, str]]]:
+    """The definitions of a module by name, and what it imports by the names it gives them."""
+    definitions: dict[str, ast.stmt] = {}
+    imports: dict[str, tuple[str, str]] = {}
+    for node in _parse(file).body:
+        if isinstance(node, _DEFINITIONS):
+            definitions[node.name] = node
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            names = (one for target in targets for one in ast.walk(target))
+            definitions |= {one.id: node for one in names if isinstance(one, ast.Name)}
+        elif isinstance(node, ast.Import):
+            for alias in node.names:
+                imports[alias.asname or alias.name.partition(".")[0]] = (alias.name, "")
+        elif isinstance(node, ast.ImportFrom):
+            base = _absolute(node, module, file)
+            for alias in node.names:
+                imports[alias.asname or alias.name] = definer(base, alias.name)
+    return definitions, imports
+
+
+def _canonical(node: Any) -> str:
+    """A syntax tree as text, the same on every Python version; docstrings are left out."""
+    if isinstance(node, list):
+        kept = [
+            one
+            for one in node
+            if not (isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant))
+        ]
+        return f"[{','.join(map(_canonical, kept))}]"
+    if isinstance(node, ast.AST):
+        fields = [
+            f"{name}={_canonical(value)}"
+            for name, value in ast.iter_fields(node)
+            if name not in _IGNORED and value is not None and value != []
+        ]
+        return f"{type(node).__name__}({','.join(fields)})"
+    return repr(node)
+
+
+@cache
+def _parse(file: Path) -> ast.Module:
+    return ast.parse(file.read_text("utf-8"))
 
 
 def _is_ours(module: str) -> bool:
     return module.partition(".")[0] == "knotflow"
-
-
-def _exports(module: str) -> list[Path]:
-    folder = ROOT.joinpath(*module.split(".")[1:])
-    return [file for name in ("pyi", "py") if (file := folder / f"__init__.{name}").is_file()]
 
 
 def _absolute(node: ast.ImportFrom, module: str, file: Path) -> str:

@@ -1,114 +1,184 @@
-"""Stages: functions of a typed configuration and of the outputs of earlier stages.
+"""Stages: functions of typed keyword arguments and of the outputs of other stages.
 
-    @stage("demonstrations")
-    def simulate(config: SimulateConfig, inputs: Mapping[str, Path], context: StageContext) -> None:
-        for name in context.progress(context.pending(names, ".mcap")):
-            with context.atomic(f"{name}.mcap") as path:
+    @stage
+    def evaluation(run: StageRun, *, starts: Path, sampler: SamplerConfig, trials: int) -> None:
+        for name in run.pending(names, ".npz"):
+            with run.atomic(f"{name}.npz") as path:
                 ...
 
-The versions of the packages that its file imports are part of a stage's signature: a package whose
-behaviour changes raises its number in `knotflow.versions`, and older outputs are reproduced. Only
-where the stage's own code changes its output does the stage get a higher `version`.
+A parameter of type `Path` is an input: the output folder of another stage, or a file or folder of
+the user's. `Path | None` is one that may be absent, `Mapping[str, Path]` several by name. All other
+parameters are arguments; their types are those of an OmegaConf structured config. A value with a
+method `modules()` names modules that it will load, whose versions then count; one with a method
+`inputs()` names the optional inputs that it needs.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_type_hints
 
-from .context import StageContext
-from .dependencies import component_versions
-from .errors import UnknownStageError
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
-__all__ = ["STAGES", "Stage", "StageContext", "get_stage", "stage"]
+from knotflow.workflow.dependencies import (
+    StageCode,
+    component_versions,
+    library_versions,
+    stage_code,
+)
+from knotflow.workflow.errors import WorkflowError
+from knotflow.workflow.key import plain
 
-StageFunction = Callable[[Any, Mapping[str, Path], StageContext], None]
 Function = TypeVar("Function", bound=Callable[..., None])
+OPTIONAL, SEVERAL = Path | None, Mapping[str, Path]
 
 
 @dataclass(frozen=True)
 class Stage:
     """A registered stage."""
 
-    name: str
-    version: int
-    function: StageFunction
-    config_type: type
-    """Dataclass of its configuration, usable as an OmegaConf structured config."""
-    inputs: tuple[str, ...] | None = None
-    """Names of the inputs it needs; None leaves it to the workflow."""
+    function: Callable[..., None]
 
     @property
-    def packages(self) -> dict[str, int]:
-        """The packages it uses, with their versions."""
-        return component_versions([self.function.__module__])
+    def name(self) -> str:
+        """What workflows call it, and the name of its outputs' folder."""
+        return self.function.__name__
+
+    @cached_property
+    def types(self) -> dict[str, Any]:
+        """Type of every keyword parameter, by name."""
+        hints = get_type_hints(self.function)
+        _, *parameters = inspect.signature(self.function).parameters.values()
+        return {one.name: hints[one.name] for one in parameters}
+
+    @cached_property
+    def inputs(self) -> dict[str, Any]:
+        """The parameters that are inputs, with their types."""
+        return {
+            name: kind for name, kind in self.types.items() if kind in (Path, OPTIONAL, SEVERAL)
+        }
+
+    @cached_property
+    def _schema(self) -> type:
+        defaults = {
+            name: one.default for name, one in inspect.signature(self.function).parameters.items()
+        }
+        fields: list[Any] = []
+        for name, kind in self.types.items():
+            if name in self.inputs:
+                continue
+            default = defaults[name]
+            if default is inspect.Parameter.empty:
+                fields.append((name, kind))
+            else:
+                fields.append(
+                    (name, kind, dataclasses.field(default_factory=lambda it=default: it))
+                )
+        return dataclasses.make_dataclass(self.name, fields, kw_only=True)
+
+    @property
+    def arguments(self) -> list[str]:
+        """The parameters that are not inputs."""
+        return [field.name for field in dataclasses.fields(self._schema)]
+
+    def bind(self, values: Mapping[str, list[Any]]) -> dict[str, Any]:
+        """Typed arguments.
+
+        Args:
+            values: of each argument those that are merged, one over the other; none at all leaves
+                the default.
+
+        Raises:
+            WorkflowError: a value is missing, of the wrong type, or has an unknown key.
+        """
+        layers = [OmegaConf.structured(self._schema)]
+        layers += [{name: one} for name, several in values.items() for one in several]
+        try:
+            merged = layers[0]
+            for layer in layers[1:]:
+                merged = OmegaConf.merge(merged, layer)
+            bound = OmegaConf.to_object(merged)
+        except (OmegaConfBaseException, TypeError, ValueError) as error:
+            raise WorkflowError(_explain(error)) from error
+        return {name: getattr(bound, name) for name in self.arguments}
+
+    @cached_property
+    def code(self) -> StageCode:
+        """Its own code, and what that imports."""
+        return stage_code(self.function)
+
+    def identity(self, arguments: Mapping[str, Any], inputs: Mapping[str, Any]) -> dict[str, Any]:
+        """All that decides an output, as plain data; its hash is the output's key.
+
+        Args:
+            arguments: typed, as `bind` gives them.
+            inputs: the key or digest of each input that is there; of several, by name.
+        """
+        loaded = {name for value in arguments.values() for name in _modules(value)}
+        modules = self.code.modules | loaded
+        return {
+            "stage": self.name,
+            "arguments": plain(arguments),
+            "inputs": plain(inputs),
+            "code": self.code.digest,
+            "components": component_versions(modules),
+            "libraries": library_versions(modules),
+        }
 
 
 STAGES: dict[str, Stage] = {}
 
 
-def stage(
-    name: str, *, version: int = 1, inputs: Sequence[str] | None = None
-) -> Callable[[Function], Function]:
-    """Registers a function as a stage and returns it unchanged.
-
-    Args:
-        name: what workflows call it and what its output folder is called.
-        version: to be raised when the stage's own code gives another output.
-        inputs: if given, a workflow must connect exactly these inputs.
+def stage(function: Function) -> Function:
+    """Register a function as a stage, and return it unchanged.
 
     Raises:
-        ValueError: another function has this name, or the name is no plain folder name.
-        TypeError: the function is not of (config, inputs, context), or its config no dataclass.
+        ValueError: another function has this name.
     """
-    if not name.isidentifier():
-        raise ValueError(f"a stage's name is its folder's name: letters, digits, _; not {name!r}")
-
-    def register(function: Function) -> Function:
-        known = STAGES.get(name)
-        if known is not None and _place(known.function) != _place(function):
-            raise ValueError(
-                f"two stages are named {name!r}: {_place(known.function)} and {_place(function)}"
-            )
-        STAGES[name] = Stage(
-            name, version, function, _config_type(function), None if inputs is None else (*inputs,)
+    known = STAGES.get(function.__name__)
+    if known is not None and known.function.__module__ != function.__module__:
+        raise ValueError(
+            f"two stages are called {function.__name__!r}: in {known.function.__module__} and "
+            f"{function.__module__}"
         )
-        return function
-
-    return register
+    STAGES[function.__name__] = Stage(function)
+    return function
 
 
 def get_stage(name: str) -> Stage:
     """The stage of this name.
 
     Raises:
-        UnknownStageError: there is none; lists those there are.
+        WorkflowError: there is none; lists those there are.
     """
     if name not in STAGES:
-        raise UnknownStageError(
-            f"unknown stage {name!r}; stages are: {', '.join(sorted(STAGES)) or 'none yet'}"
-        )
+        raise WorkflowError(f"unknown stage {name!r}; there are {', '.join(sorted(STAGES))}")
     return STAGES[name]
 
 
-def _config_type(function: Callable[..., Any]) -> type:
-    parameters = list(inspect.signature(function).parameters.values())
-    if len(parameters) != 3:
-        raise TypeError(f"{_place(function)} must take (config, inputs, context)")
-    found = parameters[0].annotation
-    if isinstance(found, str):  # from __future__ import annotations
-        found = eval(found, function.__globals__)  # the stage's own source, as typing does
-    if not (isinstance(found, type) and dataclasses.is_dataclass(found)):
-        raise TypeError(
-            f"{_place(function)}: annotate its first parameter with the dataclass of its "
-            f"configuration, not {found!r}"
-        )
-    return found
+def inputs_of(value: Any) -> tuple[str, ...]:
+    """The optional inputs that an argument's value asks for."""
+    named = getattr(value, "inputs", None)
+    return tuple(named()) if callable(named) else ()
 
 
-def _place(function: Callable[..., Any]) -> str:
-    return f"{function.__module__}.{function.__qualname__}"
+def _modules(value: Any) -> tuple[str, ...]:
+    named = getattr(value, "modules", None)
+    return tuple(named()) if callable(named) else ()
+
+
+def _explain(error: Exception) -> str:
+    """OmegaConf's message on one line, with the keys that are valid where one is not."""
+    text = str(error).split("\n")[0]
+    key, parent = getattr(error, "full_key", None), getattr(error, "parent_node", None)
+    if key and key not in text:
+        text = f"{key}: {text}"
+    if isinstance(error, KeyError | OmegaConfBaseException) and isinstance(parent, Mapping):
+        text += f" (keys: {', '.join(map(str, parent))})"
+    return text

@@ -1,0 +1,4 @@
+"""The stages of every experiment, a module a section of the paper or of the report.
+
+Importing `stages` registers them all.
+"""

@@ -1,0 +1,120 @@
+"""Which of all actions a library can do, with and without arranging."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from knotflow.experiments.common import rng_of, sampler_of
+from knotflow.planning import Goal, PlannerConfig, attempt_arranged, plan_knot
+from knotflow.samplers import Sampler, SamplerConfig
+from knotflow.samplers.primitives import primitive_of
+from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, attempt, random_curve
+from knotflow.topology import TopologicalState, all_states
+from knotflow.topology.symmetry import distinct_actions, representative
+from knotflow.workflow import StageRun, stage
+
+CLASSES = {1: "R1", 2: "R2", 3: "Cross, end over", 4: "Cross, end under"}
+"""What the table calls the actions of each primitive."""
+
+
+@stage
+def actions(
+    run: StageRun,
+    *,
+    primitives: Path | None = None,
+    simulation: SimulationConfig,
+    starts: StartsConfig,
+    sampler: SamplerConfig,
+    planner: PlannerConfig,
+    most_crossings: int = 3,
+    count: int,
+    arranging: int,
+    seed: int,
+) -> None:
+    """Trials of every action, those that Mirror and Reverse turn into each other once.
+
+    Makes actions.csv (start, action, class, arranging, trials, successes); one shard a state. Start
+    shapes are tied as a plan meets them, each from a random rope by a search.
+
+    Args:
+        run: its folder.
+        primitives: what the sampler may need.
+        simulation: executes the splines.
+        starts: what the ropes look like from which start shapes are tied.
+        sampler: the method.
+        planner: the search that ties the start shapes.
+        most_crossings: of the states that actions lead to.
+        count: start shapes in each state, and trials of each action.
+        arranging: most splines of a trial that make room before the one that acts.
+        seed: of start shapes and trials; used for nothing else.
+    """
+    names = [str(state) for state in start_states(most_crossings)]
+    build = partial(sampler_of, sampler, primitives=primitives)
+    work = partial(
+        _try_actions, names, simulation, starts, build, planner, most_crossings, count, arranging,
+        seed,
+    )  # fmt: skip
+    run.table("actions.csv", work, names, "actions")
+
+
+def start_states(most_crossings: int) -> list[TopologicalState]:
+    """A state of each class under Mirror and Reverse that allows an action within the limit."""
+    found = [state for count in range(most_crossings) for state in all_states(count)]
+    return [state for state in found if representative(state)[0] == state]
+
+
+def _try_actions(
+    names: list[str],
+    simulation: SimulationConfig,
+    starts: StartsConfig,
+    build: partial[Sampler],
+    planner: PlannerConfig,
+    most_crossings: int,
+    count: int,
+    arranging: int,
+    seed: int,
+    run: StageRun,
+    name: str,
+) -> pd.DataFrame:
+    state, rng = TopologicalState.parse(name), rng_of(seed, names.index(name))
+    simulator, sampler = RopeSimulator(simulation), build()
+    points = _start_shapes(state, count, simulator, starts, build(), planner, rng)
+    rows = []
+    for action, end in distinct_actions(state):
+        if end.num_crossings > most_crossings or not len(points):
+            continue
+        splines = np.concatenate([sampler.sample(rope, action, 1, rng) for rope in points])
+        single = attempt(simulator, points, splines, action, state)
+        several = attempt_arranged(points, action, state, sampler, simulator, rng, arranging)
+        kind = CLASSES[primitive_of(action, state.num_segments)]
+        for most, success in ((0, single.success), (arranging, several.success)):
+            rows.append((name, str(action), kind, most, len(points), int(success.sum())))
+    columns = ["start", "action", "class", "arranging", "trials", "successes"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _start_shapes(
+    state: TopologicalState,
+    count: int,
+    simulator: RopeSimulator,
+    starts: StartsConfig,
+    sampler: Sampler,
+    planner: PlannerConfig,
+    rng: np.random.Generator,
+) -> NDArray[np.float64]:
+    """Ropes (N, V, 3) in a state; fewer than wanted where searches for it give up."""
+    rope, found = simulator.config.rope, []
+    for _ in range(count):
+        start = random_curve(rope, rng, starts)
+        if not state.num_crossings:
+            found.append(start)
+            continue
+        plan = plan_knot(start, Goal.state(state), sampler, simulator, rng, planner)
+        if plan.solved:
+            found.append(plan.shapes[-1])
+    return np.array(found).reshape(-1, rope.num_vertices, 3)

@@ -1,0 +1,345 @@
+"""Causal InfoGAN, trained on successful demonstrated rollouts, and its plans (Sec. VII-C)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from knotflow.experiments.common import Recorder, rng_of
+from knotflow.experiments.demonstrations import load_starts
+from knotflow.recording import load, read_recording, write_index
+from knotflow.samplers.causal_infogan import (
+    CausalInfoGanConfig,
+    DemonstratedRollouts,
+    frames_at,
+    measure,
+)
+from knotflow.samplers.causal_infogan.comparison import compare, panel_rows
+from knotflow.samplers.causal_infogan.ends import (
+    FOCUS,
+    GOALS,
+    OVERHAND,
+    ActionSequence,
+    guess,
+    reachable_end,
+)
+from knotflow.samplers.demonstrations import TASKS, task
+from knotflow.simulation import RopeSimulator, SimulationConfig
+from knotflow.workflow import StageRun, stage
+
+
+@stage
+def causal_infogan(
+    run: StageRun,
+    *,
+    demonstrations: Path,
+    network: CausalInfoGanConfig,
+    actions: list[str] = [],  # noqa: B006  copied where it is bound
+    seeds: int,
+) -> None:
+    """Models of the rollouts of some actions, all eight by default, with seeds 0, 1 and so on.
+
+    Makes models/<seed>.pt, training.csv (the curves) and seeds.csv (which have collapsed).
+    """
+    names = [str(seed) for seed in range(seeds)]
+    pending = run.pending([f"models/{name}" for name in names], ".pt")
+    chosen = [str(task(one).action) for one in actions] or [str(one.action) for one in TASKS]
+    work = partial(_train, demonstrations, network, chosen)
+    run.each(work, [int(Path(shard).name) for shard in pending], "causal_infogan")
+    curves = [
+        pd.read_csv(run.out / "curves" / f"{name}.csv", keep_default_na=False) for name in names
+    ]
+    run.save_table("training.csv", pd.concat(curves))
+    run.save_table("seeds.csv", pd.concat([curve.tail(1) for curve in curves]))
+
+
+def _train(
+    demonstrations: Path,
+    network: CausalInfoGanConfig,
+    actions: list[str],
+    run: StageRun,
+    seed: int,
+) -> None:
+    import torch
+
+    from knotflow.samplers.causal_infogan.health import Checkup
+    from knotflow.samplers.causal_infogan.networks import save_model
+    from knotflow.samplers.causal_infogan.training import Trainer
+
+    rollouts = load_rollouts(demonstrations, actions, network.frame_rate)
+    shapes = rollouts.in_start_frames()
+    trainer = Trainer(shapes, network, seed)
+    checkup = Checkup(torch.as_tensor(shapes).float(), torch.as_tensor(rollouts.starts))
+    checkpoint, curve = f"checkpoints/{seed}.pt", []
+    if (run.out / checkpoint).exists():
+        state = torch.load(run.out / checkpoint, weights_only=True)
+        curve = state.pop("curve")
+        trainer.load_state_dict(state)
+    name = f"causal_infogan, seed {seed}"
+    with run.progress(total=network.steps, initial=trainer.step, desc=name) as bar:
+        while trainer.step < network.steps:
+            steps = min(network.check_every, network.steps - trainer.step)
+            losses = trainer.advance(steps)
+            health = checkup(trainer.model)
+            collapsed = " ".join(health.collapsed)
+            row = {"seed": seed, "step": trainer.step, **losses, **asdict(health)}
+            curve.append({**row, "collapsed": collapsed})
+            with run.atomic(checkpoint) as path:
+                torch.save({**trainer.state_dict(), "curve": curve}, path)
+            bar.update(steps)
+    run.save_table(f"curves/{seed}.csv", pd.DataFrame(curve), "%.6g")
+    with run.atomic(f"models/{seed}.pt") as path:
+        save_model(path, trainer.model, actions)
+    (run.out / checkpoint).unlink()
+
+
+def load_rollouts(
+    demonstrations: Path, actions: Sequence[str], frame_rate: float, most: int = 0
+) -> DemonstratedRollouts:
+    """Successful rollouts of some actions from the output of `demonstrations`.
+
+    Args:
+        demonstrations: the stage's folder.
+        actions: that are wanted.
+        frame_rate: frames per second.
+        most: if given, so many of them, spread evenly over the files.
+
+    Raises:
+        ValueError: not one rollout of these actions succeeded.
+    """
+    index = load(demonstrations / "recordings")
+    index = index[index["action"].isin(list(actions)) & (index["outcome"] == "success")]
+    if index.empty:
+        raise ValueError(
+            f"no rollout of {', '.join(actions)} in {demonstrations} succeeded, so there is "
+            "nothing to learn from; simulate more copies (demonstrations.copies)"
+        )
+    if most:
+        index = index.iloc[np.unique(np.linspace(0, len(index) - 1, most).astype(int))]
+    names: list[str] = []
+    starts: list[int] = []
+    shapes: list[NDArray[np.float32]] = []
+    for file, of_file in index.groupby("file", sort=True):
+        wanted = set(of_file["number"])
+        for rollout in read_recording(str(file)):
+            if rollout.number in wanted:
+                names.append(rollout.action)
+                starts.append(int(rollout.extra["start"]))
+                shapes.append(rollout.points[frames_at(rollout.times, frame_rate)])
+    return DemonstratedRollouts(np.array(names), np.array(starts), np.stack(shapes))
+
+
+@stage
+def causal_infogan_ends(
+    run: StageRun,
+    *,
+    evaluation_starts: Path,
+    simulation: SimulationConfig,
+    starts_focus: int,
+    starts_other: int,
+    starts_overhand: int,
+    guesses: int = 16,
+    rounds: int = 6,
+    seed: int,
+) -> None:
+    """End shapes known to be reachable from unseen starts.
+
+    Makes <goal>.npz with start (N,), points and ends (N, V, 3), metres; ends.csv and recordings.
+
+    Args:
+        run: its folder.
+        evaluation_starts: start shapes.
+        simulation: executes the guesses.
+        starts_focus: most starts of C(0,1,1).
+        starts_other: most starts of each other action.
+        starts_overhand: most starts of the overhand.
+        guesses: executed at a time.
+        rounds: times that so many are executed for each action before a start is left out.
+        seed: of the guesses.
+    """
+    most = {goal.name: starts_other for goal in GOALS}
+    most |= {FOCUS: starts_focus, OVERHAND: starts_overhand}
+    names = [goal.file for goal in GOALS]
+    work = partial(_seek, evaluation_starts, simulation, most, guesses, rounds, seed)
+    run.each(work, run.pending(names, ".npz"), "reachable ends")
+    rows = []
+    for goal in GOALS:
+        with np.load(run.out / f"{goal.file}.npz") as file:
+            rows.append((goal.name, int(file["tried"]), len(file["start"])))
+    run.save_table("ends.csv", pd.DataFrame(rows, columns=["goal", "starts", "reached"]))
+    write_index(run.out / "recordings")
+
+
+def _seek(
+    evaluation_starts: Path,
+    simulation: SimulationConfig,
+    most: Mapping[str, int],
+    guesses: int,
+    rounds: int,
+    seed: int,
+    run: StageRun,
+    name: str,
+) -> None:
+    number = [goal.file for goal in GOALS].index(name)
+    goal, rng = GOALS[number], rng_of(seed, number)
+    starts = load_starts(evaluation_starts, task(goal.first))[: most[goal.name]]
+    # Numbers are unique in the stage: leave room for all guesses of the goals before.
+    each = [most[one.name] * guesses * rounds * len(one.actions) for one in GOALS]
+    recorder = Recorder(run, "aim", simulation.rope, sum(each[:number]))
+    propose = guess(RopeSimulator(simulation), guesses, rng, recorder)
+    found = {}
+    for start, points in enumerate(starts):
+        recorder.extra = {"start": str(start), "goal": goal.name}
+        end = reachable_end(points, goal, propose, rounds)
+        if end is not None:
+            found[start] = (points, end)
+    recorder.save(f"recordings/{name}.mcap")
+    shape = (len(found), *starts.shape[1:])
+    with run.atomic(f"{name}.npz") as path:
+        np.savez_compressed(
+            path,
+            tried=len(starts),
+            start=np.array(list(found), dtype=np.intp),
+            points=np.array([one for one, _ in found.values()]).reshape(shape),
+            ends=np.array([end for _, end in found.values()]).reshape(shape),
+        )
+
+
+@dataclass(frozen=True)
+class _Query:
+    """Given shapes of one goal: (N, V, 3) metres, world frame."""
+
+    goal: str
+    shapes: str  # "training" or "unseen"
+    number: NDArray[np.intp]  # (N,) of the start, or of the demonstration
+    starts: NDArray[np.float64]
+    ends: NDArray[np.float64]
+    actions: int
+
+
+@stage
+def causal_infogan_plans(
+    run: StageRun,
+    *,
+    demonstrations: Path,
+    causal_infogan_ends: Path,
+    models: Mapping[str, Path],
+    evaluations: Mapping[str, Path],
+    training_rows: int,
+    seed: int,
+) -> None:
+    """Plans of rope shapes, measured, and beside samplers evaluated on the same starts.
+
+    Makes plans.csv, panel.csv (shapes of Fig. 8), comparison.csv, training.csv, seeds.csv and
+    ends.csv; one shard a model.
+
+    Args:
+        run: its folder.
+        demonstrations: whose shapes are planned between, too.
+        causal_infogan_ends: the unseen shapes.
+        models: outputs of `causal_infogan`.
+        evaluations: outputs of `evaluation`; their names are the methods of the comparison.
+        training_rows: plans between shapes of the training data, for each model.
+        seed: of the planning.
+    """
+    shards = [
+        f"plans/{name}-{number}"
+        for name, folder in models.items()
+        for number in sorted(int(path.stem) for path in (folder / "models").glob("*.pt"))
+    ]
+    work = partial(_plan, demonstrations, causal_infogan_ends, models, training_rows, seed)
+    run.each(work, run.pending(shards, ".csv"), "plans")
+    plans = pd.concat([pd.read_csv(run.out / f"{shard}.csv") for shard in shards])
+    outcomes = {name: pd.read_csv(one / "outcomes.csv") for name, one in evaluations.items()}
+    tables = {
+        "plans": plans,
+        "panel": pd.concat([_panel(name, folder, run) for name, folder in models.items()]),
+        "training": _of_models(models, "training"),
+        "seeds": _of_models(models, "seeds"),
+        "comparison": compare(plans, outcomes),
+        "ends": pd.read_csv(causal_infogan_ends / "ends.csv"),
+    }
+    for name, table in tables.items():
+        run.save_table(f"{name}.csv", table, "%.6g")
+
+
+def _of_models(models: Mapping[str, Path], table: str) -> pd.DataFrame:
+    return pd.concat(
+        pd.read_csv(folder / f"{table}.csv", keep_default_na=False).assign(model=name)
+        for name, folder in models.items()
+    )
+
+
+def _plan(
+    demonstrations: Path,
+    ends: Path,
+    models: Mapping[str, Path],
+    training_rows: int,
+    seed: int,
+    run: StageRun,
+    shard: str,
+) -> None:
+    from knotflow.samplers.causal_infogan.networks import load_model
+    from knotflow.samplers.causal_infogan.planning import Planner
+
+    name, _, number = Path(shard).name.rpartition("-")
+    model, actions = load_model(models[name] / "models" / f"{number}.pt")
+    planner, rows, shapes = Planner(model, seed), [], []
+    for query in _queries(demonstrations, ends, actions, model.config.frame_rate, training_rows):
+        steps = model.config.plan_steps * query.actions
+        plans = planner.plan(query.starts, query.ends, steps)
+        for i, start in enumerate(query.number):
+            drawn = (plans.projected_start[i], plans.way_points[i], plans.projected_end[i])
+            measures = asdict(measure(query.starts[i], *drawn, query.ends[i]))
+            rows.append(
+                {
+                    "model": name,
+                    "seed": int(number),
+                    "goal": query.goal,
+                    "shapes": query.shapes,
+                    "start": start,
+                    **{key: int(v) if isinstance(v, bool) else v for key, v in measures.items()},
+                }
+            )
+            if query.goal in (FOCUS, OVERHAND) and i in (0, len(query.number) // 2):
+                shapes.append(panel_rows(rows[-1], query.starts[i], *drawn, query.ends[i]))
+    run.save_table(f"panel/{name}-{number}.csv", pd.concat(shapes), "%.4f")
+    run.save_table(f"{shard}.csv", pd.DataFrame(rows), "%.6g")
+
+
+def _queries(
+    demonstrations: Path, ends: Path, actions: list[str], frame_rate: float, training_rows: int
+) -> Iterator[_Query]:
+    """The given shapes of every goal a model was trained for, seen ones first."""
+    each = -(-training_rows // len(actions))
+    for action in actions:
+        seen = load_rollouts(demonstrations, [action], frame_rate, each)
+        first, last = seen.shapes[:, 0].astype(float), seen.shapes[:, -1].astype(float)
+        yield _Query(action, "training", seen.starts, first, last, 1)
+    for goal in GOALS:
+        if {str(action) for action in goal.actions} <= set(actions):
+            number, first, last = load_ends(ends, goal)
+            if len(number):
+                yield _Query(goal.name, "unseen", number, first, last, len(goal.actions))
+
+
+def load_ends(
+    folder: Path, goal: ActionSequence
+) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
+    """Numbers (N,) of the starts that have an end, these starts and ends (N, V, 3), metres."""
+    with np.load(folder / f"{goal.file}.npz") as file:
+        return file["start"], file["points"], file["ends"]
+
+
+def _panel(model: str, folder: Path, run: StageRun) -> pd.DataFrame:
+    """The shapes of the first seed that has not collapsed, of the first one where all have."""
+    seeds = pd.read_csv(folder / "seeds.csv", keep_default_na=False)
+    healthy = seeds[seeds["collapsed"] == ""]
+    seed = int((healthy if len(healthy) else seeds)["seed"].iloc[0])
+    return pd.read_csv(run.out / "panel" / f"{model}-{seed}.csv")

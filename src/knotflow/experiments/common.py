@@ -1,0 +1,71 @@
+"""What stages share: random streams, recordings of what they simulate, samplers, points as rows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from knotflow.recording import RecordedRollout, recorded, write_recording
+from knotflow.samplers import Sampler, SamplerConfig, build_sampler
+from knotflow.simulation import Attempts, RopeConfig
+from knotflow.workflow import StageRun
+
+
+def rng_of(seed: int, *path: int) -> np.random.Generator:
+    """The random stream of a part of a stage's work."""
+    return np.random.default_rng([seed, *path])
+
+
+def sampler_of(config: SamplerConfig, **inputs: Path | None) -> Sampler:
+    """The sampler that a configuration names, from those inputs that are there."""
+    return build_sampler(config, {name: path for name, path in inputs.items() if path is not None})
+
+
+class Recorder:
+    """Collects attempts (it is an `Observer`) until they are saved as one recording.
+
+    Args:
+        run: of the stage that simulates.
+        source: who proposed the splines.
+        rope: the rope they were executed on.
+        first_number: number of the first rollout; numbers are unique inside a stage.
+    """
+
+    def __init__(self, run: StageRun, source: str, rope: RopeConfig, first_number: int = 0) -> None:
+        self._run, self._source, self._rope = run, source, rope
+        self._number = first_number
+        self._batches: list[tuple[Attempts, Mapping[str, str]]] = []
+        self.extra: Mapping[str, str] = {}
+        """Kept with each attempt that is seen from now on."""
+
+    def __call__(self, attempts: Attempts) -> None:
+        """Take a batch."""
+        self._batches.append((attempts, self.extra))
+
+    def __len__(self) -> int:
+        return sum(len(attempts) for attempts, _ in self._batches)
+
+    def save(self, name: str) -> None:
+        """Write everything seen so far, if anything, to `name` in the stage's folder; forget it."""
+        if self._batches:
+            facts = {"source": self._source, "signature": self._run.key}
+            with self._run.atomic(name) as path:
+                write_recording(path, self._rollouts(), facts)
+        self._batches = []
+
+    def _rollouts(self) -> Iterator[RecordedRollout]:
+        for attempts, extra in self._batches:
+            yield from recorded(
+                attempts, self._rope, self._source, self._run.key, self._number, extra
+            )
+            self._number += len(attempts)
+
+
+def point_rows(points: NDArray[np.float64], **facts: object) -> pd.DataFrame:
+    """A row for each of points (P, 3), with `facts` in every one."""
+    x, y, z = np.asarray(points, float).T
+    return pd.DataFrame({**facts, "point": np.arange(len(x)), "x": x, "y": y, "z": z})

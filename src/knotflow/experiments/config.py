@@ -1,0 +1,127 @@
+"""The root configuration of `python -m knotflow`, as Hydra composes it from conf/."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hydra.core.config_store import ConfigStore
+from omegaconf import II, MISSING
+
+import knotflow
+from knotflow.execution import ExecutionConfig
+from knotflow.execution.training_config import SHIPPED_DYNAMICS
+from knotflow.perception.training_config import SHIPPED_NETWORK
+from knotflow.planning import PlannerConfig
+from knotflow.planning.pull import PullConfig
+from knotflow.samplers import SamplerConfig
+from knotflow.samplers.demonstrations import SHIPPED, DemonstratorConfig, NoiseConfig
+from knotflow.samplers.primitives import SHIPPED_PRIMITIVES, PrimitiveConfig
+from knotflow.simulation import RopeConfig, SimulationConfig, StartsConfig
+from knotflow.training import ImitationConfig, ReinforcementConfig, SelfPlayConfig
+from knotflow.workflow import WorkersConfig
+
+PACKAGE = Path(knotflow.__file__).parent
+HOME = PACKAGE if (PACKAGE / "conf").is_dir() else PACKAGE.parents[1]
+"""Holds conf/ and workflows/: inside an installed package, or at the top of a checkout."""
+
+Section = dict[str, Any]
+"""Arguments of a stage, or of an experiment's own stages, by name: see `workflow.workflow`."""
+
+
+def _section() -> Section:
+    return field(default_factory=dict)  # type: ignore[return-value]
+
+
+@dataclass
+class Config:
+    """Everything that `python -m knotflow` takes as `key=value`.
+
+    Stages take what they need by name: typed parts such as `simulation`, files such as
+    `primitives`, and numbers from the section called like the stage or the experiment.
+    """
+
+    experiment: str = "${workflow.name}"
+    """Set by +experiment=NAME."""
+    budget: str = MISSING
+    """Name of the counts in use, set by budget=paper|smoke."""
+    results_dir: str = "results"
+    """Where results/<experiment>/ and results/stages/ are."""
+    results_name: str = "${experiment}"
+    """Name of the results folder; the jobs of a sweep over values need one each."""
+    workers: WorkersConfig = field(default_factory=WorkersConfig)
+    """Where stages run their shards: the cores of this machine, or a Ray cluster."""
+
+    demonstrations_file: str = str(SHIPPED)
+    """Demonstrations (JSON lines), for example yours from the studio."""
+    primitives: str = str(SHIPPED_PRIMITIVES)
+    """The library that one plans with: a file, or a folder of files."""
+    dynamics_weights: str = str(SHIPPED_DYNAMICS)
+    """The learned rope dynamics."""
+    network: str = str(SHIPPED_NETWORK)
+    """The network that sees ropes."""
+
+    rope: RopeConfig = field(default_factory=RopeConfig)
+    simulation: SimulationConfig = field(default_factory=lambda: SimulationConfig(rope=II("rope")))
+    starts: StartsConfig = field(default_factory=StartsConfig)
+    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    demonstrator: DemonstratorConfig = field(
+        default_factory=lambda: DemonstratorConfig(noise=II("noise"))
+    )
+    sampler: SamplerConfig = field(default_factory=SamplerConfig)
+    planner: PlannerConfig = field(default_factory=PlannerConfig)
+    primitive: PrimitiveConfig = field(default_factory=PrimitiveConfig)
+    imitation: ImitationConfig = field(default_factory=ImitationConfig)
+    reinforcement: ReinforcementConfig = field(default_factory=ReinforcementConfig)
+    self_play_training: SelfPlayConfig = field(default_factory=SelfPlayConfig)
+    pulling: PullConfig = field(default_factory=PullConfig)
+    execution: ExecutionConfig = field(default_factory=ExecutionConfig)
+    training_seed: int = MISSING
+    """Of weights, batches and attempts of imitation and reinforcement."""
+
+    demonstrations: Section = _section()
+    evaluation_starts: Section = _section()
+    evaluation: Section = _section()
+    pools: Section = _section()
+    self_play: Section = _section()
+    library_training: Section = _section()
+    tree_size: Section = _section()
+    joint_finetuning: Section = _section()
+    causal_infogan: Section = _section()
+    infogan_single: Section = _section()
+    infogan_all: Section = _section()
+    causal_infogan_ends: Section = _section()
+    causal_infogan_plans: Section = _section()
+    pull: Section = _section()
+    pentagram: Section = _section()
+    knots: Section = _section()
+    goals: Section = _section()
+    goals_ablation: Section = _section()
+    actions: Section = _section()
+    overhand: Section = _section()
+    training_ropes: Section = _section()
+    perception_training: Section = _section()
+    strand_training: Section = _section()
+    unseen_ropes: Section = _section()
+    adaptation_ropes: Section = _section()
+    perception_networks: Section = _section()
+    perception: Section = _section()
+    perceived_plans: Section = _section()
+    tracking: Section = _section()
+    dynamics_training: Section = _section()
+    dynamics: Section = _section()
+    closed_loop: Section = _section()
+    closed_loop_ablation: Section = _section()
+    arm: Section = _section()
+    benchmark: Section = _section()
+
+    workflow: Section = _section()
+    """The stages of the experiment, from workflows/."""
+
+
+def register() -> None:
+    """Make the schema, and where workflows/ is, known to Hydra."""
+    os.environ["KNOTFLOW_HOME"] = str(HOME)
+    ConfigStore.instance().store(name="schema", node=Config)

@@ -1,0 +1,285 @@
+"""Demonstrations and start shapes, from which all training begins (Sec. V-B a, VII-A1, VII-A3)."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from knotflow.experiments.common import Recorder, point_rows, rng_of, sampler_of
+from knotflow.recording import write_index
+from knotflow.samplers import SamplerConfig
+from knotflow.samplers.demonstrations import (
+    TASKS,
+    Demonstration,
+    DemonstratorConfig,
+    NoiseConfig,
+    Task,
+    aim,
+    load_demonstrations,
+    noisy_copies,
+    save_demonstrations,
+)
+from knotflow.samplers.demonstrations.demonstrator import Demonstrated, demonstrate_task
+from knotflow.simulation import (
+    RopeConfig,
+    RopeSimulator,
+    SimulationConfig,
+    StartsConfig,
+    Trials,
+    attempt,
+    control_points,
+    reached,
+    resample,
+)
+from knotflow.topology import Action
+from knotflow.workflow import StageRun, stage
+
+POOL_CHUNK = 32
+"""Starts of a pool that are made at a time."""
+BEFORE, SPLINE, AFTER = "before", "spline", "after"
+SHAPE_COLUMNS = ["action", "start", "what", "proposal", "outcome", "point", "x", "y", "z"]
+
+
+@stage
+def demonstrations(
+    run: StageRun,
+    *,
+    demonstrations_file: Path,
+    simulation: SimulationConfig,
+    noise: NoiseConfig,
+    copies: int,
+    copies_untangled: int,
+    seed: int,
+) -> None:
+    """Simulate noisy copies of every demonstration.
+
+    Makes recordings/*.mcap with index.parquet, trials/*.npz and success.csv; one shard a
+    demonstration.
+
+    Args:
+        run: its folder.
+        demonstrations_file: demonstrations to copy (JSON lines).
+        simulation: decides which copies succeed.
+        noise: that is added.
+        copies: of a demonstration from a tangled start.
+        copies_untangled: of a demonstration from an untangled start.
+        seed: of the noise.
+    """
+    shown = load_demonstrations(demonstrations_file)
+    named = {f"{number:03d}-{one.task.name}": one for number, one in enumerate(shown)}
+    counts = [copies if one.task.start_actions else copies_untangled for one in shown]
+    work = partial(_simulate_copies, named, counts, simulation, noise, seed)
+    shards = run.pending([f"recordings/{name}" for name in named], ".mcap")
+    run.each(work, [Path(shard).name for shard in shards], "demonstrations")
+    rows = []
+    for name, one in named.items():
+        success = Trials.load(run.out / "trials" / f"{name}.npz").success
+        rows.append((str(one.task.action), one.source, len(success), int(success.sum())))
+    columns = ["action", "source", "trials", "successes"]
+    run.save_table("success.csv", pd.DataFrame(rows, columns=columns))
+    write_index(run.out / "recordings")
+
+
+def _simulate_copies(
+    named: dict[str, Demonstration],
+    counts: list[int],
+    simulation: SimulationConfig,
+    noise: NoiseConfig,
+    seed: int,
+    run: StageRun,
+    name: str,
+) -> None:
+    number, one = list(named).index(name), named[name]
+    splines = noisy_copies(one.spline, counts[number], rng_of(seed, number), noise)
+    points = resample(one.points, simulation.rope)
+    recorder = Recorder(run, one.source, simulation.rope, sum(counts[:number]))
+    recorder.extra = {"start": str(number)}
+    simulator = RopeSimulator(simulation)
+    tried = attempt(simulator, points, splines, one.task.action, one.task.start_state, recorder)
+    with run.atomic(f"trials/{name}.npz") as path:
+        tried.save(path)
+    recorder.save(f"recordings/{name}.mcap")
+
+
+@stage
+def demonstrator(
+    run: StageRun,
+    *,
+    simulation: SimulationConfig,
+    starts: StartsConfig,
+    demonstrator: DemonstratorConfig,
+) -> None:
+    """The scripted demonstrator's demonstrations, of which the shipped file is a copy.
+
+    Makes scripted.jsonl, recordings/*.mcap, shares.csv (of each demonstration the share of its
+    noisy copies that succeed, the room that their ends leave, and the starts given up before) and
+    shapes.csv (its rope before, spline and rope after, a row a point in metres).
+    """
+    wanted = [task for task in TASKS if demonstrator.starts_per_task or not task.start_actions]
+    names = [task.name for task in wanted]
+    work = partial(_demonstrate, simulation, starts, demonstrator)
+    run.each(work, run.pending(names, ".jsonl"), "demonstrations")
+    for name in ("shares.csv", "shapes.csv"):
+        parts = [pd.read_csv(run.out / f"{task}.{name}", dtype=str) for task in names]
+        run.save_table(name, pd.concat(parts))
+    with run.atomic("scripted.jsonl") as path:
+        shown = [load_demonstrations(run.out / f"{name}.jsonl") for name in names]
+        save_demonstrations(path, sum(shown, []))
+
+
+def _demonstrate(
+    simulation: SimulationConfig,
+    starts: StartsConfig,
+    demonstrator: DemonstratorConfig,
+    run: StageRun,
+    name: str,
+) -> None:
+    number, task = next((i, one) for i, one in enumerate(TASKS) if one.name == name)
+    simulator, rng = RopeSimulator(simulation), rng_of(demonstrator.seed, number)
+    recorder = Recorder(run, "scripted", simulation.rope)
+    found = demonstrate_task(task, simulator, rng, demonstrator, starts, recorder)
+    recorder.save(f"recordings/{name}.mcap")
+    rows = [
+        {
+            "action": str(task.action),
+            "share": one.scored.share,
+            "room": one.scored.room,
+            "starts_left_out": one.starts_left_out,
+        }
+        for one in found
+    ]
+    run.save_table(f"{name}.shares.csv", pd.DataFrame(rows), "%.3f")
+    shapes = [_shapes(start, one, simulation.rope) for start, one in enumerate(found)]
+    run.save_table(f"{name}.shapes.csv", pd.concat(shapes), "%.3f")
+    with run.atomic(f"{name}.jsonl") as path:  # the last, by which a task counts as done
+        save_demonstrations(path, [one.demonstration for one in found])
+
+
+def _shapes(start: int, one: Demonstrated, rope: RopeConfig) -> pd.DataFrame:
+    """A demonstration's rope before, spline and rope after, a row a point."""
+    shown = one.demonstration
+    controls = control_points(shown.points, shown.spline, rope.radius)
+    head = {"action": str(shown.task.action), "start": start}
+    facts = head | {"proposal": 0, "outcome": "success"}
+    parts = [
+        point_rows(shown.points, what=BEFORE, proposal="", outcome="", **head),
+        point_rows(controls, what=SPLINE, **facts),
+        point_rows(one.scored.end, what=AFTER, **facts),
+    ]
+    return pd.concat(parts)[SHAPE_COLUMNS]
+
+
+@stage
+def evaluation_starts(
+    run: StageRun, *, simulation: SimulationConfig, starts: StartsConfig, count: int, seed: int
+) -> None:
+    """Start shapes of the eight tasks that no method has seen, by scripted guesses.
+
+    Makes <task>.npz with `points` (N, V, 3), recordings/<task>.mcap and starts.csv.
+
+    Args:
+        run: its folder.
+        simulation: executes the earlier actions.
+        starts: what a start looks like.
+        count: starts of each task.
+        seed: used for nothing else.
+    """
+    names = [task.name for task in TASKS]
+    work = partial(_reach_starts, simulation, starts, count, seed)
+    run.each(work, run.pending(names, ".npz"), "starts")
+    rows = []
+    for task in TASKS:
+        with np.load(run.out / f"{task.name}.npz") as file:
+            rows.append((str(task.action), *(int(file[key]) for key in ("reached", "too_tight"))))
+    run.save_table("starts.csv", pd.DataFrame(rows, columns=["action", "reached", "too_tight"]))
+
+
+def _reach_starts(
+    simulation: SimulationConfig,
+    starts: StartsConfig,
+    count: int,
+    seed: int,
+    run: StageRun,
+    name: str,
+) -> None:
+    number = [task.name for task in TASKS].index(name)
+    recorder = Recorder(run, "aim", simulation.rope)
+    simulator, actions = RopeSimulator(simulation), TASKS[number].start_actions
+    found = reached(actions, count, simulator, aim, rng_of(seed, number), starts, recorder)
+    recorder.save(f"recordings/{name}.mcap")
+    with run.atomic(f"{name}.npz") as path:
+        np.savez_compressed(
+            path, points=found.points, reached=found.reached, too_tight=found.too_tight
+        )
+
+
+def load_starts(folder: Path, task: Task) -> NDArray[np.float64]:
+    """The starts (N, V, 3) of a task from the output of `evaluation_starts`, metres."""
+    with np.load(folder / f"{task.name}.npz") as file:
+        return np.asarray(file["points"])
+
+
+@stage
+def pools(
+    run: StageRun,
+    *,
+    simulation: SimulationConfig,
+    starts: StartsConfig,
+    count: int,
+    attempts: int = 8000,
+    seed: int,
+    sampler: SamplerConfig = SamplerConfig("aimed"),
+) -> None:
+    """Start shapes to train on, by a sampler's own splines; tasks of one start state share a pool.
+
+    Makes <start state>.npz and recordings/*.mcap.
+
+    Args:
+        run: its folder.
+        simulation: executes the earlier actions.
+        starts: what a start looks like.
+        count: starts in each state.
+        attempts: splines after which a state has the starts that were reached by then.
+        seed: not that of the evaluation starts.
+        sampler: proposes the earlier actions' splines.
+    """
+    actions = {str(task.start_state): task.start_actions for task in TASKS}
+    work = partial(_fill_pool, actions, simulation, starts, count, attempts, seed, sampler)
+    run.each(work, run.pending([*actions], ".npz"), "pools")
+
+
+def _fill_pool(
+    actions: dict[str, tuple[Action, ...]],
+    simulation: SimulationConfig,
+    starts: StartsConfig,
+    count: int,
+    attempts: int,
+    seed: int,
+    sampler: SamplerConfig,
+    run: StageRun,
+    name: str,
+) -> None:
+    simulator, propose = RopeSimulator(simulation), sampler_of(sampler).sample
+    rng = rng_of(seed, list(actions).index(name))
+    recorder = Recorder(run, sampler.name, simulation.rope)
+    found: list[NDArray[np.float64]] = []
+    with run.progress(total=count, desc=f"pool of {name}") as bar:
+        while len(found) < count and len(recorder) < attempts:
+            more = min(POOL_CHUNK, count - len(found))
+            found.extend(
+                reached(actions[name], more, simulator, propose, rng, starts, recorder).points
+            )
+            bar.update(more)
+    recorder.save(f"recordings/{name}.mcap")
+    with run.atomic(f"{name}.npz") as path:
+        np.savez_compressed(path, points=np.stack(found))
+
+
+def load_pool(folder: Path, state: str) -> NDArray[np.float64]:
+    """The starts (N, V, 3) in a state from the output of `pools`, metres."""
+    with np.load(folder / f"{state}.npz") as file:
+        return np.asarray(file["points"])

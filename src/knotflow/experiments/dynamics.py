@@ -1,0 +1,95 @@
+"""Learned rope dynamics: training, and prediction errors on unseen ropes (Sec. VI)."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+from knotflow.execution import (
+    DynamicsTrainer,
+    DynamicsTrainingConfig,
+    LstmDynamics,
+    Motions,
+    MujocoDynamics,
+    StaticDynamics,
+    draw_motions,
+    prediction_errors,
+)
+from knotflow.experiments.common import rng_of
+from knotflow.samplers.demonstrations import load_demonstrations
+from knotflow.simulation import LEVELS, SimulationConfig
+from knotflow.training.trainer import run_training
+from knotflow.workflow import StageRun, stage
+
+MOTIONS, WEIGHTS = "motions.npz", "dynamics.safetensors"
+
+
+@stage
+def motions(
+    run: StageRun,
+    *,
+    demonstrations_file: Path,
+    simulation: SimulationConfig,
+    ropes: int,
+    per_rope: int,
+    seed: int,
+) -> None:
+    """Perturbed ropes dragged by a gripper along demonstrated, planned and random splines.
+
+    Makes motions.npz, see `execution.Motions`; one shard a rope.
+
+    Args:
+        run: its folder.
+        demonstrations_file: starts and splines of the motions.
+        simulation: around whose rope the others are drawn, levels in turn.
+        ropes: perturbed ropes.
+        per_rope: motions of each.
+        seed: used for nothing else.
+    """
+    shards = [f"shard-{number:04d}.npz" for number in range(ropes)]
+    work = partial(_drag, demonstrations_file, simulation, per_rope, seed)
+    run.each(work, run.pending(shards), "ropes")
+    with run.atomic(MOTIONS) as path:
+        Motions.join([Motions.load(run.out / shard) for shard in shards]).save(path)
+    for shard in shards:
+        (run.out / shard).unlink()
+
+
+def _drag(
+    file: Path, simulation: SimulationConfig, per_rope: int, seed: int, run: StageRun, shard: str
+) -> None:
+    number = int(Path(shard).stem.rpartition("-")[2])
+    levels, rng = (LEVELS[number % len(LEVELS)],), rng_of(seed, number)
+    drawn = draw_motions(load_demonstrations(file), simulation, 1, per_rope, rng, levels)
+    with run.atomic(shard) as path:
+        Motions.join([*drawn]).save(path)
+
+
+@stage
+def dynamics_training(
+    run: StageRun, *, motions: Path, training: DynamicsTrainingConfig, seed: int
+) -> None:
+    """A network learns how ropes move with a gripper.
+
+    Makes dynamics.safetensors, in half precision, and curves.csv.
+    """
+    trainer = DynamicsTrainer(Motions.load(motions / MOTIONS), training, seed)
+
+    def finish() -> None:
+        with run.atomic(WEIGHTS) as path:
+            trainer.model.save(path)
+
+    run_training(trainer, run.out, name="dynamics", progress=run.progress, finish=finish)
+
+
+@stage
+def dynamics(
+    run: StageRun, *, motions: Path, dynamics_weights: Path, simulation: SimulationConfig
+) -> None:
+    """How far predictions are off. Makes errors.csv, a row a model, level and number of steps."""
+    models = {
+        "still": StaticDynamics(),
+        "lstm": LstmDynamics.load(dynamics_weights),
+        "mujoco": MujocoDynamics(simulation),
+    }
+    run.save_table("errors.csv", prediction_errors(models, Motions.load(motions / MOTIONS)))

@@ -1,0 +1,492 @@
+"""Ropes at rest seen in one image: networks, estimates, and plans from them (Sec. VI)."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from knotflow.experiments.common import rng_of, sampler_of
+from knotflow.perception import (
+    Appearance,
+    Camera,
+    CameraNoiseConfig,
+    EstimateConfig,
+    Network,
+    RgbdImage,
+    SelfSupervision,
+    SelfSupervisionConfig,
+    SimulatedCamera,
+    StrandTraining,
+    StrandTrainingConfig,
+    TraceError,
+    estimate,
+)
+from knotflow.perception.measures import choose_ropes, measures, noisy_image
+from knotflow.perception.methods import FINE, MARKED, METHODS, PLAIN, SELF_SUPERVISED, SUPERVISED
+from knotflow.perception.seeing import DrawnEstimate, draw_estimates
+from knotflow.perception.training import Training
+from knotflow.perception.training_config import TrainingConfig
+from knotflow.planning import KnotPlan, PlannerConfig, UnreachableGoalError, parse_goal, plan_knot
+from knotflow.samplers import Sampler, SamplerConfig
+from knotflow.samplers.demonstrations import aim_anywhere
+from knotflow.simulation import (
+    RopeConfig,
+    RopeSimulator,
+    SimulationConfig,
+    StartsConfig,
+    random_curve,
+    resample,
+    state_or_none,
+)
+from knotflow.topology import DegenerateCurveError, TopologicalState
+from knotflow.training.trainer import run_training
+from knotflow.workflow import StageRun, stage
+
+ROPES, WEIGHTS = "ropes.npz", "network.safetensors"
+SHARD_ROPES = 32
+"""Ropes of a shard of `ropes`."""
+NOMINAL = 1.0
+"""Level of noise of the images that are drawn, and at which all methods are compared."""
+CAMERAS = {MARKED: Camera.overhead(), PLAIN: Camera.overhead(), FINE: Camera.overhead(640, 480)}
+"""Camera of a method's view of a rope."""
+DRAWN = "network_tracing_rendering"
+"""The method whose estimates are drawn."""
+KNOT = "overhand"
+
+
+@stage
+def ropes(
+    run: StageRun,
+    *,
+    simulation: SimulationConfig,
+    starts: StartsConfig,
+    shards: int,
+    rounds: int,
+    random_share: float = 0.25,
+    most_crossings: int = 5,
+    seed: int,
+) -> None:
+    """Rope shapes as plans meet them: random curves moved by spline after spline.
+
+    Makes ropes.npz: `points` (N, V, 3) float32, metres, and their number of `crossings` (N,).
+
+    Args:
+        run: its folder.
+        simulation: executes the splines.
+        starts: the random curves.
+        shards: of 32 ropes.
+        rounds: splines that each rope is moved by; every shape that one leaves is kept.
+        random_share: of splines that are random, not aimed at an action.
+        most_crossings: a rope with more is left out.
+        seed: of everything random.
+    """
+    names = [f"shard-{number:04d}" for number in range(shards)]
+    work = partial(_move, simulation, starts, rounds, random_share, most_crossings, seed)
+    run.each(work, run.pending(names, ".npz"), "ropes")
+    parts = [np.load(run.out / f"{name}.npz") for name in names]
+    joined = {key: np.concatenate([part[key] for part in parts]) for key in ("points", "crossings")}
+    with run.atomic(ROPES) as path:
+        np.savez(path, **joined)
+    for name in names:
+        (run.out / f"{name}.npz").unlink()
+
+
+def _move(
+    simulation: SimulationConfig,
+    starts: StartsConfig,
+    rounds: int,
+    random_share: float,
+    most_crossings: int,
+    seed: int,
+    run: StageRun,
+    shard: str,
+) -> None:
+    rng, simulator = rng_of(seed, int(shard.rpartition("-")[2])), RopeSimulator(simulation)
+    current = np.stack([random_curve(simulation.rope, rng, starts) for _ in range(SHARD_ROPES)])
+    states = [TopologicalState.trivial()] * SHARD_ROPES
+    points, crossings = [*current.copy()], [0] * SHARD_ROPES
+    for _ in range(rounds):
+        splines = np.stack(
+            [
+                aim_anywhere(one, state, rng, random_share, most_crossings)
+                for one, state in zip(current, states, strict=True)
+            ]
+        )
+        rollouts = simulator.execute(current, splines)
+        ends = zip(rollouts.end_points, rollouts.diverged, strict=True)
+        for index, (end, diverged) in enumerate(ends):
+            state = None if diverged else state_or_none(end)
+            if state is None or state.num_crossings > most_crossings:
+                continue
+            middle = 0.5 * (end[:, :2].max(0) + end[:, :2].min(0))
+            current[index], states[index] = end - [*middle, 0.0], state
+            points.append(current[index].copy())
+            crossings.append(state.num_crossings)
+    with run.atomic(f"{shard}.npz") as path:
+        np.savez(path, points=np.stack(points).astype(np.float32), crossings=np.array(crossings))
+
+
+@stage
+def perception_training(
+    run: StageRun, *, ropes: Path, rope: RopeConfig, training: TrainingConfig, seed: int
+) -> None:
+    """A network learns to see whole ropes, from drawings of their shapes.
+
+    Makes network.safetensors, in half precision, and curves.csv.
+    """
+    with np.load(ropes / ROPES) as shapes:
+        trainer = Training(shapes["points"], shapes["crossings"], rope, training, seed)
+
+    def finish() -> None:
+        with run.atomic(WEIGHTS) as path:
+            trainer.network.save(path)
+
+    run_training(trainer, run.out, name="perception", progress=run.progress, finish=finish)
+
+
+@stage
+def strand_training(
+    run: StageRun,
+    *,
+    ropes: Path,
+    network: Path,
+    rope: RopeConfig,
+    training: StrandTrainingConfig,
+    seed: int,
+) -> None:
+    """A network learns to follow strands, from windows along them.
+
+    Makes network.safetensors, of both networks, and curves.csv.
+
+    Args:
+        run: its folder.
+        ropes: the shapes.
+        network: that sees whole ropes.
+        rope: of the shapes.
+        training: the effort.
+        seed: of weights, examples and batches.
+    """
+    whole = Network.load(network / WEIGHTS if network.is_dir() else network)
+    with np.load(ropes / ROPES) as shapes:
+        trainer = StrandTraining(shapes["points"], shapes["crossings"], rope, training, seed)
+
+    def finish() -> None:
+        with run.atomic(WEIGHTS) as path:
+            Network(whole.model, trainer.model).save(path)
+
+    run_training(trainer, run.out, name="strands", progress=run.progress, finish=finish)
+
+
+@stage
+def perception_networks(
+    run: StageRun,
+    *,
+    ropes: Path,
+    network: Path,
+    rope: RopeConfig,
+    camera_noise: CameraNoiseConfig = CameraNoiseConfig(),
+    images: int,
+    estimate: EstimateConfig = EstimateConfig(),
+    learning: SelfSupervisionConfig,
+    seed: int,
+) -> None:
+    """The network that sees ropes, before and after self-supervision on images alone.
+
+    Makes supervised.safetensors, self_supervised.safetensors, losses.csv, a row a step, and
+    shapes/NUMBER.npy, the estimate of each image: (V, 3), or (0, 3) where it is ambiguous.
+
+    Args:
+        run: its folder.
+        ropes: shapes in the images, which serve to take these only.
+        network: file of the weights.
+        rope: in the images.
+        camera_noise: of the camera.
+        images: each of another rope.
+        estimate: how the ropes in them are estimated.
+        learning: the effort.
+        seed: of the choice of ropes, of light, noise and batches; used for nothing else.
+    """
+    with run.atomic(f"{SUPERVISED}.safetensors") as path:
+        shutil.copyfile(network, path)
+    shapes = _balanced(ropes / ROPES, images, rope, rng_of(seed))
+    picture = partial(_image, shapes, rope, camera_noise, seed)
+    names = [f"shapes/{number}" for number in range(len(shapes))]
+    work = partial(_estimate_image, picture, rope, estimate, network)
+    run.each(work, run.pending(names, ".npy"), "estimates")
+    found = {number: np.load(run.out / f"{name}.npy") for number, name in enumerate(names)}
+    sure = [number for number, shape in found.items() if len(shape)]
+    print(f"{len(sure)} of {len(shapes)} images are unambiguous", flush=True)
+    learned, losses = Network.load(network), []
+    if sure:
+        pictures, targets = [picture(one) for one in sure], [found[one] for one in sure]
+        camera = Camera.overhead()
+        supervision = SelfSupervision(learned, pictures, targets, camera, rope, learning, seed)
+        losses = [*run.progress(supervision, total=learning.steps, desc="self-supervision")]
+    table = pd.DataFrame({"loss": losses}).rename_axis("step").reset_index()
+    run.save_table("losses.csv", table, "%.6g")
+    with run.atomic(f"{SELF_SUPERVISED}.safetensors") as path:
+        learned.save(path)
+
+
+def load_networks(folder: Path) -> dict[str, Network]:
+    """The networks in the output of `perception_networks`, by name."""
+    names = (SUPERVISED, SELF_SUPERVISED)
+    return {name: Network.load(folder / f"{name}.safetensors") for name in names}
+
+
+def _balanced(
+    path: Path, count: int, rope: RopeConfig, rng: np.random.Generator
+) -> list[NDArray[np.float64]]:
+    """Ropes (V, 3) drawn from a file, all numbers of crossings equally often."""
+    with np.load(path) as file:
+        points, crossings = file["points"].astype(np.float64), file["crossings"]
+    share = 1 / np.bincount(crossings)[crossings]
+    count = min(count, len(points))
+    rows = rng.choice(len(points), count, replace=False, p=share / share.sum())
+    return [resample(points[row], rope) for row in rows]
+
+
+def _image(
+    shapes: list[NDArray[np.float64]],
+    rope: RopeConfig,
+    noise: CameraNoiseConfig,
+    seed: int,
+    number: int,
+) -> RgbdImage:
+    """The image of a rope, which has a light and noise of its own."""
+    rng = rng_of(seed, number)
+    camera = SimulatedCamera(Camera.overhead(), rope, noise, Appearance.draw(rng, noise))
+    return camera.capture(shapes[number], rng)
+
+
+def _estimate_image(
+    picture: partial[RgbdImage],
+    rope: RopeConfig,
+    config: EstimateConfig,
+    network: Path,
+    run: StageRun,
+    name: str,
+) -> None:
+    image, learned = picture(int(Path(name).name)), Network.load(network)
+    try:
+        found = estimate(image, Camera.overhead(), rope, config=config, network=learned)
+    except TraceError:
+        found = None
+    shape = np.empty((0, 3)) if found is None or found.doubtful else found.points
+    with run.atomic(f"{name}.npy") as path, open(path, "wb") as file:
+        np.save(file, shape)  # given a path, it would append an ending
+
+
+@dataclass(frozen=True)
+class _Setup:
+    networks: Path
+    rope: RopeConfig
+    estimate: EstimateConfig
+    noise: CameraNoiseConfig
+    methods: list[str]
+    levels: list[float]
+    seed: int
+
+
+@stage
+def perception(
+    run: StageRun,
+    *,
+    ropes: Path,
+    networks: Path,
+    rope: RopeConfig,
+    estimate: EstimateConfig = EstimateConfig(),
+    camera_noise: CameraNoiseConfig = CameraNoiseConfig(),
+    methods: list[str] = [*METHODS],  # noqa: B006  copied where it is bound
+    levels: list[float],
+    crossings: list[int],
+    per_crossings: int,
+    seed: int,
+) -> None:
+    """Ropes at rest, estimated from one image, by noise and number of crossings.
+
+    Makes estimates.csv, a row a method, level and rope, and estimates.png.
+
+    Args:
+        run: its folder.
+        ropes: shapes among which some are chosen.
+        networks: output of `perception_networks`.
+        rope: that is looked at.
+        estimate: how a rope is estimated.
+        camera_noise: of the camera; its level is set here.
+        methods: of `METHODS`.
+        levels: of noise; some methods are compared at 1 only.
+        crossings: numbers of crossings that ropes have.
+        per_crossings: ropes of each number of crossings; each is seen at every level.
+        seed: of the choice of ropes, of light and noise; used for nothing else.
+
+    Raises:
+        ValueError: an unknown method, or no rope of a number of crossings.
+    """
+    if unknown := sorted({*methods} - {*METHODS}):
+        raise ValueError(f"unknown methods {unknown}; methods are: {', '.join(METHODS)}")
+    chosen = choose_ropes(ropes / ROPES, crossings, per_crossings, rope, seed)
+    shapes = {f"{count}-{number}": shape for (count, number), shape in chosen.items()}
+    setup = _Setup(networks, rope, estimate, camera_noise, methods, levels, seed)
+    run.table("estimates.csv", partial(_estimate_rope, setup, shapes), [*shapes], "perception")
+    drawn = []
+    for path in sorted((run.out / "drawn").glob("*.npz")):
+        with np.load(path) as file:
+            drawn.append(DrawnEstimate(**file))
+    if drawn:
+        with run.atomic("estimates.png") as path:
+            draw_estimates(path, drawn, Camera.overhead(), rope)
+
+
+def _estimate_rope(
+    setup: _Setup, shapes: Mapping[str, NDArray[np.float64]], run: StageRun, name: str
+) -> pd.DataFrame:
+    truth, networks = shapes[name], load_networks(setup.networks)
+    crossings, number = map(int, name.split("-"))
+    rows = []
+    for level in setup.levels:
+        rng = rng_of(setup.seed, 1, crossings, number, round(100 * level))
+        noise = replace(setup.noise, level=level)
+        appearance = Appearance.draw(rng, noise)
+        methods = [one for one in setup.methods if level == NOMINAL or not METHODS[one].nominal]
+        looks = {MARKED: appearance, PLAIN: replace(appearance, head=None), FINE: appearance}
+        images = {
+            view: noisy_image(SimulatedCamera(CAMERAS[view], setup.rope, noise, look), truth, rng)
+            for view, look in looks.items()
+            if any(METHODS[one].view == view for one in methods)
+        }
+        for method in methods:
+            how = METHODS[method]
+            image, rope_iou = images[how.view]
+            began = time.process_time()
+            try:
+                found = how.estimate(
+                    image, CAMERAS[how.view], setup.rope, setup.estimate, networks, truth, rng
+                )
+            except TraceError:
+                found = None
+            seconds = time.process_time() - began
+            rows.append(
+                {"method": method, "noise": level, "crossings": crossings, "rope": number}
+                | measures(found, truth)
+                | {"rope_iou": round(rope_iou, 4), "seconds": round(seconds, 3)}
+            )
+            if found is not None and (method, level, number) == (DRAWN, NOMINAL, 0):
+                with run.atomic(f"drawn/{crossings}.npz") as path:
+                    np.savez(path, rgb=image.rgb, found=found.points, seen=found.seen, truth=truth)
+    return pd.DataFrame(rows)
+
+
+@stage
+def perceived_plans(
+    run: StageRun,
+    *,
+    networks: Path,
+    primitives: Path | None = None,
+    simulation: SimulationConfig,
+    starts: StartsConfig,
+    camera_noise: CameraNoiseConfig = CameraNoiseConfig(),
+    estimate: EstimateConfig = EstimateConfig(),
+    sampler: SamplerConfig,
+    planner: PlannerConfig,
+    ropes: int,
+    seed: int,
+) -> None:
+    """The overhand planned from ropes as they are estimated, and as they are.
+
+    Both plans are executed open loop on the true rope in the planner's simulator. Makes plans.csv,
+    a row a rope and shape planned from (true or estimated).
+
+    Args:
+        run: its folder.
+        networks: output of `perception_networks`.
+        primitives: what the sampler may need.
+        simulation: what is planned in, and in which plans are executed.
+        starts: what the random ropes look like.
+        camera_noise: of the camera.
+        estimate: how a rope is estimated.
+        sampler: proposes splines.
+        planner: how the tree grows, and when a search gives up.
+        ropes: how many.
+        seed: of ropes, light, noise and searches; used for nothing else.
+    """
+    build = partial(sampler_of, sampler, primitives=primitives)
+    plan = partial(_plan_and_execute, simulation, build, planner, seed)
+    work = partial(
+        _plan_both, networks, simulation.rope, starts, camera_noise, estimate, plan, seed
+    )
+    run.table("plans.csv", work, [f"{number:03d}" for number in range(ropes)], "perceived plans")
+
+
+def _plan_both(
+    networks: Path,
+    rope: RopeConfig,
+    starts: StartsConfig,
+    noise: CameraNoiseConfig,
+    config: EstimateConfig,
+    plan: partial[dict[str, Any]],
+    seed: int,
+    run: StageRun,
+    name: str,
+) -> pd.DataFrame:
+    rng, camera = rng_of(seed, int(name)), Camera.overhead()
+    truth = random_curve(rope, rng, starts)
+    simulated = SimulatedCamera(camera, rope, noise, Appearance.draw(rng, noise))
+    network = load_networks(networks)[SELF_SUPERVISED]
+    try:
+        image = simulated.capture(truth, rng)
+        seen = estimate(image, camera, rope, config=config, network=network).points
+    except TraceError:
+        seen = None
+    rows = [
+        {"rope": name, "planned_from": planned_from} | plan(points, truth, name)
+        for planned_from, points in (("true", truth), ("estimated", seen))
+    ]
+    return pd.DataFrame(rows)
+
+
+def _plan_and_execute(
+    simulation: SimulationConfig,
+    build: partial[Sampler],
+    planner: PlannerConfig,
+    seed: int,
+    points: NDArray[np.float64] | None,
+    truth: NDArray[np.float64],
+    name: str,
+) -> dict[str, Any]:
+    """Outcome of a plan from a shape (V, 3), metres, executed on the true one; a shape that was not
+    found, or from which no actions lead to the knot, has none."""
+    row: dict[str, Any] = {"planned": 0, "tied": 0, "branches": 0, "seconds": 0.0}
+    if points is None:
+        return row | {"mean_error_mm": np.nan}
+    error = 1e3 * np.linalg.norm(points - truth, axis=1).mean()
+    row["mean_error_mm"] = round(float(error), 3)
+    simulator, rng = RopeSimulator(simulation), rng_of(seed, int(name), 1)
+    goal = parse_goal(KNOT, simulation.rope)
+    try:
+        plan = plan_knot(points, goal, build(), simulator, rng, planner)
+    except (UnreachableGoalError, DegenerateCurveError):
+        return row
+    row |= {"branches": plan.branches, "seconds": round(plan.seconds, 3)}
+    tied = plan.solved and _ties(plan, truth, simulator)
+    return row | {"planned": int(plan.solved), "tied": int(tied)}
+
+
+def _ties(plan: KnotPlan, truth: NDArray[np.float64], simulator: RopeSimulator) -> bool:
+    """Whether a plan's splines, one after the other, tie the knot into a rope (V, 3)."""
+    rope = truth
+    for step in plan.steps:
+        rollouts = simulator.execute(rope[None], step.spline[None])
+        if rollouts.diverged[0]:
+            return False
+        rope = rollouts.end_points[0]
+    return state_or_none(rope) in plan.goal_states

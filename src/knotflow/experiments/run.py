@@ -1,0 +1,104 @@
+"""From a composed configuration to a run of its workflow, and to what is stale."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import hydra
+from omegaconf import DictConfig, OmegaConf
+
+import knotflow.experiments.stages  # noqa: F401  registers them
+from knotflow.experiments.config import HOME, PACKAGE, register
+from knotflow.workflow import WorkersConfig, Workflow, WorkflowError, read_workflow, run_workflow
+from knotflow.workflow.key import digest
+
+
+def run_experiment(config: DictConfig) -> Path:
+    """Run the workflow of a root configuration; returns the results folder."""
+    return run_workflow(
+        workflow_of(config),
+        Path(config.results_dir),
+        name=config.results_name,
+        budget=config.budget,
+        workers=WorkersConfig(**config.workers),
+        source=PACKAGE,
+    )
+
+
+def workflow_of(config: DictConfig) -> Workflow:
+    """The bound workflow of a root configuration.
+
+    Raises:
+        WorkflowError: no experiment was chosen; see also `read_workflow`.
+    """
+    if not config.workflow:
+        raise WorkflowError(f"choose one with +experiment=NAME; there are {', '.join(names())}")
+    root = OmegaConf.to_container(config, resolve=True)
+    assert isinstance(root, dict)
+    return read_workflow({str(key): value for key, value in root.items()}, HOME / "conf")
+
+
+def names() -> list[str]:
+    """All experiments."""
+    return sorted(path.stem for path in (HOME / "conf" / "experiment").glob("*.yaml"))
+
+
+@dataclass(frozen=True)
+class Stale:
+    """A committed result, or shipped weights, that today's code would not produce."""
+
+    where: str
+    """The experiment's folder and the stage's node, or the path of the weights."""
+    reasons: tuple[str, ...]
+    """What is another now."""
+
+
+def stale(results_dir: Path) -> Iterator[Stale]:
+    """Compare the keys of committed results with those of today's code.
+
+    Args:
+        results_dir: holds results/<experiment>/run.json.
+    """
+    register()
+    for file in sorted(results_dir.glob("*/run.json")):
+        run = json.loads(file.read_text("utf-8"))
+        experiment = run.get("workflow", file.parent.name)
+        if experiment not in names():
+            yield Stale(f"{file.parent.name}", ("there is no such experiment",))
+            continue
+        with hydra.initialize_config_dir(str(HOME / "conf"), version_base="1.3"):
+            overrides = [f"+experiment={experiment}", f"budget={run['budget']}"]
+            workflow = workflow_of(hydra.compose("config", overrides=overrides))
+        for name in workflow.nodes:
+            made = run["stages"].get(name, {})
+            if made.get("key") != workflow.keys[name]:
+                reasons = tuple(_differences(made, workflow.identities[name]))
+                yield Stale(f"{file.parent.name}/{name}", reasons)
+        for target, shipped in run.get("ships", {}).items():
+            if digest(PACKAGE / target) != shipped["digest"]:
+                yield Stale(target, (f"not what {experiment} made",))
+
+
+def _differences(made: dict[str, Any], now: dict[str, Any]) -> Iterator[str]:
+    """What differs between how a stage was made and how it would be made now, in words."""
+    if "key" not in made:
+        yield "made before keys were complete"
+        return
+    found = False
+    if made.get("code") != now["code"]:
+        found = True
+        yield "the stage's code"
+    for part in ("components", "libraries", "inputs"):
+        before, after = made.get(part) or {}, now[part]
+        for name in sorted({*before, *after}):
+            if before.get(name) != after.get(name):
+                what = f"input {name}" if part == "inputs" else name
+                found = True
+                change = "" if part == "inputs" else f" {before.get(name)} -> {after.get(name)}"
+                yield f"{what}{change}"
+    if not found:
+        yield "arguments"

@@ -1,0 +1,523 @@
+"""Tree searches for knots (Sec. V-B d, VII-A4, VII-B2, VII-E) and what is told of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from knotflow.experiments.common import Recorder, point_rows, rng_of, sampler_of
+from knotflow.intervals import wilson
+from knotflow.planning import (
+    ROPE_NAMES,
+    Goal,
+    KnotPlan,
+    PlannerConfig,
+    SolutionDag,
+    check_steps,
+    parse_goal,
+    parse_rope,
+    plan_knot,
+    replay,
+)
+from knotflow.planning.pull import HeadPuller, PullConfig, readiest, tie
+from knotflow.recording import write_index
+from knotflow.samplers import Sampler, SamplerConfig
+from knotflow.samplers.demonstrations import aim
+from knotflow.simulation import (
+    RopeSimulator,
+    SimulationConfig,
+    StartsConfig,
+    attempt,
+    random_curve,
+    tangled,
+)
+from knotflow.topology import TopologicalState, all_states, parse_action
+from knotflow.viz.plan_folder import write_plan_folder
+from knotflow.workflow import StageRun, stage
+
+TANGLED = "tangled"
+START_FILE = "start.npy"
+"""A rope (V, 3) in the output of a stage that makes a start shape."""
+FIRST_PULL = 1_000_000
+"""Number of the first pull; expansions of the searches that tie are numbered from 0 on."""
+SHAPES_KEPT = 3
+"""Ropes of each action that `path_steps` keeps, the first ones."""
+
+
+@dataclass
+class SearchCase:
+    """One kind of search."""
+
+    goal: str = "overhand"
+    """A knot's name, crossings, or one topological path, see `planning.parse_goal`."""
+    start: str = "straight"
+    """straight, arc, random (another curve for each seed), tangled (another for each seed, in a
+    state of one to three crossings from which no actions lead to the goal), a topological path
+    (another for each seed, tied along it from straight), or "pulled", the input of that name."""
+
+
+@dataclass
+class GoalSet:
+    """States drawn at random among all with equally many crossings."""
+
+    name: str
+    """What the table calls it."""
+    crossings: int
+    """Of every state of the set."""
+    count: int
+    """Goals that are drawn, none twice."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """What searches of a stage have in common; `run` is one of them."""
+
+    simulation: SimulationConfig
+    planner: PlannerConfig
+    source: str
+    build: partial[Sampler]
+
+    def run(
+        self, run: StageRun, name: str, number: int, points: NDArray[np.float64], goal: Goal,
+        rng: np.random.Generator,
+    ) -> KnotPlan:  # fmt: skip
+        """Search from a rope (V, 3); write plans/<name>.json and recordings/<name>.mcap."""
+        first = number * self.planner.max_branches
+        recorder = Recorder(run, self.source, self.simulation.rope, first)
+        recorder.extra = {"plan": name}
+        simulator = RopeSimulator(self.simulation)
+        plan = plan_knot(points, goal, self.build(), simulator, rng, self.planner, observe=recorder)
+        recorder.save(f"recordings/{name}.mcap")
+        with run.atomic(f"plans/{name}.json") as path:
+            path.write_text(plan.to_json(trajectories=False), "utf-8")
+        return plan
+
+
+@stage
+def searches(
+    run: StageRun,
+    *,
+    demonstrations: Path | None = None,
+    primitives: Path | None = None,
+    pulled: Path | None = None,
+    cases: list[SearchCase],
+    simulation: SimulationConfig,
+    starts: StartsConfig,
+    sampler: SamplerConfig,
+    planner: PlannerConfig,
+    seeds: int,
+    seed: int,
+) -> None:
+    """Each case searched once for each seed; the start of a seed is the same for all methods.
+
+    Makes searches.csv, plans/*.json and recordings/*.mcap; one shard a case and seed. A search of
+    one expansion after the other uses one core, so others run beside it; one in batches has all.
+
+    Args:
+        run: its folder.
+        demonstrations: what a sampler may need.
+        primitives: the same.
+        pulled: holds a start.npy, for cases that start there.
+        cases: what is searched for.
+        simulation: what is planned in.
+        starts: what a random start looks like.
+        sampler: the method.
+        planner: how the tree grows, and when a search gives up.
+        seeds: searches of each case.
+        seed: of everything random.
+    """
+    for case in cases:
+        parse_goal(case.goal, simulation.rope)
+        _check_start(case.start, simulation, pulled)
+    names = {
+        f"{number:02d}-{one:03d}": (number, one)
+        for number in range(len(cases))
+        for one in range(seeds)
+    }
+    build = partial(sampler_of, sampler, demonstrations=demonstrations, primitives=primitives)
+    search = Search(simulation, planner, sampler.name, build)
+    work = partial(_search, search, names, cases, starts, seed, pulled)
+    (run.alone() if planner.batch > 1 else run).table("searches.csv", work, [*names], "searches")
+    _index(run)
+
+
+def _search(
+    search: Search,
+    names: Mapping[str, tuple[int, int]],
+    cases: list[SearchCase],
+    starts: StartsConfig,
+    seed: int,
+    pulled: Path | None,
+    run: StageRun,
+    name: str,
+) -> pd.DataFrame:
+    number, own_seed = names[name]
+    case, rope = cases[number], search.simulation.rope
+    points = _start(case, search, starts, rng_of(seed, own_seed, 0), pulled)
+    goal, place = parse_goal(case.goal, rope), [*names].index(name)
+    plan = search.run(run, name, place, points, goal, rng_of(seed, own_seed, 1))
+    row = search_row(plan, case.goal, case.start, own_seed)
+    return pd.DataFrame([{"plan": name} | row])
+
+
+def search_row(plan: KnotPlan, goal: str, start: str, seed: int) -> dict[str, Any]:
+    """What the tables say of one search."""
+    return {
+        "start": start,
+        "seed": seed,
+        "branches": plan.branches,
+        "solved": plan.solved,
+        "seconds": round(plan.seconds, 3),
+        "goal": goal,
+        "nodes": plan.nodes,
+        "path": " ".join(map(str, plan.actions)) if plan.solved else "",
+        "end_state": str(plan.states[-1]) if plan.solved else "",
+        "reason": plan.reason,
+    }
+
+
+def read_searches(folder: Path) -> pd.DataFrame:
+    """The table of a `searches` stage; cells that are empty stay empty text."""
+    return pd.read_csv(folder / "searches.csv", keep_default_na=False, dtype={"plan": str})
+
+
+def _check_start(start: str, simulation: SimulationConfig, pulled: Path | None) -> None:
+    if "(" in start:
+        parse_goal(start, simulation.rope)
+    elif start not in (*ROPE_NAMES, TANGLED) and (start, pulled is None) != ("pulled", False):
+        raise ValueError(
+            f"unknown start {start!r}; it is {', '.join((*ROPE_NAMES, TANGLED))}, a path of "
+            f"actions, or pulled, where the stage has the input of that name"
+        )
+
+
+def _start(
+    case: SearchCase,
+    search: Search,
+    starts: StartsConfig,
+    rng: np.random.Generator,
+    pulled: Path | None,
+) -> NDArray[np.float64]:
+    """The rope (V, 3) of a seed, metres."""
+    rope = search.simulation.rope
+    if case.start in ROPE_NAMES:
+        return parse_rope(case.start, rope, rng, starts)
+    if case.start == TANGLED:
+        dag = parse_goal(case.goal, rope).dag
+        simulator = RopeSimulator(search.simulation)
+        return tangled(lambda state: state not in dag, simulator, aim, rng, starts)
+    if "(" in case.start:
+        simulator, planner = RopeSimulator(search.simulation), PlannerConfig()
+        planner.batch = search.planner.batch
+        return tie(parse_goal(case.start, rope), search.build(), simulator, rng, planner)
+    assert pulled is not None
+    return np.asarray(np.load(pulled / START_FILE, allow_pickle=False))
+
+
+def _index(run: StageRun) -> None:
+    if any((run.out / "recordings").glob("*.mcap")):
+        write_index(run.out / "recordings")
+
+
+@stage
+def goals(
+    run: StageRun,
+    *,
+    primitives: Path | None = None,
+    sets: list[GoalSet],
+    simulation: SimulationConfig,
+    starts: StartsConfig,
+    sampler: SamplerConfig,
+    planner: PlannerConfig,
+    seed: int,
+) -> None:
+    """Searches for states drawn at random, each once, from a random rope of its own.
+
+    Makes goals.csv, plans/*.json and recordings/*.mcap; one shard a goal, one after the other.
+    """
+    drawn = drawn_goals(sets, seed)
+    build = partial(sampler_of, sampler, primitives=primitives)
+    work = partial(
+        _search_goal, Search(simulation, planner, sampler.name, build), drawn, starts, seed
+    )
+    run.alone().table("goals.csv", work, [*drawn], "goals")
+    _index(run)
+
+
+def drawn_goals(sets: list[GoalSet], seed: int) -> dict[str, tuple[str, int, TopologicalState]]:
+    """Of each search, by its name, the set, the seed of its rope, and its goal."""
+    drawn = {}
+    for one in sets:
+        states = all_states(one.crossings)
+        rows = rng_of(seed, one.crossings).permutation(len(states))[: one.count]
+        for number, row in enumerate(rows):
+            drawn[f"{one.name}-{number:03d}"] = (one.name, number, states[row])
+    return drawn
+
+
+def _search_goal(
+    search: Search,
+    drawn: Mapping[str, tuple[str, int, TopologicalState]],
+    starts: StartsConfig,
+    seed: int,
+    run: StageRun,
+    name: str,
+) -> pd.DataFrame:
+    chosen, number, state = drawn[name]
+    of_rope, of_search = (rng_of(seed, state.num_crossings, number, part) for part in (0, 1))
+    points = random_curve(search.simulation.rope, of_rope, starts)
+    place = [*drawn].index(name)
+    plan = search.run(run, name, place, points, Goal.state(state), of_search)
+    row = search_row(plan, str(state), "random", number)
+    columns = ["solved", "branches", "seconds", "nodes", "path", "reason"]
+    facts = {"set": chosen, "goal": str(state), "rope_seed": number}
+    return pd.DataFrame([facts | {column: row[column] for column in columns}])
+
+
+@stage
+def branches(run: StageRun, *, searches: Mapping[str, Path], column: str = "") -> None:
+    """Searches side by side, with a column of the inputs' names if it is given one.
+
+    Makes branches.csv, a row a search, and tried.csv, the expansions and successes of each state
+    and action, of all searches of an input and start.
+    """
+    tables, tried = [], []
+    for name, folder in searches.items():
+        table = read_searches(folder)
+        spent = _tried(folder, table)
+        table = table.drop(columns="plan")
+        if column:
+            table.insert(0, column, name)
+            spent.insert(0, column, name)
+        tables.append(table)
+        tried.append(spent)
+    run.save_table("branches.csv", pd.concat(tables, ignore_index=True))
+    run.save_table("tried.csv", pd.concat(tried, ignore_index=True))
+
+
+def _tried(folder: Path, searches: pd.DataFrame) -> pd.DataFrame:
+    """Expansions and successes of each state and action; those most tried first."""
+    rows = [
+        (search.start, str(one.state), str(one.action), one.branches, one.branches * one.success)
+        for search in searches.itertuples()
+        for one in read_plan(folder, search.plan).tried
+    ]
+    keys = ["start", "state", "action"]
+    table = pd.DataFrame(rows, columns=[*keys, "branches", "successes"])
+    total = table.groupby(keys, sort=False, as_index=False).sum()
+    return total.sort_values("branches", ascending=False, kind="stable")
+
+
+def read_plan(folder: Path, name: object) -> KnotPlan:
+    """A plan that a search left."""
+    return KnotPlan.from_json((folder / "plans" / f"{name}.json").read_text("utf-8"))
+
+
+@stage
+def success(run: StageRun, *, searches: Path) -> None:
+    """How many searches tied each goal from each start, with what effort.
+
+    Makes knots.csv; medians are over the searches that tied the knot, limits are 95 % Wilson.
+    """
+    rows = []
+    for (goal, start), own in read_searches(searches).groupby(["goal", "start"], sort=False):
+        tied = own[own["solved"]]
+        rate = wilson(len(tied), len(own))
+        rows.append(
+            {
+                "goal": goal,
+                "start": start,
+                "searches": len(own),
+                "tied": len(tied),
+                "success_rate": rate.estimate,
+                "ci_low": rate.low,
+                "ci_high": rate.high,
+                "branches_median": tied["branches"].median() if len(tied) else "",
+                "seconds_median": tied["seconds"].median() if len(tied) else "",
+            }
+        )
+    run.save_table("knots.csv", pd.DataFrame(rows), "%.6g")
+
+
+@stage
+def checks(run: StageRun, *, searches: Mapping[str, Path], simulation: SimulationConfig) -> None:
+    """Every step of the plans found simulated again, see `planning.validation`.
+
+    Makes checks.csv, a row a step.
+    """
+    rows = []
+    for name, folder in run.progress(searches.items(), desc="steps simulated again"):
+        plans = {one.stem: read_plan(folder, one.stem) for one in sorted(folder.glob("plans/*"))}
+        steps = [
+            (plan, number, step)
+            for plan, found in plans.items()
+            if found.solved
+            for number, step in enumerate(found.steps)
+        ]
+        checked = check_steps([step for *_, step in steps], simulation)
+        for (plan, number, step), outcome in zip(steps, checked, strict=True):
+            facts = (len(outcome.passages), outcome.reproduced, outcome.steady)
+            rows.append((name, plan, number, str(step.action), *facts))
+    columns = ["searches", "plan", "step", "action", "passages", "reproduced", "steady"]
+    run.save_table("checks.csv", pd.DataFrame(rows, columns=columns))
+
+
+@stage
+def exemplar_plan(
+    run: StageRun, *, searches: Path, simulation: SimulationConfig, sampler: SamplerConfig
+) -> None:
+    """The solved plan of fewest expansions; where none was solved, the one of most steps.
+
+    Makes plan/, see `write_plan_folder`.
+    """
+    plans = {name: read_plan(searches, name) for name in read_searches(searches)["plan"]}
+    best = min(plans, key=lambda name: (not plans[name].solved, _effort(plans[name]), name))
+    with run.atomic("plan") as folder:
+        folder.mkdir()
+        plan = replay(plans[best], simulation)
+        write_plan_folder(folder, plan, sampler.name, simulation.rope, signature=run.key)
+
+
+def _effort(plan: KnotPlan) -> int:
+    return plan.branches if plan.solved else -len(plan.steps)
+
+
+@stage
+def solution_dag(run: StageRun, *, path: str = PullConfig.path) -> None:
+    """Every topological path to the state at the end of `path`, which is highlighted.
+
+    Makes dag.png.
+    """
+    from knotflow.viz.dag import draw_dag
+
+    along = parse_goal(path).dag
+    actions, state = [], TopologicalState.trivial()
+    while edges := along.edges_from(state):
+        action, state = edges[0]
+        actions.append(action)
+    with run.atomic("dag.png") as png:
+        draw_dag(SolutionDag.to(state), [png], actions)
+
+
+@stage
+def path_steps(
+    run: StageRun,
+    *,
+    demonstrations: Path | None = None,
+    primitives: Path | None = None,
+    simulation: SimulationConfig,
+    starts: StartsConfig,
+    sampler: SamplerConfig,
+    path: str,
+    ropes: list[str],
+    shapes: int,
+    splines: int,
+    seed: int,
+) -> None:
+    """What each action of a path leaves for the next one.
+
+    Makes steps.csv (of each rope on which an action was tried: start, action, shape, splines,
+    successes, up to the first action that never succeeds), shapes.csv (the first few of these
+    ropes, a row a vertex in metres, head first) and recordings/*.mcap; one shard a start.
+
+    Args:
+        run: its folder.
+        demonstrations: what a sampler may need.
+        primitives: the same.
+        simulation: executes the splines.
+        starts: what a random start looks like.
+        sampler: the method.
+        path: actions, with blanks between them.
+        ropes: starts of the first action: straight, arc or random.
+        shapes: ropes from which each action is tried, drawn from the ends of the one before.
+        splines: tried from each of them.
+        seed: of sampling and drawing.
+    """
+    parse_goal(path, simulation.rope)
+    build = partial(sampler_of, sampler, demonstrations=demonstrations, primitives=primitives)
+    search = Search(simulation, PlannerConfig(), sampler.name, build)
+    work = partial(_try_path, search, starts, path, ropes, shapes, splines, seed)
+    run.table("steps.csv", work, ropes, "path_steps")
+    kept = [pd.read_csv(run.out / f"shapes/{name}.csv") for name in ropes]
+    run.save_table("shapes.csv", pd.concat(kept), "%.3f")
+
+
+def _try_path(
+    search: Search,
+    starts: StartsConfig,
+    path: str,
+    ropes: list[str],
+    shapes: int,
+    splines: int,
+    seed: int,
+    run: StageRun,
+    name: str,
+) -> pd.DataFrame:
+    rng, rope = rng_of(seed, ropes.index(name)), search.simulation.rope
+    sampler, simulator = search.build(), RopeSimulator(search.simulation)
+    current = np.repeat(parse_rope(name, rope, rng, starts)[None], shapes, axis=0)
+    state = TopologicalState.from_curve(current[0])
+    recorder, rows, kept = Recorder(run, search.source, rope), [], []
+    for action in map(parse_action, path.split()):
+        ends: list[NDArray[np.float64]] = []
+        for shape, points in enumerate(run.progress(current, desc=f"{action} from {name}")):
+            proposed = sampler.sample(points, action, splines, rng)
+            tried = attempt(simulator, points, proposed, action, state, recorder)
+            ends += list(tried.rollouts.end_points[tried.success])
+            rows.append((name, str(action), shape, splines, int(tried.success.sum())))
+            if shape < SHAPES_KEPT:
+                kept.append(point_rows(points, start=name, action=str(action), shape=shape))
+        if not ends:
+            break
+        current = np.stack(ends)[rng.permutation(len(ends))[:shapes]]
+        state = tried.goal
+    recorder.save(f"recordings/{name}.mcap")
+    run.save_table(f"shapes/{name}.csv", pd.concat(kept), "%.3f")
+    return pd.DataFrame(rows, columns=["start", "action", "shape", "splines", "successes"])
+
+
+@stage
+def pull(
+    run: StageRun,
+    *,
+    primitives: Path | None = None,
+    simulation: SimulationConfig,
+    sampler: SamplerConfig,
+    pulling: PullConfig,
+    knots: int,
+) -> None:
+    """An overhand whose head is pulled out, as by hand (Sec. VII-E).
+
+    Makes start.npy and start.csv of the rope (V, 3) in metres, and recordings/*.mcap.
+
+    Args:
+        run: its folder.
+        primitives: what the sampler may need.
+        simulation: what it is done in.
+        sampler: ties it.
+        pulling: how its head is pulled.
+        knots: ropes tied and pulled, of which one is taken.
+
+    Raises:
+        RuntimeError: no knot could be tied, or none whose head could be pulled out far enough.
+    """
+    rope, simulator = simulation.rope, RopeSimulator(simulation)
+    tying, pulls = Recorder(run, sampler.name, rope), Recorder(run, "pull", rope, FIRST_PULL)
+    puller = HeadPuller(
+        pulling, sampler_of(sampler, primitives=primitives), simulator, tying, pulls
+    )
+    ropes = [puller.pull() for _ in run.progress(range(knots), desc="pull")]
+    points = readiest(ropes, pulling.head)
+    tying.save("recordings/tie.mcap")
+    pulls.save("recordings/pull.mcap")
+    write_index(run.out / "recordings")
+    run.save_table("start.csv", pd.DataFrame(points, columns=["x", "y", "z"]))
+    with run.atomic(START_FILE) as path, path.open("wb") as file:
+        np.save(file, points)

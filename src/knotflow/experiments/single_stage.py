@@ -1,0 +1,195 @@
+"""Success rates of single actions on unseen starts (Sec. VII-A, VII-B1, Fig. 6 and 7)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from knotflow.experiments.common import Recorder, point_rows, rng_of, sampler_of
+from knotflow.experiments.demonstrations import (
+    AFTER,
+    BEFORE,
+    SHAPE_COLUMNS,
+    SPLINE,
+    load_starts,
+)
+from knotflow.intervals import rate_columns
+from knotflow.planning import attempt_arranged
+from knotflow.recording import load, recorded, write_index, write_recording
+from knotflow.samplers import Sampler, SamplerConfig
+from knotflow.samplers.demonstrations import TASKS, Task
+from knotflow.simulation import Observer, RopeSimulator, SimulationConfig, attempt
+from knotflow.workflow import StageRun, stage
+
+
+@stage
+def evaluation(
+    run: StageRun,
+    *,
+    evaluation_starts: Path,
+    demonstrations: Path | None = None,
+    primitives: Path | None = None,
+    simulation: SimulationConfig,
+    sampler: SamplerConfig,
+    trials_per_start: int,
+    arranging: int = 0,
+    seed: int,
+) -> None:
+    """How often a sampler's splines succeed.
+
+    Makes outcomes.csv (action, start, success) and recordings/*.mcap; one shard a task.
+
+    Args:
+        run: its folder.
+        evaluation_starts: start shapes.
+        demonstrations: what a sampler may need.
+        primitives: the same.
+        simulation: executes the splines.
+        sampler: the method.
+        trials_per_start: splines sampled for each start.
+        arranging: most splines of a trial that make room before the one that acts; 0 in the paper.
+        seed: of the sampling.
+    """
+    propose = partial(sampler_of, sampler, demonstrations=demonstrations, primitives=primitives)
+    work = partial(
+        _evaluate, evaluation_starts, propose, simulation, trials_per_start, arranging, seed,
+        sampler.name,
+    )  # fmt: skip
+    run.table("outcomes.csv", work, [task.name for task in TASKS], "evaluation")
+    write_index(run.out / "recordings")
+
+
+def _evaluate(
+    starts_folder: Path,
+    build: partial[Sampler],
+    simulation: SimulationConfig,
+    trials: int,
+    arranging: int,
+    seed: int,
+    source: str,
+    run: StageRun,
+    name: str,
+) -> pd.DataFrame:
+    simulator, sampler = RopeSimulator(simulation), build()
+    number = [task.name for task in TASKS].index(name)
+    task = TASKS[number]
+    starts, rng = load_starts(starts_folder, task), rng_of(seed, number)
+    first = number * len(starts) * trials * (1 + arranging)
+    recorder = Recorder(run, source, simulation.rope, first)
+    rows = []
+    for start, points in enumerate(run.progress(starts, desc=f"evaluation of {task.action}")):
+        recorder.extra = {"start": str(start)}
+        success = _try(points, task, trials, arranging, sampler, simulator, rng, recorder)
+        rows += [(str(task.action), start, int(hit)) for hit in success]
+    recorder.save(f"recordings/{name}.mcap")
+    return pd.DataFrame(rows, columns=["action", "start", "success"])
+
+
+def _try(
+    points: NDArray[np.float64],
+    task: Task,
+    trials: int,
+    arranging: int,
+    sampler: Sampler,
+    simulator: RopeSimulator,
+    rng: np.random.Generator,
+    observe: Observer,
+) -> NDArray[np.bool_]:
+    """The outcomes (trials,) of one start."""
+    state = task.start_state
+    if not arranging:
+        splines = sampler.sample(points, task.action, trials, rng)
+        return attempt(simulator, points, splines, task.action, state, observe).success
+    ropes = np.repeat(points[None], trials, axis=0)
+    return attempt_arranged(
+        ropes, task.action, state, sampler, simulator, rng, arranging, observe
+    ).success
+
+
+@stage
+def success_rates(run: StageRun, *, evaluations: Mapping[str, Path]) -> None:
+    """Evaluations side by side, the names of the inputs being the methods.
+
+    Makes success_rates.csv, with 95 % Wilson intervals, and per_start.csv.
+    """
+    outcomes = pd.concat(
+        pd.read_csv(folder / "outcomes.csv").assign(method=method)
+        for method, folder in evaluations.items()
+    )
+    rates = _count(outcomes, ["method", "action"])
+    rates = rates.assign(**rate_columns(rates["successes"], rates["trials"]))
+    run.save_table("success_rates.csv", rates, "%.6g")
+    run.save_table("per_start.csv", _count(outcomes, ["method", "action", "start"]))
+
+
+def _count(outcomes: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+    """Trials and successes by the given columns, in the order in which they appear."""
+    counted = outcomes.groupby(by, sort=False)["success"].agg(["size", "sum"]).reset_index()
+    return counted.rename(columns={"size": "trials", "sum": "successes"})
+
+
+@stage
+def exemplars(
+    run: StageRun,
+    *,
+    evaluation_starts: Path,
+    evaluation: Path,
+    simulation: SimulationConfig,
+    record_rate: float = 50.0,
+) -> None:
+    """A rollout of each task simulated again to look at, at `record_rate` frames per second.
+
+    Makes recordings/<task>.mcap of the first success of each task, else of its first rollout.
+    """
+    simulation = replace(simulation, record_rate=record_rate)
+    simulator, rollouts = RopeSimulator(simulation), load(evaluation / "recordings")
+    for task in TASKS:
+        own = rollouts[rollouts["action"] == str(task.action)]
+        best = own.assign(hit=own["outcome"] == "success")
+        row = best.sort_values(["hit", "number"], ascending=[False, True]).iloc[0]
+        spline = row[[name for name in row.index if name.startswith("spline_")]]
+        points = load_starts(evaluation_starts, task)[int(row["extra"]["start"])]
+        splines = np.array([spline], dtype=float)
+        tried = attempt(simulator, points, splines, task.action, task.start_state)
+        with run.atomic(f"recordings/{task.name}.mcap") as path:
+            facts = {"evaluation": evaluation.name}
+            write_recording(path, recorded(tried, simulation.rope, row["source"], run.key), facts)
+
+
+@stage
+def proposals(
+    run: StageRun, *, evaluation_starts: Path, evaluation: Path, ropes: int = 3, splines: int = 6
+) -> None:
+    """What a method proposed on the first `ropes` starts of each action, `splines` of each.
+
+    Makes proposals.csv from recordings: a row a point in metres of the rope before (`before`, head
+    first), of each spline's control points (`spline`), and of the rope after the first (`after`).
+
+    Raises:
+        ValueError: the evaluation recorded no spline for one of the starts.
+    """
+    tables = []
+    for task in run.progress(TASKS, desc="proposals"):
+        starts = load_starts(evaluation_starts, task)
+        file = evaluation / "recordings" / f"{task.name}.mcap"
+        rollouts = load(file, trajectories=True).sort_values("number")
+        owner = np.array([int(extra["start"]) for extra in rollouts["extra"]])
+        for start, points in enumerate(starts[:ropes]):
+            own = rollouts[owner == start].head(splines)
+            if own.empty:
+                raise ValueError(f"the evaluation has no rollout of {task.action} from {start}")
+            head = {"action": str(task.action), "start": start}
+            tables.append(point_rows(points, what=BEFORE, proposal="", outcome="", **head))
+            for proposal, row in enumerate(own.itertuples()):
+                facts = head | {"proposal": proposal, "outcome": row.outcome}
+                tables.append(point_rows(row.control_points, what=SPLINE, **facts))
+                if proposal == 0 and np.isfinite(row.points[-1]).all():  # it may have diverged
+                    tables.append(point_rows(row.points[-1], what=AFTER, **facts))
+    table = pd.concat(tables, ignore_index=True)[SHAPE_COLUMNS]
+    run.save_table("proposals.csv", table, "%.3f")

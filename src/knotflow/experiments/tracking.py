@@ -1,0 +1,213 @@
+"""Ropes followed image by image through whole rollouts of all actions (Sec. VI).
+
+The ropes differ from the planner's, and the camera is not quite where it is believed to be, as in
+closed loop. Every tracker begins with the true shape.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from knotflow.execution import (
+    LstmDynamics,
+    ModelPrediction,
+    MujocoDynamics,
+    Observation,
+    encode_jpeg,
+    film_rollout,
+)
+from knotflow.experiments.common import rng_of
+from knotflow.perception import (
+    Camera,
+    CameraNoiseConfig,
+    PointDriftConfig,
+    PointDriftTracker,
+    RgbdImage,
+    Tracker,
+    TrackerConfig,
+    network_of,
+)
+from knotflow.recording import RolloutImages, recorded, write_recording
+from knotflow.samplers.demonstrations import TASKS, load_demonstrations
+from knotflow.simulation import (
+    Attempts,
+    RopeConfig,
+    SimulationConfig,
+    grasped_link,
+    perturb_rope,
+    state_or_none,
+)
+from knotflow.workflow import StageRun, stage
+
+TRACKER, AT_REST = "rendering_mujoco", "rendering_mujoco_at_rest"
+"""Gradient steps on the rendering from what the planner's simulator predicts; and the tracked rope
+estimated once more when it has come to rest and the gripper has left the image."""
+MISPLACED = "camera_misplaced"
+"""The true rope at rest, moved by how far the camera is from where it is believed to be."""
+COLUMNS = [
+    *("method", "level", "action", "rollout", "frame", "mean_error_mm", "visible_share"),
+    *("state_correct", "lost", "moving", "seconds"),
+]
+
+
+@dataclass(frozen=True)
+class _Setup:
+    demonstrations_file: Path
+    dynamics_weights: Path
+    network: Path
+    simulation: SimulationConfig
+    noise: CameraNoiseConfig
+    tracker: TrackerConfig
+    drift: PointDriftConfig
+    seed: int
+
+
+@stage
+def tracking(
+    run: StageRun,
+    *,
+    demonstrations_file: Path,
+    dynamics_weights: Path,
+    network: Path,
+    simulation: SimulationConfig,
+    camera_noise: CameraNoiseConfig = CameraNoiseConfig(),
+    tracker: TrackerConfig = TrackerConfig(),
+    drift: PointDriftConfig = PointDriftConfig(),
+    levels: list[int],
+    rollouts: int,
+    seed: int,
+) -> None:
+    """Makes tracks.csv (a row a method and frame) and a recording of a rollout with its images.
+
+    Args:
+        run: its folder.
+        demonstrations_file: starts and splines of the rollouts.
+        dynamics_weights: of the learned dynamics.
+        network: that finds a lost rope.
+        simulation: around whose rope ropes are drawn; its record rate is the camera's.
+        camera_noise: of the camera, nominal at every level.
+        tracker: the tracker.
+        drift: the classical tracker.
+        levels: of perturbation of ropes and camera.
+        rollouts: of each action at each level.
+        seed: of ropes, cameras and noise; used for nothing else.
+    """
+    setup = _Setup(
+        demonstrations_file,
+        dynamics_weights,
+        network,
+        simulation,
+        camera_noise,
+        tracker,
+        drift,
+        seed,
+    )
+    names = [
+        f"{level}-{task.name}-{number}"
+        for level in levels
+        for task in TASKS
+        for number in range(rollouts)
+    ]
+    run.table("tracks.csv", partial(_track, setup, names[0]), names, "tracking")
+
+
+def _track(setup: _Setup, recorded_name: str, run: StageRun, name: str) -> pd.DataFrame:
+    """One rollout; the one of the name `recorded_name` is recorded with its images."""
+    level, action, number = name.split("-")
+    rng = rng_of(setup.seed, int(level), *map(ord, action), int(number))
+    believed = setup.simulation.rope
+    rope = perturb_rope(believed, int(level), rng)
+    demonstrations = load_demonstrations(setup.demonstrations_file)
+    own = [one for one in demonstrations if one.task.name == action]
+    film = film_rollout(own, rope, int(level), setup.simulation, setup.noise, rng)
+    attempts, (*images, at_rest), (*shows, rest_shows) = film.attempts, film.images, film.visible
+    truth = attempts.rollouts.trajectory[0].astype(np.float64)
+    held = attempts.rollouts.times < setup.simulation.move_time - 1e-6
+    held[0] = False
+    link = int(grasped_link(attempts.splines[0], rope.links))
+    rows: list[dict[str, Any]] = []
+    for method, make in _trackers(setup, truth[0]).items():
+        tracker, found = make(), []
+        for frame, image in enumerate(images):
+            began = time.process_time()
+            gripper = attempts.rollouts.gripper[0, frame].astype(np.float64)
+            found.append(tracker.update(image, gripper, link if held[frame] else None))
+            rows.append(
+                _row(method, frame, found[-1], truth[frame])
+                | {"visible_share": shows[frame].mean(), "moving": int(held[frame])}
+                | {"seconds": time.process_time() - began}
+            )
+        if method == TRACKER and isinstance(tracker, Tracker):
+            began = time.process_time()
+            rest = _row(AT_REST, len(images), tracker.look(at_rest), truth[-1])
+            rest |= {"visible_share": rest_shows.mean(), "moving": 0}
+            rows.append(rest | {"seconds": time.process_time() - began})
+            if name == recorded_name:
+                points = np.stack([one.points for one in found]).astype(np.float32)
+                _record(run, rope, attempts, images, points)
+    pixels = film.camera.project(truth[-1])
+    moved = Observation.of(Camera.overhead().unproject(pixels[:, :2], pixels[:, 2]))
+    rows.append(
+        _row(MISPLACED, len(images), moved, truth[-1])
+        | {"visible_share": 1.0, "moving": 0, "seconds": 0.0}
+    )
+    table = pd.DataFrame(rows).assign(level=int(level), action=action, rollout=name)
+    return table[COLUMNS].round({"mean_error_mm": 3, "visible_share": 3, "seconds": 4})
+
+
+def _trackers(
+    setup: _Setup, start: NDArray[np.float64]
+) -> dict[str, Callable[[], Tracker | PointDriftTracker]]:
+    """What makes each tracker, by method, from the rope (V, 3) at the start."""
+    camera, rope = Camera.overhead(), setup.simulation.rope
+    network = network_of(setup.network)
+    predictions = {
+        "rendering": None,
+        "rendering_lstm": ModelPrediction(LstmDynamics.load(setup.dynamics_weights)),
+        TRACKER: ModelPrediction(MujocoDynamics(replace(setup.simulation, threads=1))),
+    }
+    drifts = {
+        "point_drift": setup.drift,
+        "point_drift_predicted": replace(setup.drift, predict=True),
+    }
+    return {
+        method: partial(Tracker, camera, rope, start, setup.tracker, prediction, network)
+        for method, prediction in predictions.items()
+    } | {
+        method: partial(PointDriftTracker, camera, rope, start, config)
+        for method, config in drifts.items()
+    }
+
+
+def _row(method: str, frame: int, found: Any, truth: NDArray[np.float64]) -> dict[str, Any]:
+    state = state_or_none(truth)
+    return {
+        "method": method,
+        "frame": frame,
+        "mean_error_mm": 1e3 * np.linalg.norm(found.points - truth, axis=1).mean(),
+        "state_correct": int(state is not None and found.state == state),
+        "lost": int(any("lost" in doubt for doubt in found.doubts)),
+    }
+
+
+def _record(
+    run: StageRun,
+    rope: RopeConfig,
+    attempts: Attempts,
+    images: list[RgbdImage],
+    points: NDArray[np.float32],
+) -> None:
+    (rollout,) = recorded(attempts, rope, "tracking", run.key)
+    camera = RolloutImages(tuple(map(encode_jpeg, images)), points)
+    with run.atomic("recordings/tracked.mcap") as path:
+        facts = {"source": "tracking", "signature": run.key}
+        write_recording(path, [replace(rollout, camera=camera)], facts)

@@ -1,0 +1,316 @@
+"""Training of the primitives: imitation, reinforcement, joint finetuning (Sec. V-B)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from knotflow.experiments.common import Recorder
+from knotflow.experiments.demonstrations import load_pool
+from knotflow.recording import load, write_index
+from knotflow.samplers.demonstrations import SHIPPED, TASKS, Task, load_trials
+from knotflow.samplers.primitives import (
+    FILE,
+    PRIMITIVES,
+    PrimitiveConfig,
+    PrimitiveLibrary,
+    primitive_of,
+)
+from knotflow.simulation import (
+    Attempts,
+    Rollouts,
+    RopeConfig,
+    RopeSimulator,
+    SimulationConfig,
+    StartsConfig,
+    Trials,
+    state_or_none,
+)
+from knotflow.topology import Action, TopologicalState, parse_action
+from knotflow.training import (
+    Imitation,
+    ImitationConfig,
+    Reinforcement,
+    ReinforcementConfig,
+    SelfPlay,
+    SelfPlayConfig,
+)
+from knotflow.training.trainer import CURVES, merge_curves, run_training
+from knotflow.workflow import StageRun, stage
+
+PARTS = {f"primitive-{number}": number for number in PRIMITIVES}
+
+
+@stage
+def imitation(
+    run: StageRun,
+    *,
+    demonstrations: Path,
+    rope: RopeConfig,
+    primitive: PrimitiveConfig,
+    imitation: ImitationConfig,
+    training_seed: int,
+) -> None:
+    """Four primitives learn from the demonstrations; one shard a primitive.
+
+    Makes primitives.safetensors and curves.csv.
+    """
+    work = partial(_imitate, demonstrations, rope, primitive, imitation, training_seed)
+    run.each(work, run.pending([*PARTS], ".safetensors"), "imitation")
+    _merge(run)
+
+
+def _imitate(
+    demonstrations: Path,
+    rope: RopeConfig,
+    primitive: PrimitiveConfig,
+    imitation: ImitationConfig,
+    seed: int,
+    run: StageRun,
+    part: str,
+) -> None:
+    number = PARTS[part]
+    trials = demonstrated(number, load_trials(demonstrations))
+    trainer = Imitation([*trials.values()], primitive, imitation, seed + number)
+
+    def finish() -> None:
+        with run.atomic(f"{part}.safetensors") as path:
+            PrimitiveLibrary({number: trainer.primitive}, {number: [*trials]}, rope).save(path)
+
+    run_training(
+        trainer, run.out / part, name=f"imitation {number}", progress=run.progress,
+        save_every=10, finish=finish,
+    )  # fmt: skip
+
+
+def demonstrated(
+    number: int, trials: Mapping[Action, Sequence[Trials]]
+) -> dict[Action, list[Trials]]:
+    """Of all trials those that a primitive, 1 to 4, learns from.
+
+    Actions beyond the eight tasks are among them, if somebody has demonstrated some.
+
+    Raises:
+        ValueError: there are none.
+    """
+    chosen: dict[Action, list[Trials]] = {}
+    for action, some in trials.items():
+        own = [one for one in some if primitive_of(action, one.start.num_segments) == number]
+        if own:
+            chosen[action] = own
+    if not chosen:
+        raise ValueError(
+            f"there is no demonstration for primitive {number}, which learns "
+            f"{', '.join(str(task.action) for task in tasks_of(number))} and the like; demonstrate "
+            f"one, or merge the file with the shipped demonstrations: knotflow merge FILE {SHIPPED}"
+        )
+    return chosen
+
+
+def tasks_of(number: int) -> list[Task]:
+    """The tasks of a primitive, 1 to 4."""
+    return [
+        task for task in TASKS if primitive_of(task.action, task.start_state.num_segments) == number
+    ]
+
+
+@stage
+def reinforcement(
+    run: StageRun,
+    *,
+    demonstrations: Path,
+    imitation: Path,
+    pools: Path,
+    simulation: SimulationConfig,
+    starts: StartsConfig,
+    reinforcement: ReinforcementConfig,
+    training_seed: int,
+) -> None:
+    """The primitives continue with their own attempts; one shard a primitive.
+
+    Makes primitives.safetensors, curves.csv and recordings/*.mcap, one a primitive and round.
+    """
+    work = partial(
+        _reinforce, demonstrations, imitation, pools, simulation, starts, reinforcement,
+        training_seed,
+    )  # fmt: skip
+    run.each(work, run.pending([*PARTS], ".safetensors"), "reinforcement")
+    _merge(run)
+    write_index(run.out / "recordings")
+
+
+def _reinforce(
+    demonstrations: Path,
+    imitation: Path,
+    pools: Path,
+    simulation: SimulationConfig,
+    starts: StartsConfig,
+    reinforcement: ReinforcementConfig,
+    seed: int,
+    run: StageRun,
+    part: str,
+) -> None:
+    number, rope = PARTS[part], simulation.rope
+    tasks, trials = tasks_of(number), load_trials(demonstrations)
+
+    def record(index: int, attempts: Sequence[Attempts]) -> None:
+        first = number * 1_000_000 + index * sum(map(len, attempts))
+        recorder = Recorder(run, "reinforcement", rope, first)
+        for some in attempts:
+            recorder(some)
+        recorder.save(f"recordings/{part}-{index:03d}.mcap")
+
+    trainer = Reinforcement(
+        PrimitiveLibrary.load(imitation / FILE, rope).primitives[number],
+        [one for task in tasks for one in trials[task.action]],
+        {task: load_pool(pools, str(task.start_state)) for task in tasks},
+        RopeSimulator(simulation),
+        reinforcement,
+        seed + number,
+        starts,
+        record,
+    )
+
+    def finish() -> None:
+        actions = {number: [task.action for task in tasks]}
+        with run.atomic(f"{part}.safetensors") as path:
+            PrimitiveLibrary({number: trainer.primitive}, actions, rope).save(path)
+
+    run_training(
+        trainer, run.out / part, name=f"reinforcement {number}", progress=run.progress,
+        save_every=4, finish=finish,
+    )  # fmt: skip
+
+
+def _merge(run: StageRun) -> None:
+    """Bring the parts of a library, and their curves, into one file each."""
+    with run.atomic(FILE) as path:
+        libraries = [PrimitiveLibrary.load(run.out / f"{part}.safetensors") for part in PARTS]
+        PrimitiveLibrary.merged(libraries).save(path)
+    curves = {number: run.out / part / CURVES for part, number in PARTS.items()}
+    run.save_table(CURVES, merge_curves(curves), "%.6g")
+
+
+@stage
+def self_play(
+    run: StageRun,
+    *,
+    demonstrations: Path,
+    primitives: Path,
+    attempts: Path | None = None,
+    simulation: SimulationConfig,
+    starts: StartsConfig,
+    self_play_training: SelfPlayConfig,
+    seed: int,
+) -> None:
+    """The primitives learn all actions together (Sec. V-B c, and beyond).
+
+    Makes primitives.safetensors, curves.csv and trials.csv, a row a pair of state and action. The
+    trials, tens of thousands, are not recorded.
+
+    Args:
+        run: its folder.
+        demonstrations: stay in the replay buffer.
+        primitives: what it continues from.
+        attempts: recordings of earlier attempts, which are remembered.
+        simulation: executes the trials.
+        starts: what an untangled rope looks like.
+        self_play_training: the effort.
+        seed: of everything random.
+    """
+    trials, memory = load_trials(demonstrations), self_play_training.memory
+    trainer = SelfPlay(
+        PrimitiveLibrary.load(primitives / FILE, simulation.rope),
+        {task: trials[task.action] for task in TASKS},
+        earlier_attempts(attempts / "recordings", memory) if attempts is not None else (),
+        RopeSimulator(simulation),
+        self_play_training,
+        seed,
+        starts,
+    )
+    part = run.out / "training"
+
+    def finish() -> None:
+        with run.atomic(FILE) as path:
+            trainer.library.save(path)
+        run.save_table("trials.csv", trials_table(trainer))
+        run.save_table(CURVES, merge_curves({1: part / CURVES}), "%.6g")
+
+    run_training(
+        trainer, part, name="self-play", progress=run.progress, save_every=25, finish=finish
+    )
+
+
+def trials_table(trainer: SelfPlay) -> pd.DataFrame:
+    """The trials of every pair of state and action, and how many of them succeeded."""
+    rows = [
+        (str(state), str(action), pair.trials, pair.successes, pair.rate)
+        for (state, action), pair in trainer.curriculum.stats.items()
+    ]
+    columns = ["start", "action", "trials", "successes", "recent_rate"]
+    return pd.DataFrame(rows, columns=columns).sort_values(["start", "action"])
+
+
+def earlier_attempts(folder: Path, count: int) -> list[Attempts]:
+    """The newest `count` attempts of each action among the recordings of a stage.
+
+    Shapes are recorded in single precision; the few whose state this changes are left out.
+    """
+    table = load(folder)
+    newest = table.sort_values("number").groupby(["action", "start_state"]).tail(count)
+    if newest.empty:
+        return []
+    rollouts = load(sorted(newest["file"].unique()), trajectories=True)
+    rollouts = rollouts[rollouts["number"].isin(newest["number"])].sort_values("number")
+    splines = [name for name in rollouts if name.startswith("spline_")]
+    found = []
+    for (action, start), own in rollouts.groupby(["action", "start_state"], sort=True):
+        before = TopologicalState.parse(start)
+        after = before.apply(parse_action(action))
+        points = np.stack([points[0] for points in own["points"]]).astype(np.float64)
+        ends = np.stack([points[-1] for points in own["points"]]).astype(np.float64)
+        success = (own["outcome"] == "success").to_numpy()
+        legible = np.array(
+            [
+                state_or_none(one) == before and (not hit or state_or_none(other) == after)
+                for one, other, hit in zip(points, ends, success, strict=True)
+            ]
+        )
+        found.append(
+            Attempts.of(
+                parse_action(action),
+                before,
+                points[legible],
+                own[splines].to_numpy(np.float64)[legible],
+                _first_and_last(points[legible], ends[legible]),
+                [after if hit else None for hit in success[legible]],
+            )
+        )
+    return found
+
+
+def _first_and_last(points: NDArray[np.float64], ends: NDArray[np.float64]) -> Rollouts:
+    """Rollouts of which only the first and the last frame are known."""
+    frames = np.stack([points, ends], axis=1).astype(np.float32)
+    unknown = np.full((len(points), 2, 3), np.nan, np.float32)
+    return Rollouts(np.array([0.0, 1.0]), frames, unknown, ends, np.zeros(len(points), bool))
+
+
+@stage
+def shipped_library(run: StageRun, *, primitives: Path) -> None:
+    """A trained library as files small enough to be kept with the source.
+
+    Makes primitives/primitive-<number>.safetensors in half precision.
+    """
+    library = PrimitiveLibrary.load(primitives / FILE)
+    with run.atomic("primitives") as folder:
+        folder.mkdir()
+        for number, primitive in library.primitives.items():
+            actions = {number: library.trained_on[number]}
+            one = PrimitiveLibrary({number: primitive}, actions, library.rope)
+            one.save(folder / f"primitive-{number}.safetensors", half=True)

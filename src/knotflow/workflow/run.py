@@ -1,0 +1,207 @@
+"""Runs a workflow: every stage once, ever; what is interrupted goes on from where it was.
+
+The results folder of an experiment, results/<experiment>/, is small and committed: tables, the
+configuration of every stage in config.yaml, and where each comes from in run.json.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import platform
+import shutil
+import subprocess
+from collections.abc import Mapping
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from knotflow.threads import one_thread
+from knotflow.workflow.errors import WorkflowError
+from knotflow.workflow.key import digest, plain
+from knotflow.workflow.shards import StageRun, WorkersConfig
+from knotflow.workflow.store import (
+    StageFolder,
+    atomic,
+    locked,
+    remove,
+    remove_abandoned,
+    sizes,
+    write_json,
+)
+from knotflow.workflow.workflow import Node, Workflow
+
+CONFIG, RUN = "config.yaml", "run.json"
+GENERATED = ("results", "reports")  # made by runs themselves: they do not make the code dirty
+log = logging.getLogger(__name__)
+
+
+def run_workflow(
+    workflow: Workflow,
+    results_dir: Path,
+    *,
+    name: str = "",
+    budget: str = "",
+    workers: WorkersConfig | None = None,
+    source: Path | None = None,
+) -> Path:
+    """Run what is not finished yet and fill results_dir/<name>/; returns that folder.
+
+    Args:
+        workflow: what is run.
+        results_dir: holds experiments and `stages/`; made if missing.
+        name: of the results folder; the workflow's by default.
+        budget: goes into run.json.
+        workers: where stages run their shards; by default one after the other in this process.
+        source: a folder in the checkout whose commit is recorded.
+
+    Raises:
+        WorkflowError: a stage did not make a file that the results name.
+        DamagedStageError: a finished stage's output was changed.
+    """
+    results_dir, name = Path(results_dir).absolute(), name or workflow.name
+    folders = {node: workflow.folder(node, results_dir) for node in workflow.nodes}
+    log.info("%s: %s", name, workflow.caption)
+    for node, folder in folders.items():
+        log.info("  %-7s %-32s %s", folder.state(), node, folder.relative)
+    code = code_state(source or Path(__file__).parent)
+    workers = workers or WorkersConfig(jobs=1)
+    records = {}
+    for node in workflow.nodes.values():
+        records[node.name] = _make(node, workflow, folders, workers, code)
+    folder = results_dir / name
+    with locked(results_dir / "stages" / f"{name}.lock", f"it publishes {name}"):
+        publish(workflow, folder, folders, records, {"experiment": name, "budget": budget})
+    seconds = sum(record["seconds"] for record in records.values())
+    log.info("%s: finished, %.0f s in all; results in %s", name, seconds, folder)
+    return folder
+
+
+def _make(
+    node: Node,
+    workflow: Workflow,
+    folders: Mapping[str, StageFolder],
+    workers: WorkersConfig,
+    code: Mapping[str, Any],
+) -> dict[str, Any]:
+    """The record of a node's output, which is made if it is not there."""
+    folder = folders[node.name]
+    if folder.state() == "done":
+        return folder.record()
+    with folder.lock():
+        if folder.state() == "done":  # by the process that was waited for
+            return folder.record()
+        folder.partial.mkdir(parents=True, exist_ok=True)
+        remove_abandoned(folder.partial)
+        run = StageRun(folder.partial, folder.key, workers)
+        run.load_seconds()
+        log.info("%s: %s", node.name, node.caption or folder.relative)
+        try:
+            with one_thread():
+                node.stage.function(run, **node.arguments, **_paths(node, folders))
+        except BaseException as error:
+            if sizes(folder.partial):
+                run.save_seconds()
+                error.add_note(f"Stage {node.name} stopped; the same command goes on from there.")
+            else:  # a wrong input, most often: nothing is there to go on from
+                remove(folder.partial)
+            raise
+        identity = workflow.identities[node.name]
+        kept = ("stage", "code", "components", "libraries", "inputs")
+        return folder.finish(
+            {
+                **{part: identity[part] for part in kept},
+                "key": folder.key,
+                "arguments": plain(node.arguments),
+                "seconds": round(run.seconds(), 3),
+                "cpus": os.cpu_count(),
+                **code,
+            }
+        )
+
+
+def _paths(node: Node, folders: Mapping[str, StageFolder]) -> dict[str, Any]:
+    """What the stage is given for each input."""
+
+    def path(source: Any) -> Any:
+        if isinstance(source, Mapping):
+            return {name: path(one) for name, one in source.items()}
+        return folders[source].final if isinstance(source, str) else source
+
+    return {name: path(source) for name, source in node.inputs.items()}
+
+
+def publish(
+    workflow: Workflow,
+    folder: Path,
+    folders: Mapping[str, StageFolder],
+    records: Mapping[str, Mapping[str, Any]],
+    head: Mapping[str, Any],
+) -> None:
+    """Copy the results, then write config.yaml and run.json; what earlier runs made else, goes."""
+    folder.mkdir(parents=True, exist_ok=True)
+    remove_abandoned(folder)
+    earlier = json.loads(run.read_text("utf-8")) if (run := folder / RUN).is_file() else {}
+    for name in {*earlier.get("results", ())} - {*workflow.results}:
+        remove(folder / name)
+    for target, (node, path) in workflow.results.items():
+        _copy(_existing(folders[node].final / path, node), folder / target)
+    stages: dict[str, Any] = {}
+    config: dict[str, Any] = {}
+    for name, record in records.items():
+        kept = ("key", "code", "components", "libraries", "inputs", "seconds", "cpus")
+        made = {part: record[part] for part in (*kept, "commit", "dirty", "versions")}
+        node = workflow.nodes[name]
+        stages[name] = {"stage": record["stage"], "caption": node.caption, **made}
+        config[name] = {"stage": record["stage"], "config": record["arguments"]}
+    with atomic(folder / CONFIG) as path:
+        text = yaml.safe_dump({"workflow": workflow.name, "stages": config}, sort_keys=False)
+        path.write_text(text, "utf-8")
+    ships = {
+        target: {"node": node, "digest": digest(_existing(folders[node].final / path, node))}
+        for target, (node, path) in workflow.ships.items()
+    }
+    results = {name: f"{node}/{path}" for name, (node, path) in workflow.results.items()}
+    head = {**head, "workflow": workflow.name, "caption": workflow.caption}
+    write_json(folder / RUN, {**head, "stages": stages, "results": results, "ships": ships})
+
+
+def _existing(path: Path, node: str) -> Path:
+    if not path.exists():
+        raise WorkflowError(f"the results want {path.name} of node {node!r}, which made no such")
+    return path
+
+
+def _copy(source: Path, target: Path) -> None:
+    with atomic(target) as temporary:
+        (shutil.copytree if source.is_dir() else shutil.copyfile)(source, temporary)
+
+
+def code_state(folder: Path) -> dict[str, Any]:
+    """Commit of the checkout that a folder is in, whether it has changes, and library versions.
+
+    Without a checkout of knotflow, the commit is "none".
+    """
+    top = _git(folder, "rev-parse", "--show-toplevel")
+    ours = top is not None and (Path(top) / "src" / "knotflow" / "workflow").is_dir()
+    commit = _git(folder, "rev-parse", "HEAD") if ours else None
+    excluded = [f":(exclude){name}" for name in GENERATED]
+    changes = _git(Path(top or "."), "status", "--porcelain", "--", ".", *excluded)
+    versions = {"python": platform.python_version()}
+    for name in ("knotflow", "mujoco", "numpy", "torch"):
+        versions[name] = metadata.version(name)
+    return {"commit": commit or "none", "dirty": bool(commit and changes), "versions": versions}
+
+
+def _git(folder: Path, *arguments: str) -> str | None:
+    """What git prints in a folder; None where it fails or is not installed."""
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(folder), *arguments], capture_output=True, text=True, check=False
+        )
+    except FileNotFoundError:
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None

@@ -1,0 +1,321 @@
+"""A workflow: which stages, what feeds what, and which of their files are the results.
+
+    name: ablation_actor_critic
+    caption: Actor and critic together against either alone (Sec. VII-B1, Fig. 7)
+    matrix:
+      variant: {actor_only: {primitive: {variant: actor_only}}, actor_critic: {}}
+      training_seed: [10, 11, 12]
+    stages:
+      demonstrations:
+      imitation: {matrix: [variant, training_seed]}
+      evaluation: {matrix: [variant, training_seed], primitives: imitation, sampler: primitives}
+      rates: {stage: success_rates, evaluations: evaluation}
+    results:
+      success_rates.csv: rates
+
+A node is called like its stage unless it says otherwise, and lists deviations only. Its inputs are
+the nodes of the same names, or those it names, or a path of the root configuration; one that may
+be absent is there if the node names it or an argument asks for it (`inputs_of`). Along an axis
+of the matrix there is a node for each value; axes that two nodes share are matched, and a node
+without an axis gets all nodes along it by name. An argument takes, each merged over the one before:
+the stage's default, the root configuration's value of that name, that in the section of the
+stage's name, the node's own, that in the section of the node's name; and where the stage has no
+section, that in the section of the experiment's name.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from knotflow.workflow.errors import WorkflowError
+from knotflow.workflow.key import digest, key_of
+from knotflow.workflow.stage import OPTIONAL, SEVERAL, Stage, get_stage, inputs_of
+from knotflow.workflow.store import StageFolder
+
+Source = str | Path
+"""Where an input comes from: the node of that name or a path of the user's."""
+
+
+@dataclass(frozen=True)
+class Node:
+    """One use of a stage, with everything bound."""
+
+    name: str
+    stage: Stage
+    caption: str
+    arguments: Mapping[str, Any]
+    inputs: Mapping[str, Source | Mapping[str, str]]
+
+    def needs(self) -> set[str]:
+        """Names of the nodes it depends on."""
+        found: set[str] = set()
+        for source in self.inputs.values():
+            if isinstance(source, Mapping):
+                found |= {*source.values()}
+            elif isinstance(source, str):
+                found.add(source)
+        return found
+
+
+@dataclass(frozen=True)
+class Workflow:
+    """The nodes that the results need, in the order in which they run."""
+
+    name: str
+    caption: str
+    nodes: Mapping[str, Node]
+    results: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    """File or folder in results/<experiment>/ -> node, and the path in its output."""
+    ships: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    """The same of what the package ships, by its path in the package; not copied."""
+
+    @cached_property
+    def identities(self) -> dict[str, dict[str, Any]]:
+        """What decides each node's output, see `Stage.identity`."""
+        found: dict[str, dict[str, Any]] = {}
+        keys: dict[str, str] = {}
+        for name, node in self.nodes.items():
+            inputs = {given: _identity(source, keys) for given, source in node.inputs.items()}
+            found[name] = node.stage.identity(node.arguments, inputs)
+            keys[name] = key_of(found[name])
+        return found
+
+    @cached_property
+    def keys(self) -> dict[str, str]:
+        """The key of each node's output."""
+        return {name: key_of(identity) for name, identity in self.identities.items()}
+
+    def folder(self, name: str, results_dir: Path) -> StageFolder:
+        """The place of a node's output."""
+        return StageFolder(results_dir, self.nodes[name].stage.name, self.keys[name])
+
+
+def _identity(source: Source | Mapping[str, str], keys: Mapping[str, str]) -> Any:
+    if isinstance(source, Mapping):
+        return {name: keys[node] for name, node in source.items()}
+    if isinstance(source, Path):
+        return {"contents": digest(source)}
+    return keys[source]
+
+
+def read_workflow(root: Mapping[str, Any], groups: Path) -> Workflow:
+    """The workflow of a resolved root configuration.
+
+    Args:
+        root: plain data; its `workflow` is of the form at the top of this file.
+        groups: folder of the config groups, from which arguments that are named by a word, such as
+            `planner: paper`, are read: groups/planner/paper.yaml.
+
+    Raises:
+        WorkflowError: an unknown stage, node, axis or argument; a missing or wrong value; a cycle;
+            a result that no node makes. The message names the node, and what would be right.
+    """
+    return _Reader(root, groups).read()
+
+
+class _Reader:
+    def __init__(self, root: Mapping[str, Any], groups: Path) -> None:
+        self.root, self.groups = root, groups
+        given = dict(root.get("workflow") or {})
+        unknown = given.keys() - {"name", "caption", "matrix", "stages", "results", "ships"}
+        if unknown or not given.get("name") or not given.get("stages"):
+            raise WorkflowError(
+                "a workflow has name, caption, matrix, stages, results and ships"
+                + (f", not {', '.join(sorted(unknown))}" if unknown else "")
+            )
+        self.name, self.caption = given["name"], given.get("caption") or ""
+        self.results, self.ships = given.get("results") or {}, given.get("ships") or {}
+        self.axes = {
+            axis: {str(one): {axis: one} for one in values} if isinstance(values, list) else values
+            for axis, values in (given.get("matrix") or {}).items()
+        }
+        self.entries = {name: dict(entry or {}) for name, entry in given["stages"].items()}
+        self.axes_of = {name: tuple(one.pop("matrix", ())) for name, one in self.entries.items()}
+        self.stages = {
+            name: get_stage(entry.pop("stage", name)) for name, entry in self.entries.items()
+        }
+
+    def read(self) -> Workflow:
+        """Expand and bind everything."""
+        nodes: dict[str, Node] = {}
+        for base in self.entries:
+            unknown = [axis for axis in self.axes_of[base] if axis not in self.axes]
+            if unknown:
+                raise self._error(base, f"no axis {unknown[0]!r}; axes: {', '.join(self.axes)}")
+            for variant in itertools.product(*(self.axes[axis] for axis in self.axes_of[base])):
+                node = self._node(base, dict(zip(self.axes_of[base], variant, strict=True)))
+                nodes[node.name] = node
+        self._check_axes()
+        graph = {name: node.needs() for name, node in nodes.items()}
+        try:
+            order = list(TopologicalSorter(graph).static_order())
+        except CycleError as error:
+            cycle = " -> ".join(reversed(error.args[1]))
+            raise WorkflowError(f"workflow {self.name!r}: a cycle, {cycle}") from None
+        results, ships = self._results(self.results, nodes), self._results(self.ships, nodes)
+        wanted = {node for node, _ in (*results.values(), *ships.values())} or {*nodes}
+        for name in reversed(order):
+            if name in wanted:
+                wanted |= nodes[name].needs()
+        kept = {name: nodes[name] for name in order if name in wanted}
+        return Workflow(self.name, self.caption, kept, results, ships)
+
+    def _node(self, base: str, variant: Mapping[str, str]) -> Node:
+        stage, entry = self.stages[base], dict(self.entries[base])
+        caption = entry.pop("caption", "") or ""
+        own: dict[str, Any] = {}
+        for axis, value in variant.items():
+            deviations = self.axes[axis][value] or {}
+            own |= {name: one for name, one in deviations.items() if name in stage.types}
+        own |= entry
+        if unknown := own.keys() - stage.types.keys():
+            raise self._error(
+                base, f"no parameter {sorted(unknown)[0]!r}; it has {', '.join(stage.types)}"
+            )
+        name = _variant_name(base, variant.values())
+        layers = {
+            argument: self._layers(base, stage, argument, own) for argument in stage.arguments
+        }
+        try:
+            arguments = stage.bind(layers)
+        except WorkflowError as error:
+            raise self._error(name, str(error)) from error
+        asked = {one for value in arguments.values() for one in inputs_of(value)}
+        inputs = {
+            parameter: self._input(base, parameter, kind, own, variant)
+            for parameter, kind in stage.inputs.items()
+            if kind is not OPTIONAL or parameter in own or parameter in asked
+        }
+        return Node(name, stage, caption, arguments, inputs)
+
+    def _layers(self, base: str, stage: Stage, argument: str, own: Mapping[str, Any]) -> list[Any]:
+        """The values of an argument, to be merged one over the other."""
+
+        def section(name: str) -> list[Any]:
+            values = self.root.get(name)
+            found = isinstance(values, Mapping) and argument in values
+            return [values[argument]] if found else []  # type: ignore[index]
+
+        layers = [self.root[argument]] if argument in self.root else []
+        layers += section(stage.name)
+        if argument in own:
+            layers.append(own[argument])
+        if base != stage.name:
+            layers += section(base)
+        if not section(stage.name) and not (base != stage.name and section(base)):
+            layers += section(self.name)
+        structured = hasattr(stage.types[argument], "__dataclass_fields__")
+        if not structured:
+            return layers[-1:]
+        for index, layer in enumerate(layers):
+            if isinstance(layer, str):  # the name of an option replaces what was before
+                layers[: index + 1] = [{}] * index + [self._option(base, argument, layer)]
+        return [layer for layer in layers if layer]
+
+    def _option(self, base: str, group: str, name: str) -> Any:
+        file = self.groups / group / f"{name}.yaml"
+        if not file.is_file():
+            known = sorted(one.stem for one in file.parent.glob("*.yaml"))
+            raise self._error(base, f"no {group} {name!r}; there are {', '.join(known)}")
+        return yaml.safe_load(file.read_text("utf-8")) or {}
+
+    def _input(
+        self,
+        base: str,
+        parameter: str,
+        kind: Any,
+        own: Mapping[str, Any],
+        variant: Mapping[str, str],
+    ) -> Source | Mapping[str, str]:
+        given = own.get(parameter, parameter if parameter in self.entries else None)
+        if kind is SEVERAL:
+            if isinstance(given, str):
+                return self._all_of(base, given, variant)
+            names = given if isinstance(given, Mapping) else {one: one for one in given or ()}
+            return {name: self._one_of(base, node, variant) for name, node in names.items()}
+        if given is not None:
+            return self._one_of(base, str(given), variant)
+        if isinstance(path := self.root.get(parameter), str):
+            if not Path(path).exists():
+                raise self._error(base, f"{parameter}={path}: there is no such file or folder")
+            return Path(path)
+        raise self._error(
+            base,
+            f"its input {parameter!r} is missing; nodes are: {', '.join(self.entries)}",
+        )
+
+    def _one_of(self, base: str, node: str, variant: Mapping[str, str]) -> str:
+        """A node by its name, or that variant of it which shares all axes."""
+        if "[" in node:
+            node, _, rest = node.partition("[")
+            given = rest.rstrip("]").split(".")
+            self._check_node(base, node)
+            return _variant_name(node, given)
+        self._check_node(base, node)
+        missing = [axis for axis in self.axes_of[node] if axis not in variant]
+        if missing:
+            raise self._error(
+                base, f"{node!r} is made along {missing[0]!r}: name one, {node}[...], or vary too"
+            )
+        return _variant_name(node, [variant[axis] for axis in self.axes_of[node]])
+
+    def _all_of(self, base: str, node: str, variant: Mapping[str, str]) -> dict[str, str]:
+        """All variants of a node along axes that are not shared, by the values on these."""
+        self._check_node(base, node)
+        axes = self.axes_of[node]
+        free = [axis for axis in axes if axis not in variant]
+        found = {}
+        for values in itertools.product(*(self.axes[axis] for axis in free)):
+            chosen = {**variant, **dict(zip(free, values, strict=True))}
+            label = ".".join(values) or node
+            found[label] = _variant_name(node, [chosen[axis] for axis in axes])
+        return found
+
+    def _check_node(self, base: str, node: str) -> None:
+        if node not in self.entries:
+            raise self._error(base, f"no node {node!r}; nodes are: {', '.join(self.entries)}")
+
+    def _check_axes(self) -> None:
+        """Refuse deviations along an axis that no stage takes."""
+        for axis, values in self.axes.items():
+            bases = [base for base in self.entries if axis in self.axes_of[base]]
+            taken = {name for base in bases for name in self.stages[base].types}
+            for deviations in values.values():
+                if unknown := (deviations or {}).keys() - taken:
+                    raise WorkflowError(
+                        f"workflow {self.name!r}, axis {axis!r}: no stage along it takes "
+                        f"{sorted(unknown)[0]!r}"
+                    )
+
+    def _results(
+        self, given: Mapping[str, str], nodes: Mapping[str, Node]
+    ) -> dict[str, tuple[str, str]]:
+        """File -> node and path in its output, the same file where only a node is named."""
+        found = {}
+        for target, source in given.items():
+            node, _, path = str(source).partition("/")
+            if node not in nodes:
+                raise WorkflowError(
+                    f"workflow {self.name!r}, result {target!r}: no node {node!r}; nodes are: "
+                    f"{', '.join(nodes)}"
+                )
+            if ".." in Path(target).parts or Path(target).is_absolute() or ".." in path:
+                raise WorkflowError(f"workflow {self.name!r}: {target!r} is outside of the results")
+            found[target] = (node, path or target)
+        return found
+
+    def _error(self, node: str, text: str) -> WorkflowError:
+        return WorkflowError(f"workflow {self.name!r}, node {node!r}: {text}")
+
+
+def _variant_name(base: str, values: Any) -> str:
+    label = ".".join(map(str, values))
+    return f"{base}[{label}]" if label else base
