@@ -8,12 +8,14 @@ import sys
 import hydra
 from omegaconf import DictConfig
 
-from knotflow.experiments.config import HOME, register
+from knotflow.experiments.config import HOME, experiments, register
 
 
 @hydra.main(config_path=str(HOME / "conf"), config_name="config", version_base="1.3")
 def main(config: DictConfig) -> None:
     """Run the workflow of an experiment; +experiment=paper sweeps over all."""
+    if not config.workflow:
+        sys.exit(f"error: choose one with +experiment=NAME; there are {', '.join(experiments())}")
     from knotflow.experiments.run import run_experiment  # imports every stage, which takes seconds
 
     try:

@@ -39,7 +39,7 @@ def causal_infogan(
     run: StageRun,
     *,
     demonstrations: Path,
-    network: CausalInfoGanConfig,
+    infogan: CausalInfoGanConfig,
     actions: list[str] = [],  # noqa: B006  copied where it is bound
     seeds: int,
 ) -> None:
@@ -50,7 +50,7 @@ def causal_infogan(
     names = [str(seed) for seed in range(seeds)]
     pending = run.pending([f"models/{name}" for name in names], ".pt")
     chosen = [str(task(one).action) for one in actions] or [str(one.action) for one in TASKS]
-    work = partial(_train, demonstrations, network, chosen)
+    work = partial(_train, demonstrations, infogan, chosen)
     run.each(work, [int(Path(shard).name) for shard in pending], "causal_infogan")
     curves = [
         pd.read_csv(run.out / "curves" / f"{name}.csv", keep_default_na=False) for name in names
@@ -61,7 +61,7 @@ def causal_infogan(
 
 def _train(
     demonstrations: Path,
-    network: CausalInfoGanConfig,
+    infogan: CausalInfoGanConfig,
     actions: list[str],
     run: StageRun,
     seed: int,
@@ -72,9 +72,9 @@ def _train(
     from knotflow.samplers.causal_infogan.networks import save_model
     from knotflow.samplers.causal_infogan.training import Trainer
 
-    rollouts = load_rollouts(demonstrations, actions, network.frame_rate)
+    rollouts = load_rollouts(demonstrations, actions, infogan.frame_rate)
     shapes = rollouts.in_start_frames()
-    trainer = Trainer(shapes, network, seed)
+    trainer = Trainer(shapes, infogan, seed)
     checkup = Checkup(torch.as_tensor(shapes).float(), torch.as_tensor(rollouts.starts))
     checkpoint, curve = f"checkpoints/{seed}.pt", []
     if (run.out / checkpoint).exists():
@@ -82,9 +82,9 @@ def _train(
         curve = state.pop("curve")
         trainer.load_state_dict(state)
     name = f"causal_infogan, seed {seed}"
-    with run.progress(total=network.steps, initial=trainer.step, desc=name) as bar:
-        while trainer.step < network.steps:
-            steps = min(network.check_every, network.steps - trainer.step)
+    with run.progress(total=infogan.steps, initial=trainer.step, desc=name) as bar:
+        while trainer.step < infogan.steps:
+            steps = min(infogan.check_every, infogan.steps - trainer.step)
             losses = trainer.advance(steps)
             health = checkup(trainer.model)
             collapsed = " ".join(health.collapsed)

@@ -11,8 +11,7 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import II, MISSING
 
 import knotflow
-from knotflow.execution import ExecutionConfig
-from knotflow.execution.training_config import SHIPPED_DYNAMICS
+from knotflow.execution import SHIPPED_DYNAMICS, ExecutionConfig
 from knotflow.perception.training_config import SHIPPED_NETWORK
 from knotflow.planning import PlannerConfig
 from knotflow.planning.pull import PullConfig
@@ -125,3 +124,8 @@ def register() -> None:
     """Make the schema, and where workflows/ is, known to Hydra."""
     os.environ["KNOTFLOW_HOME"] = str(HOME)
     ConfigStore.instance().store(name="schema", node=Config)
+
+
+def experiments() -> list[str]:
+    """Names of all experiments."""
+    return sorted(path.stem for path in (HOME / "conf" / "experiment").glob("*.yaml"))

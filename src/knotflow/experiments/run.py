@@ -12,8 +12,8 @@ import hydra
 from omegaconf import DictConfig, OmegaConf
 
 import knotflow.experiments.stages  # noqa: F401  registers them
-from knotflow.experiments.config import HOME, PACKAGE, register
-from knotflow.workflow import WorkersConfig, Workflow, WorkflowError, read_workflow, run_workflow
+from knotflow.experiments.config import HOME, PACKAGE, experiments, register
+from knotflow.workflow import WorkersConfig, Workflow, read_workflow, run_workflow
 from knotflow.workflow.key import digest
 
 
@@ -30,21 +30,10 @@ def run_experiment(config: DictConfig) -> Path:
 
 
 def workflow_of(config: DictConfig) -> Workflow:
-    """The bound workflow of a root configuration.
-
-    Raises:
-        WorkflowError: no experiment was chosen; see also `read_workflow`.
-    """
-    if not config.workflow:
-        raise WorkflowError(f"choose one with +experiment=NAME; there are {', '.join(names())}")
+    """The bound workflow of a root configuration, see `read_workflow`."""
     root = OmegaConf.to_container(config, resolve=True)
     assert isinstance(root, dict)
     return read_workflow({str(key): value for key, value in root.items()}, HOME / "conf")
-
-
-def names() -> list[str]:
-    """All experiments."""
-    return sorted(path.stem for path in (HOME / "conf" / "experiment").glob("*.yaml"))
 
 
 @dataclass(frozen=True)
@@ -67,7 +56,7 @@ def stale(results_dir: Path) -> Iterator[Stale]:
     for file in sorted(results_dir.glob("*/run.json")):
         run = json.loads(file.read_text("utf-8"))
         experiment = run.get("workflow", file.parent.name)
-        if experiment not in names():
+        if experiment not in experiments():
             yield Stale(f"{file.parent.name}", ("there is no such experiment",))
             continue
         with hydra.initialize_config_dir(str(HOME / "conf"), version_base="1.3"):

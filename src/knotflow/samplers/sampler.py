@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 
 from knotflow.topology import Action
 
-MODULES = (
-    "knotflow.samplers.aimed",
-    "knotflow.samplers.icp",
-    "knotflow.samplers.random",
-    "knotflow.samplers.primitives.library",
-)
-"""Those whose import registers samplers."""
+MODULES = {
+    "aimed": "knotflow.samplers.aimed",
+    "icp": "knotflow.samplers.icp",
+    "primitives": "knotflow.samplers.primitives.library",
+    "random": "knotflow.samplers.random",
+}
+"""Name of a sampler -> the module that registers it."""
 
 
 class Sampler(Protocol):
@@ -112,6 +112,16 @@ class SamplerConfig:
     settings: dict[str, Any] = field(default_factory=dict)
     """Fields of that sampler's configuration; others are refused."""
 
+    def modules(self) -> tuple[str, ...]:
+        """Dotted name of the module that the choice adds to a stage."""
+        return (MODULES[self.name],) if self.name in MODULES else ()
+
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the stage inputs without which the sampler cannot be built."""
+        for module in self.modules():
+            import_module(module)
+        return _NEEDS.get(self.name, ())
+
 
 Factory = Callable[[Any, Mapping[str, Path]], Sampler]
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -142,7 +152,7 @@ def build_sampler(config: SamplerConfig, inputs: Mapping[str, Path]) -> Sampler:
     from omegaconf import OmegaConf  # here, as `knotflow plan` does without
     from omegaconf.errors import OmegaConfBaseException
 
-    for module in MODULES:
+    for module in MODULES.values():
         import_module(module)
     usable = ", ".join(sorted(name for name in _FACTORIES if set(_NEEDS[name]) <= set(inputs)))
     if config.name not in _FACTORIES:

@@ -192,7 +192,7 @@ class _Reader:
         inputs = {
             parameter: self._input(base, parameter, kind, own, variant)
             for parameter, kind in stage.inputs.items()
-            if kind is not OPTIONAL or parameter in own or parameter in asked
+            if kind != OPTIONAL or parameter in own or parameter in asked
         }
         return Node(name, stage, caption, arguments, inputs)
 
@@ -204,7 +204,10 @@ class _Reader:
             found = isinstance(values, Mapping) and argument in values
             return [values[argument]] if found else []  # type: ignore[index]
 
-        layers = [self.root[argument]] if argument in self.root else []
+        structured = hasattr(stage.types[argument], "__dataclass_fields__")
+        layers = []
+        if argument in self.root and structured == isinstance(self.root[argument], Mapping):
+            layers.append(self.root[argument])
         layers += section(stage.name)
         if argument in own:
             layers.append(own[argument])
@@ -212,13 +215,12 @@ class _Reader:
             layers += section(base)
         if not section(stage.name) and not (base != stage.name and section(base)):
             layers += section(self.name)
-        structured = hasattr(stage.types[argument], "__dataclass_fields__")
         if not structured:
             return layers[-1:]
         for index, layer in enumerate(layers):
             if isinstance(layer, str):  # the name of an option replaces what was before
                 layers[: index + 1] = [{}] * index + [self._option(base, argument, layer)]
-        return [layer for layer in layers if layer]
+        return layers or [{}]
 
     def _option(self, base: str, group: str, name: str) -> Any:
         file = self.groups / group / f"{name}.yaml"
@@ -236,7 +238,7 @@ class _Reader:
         variant: Mapping[str, str],
     ) -> Source | Mapping[str, str]:
         given = own.get(parameter, parameter if parameter in self.entries else None)
-        if kind is SEVERAL:
+        if kind == SEVERAL:
             if isinstance(given, str):
                 return self._all_of(base, given, variant)
             names = given if isinstance(given, Mapping) else {one: one for one in given or ()}

@@ -381,15 +381,12 @@ class PrimitivesConfig:
     """A library's file, or a folder of files. Empty takes what the input `primitives` holds."""
 
 
-@sampler("primitives")
+@sampler("primitives", needs=("primitives",))
 def build(config: PrimitivesConfig, inputs: Mapping[str, Path]) -> PrimitiveLibrary:
-    """Needs a file, or the output of a stage that trains primitives as the input `primitives`.
-
-    Raises:
-        ValueError: if there is neither.
-    """
+    """A library from the input `primitives`: the output of a training stage, or a file or folder
+    that `PrimitiveLibrary.load` reads; `settings.file` takes its place."""
     if config.file:
         return PrimitiveLibrary.load(Path(config.file))
-    if "primitives" not in inputs:
-        raise ValueError("the primitives sampler needs the input 'primitives' or settings.file")
-    return PrimitiveLibrary.load(Path(inputs["primitives"]) / FILE)
+    source = Path(inputs["primitives"])
+    trained = source / FILE
+    return PrimitiveLibrary.load(trained if trained.is_file() else source)
