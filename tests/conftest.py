@@ -12,9 +12,8 @@ import pytest
 from hydra.core.singleton import Singleton
 from joblib.externals.loky import get_reusable_executor
 
-from knotflow.__main__ import HOME, main
-from knotflow.config import register
-from knotflow.overrides import OverrideError, checked
+from knotflow.__main__ import main
+from knotflow.experiments.config import register
 from knotflow.recording import RecordedRollout
 from knotflow.simulation import RopeSimulator, SimulationConfig, spline_path
 
@@ -82,18 +81,15 @@ def command(monkeypatch, capfd):
 
     def run(*arguments, results):
         hydra = Singleton.get_state()
-        monkeypatch.setenv("KNOTFLOW_HOME", str(HOME))
         register()
         capfd.readouterr()
         code, why = 0, ""
         try:
-            asked = checked([*map(str, arguments), f"results_dir={results}"], HOME)
+            asked = [*map(str, arguments), f"results_dir={results}"]
             monkeypatch.setattr(sys, "argv", ["knotflow", *asked])
             main()
         except SystemExit as end:
             code, why = (end.code, "") if isinstance(end.code, int) else (1, str(end.code))
-        except OverrideError as error:
-            code, why = 1, f"error: {error}"
         finally:
             Singleton.set_state(hydra)
         out, err = capfd.readouterr()

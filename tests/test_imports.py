@@ -28,12 +28,11 @@ KNOWS = {
     "viz": {"planning", "recording"},
     "perception": {"simulation", "viz", "threads", "supervised"},
     "execution": {"planning", "perception"},
-    "workflow": {"versions", "training", "planning", "recording", "execution"},
+    "workflow": {"versions", "threads"},
+    "experiments": {"workflow", "training", "execution", "recording", "intervals"},
     "report": {"viz", "intervals", "versions"},
-    "config": {"workflow"},
-    "overrides": {"config"},
     "apps": {"execution", "report"},
-    "__main__": {"overrides"},
+    "__main__": {"experiments"},
 }
 """Each package and what it may import, beside what that one may: the floor plan as a graph."""
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 import tomllib
 from pathlib import Path
 
-import pytest
 import yaml
 
 import knotflow
-from knotflow.workflow.metrics import _NEEDS
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
@@ -26,12 +24,6 @@ def test_it_is_cited_with_its_version_and_the_paper():
     paper = citation["preferred-citation"]
     assert paper["title"] == "Learning Topological Motion Primitives for Knot Planning"
     assert [one["family-names"] for one in paper["authors"]] == ["Yan", "Li", "Zhu", "Bohg"]
-
-
-@pytest.mark.parametrize("package", sorted(set(_NEEDS.values()) - {"tensorboard"}))
-def test_a_logger_that_is_not_installed_has_an_extra_of_its_name(package):
-    extra = PROJECT["optional-dependencies"][package]
-    assert any(one.startswith(package) for one in extra)
 
 
 def test_gymnasium_finds_the_environment():

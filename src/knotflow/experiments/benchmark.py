@@ -29,7 +29,7 @@ def throughput(
     starts: StartsConfig,
     rollouts: int,
     seed: int = 4,
-    links: list[int] = [32, 40],  # noqa: B006  copied where it is bound
+    links: list[int] = [32, 40],
     repeat: int,
 ) -> None:
     """Random splines on random curves. Makes throughput.csv, a row a number of links and threads.

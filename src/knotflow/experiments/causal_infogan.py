@@ -40,7 +40,7 @@ def causal_infogan(
     *,
     demonstrations: Path,
     infogan: CausalInfoGanConfig,
-    actions: list[str] = [],  # noqa: B006  copied where it is bound
+    actions: list[str] = [],
     seeds: int,
 ) -> None:
     """Models of the rollouts of some actions, all eight by default, with seeds 0, 1 and so on.

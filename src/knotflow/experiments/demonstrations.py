@@ -9,9 +9,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.experiments.common import Recorder, point_rows, rng_of, sampler_of
+from knotflow.experiments.common import Recorder, point_rows, rng_of
 from knotflow.recording import write_index
-from knotflow.samplers import SamplerConfig
 from knotflow.samplers.demonstrations import (
     TASKS,
     Demonstration,
@@ -232,9 +231,8 @@ def pools(
     count: int,
     attempts: int = 8000,
     seed: int,
-    sampler: SamplerConfig = SamplerConfig("aimed"),
 ) -> None:
-    """Start shapes to train on, by a sampler's own splines; tasks of one start state share a pool.
+    """Start shapes to train on, by scripted guesses; tasks of one start state share a pool.
 
     Makes <start state>.npz and recordings/*.mcap.
 
@@ -245,10 +243,9 @@ def pools(
         count: starts in each state.
         attempts: splines after which a state has the starts that were reached by then.
         seed: not that of the evaluation starts.
-        sampler: proposes the earlier actions' splines.
     """
     actions = {str(task.start_state): task.start_actions for task in TASKS}
-    work = partial(_fill_pool, actions, simulation, starts, count, attempts, seed, sampler)
+    work = partial(_fill_pool, actions, simulation, starts, count, attempts, seed)
     run.each(work, run.pending([*actions], ".npz"), "pools")
 
 
@@ -259,20 +256,16 @@ def _fill_pool(
     count: int,
     attempts: int,
     seed: int,
-    sampler: SamplerConfig,
     run: StageRun,
     name: str,
 ) -> None:
-    simulator, propose = RopeSimulator(simulation), sampler_of(sampler).sample
-    rng = rng_of(seed, list(actions).index(name))
-    recorder = Recorder(run, sampler.name, simulation.rope)
+    simulator, rng = RopeSimulator(simulation), rng_of(seed, list(actions).index(name))
+    recorder = Recorder(run, "aim", simulation.rope)
     found: list[NDArray[np.float64]] = []
     with run.progress(total=count, desc=f"pool of {name}") as bar:
         while len(found) < count and len(recorder) < attempts:
             more = min(POOL_CHUNK, count - len(found))
-            found.extend(
-                reached(actions[name], more, simulator, propose, rng, starts, recorder).points
-            )
+            found.extend(reached(actions[name], more, simulator, aim, rng, starts, recorder).points)
             bar.update(more)
     recorder.save(f"recordings/{name}.mcap")
     with run.atomic(f"{name}.npz") as path:

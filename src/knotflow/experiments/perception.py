@@ -306,7 +306,7 @@ def perception(
     rope: RopeConfig,
     estimate: EstimateConfig = EstimateConfig(),
     camera_noise: CameraNoiseConfig = CameraNoiseConfig(),
-    methods: list[str] = [*METHODS],  # noqa: B006  copied where it is bound
+    methods: list[str] = [*METHODS],
     levels: list[float],
     crossings: list[int],
     per_crossings: int,
