@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from pathlib import Path
 
@@ -31,6 +31,7 @@ from knotflow.samplers.causal_infogan.ends import (
 )
 from knotflow.samplers.demonstrations import TASKS, task
 from knotflow.simulation import RopeSimulator, SimulationConfig
+from knotflow.training.trainer import CURVES, run_training
 from knotflow.workflow import StageRun, stage
 
 
@@ -52,9 +53,7 @@ def causal_infogan(
     chosen = [str(task(one).action) for one in actions] or [str(one.action) for one in TASKS]
     work = partial(_train, demonstrations, infogan, chosen)
     run.each(work, [int(Path(shard).name) for shard in pending], "causal_infogan")
-    curves = [
-        pd.read_csv(run.out / "curves" / f"{name}.csv", keep_default_na=False) for name in names
-    ]
+    curves = [_curve(run, seed) for seed in range(seeds)]
     run.save_table("training.csv", pd.concat(curves))
     run.save_table("seeds.csv", pd.concat([curve.tail(1) for curve in curves]))
 
@@ -66,37 +65,31 @@ def _train(
     run: StageRun,
     seed: int,
 ) -> None:
-    import torch
-
-    from knotflow.samplers.causal_infogan.health import Checkup
     from knotflow.samplers.causal_infogan.networks import save_model
-    from knotflow.samplers.causal_infogan.training import Trainer
+    from knotflow.training.causal_infogan import CausalInfoGanTrainer
 
     rollouts = load_rollouts(demonstrations, actions, infogan.frame_rate)
-    shapes = rollouts.in_start_frames()
-    trainer = Trainer(shapes, infogan, seed)
-    checkup = Checkup(torch.as_tensor(shapes).float(), torch.as_tensor(rollouts.starts))
-    checkpoint, curve = f"checkpoints/{seed}.pt", []
-    if (run.out / checkpoint).exists():
-        state = torch.load(run.out / checkpoint, weights_only=True)
-        curve = state.pop("curve")
-        trainer.load_state_dict(state)
-    name = f"causal_infogan, seed {seed}"
-    with run.progress(total=infogan.steps, initial=trainer.step, desc=name) as bar:
-        while trainer.step < infogan.steps:
-            steps = min(infogan.check_every, infogan.steps - trainer.step)
-            losses = trainer.advance(steps)
-            health = checkup(trainer.model)
-            collapsed = " ".join(health.collapsed)
-            row = {"seed": seed, "step": trainer.step, **losses, **asdict(health)}
-            curve.append({**row, "collapsed": collapsed})
-            with run.atomic(checkpoint) as path:
-                torch.save({**trainer.state_dict(), "curve": curve}, path)
-            bar.update(steps)
-    run.save_table(f"curves/{seed}.csv", pd.DataFrame(curve), "%.6g")
-    with run.atomic(f"models/{seed}.pt") as path:
-        save_model(path, trainer.model, actions)
-    (run.out / checkpoint).unlink()
+    trainer = CausalInfoGanTrainer(rollouts.in_start_frames(), rollouts.starts, infogan, seed)
+
+    def finish() -> None:
+        with run.atomic(f"models/{seed}.pt") as path:
+            save_model(path, trainer.model, actions)
+
+    run_training(
+        trainer, run.out / f"seed-{seed}", name=f"causal_infogan, seed {seed}",
+        progress=run.progress, finish=finish,
+    )  # fmt: skip
+
+
+def _curve(run: StageRun, seed: int) -> pd.DataFrame:
+    """The curves of a seed, and by which measures its model has collapsed."""
+    from knotflow.samplers.causal_infogan.health import Health
+
+    curve = pd.read_csv(run.out / f"seed-{seed}" / CURVES)
+    curve.insert(0, "seed", seed)
+    health = curve[[one.name for one in fields(Health)]].to_dict("records")
+    curve["collapsed"] = [" ".join(Health(**row).collapsed) for row in health]
+    return curve
 
 
 def load_rollouts(
