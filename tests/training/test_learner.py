@@ -6,11 +6,16 @@ from dataclasses import replace
 
 import pytest
 import torch
+from tensordict import TensorDict
 
-from knotflow.samplers.primitives import Primitive
+from knotflow.samplers.primitives import Primitive, encode
+from knotflow.topology import parse_action
 from knotflow.training import LearnerConfig
+from knotflow.training.buffers import TransitionBuffer
 from knotflow.training.learner import Learner, demonstration_buffer, fit_each, is_reset_round
+from knotflow.training.trainer import Trainer, run_training
 
+R1 = parse_action("R1(0,1,1)")
 CONFIG = LearnerConfig(learning_rate=1e-3, critic_reset_boost=3.0, demonstration_trials=4)
 
 
@@ -90,3 +95,52 @@ def test_actor_without_critic_learns_after_reset(make):
 )
 def test_reset_rounds(every, rounds, after):
     assert [done for done in range(1, rounds + 1) if is_reset_round(done, every, rounds)] == after
+
+
+class SmallMemory(Trainer):
+    """Two gradient steps a round, on a replay buffer of 5 to which every round adds 3."""
+
+    def __init__(self, learner, curves):
+        super().__init__(rounds=6)
+        self.learner, self.curves = learner, curves
+        learner.demonstrations = None
+        learner.rollouts = TransitionBuffer(5, learner.generator)
+
+    def step(self):
+        states = encode(self.curves[:3], [R1] * 3).states
+        random = torch.rand(3, 9, generator=self.learner.generator)
+        self.learner.rollouts.extend(
+            TensorDict(
+                {
+                    "states": states,
+                    "next_states": states,
+                    "next_primitive": torch.full((3,), -1),
+                    "spline": random[:, :6],
+                    "reward": random[:, 6].round(),
+                    "baseline": random[:, 7],
+                    "next_value": random[:, 8],
+                },
+                batch_size=[3],
+            )
+        )
+        return self.learner.fit(2)
+
+    def state_dict(self):
+        return super().state_dict() | {"learner": self.learner.state_dict()}
+
+    def load_state_dict(self, state):
+        super().load_state_dict(state)
+        self.learner.load_state_dict(state["learner"])
+
+
+@pytest.mark.parametrize("rounds", [1, 2, 3, 4])
+def test_training_resumed_with_full_replay_buffer_ends_the_same(
+    make, curves, tmp_path, interrupted_training, rounds
+):
+    whole, resumed = SmallMemory(make(), curves), SmallMemory(make(), curves)
+    list(whole)
+    with interrupted_training(rounds):
+        run_training(SmallMemory(make(), curves), tmp_path, name="interrupted")
+    run_training(resumed, tmp_path, name="resumed")
+    assert resumed.history == whole.history
+    assert torch.equal(weights(resumed.learner.primitive), weights(whole.learner.primitive))
