@@ -13,7 +13,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -63,18 +63,6 @@ HEURISTIC = -1
 """A way in which a spline is proposed, beside those of `exploration`."""
 CHUNK = 64
 """Ropes whose values are searched for at a time, to bound memory."""
-
-
-@dataclass(frozen=True)
-class Proposals:
-    """Splines of a round, N, and how they came about."""
-
-    splines: Floats
-    """(N, 6)"""
-    arranging: NDArray[np.bool_]
-    """(N,) whether they are to arrange the rope."""
-    ways: NDArray[np.intp]
-    """(N,) how they were proposed."""
 
 
 class SelfPlay(Trainer):
@@ -143,17 +131,10 @@ class SelfPlay(Trainer):
     def _collect(self) -> dict[int, Metrics]:
         """One batch of trials, into the replay buffers; metrics by primitive."""
         queries, values = self._draw()
-        proposals = self._propose(queries, values)
-        rollouts = self.simulator.execute(
-            np.stack([query.points for query in queries]), proposals.splines
-        )
-        transitions = [
-            Transition(query, spline, end_points, end, bool(arranging), value)
-            for query, spline, end_points, end, arranging, value in zip(
-                queries, proposals.splines, rollouts.end_points, end_states(rollouts),
-                proposals.arranging, values, strict=True,
-            )
-        ]  # fmt: skip
+        splines, arranging, ways = self._propose(queries, values)
+        rollouts = self.simulator.execute(np.stack([one.points for one in queries]), splines)
+        outcomes = splines, rollouts.end_points, end_states(rollouts), arranging.tolist(), values
+        transitions = [Transition(*one) for one in zip(queries, *outcomes, strict=True)]
         learned: list[Sample] = []
         for one in transitions:
             if not one.arranging:
@@ -162,7 +143,7 @@ class SelfPlay(Trainer):
             if one.end is not None and one.end.num_crossings <= self.config.most_crossings:
                 self._keep(one.end_points, one.end)
         self._store(learned)
-        return self._metrics(transitions, proposals.ways)
+        return self._metrics(transitions, ways)
 
     def _draw(self) -> tuple[list[Query], Floats]:
         """What to try, and the actions' values."""
@@ -187,8 +168,10 @@ class SelfPlay(Trainer):
         rows = rng.choice(count, self.config.ropes, replace=False, p=weight / weight.sum())
         return [drawn[row] for row in rows], values[rows]
 
-    def _propose(self, queries: Sequence[Query], values: Floats) -> Proposals:
-        """A spline for each query: by policy, exploration or heuristic; to act or to arrange."""
+    def _propose(
+        self, queries: Sequence[Query], values: Floats
+    ) -> tuple[Floats, NDArray[np.bool_], NDArray[np.intp]]:
+        """Splines (N, 6), whether each is to arrange the rope, and the way it was proposed."""
         config, rng, count = self.config, self._rng, len(queries)
         progress = len(self.history) / max(1, config.rounds - 1)
         arranging = (values < config.arrange_below_value) & (
@@ -218,7 +201,7 @@ class SelfPlay(Trainer):
             else:
                 success = partial(self.library.judged, points, action)
                 splines[row] = aim_predicted(points, action, 1, rng, success)[0]
-        return Proposals(splines, arranging, ways)
+        return splines, arranging, ways
 
     def _add_earlier(self, attempts: Attempts) -> None:
         """Store attempts of independent training."""
