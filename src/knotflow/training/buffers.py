@@ -73,24 +73,19 @@ class TrialBuffer(ReplayBuffer):
         Raises:
             ValueError: a rope has no trials, or more than there are slots.
         """
-        items = []
-        for spline, reward in zip(splines, rewards, strict=True):
-            count = len(spline)
-            if not 0 < count <= self.slots:
-                raise ValueError(f"a rope of this buffer has 1 to {self.slots} trials, not {count}")
-            padding = self.slots - count
-            items.append(
-                TensorDict(
-                    {
-                        "spline": pad(spline.float(), (0, 0, 0, padding)),
-                        "reward": pad(reward.float(), (0, padding)),
-                        "count": torch.tensor(count),
-                    }
-                )
-            )
-        stacked = TensorDict.stack(items)
-        stacked["states"] = states
-        self._replay.extend(stacked)
+        counts = [len(spline) for spline in splines]
+        if bad := [count for count in counts if not 0 < count <= self.slots]:
+            raise ValueError(f"a rope of this buffer has 1 to {self.slots} trials, not {bad[0]}")
+        missing = [self.slots - count for count in counts]
+        spline = [pad(one.float(), (0, 0, 0, n)) for one, n in zip(splines, missing, strict=True)]
+        reward = [pad(one.float(), (0, n)) for one, n in zip(rewards, missing, strict=True)]
+        items = {
+            "states": states,
+            "spline": torch.stack(spline),
+            "reward": torch.stack(reward),
+            "count": torch.tensor(counts),
+        }
+        self._replay.extend(TensorDict(items, batch_size=[len(counts)]))
 
     def sample(self, ropes: int, trials: int) -> TensorDict:
         """Up to `trials` trials of each of up to `ropes` ropes, as `losses` describes them."""

@@ -196,7 +196,10 @@ class SelfPlay(Trainer):
         for row in np.flatnonzero(guessed).tolist():
             points, action = queries[row].points, queries[row].action
             if arranging[row]:
-                value = partial(self._values_at, action)
+
+                def value(shapes: Floats, action: Action = action) -> Floats:
+                    return self._values([canonicalise(shape, action) for shape in shapes])
+
                 splines[row] = rearrange_predicted(points, action, 1, rng, value)[0]
             else:
                 success = partial(self.library.judged, points, action)
@@ -243,10 +246,6 @@ class SelfPlay(Trainer):
             states = encode_canonical([ropes[row] for row in rows.tolist()]).states
             values[rows] = self._value(number, states).numpy()
         return values
-
-    def _values_at(self, action: Action, shapes: Floats) -> Floats:
-        """Value (N,) of an action at shapes (N, V, 3)."""
-        return self._values([canonicalise(shape, action) for shape in shapes])
 
     def _value(self, number: int, states: TensorDict) -> Tensor:
         return best_values(self.library.primitives[number], states, self._rng)
