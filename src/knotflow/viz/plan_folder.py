@@ -127,10 +127,8 @@ def _attempts(step: PlanStep) -> Attempts:
         step.end[None],
         diverged=np.zeros(1, bool),
     )
-    return Attempts(
-        step.action, step.start_state, step.start[None], step.spline[None], rollouts,
-        (step.end_state,),
-    )  # fmt: skip
+    start, spline = step.start[None], step.spline[None]
+    return Attempts.of(step.action, step.start_state, start, spline, rollouts, [step.end_state])
 
 
 def _write_json(path: Path, content: Mapping[str, Any]) -> None:
