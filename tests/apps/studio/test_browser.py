@@ -19,12 +19,8 @@ import pytest
 from knotflow.apps.cli import main
 from knotflow.apps.studio.session import Session
 from knotflow.samplers.demonstrations import TASKS, load_demonstrations
-from knotflow.samplers.primitives import PrimitiveLibrary
 from knotflow.simulation import check_splines, resample
 from knotflow.training import ImitationConfig
-from knotflow.workflow import StageContext
-from knotflow.workflow.stages.demonstrations import DemonstrationsConfig, simulate_demonstrations
-from knotflow.workflow.stages.imitation import ImitationStageConfig, imitate
 
 viser = pytest.importorskip("viser", reason="the studio needs: pip install 'knotflow[studio]'")
 playwright = pytest.importorskip(
@@ -227,7 +223,7 @@ TEN = {
 """Who demonstrates what: all eight actions of the paper, two of them twice."""
 
 
-def test_ten_demonstrations_of_two_people_train_primitives(person, tmp_path):
+def test_ten_demonstrations_of_two_people_train_primitives(person, imitated, tmp_path):
     session, both = person.studio.state.session, tmp_path / "both.jsonl"
     files = [str(tmp_path / f"{who}.jsonl") for who in TEN]
     for file, (who, actions) in zip(files, TEN.items(), strict=True):
@@ -242,12 +238,7 @@ def test_ten_demonstrations_of_two_people_train_primitives(person, tmp_path):
         ("human", who, action) for who, actions in TEN.items() for action in actions
     ]
 
-    shown, learnt = StageContext(tmp_path / "shown"), StageContext(tmp_path / "learnt")
-    config = DemonstrationsConfig(copies=8, copies_untangled=16, seed=2, file=str(both))
-    simulate_demonstrations(config, {}, shown)
-    effort = ImitationConfig(steps=5, validations=3)  # of the smoke budget
-    imitate(ImitationStageConfig(imitation=effort, seed=1), {"demonstrations": shown.out}, learnt)
-    library = PrimitiveLibrary.load(learnt.out / "primitives.safetensors")
+    library = imitated(both, tmp_path, 8, 16, ImitationConfig(steps=5, validations=3))
     trained = {action for some in library.trained_on.values() for action in some}
     assert trained == {one.action for one in TASKS}
     for one in kept:

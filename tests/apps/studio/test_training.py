@@ -5,12 +5,8 @@ import pytest
 
 from knotflow.apps.studio.session import Session
 from knotflow.samplers.demonstrations import TASKS, load_demonstrations
-from knotflow.samplers.primitives import PrimitiveLibrary
 from knotflow.simulation import check_splines, resample
 from knotflow.training import ImitationConfig
-from knotflow.workflow import StageContext
-from knotflow.workflow.stages.demonstrations import DemonstrationsConfig, simulate_demonstrations
-from knotflow.workflow.stages.imitation import ImitationStageConfig, imitate
 
 pytestmark = pytest.mark.slow
 
@@ -38,16 +34,11 @@ def demonstrate(session, action):
     session.keep("Ada")
 
 
-def test_three_clicks_a_primitive_train_a_library(tmp_path):
+def test_three_clicks_a_primitive_train_a_library(imitated, tmp_path):
     session = Session("straight", tmp_path / "ada.jsonl")
     for action in ACTIONS:
         demonstrate(session, action)
-    shown, learnt = StageContext(tmp_path / "shown"), StageContext(tmp_path / "learnt")
-    config = DemonstrationsConfig(copies=3, copies_untangled=6, seed=2, file=str(session.file))
-    simulate_demonstrations(config, {}, shown)
-    effort = ImitationConfig(steps=2, validations=1)
-    imitate(ImitationStageConfig(imitation=effort, seed=1), {"demonstrations": shown.out}, learnt)
-    library = PrimitiveLibrary.load(learnt.out / "primitives.safetensors")
+    library = imitated(session.file, tmp_path, 3, 6, ImitationConfig(steps=2, validations=1))
     assert {str(one) for some in library.trained_on.values() for one in some} == set(ACTIONS)
     rng = np.random.default_rng(0)
     check_splines(library.sample(session.kept()[0].points, TASKS[0].action, 2, rng))
