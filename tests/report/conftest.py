@@ -30,10 +30,10 @@ SHARES = {
 }
 RATE_COLUMNS = ("method", "action", "trials", "successes", "success_rate", "ci_low", "ci_high")
 GOAL_COLUMNS = ("set", "goal", "rope_seed", "solved", "branches", "seconds", "nodes", "path")
-GOAL_COLUMNS += ("knot_type", "confirmed", "reason")
+GOAL_COLUMNS += ("reason",)
 ACTION_COLUMNS = ("start", "action", "class", "arranging", "trials", "successes")
 BRANCH_COLUMNS = ("start", "seed", "branches", "solved", "seconds")
-FOUND = ("path", "knot_type", "confirmed", "reason")
+FOUND = ("path", "reason")
 
 GOALS = (("three", "1o2+3o4+5o6+"), ("three", "1o4+5o2+3o6+"), ("four", "1o2+3o4+5o6+7o8+"))
 TRIALS = (
@@ -92,10 +92,7 @@ class Writer:
     ) -> Path:
         """branches.csv from `column`, start, seed, branches, solved and seconds."""
         columns = (column, *BRANCH_COLUMNS[not with_start :], *FOUND)
-        found = [
-            ("C(0,1,1)", "+3_1", "yes", "tied") if row[-2] else ("", "", "", "gave up")
-            for row in rows
-        ]
+        found = [("C(0,1,1)", "tied") if row[-2] else ("", "gave up") for row in rows]
         cells = [row + own for row, own in zip(rows, found, strict=True)]
         return self.table(experiment, "branches.csv", columns, cells)
 
@@ -106,10 +103,10 @@ class Writer:
         name: str = "goals.csv",
     ) -> Path:
         """goals.csv from set, goal, whether it was tied, and seconds; each rope is its own."""
-        tied = ("R1(0,1,1)", "+3_1", "yes", "the goal was reached")
+        tied = ("R1(0,1,1)", "the goal was reached")
         cells = [
             (name, goal, rope, solved, round(40 * seconds), seconds, 5)
-            + (tied if solved else ("", "", "", "60 s passed"))
+            + (tied if solved else ("", "60 s passed"))
             for rope, (name, goal, solved, seconds) in enumerate(rows)
         ]
         return self.table(experiment, name, GOAL_COLUMNS, cells)

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from knotflow.report.causal_infogan import SECTION, far_projections, read_panel
-from knotflow.report.claims import Verdict
-from knotflow.report.page import compose
-from knotflow.report.results import Results, ResultsError
+from knotflow.report.causal_infogan import SECTION, far_projections
+from knotflow.report.results import Results
+from knotflow.report.section import Figures, Verdict
 
 EXPERIMENT = "causal_infogan"
 GOAL = "C(0,1,1)"
@@ -57,22 +56,25 @@ def fill(write, rows, collapsed=("", "", "")):
     write.run(EXPERIMENT, {})
 
 
+def body(write):
+    results = Results(write.root)
+    figures = Figures(results)
+    return SECTION.body(results, figures), figures
+
+
 @pytest.mark.slow
-def test_the_section_has_panel_curves_and_tables(write):
+def test_section_has_panel_curves_and_tables(write):
     fill(write, plans([0.04, 0.06]) + plans([0.02], shapes="training"), ("", "", "spread"))
-    report = compose(Results(write.root), "results")
-    names = [picture.name for picture in report.pictures]
-    assert "causal_infogan_panel" in names and "causal_infogan_curves" in names
-    text = report.markdown
-    assert "2 of 3 trainings on the single action and 0 of" in text
-    assert "collapsed: spread" in text
-    assert "Causal InfoGAN, single action" in text and "50.0\u00a0%" in text
+    text, figures = body(write)
+    assert set(figures.made) == {"causal_infogan_panel_single", "causal_infogan_curves"}
+    assert "2 of 3 trainings on single action and 0 of" in text
+    assert "Causal InfoGAN, single action" in text and "50.0 %" in text
     assert "| single action | `C(0,1,1)` | unseen | 2 | 50 " in text
 
 
-def test_without_its_tables_the_section_says_not_run(write):
+def test_section_needs_all_its_tables(write):
     write.table(EXPERIMENT, "plans.csv", PLANS, plans([0.04]))
-    assert "its experiment is `causal_infogan`" in compose(Results(write.root), "results").markdown
+    assert body(write)[0] is None
 
 
 @pytest.mark.parametrize(
@@ -102,13 +104,3 @@ def test_the_claim_is_open_until_it_was_run(write):
     assert claim.judgement(Results(write.root)).verdict is Verdict.NOT_RUN
     write.table(EXPERIMENT, "plans.csv", PLANS, plans([0.04]))
     assert "seeds.csv" in claim.judgement(Results(write.root)).ours
-
-
-def test_a_panel_that_lost_a_vertex_is_an_error(write):
-    fill(write, plans([0.04]))
-    path = write.root / EXPERIMENT / "panel.csv"
-    lines = path.read_text().splitlines()
-    del lines[20]
-    path.write_text("\n".join(lines) + "\n")
-    with pytest.raises(ResultsError, match="column 1 of the plan that begins here has no vertex 7"):
-        read_panel(Results(write.root))

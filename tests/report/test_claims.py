@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from knotflow.report.claims import Verdict
 from knotflow.report.page import CLAIMS, compose
 from knotflow.report.results import Results
+from knotflow.report.section import Figures, Verdict
+
+
+def report(write):
+    results = Results(write.root)
+    return compose(results, Figures(results))
 
 
 def judgement(write, number):
@@ -59,9 +64,9 @@ def test_a_direction_that_holds_without_the_size_says_so(write, rate_counts):
     write.rates("single_stage", counts)
     found = judgement(write, 0)
     assert found.verdict is Verdict.PARTLY and "compatible with 100×" in found.size
-    text = compose(Results(write.root), "results").markdown
-    assert "Of 1 the direction holds and the size does not." in text
-    assert "**partly**<br>the direction holds, the size does not: no ratio" in text
+    text = report(write)
+    assert "For 1 the direction holds and the size does not." in text
+    assert "**holds partly**<br>the direction holds, the size does not: no ratio" in text
 
 
 def test_an_action_that_is_missing_leaves_the_claim_open(write, rate_counts):
@@ -129,14 +134,10 @@ def test_a_claim_that_does_not_hold_has_its_reason_and_one_that_holds_none(write
     rows = [("straight", "R1(0,1,1)", 0, 8, 8), ("straight", "C(0,1,1)", 0, 8, 1)]
     write.table("tree_size", "imitation_steps.csv", columns, rows)
     link = "- [Branches to the overhand, imitation only](#tree-size): "
-    (line,) = (
-        one
-        for one in compose(Results(write.root), "results").markdown.splitlines()
-        if one.startswith("- [Branches to")
-    )
+    (line,) = (one for one in report(write).splitlines() if one.startswith("- [Branches to"))
     assert line.startswith(link) and "`C(0,1,1)` from the straight rope, 12.5" in line
     trees(write, "imitation", [3, 9], [3, 9])
-    assert link not in compose(Results(write.root), "results").markdown
+    assert link not in report(write)
 
 
 def test_large_trees_and_the_other_rule_are_the_reason_of_joint_finetuning(write):

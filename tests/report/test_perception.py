@@ -5,7 +5,11 @@ import pytest
 
 from knotflow.report import perception, tracking
 from knotflow.report.results import Results
-from knotflow.report.section import Pictures
+from knotflow.report.section import Figures
+
+
+def body(section, results):
+    return section.body(results, Figures(results))
 
 
 @pytest.fixture
@@ -37,27 +41,25 @@ def results(tmp_path):
     return Results(tmp_path)
 
 
-def test_estimates_are_told_by_method_noise_and_crossings(results):
-    told = perception.values(results, Pictures())
-    lines = told["table"].splitlines()[2:]
-    assert len(lines) == 2 * 2 * 2 + len(perception.METHODS) - 2
-    assert "| skeleton and rendering | 1 | 0 to 3 | 6 | 3.0" in told["table"]
+def test_estimates_by_method_noise_and_crossings(results):
+    text = body(perception.SECTION, results)
+    lines = [line for line in text.splitlines() if line.startswith("| ")][2:]
+    assert len(lines) == 2 * 2 * 2
+    assert "| skeleton + rendering | 0 | 0 to 3 | 6 | 3.0" in lines[0]
     assert "2 of 2" in lines[0] and "66.7 %" in lines[0]
-    assert told["figure"]
 
 
-def test_it_is_said_how_often_estimates_without_a_doubt_are_right(results):
+def test_accuracy_of_unambiguous_estimates(results):
     path = results.root / "perception" / "estimates.csv"
     table = pd.read_csv(path)
-    wrong = (table["rope"] == 1) & (table["noise"] == 1)
-    table.loc[wrong, "state_correct"] = 0
+    table.loc[(table["rope"] == 1) & (table["noise"] == 1), "state_correct"] = 0
     table.to_csv(path, index=False)
-    perfect, nominal = perception.values(Results(results.root), Pictures())["sure"]
-    assert [perfect[name] for name in ("noise", "ropes", "sure")] == ["0", 9, 6]
-    assert perfect["right"].startswith("100") and nominal["right"].startswith("50.0 %")
+    text = body(perception.SECTION, Results(results.root))
+    assert "at noise 0 (6 of 9 ropes) and 50.0 % (" in text
+    assert "by skeleton + rendering is 100.0 % (" in text
 
 
-def test_plans_from_estimates_are_held_against_those_from_true_ropes(results):
+def test_plans_from_estimates_and_from_true_ropes(results):
     rows = [
         {
             "rope": f"{rope:03d}", "planned_from": planned_from, "planned": 1, "branches": 3,
@@ -65,54 +67,72 @@ def test_plans_from_estimates_are_held_against_those_from_true_ropes(results):
         }
         for rope in range(4) for planned_from in ("true", "estimated")
     ]  # fmt: skip
-    assert perception.values(results, Pictures())["plans"] is None
+    assert "Plans for the overhand" not in body(perception.SECTION, results)
     pd.DataFrame(rows).to_csv(results.root / "perception" / "plans.csv", index=False)
-    plans = perception.values(Results(results.root), Pictures())["plans"]
-    assert plans["true"]["tied"].startswith("100") and plans["estimated"]["tied"].startswith("75")
+    text = body(perception.SECTION, Results(results.root))
+    assert "from estimated shapes, 100.0 % (51.0 to 100.0) of 4 random ropes" in text
+    assert "a plan and 75.0 % (" in text
 
 
-def test_methods_whose_network_was_not_there_are_not_run(results):
-    told = perception.values(results, Pictures())
-    assert told["without_network"] and told["shown"] == "skeleton and rendering"
-    assert "| network alone | not run |" in told["table"]
+@pytest.mark.parametrize(
+    ("method", "label"),
+    [
+        ("network_without_strands", "network, without strand tracing"),
+        ("network_tracing_rendering_fine", "network + skeleton + rendering, finer images"),
+        ("my_own", "my own"),
+    ],
+)
+def test_methods_have_labels(results, method, label):
     path = results.root / "perception" / "estimates.csv"
-    table = pd.read_csv(path).replace("rendering_poor_start", "network")
-    table.to_csv(path, index=False)
-    told = perception.values(Results(results.root), Pictures())
-    assert not told["without_network"]
-    assert "| network alone | 1 | 0 to 3 |" in told["table"]
-    assert "| rendering from a poor start | not run |" in told["table"]
+    pd.read_csv(path).replace("rendering_poor_start", method).to_csv(path, index=False)
+    assert f"| {label} | 1 | 0 to 3 |" in body(perception.SECTION, Results(results.root))
 
 
-def test_a_rope_that_was_not_found_has_no_error(results):
+def test_rope_that_was_not_found_has_no_error(results):
     path = results.root / "perception" / "estimates.csv"
     table = pd.read_csv(path)
     table.loc[0, ["mean_error_mm", "p95_error_mm", "off_curve_error_mm"]] = None
     table.to_csv(path, index=False)
-    assert perception.values(results, Pictures())["table"]
+    assert body(perception.SECTION, results)
 
 
-def test_tracks_are_told_by_method_and_level_and_held_against_the_yardstick(results):
-    told = tracking.values(results, Pictures())
-    assert told["difference"].startswith("−4.0")
-    first = told["table"].splitlines()[2]
-    assert "| rendering mujoco | 0 | 3 | 3.0" in first and "66.7 %" in first and "100 ms" in first
-    assert "8.3 %" in first  # one image of twelve
+def test_tracks_by_method_and_level_against_the_baseline(results):
+    text = body(tracking.TRACKING, results)
+    assert "minus that of point drift is −4.0" in text
+    (line,) = (one for one in text.splitlines() if one.startswith("| rendering, MuJoCo | 0 |"))
+    assert "| 3 | 3.0" in line and "66.7 %" in line and "100 ms" in line
+    assert "8.3 %" in line  # one image of twelve
 
 
-def test_what_the_cameras_place_alone_moves_is_a_line_without_motion_or_time(results):
-    assert not tracking.values(results, Pictures())["misplaced"]
+def test_calibration_error_is_a_line_without_motion_or_time(results):
+    assert "no tracker" not in body(tracking.TRACKING, results)
     path = results.root / "tracking" / "tracks.csv"
     tracks = pd.read_csv(path)
     alone = tracks.iloc[:1].assign(
         method="camera_misplaced", frame=9, mean_error_mm=3.5, moving=0, seconds=0.0
     )
     pd.concat([tracks, alone]).to_csv(path, index=False)
-    told = tracking.values(Results(results.root), Pictures())
-    (line,) = (line for line in told["table"].splitlines() if "camera misplaced" in line)
-    assert told["misplaced"] and "| – | 3.5" in line and line.endswith("– |")
+    text = body(tracking.TRACKING, Results(results.root))
+    (line,) = (one for one in text.splitlines() if "| calibration error" in one)
+    assert "no tracker" in text and "| – | 3.5" in line and line.endswith("– |")
 
 
-def test_what_was_not_run_has_no_section(tmp_path):
-    assert perception.values(Results(tmp_path), Pictures()) is None
-    assert tracking.values(Results(tmp_path), Pictures()) is None
+def test_models_of_the_dynamics_stand_side_by_side(write):
+    columns = ("model", "level", "steps", "motions", "mean_error_mm")
+    rows = [
+        (model, level, steps, 20, 10.0 * level + steps)
+        for model in ("mujoco", "still")
+        for level in (0, 1)
+        for steps in (1, 10)
+    ]
+    write.table("dynamics", "errors.csv", columns, rows)
+    lines = body(tracking.DYNAMICS, Results(write.root)).splitlines()
+    assert lines[0] == "| level | model | after 0.1 s, mm | after 1 s, mm |"
+    assert lines[2] == "| 0 | static | 1.0 | 10.0 |"
+    assert lines[3] == "| 0 | bidirectional LSTM | – | – |"
+    assert "over 40 motions" in lines[-1]
+
+
+def test_nothing_run_is_nothing_shown(tmp_path):
+    for section in (perception.SECTION, tracking.TRACKING, tracking.DYNAMICS):
+        assert body(section, Results(tmp_path)) is None

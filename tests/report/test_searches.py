@@ -1,15 +1,35 @@
-"""Tree searches: what a table of them has to hold, and their figure."""
+"""Tree searches: their tables and figures, and the sections of every experiment that plans."""
 
+import numpy as np
 import pytest
 
-from knotflow.report.paper import TREE_SIZE
+from knotflow.report import goals, joint_finetuning, knots, tree_size
+from knotflow.report.rates import ICP, IMITATION, REINFORCEMENT
 from knotflow.report.results import Results, ResultsError
-from knotflow.report.searches import branches, confirmation, read_searches, sizes, spent
+from knotflow.report.searches import branches_figure, branches_spent, checks, read_searches, sizes
+from knotflow.report.section import Figures, NotMeasured, Verdict
+
+METHODS = (ICP, IMITATION, REINFORCEMENT)
+TIED = [("three", f"2o1+{3 + 2 * i}o{4 + 2 * i}+", True, 2.0 + i) for i in range(3)]
+MISSED = ("three", "4o3-2o1-", False, 60.1)
+STEPS = ("start", "action", "shape", "splines", "successes")
+R1, CROSS = "R1(0,1,1)", "C(0,1,1)"
+
+
+def body(write, section):
+    results = Results(write.root)
+    return section.body(results, Figures(results))
 
 
 def read(write, *rows):
     write.searches("tree_size", "method", rows)
     return read_searches(Results(write.root), "tree_size", "method")
+
+
+def knot_searches(write, experiment, rows):
+    """branches.csv by goal from goal, start, seed, branches and whether it was tied."""
+    cells = [(goal, *own, solved, 0.1 * own[-1]) for goal, *own, solved in rows]
+    write.searches(experiment, "goal", cells)
 
 
 @pytest.mark.parametrize(("cell", "solved"), [("True", True), ("false", False), ("1", True)])
@@ -19,53 +39,197 @@ def test_searches_are_read(write, cell, solved):
     assert search.solved == solved
 
 
-def test_solved_is_a_truth_value(write):
-    with pytest.raises(ResultsError, match="column 'solved', row 1 .*neither true nor false"):
-        read(write, ("icp", "arc", 4, 17, "maybe", 2.5))
-
-
-def test_a_search_stands_there_once(write):
-    with pytest.raises(ResultsError, match="row 2 .*icp, arc, 4 stands in an earlier row"):
+def test_search_is_there_once(write):
+    with pytest.raises(ResultsError, match="line 3: icp, arc, 4 is there twice"):
         read(write, ("icp", "arc", 4, 17, True, 2.5), ("icp", "arc", 4, 18, True, 2.5))
 
 
-def test_a_search_that_gave_up_is_larger_than_any_bound(write):
+def test_search_that_gave_up_is_larger_than_any_bound(write):
     found = read(write, ("icp", "arc", 0, 17, True, 1.0), ("icp", "arc", 1, 500, False, 9.0))
     assert sizes(found) == [17, float("inf")]
 
 
 @pytest.mark.parametrize("solved", [True, False])
-def test_branches_with_a_method_not_run_and_one_single_search(write, solved):
+def test_branches_with_methods_not_run_and_a_single_search(write, solved):
     found = read(write, ("icp", "arc", 0, 40, solved, 1.0))
-    picture = branches(found, TREE_SIZE, ["straight", "arc"], "b", {})
-    assert picture.svg.count(b">not run yet<") == 5
-
-
-CHECKS = ("searches", "plan", "step", "action", "passages", "reproduced", "steady")
+    figures = Figures(Results(write.root))
+    assert "1 tree searches" in branches_figure(
+        figures, "b", found, METHODS, ["straight", "arc"], {}
+    )
 
 
 @pytest.mark.parametrize(("passages", "said"), [(0, "none had"), (2, "1 had")])
-def test_steps_that_were_simulated_again_are_counted(write, passages, said):
-    found = read(write, ("icp", "arc", 0, 17, True, 1.0))
-    results = Results(write.root)
-    assert "simulated again" not in confirmation(results, "tree_size", found)
+def test_replayed_steps_are_counted(write, passages, said):
+    assert checks(Results(write.root), "tree_size") == ""
+    columns = ("searches", "plan", "step", "action", "passages", "reproduced", "steady")
     rows = [
-        ("icp", "00-000", 0, "R1(0,1,1)", passages, True, True),
-        ("icp", "00-000", 1, "C(0,1,1)", 0, True, False),
+        ("icp", "00-000", 0, R1, passages, True, True),
+        ("icp", "00-000", 1, CROSS, 0, True, False),
     ]
-    write.table("tree_size", "checks.csv", CHECKS, rows)
-    text = confirmation(Results(write.root), "tree_size", found)
+    write.table("tree_size", "checks.csv", columns, rows)
+    text = checks(Results(write.root), "tree_size")
     assert f"Of the 2 steps of these plans, simulated again, {said} a strand" in text
     assert "50.0 % (" in text
 
 
-def test_where_branches_went_is_told_by_method_the_most_first(write):
-    assert spent(Results(write.root), "tree_size", "method") == ""
+def test_branches_spent_by_method_the_most_first(write):
     columns = ("method", "start", "state", "action", "branches", "successes")
     rows = [("icp", "arc", "1o2-", f"C({i},0,1)", i, 1) for i in range(2, 9)]
     rows += [("icp", "straight", "1o2-", "C(3,0,1)", 1000, 5)]
     write.table("tree_size", "tried.csv", columns, rows)
-    table = spent(Results(write.root), "tree_size", "method").splitlines()
+    table = branches_spent(Results(write.root), "tree_size", "method").splitlines()[2:]
     assert len(table) == 2 + 4
     assert "`C(3,0,1)`" in table[2] and "1,003" in table[2] and "| 6 |" in table[2]
     assert "`C(8,0,1)`" in table[3]
+
+
+def test_knot_type_columns_are_not_needed(write):
+    path = write.searches("tree_size", "method", [("icp", "arc", 0, 17, True, 1.0)])
+    assert "knot_type" not in path.read_text() and "confirmed" not in path.read_text()
+    assert "| arc | ICP | 1 | 17 |" in body(write, tree_size.SECTION)
+
+
+def test_step_table_names_ropes_without_success(write):
+    write.searches("tree_size", "method", [("icp", "arc", 0, 17, True, 1.0)])
+    rows = [("arc", R1, 0, 8, 8), ("arc", CROSS, 0, 8, 0), ("arc", CROSS, 1, 8, 4)]
+    write.table("tree_size", "imitation_steps.csv", STEPS, rows)
+    write.table("tree_size", "icp_steps.csv", STEPS, [("arc", R1, 0, 8, 0)])
+    results = Results(write.root)
+    lines = tree_size.step_table(results, METHODS).splitlines()[2:]
+    assert lines[0].split("|")[3:5] == [f" `{R1}` ", f" `{CROSS}` "]
+    icp, imitation = lines[2:]
+    assert "none from 1 of 1 ropes" in icp and icp.rstrip().endswith("– |")
+    assert "25.0 % (" in imitation and "none from 1 of 2 ropes" in imitation
+    assert f"`{CROSS}` from the arc rope, 25.0 %" in tree_size.hardest_steps("imitation")(results)
+    assert tree_size.hardest_steps("reinforcement")(results) == ""
+
+
+@pytest.mark.slow
+def test_joint_finetuning_shows_searches_and_single_actions(write):
+    methods = ("independent", "joint")
+    rows = [(name, seed, 3 + seed, True, 0.5) for name in methods for seed in (0, 1)]
+    write.searches("joint_finetuning", "primitives", rows, with_start=False)
+    columns = ("method", "action", "trials", "successes", "success_rate", "ci_low", "ci_high")
+    rates = [(name, CROSS, 16, 8, 0.5, 0.28, 0.72) for name in methods]
+    write.table("joint_finetuning", "single_actions.csv", columns, rates)
+    starts = [(*rate[:2], start, 8, 8 * start) for rate in rates for start in (0, 1)]
+    columns = ("method", "action", "start", "trials", "successes")
+    write.table("joint_finetuning", "single_actions_per_start.csv", columns, starts)
+    text = body(write, joint_finetuning.SECTION)
+    assert "| finetuned jointly | 2 | 3 |" in text
+    assert "with the starts resampled" in text and "8 of 16<br>1 of 2 starts" in text
+
+
+def test_plan_is_shown_with_its_own_pictures(write):
+    knot_searches(write, "overhand", [("overhand", "random", 0, 5, True)])
+    (write.root / "overhand" / "plan.png").touch()
+    text = body(write, knots.OVERHAND)
+    assert "tied the knot from a `random` rope (seed 0) by `C(0,1,1)`, after 5 branches" in text
+    assert "(../results/overhand/plan.png)" in text and "dag.png" not in text
+    knot_searches(write, "overhand", [("overhand", "arc", 2, 9, False)])
+    assert "did not tie the knot from a `arc` rope (seed 2): gave up." in body(
+        write, knots.OVERHAND
+    )
+
+
+def pentagrams(write, pulled, straight=(), unsolved=()):
+    knot_searches(
+        write,
+        "pentagram",
+        [
+            ("pentagram", start, seed, branches, (start, seed) not in unsolved)
+            for start, counts in ((knots.PULLED, pulled), ("straight", straight))
+            for seed, branches in enumerate(counts)
+        ],
+    )
+
+
+def test_pentagram_has_a_line_a_start(write):
+    pentagrams(write, (2, 5, 13), (30, 90), unsolved={("straight", 1)})
+    text = body(write, knots.PENTAGRAM)
+    assert "| overhand with its head pulled out | 3 | 2 |" in text
+    assert "| straight rope | 2 | 30 |" in text
+
+
+@pytest.mark.parametrize(
+    ("pulled", "unsolved", "verdict"),
+    [
+        ((2, 12, 40), (), Verdict.HOLDS),
+        ((2, 13, 40), (), Verdict.PARTLY),
+        ((13, 14, 40), (), Verdict.FAILS),
+        ((2, 3, 4), {(knots.PULLED, 0), (knots.PULLED, 1)}, Verdict.PARTLY),
+        ((2,), {(knots.PULLED, 0)}, Verdict.FAILS),
+    ],
+)
+def test_pentagram_verdict(write, pulled, unsolved, verdict):
+    pentagrams(write, pulled, unsolved=unsolved)
+    outcome = knots.judge_pentagram(Results(write.root))
+    assert outcome.verdict is verdict
+    assert f"of {len(pulled)} searches" in outcome.ours
+
+
+def test_pentagram_from_a_straight_rope_alone_judges_nothing(write):
+    pentagrams(write, (), (30, 90))
+    with pytest.raises(NotMeasured, match="pulled_overhand"):
+        knots.judge_pentagram(Results(write.root))
+
+
+@pytest.mark.parametrize(("tied", "said"), [(7, True), (0, False)])
+def test_pentagram_reason_is_the_search_that_arranges(write, tied, said):
+    rows = [("pentagram", knots.PULLED, seed, 500, False) for seed in range(10)]
+    rows += [("pentagram", knots.ARRANGING, seed, 90, seed < tied) for seed in range(10)]
+    knot_searches(write, "pentagram", rows)
+    reason = knots.arranging_helps(Results(write.root))
+    assert ("ties it in 7 of 10 searches" in reason) is said
+
+
+def test_knots_have_their_rates(write):
+    rows = [("4o1+2o5+6o3+", "random", seed, 12, seed > 0) for seed in range(20)]
+    rows += [("figure_eight", "random", 0, 900, False)]
+    knot_searches(write, "knots", rows)
+    text = body(write, knots.KNOTS)
+    assert "19 of 20 | 12 | 1.2 s |" in text and "0 of 1 | – | – |" in text
+
+
+def test_goals_have_shares_and_medians_and_missed_ones_their_reason(write):
+    write.goals([*TIED, MISSED, ("four", "1o2-", True, 0.5)])
+    text = body(write, goals.GOALS)
+    assert "3 of 4 | 120 | 3.0 s |" in text and "1 of 1 | 20 | 0.5 s |" in text
+    assert "Goals that were not tied, 1 in all." in text
+    assert "| three | `4o3-2o1-` | 3 | 2,404 | 60 s passed |" in text
+    write.goals(TIED)
+    assert "not tied" not in body(write, goals.GOALS)
+
+
+@pytest.mark.parametrize("rows", [TIED[:1], [MISSED]])
+def test_single_search_is_drawn_whether_it_tied_or_not(write, rows):
+    write.goals(rows)
+    assert "![Share of goals tied" in body(write, goals.GOALS)
+
+
+def write_variant(write, name, tied, order=1):
+    rows = [("three", f"2o1+{i}", one, 2.0) for i, one in enumerate(tied)]
+    write.goals(rows[::order], "goals_ablation", f"{name}.csv")
+
+
+def test_planner_ablation_is_paired_by_goal_whatever_the_order(write):
+    assert goals.ablation(Results(write.root), None) is None
+    write_variant(write, "complete", [1, 1, 1, 1, 0, 0])
+    write_variant(write, "without_arranging", [1, 1, 1, 1, 0, 0], order=-1)
+    text = body(write, goals.ABLATION)
+    complete, without = [line for line in text.splitlines() if "4 of 6" in line]
+    assert complete.endswith("| – |") and without.endswith("| 0.0 |")
+
+
+def test_planner_ablation_without_the_complete_planner_has_no_difference(write):
+    write_variant(write, "without_arranging", [1, 0, 1, 0])
+    (line,) = [line for line in body(write, goals.ABLATION).splitlines() if "2 of 4" in line]
+    assert line.endswith("| – |")
+
+
+def test_nothing_run_is_nothing_shown(write):
+    write.run("tree_size", {})
+    sections = (tree_size.SECTION, joint_finetuning.SECTION, knots.OVERHAND, knots.PENTAGRAM)
+    for section in (*sections, knots.KNOTS, goals.GOALS, goals.ABLATION):
+        assert body(write, section) is None
+    assert np.isinf(sizes(read_searches(Results(write.root), "tree_size"))).sum() == 0

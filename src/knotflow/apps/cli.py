@@ -476,12 +476,12 @@ def report(*, results: Path = Path("results"), out: Path = Path("reports")) -> i
     results
         Folder with one folder per experiment.
     out
-        Folder for report.md, index.html and figures/.
+        Folder for report.md and figures/.
     """
     from knotflow.report import make
 
-    written = make(results, out)
-    print(f"{out / 'index.html'} and {len(written) - 1} other files")
+    page, *figures = make(results, out)
+    print(f"{page} and {len(figures)} figures")
     return 0
 
 

@@ -13,7 +13,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from knotflow.experiments.common import Recorder, point_rows, rng_of, sampler_of
-from knotflow.intervals import wilson
 from knotflow.planning import (
     ROPE_NAMES,
     Goal,
@@ -38,6 +37,7 @@ from knotflow.simulation import (
     random_curve,
     tangled,
 )
+from knotflow.statistics import wilson
 from knotflow.topology import TopologicalState, all_states, parse_action
 from knotflow.viz.plan_folder import write_plan_folder
 from knotflow.workflow import StageRun, stage

@@ -19,12 +19,12 @@ from knotflow.experiments.demonstrations import (
     SPLINE,
     load_starts,
 )
-from knotflow.intervals import rate_columns
 from knotflow.planning import attempt_arranged
 from knotflow.recording import load, recorded, write_index, write_recording
 from knotflow.samplers import Sampler, SamplerConfig
 from knotflow.samplers.demonstrations import TASKS, Task
 from knotflow.simulation import Observer, RopeSimulator, SimulationConfig, attempt
+from knotflow.statistics import rate_columns
 from knotflow.workflow import StageRun, stage
 
 

@@ -10,17 +10,17 @@ from knotflow.report import ResultsError, make
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Make the report; 1 and a message where a table is not what its contract says."""
+    """Make the report; 1 and a message where a table is not what the report expects."""
     parser = argparse.ArgumentParser(prog="python -m knotflow.report", description=__doc__)
     parser.add_argument("--results", type=Path, default=Path("results"), help="default: results")
     parser.add_argument("--out", type=Path, default=Path("reports"), help="default: reports")
     options = parser.parse_args(arguments)
     try:
-        written = make(options.results, options.out)
+        page, *figures = make(options.results, options.out)
     except ResultsError as problem:
         print(f"knotflow.report: {problem}", file=sys.stderr)
         return 1
-    print(f"{options.out / 'index.html'} and {len(written) - 1} other files")
+    print(f"{page} and {len(figures)} figures")
     return 0
 
 

@@ -1,55 +1,179 @@
-"""Named knots from ropes as they lie: which are tied, and with what effort."""
+"""Named knots: one plan (Fig. 1), the pentagram (Sec. VII-E, Fig. 9), and success rates."""
 
 from __future__ import annotations
 
-from typing import Any
+import statistics
 
-from knotflow.intervals import wilson
-from knotflow.report.results import AT_LEAST_ONE, COUNT, TEXT, Column, Results, refuse
-from knotflow.report.searches import confirmation, read_searches
-from knotflow.report.section import Pictures, Section
-from knotflow.report.tables import NOTHING, duration, markdown_table, percent
+from knotflow.report import markdown as md
+from knotflow.report.results import Results
+from knotflow.report.searches import (
+    STATE_NOTATION,
+    checks,
+    read_searches,
+    search_table,
+    sizes,
+    tied_columns,
+)
+from knotflow.report.section import Claim, Figures, Judgement, NotMeasured, Section, Verdict
 
-EXPERIMENT = "knots"
-#: Of the searches that tied the knot: empty where none did.
-MEDIAN = Column("number", 0, optional=True)
-COLUMNS = {"goal": TEXT, "start": TEXT, "searches": AT_LEAST_ONE, "tied": COUNT}
-COLUMNS |= {"confirmed": COUNT, "branches_median": MEDIAN, "seconds_median": MEDIAN}
+PULLED, ARRANGING = "pulled_overhand", "pulled_overhand_arranging"
+STARTS = {
+    PULLED: "overhand with its head pulled out",
+    ARRANGING: "the same, by the search that arranges",
+    "R1(0,1,1) C(0,1,1) C(2,0,1)": "overhand as the planner leaves it",
+    "straight": "straight rope",
+}
+"""What the table of the pentagram calls its starts."""
+PENTAGRAM_PLANS = {
+    "pulled": "Fig. 9 reproduced: the plan of fewest branches from the overhand whose head was "
+    "pulled out, by the search that arranges.",
+    "tied": "The plan of fewest branches from an overhand as the planner left it.",
+    "untangled": "The plan of fewest branches from the straight rope.",
+}
+PAPER_BRANCHES = 12
+"""That the paper's one search for the pentagram took."""
 
 
-def values(results: Results, _: Pictures) -> dict[str, Any] | None:
-    """The table of successes."""
-    knots = results.table(EXPERIMENT, "knots.csv", COLUMNS)
-    searches = read_searches(results, EXPERIMENT)
-    if knots is None or searches is None:
+def overhand(results: Results, figures: Figures) -> str | None:
+    """The plan's picture, its solution DAG, and what the search took."""
+    searches = read_searches(results, "overhand")
+    if searches.empty:
         return None
-    refuse(knots, "tied", knots["tied"] > knots["searches"], "{tied} of only {searches} searches")
-    impossible = knots["confirmed"] > knots["tied"]
-    refuse(knots, "confirmed", impossible, "{confirmed} of only {tied} tied ropes")
-    lines = [
-        [
-            f"`{knot.goal}`",
-            knot.start,
-            f"{percent(wilson(knot.tied, knot.searches))}<br>{knot.tied} of {knot.searches}",
-            f"{knot.branches_median:g}" if knot.tied else NOTHING,
-            duration(knot.seconds_median if knot.tied else None),
-            f"{knot.confirmed} of {knot.tied}",
-        ]
-        for knot in knots.itertuples()
+    search = next(searches.itertuples())
+    start = f"from a `{search.start}` rope (seed {search.seed})"
+    return md.join(
+        f"The search tied the knot {start} by `{search.path}`, after {search.branches} branches "
+        f"and {md.duration(search.seconds)}."
+        if search.solved
+        else f"The search did not tie the knot {start}: {search.reason}.",
+        figures.own(
+            "overhand",
+            "plan.png",
+            "The plan. Each rope is shown with the spline that is executed next: a dot where it is "
+            "grasped, a square at the middle control point with its height, an arrow where it is "
+            "released. The head is blue, the tail orange.",
+        ),
+        "The results folder also has the plan (`plan.json`), the timed gripper waypoints that a "
+        "robot executes (`waypoints.csv`, metres and seconds) and the recording.",
+        figures.own(
+            "overhand",
+            "dag.png",
+            "The solution DAG: every sequence of actions that leads to this knot, the plan's in "
+            "green.",
+        ),
+    )
+
+
+def pentagram(results: Results, figures: Figures) -> str | None:
+    """A line for each start, and the plan of fewest branches from each."""
+    searches = read_searches(results, "pentagram")
+    if searches.empty:
+        return None
+    head = results.setting("pentagram", "head", "pull")
+    groups = {(name,): searches[searches["start"] == start] for start, name in STARTS.items()}
+    return md.join(
+        "The paper pulled the head of an overhand out by hand, because no primitive had learned "
+        f"to, and found a plan with {PAPER_BRANCHES} branches. Here a script draws the head of an "
+        "overhand, tied by our planner, over the table"
+        + (f" until {100 * head:g} cm of rope lie before the first crossing" if head else "")
+        + ". The searches from it follow the paper's rule and end after a number of branches. "
+        "Those that arrange may also make room and take crossings back; they run in batches and "
+        "have a time limit. So do the searches from overhands as the planner leaves them, another "
+        "for each seed, and from the straight rope, where no hand helps.",
+        search_table(("start",), groups),
+        checks(results, "pentagram"),
+        *(
+            figures.own("pentagram", f"{folder}/plan.png", caption)
+            for folder, caption in PENTAGRAM_PLANS.items()
+        ),
+    )
+
+
+def judge_pentagram(results: Results) -> Judgement:
+    """A plan found with 12 branches, from an overhand whose head was pulled out."""
+    searches = read_searches(results, "pentagram")
+    if PULLED not in set(searches["start"]):
+        raise NotMeasured(f"needs searches from {PULLED} in pentagram")
+    parts = []
+    for start, name in STARTS.items():
+        own = searches[searches["start"] == start]
+        counts = own["branches"][own["solved"]]
+        if own.empty:
+            continue
+        parts.append(f"{name}: tied in {len(counts)} of {len(own)} searches")
+        if len(counts):
+            middle = f"{statistics.median(counts):g}"
+            parts[-1] += f", {min(counts):,} to {max(counts):,} branches, median {middle}"
+    trees = sizes(searches[searches["start"] == PULLED])
+    verdict = Verdict.PARTLY if min(trees) <= PAPER_BRANCHES else Verdict.FAILS
+    if statistics.median(trees) <= PAPER_BRANCHES:
+        verdict = Verdict.HOLDS
+    return Judgement("; ".join(parts), verdict)
+
+
+def arranging_helps(results: Results) -> str:
+    """The same rope and path by the search that arranges; '' unless that ties it more often."""
+    searches = read_searches(results, "pentagram")
+    pulled, arranged = (
+        searches.loc[searches["start"] == start, "solved"] for start in (PULLED, ARRANGING)
+    )
+    if arranged.empty or arranged.mean() <= pulled.mean():
+        return ""
+    return (
+        "the paper's search has the splines of the path alone. A search that may also make room "
+        f"and take crossings back ties it in {arranged.sum()} of {len(arranged)} searches, from "
+        "the same rope along the same path"
+    )
+
+
+def knots(results: Results, _: Figures) -> str | None:
+    """Which knots are tied, and with what effort."""
+    searches = read_searches(results, "knots")
+    if searches.empty:
+        return None
+    rows = [
+        {"knot": f"`{goal}`", "start": str(start)} | tied_columns(own)
+        for (goal, start), own in searches.groupby(["goal", "start"], sort=False)
     ]
-    header = ["knot", "start", "tied", "branches, median", "time, median", "type confirmed"]
-    return {
-        "table": markdown_table(header, lines, "llrrrr"),
-        "confirmation": confirmation(results, EXPERIMENT, searches),
-    }
+    return md.join(
+        md.table(rows),
+        "Limits are 95 % Wilson; medians are over the searches that tied the knot. "
+        f"{STATE_NOTATION} {checks(results, 'knots')}",
+    )
 
 
-SECTION = Section(
-    EXPERIMENT,
+OVERHAND = Section(
+    "overhand",
+    "A plan for the overhand",
+    "Fig. 1",
+    "From a randomly lying rope to an overhand knot, with the primitives that come with the "
+    "package.",
+    overhand,
+)
+PENTAGRAM = Section(
+    "pentagram",
+    "The pentagram",
+    "Sec. VII-E, Fig. 9",
+    "A knot more complex than any in training, from an overhand whose head was pulled out, from "
+    "one as the planner leaves it, and from a straight rope.",
+    pentagram,
+    claims=(
+        Claim(
+            "Pentagram from an overhand whose head was pulled out by hand",
+            "12 branches",
+            "from there the median search ties it with at most 12 branches; partly if the best "
+            "one does",
+            judge_pentagram,
+            arranging_helps,
+        ),
+    ),
+)
+KNOTS = Section(
+    "knots",
     "Knots from random ropes",
-    "Not in the paper",
-    "How often a knot is tied within the limit of time: from randomly lying ropes the overhand in "
+    "beyond the paper",
+    "How often a knot is tied within the time limit: from randomly lying ropes the overhand in "
     "its four states (handedness, and which end goes over first) and larger knots, and the "
     "overhand from tangled ropes.",
-    values,
+    knots,
 )

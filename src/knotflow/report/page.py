@@ -1,315 +1,260 @@
-"""The report as a whole: words and tables to Markdown, Markdown to one HTML page."""
+"""The report as a whole: report.md and its figures."""
 
 from __future__ import annotations
 
 import os
 import re
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
-
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from knotflow.report import (
     ablation_actor_critic,
     actions,
-    arm,
-    benchmark,
     causal_infogan,
-    closed_loop,
-    demonstrator,
-    dynamics,
+    execution,
     goals,
-    goals_ablation,
     joint_finetuning,
     knots,
-    overhand,
-    pentagram,
     perception,
-    roots,
-    self_play,
+    ropes,
     single_stage,
-    tables,
+    timing,
     tracking,
-    trainings,
+    training,
     tree_size,
 )
-from knotflow.report.claims import Verdict
-from knotflow.report.html import slug, to_html
-from knotflow.report.results import ExperimentResults, Results
-from knotflow.report.section import Pictures, Section, plain
-from knotflow.report.statistics import RESAMPLES
-from knotflow.report.style import Picture
-from knotflow.report.timing import timing
-from knotflow.report.weights import origins
+from knotflow.report import markdown as md
+from knotflow.report.results import Results, read_table
+from knotflow.report.section import Figures, Section, Verdict
+from knotflow.statistics import RESAMPLES
 
-#: In the order of the paper. To add one: write `<experiment>.py` with a `SECTION` and
-#: `templates/<experiment>.md.j2` with its words, and put it here, or below if the paper lacks it.
+TEMPLATE = Path(__file__).with_name("report.md")
+ROWS_SHOWN = 20
+"""Of the tables of an experiment without a body of its own."""
+
+
+def plain(experiment: str) -> Callable[[Results, Figures], str | None]:
+    """The body of a section that shows every table of an experiment."""
+
+    def body(results: Results, _: Figures) -> str | None:
+        found = results.measured(experiment)
+        parts = []
+        for path in found.tables if found else ():
+            table = read_table(path)
+            rows = table.head(ROWS_SHOWN).to_dict("records")
+            more = f", the first {len(rows)} of {len(table)} rows" if len(table) > len(rows) else ""
+            parts.append(md.table(rows, f"**{path.name}**{more}:"))
+        return md.join(*parts) or None
+
+    return body
+
+
 PAPER: tuple[Section, ...] = (
-    overhand.SECTION,
-    demonstrator.SECTION,
+    knots.OVERHAND,
+    ropes.DEMONSTRATIONS,
     single_stage.SECTION,
     tree_size.SECTION,
     ablation_actor_critic.SECTION,
     joint_finetuning.SECTION,
     causal_infogan.SECTION,
-    pentagram.SECTION,
+    knots.PENTAGRAM,
 )
-#: What the paper has no figures of; of Sec. VI it describes the method.
+"""In the order of the paper. To add one: write a module with a `Section`, and put it here, or below
+if the paper lacks it."""
 FURTHER: tuple[Section, ...] = (
-    self_play.SECTION,
-    knots.SECTION,
-    goals.SECTION,
-    goals_ablation.SECTION,
-    goals_ablation.HINDSIGHT,
+    training.LIBRARY,
+    knots.KNOTS,
+    goals.GOALS,
+    goals.ABLATION,
     actions.SECTION,
     perception.SECTION,
-    trainings.PERCEPTION,
-    trainings.STRANDS,
-    tracking.SECTION,
-    dynamics.SECTION,
-    trainings.DYNAMICS,
-    closed_loop.SECTION,
-    closed_loop.ABLATION,
-    arm.SECTION,
-    benchmark.SECTION,
-    roots.SECTION,
+    training.PERCEPTION,
+    training.STRANDS,
+    tracking.TRACKING,
+    tracking.DYNAMICS,
+    training.DYNAMICS,
+    execution.SECTION,
+    execution.PARTS,
+    execution.ARM,
+    Section(
+        "benchmark",
+        "Simulator throughput",
+        "beyond the paper",
+        "Splines executed per second, from start to finish, and the memory it takes.",
+        plain("benchmark"),
+    ),
 )
 SECTIONS = PAPER + FURTHER
-CLAIMS = [(section.experiment, claim) for section in SECTIONS for claim in section.claims]
+CLAIMS = [(section, claim) for section in SECTIONS for claim in section.claims]
+PLURAL = dict(zip(Verdict, ("hold", "hold partly", "do not hold", "were not run"), strict=True))
 
-TALLY = (
-    (Verdict.HOLDS, "holds", "hold"),
-    (Verdict.PARTLY, "holds partly", "hold partly"),
-    (Verdict.FAILS, "does not hold", "do not hold"),
-    (Verdict.NOT_RUN, "was not run yet", "were not run yet"),
-)
-BEFORE = "What has been run"
-"""The heading before which the contents stand: the first page is for the claims."""
-TITLE = "Planning knots: paper and measurement"
-RECORDINGS_SHOWN = 12
-EARLIER = "by an earlier version"
-"""Said of results whose packages behave otherwise by now."""
-
-
-@dataclass(frozen=True)
-class Report:
-    """The finished report, not written yet."""
-
-    markdown: str
-    html: str
-    pictures: list[Picture]
+NOT_RUN = """
+> **Nothing has been run yet.** This runs a chain on small counts in about two minutes, and then
+> this report again:
+>
+> ```
+> python -m knotflow +experiment=single_stage budget=smoke
+> python -m knotflow.report
+> ```
+"""
 
 
 def make(results_folder: Path, out: Path) -> list[Path]:
-    """Write report.md, index.html and figures/ into `out`, from `results_folder` alone.
+    """Write report.md and figures/ into `out`, from `results_folder` alone.
 
     The same results give the same bytes. Nothing is written before everything could be made.
 
     Returns:
-        The written files.
+        The written files, report.md first.
 
     Raises:
-        ResultsError: a table is not what its contract says; an earlier report stays as it was.
+        ResultsError: a table is not what the report expects; an earlier report stays as it was.
     """
-    link = Path(os.path.relpath(results_folder, out)).as_posix()
-    report = compose(Results(results_folder), link)
-    figures = out / "figures"
-    figures.mkdir(parents=True, exist_ok=True)
-    written = {
-        out / "report.md": report.markdown.encode(),
-        out / "index.html": report.html.encode(),
-    }
-    for picture in report.pictures:
-        written[figures / f"{picture.name}.png"] = picture.png
-        written[figures / f"{picture.name}.svg"] = picture.svg
-    for stale in {*figures.glob("*.png"), *figures.glob("*.svg")} - written.keys():
-        stale.unlink()
+    results = Results(results_folder)
+    figures = Figures(results, Path(os.path.relpath(results_folder, out)).as_posix())
+    written = {out / "report.md": compose(results, figures).encode()}
+    folder = out / "figures"
+    written |= {folder / f"{name}.png": png for name, png in figures.made.items()}
+    folder.mkdir(parents=True, exist_ok=True)
+    for old in set(folder.iterdir()) - written.keys():
+        old.unlink()
     for path, content in written.items():
         path.write_bytes(content)
     return list(written)
 
 
-def compose(results: Results, link: str) -> Report:
-    """The whole report; `link` leads from it to the results folder."""
-    templates = Environment(
-        loader=PackageLoader("knotflow.report"),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        autoescape=False,  # Markdown comes out; what goes in are our own tables
-    )
-    pictures = Pictures()
+def compose(results: Results, figures: Figures) -> str:
+    """The whole report as Markdown; its figures are kept in `figures`."""
     further = [*FURTHER, *_others(results)]
     sections = [*PAPER, *further]
-    in_paper, beyond = (
-        [_section(templates, section, results, pictures, link) for section in part]
-        for part in (PAPER, further)
-    )
-    smaller = [
-        section.title
-        for section in sections
-        if (found := results.experiments.get(section.experiment))
-        and found.measured
-        and not found.paper
-    ]
-    body = templates.get_template("body.md.j2").render(
-        lead=templates.get_template("lead.md.j2").render(link=link),
-        any=any(found.measured for found in results.experiments.values()),
-        not_paper=tables.listed(smaller),
-        **_claims(results),
-        criteria=[claim for _, claim in CLAIMS],
-        experiments=_experiments(results, sections),
-        first_page=templates.get_template("first_page.md.j2").render(made=pictures.shown),
-        sections=in_paper,
-        further=beyond,
-        systems=templates.get_template("systems.md.j2").render(),
-        timing=templates.get_template("timing.md.j2").render(**timing(results, pictures)),
-        commands=_commands(results, sections),
-        differences=templates.get_template("differences.md.j2").render(
-            ropes=_ropes(results), setting=results.setting
+    found = {section.title: results.measured(section.experiment) for section in sections}
+    smaller = [title for title, one in found.items() if one and one.budget != "paper"]
+    rope = results.setting("single_stage", "rope") or {"length": 1.0, "radius": 0.008, "links": 40}
+    bias = results.setting("tree_size", "bias")
+    crossings = results.setting("joint_finetuning", "most_crossings", "self_play")
+    arranging = results.setting("single_stage", "arranging", "reinforcement_arranged")
+    text = TEMPLATE.read_text("utf-8").format(
+        link=figures.link,
+        notices=md.join(
+            "" if any(found.values()) else NOT_RUN,
+            f"> **Not the paper's counts.** {md.listed(smaller)} ran with a smaller budget: the "
+            "numbers show that the chain works from end to end and decide no claim."
+            if smaller
+            else "",
         ),
-        methods=templates.get_template("methods.md.j2").render(resamples=RESAMPLES),
+        claims=_claims(results),
+        overview=_overview(results, sections),
+        paper=md.join(*(_section(section, results, figures) for section in PAPER)),
+        further=md.join(*(_section(section, results, figures) for section in further)),
+        timing=timing.timing(results, figures),
+        rope=f"{rope['length']:g} m long, {1000 * rope['radius']:g} mm in radius, "
+        f"{rope['links']} links",
+        bias=f"{bias:g} times likelier" if bias else "likelier",
+        crossings=f" that lead to at most {crossings} crossings" if crossings else "",
+        arranging=f"up to {arranging}" if arranging else "some",
+        resamples=f"{RESAMPLES:,}",
     )
-    body = re.sub(r"\n{3,}", "\n\n", body).strip()
-    body = re.sub(r"(?<=\d) (?=[%×])", "\u00a0", body)  # no line ends between number and unit
-    headings = re.findall(r"^(##?) (.+)$", body, flags=re.MULTILINE)
-    listed = f"## Contents\n\n{_contents(headings)}\n\n## {BEFORE}"
-    markdown = templates.get_template("report.md.j2").render(
-        title=TITLE, body=body.replace(f"## {BEFORE}", listed, 1)
-    )
-    run = {name for name, found in results.experiments.items() if found.measured}
-    pending = {section.title for section in sections if section.experiment not in run}
-    html = templates.get_template("page.html.j2").render(
-        title=TITLE,
-        style=templates.get_template("style.css").render(),
-        contents=[
-            {
-                "title": title,
-                "slug": slug(title),
-                "part": level == "#",
-                "pending": title in pending,
-            }
-            for level, title in headings
-        ],
-        body=to_html(body),
-    )
-    return Report(markdown.rstrip() + "\n", html.rstrip() + "\n", pictures.made)
+    text = re.sub(r"\n{3,}", "\n\n", text)
+    return re.sub(r"(?<=\d) (?=[%×])", "\u00a0", text)  # no line ends between number and unit
 
 
-def _contents(headings: list[tuple[str, str]]) -> str:
-    """Links to the headings, those within a part indented."""
-    lines, inside = [], False
-    for level, title in headings:
-        inside |= level == "#"
-        indented = "  " if inside and level == "##" else ""
-        lines.append(f"{indented}- [{title}](#{slug(title)})")
-    return "\n".join(lines)
-
-
-def _section(
-    templates: Environment, section: Section, results: Results, pictures: Pictures, link: str
-) -> str:
-    values = section.values(results, pictures)
-    found = results.experiments.get(section.experiment)
-    return templates.get_template("section.md.j2").render(
-        section=section,
-        body=None if values is None else templates.get_template(section.words).render(**values),
-        experiment=found,
-        weights=origins(found, results) if found else [],
-        recordings=_recordings(found, results, link) if found else [],
-        link=link,
-    )
-
-
-def _claims(results: Results) -> dict[str, str]:
-    """The table of claims, how many of them hold, and why others do not."""
-    lines, reasons = [], []
+def _claims(results: Results) -> str:
+    """How many claims hold, the table of them, why others do not, and the criteria."""
+    rows, reasons = [], []
     tally: Counter[Verdict] = Counter()
     direction_only = 0
-    titles = {section.experiment: section.title for section in SECTIONS}
-    for experiment, claim in CLAIMS:
+    for section, claim in CLAIMS:
         outcome = claim.judgement(results)
-        found = results.experiments.get(experiment)
+        found = results.measured(section.experiment)
         tally[outcome.verdict] += 1
         verdict = f"**{outcome.verdict}**"
-        if outcome.verdict is not Verdict.NOT_RUN and found and not found.paper:
-            verdict += f" ({found.budget or 'unknown'} run)"
-        if outcome.verdict is not Verdict.NOT_RUN and found and found.outdated:
-            verdict += f"<br>{EARLIER}"
+        if outcome.verdict is not Verdict.NOT_RUN and found:
+            verdict += "" if found.budget == "paper" else f" ({found.budget} run)"
+            verdict += "<br>stale" if found.stale else ""
         if outcome.size:
             verdict += f"<br>the direction holds, the size does not: {outcome.size}"
             direction_only += 1
-        ours = outcome.ours or tables.NOTHING
-        where = claim.where.replace(", ", ",<br>").replace(" ", "\u00a0").replace("-", "\u2011")
-        lines.append([claim.statement, where, claim.paper, ours, verdict])
-        short = outcome.verdict in (Verdict.PARTLY, Verdict.FAILS)
-        if (short or outcome.size) and claim.reason and (reason := claim.reason(results)):
-            linked = f"[{claim.statement}](#{slug(titles[experiment])})"
-            reasons.append(f"- {linked}: {reason}")
-    header = ["claim", "where", "paper", "ours, 95 % intervals", "verdict"]
-    phrases = [
-        f"{tally[verdict]} {one if tally[verdict] == 1 else many}"
-        for verdict, one, many in TALLY
-        if tally[verdict]
-    ]
-    note = (
-        f" Of {direction_only} the direction holds and the size does not." if direction_only else ""
+        rows.append(
+            {
+                "claim": claim.statement,
+                "where": section.paper,
+                "paper": claim.paper,
+                "ours, 95 % intervals": outcome.ours,
+                "verdict": verdict,
+            }
+        )
+        unclear = outcome.verdict in (Verdict.PARTLY, Verdict.FAILS) or outcome.size
+        if unclear and (reason := claim.reason(results)):
+            reasons.append(f"- [{claim.statement}](#{md.slug(section.title)}): {reason}.")
+    counts = md.listed([f"{tally[one]} {PLURAL[one]}" for one in Verdict if tally[one]])
+    size = f" For {direction_only} the direction holds and the size does not."
+    return md.join(
+        f"Of {len(CLAIMS)} claims, {counts}.{size if direction_only else ''}",
+        md.table(rows),
+        "Where a claim does not wholly hold, our tables show why:" if reasons else "",
+        "\n".join(reasons),
+        "Criteria (*significantly* means that the whole 95 % interval lies on that side):",
+        "\n".join(f"- {claim.statement}: holds if {claim.criterion}." for _, claim in CLAIMS),
     )
-    return {
-        "claims": tables.markdown_table(header, lines),
-        "reasons": "\n".join(reasons),
-        "tally": f"Of {len(CLAIMS)} claims: {tables.listed(phrases)}.{note}",
-    }
 
 
-def _experiments(results: Results, sections: list[Section]) -> str:
-    """A line for each experiment: where in the paper, run or not, with what."""
-    lines = []
+def _overview(results: Results, sections: Sequence[Section]) -> str:
+    """A line for each experiment: its name, where in the paper, and what made it."""
+    rows = []
     for section in sections:
-        found = results.experiments.get(section.experiment)
-        if found is None or not found.measured:
-            state = [str(Verdict.NOT_RUN), tables.NOTHING, tables.NOTHING]
-        else:
-            made = f"{found.commits}<br>{EARLIER}" if found.outdated else found.commits
-            state = ["run", f"`{found.budget or 'unknown'}`", made]
-        lines.append([f"[{section.title}](#{slug(section.title)})", section.paper, *state])
-    return tables.markdown_table(["experiment", "paper", "state", "budget", "made with"], lines)
+        found = results.measured(section.experiment)
+        stale = found and found.stale
+        rows.append(
+            {
+                "section": f"[{section.title}](#{md.slug(section.title)})",
+                "experiment": f"`{section.experiment}`",
+                "paper": section.paper,
+                "state": f"stale: {stale}" if stale else "current" if found else Verdict.NOT_RUN,
+                "budget": found.budget if found else md.NOTHING,
+                "commits": found.commits if found else md.NOTHING,
+            }
+        )
+    return md.table(rows)
 
 
-def _commands(results: Results, sections: list[Section]) -> str:
-    """The command of each experiment that was run, and of this report."""
-    lines = [
-        [section.title, f"`{section.command}`"]
-        for section in sections
-        if (found := results.experiments.get(section.experiment)) and found.measured
+def _section(section: Section, results: Results, figures: Figures) -> str:
+    body = section.body(results, figures)
+    title = f"### {section.title}"
+    if body is None:
+        return md.join(
+            title,
+            section.about,
+            f"**Not run** ({section.paper}; its experiment is `{section.experiment}`).",
+        )
+    found = results.experiments[section.experiment]
+    recordings = [
+        f"[`{path.relative_to(found.folder).as_posix()}`]"
+        f"({figures.link}/{path.relative_to(results.root).as_posix()})"
+        for path in sorted(found.folder.rglob("*.mcap"))
     ]
-    lines.append(["This report", "`python -m knotflow.report`"])
-    return tables.markdown_table(["what", "command"], lines)
-
-
-def _recordings(found: ExperimentResults, results: Results, link: str) -> list[tuple[str, str]]:
-    inside = [path.relative_to(results.root).as_posix() for path in found.recordings]
-    return [(f"{link}/{path}", f"results/{path}") for path in inside[:RECORDINGS_SHOWN]]
+    return md.join(
+        title,
+        section.about,
+        f"{section.paper} · `+experiment={section.experiment}` · budget `{found.budget}` · "
+        f"[tables and configuration]({figures.link}/{section.experiment})"
+        + (" · stale" if found.stale else ""),
+        ""
+        if found.budget == "paper"
+        else f"> **{found.budget.capitalize()} run.** These are not the paper's counts.",
+        body,
+        f"Recordings, for `knotflow view`: {', '.join(recordings)}." if recordings else "",
+    )
 
 
 def _others(results: Results) -> list[Section]:
-    """Experiments of one's own: measured, and no section of the paper's.
-
-    Nor another run of one that has a section, such as a plan for another knot.
-    """
+    """Experiments of one's own: measured, and neither of the paper's nor another run of one that
+    has a section, such as a plan for another knot."""
     known = {section.experiment for section in SECTIONS}
     return [
-        plain(name, name.replace("_", " ").capitalize(), "Not in the paper", "")
+        Section(name, name.replace("_", " ").capitalize(), "beyond the paper", "", plain(name))
         for name, found in results.experiments.items()
-        if name not in known and found.measured and found.run.get("workflow") not in known
+        if found.tables
+        and name not in known
+        and (found.run.get("workflow") or found.config.get("workflow")) not in known
     ]
-
-
-def _ropes(results: Results) -> str:
-    ropes = [rope for found in results.experiments.values() for rope in found.ropes]
-    phrases = [
-        f"{rope['length']:g} m long, {1000 * rope['radius']:g} mm radius, {rope['links']} links"
-        for rope in ropes
-    ]
-    return "; ".join(dict.fromkeys(phrases)) or "1 m long, 8 mm radius, 40 links by default"

@@ -1,161 +1,167 @@
-"""Sec. VI: ropes at rest, estimated from one RGB-D image."""
+"""Ropes at rest, estimated from one RGB-D image (Sec. VI)."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import pandas as pd
+from matplotlib.figure import Figure
 
-from knotflow.intervals import wilson
-from knotflow.report.results import AMOUNT, COUNT, FLAG, SHARE, TEXT, Column, Results
-from knotflow.report.section import Pictures, Section
-from knotflow.report.statistics import bootstrap
-from knotflow.report.style import Picture, bare_axis, new_figure, render, styled
-from knotflow.report.tables import NOTHING, estimate, markdown_table, percent
+from knotflow.report import markdown as md
+from knotflow.report.results import Results
+from knotflow.report.section import COLOURS, Figures, Section, bare_axis
+from knotflow.statistics import bootstrap
 
 EXPERIMENT = "perception"
-ERROR = Column("number", 0, optional=True)
-"""Empty where no rope was found."""
-COLUMNS = {"method": TEXT, "noise": AMOUNT, "crossings": COUNT, "rope": COUNT, "seconds": AMOUNT}
-COLUMNS |= dict.fromkeys(("mean_error_mm", "p95_error_mm", "off_curve_error_mm"), ERROR)
-COLUMNS["rope_iou"] = SHARE
-COLUMNS |= dict.fromkeys(("state_correct", "head_correct", "doubtful"), FLAG)
-PLANS = {"rope": TEXT, "planned_from": TEXT, "planned": FLAG, "tied": FLAG, "branches": COUNT}
-PLANS |= {"seconds": AMOUNT, "mean_error_mm": ERROR}
-STEPS = {"grid": COUNT, "milliseconds": AMOUNT}
+COLUMNS = {"method": str, "noise": float, "crossings": int, "rope": int, "seconds": float}
+COLUMNS |= dict.fromkeys(("mean_error_mm", "off_curve_error_mm", "rope_iou"), float)
+COLUMNS |= dict.fromkeys(("state_correct", "head_correct", "doubtful"), bool)
+KEY = ("method", "noise", "crossings", "rope")
+PLANS = {"rope": str, "planned_from": str, "planned": bool, "tied": bool}
 GROUPS = ((0, 3), (4, 5))
-"""Ropes are put together by their number of crossings, from and to."""
-METHODS = {
-    "rendering": "skeleton and rendering",
-    "rendering_without_depth": "skeleton and rendering, without depth",
+"""Ropes are grouped by their number of crossings, from and to."""
+BASES = {
+    "rendering": "skeleton + rendering",
     "rendering_poor_start": "rendering from a poor start",
-    "network": "network alone",
-    "network_without_strands": "network alone, strands not followed",
-    "network_without_strands_self_supervision": "the same, without self-supervision",
-    "network_rendering": "network and rendering",
-    "network_rendering_without_strands": "network and rendering, strands not followed",
-    "network_rendering_without_strands_self_supervision": "the same, without self-supervision",
-    "network_rendering_without_depth": "network and rendering, without depth",
-    "network_tracing_rendering": "network, skeleton and rendering",
-    "network_tracing_rendering_without_strands": (
-        "network, skeleton and rendering, strands not followed"
-    ),
-    "network_tracing_rendering_plain_rope": "network, skeleton and rendering, head not coloured",
-    "network_tracing_rendering_fine": "network, skeleton and rendering, 640 by 480 pixels",
+    "network": "network",
+    "network_rendering": "network + rendering",
+    "network_tracing_rendering": "network + skeleton + rendering",
+    "network_tracing_rendering_plain_rope": "network + skeleton + rendering, head not coloured",
+    "network_tracing_rendering_fine": "network + skeleton + rendering, finer images",
 }
-"""Methods and what the report calls them."""
+"""Methods and what the report calls them; ablations are called after what they leave out."""
 SHOWN = ("network_tracing_rendering", "rendering")
 """The figure's method is the first of these that was run."""
-COLOURS = ("#009e73", "#0072b2", "#e69f00")
 
 
-def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
-    """The figure and the table."""
-    key = ("method", "noise", "crossings", "rope")
-    estimates = results.table(EXPERIMENT, "estimates.csv", COLUMNS, key)
-    if estimates is None:
+def body(results: Results, figures: Figures) -> str | None:
+    """Accuracy by crossings, the table of methods, ambiguity, and plans from estimates."""
+    table = results.table(EXPERIMENT, "estimates.csv", COLUMNS, KEY)
+    if table is None:
         return None
-    lines = []
-    for method, label in METHODS.items():
-        of_method = estimates[estimates["method"] == method]
-        if of_method.empty:
-            lines.append([label, "not run", *[NOTHING] * 8])
-        for noise, of in of_method.groupby("noise"):
-            for low, high in GROUPS:
-                some = of[of["crossings"].between(low, high)]
-                if not some.empty:
-                    lines.append([label, f"{noise:g}", *_line(some)])
-    header = ["method", "noise", "crossings", "ropes", "mean error, mm", "off the curve, mm"]
-    header += ["state right", "wrong states in doubt", "head right", "CPU time"]
-    run = set(estimates["method"])
-    images = estimates.drop_duplicates(["noise", "crossings", "rope"]).groupby("noise")
-    steps = results.table("benchmark", "gradient_steps.csv", STEPS, ("grid",))
-    shown = next((method for method in SHOWN if method in run), None)
-    return {
-        "table": markdown_table(header, lines, "llrrrrrrrr"),
-        "shown": METHODS.get(shown or ""),
-        "figure": shown and pictures.add(_figure(estimates[estimates["method"] == shown])),
-        "sure": _sure(estimates[estimates["method"] == shown]),
-        "pictures": pictures.stored(results, EXPERIMENT, "estimates", "Estimates of ropes"),
-        "iou": [f"{of['rope_iou'].mean():.2f} at noise {noise:g}" for noise, of in images],
-        "plans": _plans(results),
-        "steps": None if steps is None else steps.to_dict("records"),
-        "without_network": not any(method.startswith("network") for method in run),
-    }
+    run = set(table["method"])
+    shown = next((method for method in SHOWN if method in run), table["method"].iloc[0])
+    own = table[table["method"] == shown]
+    label = _label(shown)
+    images = table.drop_duplicates(["noise", "crossings", "rope"]).groupby("noise")
+    overlap = [f"{one['rope_iou'].mean():.2f} at noise {noise:g}" for noise, one in images]
+    return md.join(
+        "All methods see the same images; noise 1 is a Kinect's, and light and colours are drawn "
+        "anew for each image. A first shape follows the skeleton of the rope's pixels or is "
+        "proposed by networks, of which one sees the rope as a whole and one traces its strands. "
+        "Gradient steps then fit the rendered rope to the image. Where several shapes explain it, "
+        "strands are reconnected where they meet, and the shape that explains the image best is "
+        "kept. The ablations leave out one of these steps, depth, strand tracing or "
+        "self-supervision, begin from the true shape with noise, or do not colour the head.",
+        figures.draw(
+            EXPERIMENT,
+            f"State accuracy and vertex error by number of crossings, {label}.",
+            2.6,
+            lambda figure: _plot(figure, own),
+        ),
+        _method_table(table),
+        "Errors are means over ropes with 95 % bootstrap limits, shares have 95 % Wilson limits. "
+        "*Vertex error* is the distance of a vertex from its true position, *curve error* its "
+        "distance from the rope. *Flagged* counts the wrong states that the estimate itself marked "
+        "as ambiguous.",
+        _unambiguous(own, label),
+        figures.own(
+            EXPERIMENT,
+            "estimates.png",
+            "Estimates at noise 1, a row a number of crossings: the image, the estimate over it, "
+            "and its error along the rope. Vertices that the image does not show are ringed.",
+        ),
+        f"The segmented rope pixels have an intersection over union with the true ones of "
+        f"{md.listed(overlap)}; a pixel without depth counts as missed.",
+        _plans(results),
+    )
 
 
-def _plans(results: Results) -> dict[str, dict[str, str]] | None:
-    """Shares of ropes for which a plan was found, and tied the true rope, by what was planned
-    from; None where nothing was."""
-    plans = results.table(EXPERIMENT, "plans.csv", PLANS, ("rope", "planned_from"))
-    if plans is None:
-        return None
-    return {
-        str(planned_from): {"ropes": str(len(of))}
-        | {
-            column: percent(wilson(int(of[column].sum()), len(of)))
-            for column in ("planned", "tied")
-        }
-        for planned_from, of in plans.groupby("planned_from")
-    }
+def _label(method: str) -> str:
+    base, _, without = method.partition("_without_")
+    parts = {"depth": "depth", "strands": "strand tracing"}
+    parts["strands_self_supervision"] = "strand tracing and self-supervision"
+    name = BASES.get(base, base.replace("_", " "))
+    return f"{name}, without {parts.get(without, without)}" if without else name
 
 
-def _sure(shown: pd.DataFrame) -> list[dict[str, Any]]:
-    """A line a level of noise: how many estimates are without a doubt, and of how many of these the
-    state is right."""
-    return [
-        {"noise": f"{noise:g}", "ropes": len(of), "sure": len(sure)}
-        | {"right": percent(wilson(int(sure["state_correct"].sum()), len(sure)))}
-        for noise, of in shown.groupby("noise")
-        if len(sure := of[~of["doubtful"]])
+def _method_table(table: pd.DataFrame) -> str:
+    rows = [
+        {"method": _label(str(method))} | _line(noise, some)
+        for (method, noise), own in table.groupby(["method", "noise"], sort=False)
+        for low, high in GROUPS
+        if len(some := own[own["crossings"].between(low, high)])
     ]
+    return md.table(rows)
 
 
-def _line(some: pd.DataFrame) -> list[str]:
+def _line(noise: float, some: pd.DataFrame) -> dict[str, str]:
     wrong = some[~some["state_correct"]]
     found = some.dropna(subset=["mean_error_mm"])
-    errors = [
-        estimate(bootstrap(found[name])) if len(found) else NOTHING
+    vertex, curve = (
+        md.estimate(bootstrap(found[name])) if len(found) else md.NOTHING
         for name in ("mean_error_mm", "off_curve_error_mm")
-    ]
-    return [
-        f"{some['crossings'].min()} to {some['crossings'].max()}",
-        str(len(some)),
-        *errors,
-        percent(wilson(int(some["state_correct"].sum()), len(some))),
-        f"{int(wrong['doubtful'].sum())} of {len(wrong)}",
-        percent(wilson(int(some["head_correct"].sum()), len(some))),
-        f"{some['seconds'].median():.1f} s",
-    ]
+    )
+    return {
+        "noise": f"{noise:g}",
+        "crossings": f"{some['crossings'].min()} to {some['crossings'].max()}",
+        "ropes": str(len(some)),
+        "vertex error, mm": vertex,
+        "curve error, mm": curve,
+        "state accuracy": md.rate(some["state_correct"]),
+        "flagged": f"{wrong['doubtful'].sum()} of {len(wrong)}",
+        "head accuracy": md.rate(some["head_correct"]),
+        "CPU time": f"{some['seconds'].median():.1f} s",
+    }
 
 
-def _figure(shown: pd.DataFrame) -> Picture:
-    """Share of states that are right, and mean error, by crossings; a line a level of noise."""
-    with styled():
-        figure = new_figure(2.6)
-        right, error = figure.subplots(1, 2)
-        levels = shown.groupby("noise")
-        for colour, (noise, of) in zip(COLOURS, levels, strict=False):
-            by = of.groupby("crossings")
-            label = f"noise {noise:g}"
-            states = 100 * by["state_correct"].mean()
-            right.plot(states, marker="o", markersize=4, color=colour, label=label)
-            error.plot(by["mean_error_mm"].median(), marker="o", markersize=4, color=colour)
-        right.set(xlabel="crossings", ylabel="state right, %", ylim=(0, 103))
-        error.set(xlabel="crossings", ylabel="error of a vertex, mm (median rope)", ylim=(0, None))
-        for axes in (right, error):
-            axes.set_xticks(sorted(shown["crossings"].unique()))
-            bare_axis(axes, grid="y")
-        right.legend(frameon=False, loc="lower left")
-        alt = "States that are right, and errors, of estimated ropes by their number of crossings"
-        return render(figure, "perception", alt)
+def _unambiguous(shown: pd.DataFrame, label: str) -> str:
+    """For each level of noise, how many estimates are unambiguous, and how many of these right."""
+    parts = [
+        f"{md.rate(sure['state_correct'])} at noise {noise:g} ({len(sure)} of {len(own)} ropes)"
+        for noise, own in shown.groupby("noise")
+        if len(sure := own[~own["doubtful"]])
+    ]
+    if not parts:
+        return ""
+    return (
+        "An estimate reports whether it is ambiguous. The state accuracy of unambiguous estimates "
+        f"by {label} is {md.listed(parts)}."
+    )
+
+
+def _plans(results: Results) -> str:
+    """Shares of ropes with a plan, and of plans that tie the true rope; '' without plans."""
+    plans = results.table(EXPERIMENT, "plans.csv", PLANS, ("rope", "planned_from"))
+    if plans is None:
+        return ""
+    parts = [
+        f"from {planned_from} shapes, {md.rate(own['planned'])} of {len(own)} random ropes had a "
+        f"plan and {md.rate(own['tied'])} were tied"
+        for planned_from, own in plans.groupby("planned_from")
+    ]
+    return f"Plans for the overhand, executed in simulation on the true rope: {'; '.join(parts)}."
+
+
+def _plot(figure: Figure, shown: pd.DataFrame) -> None:
+    """State accuracy and median vertex error by crossings, a line a level of noise."""
+    accuracy, error = figure.subplots(1, 2)
+    for colour, (noise, own) in zip(COLOURS, shown.groupby("noise"), strict=False):
+        by = own.groupby("crossings")
+        style = {"marker": "o", "markersize": 4, "color": colour, "label": f"noise {noise:g}"}
+        accuracy.plot(100 * by["state_correct"].mean(), **style)
+        error.plot(by["mean_error_mm"].median(), **style)
+    accuracy.set(xlabel="crossings", ylabel="state accuracy, %", ylim=(0, 103))
+    error.set(xlabel="crossings", ylabel="vertex error, mm (median rope)", ylim=(0, None))
+    for axes in (accuracy, error):
+        axes.set_xticks(sorted(shown["crossings"].unique()))
+        bare_axis(axes, "y")
+    accuracy.legend(frameon=False, loc="lower left")
 
 
 SECTION = Section(
     EXPERIMENT,
-    "Ropes from one image",
+    "Rope estimation",
     "Sec. VI",
     "The shape and the topological state of ropes at rest, estimated from one simulated RGB-D "
     "image.",
-    values,
+    body,
 )

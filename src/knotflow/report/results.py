@@ -1,358 +1,239 @@
-"""The committed results folder: which experiments were run, with what, and their tables.
+"""The committed results: which experiments were run, with what, and their tables.
 
-Only `results/<experiment>/` is read; the bulky artifacts in `results/stages/` never are, so the
-report can be made from a fresh clone. Every table is read by `read_table`, which holds each cell
-against what its column promises.
+Only `results/<experiment>/` is read, never the stage outputs in `results/stages/`, so the report
+can be made from a fresh clone.
 """
 
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import yaml
 
 from knotflow.versions import COMPONENTS
 
-#: Folders of results/ that are no experiment: bulky stage outputs and training curves.
 NO_EXPERIMENT = ("stages", "metrics")
-
-#: What lies beside the tables and is none: a plan for a robot.
-NO_TABLE = ("waypoints.csv",)
-
-_FLAGS = {"true": True, "1": True, "false": False, "0": False}
+"""Folders of results/ with stage outputs and training curves."""
+NO_TABLE = "waypoints.csv"
+"""A plan for a robot, beside the tables."""
+TRUTH = {"true": True, "1": True, "false": False, "0": False}
+KINDS = {bool: "true or false", int: "a whole number from 0", float: "a number"}
 
 
 class ResultsError(ValueError):
-    """A file under results/ is not what its contract says; the message names file, column, row."""
-
-
-@dataclass(frozen=True)
-class Column:
-    """What the cells of a column have to be."""
-
-    kind: str
-    """`text`, `flag` (true or false in any case, 1 or 0), `number` or `count`."""
-    low: float = -math.inf
-    high: float = math.inf
-    optional: bool = False
-    """Whether a cell may be empty; an empty number is read as NaN."""
-
-
-TEXT, NOTE, FLAG = Column("text"), Column("text", optional=True), Column("flag")
-NUMBER, AMOUNT, SHARE = Column("number"), Column("number", 0), Column("number", 0, 1)
-COUNT, AT_LEAST_ONE = Column("count", 0), Column("count", 1)
+    """A file under results/ is not what the report expects; the message names file and line."""
 
 
 def read_table(
-    path: Path, columns: Mapping[str, Column] | None = None, key: Sequence[str] = ()
+    path: Path, columns: Mapping[str, type] | None = None, key: Sequence[str] = ()
 ) -> pd.DataFrame:
-    """A CSV with one header line; `columns` are read as what they promise, others as text.
-
-    Its index counts data rows from 1, and `refuse` knows its path.
+    """A CSV with one header line, its `columns` converted, others as text.
 
     Args:
         path: of the CSV.
-        columns: those that the table must have.
+        columns: those that the table must have, with their type: `str`, `bool`, `int` (not
+            negative) or `float` (an empty cell is NaN).
         key: columns that no two rows may share the values of.
 
     Raises:
-        ResultsError: not a table, a column missing or there twice, no rows, a cell that is not
-            what its column promises, or a row that stands there twice.
+        ResultsError: not a table, no rows, a column missing, a cell that is not of its column's
+            type, or a repeated row.
     """
     try:
-        cells = pd.read_csv(
-            path,
-            header=None,
-            dtype=str,
-            keep_default_na=False,
-            skip_blank_lines=False,
-            encoding="utf-8-sig",
-        )
+        table = pd.read_csv(path, dtype=str, keep_default_na=False)
     except (UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as problem:
         raise ResultsError(f"{path}: not a table ({str(problem).strip()})") from None
-    header = cells.iloc[0].tolist()
-    for name in header:
-        if header.count(name) > 1:
-            raise ResultsError(f"{path}: column {name!r} appears more than once")
-    table = cells.iloc[1:].set_axis(header, axis=1)
     table.attrs["path"] = str(path)
+    columns = columns or {}
+    if missing := [name for name in columns if name not in table]:
+        raise ResultsError(f"{path}: no column {missing[0]}; it has {', '.join(table.columns)}")
     if table.empty:
         raise ResultsError(f"{path}: a header and no rows")
-    for name, column in (columns or {}).items():
-        if name not in header:
-            raise ResultsError(f"{path}: column {name!r} is missing; it has {', '.join(header)}")
-        table[name] = _cells(table, name, column)
+    for name, kind in columns.items():
+        if kind is not str:
+            table[name] = _convert(table, name, kind)
     if key:
-        cells = ", ".join(f"{{{name}}}" for name in key)
-        again = table.duplicated(list(key))
-        refuse(table, key[-1], again, f"{cells} stands in an earlier row already")
+        names = ", ".join(f"{{{name}}}" for name in key)
+        refuse(table, table.duplicated(list(key)), f"{names} is there twice")
     return table
 
 
-def refuse(table: pd.DataFrame, column: str, wrong: pd.Series, problem: str) -> None:
+def _convert(table: pd.DataFrame, name: str, kind: type) -> pd.Series:
+    cells = table[name].str.strip()
+    if kind is bool:
+        values = cells.str.lower().map(TRUTH)
+        wrong = values.isna()
+    else:
+        values = pd.to_numeric(cells, errors="coerce").astype(float)
+        wrong = ~np.isfinite(values) & ~((cells == "") & (kind is float))
+        if kind is int:
+            wrong |= (values < 0) | (values % 1 != 0)
+    refuse(table, wrong, f"{name} is '{{{name}}}' and should be {KINDS[kind]}")
+    return values.astype(kind)
+
+
+def refuse(table: pd.DataFrame, wrong: pd.Series, problem: str) -> None:
     """Raise ResultsError for the first row that is `wrong`; `problem` may name its `{columns}`."""
     if wrong.any():
-        row = int(wrong.idxmax())
-        message = problem.format(**table.loc[row].to_dict())
-        path = table.attrs["path"]
-        raise ResultsError(f"{path}, column {column!r}, row {row} (line {row + 1}): {message}")
-
-
-def _cells(table: pd.DataFrame, name: str, column: Column) -> pd.Series:
-    cells, quoted = table[name], f"'{{{name}}}'"
-    empty = cells.str.strip() == ""
-    if column.kind == "text":
-        refuse(table, name, empty & (not column.optional), "is empty")
-        return cells
-    if column.kind == "flag":
-        flags = cells.str.strip().str.lower().map(_FLAGS)
-        refuse(table, name, flags.isna(), f"{quoted} is neither true nor false")
-        return flags.astype(bool)
-    values = pd.to_numeric(cells, errors="coerce")
-    absent = empty & column.optional
-    refuse(table, name, values.isna() & ~absent, f"{quoted} is not a number")
-    inside = values.between(column.low, column.high) & (values.abs() < math.inf)
-    limits = f"{quoted} is outside [{column.low:g}, {column.high:g}]"
-    refuse(table, name, ~inside & ~absent, limits)
-    if column.kind == "number":
-        return values
-    refuse(table, name, values % 1 != 0, f"{quoted} is not a whole number")
-    return values.astype(int)
-
-
-FIRST_VERSIONS = {
-    "demonstrations": 1,
-    "planning": 1,
-    "primitives": 1,
-    "simulation": 1,
-    "training": 1,
-}
-"""Of a stage from before versions were recorded, when these packages had not changed yet."""
+        row = int(wrong.to_numpy().argmax())
+        message = problem.format(**table.iloc[row].to_dict())
+        raise ResultsError(f"{table.attrs['path']}, line {row + 2}: {message}")
 
 
 @dataclass(frozen=True)
 class StageRun:
-    """One stage of a run, as run.json reports it; `shared` ones were there when it began."""
+    """One stage of an experiment, as run.json has it."""
 
+    experiment: str
     node: str
     stage: str
-    signature: str
+    key: str
+    """'' where it was made before stages had keys."""
+    identity: str
+    """The same for a stage that several experiments share."""
     seconds: float | None
-    shared: bool
-    caption: str
-    commit: str
-    """The commit it was made with, '' where nothing says."""
-    commit_date: str
-    """When that was committed, in ISO 8601; '' where nobody noted it."""
+    memory_mb: float | None
+    commits: tuple[str, ...]
     dirty: bool
-    """Whether it was made with changes that the commit does not have."""
-    packages: Mapping[str, int]
-    """The versions of the packages whose behaviour it depends on, see `versions`."""
-    memory_mb: float | None = None
-    """Most that it held at once, its workers included; of early stages nobody noted it."""
-    shards: int = 0
-    """How many of its shards could run side by side; 0 where it has none, or nobody noted it."""
-    cpus: int | None = None
-    """Of the machine that made it; None where nobody noted it."""
-    commits: tuple[str, ...] = ()  # of all attempts that it was made in
+    components: Mapping[str, int]
+    """Versions of the parts of knotflow that it computed with."""
 
 
-@dataclass(frozen=True)
-class ExperimentResults:
+class Experiment:
     """One folder of results/."""
 
-    folder: Path
-    run: dict[str, Any]
-    config: dict[str, Any]
-
-    @property
-    def name(self) -> str:
-        """The folder's name, which is the experiment's."""
-        return self.folder.name
-
-    @property
-    def budget(self) -> str:
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.name = folder, folder.name
+        self.run = _read(folder / "run.json", json.loads)
+        self.config = _read(folder / "config.yaml", yaml.safe_load)
+        self.budget = str(self.run.get("budget") or "unknown")
         """`paper` for the paper's counts, `smoke` for the short run of the same chain."""
-        return str(self.run.get("budget") or "")
-
-    @property
-    def paper(self) -> bool:
-        """Whether it has the paper's counts."""
-        return self.budget == "paper"
+        for name, size in (self.run.get("bytes") or {}).items():
+            path = folder / name
+            if path.suffix == ".csv" and path.is_file() and path.stat().st_size != size:
+                raise ResultsError(
+                    f"{path}: has {path.stat().st_size} bytes, but {size} when it was made; take "
+                    f"it from the repository, or run +experiment={self.name} again"
+                )
 
     @cached_property
     def tables(self) -> list[Path]:
-        """Its CSVs, by name."""
-        return [path for path in sorted(self.folder.glob("*.csv")) if path.name not in NO_TABLE]
-
-    @property
-    def measured(self) -> bool:
-        """Whether there is any table to show."""
-        return bool(self.tables)
+        """Its CSVs, by name; without any it was not run."""
+        return [path for path in sorted(self.folder.glob("*.csv")) if path.name != NO_TABLE]
 
     @cached_property
     def stages(self) -> list[StageRun]:
-        """The run's stages in the order of run.json, which is the order of execution."""
-        found, path = [], self.folder / "run.json"
-        for node, entry in _mapping(self.run.get("stages"), path).items():
-            made = _mapping(entry, path)
-            seconds, memory = made.get("seconds"), made.get("memory_mb")
-            found.append(
-                StageRun(
-                    node=node,
-                    stage=str(made.get("stage", node)),
-                    signature=str(made.get("signature", "")),
-                    seconds=None if seconds is None else float(seconds),
-                    shared=bool(made.get("shared")) or made.get("origin") == "shared",
-                    caption=str(made.get("caption") or ""),
-                    commit=str(made.get("commit") or ""),
-                    commit_date=str(made.get("commit_date") or ""),
-                    dirty=bool(made.get("dirty")),
-                    packages=_mapping(made.get("packages", FIRST_VERSIONS), path),
-                    memory_mb=None if memory is None else float(memory),
-                    shards=int(made.get("shards") or 0),
-                    cpus=made.get("cpus"),
-                    commits=tuple(made.get("commits") or [made.get("commit") or ""]),
-                )
+        """Its stages in the order of run.json, which is the order of execution."""
+        return [
+            StageRun(
+                experiment=self.name,
+                node=node,
+                stage=str(made.get("stage") or node),
+                key=str(made.get("key") or ""),
+                identity=made.get("key") or made.get("signature") or f"{self.name}/{node}",
+                seconds=made.get("seconds"),
+                memory_mb=made.get("memory_mb"),
+                commits=tuple(filter(None, made.get("commits") or [made.get("commit")])),
+                dirty=bool(made.get("dirty")),
+                components=made.get("components") or made.get("packages") or {},
             )
-        return found
+            for node, made in (self.run.get("stages") or {}).items()
+        ]
 
     @property
     def commits(self) -> str:
-        """The commits that its stages were made with, as a reader needs them.
-
-        The earliest and the latest where every commit's date was noted, else each of them.
-        """
-        dates = {commit: "" for stage in self.stages for commit in stage.commits if commit}
-        dates |= {stage.commit: stage.commit_date for stage in self.stages if stage.commit}
-        short = [f"`{commit[:10]}`" for commit in dates]
-        if len(short) < 2:
-            words = f"commit {short[0]}" if short else "commit unknown"
-        elif all(dates.values()):
-            first, *_, last = sorted(dates, key=lambda one: datetime.fromisoformat(dates[one]))
-            words = f"{len(short)} commits, from `{first[:10]}` to `{last[:10]}`"
-        else:
-            words = f"{len(short)} commits: {', '.join(short)}"
-        unknown = sum(not stage.commit for stage in self.stages)
-        if short and unknown:
-            words += f", unknown for {unknown} of {len(self.stages)} stages"
+        """The commits that its stages were made with."""
+        found = dict.fromkeys(commit[:10] for stage in self.stages for commit in stage.commits)
+        words = ", ".join(f"`{commit}`" for commit in found) or "unknown"
         dirty = any(stage.dirty for stage in self.stages)
-        return f"{words}, with uncommitted changes" if dirty else words
+        return f"{words} with uncommitted changes" if dirty else words
 
     @property
-    def outdated(self) -> str:
-        """The packages that have changed their behaviour since, with both versions; else ''."""
+    def stale(self) -> str:
+        """Why today's code would make these results otherwise, as far as run.json says; else ''."""
         made: dict[str, int] = {}
         for stage in self.stages:
-            for name, version in stage.packages.items():
+            for name, version in stage.components.items():
                 made[name] = min(version, made.get(name, version))
-        old = [
+        reasons = [
             f"{name} {version}, now {COMPONENTS[name].version}"
             for name, version in sorted(made.items())
             if name in COMPONENTS and version < COMPONENTS[name].version
         ]
-        return "; ".join(old)
-
-    @cached_property
-    def ropes(self) -> list[dict[str, Any]]:
-        """The ropes that the resolved configuration speaks of, each once."""
-        found: list[dict[str, Any]] = []
-        pending: list[Any] = [self.config]
-        while pending:
-            part = pending.pop()
-            if not isinstance(part, dict):
-                continue
-            if {"length", "radius", "links"} <= part.keys() and part not in found:
-                found.append(part)
-            pending.extend(part.values())
-        return found
-
-    @property
-    def recordings(self) -> list[Path]:
-        """The exemplar recordings committed beside the tables."""
-        return sorted(self.folder.rglob("*.mcap"))
+        if any(not stage.key for stage in self.stages):
+            reasons.append("made before stages had keys")
+        return "; ".join(reasons)
 
 
 class Results:
     """Everything the report is made from.
 
     Raises:
-        ResultsError: on loading, where the folder does not exist, run.json or config.yaml cannot
-            be read, or a table was cut.
+        ResultsError: the folder does not exist, run.json or config.yaml cannot be read, or a
+            table has another size than when it was made.
     """
 
     def __init__(self, root: Path) -> None:
         self.root = root
         if not root.is_dir():
             raise ResultsError(f"{root}: there is no such results folder")
-        folders = sorted(root.iterdir())
         self.experiments = {
-            folder.name: _experiment(folder)
-            for folder in folders
+            folder.name: Experiment(folder)
+            for folder in sorted(root.iterdir())
             if folder.is_dir() and folder.name not in NO_EXPERIMENT and folder.name[0] not in "._"
         }
 
+    def measured(self, experiment: str) -> Experiment | None:
+        """An experiment, None where it was not run."""
+        found = self.experiments.get(experiment)
+        return found if found and found.tables else None
+
     def table(
-        self,
-        experiment: str,
-        name: str,
-        columns: Mapping[str, Column] | None = None,
-        key: Sequence[str] = (),
+        self, experiment: str, name: str, columns: Mapping[str, type], key: Sequence[str] = ()
     ) -> pd.DataFrame | None:
-        """results/<experiment>/<name> by `read_table`, None where it has not been run."""
+        """results/<experiment>/<name> by `read_table`, None where it is not there."""
         path = self.root / experiment / name
         return read_table(path, columns, key) if path.is_file() else None
 
-    def setting(self, experiment: str, node: str, *keys: str) -> Any:
-        """What a stage of an experiment was configured with, None where nothing says."""
+    def setting(self, experiment: str, name: str, node: str = "") -> Any:
+        """What an experiment's stages, or the one at `node`, were configured with; None where
+        nothing says. The name is looked for at any depth, the outermost first."""
         found = self.experiments.get(experiment)
-        value: Any = found.config if found else None
-        for key in ("stages", node, "config", *keys):
-            value = value.get(key) if isinstance(value, dict) else None
-        return value
+        stages = (found.config.get("stages") or {}) if found else {}
+        for stage in [stages.get(node)] if node else stages.values():
+            for value in _values((stage or {}).get("config"), name):
+                return value
+        return None
 
-    def paper(self, experiment: str) -> bool:
-        """Whether an experiment was run with the paper's counts."""
-        found = self.experiments.get(experiment)
-        return found is not None and found.paper
+    def keys(self) -> dict[str, dict[str, str]]:
+        """The key of each stage, by experiment and node; '' where it has none."""
+        return {
+            name: {stage.node: stage.key for stage in found.stages}
+            for name, found in self.experiments.items()
+        }
 
 
-def _experiment(folder: Path) -> ExperimentResults:
-    run_file, config_file = folder / "run.json", folder / "config.yaml"
+def _values(config: Any, name: str) -> Iterator[Any]:
+    if isinstance(config, dict):
+        if name in config:
+            yield config[name]
+        for part in config.values():
+            yield from _values(part, name)
+
+
+def _read(path: Path, parse: Callable[[str], Any]) -> dict[str, Any]:
+    """A file with a mapping; empty where there is no file."""
     try:
-        run = json.loads(run_file.read_text("utf-8")) if run_file.is_file() else {}
-    except ValueError as problem:
-        raise ResultsError(f"{run_file}: not JSON ({problem})") from None
-    try:
-        config = yaml.safe_load(config_file.read_text("utf-8")) if config_file.is_file() else {}
+        found = parse(path.read_text("utf-8")) if path.is_file() else {}
     except (ValueError, yaml.YAMLError) as problem:
-        raise ResultsError(f"{config_file}: not YAML ({problem})") from None
-    _check_whole(folder, _mapping(run, run_file))
-    return ExperimentResults(folder, _mapping(run, run_file), _mapping(config, config_file))
-
-
-def _check_whole(folder: Path, run: Mapping[str, Any]) -> None:
-    """Refuse a table of another size than run.json says: one that was cut reads like a whole."""
-    for name, size in _mapping(run.get("bytes"), folder / "run.json").items():
-        path = folder / name
-        if path.suffix == ".csv" and path.is_file() and path.stat().st_size != size:
-            raise ResultsError(
-                f"{path}: has {path.stat().st_size} bytes, but {size} when it was made: it was cut "
-                f"or edited; take it from the repository, or run +experiment={folder.name} again"
-            )
-
-
-def _mapping(value: Any, path: Path) -> dict[str, Any]:
-    if value is None:
-        return {}
-    if not isinstance(value, dict):
-        raise ResultsError(f"{path}: {type(value).__name__} where a mapping was expected")
-    return value
+        raise ResultsError(f"{path}: cannot be read ({problem})") from None
+    if not isinstance(found, dict):
+        raise ResultsError(f"{path}: {type(found).__name__} where a mapping was expected")
+    return found

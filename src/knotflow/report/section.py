@@ -1,95 +1,141 @@
-"""What a section is: its place in the paper, its claims, and a function to its words' values."""
+"""What a section of the report is made of: claims with their verdicts, and figures."""
 
 from __future__ import annotations
 
+import io
+import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
+from enum import StrEnum
 
-from knotflow.report.claims import Claim
-from knotflow.report.results import Results, read_table
-from knotflow.report.style import Picture, without_blanks
-from knotflow.report.tables import markdown_table
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from PIL import Image
 
-#: Longer tables are cut here in a plain section; the file itself is one link away.
-ROWS_SHOWN = 20
+from knotflow.report.results import Results
+from knotflow.viz.style import PNG_DPI, WIDTH, styled
+
+COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#8a8f98")
+"""The Okabe-Ito palette, and a grey."""
 
 
-@dataclass
-class Pictures:
-    """The figures of the report as the sections make them."""
+class Verdict(StrEnum):
+    """What our numbers say about a claim of the paper."""
 
-    made: list[Picture] = field(default_factory=list)
+    HOLDS = "holds"
+    PARTLY = "holds partly"
+    FAILS = "does not hold"
+    NOT_RUN = "not run"
 
-    def add(self, picture: Picture) -> str:
-        """Keep a figure and give the Markdown that shows it."""
-        if any(other.name == picture.name for other in self.made):
-            raise ValueError(f"two figures are called {picture.name!r}; names have to differ")
-        self.made.append(picture)
-        return self.shown[picture.name]
+    @classmethod
+    def of_two(cls, first: bool, second: bool) -> Verdict:
+        """The verdict on a claim of two parts."""
+        if first and second:
+            return cls.HOLDS
+        return cls.PARTLY if first or second else cls.FAILS
 
-    def stored(self, results: Results, experiment: str, stem: str, alt: str) -> str:
-        """Keep a picture that an experiment drew itself; '' where there is none.
 
-        Args:
-            results: where it is.
-            experiment: that made it.
-            stem: path in the experiment's folder, without the endings png and svg; the figure is
-                called after the experiment and the first part of it.
-            alt: what it shows in words.
-        """
-        name = f"{experiment}_{Path(stem).parts[0]}"
-        png, svg = (Path(f"{results.root / experiment / stem}.{end}") for end in ("png", "svg"))
-        if not (png.is_file() and svg.is_file()):
+@dataclass(frozen=True)
+class Judgement:
+    """Our number in words, and the verdict."""
+
+    ours: str
+    verdict: Verdict
+    size: str = ""
+    """Where the direction holds and the size does not: how it differs."""
+
+
+class NotMeasured(Exception):
+    """The tables do not have what a claim needs; the message says what is missing."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One claim of the paper, and when it holds."""
+
+    statement: str
+    paper: str
+    criterion: str
+    judge: Callable[[Results], Judgement]
+    """Raises NotMeasured where the tables lack what it needs."""
+    reason: Callable[[Results], str] = lambda _: ""
+    """What the tables show of why the claim does not wholly hold; '' where they show nothing."""
+
+    def judgement(self, results: Results) -> Judgement:
+        """Our side of the claim, NOT_RUN with what is missing where it cannot be judged."""
+        try:
+            return self.judge(results)
+        except NotMeasured as missing:
+            return Judgement(str(missing), Verdict.NOT_RUN)
+
+
+class Figures:
+    """The figures of the report, numbered as they are made.
+
+    Args:
+        results: where the experiments' own pictures are.
+        link: leads from the report to the results folder.
+    """
+
+    def __init__(self, results: Results, link: str = "../results") -> None:
+        self.results, self.link = results, link
+        self.made: dict[str, bytes] = {}
+        self._count = 0
+
+    def draw(
+        self,
+        name: str,
+        caption: str,
+        height: float,
+        plot: Callable[[Figure], object],
+        layout: str | None = "constrained",
+    ) -> str:
+        """Let `plot` draw a figure `height` inches tall, keep it, and give its Markdown."""
+        if name in self.made:
+            raise ValueError(f"two figures are called {name!r}; names have to differ")
+        with styled():
+            figure = Figure(figsize=(WIDTH, height), layout=layout)  # type: ignore[arg-type]
+            plot(figure)
+            self.made[name] = png(figure)
+        return self._show(f"figures/{name}.png", caption)
+
+    def own(self, experiment: str, path: str, caption: str) -> str:
+        """The Markdown of a picture that an experiment drew itself; '' where there is none."""
+        if not (self.results.root / experiment / path).is_file():
             return ""
-        return self.add(Picture(name, png.read_bytes(), without_blanks(svg.read_bytes()), alt))
+        return self._show(f"{self.link}/{experiment}/{path}", caption)
 
-    @property
-    def shown(self) -> dict[str, str]:
-        """The Markdown that shows each figure so far, by name."""
-        return {one.name: f"![{one.alt}](figures/{one.name}.png)" for one in self.made}
+    def _show(self, path: str, caption: str) -> str:
+        self._count += 1
+        alt = re.split(r"(?<!Fig)\. ", caption.replace("`", ""))[0].rstrip(".")
+        return f"![{alt}]({path})\n\n*Figure {self._count}. {caption}*"
+
+
+def png(figure: Figure) -> bytes:
+    """The figure with 256 colours and no date or version, so that it is the same each time."""
+    drawn, small = io.BytesIO(), io.BytesIO()
+    figure.savefig(drawn, format="png", dpi=PNG_DPI, metadata={"Software": None})
+    image = Image.open(drawn).convert("RGB")
+    image = image.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    image.save(small, "PNG", optimize=True)
+    return small.getvalue()
+
+
+def bare_axis(axes: Axes, grid: str) -> None:
+    """No frame and no tick marks; thin grid lines along one axis ('x' or 'y') or 'both'."""
+    axes.tick_params(length=0)
+    axes.grid(axis=grid)  # type: ignore[arg-type]
+    for spine in axes.spines.values():
+        spine.set_visible(False)
 
 
 @dataclass(frozen=True)
 class Section:
-    """One experiment's part of the report.
-
-    `values` returns what the template needs, or None where the experiment was not run yet. The
-    heading, the command, the budget and what it took are the same for all and not its concern.
-    """
+    """One experiment's part of the report; `body` is None where it was not run."""
 
     experiment: str
     title: str
     paper: str
     about: str
-    values: Callable[[Results, Pictures], dict[str, Any] | None]
+    body: Callable[[Results, Figures], str | None]
     claims: tuple[Claim, ...] = ()
-    template: str = ""
-
-    @property
-    def words(self) -> str:
-        """The template's file name."""
-        return f"{self.template or self.experiment}.md.j2"
-
-    @property
-    def command(self) -> str:
-        """What makes it again."""
-        return f"python -m knotflow +experiment={self.experiment}"
-
-
-def plain(experiment: str, title: str, paper: str, about: str) -> Section:
-    """A section that shows every table of an experiment, for those nobody wrote one for yet."""
-
-    def values(results: Results, _: Pictures) -> dict[str, Any] | None:
-        found = results.experiments.get(experiment)
-        if found is None or not found.measured:
-            return None
-        tables = []
-        for path in found.tables:
-            table = read_table(path)
-            shown = markdown_table(table.columns, table.head(ROWS_SHOWN).to_numpy().tolist())
-            tables.append({"name": path.name, "rows": len(table), "table": shown})
-        return {"tables": tables, "shown": ROWS_SHOWN}
-
-    return Section(experiment, title, paper, about, values, template="plain")

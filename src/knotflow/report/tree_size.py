@@ -2,31 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pandas as pd
 
-from knotflow.report.claims import Claim, Judgement, NotMeasured, of_two
-from knotflow.report.paper import OVERHAND_LIMIT, STARTS, TREE_SIZE, with_extras
-from knotflow.report.path_steps import hardest_steps, left_ropes, step_table
+from knotflow.report import markdown as md
+from knotflow.report.rates import ICP, IMITATION, REINFORCEMENT, Method, with_extras
 from knotflow.report.results import Results
 from knotflow.report.searches import (
-    branches,
-    confirmation,
-    of,
+    OVERHAND_LIMIT,
+    branches_figure,
+    branches_spent,
+    checks,
     read_searches,
     search_table,
+    select,
     sizes,
-    spent,
 )
-from knotflow.report.section import Pictures, Section
-from knotflow.report.statistics import bootstrap
-from knotflow.report.tables import estimate, listed
+from knotflow.report.section import Claim, Figures, Judgement, NotMeasured, Section, Verdict
+from knotflow.statistics import bootstrap, clustered_rate
 
 EXPERIMENT = "tree_size"
-#: The largest trees that the paper reports, by start and method; "below 5" is drawn at 4.
+STARTS = ("straight", "arc")
+STEPS = {"start": str, "action": str, "shape": int, "splines": int, "successes": int}
 PAPER_LARGEST: dict[tuple[str, str], float] = {
     ("straight", "icp"): 190,
     ("arc", "icp"): 1428,
@@ -35,84 +34,82 @@ PAPER_LARGEST: dict[tuple[str, str], float] = {
     ("straight", "reinforcement"): 4,
     ("arc", "reinforcement"): 4,
 }
+"""The largest trees that the paper reports, by start and method; "below 5" is drawn at 4."""
 
 
-def values(results: Results, pictures: Pictures) -> dict[str, Any] | None:
-    """The figure and a line for every method and start."""
+def body(results: Results, figures: Figures) -> str | None:
+    """The branches of every method and start, and where they went."""
     searches = read_searches(results, EXPERIMENT, "method")
-    if searches is None:
+    if searches.empty:
         return None
-    found = list(searches["method"])
-    methods = with_extras(TREE_SIZE, found)
+    methods = with_extras((ICP, IMITATION, REINFORCEMENT), list(searches["method"]))
     starts = list(dict.fromkeys([*STARTS, *searches["start"]]))
-    groups = [
-        ((start, method.label), of(searches, method.name, start))
+    groups = {
+        (start, method.label): select(searches, method.name, start)
         for start in starts
         for method in methods
-    ]
-    left = left_ropes(results, EXPERIMENT, methods, f"{EXPERIMENT}_left")
-    picture = branches(searches, methods, starts, EXPERIMENT, PAPER_LARGEST)
-    return {
-        "figure": pictures.add(picture),
-        "table": search_table(("start", "method"), [line for line in groups if len(line[1])]),
-        "missing": listed([method.label for method in methods if method.name not in found]),
-        "limit": OVERHAND_LIMIT,
-        "dag": pictures.stored(results, EXPERIMENT, "dag", "Solution DAG"),
-        "unsolved": sum(~searches["solved"]),
-        "confirmation": confirmation(results, EXPERIMENT, searches),
-        "spent": spent(results, EXPERIMENT, "method"),
-        "steps": step_table(results, EXPERIMENT, methods),
-        "left": left and pictures.add(left),
-        "tried": results.setting(EXPERIMENT, "icp_steps", "splines"),
-        "shapes": results.setting(EXPERIMENT, "icp_steps", "shapes"),
     }
+    return md.join(
+        branches_figure(figures, EXPERIMENT, searches, methods, starts, PAPER_LARGEST),
+        search_table(("start", "method"), groups),
+        "Seeds vary the search, not the training: all trees of a method are grown with the same "
+        "primitives.",
+        checks(results, EXPERIMENT),
+        branches_spent(results, EXPERIMENT, "method"),
+        step_table(results, methods),
+        figures.own(
+            EXPERIMENT,
+            "dag.png",
+            "The solution DAG of this overhand (Fig. 1, top): every sequence of actions that leads "
+            "to it. The searches follow the path in green.",
+        ),
+    )
 
 
-def icp(results: Results) -> Judgement:
-    """Sec. VII-A4: 3 to 190 branches (straight), up to 1428 (arc)."""
-    trees = _trees(results, "icp")
-    wide = [max(sizes(own)) >= 10 * own["branches"].min() for own in trees.values()]
-    largest = {start: max(sizes(own)) for start, own in trees.items()}
-    same = all(0.5 <= most / PAPER_LARGEST[start, "icp"] <= 2 for start, most in largest.items())
-    size = "" if same or not all(wide) else "the largest trees differ by more than a factor of 2"
-    return Judgement(_ranges(trees), of_two(*wide), size)
+def _read_steps(results: Results, method: str) -> pd.DataFrame | None:
+    name = f"{method}_steps.csv"
+    return results.table(EXPERIMENT, name, STEPS, key=("start", "action", "shape"))
 
 
-def imitation(results: Results) -> Judgement:
-    """Sec. VII-A4: up to 43 branches (straight), 9 (arc)."""
-    trees = _trees(results, "imitation")
-    within = [max(sizes(own)) <= PAPER_LARGEST[s, "imitation"] for s, own in trees.items()]
-    return Judgement(_ranges(trees), of_two(*within))
+def step_table(results: Results, methods: Sequence[Method]) -> str:
+    """A line a start and method: how often each action succeeds; '' where none was tried."""
+    found = {method.label: _read_steps(results, method.name) for method in methods}
+    known = {label: steps for label, steps in found.items() if steps is not None}
+    starts, actions = (
+        list(dict.fromkeys(cell for steps in known.values() for cell in steps[column]))
+        for column in ("start", "action")
+    )
+    rows = [
+        {"start": start, "method": label}
+        | {f"`{action}`": _step_cell(steps, start, action) for action in actions}
+        for start in starts
+        for label, steps in known.items()
+    ]
+    splines = results.setting(EXPERIMENT, "splines", "icp_steps") or "several"
+    return md.table(
+        rows,
+        f"The next table explains the sizes step by step. Each action was tried with {splines} "
+        "splines from each of the ropes that the same method's splines for the action before had "
+        "left. Imitation and RL learn what makes one action succeed, whatever it leaves for the "
+        "next; the demonstrations that ICP interpolates were chosen for that as well.",
+    )
 
 
-def reinforcement(results: Results) -> Judgement:
-    """Sec. VII-A4: below 5 in all 10 seeds, the limit of 3 in more than half."""
-    trees = {start: sizes(own) for start, own in _trees(results, "reinforcement").items()}
-    every = [size for own in trees.values() for size in own]
-    often = all(2 * own.count(OVERHAND_LIMIT) > len(own) for own in trees.values())
-    share = f"{OVERHAND_LIMIT} branches in {every.count(OVERHAND_LIMIT)} of {len(every)}"
-    ranges = _ranges(_trees(results, "reinforcement"))
-    return Judgement(f"{ranges}; {share}", of_two(max(every) < 5, often))
-
-
-def _hardest(method: str) -> Callable[[Results], str]:
-    def reason(results: Results) -> str:
-        found = hardest_steps(results, EXPERIMENT, method)
-        return found and (
-            "of the path's actions, each tried from ropes that the one before left, that which "
-            f"succeeds least is {found}"
-        )
-
-    return reason
+def _step_cell(steps: pd.DataFrame, start: str, action: str) -> str:
+    own = steps[(steps["start"] == start) & (steps["action"] == action)]
+    if own.empty:
+        return md.NOTHING
+    never = int((own["successes"] == 0).sum())
+    rate = md.percent(clustered_rate(own["successes"], own["splines"]))
+    return f"{rate}<br>none from {never} of {len(own)} ropes" if never else rate
 
 
 def _trees(results: Results, method: str) -> dict[str, pd.DataFrame]:
     """The searches of a method by start, some from each."""
     searches = read_searches(results, EXPERIMENT, "method")
-    trees = {start: of(searches, method, start) for start in STARTS}
-    missing = [f"{method} from the {start} start" for start, own in trees.items() if own.empty]
-    if missing:
-        raise NotMeasured(f"needs {listed(missing)} in tree_size")
+    trees = {start: select(searches, method, start) for start in STARTS}
+    if missing := [f"{method} from {start}" for start, own in trees.items() if own.empty]:
+        raise NotMeasured(f"needs {md.listed(missing)} in {EXPERIMENT}")
     return trees
 
 
@@ -120,7 +117,7 @@ def _ranges(trees: dict[str, pd.DataFrame]) -> str:
     parts = []
     for start, own in trees.items():
         counts, unsolved = own["branches"], sum(~own["solved"])
-        middle = estimate(bootstrap(counts, np.median))
+        middle = md.estimate(bootstrap(counts, np.median))
         gave_up = f", {unsolved} gave up" if unsolved else ""
         parts.append(
             f"{start}: {min(counts):,} to {max(counts):,}, median {middle}, "
@@ -129,38 +126,80 @@ def _ranges(trees: dict[str, pd.DataFrame]) -> str:
     return "; ".join(parts)
 
 
+def judge_icp(results: Results) -> Judgement:
+    """Sec. VII-A4: 3 to 190 branches (straight), up to 1428 (arc)."""
+    trees = _trees(results, "icp")
+    wide = [max(sizes(own)) >= 10 * own["branches"].min() for own in trees.values()]
+    largest = {start: max(sizes(own)) for start, own in trees.items()}
+    same = all(0.5 <= most / PAPER_LARGEST[start, "icp"] <= 2 for start, most in largest.items())
+    size = "" if same or not all(wide) else "the largest trees differ by more than a factor of 2"
+    return Judgement(_ranges(trees), Verdict.of_two(*wide), size)
+
+
+def judge_imitation(results: Results) -> Judgement:
+    """Sec. VII-A4: up to 43 branches (straight), 9 (arc)."""
+    trees = _trees(results, "imitation")
+    within = [max(sizes(own)) <= PAPER_LARGEST[s, "imitation"] for s, own in trees.items()]
+    return Judgement(_ranges(trees), Verdict.of_two(*within))
+
+
+def judge_reinforcement(results: Results) -> Judgement:
+    """Sec. VII-A4: below 5 in all 10 seeds, the limit of 3 in more than half."""
+    trees = _trees(results, "reinforcement")
+    by_start = [sizes(own) for own in trees.values()]
+    every = [size for own in by_start for size in own]
+    often = all(2 * own.count(OVERHAND_LIMIT) > len(own) for own in by_start)
+    fewest = f"{OVERHAND_LIMIT} branches in {every.count(OVERHAND_LIMIT)} of {len(every)}"
+    return Judgement(f"{_ranges(trees)}; {fewest}", Verdict.of_two(max(every) < 5, often))
+
+
+def hardest_steps(method: str) -> Callable[[Results], str]:
+    """For each start, the action that succeeds least from what the one before left."""
+
+    def reason(results: Results) -> str:
+        steps = _read_steps(results, method)
+        if steps is None:
+            return ""
+        parts = []
+        for start, own in steps.groupby("start", sort=False):
+            sums = own.groupby("action", sort=False)[["successes", "splines"]].sum()
+            action = str((sums["successes"] / sums["splines"]).idxmin())
+            cell = _step_cell(own, str(start), action).replace("<br>", ", ")
+            parts.append(f"`{action}` from the {start} rope, {cell}")
+        return f"the hardest action of the path is {'; '.join(parts)}"
+
+    return reason
+
+
 SECTION = Section(
     EXPERIMENT,
     "Tree size",
     "Sec. VII-A4",
     "Branches of the search tree until an overhand is tied along the path R1(0,1,1), C(0,1,1), "
     "C(2,0,1), from a straight rope and from an arc.",
-    values,
+    body,
     claims=(
         Claim(
-            statement="Branches to the overhand, ICP",
-            where="Sec. VII-A4",
-            paper="10 seeds: 3 to 190 (straight), up to 1,428 (arc)",
-            criterion="from both starts the largest tree has at least 10 times the branches of "
-            "the smallest; partly from one",
-            judge=icp,
-            reason=_hardest("icp"),
+            "Branches to the overhand, ICP",
+            "10 seeds: 3 to 190 (straight), up to 1,428 (arc)",
+            "from both starts the largest tree has at least 10 times the branches of the smallest; "
+            "partly if from one",
+            judge_icp,
+            hardest_steps("icp"),
         ),
         Claim(
-            statement="Branches to the overhand, imitation only",
-            where="Sec. VII-A4",
-            paper="10 seeds: up to 43 (straight), 9 (arc)",
-            criterion="no tree is larger than these; partly from one of the starts",
-            judge=imitation,
-            reason=_hardest("imitation"),
+            "Branches to the overhand, imitation only",
+            "10 seeds: up to 43 (straight), 9 (arc)",
+            "no tree is larger than these; partly if from one of the starts",
+            judge_imitation,
+            hardest_steps("imitation"),
         ),
         Claim(
-            statement="Branches to the overhand, imitation + RL",
-            where="Sec. VII-A4",
-            paper="below 5 in all 10 seeds, 3 (the limit) in more than half",
-            criterion="both are so from both starts; partly if one of the two",
-            judge=reinforcement,
-            reason=_hardest("reinforcement"),
+            "Branches to the overhand, imitation + RL",
+            "below 5 in all 10 seeds, 3 (the limit) in more than half",
+            "both are so from both starts; partly if one of the two",
+            judge_reinforcement,
+            hardest_steps("reinforcement"),
         ),
     ),
 )

@@ -22,11 +22,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from knotflow.apps.tasks.task import Episodes, TieTask
-from knotflow.intervals import wilson
 from knotflow.samplers.demonstrations import TASKS
 from knotflow.samplers.primitives import SHIPPED_PRIMITIVES
 from knotflow.samplers.sampler import Sampler, SamplerConfig, build_sampler
 from knotflow.simulation import RopeSimulator, SimulationConfig
+from knotflow.statistics import wilson
 from knotflow.topology import Action
 
 TRACKS = ("actions", "knots")

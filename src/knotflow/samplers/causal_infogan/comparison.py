@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.intervals import rate_columns
+from knotflow.statistics import rate_columns
 
 PANEL_WAY_POINTS = 6
 

@@ -1,0 +1,310 @@
+"""Plans executed on perturbed ropes in simulation (Sec. VI and VII-D), and by an arm."""
+
+from __future__ import annotations
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from knotflow.report import markdown as md
+from knotflow.report.results import Results, refuse
+from knotflow.report.section import Figures, Section, bare_axis
+from knotflow.statistics import mean_difference, wilson
+from knotflow.viz.style import INK
+
+CLOSED_LOOP, ABLATION = "closed_loop", "closed_loop_ablation"
+OPEN_LOOP = "open_loop"
+CONTROLLERS = {
+    OPEN_LOOP: ("open loop", "#8a8f98"),
+    "mppi": ("MPPI", "#e69f00"),
+    "mppi_true_state": ("MPPI, true state", "#f0b25a"),
+    "mppi_true_state_mujoco": ("MPPI by simulation, true state", "#d55e00"),
+    "replan": ("replanning", "#0072b2"),
+    "replan_true_state": ("replanning, true state", "#8fb8c4"),
+    "mppi_replan": ("MPPI + replanning", "#009e73"),
+    "mppi_replan_true_state": ("MPPI + replanning, true state", "#7fc8a9"),
+}
+"""Controllers in the order shown: what they are called, and their colour."""
+REMOVED = "open_loop_robust"
+"""Of the planner's ensemble, which is gone; its executions are not shown."""
+TRUE_STATE = "_true_state"
+"""How the names of controllers end that are given the true state."""
+TICK = {"image_ms": "image", "track_ms": "tracking", "mppi_ms": "MPPI", "tick_ms": "both"}
+KEY = ("controller", "knot", "level", "fault", "twin")
+COLUMNS = {"controller": str, "knot": str, "level": int, "fault": str, "twin": int, "tied": bool}
+COLUMNS |= {"actions_done": int, "reported": str, "cause": str}
+COLUMNS |= dict.fromkeys(("seconds", "planning_seconds", "mean_deviation_mm", *TICK), float)
+
+Groups = dict[tuple[str, int, str], pd.DataFrame]
+"""Executions by knot, level and controller."""
+
+
+def closed_loop(results: Results, figures: Figures) -> str | None:
+    """The figure, a line a controller, knot and level, the failures by cause, and the time."""
+    runs = read_executions(results, CLOSED_LOOP)
+    if runs is None:
+        return None
+    looked = runs[runs["reported"] != ""]
+    false = (looked["reported"] == "yes") & ~looked["tied"]
+    groups = _groups(runs)
+    return md.join(
+        figures.draw(
+            "executions",
+            "Share of twins on which the overhand was tied, by level and controller, with 95 % "
+            "Wilson intervals.",
+            3.2,
+            lambda figure: _plot(figure, runs),
+        ),
+        _table(groups, groups),
+        "Differences are on the same twins, in percentage points, with a 95 % bootstrap interval "
+        "over twins. Planning time counts the first plan and all replanning. A rope is tied if its "
+        "true final shape is in a goal state, whatever was seen. "
+        f"{false.sum() or 'None'} of {len(looked)} executions that ended with a look at the rope "
+        "reported a knot that is not there.",
+        figures.own(
+            CLOSED_LOOP,
+            "execution/execution.png",
+            "The first execution by MPPI and replanning at level 1: the camera's image in the "
+            "middle of each drag, and the end. White is the tracked rope; the other line is the "
+            "planned one.",
+        ),
+        _causes(groups),
+        _ticks(groups),
+        "A real arm also fails in ways that no twin draws: its fingers deform the rope and may "
+        "take two strands at once, its wrist and cables touch what lies in their way, real ropes "
+        "twist and remember how they were wound, and real light casts shadows and glare.",
+    )
+
+
+def ablation(results: Results, _: Figures) -> str | None:
+    """Controllers without one part, beside their counterparts, and executions with faults."""
+    runs = read_executions(results, ABLATION)
+    if runs is None:
+        return None
+    base = read_executions(results, CLOSED_LOOP)
+    every = pd.concat([one for one in (base, runs) if one is not None])
+    groups = _groups(runs)
+    return md.join(
+        "The twins are those of [closed-loop execution](#closed-loop-execution), and so are the "
+        "controllers that the differences refer to.",
+        _table(groups, _groups(every)),
+        _causes(groups),
+        _ticks(groups),
+        _faults(runs[runs["fault"] != ""]),
+    )
+
+
+def read_executions(results: Results, experiment: str) -> pd.DataFrame | None:
+    """executions.csv, a row an execution; None where it was not run."""
+    runs = results.table(experiment, "executions.csv", COLUMNS, KEY)
+    if runs is None:
+        return None
+    refuse(runs, runs["tied"] & (runs["cause"] != ""), "tied, and failed by {cause}")
+    return runs[runs["controller"] != REMOVED]
+
+
+def _groups(runs: pd.DataFrame) -> Groups:
+    """Executions without faults: knots as they stand in the table, levels rising."""
+    groups = dict(iter(runs[runs["fault"] == ""].groupby(["knot", "level", "controller"])))
+    names = [*CONTROLLERS, *sorted(set(runs["controller"]) - CONTROLLERS.keys())]
+    return {
+        (knot, level, name): groups[knot, level, name].sort_values("twin")
+        for knot in runs["knot"].unique()
+        for level in sorted(runs["level"].unique())
+        for name in names
+        if (knot, level, name) in groups
+    }
+
+
+def _label(controller: str) -> str:
+    return CONTROLLERS.get(controller, (controller.replace("_", " "), ""))[0]
+
+
+def _table(groups: Groups, every: Groups) -> str:
+    """A line for each of `groups`, with the difference from counterparts among `every`."""
+    truth = any(name.endswith(TRUE_STATE) for _, _, name in groups)
+    rows = []
+    for (knot, level, name), own in groups.items():
+        base = every.get((knot, level, OPEN_LOOP)) if name != OPEN_LOOP else None
+        row = _first_cells(knot, level, name) | {"tied": md.share(own["tied"])}
+        row["minus open loop, points"] = _gain(own, base)
+        if truth:
+            sighted = name.removesuffix(TRUE_STATE)
+            vision = every.get((knot, level, sighted)) if name != sighted else None
+            row["minus the same by vision, points"] = _gain(own, vision)
+        rows.append(
+            row
+            | {
+                "actions": f"{own['actions_done'].mean():.1f}",
+                "deviation": _mean(own["mean_deviation_mm"], "mm"),
+                "time, median": md.duration(own["seconds"].median()),
+                "planning, median": md.duration(own["planning_seconds"].median()),
+            }
+        )
+    return md.table(rows)
+
+
+def _first_cells(knot: str, level: int, name: str) -> dict[str, str]:
+    return {"knot": knot.replace("_", " "), "level": str(level), "controller": _label(name)}
+
+
+def _mean(values: pd.Series, unit: str) -> str:
+    return md.NOTHING if values.isna().all() else f"{values.mean():.0f} {unit}"
+
+
+def _gain(own: pd.DataFrame, base: pd.DataFrame | None) -> str:
+    """Percentage points tied above others, on the twins that both were executed on."""
+    both = None if base is None else own.merge(base, on="twin", suffixes=("", "_base"))
+    if both is None or both.empty:
+        return md.NOTHING
+    return md.estimate(
+        mean_difference(100.0 * both["tied"], 100.0 * both["tied_base"], paired=True)
+    )
+
+
+def _causes(groups: Groups) -> str:
+    """A line a kind of execution, a column a cause; '' where all were tied."""
+    failed = {group: own[~own["tied"]] for group, own in groups.items()}
+    causes = sorted({cause for own in failed.values() for cause in own["cause"] if cause})
+    rows = [
+        _first_cells(*group)
+        | {"not tied": str(len(own))}
+        | {cause: str((own["cause"] == cause).sum() or md.NOTHING) for cause in causes}
+        for group, own in failed.items()
+        if len(own)
+    ]
+    return md.table(rows, "Causes of failure, the first that applies:")
+
+
+def _ticks(groups: Groups) -> str:
+    """What a tick takes, for those that MPPI executes; '' where there are none."""
+    runs = pd.concat(groups.values())
+    rows = [
+        {"controller": _label(name)} | {TICK[one]: _mean(own[one], "ms") for one in TICK}
+        for name, own in runs[runs["tick_ms"].notna()].groupby("controller", sort=False)
+    ]
+    return md.table(
+        rows,
+        "Time of one control tick on one core: the simulated image, which a real camera makes by "
+        "itself, tracking the rope in it, and choosing the motion by MPPI.",
+    )
+
+
+def _faults(runs: pd.DataFrame) -> str:
+    """What became of executions in which something failed; '' without any."""
+    rows = []
+    for (fault, name), own in runs.groupby(["fault", "controller"], sort=False):
+        reported = own["reported"] == "yes"
+        reasons = own[~reported]["cause"].replace("", "tied, not reported").value_counts()
+        causes = ", ".join(f"{reason} {count}" for reason, count in reasons.items())
+        rows.append(
+            {
+                "fault": str(fault),
+                "controller": _label(name),
+                "twins": str(len(own)),
+                "recovered": str((reported & own["tied"]).sum()),
+                "stopped": str((~reported).sum()),
+                "falsely reported tied": str((reported & ~own["tied"]).sum()),
+                "why stopped": causes or md.NOTHING,
+            }
+        )
+    return md.table(
+        rows,
+        "In the following executions something failed in the first action: no frames for a while, "
+        "the fingers opened in the middle of the drag, or images showed the table without the rope "
+        "until after the first look. *Recovered* is tied and reported; *stopped* is everything "
+        "that was not reported tied.",
+    )
+
+
+def _plot(figure: Figure, runs: pd.DataFrame) -> None:
+    """Share tied of the knot with most executions, a group of bars a level."""
+    runs = runs[(runs["knot"] == runs["knot"].mode()[0]) & (runs["fault"] == "")]
+    names = [name for name in CONTROLLERS if name in set(runs["controller"])]
+    levels = sorted(runs["level"].unique())
+    step = min(0.8 / len(names), 0.25)
+    axes = figure.add_subplot()
+    for place, name in enumerate(names):
+        label, colour = CONTROLLERS[name]
+        for group, level in enumerate(levels):
+            own = runs[(runs["controller"] == name) & (runs["level"] == level)]
+            if own.empty:
+                continue
+            rate = wilson(own["tied"].sum(), len(own))
+            assert rate.low is not None and rate.high is not None
+            x = group + (place - (len(names) - 1) / 2) * step
+            axes.bar(x, 100 * rate.estimate, 0.9 * step, color=colour, label=label)
+            axes.plot([x, x], [100 * rate.low, 100 * rate.high], color=INK, linewidth=1.0)
+            label = ""
+    axes.set_xticks(range(len(levels)), [f"level {level}" for level in levels])
+    axes.set_ylim(0, 100)
+    axes.set_ylabel("tied, %")
+    bare_axis(axes, "y")
+    figure.legend(loc="outside upper left", ncols=4, frameon=False, fontsize=8.5)
+
+
+TRAJECTORIES = {"plan": int, "solved": bool} | dict.fromkeys(
+    (
+        *("waypoints", "unreached", "tip_error_mm", "tip_speed", "limit_margin_deg"),
+        *("joint_speed_share", "seconds", "slowed"),
+    ),
+    float,
+)
+
+
+def arm(results: Results, _: Figures) -> str | None:
+    """A line for each property of the trajectories that was checked."""
+    plans = results.table("arm", "trajectories.csv", TRAJECTORIES, ("plan",))
+    if plans is None:
+        return None
+    found = plans[plans["solved"]]
+    if found.empty:
+        return f"None of {len(plans)} searches found a plan."
+    reachable = found["unreached"] == 0
+    reached = 1 - found["unreached"].sum() / found["waypoints"].sum()
+    measured = {
+        "fully reachable plans": f"{md.rate(reachable)}, {reachable.sum()} of {len(found)}",
+        "waypoints reached": f"{100 * reached:.2f} %",
+        "largest tip error at a reached waypoint": f"{found['tip_error_mm'].max():.2f} mm",
+        "largest tip speed": f"{found['tip_speed'].max():.3f} m/s",
+        "smallest distance of a joint from its limits": f"{found['limit_margin_deg'].min():.1f}°",
+        "largest joint speed": f"{100 * found['joint_speed_share'].max():.0f} % of its limit",
+        "duration of a plan, median": md.duration(found["seconds"].median()),
+        "slowdown against the simulation while the rope is held, median": (
+            f"{found['slowed'].median():.1f} times"
+        ),
+    }
+    return md.join(
+        f"Of {len(plans)} searches, {len(found)} found a plan. Each plan became a joint "
+        "trajectory, moves between the splines included, and was checked with the arm's forward "
+        "kinematics at and between its waypoints.",
+        md.table([{"trajectories": name, "measured": value} for name, value in measured.items()]),
+        "A plan is fully reachable if the tip reaches every waypoint with a gripper that closes "
+        "across the strand and tilts no more than allowed. A real arm also has to hold the rope; "
+        "see [closed-loop execution](#closed-loop-execution).",
+    )
+
+
+SECTION = Section(
+    CLOSED_LOOP,
+    "Closed-loop execution",
+    "Sec. VI and VII-D",
+    "Plans executed on simulated ropes (twins) that differ from the nominal one in friction, "
+    "stiffness, damping, density and radius, by a gripper that errs: not at level 0, slightly at "
+    "level 1, twice as much at level 2. All controllers meet the same twins.",
+    closed_loop,
+)
+PARTS = Section(
+    ABLATION,
+    "Closed-loop ablation",
+    "beyond the paper",
+    "The same twins with the rope's true state in place of vision, without MPPI, and with faults "
+    "of robot and camera.",
+    ablation,
+)
+ARM = Section(
+    "arm",
+    "Arm trajectories",
+    "Sec. VI",
+    "Joint trajectories of plans from random ropes, for a Panda in its default place.",
+    arm,
+)

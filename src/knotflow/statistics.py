@@ -1,0 +1,188 @@
+"""Confidence intervals of rates, ratios, means and medians, the same in every table and report.
+
+Rates and their ratios have their starts resampled where they are known start by start, otherwise
+Wilson's and the MOVER-R interval. Counts and distances have a percentile bootstrap.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+LEVEL = 0.95
+TAILS = ((1 - LEVEL) / 2, (1 + LEVEL) / 2)
+RESAMPLES = 9_999
+SEED = 0
+"""Of every bootstrap: the same results have to give the same report."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """An estimate and its 95 % limits, which are None where the data allow none."""
+
+    estimate: float
+    low: float | None
+    high: float | None
+
+    def lies_above(self, value: float) -> bool:
+        """Whether the whole interval lies above `value`."""
+        return self.low is not None and self.low > value
+
+    def reaches(self, value: float) -> bool:
+        """Whether `value` or more is compatible with the data."""
+        return (self.estimate if self.high is None else self.high) >= value
+
+
+def wilson(successes: int, trials: int) -> Interval:
+    """Wilson score interval of a success rate.
+
+    Raises:
+        ValueError: no trials, or successes outside 0..trials.
+    """
+    if trials < 1 or not 0 <= successes <= trials:
+        raise ValueError(
+            f"{successes} successes in {trials} trials is no rate; "
+            "needs trials >= 1 and 0 <= successes <= trials"
+        )
+    limits = stats.binomtest(int(successes), int(trials)).proportion_ci(LEVEL, method="wilson")
+    return Interval(float(successes / trials), float(limits.low), float(limits.high))
+
+
+def rate_columns(successes: Iterable[int], trials: Iterable[int]) -> dict[str, list[float | None]]:
+    """The columns success_rate, ci_low and ci_high of a table, with Wilson's limits."""
+    rates = [wilson(hits, count) for hits, count in zip(successes, trials, strict=True)]
+    return {
+        "success_rate": [rate.estimate for rate in rates],
+        "ci_low": [rate.low for rate in rates],
+        "ci_high": [rate.high for rate in rates],
+    }
+
+
+def clustered_rate(successes: ArrayLike, trials: ArrayLike) -> Interval:
+    """Success rate with its starts (n,) resampled: percentile cluster bootstrap.
+
+    Rollouts of one start are alike, so that the starts are what was drawn independently. Where no
+    start differs from another, it is Wilson's interval with one trial a start.
+    """
+    hit, tried = np.asarray(successes, float), np.asarray(trials, float)  # (n,) each
+    estimate = float(hit.sum() / tried.sum())
+    if _all_alike(hit, tried):
+        limits = wilson(round(estimate * len(hit)), len(hit))
+        return Interval(estimate, limits.low, limits.high)
+    weights = _resamples(len(hit))
+    low, high = np.quantile((weights @ hit) / (weights @ tried), TAILS)
+    return Interval(estimate, float(low), float(high))
+
+
+def clustered_ratio(
+    successes: ArrayLike, trials: ArrayLike, base_successes: ArrayLike, base_trials: ArrayLike
+) -> Interval:
+    """Ratio of two success rates on the same starts (n,), which are resampled together.
+
+    The upper limit is `inf` where too many resamples have no success of the base. Where the starts
+    of one of them are all alike (none succeeds, say), it is made from the two rates' intervals.
+    """
+    top = np.asarray(successes, float), np.asarray(trials, float)  # (n,) each
+    base = np.asarray(base_successes, float), np.asarray(base_trials, float)
+    if _all_alike(*top) or _all_alike(*base):
+        return rate_ratio(clustered_rate(*top), clustered_rate(*base))
+    weights = _resamples(len(top[0]))
+    p, q = ((weights @ hit) / (weights @ tried) for hit, tried in (top, base))
+    some = (p > 0) | (q > 0)  # a resample without any success has no ratio
+    ratios = np.divide(p[some], q[some], out=np.full(some.sum(), math.inf), where=q[some] > 0)
+    low, high = np.quantile(ratios, TAILS, method="inverted_cdf")
+    estimate = (top[0].sum() / top[1].sum()) / (base[0].sum() / base[1].sum())
+    return Interval(float(estimate), float(low), float(high))
+
+
+def rate_ratio(top: Interval, base: Interval) -> Interval:
+    """Ratio of two success rates, with the MOVER-R interval made from theirs (Donner & Zou, 2012).
+
+    A base rate of 0 still has a finite lower limit. The estimate is `inf` there, and `nan` where
+    both rates are 0.
+    """
+    p, q = top.estimate, base.estimate
+    assert top.low is not None and top.high is not None
+    assert base.low is not None and base.high is not None
+    # The limits are the roots of r^2 a - 2 r p q + c = 0, for the lower one in the form that
+    # also survives a = 0.
+    a, c = base.high * (2 * q - base.high), top.low * (2 * p - top.low)
+    below = p * q + math.sqrt(max(p * p * q * q - a * c, 0.0))
+    low = c / below if below > 0 else 0.0
+    b, d = base.low * (2 * q - base.low), top.high * (2 * p - top.high)
+    high = (p * q + math.sqrt(max(p * p * q * q - b * d, 0.0))) / b if b > 0 else math.inf
+    estimate = p / q if q > 0 else math.inf if p > 0 else math.nan
+    return Interval(estimate, low, high)
+
+
+def mean_rate(rates: Sequence[Interval]) -> Interval:
+    """Mean of independent success rates, with the MOVER interval made from theirs."""
+    estimates, lows, highs = np.array([(r.estimate, r.low, r.high) for r in rates], float).T
+    mean = float(estimates.mean())
+    below, above = (np.linalg.norm(estimates - side) / len(rates) for side in (lows, highs))
+    return Interval(mean, mean - float(below), mean + float(above))
+
+
+def bootstrap(
+    values: Sequence[float], statistic: Callable[..., NDArray[np.float64]] = np.mean
+) -> Interval:
+    """Percentile bootstrap interval of `statistic` (np.mean or np.median) of a sample (n,).
+
+    A sample of one value, or of equal ones, has an estimate and no limits. Raises ValueError on an
+    empty sample.
+    """
+    sample = np.asarray(values, dtype=float)  # (n,)
+    if sample.size == 0:
+        raise ValueError("an empty sample has no mean and no interval; needs at least one value")
+    estimate = float(statistic(sample))
+    if np.all(sample == sample[0]):
+        return Interval(estimate, None, None)
+    return _percentile(estimate, (sample,), statistic)
+
+
+def mean_difference(values: Sequence[float], base: Sequence[float], *, paired: bool) -> Interval:
+    """Mean of `values` less mean of `base`, percentile bootstrap; `paired` resamples pairs."""
+    first, second = np.asarray(values, dtype=float), np.asarray(base, dtype=float)
+    if paired:
+        return bootstrap(first - second)
+    estimate = float(first.mean() - second.mean())
+    if min(first.size, second.size) < 2:
+        return Interval(estimate, None, None)
+    return _percentile(
+        estimate,
+        (first, second),
+        lambda a, b, axis=-1: np.mean(a, axis=axis) - np.mean(b, axis=axis),
+    )
+
+
+def _percentile(
+    estimate: float,
+    samples: tuple[NDArray[np.float64], ...],
+    statistic: Callable[..., NDArray[np.float64]],
+) -> Interval:
+    limits = stats.bootstrap(
+        samples,
+        statistic,
+        confidence_level=LEVEL,
+        n_resamples=RESAMPLES,
+        method="percentile",
+        rng=np.random.default_rng(SEED),
+    ).confidence_interval
+    return Interval(estimate, float(limits.low), float(limits.high))
+
+
+def _all_alike(successes: NDArray[np.float64], trials: NDArray[np.float64]) -> bool:
+    return bool(np.all(successes * trials[0] == successes[0] * trials))
+
+
+@cache
+def _resamples(n: int) -> NDArray[np.float64]:
+    """How often each of n starts is drawn in each resample (RESAMPLES, n)."""
+    rng = np.random.default_rng(SEED)
+    return rng.multinomial(n, np.full(n, 1 / n), size=RESAMPLES).astype(float)  # for the products

@@ -1,0 +1,94 @@
+"""Executions are compared on the same twins, and each failure has a cause; arm trajectories."""
+
+import pytest
+
+from knotflow.report import execution
+from knotflow.report.results import Results, ResultsError
+from knotflow.report.section import Figures
+
+COLUMNS = ("controller", "level", "twin", "knot", "fault", "tied", "reported", "actions_done")
+COLUMNS += ("mean_deviation_mm", "seconds", "planning_seconds", "image_ms", "track_ms", "mppi_ms")
+COLUMNS += ("tick_ms", "cause", "reason")
+
+
+def row(controller, level, twin, tied, cause="", reported="", tick="", fault="", planning=5.0):
+    seconds, reason = 24.0 + twin, "every step was executed"
+    ticks = ("", "", tick, tick)
+    told = (tied, reported, 3, 12.5, seconds, planning, *ticks, cause, reason)
+    return (controller, level, twin, "overhand", fault, *told)
+
+
+def executions():
+    yield from (row("open_loop", 1, twin, twin < 6, "" if twin < 6 else "out of the DAG")
+                for twin in range(10))  # fmt: skip
+    for twin in range(8):  # on fewer twins: only these are compared
+        seen = {"reported": "yes", "cause": "" if twin else "state misread"}
+        yield row("replan", 1, twin, bool(twin), **seen)
+
+
+def executions_of_parts():
+    yield row("mppi_true_state", 2, 0, True, tick=52.0)
+    yield row("replan_true_state", 1, 0, True, reported="yes")
+    yield row("open_loop_robust", 1, 1, True, planning=11.0)
+    yield row("replan", 1, 0, True, reported="yes", fault="rope dropped")
+    yield row("replan", 1, 1, False, "rope not seen", reported="no", fault="rope dropped")
+
+
+def body(write, section=execution.SECTION):
+    results = Results(write.root)
+    return section.body(results, Figures(results))
+
+
+def test_difference_is_of_the_same_twins(write):
+    write.table("closed_loop", "executions.csv", COLUMNS, executions())
+    text = body(write)
+    (line,) = [one for one in text.splitlines() if "| replanning | 87" in one]
+    # Seven of eight against six of the same eight: twins 6 and 7 gained, twin 0 lost.
+    assert "7 of 8" in line and "| 12.5 (" in line
+    assert "1 of 8 executions that ended with a look" in text
+    header = "| knot | level | controller | not tied | out of the DAG | state misread |"
+    assert header in text and "(figures/executions.png)" in text
+
+
+def test_ablation_is_compared_with_closed_loop(write):
+    assert body(write, execution.PARTS) is None
+    write.table("closed_loop", "executions.csv", COLUMNS, executions())
+    write.table("closed_loop_ablation", "executions.csv", COLUMNS, executions_of_parts())
+    text = body(write, execution.PARTS)
+    assert "| MPPI, true state | – | – | 52 ms | 52 ms |" in text
+    (line,) = [one for one in text.splitlines() if "| replanning, true state |" in one]
+    assert "| 100 |" in line  # twin 0, which vision did not tie
+    assert "| rope dropped | replanning | 2 | 1 | 1 | 0 | rope not seen 1 |" in text
+    assert "robust" not in text
+
+
+@pytest.mark.parametrize(
+    ("wrong", "problem"),
+    [
+        (row("replan", 1, 0, True, "grasp missed"), "tied, and failed by grasp missed"),
+        (row("replan", "one", 0, True), "level is 'one'"),
+    ],
+)
+def test_contradictory_table_is_refused(write, wrong, problem):
+    write.table("closed_loop", "executions.csv", COLUMNS, [wrong])
+    with pytest.raises(ResultsError, match=problem):
+        body(write)
+
+
+ARM = ("plan", "knot", "solved", "waypoints", "unreached", "tip_error_mm", "tip_speed")
+ARM += ("limit_margin_deg", "joint_speed_share", "seconds", "slowed")
+PLANS = [
+    (0, "overhand", True, 400, 0, 0.4, 0.249, 8.1, 0.5, 40.0, 3.0),
+    (1, "overhand", True, 600, 6, 0.7, 0.25, 2.0, 0.9, 60.0, 4.0),
+    (2, "overhand", False, *[""] * 8),
+]
+
+
+def test_arm_trajectories_are_of_the_plans_that_were_found(write):
+    write.table("arm", "trajectories.csv", ARM, PLANS)
+    text = body(write, execution.ARM)
+    assert "Of 3 searches, 2 found a plan" in text
+    for part in ("1 of 2", "99.40 %", "0.70 mm", "0.250 m/s", "2.0°", "90 %", "50 s", "3.5 times"):
+        assert part in text
+    write.table("arm", "trajectories.csv", ARM, PLANS[2:])
+    assert body(write, execution.ARM) == "None of 1 searches found a plan."

@@ -1,0 +1,178 @@
+"""Laws of the intervals: symmetry, scale, reciprocity, and that they cover what they promise."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from knotflow.statistics import (
+    bootstrap,
+    clustered_rate,
+    clustered_ratio,
+    mean_difference,
+    mean_rate,
+    rate_columns,
+    rate_ratio,
+    wilson,
+)
+
+
+def ratio(successes, trials, base_successes, base_trials):
+    return rate_ratio(wilson(successes, trials), wilson(base_successes, base_trials))
+
+
+def test_a_mean_of_four_like_rates_is_known_twice_as_well_as_one():
+    one = wilson(3, 20)
+    assert mean_rate([one]) == one
+    mean = mean_rate([one] * 4)
+    assert mean.estimate == pytest.approx(one.estimate)
+    assert mean.estimate - mean.low == pytest.approx((one.estimate - one.low) / 2)
+    assert mean.high - mean.estimate == pytest.approx((one.high - one.estimate) / 2)
+
+
+@pytest.mark.parametrize("counts", [(30, 100, 10, 100), (399, 400, 3, 400), (5, 20, 7, 300)])
+def test_swapping_the_rates_takes_the_reciprocal(counts):
+    there, back = ratio(*counts), ratio(*counts[2:], *counts[:2])
+    assert there.estimate == pytest.approx(1 / back.estimate)
+    assert there.low == pytest.approx(1 / back.high)
+    assert there.high == pytest.approx(1 / back.low)
+    assert there.low < there.estimate < there.high
+
+
+def test_a_base_that_never_succeeded_still_gives_a_lower_limit():
+    found = ratio(208, 400, 0, 400)
+    assert math.isinf(found.estimate) and math.isinf(found.high)
+    assert 40 < found.low < 100
+    nothing = ratio(0, 400, 0, 400)
+    assert math.isnan(nothing.estimate)
+    assert (nothing.low, nothing.high) == (0, math.inf)
+
+
+@pytest.mark.parametrize(("p", "q"), [(0.6, 0.3), (0.3, 0.05), (0.9, 0.8)])
+def test_ratio_interval_covers_what_it_promises(p, q, n=40):
+    """Exact coverage: every outcome of two binomials, weighted with its probability."""
+    covered = 0.0
+    top, base = (stats.binom.pmf(np.arange(n + 1), n, rate) for rate in (p, q))
+    for i in np.flatnonzero(top > 1e-4):
+        for j in np.flatnonzero(base > 1e-4):
+            interval = ratio(int(i), n, int(j), n)
+            covered += top[i] * base[j] * (interval.low <= p / q <= interval.high)
+    assert 0.93 < covered < 0.99
+
+
+def test_bootstrap_is_the_same_each_time_and_follows_the_scale():
+    sample = np.random.default_rng(3).exponential(5, 40)
+    one, again, scaled = bootstrap(sample), bootstrap(sample), bootstrap(10 * sample)
+    assert one == again
+    assert (scaled.low, scaled.high) == pytest.approx((10 * one.low, 10 * one.high))
+    assert one.low < one.estimate < one.high
+
+
+def test_bootstrap_of_the_mean_is_as_wide_as_theory_says():
+    sample = np.random.default_rng(4).normal(size=400)
+    interval = bootstrap(sample)
+    assert interval.high - interval.low == pytest.approx(2 * 1.96 * sample.std() / 20, rel=0.05)
+
+
+@pytest.mark.parametrize("sample", [[3], [3, 3, 3]])
+def test_equal_values_have_no_limits(sample):
+    interval = bootstrap(sample)
+    assert (interval.estimate, interval.low, interval.high) == (3, None, None)
+
+
+def test_bootstrap_refuses_an_empty_sample():
+    with pytest.raises(ValueError, match="empty sample"):
+        bootstrap([])
+
+
+def test_pairs_that_move_together_give_a_narrower_difference():
+    rng = np.random.default_rng(5)
+    base = rng.normal(0, 3, 50)
+    values = base - 1 + rng.normal(0, 0.2, 50)
+    paired = mean_difference(values, base, paired=True)
+    apart = mean_difference(values, base, paired=False)
+    assert paired.estimate == pytest.approx(apart.estimate)
+    assert paired.high - paired.low < 0.3 * (apart.high - apart.low)
+
+
+def test_starts_of_one_trial_are_as_wide_as_wilson_says():
+    hit = np.repeat([1, 0], [120, 280])
+    clustered, plain = clustered_rate(hit, np.ones(400)), wilson(120, 400)
+    assert clustered.estimate == pytest.approx(plain.estimate)
+    assert (clustered.low, clustered.high) == pytest.approx((plain.low, plain.high), abs=0.01)
+
+
+def test_trials_that_are_all_alike_count_as_one_a_start():
+    eight, one = (clustered_rate(np.repeat([n, 0], [20, 30]), np.full(50, n)) for n in (8, 1))
+    assert eight == one
+    assert eight.high - eight.low > 2 * (wilson(160, 400).high - wilson(160, 400).low)
+
+
+@pytest.mark.parametrize("hit", [0, 8])
+def test_starts_without_a_difference_have_wilsons_limits_of_so_many_starts(hit):
+    found, plain = clustered_rate(np.full(50, hit), np.full(50, 8)), wilson(50 * (hit > 0), 50)
+    assert found == plain
+
+
+def test_clustered_intervals_cover_what_they_promise():
+    """Starts of very different difficulty, a truth that is known, many samples of 50 starts."""
+    rng, covered = np.random.default_rng(7), {"clustered": 0, "wilson": 0}
+    for _ in range(300):
+        hit = rng.binomial(8, rng.beta(0.3, 0.3, 50))
+        for name, found in (
+            ("clustered", clustered_rate(hit, np.full(50, 8))),
+            ("wilson", wilson(hit.sum(), 400)),
+        ):
+            covered[name] += found.low <= 0.5 <= found.high
+    assert covered["clustered"] > 0.9 * 300 and covered["wilson"] < 0.75 * 300
+
+
+def test_a_ratio_on_the_same_starts_is_narrower_than_one_on_others():
+    rng = np.random.default_rng(8)
+    skill = rng.beta(0.5, 0.5, 50)
+    first, second = rng.binomial(8, skill), rng.binomial(8, 0.7 * skill)
+    tried = np.full(50, 8)
+    paired = clustered_ratio(first, tried, second, tried)
+    apart = rate_ratio(clustered_rate(first, tried), clustered_rate(second, tried))
+    assert paired.estimate == pytest.approx(apart.estimate) == first.sum() / second.sum()
+    assert paired.low < paired.estimate < paired.high
+    assert paired.high - paired.low < apart.high - apart.low
+
+
+def test_a_base_that_hardly_or_never_succeeds_leaves_a_lower_limit_only():
+    tried, hit = np.full(50, 8), np.repeat([6, 0], [25, 25])
+    hardly = clustered_ratio(hit, tried, np.repeat([1, 0], [2, 48]), tried)
+    assert hardly.estimate == pytest.approx(75) and math.isinf(hardly.high) and hardly.low > 10
+    never = clustered_ratio(hit, tried, np.zeros(50), tried)
+    assert math.isinf(never.estimate) and math.isinf(never.high) and never.low > 1
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(0, 400), (14, 400), (200, 400), (3, 7), (1, 1)])
+def test_wilson_is_mirror_symmetric(successes, trials):
+    one, other = wilson(successes, trials), wilson(trials - successes, trials)
+    assert one.estimate == pytest.approx(1 - other.estimate)
+    assert one.low == pytest.approx(1 - other.high)
+    assert 0 <= one.low <= one.estimate <= one.high <= 1
+
+
+def test_wilson_limits_solve_the_score_equation():
+    interval, z = wilson(14, 400), stats.norm.ppf(0.975)
+    for limit in (interval.low, interval.high):
+        score = (14 / 400 - limit) / math.sqrt(limit * (1 - limit) / 400)
+        assert abs(score) == pytest.approx(z)
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(1, 0), (5, 4), (-1, 4)])
+def test_wilson_refuses_what_is_no_rate(successes, trials):
+    with pytest.raises(ValueError, match="is no rate"):
+        wilson(successes, trials)
+
+
+def test_a_tables_columns_are_those_intervals():
+    columns = rate_columns([0, 14], [1, 400])
+    assert columns["success_rate"] == [0, 14 / 400]
+    assert columns["ci_high"] == [wilson(0, 1).high, wilson(14, 400).high]
+    assert rate_columns([], []) == {"success_rate": [], "ci_low": [], "ci_high": []}
