@@ -50,8 +50,8 @@ def test_every_rollout_is_recorded_with_its_outcome(results):
     table = pd.read_csv(results / "single_stage" / "success_rates.csv")
     record = json.loads((results / "single_stage" / "run.json").read_text())
     for method in METHODS:
-        node = record["stages"].get(f"{method}_evaluation") or record["stages"][method]
-        folder = results / "stages" / node["stage"] / node["signature"] / "recordings"
+        node = record["stages"][f"evaluation[{method}]"]
+        folder = results / "stages" / node["stage"] / node["key"] / "recordings"
         rollouts = load(folder)
         arranging = rollouts["action"].str.startswith("arrange")
         # One that loses the state it shall keep ends its trial, before the action was tried.
@@ -64,9 +64,9 @@ def test_every_rollout_is_recorded_with_its_outcome(results):
         for action, count in hits.items():
             assert of_method.loc[action, "successes"] == count
     node = record["stages"]["demonstrations"]
-    copies = load(results / "stages" / node["stage"] / node["signature"] / "recordings")
+    copies = load(results / "stages" / node["stage"] / node["key"] / "recordings")
     assert len(copies) == 48 * 2 + 2 * 8
-    assert set(copies["signature"]) == {node["signature"]}
+    assert set(copies["signature"]) == {node["key"]}
 
 
 def test_exemplars_end_where_their_outcome_says(results):

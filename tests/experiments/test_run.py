@@ -1,0 +1,94 @@
+import json
+import shutil
+
+import hydra
+import pytest
+
+import knotflow
+from knotflow.experiments.config import HOME, experiments, register
+from knotflow.experiments.run import stale, workflow_of
+from knotflow.workflow import dependencies
+
+EXPERIMENTS = [name for name in experiments() if name != "paper"]
+
+
+def composed(experiment, *overrides):
+    register()
+    with hydra.initialize_config_dir(str(HOME / "conf"), version_base="1.3"):
+        return hydra.compose("config", overrides=[f"+experiment={experiment}", *overrides])
+
+
+@pytest.mark.parametrize("budget", ["paper", "smoke"])
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_every_experiment_binds_and_has_results(experiment, budget):
+    workflow = workflow_of(composed(experiment, f"budget={budget}"))
+    assert workflow.name == experiment and workflow.caption
+    assert workflow.results and workflow.keys.keys() == workflow.nodes.keys()
+
+
+def test_the_sweep_over_all_experiments_names_each():
+    text = (HOME / "conf" / "experiment" / "paper.yaml").read_text()
+    named = text.partition(">-")[2].replace("\n", "").replace(" ", "").split(",")
+    assert sorted(named) == EXPERIMENTS
+
+
+def test_experiments_share_what_they_train():
+    keys = [
+        workflow_of(composed(experiment)).keys
+        for experiment in ("single_stage", "tree_size", "joint_finetuning", "causal_infogan")
+    ]
+    for shared in ("demonstrations", "imitation", "pools", "reinforcement"):
+        assert len({one[shared] for one in keys}) == 1
+    ablation = workflow_of(composed("ablation_actor_critic")).keys
+    assert ablation["reinforcement[actor_critic]"] == keys[0]["reinforcement"]
+    assert ablation["reinforcement[actor_only]"] != keys[0]["reinforcement"]
+
+
+def test_groups_and_sections_are_overridden_from_the_command_line():
+    nodes = workflow_of(
+        composed("knots", "planner=paper", "rope.length=0.8", "knots.seeds=3")
+    ).nodes
+    arguments = nodes["searches"].arguments
+    assert (arguments["planner"].rule, arguments["seeds"]) == ("paper", 3)
+    assert arguments["simulation"].rope.length == 0.8
+
+
+@pytest.fixture
+def results(tmp_path):
+    """A results folder whose benchmark is of today's code."""
+    workflow = workflow_of(composed("benchmark"))
+    stages = {
+        name: {"key": workflow.keys[name], **workflow.identities[name]} for name in workflow.nodes
+    }
+    run = {"workflow": "benchmark", "budget": "paper", "stages": stages, "ships": {}}
+    (tmp_path / "benchmark").mkdir()
+    (tmp_path / "benchmark" / "run.json").write_text(json.dumps(run))
+    return tmp_path
+
+
+def test_todays_results_are_not_stale(results):
+    assert not [*stale(results)]
+
+
+def test_an_upgraded_library_makes_results_stale(results, monkeypatch):
+    before = dependencies.minor_version
+
+    def upgraded(name):
+        return "99.0" if name == "mujoco" else before(name)
+
+    monkeypatch.setattr(dependencies, "minor_version", upgraded)
+    found = {one.where: one.reasons for one in stale(results)}
+    assert found.keys() == {"benchmark/throughput", "benchmark/gradient_steps"}
+    assert any("mujoco" in reason and "99.0" in reason for reason in found["benchmark/throughput"])
+
+
+def test_changed_shipped_weights_and_unknown_experiments_are_stale(results):
+    shutil.copytree(results / "benchmark", results / "gone")
+    file = results / "gone" / "run.json"
+    file.write_text(file.read_text().replace('"workflow": "benchmark"', '"workflow": "gone"'))
+    file = results / "benchmark" / "run.json"
+    run = json.loads(file.read_text())
+    run["ships"] = {"samplers/primitives/data": {"node": "throughput", "digest": "0" * 16}}
+    file.write_text(json.dumps(run))
+    assert {one.where for one in stale(results)} == {"gone", "samplers/primitives/data"}
+    assert knotflow
