@@ -67,9 +67,9 @@ def test_section_has_panel_curves_and_tables(write):
     fill(write, plans([0.04, 0.06]) + plans([0.02], shapes="training"), ("", "", "spread"))
     text, figures = body(write)
     assert set(figures.made) == {"causal_infogan_panel_single", "causal_infogan_curves"}
-    assert "2 of 3 trainings on single action and 0 of" in text
-    assert "Causal InfoGAN, single action" in text and "50.0 %" in text
-    assert "| single action | `C(0,1,1)` | unseen | 2 | 50 " in text
+    assert "2 of 3 trainings on one action and 0 of" in text
+    assert "Causal InfoGAN, one action" in text and "50.0 %" in text
+    assert "| one action | `C(0,1,1)` | unseen | 2 | 50 " in text
 
 
 def test_section_needs_all_its_tables(write):

@@ -124,10 +124,10 @@ def test_plan_is_shown_with_its_own_pictures(write):
     knot_searches(write, "overhand", [("overhand", "random", 0, 5, True)])
     (write.root / "overhand" / "plan.png").touch()
     text = body(write, knots.OVERHAND)
-    assert "tied the knot from a `random` rope (seed 0) by `C(0,1,1)`, after 5 branches" in text
+    assert "tied the knot from the start `random` (seed 0) by `C(0,1,1)`, after 5 branches" in text
     assert "(../results/overhand/plan.png)" in text and "dag.png" not in text
     knot_searches(write, "overhand", [("overhand", "arc", 2, 9, False)])
-    assert "did not tie the knot from a `arc` rope (seed 2): gave up." in body(
+    assert "did not tie the knot from the start `arc` (seed 2): gave up." in body(
         write, knots.OVERHAND
     )
 

@@ -18,7 +18,7 @@ from knotflow.viz.rope import draw_rope
 from knotflow.viz.style import INK, MUTED, WIDTH
 
 EXPERIMENT = "causal_infogan"
-MODELS = {"single": "single action", "all": "all demonstrations"}
+MODELS = {"single": "one action", "all": "all demonstrations"}
 COLOURS = {"single": "#0072b2", "all": "#e69f00"}
 LABELS = {method.name: method.label for method in (RANDOM, ICP, IMITATION, REINFORCEMENT)}
 LABELS |= {f"causal_infogan_{model}": f"Causal InfoGAN, {name}" for model, name in MODELS.items()}

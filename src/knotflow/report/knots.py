@@ -40,7 +40,7 @@ def overhand(results: Results, figures: Figures) -> str | None:
     if searches.empty:
         return None
     search = next(searches.itertuples())
-    start = f"from a `{search.start}` rope (seed {search.seed})"
+    start = f"from the start `{search.start}` (seed {search.seed})"
     return md.join(
         f"The search tied the knot {start} by `{search.path}`, after {search.branches} branches "
         f"and {md.duration(search.seconds)}."

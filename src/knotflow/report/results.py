@@ -203,12 +203,14 @@ class Results:
         return read_table(path, columns, key) if path.is_file() else None
 
     def setting(self, experiment: str, name: str, node: str = "") -> Any:
-        """What an experiment's stages, or the one at `node`, were configured with; None where
-        nothing says. The name is looked for at any depth, the outermost first."""
+        """What an experiment's stages, or those with `node` in their name, were configured with.
+
+        The name is looked for at any depth, the outermost first; None where nothing says.
+        """
         found = self.experiments.get(experiment)
         stages = (found.config.get("stages") or {}) if found else {}
-        for stage in [stages.get(node)] if node else stages.values():
-            for value in _values((stage or {}).get("config"), name):
+        for stage in (own for label, own in stages.items() if node in label):
+            for value in _values(stage.get("config"), name):
                 return value
         return None
 

@@ -85,7 +85,7 @@ def step_table(results: Results, methods: Sequence[Method]) -> str:
         for start in starts
         for label, steps in known.items()
     ]
-    splines = results.setting(EXPERIMENT, "splines", "icp_steps") or "several"
+    splines = results.setting(EXPERIMENT, "splines", "steps") or "several"
     return md.table(
         rows,
         f"The next table explains the sizes step by step. Each action was tried with {splines} "
