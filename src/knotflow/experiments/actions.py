@@ -41,17 +41,8 @@ def actions(
     Makes actions.csv (start, action, class, arranging, trials, successes); one shard a state. Start
     shapes are tied as a plan meets them, each from a random rope by a search.
 
-    Args:
-        run: its folder.
-        primitives: what the sampler may need.
-        simulation: executes the splines.
-        starts: what the ropes look like from which start shapes are tied.
-        sampler: the method.
-        planner: the search that ties the start shapes.
-        most_crossings: of the states that actions lead to.
-        count: start shapes in each state, and trials of each action.
-        arranging: most splines of a trial that make room before the one that acts.
-        seed: of start shapes and trials; used for nothing else.
+    `count` start shapes in each state, and trials of each action; at most `arranging` splines of a
+    trial make room before the one that acts.
     """
     names = [str(state) for state in start_states(most_crossings)]
     build = partial(sampler_of, sampler, primitives=primitives)

@@ -40,17 +40,7 @@ def arm(
 ) -> None:
     """Plans from random ropes, followed by the arm. Makes trajectories.csv, a row a plan.
 
-    Args:
-        run: its folder.
-        primitives: what the sampler may need.
-        simulation: what is planned in.
-        starts: what a random rope looks like.
-        sampler: proposes splines.
-        planner: how plans are found.
-        knot: what is tied, by name.
-        plans: how many, each from a random rope of its own.
-        max_speed: of the tip, metres per second.
-        seed: of ropes and plans; used for nothing else.
+    `max_speed` is of the tip, metres per second.
     """
     build = partial(sampler_of, sampler, primitives=primitives)
     work = partial(_follow, build, simulation, starts, planner, knot, max_speed, seed)

@@ -34,14 +34,7 @@ def throughput(
 ) -> None:
     """Random splines on random curves. Makes throughput.csv, a row a number of links and threads.
 
-    Args:
-        run: its folder.
-        simulation: the simulator.
-        starts: the random curves.
-        rollouts: splines in each case.
-        seed: of starts and splines.
-        links: ropes to compare, by their number of links.
-        repeat: raise it to time again: a finished stage is never run twice.
+    Raise `repeat` to time again: a finished stage is never run twice.
     """
     cpus = os.cpu_count() or 1
     cases = [(number, threads) for number in links for threads in sorted({1, cpus})]

@@ -145,16 +145,8 @@ def causal_infogan_ends(
 
     Makes <goal>.npz with start (N,), points and ends (N, V, 3), metres; ends.csv and recordings.
 
-    Args:
-        run: its folder.
-        evaluation_starts: start shapes.
-        simulation: executes the guesses.
-        starts_focus: most starts of C(0,1,1).
-        starts_other: most starts of each other action.
-        starts_overhand: most starts of the overhand.
-        guesses: executed at a time.
-        rounds: times that so many are executed for each action before a start is left out.
-        seed: of the guesses.
+    At most `starts_focus` starts of C(0,1,1), `starts_overhand` of the overhand, `starts_other` of
+    each other action; `guesses` are executed at a time, `rounds` times for each action.
     """
     most = {goal.name: starts_other for goal in GOALS}
     most |= {FOCUS: starts_focus, OVERHAND: starts_overhand}
@@ -232,14 +224,8 @@ def causal_infogan_plans(
     Makes plans.csv, panel.csv (shapes of Fig. 8), comparison.csv, training.csv, seeds.csv and
     ends.csv; one shard a model.
 
-    Args:
-        run: its folder.
-        demonstrations: whose shapes are planned between, too.
-        causal_infogan_ends: the unseen shapes.
-        models: outputs of `causal_infogan`.
-        evaluations: outputs of `evaluation`; their names are the methods of the comparison.
-        training_rows: plans between shapes of the training data, for each model.
-        seed: of the planning.
+    `evaluations` are the methods of the comparison; `training_rows` plans between shapes of the
+    training data, for each model.
     """
     shards = [
         f"plans/{name}-{number}"

@@ -93,19 +93,6 @@ def closed_loop(
     """Executions on perturbed twins, all controllers on the same ones; one shard a twin.
 
     Makes executions.csv, a row an execution, and film-<knot>-<level>/ of those recorded.
-
-    Args:
-        run: its folder.
-        primitives: what the sampler may need.
-        dynamics_weights: of the learned dynamics.
-        network: that sees ropes.
-        simulation: the planner's, around whose rope the twins' are drawn.
-        starts: what a random rope looks like.
-        sampler: proposes splines.
-        planner: how is planned, before an execution and after each action.
-        execution: heights, speeds, and when an execution is given up.
-        cases: what is compared.
-        seed: of ropes, plans and twins; used for nothing else.
     """
     build = partial(sampler_of, sampler, primitives=primitives)
     setup = _Setup(

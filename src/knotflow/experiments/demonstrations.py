@@ -59,14 +59,7 @@ def demonstrations(
     Makes recordings/*.mcap with index.parquet, trials/*.npz and success.csv; one shard a
     demonstration.
 
-    Args:
-        run: its folder.
-        demonstrations_file: demonstrations to copy (JSON lines).
-        simulation: decides which copies succeed.
-        noise: that is added.
-        copies: of a demonstration from a tangled start.
-        copies_untangled: of a demonstration from an untangled start.
-        seed: of the noise.
+    `copies` are of a demonstration from a tangled start.
     """
     shown = load_demonstrations(demonstrations_file)
     named = {f"{number:03d}-{one.task.name}": one for number, one in enumerate(shown)}
@@ -180,12 +173,7 @@ def evaluation_starts(
 
     Makes <task>.npz with `points` (N, V, 3), recordings/<task>.mcap and starts.csv.
 
-    Args:
-        run: its folder.
-        simulation: executes the earlier actions.
-        starts: what a start looks like.
-        count: starts of each task.
-        seed: used for nothing else.
+    `count` starts of each task; `seed` is used for nothing else.
     """
     names = [task.name for task in TASKS]
     work = partial(_reach_starts, simulation, starts, count, seed)
@@ -236,13 +224,8 @@ def pools(
 
     Makes <start state>.npz and recordings/*.mcap.
 
-    Args:
-        run: its folder.
-        simulation: executes the earlier actions.
-        starts: what a start looks like.
-        count: starts in each state.
-        attempts: splines after which a state has the starts that were reached by then.
-        seed: not that of the evaluation starts.
+    `count` starts in each state, or those that `attempts` splines reached; another seed than that
+    of the evaluation starts.
     """
     actions = {str(task.start_state): task.start_actions for task in TASKS}
     work = partial(_fill_pool, actions, simulation, starts, count, attempts, seed)

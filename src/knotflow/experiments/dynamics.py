@@ -37,14 +37,6 @@ def motions(
     """Perturbed ropes dragged by a gripper along demonstrated, planned and random splines.
 
     Makes motions.npz, see `execution.Motions`; one shard a rope.
-
-    Args:
-        run: its folder.
-        demonstrations_file: starts and splines of the motions.
-        simulation: around whose rope the others are drawn, levels in turn.
-        ropes: perturbed ropes.
-        per_rope: motions of each.
-        seed: used for nothing else.
     """
     shards = [f"shard-{number:04d}.npz" for number in range(ropes)]
     work = partial(_drag, demonstrations_file, simulation, per_rope, seed)

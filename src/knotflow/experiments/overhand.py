@@ -31,16 +31,7 @@ def overhand(
 ) -> None:
     """Makes plan/ (see `write_plan_folder`), branches.csv, and recordings/ of all expansions.
 
-    Args:
-        run: its folder.
-        primitives: what the sampler may need.
-        simulation: what is planned in.
-        starts: what a random start looks like.
-        sampler: proposes splines.
-        planner: how the tree grows, and when the search gives up.
-        knot: a knot's name, crossings, or a topological path, see `planning.parse_goal`.
-        start: straight, arc, random, or a file, see `planning.parse_rope`.
-        seed: of a random rope and of the search.
+    `start` is straight, arc, random, or a file, see `planning.parse_rope`; `knot` see `parse_goal`.
 
     Raises:
         ValueError: see `planning.plan_rope`; or no spline could be simulated in time.

@@ -79,15 +79,8 @@ def ropes(
 
     Makes ropes.npz: `points` (N, V, 3) float32, metres, and their number of `crossings` (N,).
 
-    Args:
-        run: its folder.
-        simulation: executes the splines.
-        starts: the random curves.
-        shards: of 32 ropes.
-        rounds: splines that each rope is moved by; every shape that one leaves is kept.
-        random_share: of splines that are random, not aimed at an action.
-        most_crossings: a rope with more is left out.
-        seed: of everything random.
+    `rounds` splines move each rope, `random_share` of them random, the others aimed at an action;
+    every shape with at most `most_crossings` is kept.
     """
     names = [f"shard-{number:04d}" for number in range(shards)]
     work = partial(_move, simulation, starts, rounds, random_share, most_crossings, seed)
@@ -166,14 +159,6 @@ def strand_training(
     """A network learns to follow strands, from windows along them.
 
     Makes network.safetensors, of both networks, and curves.csv.
-
-    Args:
-        run: its folder.
-        ropes: the shapes.
-        network: that sees whole ropes.
-        rope: of the shapes.
-        training: the effort.
-        seed: of weights, examples and batches.
     """
     whole = Network.load(network / WEIGHTS if network.is_dir() else network)
     with np.load(ropes / ROPES) as shapes:
@@ -204,16 +189,7 @@ def perception_networks(
     Makes supervised.safetensors, self_supervised.safetensors, losses.csv, a row a step, and
     shapes/NUMBER.npy, the estimate of each image: (V, 3), or (0, 3) where it is ambiguous.
 
-    Args:
-        run: its folder.
-        ropes: shapes in the images, which serve to take these only.
-        network: file of the weights.
-        rope: in the images.
-        camera_noise: of the camera.
-        images: each of another rope.
-        estimate: how the ropes in them are estimated.
-        learning: the effort.
-        seed: of the choice of ropes, of light, noise and batches; used for nothing else.
+    `ropes` serve to take the images only.
     """
     with run.atomic(f"{SUPERVISED}.safetensors") as path:
         shutil.copyfile(network, path)
@@ -316,18 +292,8 @@ def perception(
 
     Makes estimates.csv, a row a method, level and rope, and estimates.png.
 
-    Args:
-        run: its folder.
-        ropes: shapes among which some are chosen.
-        networks: output of `perception_networks`.
-        rope: that is looked at.
-        estimate: how a rope is estimated.
-        camera_noise: of the camera; its level is set here.
-        methods: of `METHODS`.
-        levels: of noise; some methods are compared at 1 only.
-        crossings: numbers of crossings that ropes have.
-        per_crossings: ropes of each number of crossings; each is seen at every level.
-        seed: of the choice of ropes, of light and noise; used for nothing else.
+    `per_crossings` ropes of each number of `crossings`, each seen at every level of noise; some
+    methods are compared at the nominal level only.
 
     Raises:
         ValueError: an unknown method, or no rope of a number of crossings.
@@ -405,19 +371,6 @@ def perceived_plans(
 
     Both plans are executed open loop on the true rope in the planner's simulator. Makes plans.csv,
     a row a rope and shape planned from (true or estimated).
-
-    Args:
-        run: its folder.
-        networks: output of `perception_networks`.
-        primitives: what the sampler may need.
-        simulation: what is planned in, and in which plans are executed.
-        starts: what the random ropes look like.
-        camera_noise: of the camera.
-        estimate: how a rope is estimated.
-        sampler: proposes splines.
-        planner: how the tree grows, and when a search gives up.
-        ropes: how many.
-        seed: of ropes, light, noise and searches; used for nothing else.
     """
     build = partial(sampler_of, sampler, primitives=primitives)
     plan = partial(_plan_and_execute, simulation, build, planner, seed)

@@ -120,18 +120,7 @@ def searches(
     Makes searches.csv, plans/*.json and recordings/*.mcap; one shard a case and seed. A search of
     one expansion after the other uses one core, so others run beside it; one in batches has all.
 
-    Args:
-        run: its folder.
-        demonstrations: what a sampler may need.
-        primitives: the same.
-        pulled: holds a start.npy, for cases that start there.
-        cases: what is searched for.
-        simulation: what is planned in.
-        starts: what a random start looks like.
-        sampler: the method.
-        planner: how the tree grows, and when a search gives up.
-        seeds: searches of each case.
-        seed: of everything random.
+    `pulled` holds a start.npy, for cases that start there. `seed` is of everything random.
     """
     for case in cases:
         parse_goal(case.goal, simulation.rope)
@@ -427,18 +416,8 @@ def path_steps(
     successes, up to the first action that never succeeds), shapes.csv (the first few of these
     ropes, a row a vertex in metres, head first) and recordings/*.mcap; one shard a start.
 
-    Args:
-        run: its folder.
-        demonstrations: what a sampler may need.
-        primitives: the same.
-        simulation: executes the splines.
-        starts: what a random start looks like.
-        sampler: the method.
-        path: actions, with blanks between them.
-        ropes: starts of the first action: straight, arc or random.
-        shapes: ropes from which each action is tried, drawn from the ends of the one before.
-        splines: tried from each of them.
-        seed: of sampling and drawing.
+    Each action of `path` is tried from `shapes` ropes, drawn from the ends of the one before, by
+    `splines` splines each; the first from `ropes`: straight, arc or random.
     """
     parse_goal(path, simulation.rope)
     build = partial(sampler_of, sampler, demonstrations=demonstrations, primitives=primitives)
@@ -497,13 +476,7 @@ def pull(
 
     Makes start.npy and start.csv of the rope (V, 3) in metres, and recordings/*.mcap.
 
-    Args:
-        run: its folder.
-        primitives: what the sampler may need.
-        simulation: what it is done in.
-        sampler: ties it.
-        pulling: how its head is pulled.
-        knots: ropes tied and pulled, of which one is taken.
+    Of `knots` ropes tied and pulled, one is taken.
 
     Raises:
         RuntimeError: no knot could be tied, or none whose head could be pulled out far enough.

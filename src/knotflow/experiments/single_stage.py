@@ -45,16 +45,7 @@ def evaluation(
 
     Makes outcomes.csv (action, start, success) and recordings/*.mcap; one shard a task.
 
-    Args:
-        run: its folder.
-        evaluation_starts: start shapes.
-        demonstrations: what a sampler may need.
-        primitives: the same.
-        simulation: executes the splines.
-        sampler: the method.
-        trials_per_start: splines sampled for each start.
-        arranging: most splines of a trial that make room before the one that acts; 0 in the paper.
-        seed: of the sampling.
+    At most `arranging` splines of a trial make room before the one that acts; none in the paper.
     """
     propose = partial(sampler_of, sampler, demonstrations=demonstrations, primitives=primitives)
     work = partial(

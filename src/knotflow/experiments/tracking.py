@@ -88,18 +88,7 @@ def tracking(
 ) -> None:
     """Makes tracks.csv (a row a method and frame) and a recording of a rollout with its images.
 
-    Args:
-        run: its folder.
-        demonstrations_file: starts and splines of the rollouts.
-        dynamics_weights: of the learned dynamics.
-        network: that finds a lost rope.
-        simulation: around whose rope ropes are drawn; its record rate is the camera's.
-        camera_noise: of the camera, nominal at every level.
-        tracker: the tracker.
-        drift: the classical tracker.
-        levels: of perturbation of ropes and camera.
-        rollouts: of each action at each level.
-        seed: of ropes, cameras and noise; used for nothing else.
+    The record rate of `simulation` is the camera's; noise is nominal at every level.
     """
     setup = _Setup(
         demonstrations_file,

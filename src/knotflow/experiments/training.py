@@ -213,15 +213,7 @@ def self_play(
     Makes primitives.safetensors, curves.csv and trials.csv, a row a pair of state and action. The
     trials, tens of thousands, are not recorded.
 
-    Args:
-        run: its folder.
-        demonstrations: stay in the replay buffer.
-        primitives: what it continues from.
-        attempts: recordings of earlier attempts, which are remembered.
-        simulation: executes the trials.
-        starts: what an untangled rope looks like.
-        self_play_training: the effort.
-        seed: of everything random.
+    `attempts` are recordings of earlier attempts, which are remembered.
     """
     trials, memory = load_trials(demonstrations), self_play_training.memory
     trainer = SelfPlay(
