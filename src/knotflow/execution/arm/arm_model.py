@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,7 +37,6 @@ class Base:
     and its x axis is the world's; roll 180 hangs it from above."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no pose."""
         try:
             pose = np.array([self.position, self.rpy_deg], float)
         except (TypeError, ValueError):
@@ -57,18 +56,16 @@ class Base:
         """
         try:
             data = yaml.safe_load(Path(path).read_text("utf-8"))
+            return cls(data.pop("position"), **data)
+        except ArmError as error:
+            raise ArmError(f"{path}: {error}") from None
         except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
             raise ArmError(f"{path}: the arm's base cannot be read: {error}") from None
-        known = {one.name for one in fields(cls)}
-        if not isinstance(data, dict) or set(data) - known or "position" not in data:
+        except (AttributeError, KeyError, TypeError):
             raise ArmError(
                 f"{path}: an arm's base is a YAML mapping with position: [x, y, z] in metres and "
                 f"rpy_deg: [roll, pitch, yaw] in degrees, got {data!r}"
-            )
-        try:
-            return cls(**data)
-        except ArmError as error:
-            raise ArmError(f"{path}: {error}") from None
+            ) from None
 
 
 @dataclass(frozen=True)
@@ -102,7 +99,6 @@ class Arm:
     opening: tuple[float, float] = (1.0, 0.0)
 
     def __post_init__(self) -> None:
-        """Refuse limits at which nothing moves."""
         for name in ("homes", "max_speed", "max_acceleration"):
             values = np.asarray(getattr(self, name), float)
             if values.shape[-1:] != (len(self.joints),) or not np.isfinite(values).all():

@@ -9,8 +9,8 @@ tilts rather than miss.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import chain
-from typing import TYPE_CHECKING
+from itertools import chain, combinations
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,8 +107,7 @@ def follow_waypoints(
     return solver.solution(segments, waypoints)
 
 
-@dataclass(frozen=True, eq=False)
-class _Segment:
+class _Segment(NamedTuple):
     """One step: joints (n, J), the yaws (n,) asked for, and how many waypoints were missed."""
 
     joints: NDArray[np.float64]
@@ -145,11 +144,8 @@ class _Solver:
         self.low, self.high = self.ranges.lower.copy(), self.ranges.upper.copy()
         speeds = dict.fromkeys((PREFIX + name for name in arm.joints), MAX_ITERATION_STEP)
         self.configuration.update(self.home)
-        self.limits = [
-            self.ranges,
-            mink.VelocityLimit(self.model, speeds),
-            self._collision_limit(),
-        ]
+        velocities = mink.VelocityLimit(self.model, speeds)
+        self.limits = [self.ranges, velocities, self._collision_limit()]
         position, rotation = self._tip()
         x, y, _ = rotation[:, 0]
         self.home_azimuth = self._azimuth(position)
@@ -218,11 +214,7 @@ class _Solver:
         return best
 
     def _solve(
-        self,
-        position: NDArray,
-        yaw: float,
-        align: bool = True,
-        iterations: int = ITERATIONS,
+        self, position: NDArray, yaw: float, align: bool = True, iterations: int = ITERATIONS
     ) -> bool:
         """Move the configuration to a waypoint; whether it is reached."""
         import mink
@@ -237,13 +229,9 @@ class _Solver:
         missed = np.inf
         for _ in range(iterations):
             try:
+                tasks = [self.tip_task, self.posture_task]
                 step = mink.solve_ik(
-                    self.configuration,
-                    [self.tip_task, self.posture_task],
-                    1.0,
-                    "daqp",
-                    damping=1e-5,
-                    limits=self.limits,
+                    self.configuration, tasks, 1.0, "daqp", damping=1e-5, limits=self.limits
                 )
             except mink.NoSolutionFound:
                 break
@@ -282,15 +270,12 @@ class _Solver:
         model, data, table = self.model, self.configuration.data, self.model.geom(TABLE).id
         parts = np.flatnonzero(model.geom_contype | model.geom_conaffinity)
         parts = parts[parts != table].tolist()
-        pairs = []
-        for a in parts:
-            if model.body_weldid[model.geom_bodyid[a]] != 0:
-                pairs.append(([a], [table]))
-            pairs += [
-                ([a], [b])
-                for b in parts
-                if b > a and mujoco.mj_geomDistance(model, data, a, b, 1.0, None) > 2 * CLEARANCE
-            ]
+        pairs = [([a], [table]) for a in parts]  # mink leaves out what cannot move
+        pairs += [
+            ([a], [b])
+            for a, b in combinations(parts, 2)
+            if mujoco.mj_geomDistance(model, data, a, b, 1.0, None) > 2 * CLEARANCE
+        ]
         return mink.CollisionAvoidanceLimit(
             model,
             pairs,
@@ -300,15 +285,14 @@ class _Solver:
 
     def _lowest_home(self, arm: Arm) -> NDArray[np.float64]:
         """The whole model's configuration at the home in which the gripper points down most."""
-        best, lowest = self.model.qpos0.copy(), np.inf
-        for home in arm.homes:
-            q = self.model.qpos0.copy()
-            q[self.columns] = home
-            self.configuration.update(q)
-            upward = float(self._tip()[1][2, 2])
-            if upward < lowest:
-                best, lowest = q, upward
-        return best
+        homes = np.repeat(self.model.qpos0[None], len(arm.homes), axis=0)
+        homes[:, self.columns] = arm.homes
+        upward = []
+        for home in homes:
+            self.configuration.update(home)
+            upward.append(self._tip()[1][2, 2])
+        lowest: NDArray[np.float64] = homes[int(np.argmin(upward))]
+        return lowest
 
     def _home_towards(self, position: NDArray) -> NDArray[np.float64]:
         """Home, turned by the first joint to face a position."""

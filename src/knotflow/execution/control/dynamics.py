@@ -108,7 +108,6 @@ class StaticDynamics:
     def predict(
         self, points: Tensor, velocities: Tensor, grasped: Tensor, gripper: Tensor
     ) -> Tensor:
-        """See `RopeDynamics`."""
         return points[:, None].expand(-1, gripper.shape[1], -1, -1).float()
 
 

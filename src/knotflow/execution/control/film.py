@@ -49,7 +49,6 @@ class ImageRecorder(RobotWrapper):
         self.images: list[RgbdImage] = []
 
     def observe(self) -> RgbdImage:
-        """See `Robot`."""
         self.images.append(super().observe())
         return self.images[-1]
 

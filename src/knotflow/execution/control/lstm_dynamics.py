@@ -87,7 +87,6 @@ class LstmDynamics(nn.Module):
     def predict(
         self, points: Tensor, velocities: Tensor, grasped: Tensor, gripper: Tensor
     ) -> Tensor:
-        """See `RopeDynamics`."""
         points, velocities, gripper = points.float(), velocities.float(), gripper.float()
         grasped = grasped_at_each_step(grasped, gripper.shape[1])
         ahead = []

@@ -66,7 +66,6 @@ class Mppi:
         self.dynamics, self.config = dynamics, config or MppiConfig()
 
     def begin(self, reference: NDArray, path: NDArray, weights: NDArray, grasped: int) -> None:
-        """See `Controller`."""
         import torch
         from pytorch_mppi.mppi import KMPPI, RBFKernel
 
@@ -97,7 +96,6 @@ class Mppi:
 
     @one_thread()
     def act(self, points: NDArray, velocities: NDArray, gripper: NDArray) -> NDArray:
-        """See `Controller`."""
         import torch
 
         # The rope hangs where it was caught: what is dragged is the link, not the fingertips.

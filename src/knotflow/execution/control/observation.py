@@ -46,7 +46,6 @@ class TrackedRope:
     _grasped_link: int | None = field(default=None, init=False)
 
     def points(self, robot: Robot, grasped: bool) -> NDArray:
-        """See `RopeSource`."""
         points, gripper = self.tracker.points, robot.position
         if not grasped:
             self._grasped_link = None
@@ -143,7 +142,6 @@ class ImageStateEstimator:
     _search_wider: bool = field(default=False, init=False)
 
     def estimate(self, robot: Robot, likely: Sequence[NDArray] = ()) -> Observation | None:
-        """See `StateEstimator`."""
         from knotflow.perception import EstimateConfig, TraceError, estimate
 
         try:

@@ -65,24 +65,19 @@ class RobotWrapper:
         self.robot = robot
 
     def observe(self) -> RgbdImage:
-        """See `Robot`."""
         return self.robot.observe()
 
     def move_to(self, position: NDArray, seconds: float) -> None:
-        """See `Robot`."""
         self.robot.move_to(position, seconds)
 
     def grasp(self) -> None:
-        """See `Robot`."""
         self.robot.grasp()
 
     def release(self) -> None:
-        """See `Robot`."""
         self.robot.release()
 
     @property
     def position(self) -> NDArray:
-        """See `Robot`."""
         return self.robot.position
 
 
@@ -92,7 +87,6 @@ class CameraTimer(RobotWrapper):
     seconds = 0.0
 
     def observe(self) -> RgbdImage:
-        """See `Robot`."""
         began = time.perf_counter()
         try:
             return super().observe()
@@ -111,12 +105,10 @@ class FaultyRobot(RobotWrapper):
         self._remaining = np.inf  # seconds until it fails
 
     def move_to(self, position: NDArray, seconds: float) -> None:
-        """See `Robot`."""
         super().move_to(position, seconds)
         self._remaining -= seconds
 
     def grasp(self) -> None:
-        """See `Robot`."""
         super().grasp()
         self._remaining = min(self._remaining, self.delay)
 
@@ -130,7 +122,6 @@ class FramesLost(FaultyRobot):
     """No image arrives for a second of the first drag."""
 
     def observe(self) -> RgbdImage:
-        """See `Robot`."""
         if self.failing:
             raise TimeoutError("the frame was lost")
         return super().observe()
@@ -142,7 +133,6 @@ class RopeOccluded(FaultyRobot):
     duration = 8.0
 
     def observe(self) -> RgbdImage:
-        """See `Robot`."""
         from knotflow.perception import RgbdImage
 
         image = super().observe()
@@ -158,7 +148,6 @@ class RopeDropped(FaultyRobot):
     """The fingers open by themselves in the middle of the first drag."""
 
     def move_to(self, position: NDArray, seconds: float) -> None:
-        """See `Robot`."""
         worked = not self.failing
         super().move_to(position, seconds)
         if worked and self.failing:

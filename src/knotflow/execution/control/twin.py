@@ -173,7 +173,6 @@ class Twin:
         )
 
     def move_to(self, position: NDArray, seconds: float) -> None:
-        """See `Robot`."""
         position = np.asarray(position, np.float64)
         if position.shape != (3,) or not np.isfinite(position).all():
             raise ValueError(f"a position is three finite numbers in metres, got {position}")
@@ -198,7 +197,6 @@ class Twin:
             self._data.eq_active[link] = 1
 
     def release(self) -> None:
-        """See `Robot`."""
         if self.grasped:
             self._settle_time = RELEASE_SETTLE_TIME
         self._grasp_offset, self._closed = None, False
@@ -248,11 +246,9 @@ class TrueState:
     lost = False
 
     def points(self, robot: Robot, grasped: bool) -> NDArray[np.float64]:
-        """See `RopeSource`."""
         return self.twin.points
 
     def estimate(self, robot: Robot, likely: Sequence[NDArray] = ()) -> Observation:
-        """See `StateEstimator`."""
         return Observation.of(self.twin.points)
 
 
