@@ -343,7 +343,7 @@ def perception() -> dict[str, Any]:
     found = estimate(image, camera, ROPE, likely=[loop()])
     return {
         "estimate": found.points[::10],
-        "explained": [found.explained, found.seen_radius],
+        "explained": [found.coverage_fraction, found.seen_radius],
         "depth": view.image.depth[::30, ::40],
         "noise": [np.isnan(image.depth).mean(), np.nanstd(image.depth - view.image.depth)],
         "colour": image.rgb.reshape(-1, 3).mean(0) / 255,

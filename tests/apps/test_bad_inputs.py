@@ -28,12 +28,12 @@ import pytest
 from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
+from knotflow.overrides import checked
 from PIL import Image
 
 import knotflow
 from knotflow.__main__ import HOME
 from knotflow.apps.tasks import TieTask
-from knotflow.overrides import checked
 from knotflow.perception import SAMPLE, Camera, RgbdImage, segment
 from knotflow.planning import parse_goal, parse_rope
 from knotflow.recording import RecordedRollout, read_recording, write_recording

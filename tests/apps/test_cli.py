@@ -223,13 +223,13 @@ def test_overwrite_keeps_other_files(searches, here, capsys):
 
 
 def test_a_rope_that_is_seen_can_be_planned_from(here, capsys, monkeypatch):
-    from knotflow.perception import SAMPLE, RopeEstimate, seeing
+    from knotflow.perception import SAMPLE, RopeEstimate, io
     from knotflow.simulation import state_or_none
 
     truth = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
-    spread = np.full(len(truth), 1e-3)
-    known = RopeEstimate(truth, spread > 0, state_or_none(truth), (), 1.0, spread, True, ())
-    monkeypatch.setattr(seeing, "estimate", lambda *_, **__: known)
+    visible = np.ones(len(truth), bool)
+    known = RopeEstimate(truth, visible, state_or_none(truth), (), 1.0, True, ())
+    monkeypatch.setattr(io, "estimate", lambda *_, **__: known)
     files = [str(SAMPLE / name) for name in ("overhand.png", "overhand-depth.png", "camera.yaml")]
     words = ["see", *files[:2], "--camera", files[2], "--out", "rope.csv"]
     assert main(words) == 0
@@ -244,18 +244,18 @@ def test_a_rope_that_is_seen_can_be_planned_from(here, capsys, monkeypatch):
 def test_the_next_action_is_planned_from_an_image_unless_it_is_in_doubt(
     searches, here, capsys, monkeypatch
 ):
-    from knotflow.perception import SAMPLE, RopeEstimate, seeing
+    from knotflow.perception import SAMPLE, RopeEstimate, io
     from knotflow.simulation import state_or_none, straight
 
     points = straight(RopeConfig())
-    spread = np.full(len(points), 1e-3)
-    sure = RopeEstimate(points, spread > 0, state_or_none(points), (), 1.0, spread, True, ())
+    visible = np.ones(len(points), bool)
+    sure = RopeEstimate(points, visible, state_or_none(points), (), 1.0, True, ())
     files = [str(SAMPLE / name) for name in ("overhand.png", "overhand-depth.png", "camera.yaml")]
     words = ["next", LOOP, "--image", *files[:2], "--camera", files[2]]
-    monkeypatch.setattr(seeing, "estimate", lambda *_, **__: sure)
+    monkeypatch.setattr(io, "estimate", lambda *_, **__: sure)
     assert main(words) == 0
     assert "the rope must then be in the state 2o1+" in capsys.readouterr().out
-    monkeypatch.setattr(seeing, "estimate", lambda *_, **__: replace(sure, doubts=("hidden",)))
+    monkeypatch.setattr(io, "estimate", lambda *_, **__: replace(sure, ambiguities=("hidden",)))
     assert main(words) == 1
     assert "ambiguous" in capsys.readouterr().out
     assert len(searches) == 1

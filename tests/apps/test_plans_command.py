@@ -4,14 +4,14 @@ import json
 from dataclasses import replace
 from functools import cache, partial
 
+import knotflow.workflow.stages  # noqa: F401  registers them
 import numpy as np
 import pandas as pd
 import pytest
 from hydra import compose, initialize_config_dir
-
-import knotflow.workflow.stages  # noqa: F401  registers them
-from knotflow.__main__ import HOME
 from knotflow.config import SPARING_SEARCH, contents, plan_folder, register
+
+from knotflow.__main__ import HOME
 from knotflow.planning import KnotPlan
 from knotflow.workflow import Workflow
 

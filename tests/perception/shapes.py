@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from knotflow.perception.camera import Camera
-from knotflow.perception.image import RgbdImage
-from knotflow.perception.losses import Target
+from knotflow.perception.camera.image import RgbdImage
+from knotflow.perception.camera.pinhole import Camera
+from knotflow.perception.estimation.evidence import Target
 from knotflow.simulation import RopeConfig, resample
 
 ROPE = RopeConfig()

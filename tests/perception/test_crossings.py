@@ -5,9 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from knotflow.perception.certainty import exchange, meetings
-from knotflow.perception.crossings import CrossingMemory
-from knotflow.perception.fitting import FitConfig
+from knotflow.perception.estimation.crossings import (
+    CrossingMemory,
+    crossing_fractions,
+    exchange_heights,
+)
+from knotflow.perception.estimation.fitting import FitConfig
 from knotflow.topology import TopologicalState
 
 from .shapes import CAMERA, ROPE, loop, target
@@ -43,7 +46,7 @@ def test_strands_that_changed_places_in_a_poor_image_are_put_right():
     points, memory = loop(1), CrossingMemory()
     for _ in range(3):
         _, crossings = update(memory, points, target(points))
-    flipped = exchange(points, *meetings(points)[0], ROPE)
+    flipped = exchange_heights(points, *crossing_fractions(points)[0], ROPE)
     assert TopologicalState.from_curve(flipped) != TopologicalState.from_curve(points)
     shape, (crossing,) = update(memory, flipped, blind(points))
     assert TopologicalState.from_curve(shape) == TopologicalState.from_curve(points)
@@ -56,7 +59,7 @@ def test_strands_that_changed_places_in_a_poor_image_are_put_right():
 @pytest.mark.parametrize("over", [1, -1])
 def test_a_shape_that_is_known_says_what_is_on_top(over):
     points = loop(over)
-    flipped = exchange(points, *meetings(points)[0], ROPE)
+    flipped = exchange_heights(points, *crossing_fractions(points)[0], ROPE)
     shape, (crossing,) = update(CrossingMemory.of_shape(points), flipped, blind(points))
     assert TopologicalState.from_curve(shape) == TopologicalState.from_curve(points)
     assert crossing.first_over == (over == -1) and crossing.certainty > 0.99
@@ -64,7 +67,7 @@ def test_a_shape_that_is_known_says_what_is_on_top(over):
 
 def test_a_crossing_that_is_turned_runs_from_the_other_end():
     _, (one,) = update(CrossingMemory(), loop(1), target(loop(1)))
-    turned = one.turned()
+    turned = one.reversed()
     assert turned.fractions == (1 - one.fractions[1], 1 - one.fractions[0])
     assert turned.first_over != one.first_over
-    assert turned.turned().fractions == pytest.approx(one.fractions)
+    assert turned.reversed().fractions == pytest.approx(one.fractions)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from knotflow.perception.certainty import CrossingEvidence
-from knotflow.perception.doubts import ends_at_strands, leaves_image, list_doubts
+from knotflow.perception.estimation.ambiguity import ambiguous_ends, list_ambiguities
+from knotflow.perception.estimation.crossings import CrossingEvidence
 from knotflow.topology import TopologicalState
 
 from .shapes import ROPE, s_curve, target
@@ -27,28 +27,28 @@ def ending_at(beyond):
 )
 def test_an_end_at_another_strand_is_in_doubt_until_it_is_clear_of_it(beyond, doubted):
     points = ending_at(beyond)
-    assert ends_at_strands(points, ROPE) == ((-1,) if doubted else ())
-    assert ends_at_strands(points[::-1], ROPE) == ((0,) if doubted else ())
+    assert ambiguous_ends(points, ROPE) == ((-1,) if doubted else ())
+    assert ambiguous_ends(points[::-1], ROPE) == ((0,) if doubted else ())
 
 
 def test_an_end_is_no_other_strand_of_its_own():
     tight = np.arange(ROPE.num_vertices) * ROPE.max_bend  # a helix as tight as joints allow
     radius = ROPE.link_length / (2 * np.sin(ROPE.max_bend / 2))
     helix = np.stack([radius * np.cos(tight), radius * np.sin(tight), 0.01 * tight], axis=1)
-    assert ends_at_strands(helix[:4], ROPE) == ()
-    assert ends_at_strands(helix, ROPE) == (0, -1)
+    assert ambiguous_ends(helix[:4], ROPE) == ()
+    assert ambiguous_ends(helix, ROPE) == (0, -1)
 
 
 def test_doubts_are_listed_in_words():
     seen, state, limits = target(s_curve()), TopologicalState.trivial(), (0.95, 0.98)
     sure, unsure = (CrossingEvidence((0.2, 0.7), True, 0.016, share) for share in (0.99, 0.7))
-    assert list_doubts(state, (sure,), 1.0, seen, *limits) == []
-    assert list_doubts(state, (sure, unsure), 0.5, seen, *limits) == [
+    assert list_ambiguities(state, (sure,), 1.0, seen, *limits) == []
+    assert list_ambiguities(state, (sure, unsure), 0.5, seen, *limits) == [
         "the shape accounts for 50% of the rope in the image",
         "crossing 2 is this way round with 70% certainty",
     ]
-    (unread,) = list_doubts(None, (), 1.0, seen, *limits)
+    (unread,) = list_ambiguities(None, (), 1.0, seen, *limits)
     assert unread == "the shape's projection does not determine its state"
     gone = target(s_curve() + [0.75, 0, 0])
-    assert leaves_image(gone) and not leaves_image(seen)
-    assert list_doubts(None, (), 1.0, gone, *limits) == ["the rope leaves the image"]
+    assert gone.leaves_image and not seen.leaves_image
+    assert list_ambiguities(None, (), 1.0, gone, *limits) == ["the rope leaves the image"]

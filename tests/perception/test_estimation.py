@@ -5,19 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from knotflow.perception import estimation
-from knotflow.perception.certainty import weigh_crossings
-from knotflow.perception.estimation import EstimateConfig, estimate
-from knotflow.perception.fitting import FitConfig
-from knotflow.perception.image import ImageError, RgbdImage
-from knotflow.perception.network import Network, shipped_network
-from knotflow.perception.searching import SearchConfig, Searched
-from knotflow.perception.tracing import TraceError
+from knotflow.perception.camera.image import ImageError, RgbdImage
+from knotflow.perception.estimation import estimate as estimation
+from knotflow.perception.estimation.crossings import score_crossings
+from knotflow.perception.estimation.estimate import EstimateConfig, estimate
+from knotflow.perception.estimation.fitting import FitConfig
+from knotflow.perception.estimation.search import SearchConfig, SearchResult
+from knotflow.perception.estimation.skeleton import TraceError
+from knotflow.perception.networks.network import Network, shipped_network
 from knotflow.topology import TopologicalState
 
 from .shapes import CAMERA, ROPE, image, loop, s_curve, target
 
-QUICK = EstimateConfig(FitConfig(steps=30), search=SearchConfig(first=1, rounds=0), wider=None)
+QUICK = EstimateConfig(
+    FitConfig(steps=30), search=SearchConfig(guesses=1, rounds=0), fallback_search=None
+)
 
 
 @pytest.mark.slow
@@ -27,9 +29,8 @@ def test_shape_state_and_head_are_read_off_an_image(points):
     assert found.head_known
     assert np.linalg.norm(found.points - points, axis=1).mean() < 4e-3
     assert found.state == TopologicalState.from_curve(points)
-    assert not found.doubtful, found.doubts
-    assert found.seen.mean() > 0.85
-    assert (found.spread > 0).all()
+    assert not found.ambiguous, found.ambiguities
+    assert found.visible.mean() > 0.85
 
 
 @pytest.mark.slow
@@ -78,13 +79,13 @@ def test_it_is_searched_on_with_more_effort_while_what_was_found_is_in_doubt(
 
     def search(guesses, near, eye, rope, effort, fine, before, progress):
         tried.append((effort, before))
-        return Searched([wrong if first == "wrong" and len(tried) == 1 else truth], [])
+        return SearchResult([wrong if first == "wrong" and len(tried) == 1 else truth], [])
 
     monkeypatch.setattr(estimation, "search", search)
-    config = EstimateConfig(wider=SearchConfig(paths=1, rounds=2))
+    config = EstimateConfig(fallback_search=SearchConfig(paths=1, rounds=2))
     found = estimate(image(truth, head=True), CAMERA, ROPE, config=config)
-    assert [effort for effort, _ in tried] == [config.search, config.wider][:efforts]
-    assert not found.doubtful and found.state == TopologicalState.from_curve(truth)
+    assert [effort for effort, _ in tried] == [config.search, config.fallback_search][:efforts]
+    assert not found.ambiguous and found.state == TopologicalState.from_curve(truth)
     if efforts == 2:
         np.testing.assert_array_equal(tried[1][1].shapes, [wrong])  # it goes on from there
 
@@ -92,10 +93,10 @@ def test_it_is_searched_on_with_more_effort_while_what_was_found_is_in_doubt(
 def test_a_rope_that_leaves_the_image_is_not_searched_on_for(monkeypatch):
     tried = []
     monkeypatch.setattr(
-        estimation, "search", lambda *_: tried.append(1) or Searched([s_curve()], [])
+        estimation, "search", lambda *_: tried.append(1) or SearchResult([s_curve()], [])
     )
     gone = s_curve() + [0.75, 0, 0]
-    assert estimate(image(gone), CAMERA, ROPE).doubtful and len(tried) == 1
+    assert estimate(image(gone), CAMERA, ROPE).ambiguous and len(tried) == 1
 
 
 @pytest.mark.slow
@@ -109,13 +110,13 @@ def test_a_state_that_was_likely_gives_way_to_one_that_is_much_likelier(monkeypa
         return np.array([0.0, lead]) / target.independent_pixels
 
     monkeypatch.setattr(estimation, "is_plausible", lambda *_: False)
-    monkeypatch.setattr(estimation, "search", lambda *_: Searched([other, likely], []))
+    monkeypatch.setattr(estimation, "search", lambda *_: SearchResult([other, likely], []))
     monkeypatch.setattr(estimation, "total_loss", losses)
-    config = replace(QUICK, credit=credit, propose=False)
+    config = replace(QUICK, prior_credit=credit, propose=False)
     found = estimate(image(likely), CAMERA, ROPE, config=config, likely=[likely])
     assert found.state == TopologicalState.from_curve(likely if kept else other)
     # Either way they are near each other: the other one is named as a doubt.
-    assert any("another path" in doubt for doubt in found.doubts)
+    assert any("another path" in doubt for doubt in found.ambiguities)
 
 
 @pytest.mark.slow
@@ -125,7 +126,7 @@ def test_a_rope_thinner_or_thicker_than_it_is_said_to_be_is_no_doubt(monkeypatch
     monkeypatch.setattr(estimation, "search", None)  # the likely shape does
     seen = image(points, radius=share * ROPE.radius)
     found = estimate(seen, CAMERA, ROPE, config=QUICK, likely=[points + [0, 0.004, 0]])
-    assert not found.doubts and found.explained > 0.99
+    assert not found.ambiguities and found.coverage_fraction > 0.99
     assert np.linalg.norm(found.points - points, axis=1).mean() < 4e-3
     nominal = estimate(image(points), CAMERA, ROPE, points, QUICK).seen_radius
     assert found.seen_radius == pytest.approx(share * nominal, rel=0.06)
@@ -142,7 +143,7 @@ def test_nothing_likely_is_seen_on_a_bare_table():
 def test_a_crossing_the_wrong_way_round_is_turned():
     truth, wrong = loop(1), loop(-1)
     wrong[:, :2] = truth[:, :2]
-    shape, (crossing,) = weigh_crossings(wrong, target(truth), CAMERA, ROPE)
+    shape, (crossing,) = score_crossings(wrong, target(truth), CAMERA, ROPE)
     assert not crossing.first_over and crossing.certainty > 0.95
     assert crossing.gap > ROPE.radius
     assert TopologicalState.from_curve(shape) == TopologicalState.from_curve(truth)
@@ -152,29 +153,29 @@ def test_a_crossing_the_wrong_way_round_is_turned():
 def test_a_crossing_that_the_image_does_not_tell_is_in_doubt():
     points = loop(1)
     blind = replace(target(points), depth=target(points).depth * np.nan)
-    _, (crossing,) = weigh_crossings(points, blind, CAMERA, ROPE)
+    _, (crossing,) = score_crossings(points, blind, CAMERA, ROPE)
     assert crossing.certainty < 0.95
 
 
 def test_a_shape_that_does_not_account_for_the_image_is_in_doubt():
     away = s_curve() + [0, 0.3, 0]
     found = estimate(image(s_curve()), CAMERA, ROPE, initial=away, config=QUICK)
-    assert found.doubtful and found.explained < 0.5
+    assert found.ambiguous and found.coverage_fraction < 0.5
 
 
 def test_a_rope_that_leaves_the_image_is_in_doubt_and_its_state_unknown():
     points = s_curve() + [0.75, 0, 0]
     found = estimate(image(points), CAMERA, ROPE, initial=points, config=QUICK)
-    assert "the rope leaves the image" in found.doubts and found.state is None
-    assert not found.seen[-5:].any() and found.seen[:20].all()
+    assert "the rope leaves the image" in found.ambiguities and found.state is None
+    assert not found.visible[-5:].any() and found.visible[:20].all()
 
 
 @pytest.mark.slow
 def test_most_of_a_rope_outside_of_the_image_is_followed_as_far_as_it_is_seen():
     points = s_curve() + [1.1, 0, 0]
     found = estimate(image(points), CAMERA, ROPE, config=QUICK)
-    assert "the rope leaves the image" in found.doubts and found.state is None
-    assert np.isfinite(found.points).all() and found.seen.any() and not found.seen.all()
+    assert "the rope leaves the image" in found.ambiguities and found.state is None
+    assert np.isfinite(found.points).all() and found.visible.any() and not found.visible.all()
 
 
 def test_a_rope_whose_depth_is_lost_is_not_made_up():
@@ -195,15 +196,15 @@ def test_an_image_without_rope_holds_none():
 def test_the_shipped_network_proposes_unless_it_shall_not(monkeypatch):
     asked = []
 
-    def propose(_image, _camera, _rope, network):
+    def propose(network, *_):
         asked.append(network)
         return [s_curve()]
 
-    monkeypatch.setattr(estimation, "_proposed", propose)
-    given = object()
+    monkeypatch.setattr(Network, "guesses", propose)
+    given = Network(shipped_network().model)
     for network, config in ((None, QUICK), (given, QUICK), (None, replace(QUICK, propose=False))):
         estimate(image(s_curve()), CAMERA, ROPE, config=config, network=network)
-    assert asked == [shipped_network(), given] and isinstance(asked[0], Network)
+    assert asked == [shipped_network(), given]
 
 
 def test_an_image_of_another_size_is_refused():

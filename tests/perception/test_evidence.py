@@ -18,7 +18,7 @@ def test_a_finer_image_has_as_many_independent_pixels_and_less_edge():
     )
     assert fine.rope.sum() > 3 * coarse.rope.sum()
     assert fine.independent_pixels == pytest.approx(coarse.independent_pixels, rel=0.15)
-    assert coarse.nearly(0.98) == pytest.approx(0.98, abs=1e-3)
-    assert fine.nearly(0.98) == pytest.approx(0.99, abs=1e-3)
-    assert fine.nearly(1.0) == 1.0
+    assert coarse.required_coverage(0.98) == pytest.approx(0.98, abs=1e-3)
+    assert fine.required_coverage(0.98) == pytest.approx(0.99, abs=1e-3)
+    assert fine.required_coverage(1.0) == 1.0
     assert fine.binned(2).independent_pixels == pytest.approx(fine.independent_pixels, rel=0.15)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from knotflow.perception.examples import draw, rasterise
-from knotflow.perception.network import look
-from knotflow.perception.training_config import ExamplesConfig
+from knotflow.perception.networks.config import ExamplesConfig
+from knotflow.perception.networks.examples import draw_patches, rasterise
+from knotflow.perception.networks.patches import crop_rope
 
 from .shapes import CAMERA, ROPE, loop, s_curve
 from .test_patch import exact
@@ -20,7 +20,7 @@ def batch(*shapes: np.ndarray) -> torch.Tensor:
 
 @pytest.mark.parametrize("points", [s_curve(), loop(1), loop(-1)], ids=["flat", "over", "under"])
 def test_a_drawn_rope_is_the_one_that_the_camera_sees(points):
-    patch, crop = look(*exact(points), CAMERA, ROPE, 64)
+    patch, crop = crop_rope(*exact(points), CAMERA, ROPE, 64)
     nodes = batch(patch.from_world(points, CAMERA))
     covered, height = rasterise(nodes, torch.tensor([ROPE.radius / patch.half]), 64)
     assert covered.sum().item() == pytest.approx(crop[0].sum(), rel=0.15)
@@ -51,7 +51,9 @@ def test_the_upper_strand_is_seen():
 
 def test_drawn_ropes_lie_within_their_patches():
     shapes = batch(*[s_curve(), loop(1)] * 8)
-    examples = draw(shapes, ROPE.radius, 48, ExamplesConfig(), torch.Generator().manual_seed(0))
+    examples = draw_patches(
+        shapes, ROPE.radius, 48, ExamplesConfig(), torch.Generator().manual_seed(0)
+    )
     assert examples.patches.shape == (16, 3, 48, 48)
     assert examples.nodes[..., :2].abs().max() < 1.2
     assert examples.patches[:, ::2].min() >= 0 and examples.patches[:, ::2].max() <= 1
@@ -62,7 +64,9 @@ def test_drawn_ropes_lie_within_their_patches():
 
 def test_the_same_generator_draws_the_same():
     one, other = (
-        draw(batch(loop(1)), ROPE.radius, 32, ExamplesConfig(), torch.Generator().manual_seed(3))
+        draw_patches(
+            batch(loop(1)), ROPE.radius, 32, ExamplesConfig(), torch.Generator().manual_seed(3)
+        )
         for _ in range(2)
     )
     assert all(torch.equal(a, b) for a, b in zip(one, other, strict=True))
@@ -70,7 +74,7 @@ def test_the_same_generator_draws_the_same():
 
 def test_without_noise_heights_are_the_ropes():
     shapes = batch(s_curve())
-    patches, _, _ = draw(shapes, ROPE.radius, 96, PERFECT, torch.Generator().manual_seed(1))
+    patches, _, _ = draw_patches(shapes, ROPE.radius, 96, PERFECT, torch.Generator().manual_seed(1))
     covered, raised, known = patches[0]
     assert (known == 1).all()
     assert raised[covered == 1].max().item() == pytest.approx(2, abs=0.05)

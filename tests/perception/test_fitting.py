@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from knotflow.perception.fitting import FitConfig, fit, project_lengths
+from knotflow.perception.estimation.chain import project_lengths
+from knotflow.perception.estimation.fitting import FitConfig, fit
 
 from .shapes import CAMERA, ROPE, loop, s_curve, target
 

@@ -6,8 +6,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from knotflow.perception import SAMPLE, Camera, ImageError, RgbdImage
-from knotflow.perception.sample import write_sample
+from knotflow.perception import (
+    SAMPLE,
+    Appearance,
+    Camera,
+    CameraNoiseConfig,
+    ImageError,
+    RgbdImage,
+    SimulatedCamera,
+)
+from knotflow.perception.camera.simulated import TAPE
+from knotflow.simulation import RopeConfig
 
 
 @pytest.fixture
@@ -74,7 +83,11 @@ def test_depth_in_another_unit_or_form_is_refused(image, tmp_path):
 
 
 def test_the_shipped_sample_is_an_image_of_its_rope_that_can_be_reproduced(tmp_path):
-    write_sample(tmp_path)
+    points = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
+    look = Appearance(head=TAPE)
+    camera = SimulatedCamera(Camera.overhead(), RopeConfig(), CameraNoiseConfig(), look)
+    image = camera.capture(points, np.random.default_rng(0))
+    image.write(tmp_path / "overhand.png", tmp_path / "overhand-depth.png")
     shipped = RgbdImage.read(
         SAMPLE / "overhand.png", SAMPLE / "overhand-depth.png", Camera.load(SAMPLE / "camera.yaml")
     )

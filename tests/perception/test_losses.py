@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from knotflow.perception.losses import (
-    Target,
+from knotflow.perception.estimation.evidence import Target
+from knotflow.perception.estimation.fitting import (
     bending_loss,
     depth_loss,
     length_loss,

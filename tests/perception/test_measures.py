@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from knotflow.perception import SAMPLE, RopeEstimate
-from knotflow.perception.measures import choose_ropes, measures
+from knotflow.perception.methods import choose_ropes, metrics
 from knotflow.simulation import RopeConfig, state_or_none, straight
 
 
@@ -29,7 +29,7 @@ def test_ropes_are_chosen_by_crossings_among_those_in_view(ropes, capsys):
 
 
 def test_what_was_not_found_is_doubtful_and_right_in_nothing():
-    found = measures(None, straight(RopeConfig()))
+    found = metrics(None, straight(RopeConfig()))
     assert np.isnan(found["mean_error_mm"]) and found["doubtful"]
     assert not found["state_correct"] and not found["head_correct"]
 
@@ -45,9 +45,9 @@ def test_sliding_along_the_rope_is_no_error_off_the_curve():
         (slid, link / 2 * (1 - 1 / len(truth)), 0),
         (truth + [0, 0.003, 0.004], 5, 5),
     ):
-        spread = np.zeros(len(truth))
-        found = measures(
-            RopeEstimate(points, spread == 0, state_or_none(points), (), 1.0, spread, True, ()),
+        visible = np.ones(len(truth), bool)
+        found = metrics(
+            RopeEstimate(points, visible, state_or_none(points), (), 1.0, True, ()),
             truth,
         )
         assert found["mean_error_mm"] == pytest.approx(error, abs=1e-3)

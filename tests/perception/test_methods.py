@@ -6,17 +6,19 @@ import numpy as np
 import pytest
 import torch
 
-from knotflow.perception.estimation import EstimateConfig, estimate, propose
-from knotflow.perception.fitting import FitConfig
+from knotflow.perception.estimation.estimate import EstimateConfig, estimate, propose
+from knotflow.perception.estimation.fitting import FitConfig
+from knotflow.perception.estimation.search import SearchConfig
 from knotflow.perception.methods import METHODS, SELF_SUPERVISED, SUPERVISED
-from knotflow.perception.network import Network
-from knotflow.perception.searching import SearchConfig
+from knotflow.perception.networks.network import Network
 from knotflow.topology import TopologicalState
 
 from .shapes import CAMERA, ROPE, image, s_curve
 from .test_network import knowing, shape_error
 
-QUICK = EstimateConfig(FitConfig(steps=2), search=SearchConfig(first=1, rounds=0), wider=None)
+QUICK = EstimateConfig(
+    FitConfig(steps=2), search=SearchConfig(guesses=1, rounds=0), fallback_search=None
+)
 NEAR = 0.015
 """Metres; a network that knows a shape knows five nodes of it."""
 
@@ -29,12 +31,11 @@ def test_a_proposal_is_the_networks_guess_with_its_state_and_head():
         assert found.head_known and found.crossings == ()
         assert np.linalg.norm(found.points - truth, axis=1).mean() < NEAR
         assert found.state == TopologicalState.trivial()
-        assert (found.spread > 0).all() and np.isfinite(found.spread).all()
 
 
 def test_a_proposal_that_does_not_account_for_the_image_is_in_doubt():
     found = propose(image(s_curve()), CAMERA, ROPE, knowing(s_curve(), off=0.1), QUICK)
-    assert found.doubtful and found.explained < 0.5
+    assert found.ambiguous and found.coverage_fraction < 0.5
 
 
 @pytest.mark.slow
@@ -43,7 +44,7 @@ def test_a_networks_guess_is_one_more_and_the_best_counts():
     traced = estimate(seen, CAMERA, ROPE, config=QUICK)
     for off in (0.0, 0.1):
         both = estimate(seen, CAMERA, ROPE, config=QUICK, network=knowing(s_curve(), off))
-        assert both.explained >= traced.explained
+        assert both.coverage_fraction >= traced.coverage_fraction
         assert shape_error(both.points, s_curve()) < 8e-3
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
-from knotflow.perception.overlap import nearest_places, overlap
+from knotflow.perception.estimation.chain import nearest_places, overlap
 
 
 def test_the_nearest_places_are_the_nearest_of_many(rng):

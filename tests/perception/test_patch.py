@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from knotflow.perception.image import Label
-from knotflow.perception.network import look
-from knotflow.perception.patch import Patch, on_plane, seen_places
-from knotflow.perception.segmentation import Segmentation
-from knotflow.perception.tracing import TraceError
+from knotflow.perception.camera.image import Label
+from knotflow.perception.estimation.segmentation import Segmentation
+from knotflow.perception.estimation.skeleton import TraceError
+from knotflow.perception.networks.patches import Patch, crop_rope, project_to_plane
 
 from .shapes import CAMERA, ROPE, loop, s_curve, seen_exactly
 
@@ -32,7 +31,7 @@ def mirror_images(crop: np.ndarray) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("points", [s_curve(), loop(1)], ids=["flat", "crossing"])
 def test_nodes_and_points_are_each_others_inverse(points):
-    patch, _ = look(*exact(points), CAMERA, ROPE, SIZE)
+    patch, _ = crop_rope(*exact(points), CAMERA, ROPE, SIZE)
     nodes = patch.from_world(points, CAMERA)
     assert np.abs(nodes[:, :2]).max() < 1
     assert nodes[:, 2] == pytest.approx(points[:, 2] / ROPE.radius)
@@ -41,7 +40,7 @@ def test_nodes_and_points_are_each_others_inverse(points):
 
 def test_a_raised_vertex_is_where_the_camera_sees_it():
     raised = np.array([[0.3, -0.2, 0.1]])
-    place = on_plane(raised, CAMERA.position, ROPE.radius)
+    place = project_to_plane(raised, CAMERA.position, ROPE.radius)
     both = CAMERA.project([raised[0], [*place[0], ROPE.radius]])
     assert both[0, :2] == pytest.approx(both[1, :2])
 
@@ -59,8 +58,8 @@ def test_the_patch_turns_with_the_rope(angle):
 
 @pytest.mark.parametrize("angle", [0.5, np.pi])
 def test_what_is_seen_does_not_depend_on_how_the_rope_is_turned(angle):
-    _, crop = look(*exact(loop(1)), CAMERA, ROPE, SIZE)
-    _, other = look(*exact(turned(loop(1), angle) + [0.05, -0.03, 0]), CAMERA, ROPE, SIZE)
+    _, crop = crop_rope(*exact(loop(1)), CAMERA, ROPE, SIZE)
+    _, other = crop_rope(*exact(turned(loop(1), angle) + [0.05, -0.03, 0]), CAMERA, ROPE, SIZE)
     nearest = min(np.abs(crop - one)[0].sum() for one in mirror_images(other))
     assert nearest < 0.4 * crop[0].sum()  # pixels fall otherwise
     assert np.abs(crop - np.rot90(crop, axes=(1, 2)))[0].sum() > crop[0].sum()  # were it not so
@@ -70,14 +69,14 @@ def test_hidden_and_lost_pixels_are_unknown_not_bare():
     segmentation, share = exact(s_curve())
     row, column = np.argwhere(segmentation.rope)[40]
     segmentation.labels[row - 6 : row + 7, column - 6 : column + 7] = Label.GRIPPER
-    _, crop = look(segmentation, share, CAMERA, ROPE, SIZE)
+    _, crop = crop_rope(segmentation, share, CAMERA, ROPE, SIZE)
     assert crop[2].min() < 0.1 < 0.9 < np.median(crop[2])
 
 
 def test_places_of_pixels_are_seen_there():
     mask = np.zeros((CAMERA.height, CAMERA.width), bool)
     mask[100, 200] = True
-    (place,) = seen_places(mask, CAMERA, ROPE.radius)
+    (place,) = CAMERA.on_plane(mask, ROPE.radius)
     assert CAMERA.project([*place, ROPE.radius])[:2] == pytest.approx([200, 100])
 
 
@@ -85,4 +84,4 @@ def test_without_rope_there_is_nothing_to_look_at():
     segmentation, share = exact(s_curve())
     segmentation.labels[:] = Label.TABLE
     with pytest.raises(TraceError, match="no rope"):
-        look(segmentation, share, CAMERA, ROPE, SIZE)
+        crop_rope(segmentation, share, CAMERA, ROPE, SIZE)

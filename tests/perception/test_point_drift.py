@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from knotflow.perception.point_drift import PointDriftConfig, PointDriftTracker, drift
+from knotflow.perception.tracking.cpd import CpdConfig, CpdTracker, drift
 
 from .shapes import CAMERA, ROPE, image, s_curve
 
-CONFIG = PointDriftConfig()
+CONFIG = CpdConfig()
 
 
 def test_a_shifted_rope_is_drawn_to_its_points():
@@ -26,7 +26,7 @@ def test_hidden_vertices_go_along():
 
 def test_a_rope_is_followed_in_an_image():
     points = s_curve()
-    tracker = PointDriftTracker(CAMERA, ROPE, points - [0.0, 0.012, 0.0])
+    tracker = CpdTracker(CAMERA, ROPE, points - [0.0, 0.012, 0.0])
     found = tracker.update(image(points))
     assert np.linalg.norm(found.points - points, axis=1).mean() < 6e-3
-    assert found.explained > 0.7
+    assert found.coverage_fraction > 0.7

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from knotflow.perception.registration import register
+from knotflow.perception.estimation.chain import register
 from knotflow.simulation import resample
 
 from .shapes import ROPE, loop, s_curve

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from knotflow.perception.camera import Camera
-from knotflow.perception.rendering import render
+from knotflow.perception.camera.pinhole import Camera
+from knotflow.perception.camera.rendering import render
 
 from .shapes import CAMERA, ROPE, loop, s_curve, seen_exactly
 

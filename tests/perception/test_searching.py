@@ -1,18 +1,18 @@
-"""Where gradient steps cannot go, a shape is rearranged."""
+"""Where gradient steps cannot go, a shape is propose_rewirings."""
 
 import numpy as np
 import pytest
 
-from knotflow.perception import searching
-from knotflow.perception.fitting import FitConfig
-from knotflow.perception.lifting import passages
-from knotflow.perception.searching import (
+from knotflow.perception.estimation import search as searching
+from knotflow.perception.estimation.fitting import FitConfig
+from knotflow.perception.estimation.search import (
     SearchConfig,
-    Searched,
-    reaching,
-    rearranged,
+    SearchResult,
+    extend_to_missed,
+    propose_rewirings,
     search,
 )
+from knotflow.perception.estimation.skeleton import passages
 from knotflow.simulation import resample, state_or_none
 from knotflow.topology import TopologicalState
 from knotflow.topology.polyline import DegenerateCurveError, planar_crossings
@@ -28,17 +28,17 @@ def hairpin(gap: float) -> np.ndarray:
 
 
 def test_a_shape_without_contacts_stays_as_it_is():
-    assert rearranged(s_curve(), ROPE, 8) == []
+    assert propose_rewirings(s_curve(), ROPE, 8) == []
 
 
 def test_strands_that_touch_are_crossed_twice_in_all_four_ways():
-    states = [state_or_none(one) for one in rearranged(hairpin(0.018), ROPE, 4)]
+    states = [state_or_none(one) for one in propose_rewirings(hairpin(0.018), ROPE, 4)]
     assert len({str(state) for state in states if state and state.num_crossings == 2}) == 4
 
 
 def test_a_crossing_is_exchanged_and_its_loop_run_through_the_other_way():
     shape = loop(1)
-    turned, exchanged = rearranged(shape, ROPE, 1)
+    turned, exchanged = propose_rewirings(shape, ROPE, 1)
     assert TopologicalState.from_curve(exchanged) == TopologicalState.from_curve(loop(-1))
     middle = len(shape) // 2
     assert np.linalg.norm(turned[middle] - shape[middle]) < 0.02  # the loop's tip stays
@@ -50,7 +50,7 @@ def test_an_end_is_led_to_rope_that_is_left_out():
     points = s_curve()
     short = points.copy()
     short[-5:] = points[-6] + np.linspace(0, 1, 5)[:, None] * [0, 0.1, 0]
-    led = reaching(short, target(points), CAMERA, ROPE)
+    led = extend_to_missed(short, target(points), CAMERA, ROPE)
     assert min(np.linalg.norm(one[-1, :2] - points[-1, :2]) for one in led) < 0.02
 
 
@@ -62,18 +62,18 @@ def test_a_crossing_the_wrong_way_round_is_found():
 
 def test_a_search_goes_on_from_what_was_rearranged_before(monkeypatch):
     asked = []
-    monkeypatch.setattr(searching, "rearranged", lambda shape, *_: asked.append(shape) or [])
-    monkeypatch.setattr(searching, "reaching", lambda *_: [])
+    monkeypatch.setattr(searching, "propose_rewirings", lambda shape, *_: asked.append(shape) or [])
+    monkeypatch.setattr(searching, "extend_to_missed", lambda *_: [])
     monkeypatch.setattr(searching, "is_plausible", lambda *_: False)
     done, other = s_curve(), loop(1)
     seen, brief = target(done), FitConfig(steps=1, step_size=1e-9)
     config = SearchConfig(coarse=brief, rounds=2)
-    before, rounds = Searched([done, other], [done]), []
+    before, rounds = SearchResult([done, other], [done]), []
     found = search([], seen, CAMERA, ROPE, config, brief, before, lambda: rounds.append(1))
     assert len(rounds) == 1
     np.testing.assert_array_equal(asked, [other])
     assert len(found.done) == 2 and len(found.shapes) == 2
-    found = search([done], seen, CAMERA, ROPE, config, brief, Searched([other], [other]))
+    found = search([done], seen, CAMERA, ROPE, config, brief, SearchResult([other], [other]))
     assert len(asked) == 2 and len(found.shapes) == 2
     np.testing.assert_allclose(found.shapes[0], done, atol=1e-4)
 
@@ -86,7 +86,7 @@ def test_a_guess_whose_end_touches_a_strand_is_rearranged_as_any():
     with pytest.raises(DegenerateCurveError):
         planar_crossings(shape[:, :2])
     assert passages(shape).shape == (0, 2)
-    assert rearranged(shape, ROPE, 8)
+    assert propose_rewirings(shape, ROPE, 8)
     through = shape.copy()
     through[-1, 1] = -0.01
     (crossing,) = passages(through)

@@ -7,8 +7,8 @@ import pytest
 from PIL import Image
 
 from knotflow.perception import SAMPLE, Camera, CameraError, ImageError, see
-from knotflow.perception.estimation import RopeEstimate
-from knotflow.perception.seeing import describe, draw_overlay, write_rope
+from knotflow.perception.estimation.estimate import RopeEstimate
+from knotflow.perception.io import describe, draw_overlay, write_rope
 from knotflow.planning.ropes import read_rope
 from knotflow.topology import TopologicalState
 
@@ -23,9 +23,7 @@ def found():
     count = len(points)
     state = TopologicalState.from_curve(points)
     seen = np.arange(count) > 3
-    return RopeEstimate(
-        points, seen, state, (), 0.99, np.full(count, 1e-3), True, ("the rope leaves the image",)
-    )
+    return RopeEstimate(points, seen, state, (), 0.99, True, ("the rope leaves the image",))
 
 
 @pytest.mark.slow
@@ -45,7 +43,7 @@ def test_state_and_doubts_are_told(found):
     told = describe(found)
     assert "state     trivial (in doubt)" in told
     assert "in doubt  the rope leaves the image" in told
-    hanging = describe(replace(found, doubts=(), ends=(-1,)))
+    hanging = describe(replace(found, ambiguities=(), ambiguous_ends=(-1,)))
     assert "state     trivial (in doubt)" in hanging
     assert "in doubt  the tail ends at another strand" in hanging
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from knotflow.perception import Appearance, Camera, CameraNoiseConfig, Label, SimulatedCamera
-from knotflow.perception.appearance import TAPE
+from knotflow.perception.camera.simulated import TAPE
 from knotflow.simulation import RopeConfig, ShapeError, random_curve, straight
 
 ROPE = RopeConfig()

@@ -4,28 +4,24 @@ import numpy as np
 import pytest
 import torch
 
-from knotflow.perception.coarse_to_fine import CoarseToFine
-from knotflow.perception.examples import rasterise
-from knotflow.perception.image import Label
-from knotflow.perception.network import Network, shipped_network
-from knotflow.perception.strand_examples import along, draw_windows, turned
-from knotflow.perception.strand_network import (
+from knotflow.perception.camera.image import Label
+from knotflow.perception.estimation.segmentation import pixel_coverage
+from knotflow.perception.networks.config import ExamplesConfig, StrandNetworkConfig
+from knotflow.perception.networks.examples import draw_windows, points_at, rasterise, to_window
+from knotflow.perception.networks.models import (
     HALF,
     HEADINGS,
     SIDE,
     STEP,
     WIDEST,
-    Onward,
+    CoarseToFine,
+    NextStep,
     StrandNetwork,
     headings,
 )
-from knotflow.perception.strand_tracing import PIXEL, StrandPath, trace_rope, trace_strands
-from knotflow.perception.strand_training import onward_loss
-from knotflow.perception.training_config import (
-    ExamplesConfig,
-    StrandNetworkConfig,
-)
-from knotflow.perception.unmixing import coverage
+from knotflow.perception.networks.network import Network, shipped_network
+from knotflow.perception.networks.strand_tracing import PIXEL, StrandPath, trace_rope, trace_strands
+from knotflow.perception.networks.training import next_step_loss
 from knotflow.simulation import state_or_none
 
 from .shapes import CAMERA, ROPE, image, loop, s_curve
@@ -41,14 +37,14 @@ LENGTH = ROPE.length / ROPE.radius
 class Hound(torch.nn.Module):
     """Goes where a window shows rope one step ahead, and ends where it shows none."""
 
-    def forward(self, windows: torch.Tensor, height: torch.Tensor) -> Onward:
+    def forward(self, windows: torch.Tensor, height: torch.Tensor) -> NextStep:
         angles = headings()
         ahead = STEP / HALF * torch.stack([angles.cos(), angles.sin()], dim=-1)
         grid = ahead.expand(len(windows), 1, -1, -1)
         seen = torch.nn.functional.grid_sample(windows[:, :1], grid, align_corners=False)[:, 0, 0]
         # Rope ahead counts less the farther it is from straight on.
         logits = 6 * seen - angles.square()
-        return Onward(logits.log_softmax(1), height, 20 * (0.4 - seen.amax(1)))
+        return NextStep(logits.log_softmax(1), height, 20 * (0.4 - seen.amax(1)))
 
 
 def table_map(points: np.ndarray) -> torch.Tensor:
@@ -62,7 +58,9 @@ def table_map(points: np.ndarray) -> torch.Tensor:
 
 def off(path: StrandPath, points: np.ndarray) -> float:
     """Largest distance of a path's points from a rope (V, 3) metres, in the plane, radii."""
-    fine = along(torch.as_tensor(points[None]), torch.linspace(0, len(points) - 1, 2000)[None])[0]
+    fine = points_at(torch.as_tensor(points[None]), torch.linspace(0, len(points) - 1, 2000)[None])[
+        0
+    ]
     apart = path.points[:, None, :2] - fine.numpy()[None, :, :2] / ROPE.radius
     return float(np.linalg.norm(apart, axis=-1).min(axis=1).max())
 
@@ -76,7 +74,7 @@ def test_a_window_is_turned_along_the_strand_around_its_middle():
     middle, angle = torch.tensor([[3.0, -1.0]]), torch.tensor([0.7])
     ahead = middle + STEP * torch.stack([angle.cos(), angle.sin()], dim=1)
     points = torch.stack([torch.cat([one, torch.tensor([[2.0]])], 1)[0] for one in (middle, ahead)])
-    found = turned(points[None], middle, angle)[0]
+    found = to_window(points[None], middle, angle)[0]
     assert found[0].tolist() == pytest.approx([0, 0, 2], abs=1e-6)
     assert found[1].tolist() == pytest.approx([STEP / HALF, 0, 2], abs=1e-6)
 
@@ -130,8 +128,8 @@ def test_no_path_runs_along_itself():
     for path in trace_strands(Hound(), table_map(loop(1)), LENGTH):
         steps = np.linalg.norm(np.diff(path.points[:, :2], axis=0), axis=1)
         assert steps == pytest.approx(STEP)
-        assert path.length < 1.15 * LENGTH and len(path.sure) == len(path.points)
-        assert (0 < path.sure).all() and (path.sure <= 1).all()
+        assert path.length < 1.15 * LENGTH and len(path.probability) == len(path.points)
+        assert (0 < path.probability).all() and (path.probability <= 1).all()
 
 
 def test_an_empty_table_has_no_paths():
@@ -144,7 +142,7 @@ def test_an_empty_table_has_no_paths():
 
 def test_a_strand_that_ends_where_it_is_begun_is_no_path():
     class Blind(Hound):
-        def forward(self, windows: torch.Tensor, height: torch.Tensor) -> Onward:
+        def forward(self, windows: torch.Tensor, height: torch.Tensor) -> NextStep:
             return super().forward(windows, height)._replace(end=torch.full_like(height, 20.0))
 
     assert trace_strands(Blind(), table_map(s_curve()), LENGTH) == []
@@ -157,8 +155,8 @@ def test_the_shipped_network_follows_a_loop_over_and_under(over):
     assert network is not None and network.strands is not None
     points = loop(over)
     seen, picture = exact(points)[0], image(points)
-    shape, sure = trace_rope(network.strands, seen, coverage(picture, seen), CAMERA, ROPE)[0]
-    assert shape.shape == points.shape and sure.shape == (len(points),)
+    shape = trace_rope(network.strands, seen, pixel_coverage(picture, seen), CAMERA, ROPE)[0]
+    assert shape.shape == points.shape
     assert np.linalg.norm(np.diff(shape, axis=0), axis=1) == pytest.approx(ROPE.link_length)
     assert shape_error(shape, points) < 0.012
     state = state_or_none(points)
@@ -181,8 +179,8 @@ def test_of_all_guesses_the_one_along_the_strands_is_proposed_where_it_accounts_
     whole = knowing(s_curve())
     both = Network(whole.model, Hound())
     assert len(both.guesses(*asked)) > len(whole.guesses(*asked)) == 4
-    assert shape_error(whole.propose(*asked)[0], points) > 0.05
-    assert shape_error(both.propose(*asked)[0], points) < 0.015
+    assert shape_error(whole.guesses(*asked)[0], points) > 0.05
+    assert shape_error(both.guesses(*asked)[0], points) < 0.015
 
 
 @pytest.mark.slow
@@ -192,9 +190,9 @@ def test_the_network_learns_windows_by_heart():
         torch.manual_seed(0)
         model = StrandNetwork(TINY)
     optimizer = torch.optim.Adam(model.parameters(), 3e-3)
-    before = onward_loss(model(found.windows, found.height), found).item()
+    before = next_step_loss(model(found.windows, found.height), found).item()
     for _ in range(150):
-        loss = onward_loss(model(found.windows, found.height), found)
+        loss = next_step_loss(model(found.windows, found.height), found)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()

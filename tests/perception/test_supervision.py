@@ -3,21 +3,22 @@
 import pytest
 import torch
 
-from knotflow.perception.coarse_to_fine import Nodes, resampled
-from knotflow.perception.supervision import crossings, crossings_right, nodes_loss, vertex_error
+from knotflow.perception.networks.examples import find_crossings
+from knotflow.perception.networks.models import Nodes, resample_nodes
+from knotflow.perception.networks.training import count_correct_crossings, nodes_loss, vertex_error
 from knotflow.topology import TopologicalState
 
 from .shapes import CAMERA, ROPE, loop, s_curve
-from .test_patch import exact, look
+from .test_patch import crop_rope, exact
 
 
 def nodes_of(points):
-    patch, _ = look(*exact(points), CAMERA, ROPE, 32)
+    patch, _ = crop_rope(*exact(points), CAMERA, ROPE, 32)
     return torch.as_tensor(patch.from_world(points, CAMERA))[None]
 
 
 def found(places: torch.Tensor) -> list[Nodes]:
-    levels = [resampled(places, count) for count in (9, 17, 41)]
+    levels = [resample_nodes(places, count) for count in (9, 17, 41)]
     return [Nodes(one, torch.full(one.shape[:2], -3.0)) for one in levels]
 
 
@@ -49,7 +50,7 @@ def test_the_truth_has_the_least_loss():
 @pytest.mark.parametrize("over", [1, -1])
 def test_crossings_are_those_of_the_topological_state(over):
     points = loop(over)
-    rope, above, below = crossings(nodes_of(points))
+    rope, above, below = find_crossings(nodes_of(points))
     ((first, second, _),) = TopologicalState.from_curve(points).crossings
     assert rope.tolist() == [0]
     assert (above < below).item() == (first < second)
@@ -60,9 +61,9 @@ def test_a_crossing_the_wrong_way_round_costs_more_than_centimetres():
     wrong[..., :2] = truth[..., :2]
     shifted = truth + torch.tensor([0.04, 0, 0])  # about a centimetre
     assert nodes_loss(found(wrong), truth) > nodes_loss(found(shifted), truth)
-    assert [one.item() for one in crossings_right(truth.flip(1), truth)] == [1, 1]
-    assert [one.item() for one in crossings_right(wrong, truth)] == [0, 1]
+    assert [one.item() for one in count_correct_crossings(truth.flip(1), truth)] == [1, 1]
+    assert [one.item() for one in count_correct_crossings(wrong, truth)] == [0, 1]
 
 
 def test_ropes_without_crossings_have_none():
-    assert len(crossings(nodes_of(s_curve()))[0]) == 0
+    assert len(find_crossings(nodes_of(s_curve()))[0]) == 0

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from knotflow.perception.lifting import lift
-from knotflow.perception.segmentation import segment
-from knotflow.perception.tracing import TraceError, trace
-from knotflow.perception.unmixing import coverage
+from knotflow.perception.estimation.segmentation import pixel_coverage, segment
+from knotflow.perception.estimation.skeleton import TraceError, lift, trace
 from knotflow.topology import TopologicalState
 
 from .shapes import CAMERA, ROPE, image, loop, s_curve, seen_exactly
@@ -55,7 +53,7 @@ def test_coverage_is_that_of_the_rope_where_colours_mix(rng):
     seen = image(s_curve())
     whole = segment(seen, CAMERA, ROPE.radius)
     blurred = (0.5 * seen.rgb + 0.5 * np.roll(seen.rgb, 1, axis=0)).astype(np.uint8)
-    share = coverage(type(seen)(blurred, seen.depth), whole)
+    share = pixel_coverage(type(seen)(blurred, seen.depth), whole)
     mixed = (share > 0.4) & (share < 0.6)
     assert share.min() >= 0 and share.max() <= 1
     assert mixed.sum() > 100

@@ -13,13 +13,15 @@ from knotflow.perception import (
     TraceError,
     Tracker,
     TrackerConfig,
-    tracking,
 )
+from knotflow.perception.tracking import tracker as tracking
 
 from .shapes import CAMERA, ROPE, image, s_curve
 
 QUICK = TrackerConfig(
-    estimate=EstimateConfig(FitConfig(steps=25), search=SearchConfig(first=1, rounds=0), wider=None)
+    estimate=EstimateConfig(
+        FitConfig(steps=25), search=SearchConfig(guesses=1, rounds=0), fallback_search=None
+    )
 )
 LINK = 20
 
@@ -47,7 +49,9 @@ def test_a_dragged_rope_is_followed():
         gripper = moved[LINK : LINK + 2].mean(axis=0)
         found = tracker.update(at(moved, 0.1 * frame), gripper, LINK)
         assert error(found, moved) < 6e-3
-        assert found.seen.mean() > 0.8 and not any("lost" in doubt for doubt in found.doubts)
+        assert found.visible.mean() > 0.8 and not any(
+            "lost" in doubt for doubt in found.ambiguities
+        )
 
 
 def test_hidden_vertices_move_by_the_prediction():
@@ -56,9 +60,8 @@ def test_hidden_vertices_move_by_the_prediction():
     seen.depth[:, CAMERA.width // 2 :] = np.nan
     tracker = Tracker(CAMERA, ROPE, points, QUICK, predict=lambda now, *_: now + shift)
     found = tracker.update(seen)
-    assert not found.seen[-8:].any() and found.seen[:15].all()
+    assert not found.visible[-8:].any() and found.visible[:15].all()
     assert np.linalg.norm(found.points - points - shift, axis=1)[-8:].max() < 8e-3
-    assert found.spread[-8:].min() > found.spread[:15].max()
 
 
 def test_a_rope_that_jumped_and_is_not_found_is_said_to_be_lost(monkeypatch):
@@ -73,7 +76,7 @@ def test_a_rope_that_jumped_and_is_not_found_is_said_to_be_lost(monkeypatch):
     tracker = Tracker(CAMERA, ROPE, points - [0, 0.3, 0], replace(QUICK, patience=2))
     for _ in range(3):
         found = tracker.update(image(points))
-        assert found.doubts[0] == "the track is lost" and found.explained < 0.8
+        assert found.ambiguities[0] == "the track is lost" and found.coverage_fraction < 0.8
     assert len(asked) == 2  # at once, and when patience is over
 
 
@@ -82,7 +85,7 @@ def test_a_lost_rope_is_found_again_its_head_where_it_was_nearest():
     points = s_curve()
     tracker = Tracker(CAMERA, ROPE, points - [0, 0.3, 0], QUICK)
     found = tracker.update(image(points))
-    assert found.doubts[0].startswith("the track was lost")
+    assert found.ambiguities[0].startswith("the track was lost")
     assert error(found, points) < 6e-3
     assert error(tracker.update(image(points)), points) < 6e-3
 
@@ -90,8 +93,8 @@ def test_a_lost_rope_is_found_again_its_head_where_it_was_nearest():
 def test_a_table_without_rope_is_a_lost_track_not_a_rope():
     points = s_curve()
     found = Tracker(CAMERA, ROPE, points, QUICK).update(bare())
-    assert found.doubts[0] == "the track is lost"
-    assert not found.seen.any()
+    assert found.ambiguities[0] == "the track is lost"
+    assert not found.visible.any()
 
 
 @pytest.mark.slow
@@ -145,7 +148,7 @@ def test_at_rest_a_rope_is_found_that_was_tracked_elsewhere():
     astray[25:, 1] += np.linspace(0.0, 0.12, 16)
     tracker = Tracker(CAMERA, ROPE, astray, QUICK)
     found = tracker.look(image(points))
-    assert found.explained > 0.98 and error(found, points) < 4e-3
+    assert found.coverage_fraction > 0.98 and error(found, points) < 4e-3
     assert np.array_equal(tracker.points, found.points)
     with pytest.raises(TraceError):
         tracker.look(bare())

@@ -4,17 +4,20 @@ import numpy as np
 import pytest
 import torch
 
-from knotflow.perception.coarse_to_fine import CoarseToFine
-from knotflow.perception.examples import draw
-from knotflow.perception.strand_training import StrandTraining
-from knotflow.perception.supervision import nodes_loss, vertex_error
-from knotflow.perception.training import Training
-from knotflow.perception.training_config import (
+from knotflow.perception.networks.config import (
     CoarseToFineConfig,
     ExamplesConfig,
     StrandNetworkConfig,
     StrandTrainingConfig,
     TrainingConfig,
+)
+from knotflow.perception.networks.examples import draw_patches
+from knotflow.perception.networks.models import CoarseToFine
+from knotflow.perception.networks.training import (
+    CoarseToFineTrainer,
+    StrandTrainer,
+    nodes_loss,
+    vertex_error,
 )
 
 from .shapes import ROPE, loop, s_curve
@@ -24,15 +27,15 @@ SHAPES = np.stack([s_curve(), loop(1), loop(-1)] * 4)
 CROSSINGS = np.array([0, 1, 1] * 4)
 
 
-def training(seed: int = 0) -> Training:
+def training(seed: int = 0) -> CoarseToFineTrainer:
     config = TrainingConfig(network=TINY, validations=3, steps=2, batch=4)
-    return Training(SHAPES, CROSSINGS, ROPE, config, seed)
+    return CoarseToFineTrainer(SHAPES, CROSSINGS, ROPE, config, seed)
 
 
-def strand_training() -> StrandTraining:
+def strand_training() -> StrandTrainer:
     network = StrandNetworkConfig(channels=(4, 8, 8), width=16)
     config = StrandTrainingConfig(network=network, validations=3, steps=2, batch=4)
-    return StrandTraining(SHAPES, CROSSINGS, ROPE, config, 0)
+    return StrandTrainer(SHAPES, CROSSINGS, ROPE, config, 0)
 
 
 @pytest.mark.parametrize("training", [training, strand_training])
@@ -59,7 +62,7 @@ def test_the_network_learns_eight_examples_by_heart():
         model = CoarseToFine(TINY)
     shapes = torch.as_tensor(SHAPES[:8], dtype=torch.float32)
     generator = torch.Generator().manual_seed(0)
-    patches, nodes, _ = draw(shapes, ROPE.radius, TINY.size, ExamplesConfig(), generator)
+    patches, nodes, _ = draw_patches(shapes, ROPE.radius, TINY.size, ExamplesConfig(), generator)
     optimizer = torch.optim.Adam(model.parameters(), 3e-3)
     before = vertex_error(model(patches)[-1].places, nodes).mean().item()
     for _ in range(200):
@@ -73,7 +76,7 @@ def test_the_network_learns_eight_examples_by_heart():
 @pytest.mark.parametrize("shapes", [SHAPES[:1], SHAPES[:, ::2]], ids=["one", "fewer vertices"])
 def test_shapes_that_cannot_be_learned_are_refused(shapes):
     with pytest.raises(ValueError, match="41"):
-        Training(shapes, CROSSINGS[: len(shapes)], ROPE, TrainingConfig(network=TINY), 0)
+        CoarseToFineTrainer(shapes, CROSSINGS[: len(shapes)], ROPE, TrainingConfig(network=TINY), 0)
 
 
 def test_a_network_that_cannot_be_is_refused():

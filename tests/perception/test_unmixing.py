@@ -13,8 +13,8 @@ from knotflow.perception import (
     SimulatedCamera,
     segment,
 )
-from knotflow.perception.appearance import TAPE
-from knotflow.perception.unmixing import coverage
+from knotflow.perception.camera.simulated import TAPE
+from knotflow.perception.estimation.segmentation import pixel_coverage
 from knotflow.simulation import RopeConfig
 
 ROPE = RopeConfig()
@@ -31,7 +31,7 @@ def look(camera, points, rng, rope, table, head=TAPE):
     nearest = np.hypot(columns[..., None] - column, rows[..., None] - row).argmin(axis=-1)
     true = simulated.view(points).labels == Label.ROPE
     image = simulated.capture(points, rng)
-    return coverage(image, segment(image, camera, ROPE.radius)), true, true & (nearest < 2)
+    return pixel_coverage(image, segment(image, camera, ROPE.radius)), true, true & (nearest < 2)
 
 
 def test_shares_add_up_to_the_area_of_the_rope(camera, overhand, rng):

@@ -174,15 +174,15 @@ def next_step(
     if (rope is None) == (image is None) or (image is None) != (camera is None):
         raise ValueError("next takes either --rope, or --image COLOUR DEPTH with --camera")
     if image is not None and camera is not None:
-        from knotflow.perception import seeing
+        from knotflow.perception import io
 
-        seen, *_ = seeing.see(*image, camera)
-        print(seeing.describe(seen))
-        if seen.doubtful:
+        seen, *_ = io.see(*image, camera)
+        print(io.describe(seen))
+        if seen.ambiguous:
             print("the rope is ambiguous: spread its crossings apart and take another image")
             return 1
         with tempfile.TemporaryDirectory() as folder:
-            seeing.write_rope(measured := Path(folder) / "seen.csv", seen.points)
+            io.write_rope(measured := Path(folder) / "seen.csv", seen.points)
             points = _read_rope(str(measured), None, seed)
     else:
         assert rope is not None
@@ -455,16 +455,16 @@ def see(
     for path in (out, drawing):
         (_check_writable if overwrite else _check_free)(path)
 
-    from knotflow.perception import seeing  # slow to import
+    from knotflow.perception import io  # slow to import
     from knotflow.simulation import RopeConfig
 
     rope = RopeConfig()
     rope = replace(rope, length=length or rope.length, radius=radius or rope.radius)
-    found, seen, pinhole = seeing.see(image, depth, camera, rope)
-    seeing.write_rope(out, found.points)
-    seeing.draw_overlay(drawing, seen, pinhole, rope, found)
-    print(f"{seeing.describe(found)}\n{out}, {drawing}")
-    return 1 if found.doubtful else 0
+    found, seen, pinhole = io.see(image, depth, camera, rope)
+    io.write_rope(out, found.points)
+    io.draw_overlay(drawing, seen, pinhole, rope, found)
+    print(f"{io.describe(found)}\n{out}, {drawing}")
+    return 1 if found.ambiguous else 0
 
 
 @app.command

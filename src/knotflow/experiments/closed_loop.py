@@ -29,7 +29,7 @@ from knotflow.execution import (
     run_trial,
 )
 from knotflow.experiments.common import rng_of, sampler_of
-from knotflow.perception import Camera, network_of
+from knotflow.perception import Camera, load_if_present
 from knotflow.planning import Goal, KnotPlan, PlannerConfig, parse_goal, plan_knot
 from knotflow.recording import RecordedRollout, RolloutImages, write_recording
 from knotflow.samplers import Sampler, SamplerConfig
@@ -153,7 +153,7 @@ def _execute(
     twin = Twin(plan.start, config, rng_of(setup.seed, number, 2, level), camera)
     planner.seconds = plan.seconds
     replan = partial(planner.plan, rng_of(setup.seed, number, 3, level))
-    network = None if camera is None else network_of(setup.network)
+    network = None if camera is None else load_if_present(setup.network)
     robot = FAULTS[case.fault](twin.robot())
     film = ImageRecorder(robot) if (case.controller, case.fault, number) == RECORDED else None
     trial = run_trial(

@@ -12,7 +12,7 @@ from omegaconf import II, MISSING
 
 import knotflow
 from knotflow.execution import SHIPPED_DYNAMICS, ExecutionConfig
-from knotflow.perception.training_config import SHIPPED_NETWORK
+from knotflow.perception.networks.config import SHIPPED_NETWORK
 from knotflow.planning import PlannerConfig
 from knotflow.planning.pull import PullConfig
 from knotflow.samplers import SamplerConfig

@@ -19,22 +19,31 @@ from knotflow.perception import (
     Appearance,
     Camera,
     CameraNoiseConfig,
+    CoarseToFineTrainer,
     EstimateConfig,
     Network,
     RgbdImage,
     SelfSupervision,
     SelfSupervisionConfig,
     SimulatedCamera,
-    StrandTraining,
+    StrandTrainer,
     StrandTrainingConfig,
     TraceError,
+    TrainingConfig,
     estimate,
 )
-from knotflow.perception.measures import choose_ropes, measures, noisy_image
-from knotflow.perception.methods import FINE, MARKED, METHODS, PLAIN, SELF_SUPERVISED, SUPERVISED
-from knotflow.perception.seeing import DrawnEstimate, draw_estimates
-from knotflow.perception.training import Training
-from knotflow.perception.training_config import TrainingConfig
+from knotflow.perception.io import DrawnEstimate, draw_estimates
+from knotflow.perception.methods import (
+    FINE,
+    MARKED,
+    METHODS,
+    PLAIN,
+    SELF_SUPERVISED,
+    SUPERVISED,
+    choose_ropes,
+    metrics,
+    noisy_image,
+)
 from knotflow.planning import KnotPlan, PlannerConfig, UnreachableGoalError, parse_goal, plan_knot
 from knotflow.samplers import Sampler, SamplerConfig
 from knotflow.samplers.demonstrations import aim_anywhere
@@ -137,11 +146,11 @@ def perception_training(
     Makes network.safetensors, in half precision, and curves.csv.
     """
     with np.load(ropes / ROPES) as shapes:
-        trainer = Training(shapes["points"], shapes["crossings"], rope, training, seed)
+        trainer = CoarseToFineTrainer(shapes["points"], shapes["crossings"], rope, training, seed)
 
     def finish() -> None:
         with run.atomic(WEIGHTS) as path:
-            trainer.network.save(path)
+            Network(trainer.model).save(path)
 
     run_training(trainer, run.out, name="perception", progress=run.progress, finish=finish)
 
@@ -162,7 +171,7 @@ def strand_training(
     """
     whole = Network.load(network / WEIGHTS if network.is_dir() else network)
     with np.load(ropes / ROPES) as shapes:
-        trainer = StrandTraining(shapes["points"], shapes["crossings"], rope, training, seed)
+        trainer = StrandTrainer(shapes["points"], shapes["crossings"], rope, training, seed)
 
     def finish() -> None:
         with run.atomic(WEIGHTS) as path:
@@ -257,7 +266,7 @@ def _estimate_image(
         found = estimate(image, Camera.overhead(), rope, config=config, network=learned)
     except TraceError:
         found = None
-    shape = np.empty((0, 3)) if found is None or found.doubtful else found.points
+    shape = np.empty((0, 3)) if found is None or found.ambiguous else found.points
     with run.atomic(f"{name}.npy") as path, open(path, "wb") as file:
         np.save(file, shape)  # given a path, it would append an ending
 
@@ -343,12 +352,13 @@ def _estimate_rope(
             seconds = time.process_time() - began
             rows.append(
                 {"method": method, "noise": level, "crossings": crossings, "rope": number}
-                | measures(found, truth)
+                | metrics(found, truth)
                 | {"rope_iou": round(rope_iou, 4), "seconds": round(seconds, 3)}
             )
             if found is not None and (method, level, number) == (DRAWN, NOMINAL, 0):
                 with run.atomic(f"drawn/{crossings}.npz") as path:
-                    np.savez(path, rgb=image.rgb, found=found.points, seen=found.seen, truth=truth)
+                    points, visible = found.points, found.visible
+                    np.savez(path, rgb=image.rgb, found=points, visible=visible, truth=truth)
     return pd.DataFrame(rows)
 
 

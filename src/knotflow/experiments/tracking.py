@@ -29,12 +29,12 @@ from knotflow.experiments.common import rng_of
 from knotflow.perception import (
     Camera,
     CameraNoiseConfig,
-    PointDriftConfig,
-    PointDriftTracker,
+    CpdConfig,
+    CpdTracker,
     RgbdImage,
     Tracker,
     TrackerConfig,
-    network_of,
+    load_if_present,
 )
 from knotflow.recording import RolloutImages, recorded, write_recording
 from knotflow.samplers.demonstrations import TASKS, load_demonstrations
@@ -67,7 +67,7 @@ class _Setup:
     simulation: SimulationConfig
     noise: CameraNoiseConfig
     tracker: TrackerConfig
-    drift: PointDriftConfig
+    drift: CpdConfig
     seed: int
 
 
@@ -81,7 +81,7 @@ def tracking(
     simulation: SimulationConfig,
     camera_noise: CameraNoiseConfig = CameraNoiseConfig(),
     tracker: TrackerConfig = TrackerConfig(),
-    drift: PointDriftConfig = PointDriftConfig(),
+    drift: CpdConfig = CpdConfig(),
     levels: list[int],
     rollouts: int,
     seed: int,
@@ -155,10 +155,10 @@ def _track(setup: _Setup, recorded_name: str, run: StageRun, name: str) -> pd.Da
 
 def _trackers(
     setup: _Setup, start: NDArray[np.float64]
-) -> dict[str, Callable[[], Tracker | PointDriftTracker]]:
+) -> dict[str, Callable[[], Tracker | CpdTracker]]:
     """What makes each tracker, by method, from the rope (V, 3) at the start."""
     camera, rope = Camera.overhead(), setup.simulation.rope
-    network = network_of(setup.network)
+    network = load_if_present(setup.network)
     predictions = {
         "rendering": None,
         "rendering_lstm": ModelPrediction(LstmDynamics.load(setup.dynamics_weights)),
@@ -172,7 +172,7 @@ def _trackers(
         method: partial(Tracker, camera, rope, start, setup.tracker, prediction, network)
         for method, prediction in predictions.items()
     } | {
-        method: partial(PointDriftTracker, camera, rope, start, config)
+        method: partial(CpdTracker, camera, rope, start, config)
         for method, config in drifts.items()
     }
 
@@ -184,7 +184,7 @@ def _row(method: str, frame: int, found: Any, truth: NDArray[np.float64]) -> dic
         "frame": frame,
         "mean_error_mm": 1e3 * np.linalg.norm(found.points - truth, axis=1).mean(),
         "state_correct": int(state is not None and found.state == state),
-        "lost": int(any("lost" in doubt for doubt in found.doubts)),
+        "lost": int(any("lost" in doubt for doubt in found.ambiguities)),
     }
 
 

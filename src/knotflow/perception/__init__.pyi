@@ -1,60 +1,45 @@
-from .appearance import Appearance
-from .camera import Camera, CameraError
-from .certainty import CrossingEvidence, weigh_crossings
-from .doubts import END_DOUBTS
-from .estimation import EstimateConfig, RopeEstimate, estimate
-from .evidence import explained, observe, seen
-from .fitting import FitConfig, fit, image_loss, project_lengths, shape_loss
-from .image import ImageError, Label, RgbdImage
-from .lifting import lift
-from .losses import Target
-from .motion import go_on
-from .network import Network, NetworkError, network_of
-from .noise import CameraNoiseConfig, add_noise
-from .point_drift import PointDriftConfig, PointDriftTracker
-from .rendering import render
-from .sample import SAMPLE
-from .searching import SearchConfig
-from .seeing import see
-from .segmentation import Segmentation, segment
-from .self_supervision import SelfSupervision, SelfSupervisionConfig
-from .simulated import SimulatedCamera, View
-from .strand_network import StrandNetwork
-from .strand_tracing import trace_rope
-from .strand_training import StrandTraining
-from .tracing import Trace, TraceError, trace
-from .tracking import Tracker, TrackerConfig
-from .training import Training
-from .training_config import (
-    CoarseToFineConfig,
-    ExamplesConfig,
-    LossConfig,
-    StrandNetworkConfig,
-    StrandTrainingConfig,
-    TrainingConfig,
+from .camera.image import SAMPLE, ImageError, Label, RgbdImage
+from .camera.noise import CameraNoiseConfig, add_noise
+from .camera.pinhole import Camera, CameraError
+from .camera.rendering import render
+from .camera.simulated import Appearance, SimulatedCamera, View
+from .estimation.ambiguity import END_AMBIGUITIES
+from .estimation.crossings import CrossingEvidence, score_crossings
+from .estimation.estimate import EstimateConfig, RopeEstimate, estimate
+from .estimation.evidence import Target, coverage_fraction, observe, visible_vertices
+from .estimation.fitting import FitConfig, fit
+from .estimation.search import SearchConfig
+from .estimation.segmentation import Segmentation, pixel_coverage, segment
+from .estimation.skeleton import TraceError
+from .io import see
+from .networks.config import StrandNetworkConfig, StrandTrainingConfig, TrainingConfig
+from .networks.network import Network, NetworkError, load_if_present
+from .networks.training import (
+    CoarseToFineTrainer,
+    SelfSupervision,
+    SelfSupervisionConfig,
+    StrandTrainer,
 )
-from .uncertainty import spread
-from .unmixing import coverage
+from .tracking.cpd import CpdConfig, CpdTracker
+from .tracking.tracker import Tracker, TrackerConfig, constant_velocity
 
 __all__ = [
-    "END_DOUBTS",
+    "END_AMBIGUITIES",
     "SAMPLE",
     "Appearance",
     "Camera",
-    "CameraNoiseConfig",
-    "CoarseToFineConfig",
     "CameraError",
+    "CameraNoiseConfig",
+    "CoarseToFineTrainer",
+    "CpdConfig",
+    "CpdTracker",
     "CrossingEvidence",
     "EstimateConfig",
-    "ExamplesConfig",
     "FitConfig",
     "ImageError",
     "Label",
-    "LossConfig",
     "Network",
     "NetworkError",
-    "PointDriftConfig",
-    "PointDriftTracker",
     "RgbdImage",
     "RopeEstimate",
     "SearchConfig",
@@ -62,36 +47,26 @@ __all__ = [
     "SelfSupervision",
     "SelfSupervisionConfig",
     "SimulatedCamera",
-    "StrandNetwork",
     "StrandNetworkConfig",
-    "StrandTraining",
+    "StrandTrainer",
     "StrandTrainingConfig",
     "Target",
-    "Trace",
     "TraceError",
-    "Training",
-    "TrainingConfig",
     "Tracker",
     "TrackerConfig",
+    "TrainingConfig",
     "View",
     "add_noise",
-    "coverage",
+    "constant_velocity",
+    "coverage_fraction",
     "estimate",
-    "explained",
     "fit",
-    "go_on",
-    "image_loss",
-    "lift",
-    "network_of",
+    "load_if_present",
     "observe",
-    "project_lengths",
+    "pixel_coverage",
     "render",
+    "score_crossings",
     "see",
-    "seen",
     "segment",
-    "shape_loss",
-    "spread",
-    "trace",
-    "trace_rope",
-    "weigh_crossings",
+    "visible_vertices",
 ]

@@ -1,32 +1,30 @@
-"""The estimation of a rope and its ablations, as the perception experiment compares them."""
+"""Methods of estimation that the perception experiment compares, on which ropes, and by what."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.perception.camera import Camera
-from knotflow.perception.estimation import (
-    EstimateConfig,
-    RopeEstimate,
-    estimate,
-    propose,
-    propose_points,
-)
-from knotflow.perception.fitting import FitConfig
-from knotflow.perception.image import RgbdImage
-from knotflow.perception.network import Network
-from knotflow.simulation import RopeConfig, resample
+from knotflow.perception.camera.image import Label, RgbdImage
+from knotflow.perception.camera.noise import add_noise
+from knotflow.perception.camera.pinhole import Camera
+from knotflow.perception.camera.simulated import SimulatedCamera
+from knotflow.perception.estimation.chain import nearest_on_chain
+from knotflow.perception.estimation.estimate import EstimateConfig, RopeEstimate, estimate, propose
+from knotflow.perception.estimation.segmentation import segment
+from knotflow.perception.networks.network import Network
+from knotflow.simulation import RopeConfig, check_points, resample, state_or_none
 
 POOR = 0.03
-"""How far off a poor start is, metres, root mean square."""
+"""Root mean square error of a poor start, metres."""
 SUPERVISED, SELF_SUPERVISED = "supervised", "self_supervised"
-"""Networks: as trained on simulated ropes, and after learning from images alone besides. They
-differ in how they see a whole rope; strands are followed by the same network in both."""
-
+"""Networks: as trained on simulated ropes, and after learning from images alone besides; both have
+the same network that follows strands."""
 MARKED, PLAIN, FINE = "marked", "plain", "fine"
 """Images of a rope: its head coloured, not coloured, and coloured with twice as many pixels along
 each side."""
@@ -48,8 +46,8 @@ class EstimationMethod:
     depth: bool = True
     """Let these steps see depth."""
     view: str = MARKED
-    """Which image it sees: `MARKED`, `FINE`, or `PLAIN`, where the head is found by an earlier
-    shape, off by `POOR`."""
+    """Its image: `MARKED`, `FINE`, or `PLAIN`, where an earlier shape, off by `POOR`, tells the
+    head."""
     nominal: bool = False
     """Compared at nominal noise only."""
 
@@ -63,16 +61,8 @@ class EstimationMethod:
         truth: NDArray,
         rng: np.random.Generator,
     ) -> RopeEstimate:
-        """The rope in an image.
-
-        Args:
-            image: of this camera.
-            camera: its intrinsics and pose.
-            rope: its length, radius and number of links.
-            config: how.
-            networks: by name, the one that is started from among them.
-            truth: (V, 3) metres, the true shape, for poor starts and earlier shapes only.
-            rng: of these.
+        """The rope in an image of a camera, with networks by name; the `truth` (V, 3), metres, is
+        for poor starts and earlier shapes, which `rng` draws.
 
         Raises:
             TraceError: there is no rope in the image.
@@ -81,7 +71,7 @@ class EstimationMethod:
         if network is not None and not self.strands:
             network = Network(network.model)
         if not self.depth:
-            config = replace(config, fit=replace(config.fit or FitConfig(), depth=0.0))
+            config = replace(config, fit=replace(config.fit, depth=0.0))
         if self.tracing:
             config = replace(config, propose=network is not None)
             earlier = _moved(truth, rope, rng) if self.view == PLAIN else None
@@ -90,7 +80,8 @@ class EstimationMethod:
             return estimate(image, camera, rope, _moved(truth, rope, rng), config)
         if not self.rendering:
             return propose(image, camera, rope, network, config)
-        return estimate(image, camera, rope, propose_points(image, camera, rope, network), config)
+        guesses = network.guesses(image, camera, rope, segment(image, camera, rope.radius))
+        return estimate(image, camera, rope, guesses[0], config)
 
 
 METHODS = {
@@ -134,3 +125,73 @@ def _moved(truth: NDArray, rope: RopeConfig, rng: np.random.Generator) -> NDArra
     off = waves @ rng.normal(size=(4, 2)) + rng.normal(size=2)
     off *= POOR / np.sqrt((off**2).sum(axis=1).mean())
     return resample(truth + np.pad(off, ((0, 0), (0, 1))), rope)
+
+
+def choose_ropes(
+    path: Path, crossings: Sequence[int], count: int, rope: RopeConfig, seed: int
+) -> dict[tuple[int, int], NDArray]:
+    """Shapes (V, 3), metres, by number of crossings and a count; all of each is in view.
+
+    Args:
+        path: shapes and their numbers of crossings, as the stage `ropes` has them.
+        crossings: the numbers wanted.
+        count: ropes of each number; where there are fewer, all of these are taken.
+        rope: what they are shapes of.
+        seed: of the choice.
+
+    Raises:
+        ValueError: no rope of a number of crossings.
+    """
+    with np.load(path) as file:
+        points, of_each = file["points"].astype(np.float64), file["crossings"]
+    rng = np.random.default_rng([seed, 0])
+    camera = Camera.overhead()
+    chosen: dict[tuple[int, int], NDArray] = {}
+    for number in crossings:
+        rows = [row for row in np.flatnonzero(of_each == number) if _in_view(points[row], camera)]
+        if not rows:
+            raise ValueError(
+                f"{path} has no rope of {number} crossings in the camera's view: raise "
+                "perception.shards"
+            )
+        if len(rows) < count:
+            print(f"only {len(rows)} ropes of {number} crossings are in view", flush=True)
+        for place, row in enumerate(rng.permutation(rows)[:count]):
+            chosen[number, place] = check_points(resample(points[row], rope), rope)
+    return chosen
+
+
+def _in_view(points: NDArray, camera: Camera) -> bool:
+    """Whether the whole rope is seen, with some pixels to spare."""
+    pixels = camera.project(points)[:, :2]
+    return bool(pixels.min() > 4 and (pixels < [camera.width - 5, camera.height - 5]).all())
+
+
+def noisy_image(
+    camera: SimulatedCamera, truth: NDArray, rng: np.random.Generator
+) -> tuple[RgbdImage, float]:
+    """An image with noise, and the intersection over union of its rope, as it is segmented, with
+    the pixels that show rope."""
+    view = camera.view(truth)
+    image = add_noise(view.image, camera.camera, camera.noise, rng)
+    found = segment(image, camera.camera, camera.rope.radius).rope
+    there = view.labels == Label.ROPE
+    return image, float((found & there).sum() / (found | there).sum())
+
+
+def metrics(found: RopeEstimate | None, truth: NDArray) -> dict[str, Any]:
+    """How far an estimate is from the true rope (V, 3); empty where no rope was found."""
+    if found is None:
+        empty = dict.fromkeys(("mean_error_mm", "p95_error_mm", "off_curve_error_mm"), np.nan)
+        return empty | dict.fromkeys(("state_correct", "head_correct"), 0) | {"doubtful": 1}
+    error = 1e3 * np.linalg.norm(found.points - truth, axis=1)
+    reversed_error = 1e3 * np.linalg.norm(found.points[::-1] - truth, axis=1)
+    off = np.linalg.norm(nearest_on_chain(found.points, truth)[2], axis=1)
+    return {
+        "mean_error_mm": round(float(error.mean()), 3),
+        "p95_error_mm": round(float(np.quantile(error, 0.95)), 3),
+        "off_curve_error_mm": round(float(1e3 * off.mean()), 3),
+        "state_correct": int(found.state == state_or_none(truth)),
+        "head_correct": int(error.mean() < reversed_error.mean()),
+        "doubtful": int(found.ambiguous),
+    }

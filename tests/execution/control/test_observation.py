@@ -22,13 +22,12 @@ CAMERA = Camera.overhead(80, 60)
 STRAIGHT = straight(RopeConfig())
 SEEN = RopeEstimate(
     points=STRAIGHT,
-    seen=np.ones(41, bool),
+    visible=np.ones(41, bool),
     state=TopologicalState.trivial(),
     crossings=(),
-    explained=1.0,
-    spread=np.zeros(41),
+    coverage_fraction=1.0,
     head_known=True,
-    doubts=(),
+    ambiguities=(),
 )
 
 
@@ -130,11 +129,11 @@ def test_estimate_starts_at_likely_shapes_and_resets_the_tracker(monkeypatch):
 
 
 def test_ambiguity_widens_the_next_search(monkeypatch):
-    doubtful = replace(SEEN, doubts=("a crossing is in doubt",))
+    doubtful = replace(SEEN, ambiguities=("a crossing is in doubt",))
     tried, found = [], [doubtful, doubtful, doubtful, SEEN, SEEN]
 
     def estimate(*_, config, **__):
-        tried.append(config.wider is not None)
+        tried.append(config.fallback_search is not None)
         return found.pop(0)
 
     monkeypatch.setattr("knotflow.perception.estimate", estimate)

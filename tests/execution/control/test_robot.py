@@ -36,7 +36,7 @@ def test_frames_lost_for_a_second(plan):
 
 def test_occluded_rope_is_not_estimated(plan):
     robot = FAULTS["table alone"](twin_of(plan, CAMERA).robot())
-    assert estimate(robot.observe(), CAMERA, RopeConfig(), plan.start).explained > 0.9
+    assert estimate(robot.observe(), CAMERA, RopeConfig(), plan.start).coverage_fraction > 0.9
     with pytest.raises(TraceError):
         estimate(grasped(robot, 1.0).observe(), CAMERA, RopeConfig(), likely=[plan.start])
 

@@ -188,7 +188,7 @@ class Session:
         with self._busy, one_thread():
             found = estimate(image, camera, self.simulation.rope)
         self.lay(found.points)
-        return found.in_doubt
+        return found.all_ambiguities
 
     def search(
         self,

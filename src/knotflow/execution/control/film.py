@@ -218,7 +218,14 @@ def film_rollout(
         noise: of the camera.
         rng: draws all else.
     """
-    from knotflow.perception import Appearance, Camera, Label, SimulatedCamera, add_noise, seen
+    from knotflow.perception import (
+        Appearance,
+        Camera,
+        Label,
+        SimulatedCamera,
+        add_noise,
+        visible_vertices,
+    )
 
     simulator, attempts = RopeSimulator(replace(simulation, rope=rope)), None
     while attempts is None or attempts.rollouts.diverged.any():
@@ -240,5 +247,7 @@ def film_rollout(
         closed = 0 < seconds < simulation.move_time
         view = simulated.view(points, gripper, bool(closed), float(seconds))
         images.append(add_noise(view.image, camera, noise, rng))
-        visible.append(seen(points, view.labels == Label.ROPE, view.image, camera, rope))
+        visible.append(
+            visible_vertices(points, view.labels == Label.ROPE, view.image, camera, rope)
+        )
     return FilmedRollout(attempts, tuple(images), np.stack(visible), camera)

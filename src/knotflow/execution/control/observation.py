@@ -57,7 +57,7 @@ class TrackedRope:
         except TimeoutError:
             return points
         estimate = self.tracker.update(image, gripper, self._grasped_link)
-        self.lost = estimate.explained < self.tracker.config.lost
+        self.lost = estimate.coverage_fraction < self.tracker.config.lost
         return estimate.points
 
 
@@ -96,9 +96,9 @@ class Observation:
     @property
     def all_doubts(self) -> tuple[str, ...]:
         """All that is ambiguous, the ends included, in words."""
-        from knotflow.perception import END_DOUBTS
+        from knotflow.perception import END_AMBIGUITIES
 
-        return self.doubts + tuple(END_DOUBTS[end] for end in self.ends)
+        return self.doubts + tuple(END_AMBIGUITIES[end] for end in self.ends)
 
 
 class StateEstimator(Protocol):
@@ -158,15 +158,17 @@ class ImageStateEstimator:
                 image,
                 self.camera,
                 self.rope,
-                config=config if self._search_wider else replace(config, wider=None),
+                config=config if self._search_wider else replace(config, fallback_search=None),
                 earlier=likely[0] if likely else None,
                 network=self.network,
                 likely=likely,
             )
         except TraceError as error:
             return Observation.no_rope(str(error))
-        self._search_wider = bool(found.doubts) and not self._search_wider
+        self._search_wider = bool(found.ambiguities) and not self._search_wider
         if self.tracker is not None:
-            self.tracker.reseat(found, image.time)
+            self.tracker.restart(found, image.time)
         unknown = () if found.head_known else ("head and tail look alike",)
-        return Observation.of(resample(found.points, self.rope), found.doubts + unknown, found.ends)
+        return Observation.of(
+            resample(found.points, self.rope), found.ambiguities + unknown, found.ambiguous_ends
+        )

@@ -1,0 +1,1 @@
+"""Cameras: geometry, images and their files, simulation, noise and rendering."""

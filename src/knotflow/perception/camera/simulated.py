@@ -1,0 +1,350 @@
+"""The simulated camera: appearance, RGB and depth of rope, table and gripper, by ray casting.
+
+MuJoCo casts rays against capsules, boxes and the table, without OpenGL, where rope and gripper may
+be seen; elsewhere the image is that of the bare table.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from knotflow.perception.camera.image import Label, RgbdImage
+from knotflow.perception.camera.noise import CameraNoiseConfig, add_noise
+from knotflow.perception.camera.pinhole import Camera
+from knotflow.simulation import RopeConfig, check_points
+
+if TYPE_CHECKING:
+    import mujoco
+
+    from knotflow.perception.camera.noise import CameraNoiseConfig
+
+Colour = tuple[float, float, float]
+
+HEAD_LENGTH = 0.05
+"""Length of the coloured head, metres: two turns of tape."""
+TAPE: Colour = (0.85, 0.10, 0.12)
+"""Red tape around the rope's head."""
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """Colours (sRGB, 0 to 1) of rope, table and gripper, and the light (world frame, z up)."""
+
+    rope: Colour = (0.85, 0.80, 0.68)
+    table: Colour = (0.28, 0.36, 0.38)
+    gripper: Colour = (0.12, 0.12, 0.13)
+    head: Colour | None = None
+    """Colour of the rope's first `HEAD_LENGTH`; None is a rope whose ends look alike."""
+    light: tuple[float, float, float] = (0.2, -0.3, 1.0)
+    """Direction towards the light."""
+    ambient: float = 0.5
+    """Share of the light that comes from everywhere, 0 to 1."""
+    brightness: Colour = (1.0, 1.0, 1.0)
+    """Strength of the light in red, green and blue: exposure and white balance."""
+    grain: tuple[tuple[float, float, float, float], ...] = ()
+    """The table's grain: waves of brightness, each a wave vector x and y (1/m), phase (radians) and
+    amplitude (share of the brightness)."""
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, noise: CameraNoiseConfig) -> Appearance:
+        """Colours and light at random; at level 0 the default ones.
+
+        Rope, table and head differ by at least `noise.contrast / noise.level`, Euclidean in sRGB.
+        """
+        head = TAPE if noise.coloured_head else None
+        level = noise.level
+        if level == 0:
+            return cls(head=head)
+        while True:
+            rope, table = rng.uniform(0.05, 0.95, (2, 3))
+            shades = [rope, table, *([np.array(head)] if head else [])]
+            apart = [np.linalg.norm(a - b) for i, a in enumerate(shades) for b in shades[:i]]
+            if min(apart) >= noise.contrast / level:
+                break
+        tilt, azimuth = level * rng.uniform(0.0, noise.light_tilt), rng.uniform(0.0, 2 * np.pi)
+        waves, angle = 4, rng.uniform(0.0, np.pi)
+        length = rng.uniform(0.02, 0.3, waves)
+        turn = angle + rng.normal(0.0, 0.2, waves)
+        grain = np.column_stack(
+            [
+                2 * np.pi * np.cos(turn) / length,
+                2 * np.pi * np.sin(turn) / length,
+                rng.uniform(0.0, 2 * np.pi, waves),
+                level * noise.grain * rng.uniform(0.0, 1.0, waves),
+            ]
+        )
+        return cls(
+            rope=_colour(rope),
+            table=_colour(table),
+            gripper=_colour(rng.uniform(0.05, 0.25) + rng.uniform(-0.03, 0.03, 3)),
+            head=head,
+            light=(
+                float(np.sin(tilt) * np.cos(azimuth)),
+                float(np.sin(tilt) * np.sin(azimuth)),
+                float(np.cos(tilt)),
+            ),
+            ambient=float(rng.uniform(0.35, 0.65)),
+            brightness=_colour(
+                rng.uniform(0.75, 1.0) + level * rng.normal(0.0, noise.white_balance, 3)
+            ),
+            grain=tuple((float(x), float(y), float(phase), float(a)) for x, y, phase, a in grain),
+        )
+
+    def shade(
+        self, labels: NDArray[np.uint8], head: NDArray[np.bool_], normals: NDArray, points: NDArray
+    ) -> NDArray[np.uint8]:
+        """The colours (H, W, 3) of what is seen, by Lambert's law.
+
+        Args:
+            labels: (H, W), see `Label`; unknown is black.
+            head: (H, W), where the rope's head is seen.
+            normals: (H, W, 3) unit, world frame.
+            points: (H, W, 3) metres, world frame.
+        """
+        colours = np.zeros((len(Label), 3))
+        colours[Label.TABLE] = self.table
+        colours[Label.ROPE] = self.rope
+        colours[Label.GRIPPER] = self.gripper
+        rgb = colours[labels]
+        if self.head is not None:
+            rgb[head] = self.head
+        light = np.array(self.light) / np.linalg.norm(self.light)
+        shade = self.ambient + (1.0 - self.ambient) * (normals @ light).clip(0.0)
+        table = labels == Label.TABLE
+        x, y, _ = points[table].T
+        for across, up, phase, amplitude in self.grain:
+            shade[table] *= 1.0 + amplitude * np.sin(across * x + up * y + phase)
+        rgb *= shade[..., None] * np.array(self.brightness)
+        return np.rint(255.0 * rgb.clip(0.0, 1.0)).astype(np.uint8)
+
+
+def _colour(values: NDArray) -> Colour:
+    red, green, blue = (float(value) for value in values)
+    return red, green, blue
+
+
+FINGER = (0.014, 0.008, 0.060)
+"""Size of a finger, metres: along the rope it holds, across, and upwards."""
+PALM = (0.030, 0.090, 0.050)
+"""Size of the palm that carries the fingers, metres."""
+WRIST = (0.025, 0.120)
+"""Radius and length of the wrist above the palm, metres."""
+OPEN = 0.050
+"""Distance between the open fingers, metres; closed they touch the rope."""
+
+_Bare = tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32]]  # labels, rgb, depth
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """An image without noise, and the `Label` (H, W) of each pixel."""
+
+    image: RgbdImage
+    labels: NDArray[np.uint8]
+
+
+class SimulatedCamera:
+    """A camera that looks at simulated ropes.
+
+    The gripper (two fingers, a palm and a wrist) points straight down, its fingers across the link
+    nearest to it.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        rope: RopeConfig,
+        noise: CameraNoiseConfig | None = None,
+        appearance: Appearance | None = None,
+    ) -> None:
+        """A camera for one rope; `appearance` may be replaced between images."""
+        import mujoco
+
+        self.camera, self.rope = camera, rope
+        self.noise = noise or CameraNoiseConfig()
+        self.appearance = appearance or Appearance()
+        self._model = _scene(rope)
+        self._data = mujoco.MjData(self._model)
+        self._rays = camera.rays()
+        self._depth_per_distance = self._rays @ camera.rotation[:, 2]
+        links = np.arange(self._model.ngeom) - 1  # geom 0 is the table
+        self._labels = np.where(links < rope.links, Label.ROPE, Label.GRIPPER).astype(np.uint8)
+        self._labels[0] = Label.TABLE
+        self._head = (links >= 0) & (links < round(HEAD_LENGTH / rope.link_length))
+        self._table: tuple[Appearance, _Bare] | None = None
+
+    def capture(
+        self,
+        points: NDArray,
+        rng: np.random.Generator,
+        gripper: ArrayLike | None = None,
+        closed: bool = True,
+        time: float = 0.0,
+    ) -> RgbdImage:
+        """An image of a rope, with noise.
+
+        Args:
+            points: (V, 3) rope vertices, metres, head first, world frame.
+            rng: draws the noise.
+            gripper: (3,) metres, the point between the fingertips; None is out of view.
+            closed: whether the fingers are closed on the rope.
+            time: seconds.
+
+        Raises:
+            ShapeError: for points that are not a shape of this rope.
+        """
+        image = self.view(points, gripper, closed, time).image
+        return add_noise(image, self.camera, self.noise, rng)
+
+    def view(
+        self,
+        points: NDArray,
+        gripper: ArrayLike | None = None,
+        closed: bool = True,
+        time: float = 0.0,
+    ) -> View:
+        """The image without noise; arguments as in `capture`."""
+        self._place(check_points(points, self.rope), gripper, closed)
+        bare = self._bare()
+        labels, rgb, depth = bare[0].copy(), bare[1].copy(), bare[2].copy()
+        window = self._window(gripper is not None)
+        rays = np.ascontiguousarray(self._rays[window])
+        if rays.size:
+            geom, distance, normals = self._cast(rays, gripper is not None)
+            seen = geom >= 0
+            labels[window] = np.where(seen, self._labels[geom], Label.UNKNOWN)
+            rgb[window] = self.appearance.shade(
+                labels[window],
+                seen & self._head[geom],
+                normals,
+                self.camera.position + distance[..., None] * rays,
+            )
+            along = distance * self._depth_per_distance[window]
+            depth[window] = np.where(seen, along, np.nan)
+        return View(RgbdImage(rgb, depth, time), labels)
+
+    def _bare(self) -> _Bare:
+        """The table alone, computed once for an appearance."""
+        if self._table is None or self._table[0] is not self.appearance:
+            with np.errstate(divide="ignore"):
+                distance = -self.camera.position[2] / self._rays[..., 2]
+            seen = (distance > 0) & np.isfinite(distance)
+            distance = np.where(seen, distance, 0.0)
+            labels = np.where(seen, Label.TABLE, Label.UNKNOWN).astype(np.uint8)
+            rgb = self.appearance.shade(
+                labels,
+                np.zeros_like(seen),
+                np.broadcast_to([0.0, 0.0, 1.0], self._rays.shape),
+                self.camera.position + distance[..., None] * self._rays,
+            )
+            depth = np.where(seen, distance * self._depth_per_distance, np.nan).astype(np.float32)
+            self._table = self.appearance, (labels, rgb, depth)
+        return self._table[1]
+
+    def _cast(
+        self, rays: NDArray, gripper: bool
+    ) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
+        """Geom (H, W) that rays (H, W, 3) hit, -1 is none, distance (H, W), normal (H, W, 3)."""
+        import mujoco
+
+        geom = np.empty(rays.shape[:2], np.int32)
+        distance, normals = np.empty(rays.shape[:2]), np.empty(rays.shape)
+        mujoco.mj_multiRay(
+            self._model,
+            self._data,
+            self.camera.position,
+            rays.ravel(),
+            np.array([1, gripper, 0, 0, 0, 0], np.uint8),
+            True,
+            -1,
+            geom.ravel(),
+            distance.ravel(),
+            normals.ravel(),
+            geom.size,
+            mujoco.mjMAXVAL,
+        )
+        return geom, distance, normals
+
+    def _window(self, gripper: bool) -> tuple[slice, slice]:
+        """Rows and columns around the bounding spheres of all links and parts of the gripper;
+        outside of them there is nothing but the table."""
+        camera = self.camera
+        geoms = slice(1, None if gripper else 1 + self.rope.links)
+        radius = self._model.geom_rbound[geoms]
+        centre = (self._data.geom_xpos[geoms] - camera.position) @ camera.rotation
+        away, ahead = np.linalg.norm(centre, axis=1), centre[:, 2]
+        sine = radius / np.maximum(away, radius)  # of the angle that a ball is seen at
+        cosine = ahead / np.maximum(away, 1e-9)  # of the angle off the axis
+        # tan(off + seen) - tan(off), the ball's extent in the image, is sine / (cosine * farthest)
+        farthest = cosine * np.sqrt(1 - sine**2) - np.sqrt(1 - cosine**2) * sine
+        if min(cosine.min(), farthest.min()) <= 0:
+            return slice(None), slice(None)  # beside or behind the camera
+        spans = []
+        for axis, focal, middle, size in (
+            (1, camera.fy, camera.cy, camera.height),
+            (0, camera.fx, camera.cx, camera.width),
+        ):
+            at, half = focal * centre[:, axis] / ahead + middle, focal * sine / (cosine * farthest)
+            low, high = np.floor((at - half).min()), np.ceil((at + half).max()) + 1
+            spans.append(slice(*(int(one) for one in np.clip([low, high], 0, size))))
+        return spans[0], spans[1]
+
+    def _place(self, points: NDArray, gripper: ArrayLike | None, closed: bool) -> None:
+        """Move the scene's bodies: links first, then palm and both fingers."""
+        import mujoco
+
+        links = self.rope.links
+        position, quaternion = self._data.mocap_pos, self._data.mocap_quat
+        direction = np.diff(points, axis=0)
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        position[:links] = 0.5 * (points[1:] + points[:-1])
+        quaternion[:links] = _from_z(direction)
+        if gripper is not None:
+            at = np.asarray(gripper, np.float64)
+            nearest = int(np.linalg.norm(position[:links] - at, axis=1).argmin())
+            yaw = np.arctan2(direction[nearest, 1], direction[nearest, 0])
+            across = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
+            gap = 2 * self.rope.radius if closed else OPEN
+            side = 0.5 * (gap + FINGER[1]) * across
+            position[links:] = at, at + side, at - side
+            quaternion[links:] = np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)
+        mujoco.mj_kinematics(self._model, self._data)
+
+
+def _scene(rope: RopeConfig) -> mujoco.MjModel:
+    """Table, links, palm and fingers as mocap bodies."""
+    import mujoco
+
+    spec = mujoco.MjSpec()
+    box, capsule = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CAPSULE
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.1])
+    for _ in range(rope.links):
+        spec.worldbody.add_body(mocap=True).add_geom(
+            type=capsule, size=[rope.radius, rope.link_length / 2, 0]
+        )
+    bottom = FINGER[2] - rope.radius  # of the palm; the fingertips reach the table
+    palm = spec.worldbody.add_body(mocap=True)
+    palm.add_geom(type=box, size=np.array(PALM) / 2, pos=[0, 0, bottom + PALM[2] / 2], group=1)
+    palm.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=[WRIST[0], WRIST[1] / 2, 0],
+        pos=[0, 0, bottom + PALM[2] + WRIST[1] / 2],
+        group=1,
+    )
+    for _ in range(2):
+        spec.worldbody.add_body(mocap=True).add_geom(
+            type=box, size=np.array(FINGER) / 2, pos=[0, 0, bottom - FINGER[2] / 2], group=1
+        )
+    return spec.compile()
+
+
+def _from_z(direction: NDArray) -> NDArray[np.float64]:
+    """Quaternions (N, 4), w first, that turn the z axis into unit vectors (N, 3)."""
+    x, y, z = direction.T
+    quaternion = np.column_stack([1.0 + z, -y, x, np.zeros_like(z)])
+    quaternion[z < -1 + 1e-9] = 0.0, 1.0, 0.0, 0.0
+    return quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)

@@ -1,0 +1,1 @@
+"""A rope estimated from one RGB-D image."""

@@ -1,0 +1,166 @@
+"""From the files of an image to a rope's file, and pictures of estimates: the `see` command."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from knotflow.perception.camera.image import ImageError, RgbdImage
+from knotflow.perception.camera.pinhole import Camera, CameraError
+from knotflow.perception.estimation.estimate import RopeEstimate, estimate
+from knotflow.perception.estimation.segmentation import table_error
+from knotflow.perception.estimation.skeleton import TraceError
+from knotflow.simulation import RopeConfig
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MAX_OFFSET, MAX_TILT = 0.05, 0.1
+"""Errors of a camera's pose that are corrected: metres in height, and radians."""
+
+
+def see(
+    rgb: Path, depth: Path, camera: Path, rope: RopeConfig | None = None
+) -> tuple[RopeEstimate, RgbdImage, Camera]:
+    """The rope in the files of an image, and what was read to find it; a terminal shows progress.
+
+    Args:
+        rgb, depth: files of colour and depth, see `RgbdImage.read`.
+        camera: file of the camera, see `Camera.load`.
+        rope: that is in the image; the default rope without.
+
+    Raises:
+        CameraError: a camera file that cannot be used, or whose pose is far off the table.
+        ImageError: files that make no image of that camera, or in which no rope is seen.
+    """
+    rope = rope or RopeConfig()
+    pinhole = Camera.load(camera)
+    image = RgbdImage.read(rgb, depth, pinhole)
+    off, tilt = table_error(image, pinhole)
+    if abs(off) > MAX_OFFSET or tilt > MAX_TILT:
+        raise CameraError(
+            f"{camera}: with this pose most of {depth} lies {off:+.2f} m above z = 0, tilted by "
+            f"{np.rad2deg(tilt):.0f} degrees, but most of an image is the table, at z = 0; "
+            "position is in metres"
+        )
+    try:
+        with tqdm(desc="looking", unit=" shapes", leave=False, disable=None) as bar:
+            return estimate(image, pinhole, rope, progress=bar.update), image, pinhole
+    except TraceError as error:
+        raise ImageError(
+            f"{rgb}, {depth}: no rope of radius {1e3 * rope.radius:g} mm is seen above the table: "
+            f"{error}"
+        ) from error
+
+
+def describe(found: RopeEstimate) -> str:
+    """State, crossings with their certainty, and ambiguities, in lines."""
+    state = "unknown" if found.state is None else str(found.state)
+    lines = [f"state     {state}" + (" (in doubt)" if found.ambiguous and found.state else "")]
+    for number, one in enumerate(found.crossings, 1):
+        first, second = one.fractions
+        lines.append(
+            f"crossing  {number}: {first:.0%} of the rope from its head lies "
+            f"{'over' if one.first_over else 'under'} {second:.0%}, axes {1e3 * one.gap:.0f} mm "
+            f"apart, {one.certainty:.0%} certain"
+        )
+    ends = "known" if found.head_known else "not known: both ends look alike"
+    lines += [
+        f"head      {ends}",
+        f"seen      {found.visible.mean():.0%} of the vertices",
+        f"image     the shape accounts for {found.coverage_fraction:.0%} of the rope in it",
+    ]
+    lines += [f"in doubt  {reason}" for reason in found.all_ambiguities]
+    return "\n".join(lines)
+
+
+def write_rope(path: Path, points: NDArray) -> None:
+    """Write a rope (V, 3), metres, as a CSV file that plans start from."""
+    np.savetxt(path, points, fmt="%.6f", delimiter=",", header="x_m,y_m,z_m", comments="")
+
+
+def draw_overlay(
+    path: Path, image: RgbdImage, camera: Camera, rope: RopeConfig, found: RopeEstimate
+) -> None:
+    """Write a picture: the image, and beside it where the rope is, with the estimate on it."""
+    from matplotlib.figure import Figure
+
+    from knotflow.viz.style import PNG_DPI, WIDTH, styled
+
+    with styled():
+        figure = Figure((WIDTH, 0.4 * WIDTH), layout="constrained")
+        bare, drawn = figure.subplots(1, 2)
+        for axes in (bare, drawn):
+            axes.imshow(image.rgb)
+            axes.set_axis_off()
+        _draw_rope(drawn, camera, rope, found.points, found.visible)
+        _zoom(drawn, camera, found.points)
+        bare.set_title("image")
+        reservation = " (in doubt)" if found.ambiguous else ""
+        drawn.set_title(f"estimate: {found.state or 'state unknown'}{reservation}")
+        figure.savefig(path, dpi=PNG_DPI)
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnEstimate:
+    """What a picture of an estimate needs: the image's `rgb` (H, W, 3) uint8, the points `found`
+    (V, 3), metres, which of them are `visible` (V,), and the `truth` (V, 3), metres."""
+
+    rgb: NDArray[np.uint8]
+    found: NDArray
+    visible: NDArray[np.bool_]
+    truth: NDArray
+
+
+def draw_estimates(
+    path: Path, estimates: Sequence[DrawnEstimate], camera: Camera, rope: RopeConfig
+) -> None:
+    """Write a picture with a row an estimate: image, estimate over it, error along the rope."""
+    from matplotlib.figure import Figure
+
+    from knotflow.viz.style import PNG_DPI, WIDTH, styled
+
+    with styled():
+        figure = Figure((WIDTH, 0.22 * WIDTH * len(estimates)), layout="constrained")
+        rows = figure.subplots(len(estimates), 3, squeeze=False)
+        for (bare, drawn, errors), one in zip(rows, estimates, strict=True):
+            for axes in (bare, drawn):
+                axes.imshow(one.rgb)
+                axes.set_axis_off()
+                _zoom(axes, camera, one.truth)
+            _draw_rope(drawn, camera, rope, one.found, one.visible)
+            along = np.linspace(0, 100, len(one.truth))
+            errors.plot(along, 1e3 * np.linalg.norm(one.found - one.truth, axis=1))
+            errors.set(ylabel="error, mm", ylim=(0, None), xlim=(0, 100))
+        rows[-1, 2].set_xlabel("along the rope from its head, %")
+        figure.savefig(path, dpi=PNG_DPI)
+
+
+def _zoom(axes: Axes, camera: Camera, points: NDArray) -> None:
+    """Show the part of an image in `axes` where points (V, 3) are."""
+    pixels = camera.project(points)[:, :2]
+    middle, half = (pixels.max(0) + pixels.min(0)) / 2, np.ptp(pixels, axis=0).max() / 2 + 12
+    across = half * camera.width / camera.height
+    axes.set_xlim(middle[0] - across, middle[0] + across)
+    axes.set_ylim(middle[1] + half, middle[1] - half)
+
+
+def _draw_rope(
+    axes: Axes, camera: Camera, rope: RopeConfig, points: NDArray, visible: NDArray[np.bool_]
+) -> None:
+    """The estimated rope (V, 3) over its image, thinner than it is; hidden vertices are ringed."""
+    from knotflow.viz.rope import draw_rope
+    from knotflow.viz.style import BAD
+
+    column, row, depth = camera.project(points).T
+    width = 2 * rope.radius * camera.fx / float(np.median(depth))
+    # The nearest strand is on top, as heights are in a drawing.
+    draw_rope(axes, np.stack([column, row, depth.max() - depth], axis=1), 0.6 * width, zorder=3)
+    hidden = ~visible
+    axes.scatter(column[hidden], row[hidden], s=14, facecolors="none", edgecolors=BAD, zorder=4)

@@ -1,0 +1,1 @@
+"""Networks that propose shapes of ropes, and their training."""

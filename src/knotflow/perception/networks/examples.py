@@ -1,0 +1,290 @@
+"""Training examples: patches and windows, drawn from rope shapes by the thousand.
+
+Neither camera nor colours are simulated: a rope is drawn straight into its patch or window, and the
+errors of segmentation and depth camera are added there.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import avg_pool2d
+
+from knotflow.perception.networks.config import ExamplesConfig
+from knotflow.perception.networks.models import HALF, HEADINGS, SIDE, STEP, TRAIL, WIDEST
+from knotflow.perception.networks.patches import HIGHEST, MARGIN, SMALLEST, project_to_plane
+
+_ASIDE = 0.4  # standard deviation of a window's middle from the strand, along both axes, radii
+_TURNED = 0.15  # standard deviation of its direction from the strand's, radians
+_UNEVEN = 0.3  # standard deviation of the trail's points, along all axes, radii
+_RAISED = 0.7  # standard deviation of all of its heights together, radii
+_CUT = 0.2  # share of the trails that begin somewhere along the rope
+_NEAR = 3.0  # links from a crossing, at most, of the half of the windows that are near one
+
+
+class Examples(NamedTuple):
+    """`patches` (N, 3, S, S) as `Patch.crop` gives them, `nodes` (N, V, 3) as `Patch.from_world`,
+    and `half` (N,), half the side of each patch in metres."""
+
+    patches: Tensor
+    nodes: Tensor
+    half: Tensor
+
+
+class Windows(NamedTuple):
+    """`windows` (N, 5, SIDE, SIDE) and `height` (N,), radii, as `StrandNetwork` takes them; the
+    `heading` (N,) of the next step, index; `next_height` (N,), radii; `end` (N,) bool, whether the
+    rope ends before."""
+
+    windows: Tensor
+    height: Tensor
+    heading: Tensor
+    next_height: Tensor
+    end: Tensor
+
+
+@torch.no_grad()
+def draw_patches(
+    points: Tensor, radius: float, size: int, config: ExamplesConfig, generator: torch.Generator
+) -> Examples:
+    """Patches of rope shapes (N, V, 3), metres, mirrored, turned and seen at random."""
+    count = len(points)
+    length = float((points[0, 1:] - points[0, :-1]).norm(dim=-1).sum())
+
+    def normal(std: float, *shape: int) -> Tensor:
+        return std * torch.randn(count, *shape, generator=generator)
+
+    places, thick = _view_at_random(points, radius, config, generator)
+    radii = points[..., 2] / radius
+    middle = places.mean(dim=1, keepdim=True)
+    _, axes = torch.linalg.eigh((places - middle).transpose(1, 2) @ (places - middle))
+    axes = axes.flip(-1) @ _rotation(normal(config.turn))
+    axes = axes * (2 * torch.randint(2, (count, 1, 2), generator=generator) - 1)
+    along = (places - middle) @ axes
+    low, high = along.amin(dim=1), along.amax(dim=1)
+    half = 0.5 * MARGIN * (high - low).amax(dim=-1)
+    half = half.clamp(min=0.5 * SMALLEST * length) * (1 + normal(config.shift).abs())
+    shift = normal(config.shift, 1, 2)
+    nodes = (along - 0.5 * (low + high)[:, None]) / half[:, None, None] + shift
+    nodes = torch.cat([nodes, radii[..., None]], dim=-1)
+    covered, top = rasterise(nodes, radius * thick / half, size)
+    return Examples(_degrade(covered, top, config, generator), nodes, half)
+
+
+@torch.no_grad()
+def draw_windows(
+    points: Tensor, radius: float, config: ExamplesConfig, generator: torch.Generator
+) -> Windows:
+    """A window somewhere along each of the rope shapes (N, V, 3), metres, seen at random."""
+    count, vertices, _ = points.shape
+    links = vertices - 1
+
+    def uniform(low: float, high: float, *shape: int) -> Tensor:
+        return low + (high - low) * torch.rand(count, *shape, generator=generator)
+
+    def normal(std: float, *shape: int) -> Tensor:
+        return std * torch.randn(count, *shape, generator=generator)
+
+    places, thick = _view_at_random(points, radius, config, generator)
+    ropes = torch.cat([places, points[..., 2:]], dim=-1) / radius
+    link = float((ropes[0, 1:] - ropes[0, :-1]).norm(dim=-1).mean())  # radii
+    step, backward = STEP / link, uniform(0, 1) < 0.5
+    ropes = torch.where(backward[:, None, None], ropes.flip(1), ropes)
+
+    at = uniform(0, links)
+    rope, over, under = find_crossings(ropes)
+    chosen = torch.randperm(2 * len(rope), generator=generator)
+    near = at.clone()
+    near[rope.repeat(2)[chosen]] = torch.cat([over, under])[chosen]
+    near = (near + uniform(-_NEAR, _NEAR)).clamp(0, links)
+    at = torch.where(uniform(0, 1) < 0.5, near, at)
+
+    here, following = points_at(ropes, at), points_at(ropes, at + step)
+    tangent = (points_at(ropes, at + 0.3) - points_at(ropes, at - 0.3))[:, :2]
+    angle = torch.atan2(tangent[:, 1], tangent[:, 0]) + normal(_TURNED)
+    middle = here[:, :2] + normal(_ASIDE, 2)
+    mirror = torch.where(uniform(0, 1) < 0.5, 1.0, -1.0)
+    begun = torch.where(uniform(0, 1) < _CUT, uniform(0, TRAIL), float(TRAIL))
+    steps = step * torch.minimum(torch.arange(TRAIL + 1), begun[:, None])
+    trail = points_at(ropes, (at[:, None] - steps).clamp(min=0))
+    trail = trail + normal(_UNEVEN, 1, 3) + normal(_UNEVEN, TRAIL + 1, 3)
+    raised = normal(_RAISED)
+    trail[:, 0, :2], trail[..., 2] = middle, (trail[..., 2] + raised[:, None]).clamp(min=1)
+    height = (here[:, 2] + raised + normal(_UNEVEN)).clamp(min=1)
+
+    frame = middle, angle, mirror
+    covered, top = rasterise(to_window(ropes, *frame), thick / HALF, SIDE)
+    seen = _degrade(covered, top, config, generator)
+    window = with_trail(seen, to_window(trail, *frame))
+    onward = to_window(following[:, None], *frame)[:, 0]
+    heading = torch.atan2(onward[:, 1], onward[:, 0])
+    index = ((heading + WIDEST) * (HEADINGS / (2 * WIDEST))).floor().long().clamp(0, HEADINGS - 1)
+    return Windows(window, height, index, following[:, 2], at + step > links)
+
+
+def _view_at_random(
+    points: Tensor, radius: float, config: ExamplesConfig, generator: torch.Generator
+) -> tuple[Tensor, Tensor]:
+    """Where a camera somewhere above sees rope shapes (N, V, 3), metres, on the plane z = radius.
+
+    Returns:
+        places (N, V, 2): metres.
+        thick (N,): how thick each rope is against the one that its length is known for.
+    """
+    count = len(points)
+    length = float((points[0, 1:] - points[0, :-1]).norm(dim=-1).sum())
+
+    def uniform(low: float, high: float, *shape: int) -> Tensor:
+        return low + (high - low) * torch.rand(count, *shape, generator=generator)
+
+    rope = points - points.mean(dim=1, keepdim=True) * points.new_tensor([1.0, 1.0, 0.0])
+    # A thicker rope is a higher one: z grows with the radius, x and y stay.
+    thick = uniform(1 - config.scale, 1 + config.scale, 1)
+    aside = uniform(-config.aside, config.aside, 1, 2) * length
+    eye = torch.cat([aside, uniform(*config.distance, 1, 1) * length], dim=-1)
+    raised = torch.cat([rope[..., :2], (rope[..., 2] * thick)[..., None]], dim=-1)
+    return project_to_plane(raised, eye, radius), thick[:, 0]
+
+
+def _degrade(
+    covered: Tensor, top: Tensor, config: ExamplesConfig, generator: torch.Generator
+) -> Tensor:
+    """A crop (N, 3, S, S) of a rope's share and height (N, S, S), see `Patch.crop`, with errors of
+    segmentation and depth."""
+    count, size, _ = covered.shape
+
+    def uniform(low: float, high: float, *shape: int) -> Tensor:
+        return low + (high - low) * torch.rand(count, *shape, generator=generator)
+
+    blurred = avg_pool2d(covered[:, None], 3, 1, 1, count_include_pad=True)[:, 0]
+    covered = torch.lerp(covered, blurred, uniform(0, config.blur, 1, 1))
+    covered = (0.5 + uniform(1, 1 + config.sharpen, 1, 1) * (covered - 0.5)).clamp(0, 1)
+    rough = uniform(0, config.noise, 1, 1)
+    top = top + rough * torch.randn(count, size, size, generator=generator)
+    lost = uniform(0, 1, size, size) < uniform(0, config.lost, 1, 1)
+    hidden = _rectangles(size, uniform(-1, 1, 2), uniform(0.05, 0.25, 2), uniform(0, math.pi))
+    hidden &= uniform(0, 1, 1, 1) < config.hidden
+    covered = covered.masked_fill(hidden, 0.0)
+    known = (~(hidden | lost)).float()
+    raised = covered * top.clamp(0, HIGHEST)
+    raised = torch.where(lost, avg_pool2d(raised[:, None], 3, 1, 1)[:, 0], raised)
+    return torch.stack([covered, raised, known], dim=1)
+
+
+def rasterise(nodes: Tensor, radius: Tensor, size: int) -> tuple[Tensor, Tensor]:
+    """The rope's share of each pixel (N, S, S) and the height of its upper side there, radii.
+
+    Args:
+        nodes: (N, V, 3) places in the patch, -1..1, and heights of the axis, radii.
+        radius: (N,) of the rope, half patches.
+        size: pixels of the patch's side.
+    """
+    count = len(nodes)
+    place = 0.5 * size * (nodes[..., :2] + 1) - 0.5  # pixels
+    width = (0.5 * size * radius)[:, None].expand(-1, nodes.shape[1] - 1)
+    start, link = place[:, :-1], place[:, 1:] - place[:, :-1]  # (N, E, 2)
+    middle = (start + 0.5 * link).round()
+    reach = math.ceil(float(0.5 * link.norm(dim=-1).max() + width.max()) + 1)
+    inside = ((middle > -reach) & (middle < size - 1 + reach)).all(dim=-1)
+    rope = inside.nonzero()[:, 0, None, None]  # of L links
+
+    def of(values: Tensor) -> Tensor:
+        return values[inside][:, None, None]
+
+    step = torch.arange(-reach, reach + 1, dtype=place.dtype)
+    x = of(middle[..., 0]) + step  # (L, 1, W)
+    y = of(middle[..., 1]) + step[:, None]  # (L, W, 1)
+    dx, dy = x - of(start[..., 0]), y - of(start[..., 1])
+    lx, ly = of(link[..., 0]), of(link[..., 1])
+    t = ((dx * lx + dy * ly) / (lx * lx + ly * ly).clamp(min=1e-9)).clamp(0, 1)
+    apart = torch.hypot(dx - t * lx, dy - t * ly)
+    share = (of(width) - apart + 0.5).clamp(0, 1)
+    low, rise = of(nodes[:, :-1, 2]), of(nodes[:, 1:, 2] - nodes[:, :-1, 2])
+    top = low + t * rise + (1 - (apart / of(width)).square()).clamp(min=0).sqrt()
+    within = (x >= 0) & (x < size) & (y >= 0) & (y < size) & (share > 0)
+    flat = (rope * size**2 + y * size + x).long()[within]
+    covered = place.new_zeros(count * size**2).scatter_reduce_(0, flat, share[within], "amax")
+    height = place.new_zeros(count * size**2).scatter_reduce_(0, flat, top[within], "amax")
+    return covered.view(count, size, size), height.view(count, size, size)
+
+
+def to_window(
+    points: Tensor, middle: Tensor, angle: Tensor, mirror: Tensor | None = None
+) -> Tensor:
+    """Points (N, K, 3), radii, in windows around `middle` (N, 2): places in units of HALF, the
+    first axis at an `angle` (N,), radians, the second times `mirror` (N,); heights as they were."""
+    cosine, sine = angle.cos()[:, None], angle.sin()[:, None]
+    x, y = (points[..., :2] - middle[:, None]).unbind(-1)
+    first, second = cosine * x + sine * y, cosine * y - sine * x
+    if mirror is not None:
+        second = second * mirror[:, None]
+    return torch.stack([first / HALF, second / HALF, points[..., 2]], dim=-1)
+
+
+def with_trail(seen: Tensor, trail: Tensor) -> Tensor:
+    """Windows (N, 5, SIDE, SIDE) of what is seen (N, 3, SIDE, SIDE) and a trail (N, K, 3)."""
+    thin = trail.new_full((len(trail),), 0.7 / HALF)
+    covered, top = rasterise(trail, thin, SIDE)
+    return torch.cat([seen, covered[:, None], (covered * top)[:, None]], dim=1)
+
+
+def points_at(ropes: Tensor, at: Tensor) -> Tensor:
+    """Points of ropes (N, V, C) at places (N,) or (N, M) along them, 0..V-1, cut to their ends."""
+    last = ropes.shape[1] - 1
+    flat = at.reshape(len(at), -1).clamp(0, last)
+    before = flat.floor().long().clamp(max=last - 1)
+    share = (flat - before)[..., None]
+    index = before[..., None].expand(-1, -1, ropes.shape[2])
+    found = (1 - share) * ropes.gather(1, index) + share * ropes.gather(1, index + 1)
+    return found.reshape(*at.shape, -1)
+
+
+def find_crossings(ropes: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Where ropes (N, V, 3) cross themselves in the plane.
+
+    Returns:
+        For each of C crossings of all ropes: the rope (C,), and where along it, 0..V-1, the upper
+        and the lower strand (C,) are.
+    """
+    links = ropes.shape[1] - 1
+    one, other = torch.triu_indices(links, links, offset=2)
+    start, link = ropes[:, :-1, :2], ropes[:, 1:, :2] - ropes[:, :-1, :2]
+    p, d = start[:, one], link[:, one]
+    q, e = start[:, other], link[:, other]
+    apart, turn = q - p, _cross(d, e)
+    safe = torch.where(turn.abs() < 1e-12, torch.full_like(turn, 1e-12), turn)
+    s, t = _cross(apart, e) / safe, _cross(apart, d) / safe
+    rope, pair = torch.nonzero((s >= 0) & (s < 1) & (t >= 0) & (t < 1), as_tuple=True)
+    first = one[pair] + s[rope, pair]
+    second = other[pair] + t[rope, pair]
+    swapped = heights_at(ropes, rope, first) < heights_at(ropes, rope, second)
+    return rope, torch.where(swapped, second, first), torch.where(swapped, first, second)
+
+
+def heights_at(ropes: Tensor, rope: Tensor, along: Tensor) -> Tensor:
+    """Heights (C,) of ropes (N, V, 3) numbered `rope` (C,) at places `along` (C,), 0..V-1."""
+    before = along.floor().long().clamp(max=ropes.shape[1] - 2)
+    share = along - before
+    height = ropes[..., 2]
+    return (1 - share) * height[rope, before] + share * height[rope, before + 1]
+
+
+def _cross(one: Tensor, other: Tensor) -> Tensor:
+    return one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
+
+
+def _rotation(angle: Tensor) -> Tensor:
+    """Matrices (N, 2, 2) of angles (N,), radians."""
+    cosine, sine = angle.cos(), angle.sin()
+    return torch.stack([cosine, -sine, sine, cosine], dim=-1).view(-1, 2, 2)
+
+
+def _rectangles(size: int, middle: Tensor, extent: Tensor, angle: Tensor) -> Tensor:
+    """Turned rectangles (N, S, S) bool of middles and half sides (N, 2), half patches."""
+    grid = (torch.arange(size) + 0.5) * 2 / size - 1
+    apart = torch.stack(torch.meshgrid(grid, grid, indexing="xy"), dim=-1)  # (S, S, 2)
+    turned = (apart[None] - middle[:, None, None]) @ _rotation(angle)[:, None]
+    return (turned.abs() < extent[:, None, None]).all(dim=-1)

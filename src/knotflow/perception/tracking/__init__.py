@@ -1,0 +1,1 @@
+"""A rope followed from image to image."""

@@ -1,0 +1,313 @@
+"""A rope followed from image to image (Sec. VI).
+
+Each image begins with a prediction: the rope goes on as it moved, drawn along by the gripper that
+holds it. It is registered to the rope's points, and a few gradient steps in image space, on a grid
+coarser than the image, make it account for what is seen; what is hidden goes along with the rest.
+Evidence of over and under is gathered over the images. A shape that no longer accounts for the
+image is lost, and the rope is estimated from the image alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from knotflow.perception.camera.image import RgbdImage
+from knotflow.perception.camera.pinhole import Camera
+from knotflow.perception.estimation.ambiguity import ambiguous_ends, list_ambiguities
+from knotflow.perception.estimation.chain import project_lengths, register
+from knotflow.perception.estimation.crossings import CrossingMemory
+from knotflow.perception.estimation.estimate import EstimateConfig, RopeEstimate, estimate
+from knotflow.perception.estimation.evidence import (
+    Target,
+    coverage_fraction,
+    measure_radius,
+    nearest_pixels,
+    observe,
+    visible_vertices,
+)
+from knotflow.perception.estimation.fitting import FitConfig, fit
+from knotflow.perception.estimation.skeleton import TraceError
+from knotflow.perception.networks.network import Network
+from knotflow.simulation import RopeConfig, state_or_none
+
+Floats = NDArray[np.float64]
+
+Predict = Callable[[Floats, Floats, float, Floats | None, int | None], Floats]
+"""Predicts the rope (V, 3), metres, from its points, its velocities (V, 3), metres a second, the
+seconds that pass, the gripper's place (3,) then, and the link that it holds; both are None where it
+holds nothing. `constant_velocity` is one, `execution.ModelPrediction` another."""
+
+_UNIT = 0.01  # metres, by which distances from the prediction are measured
+_LONGEST = 0.2  # seconds that a velocity holds: the table's friction stops a rope sooner
+_STIFF = 1e-3  # mobility of the held link beside that of the others
+
+
+@dataclass
+class TrackerConfig:
+    """How a rope is tracked."""
+
+    fit: FitConfig = field(
+        default_factory=lambda: FitConfig(steps=4, step_size=3e-3, softness=(4e-3, 3e-3))
+    )
+    """The gradient steps of each image."""
+    points: int = 400
+    """Points of the rope's image that the prediction is registered to before."""
+    pixels_across: float = 1.4
+    """Pixels that a rope is wide on the grid that these steps look at."""
+    hidden: float = 0.2
+    """Weight of the prediction where the image shows nothing."""
+    visible: float = 0.02
+    """Weight of the prediction elsewhere; it keeps the rope from sliding along itself."""
+    held: float = 0.1
+    """Weight of the held link's place in the gripper."""
+    lost: float = 0.8
+    """A shape of less coverage fraction is lost."""
+    patience: int = 5
+    """Images from one attempt to find a lost rope to the next, which takes seconds."""
+    estimate: EstimateConfig = field(default_factory=EstimateConfig)
+    """How a lost rope is found, and one at rest is looked at."""
+
+
+class Tracker:
+    """Follows one rope; an image a call.
+
+    Attributes:
+        points: (V, 3) metres, the rope now, head first.
+        velocities: (V, 3) metres a second.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        rope: RopeConfig,
+        initial: RopeEstimate | NDArray,
+        config: TrackerConfig | None = None,
+        predict: Predict | None = None,
+        network: Network | None = None,
+    ) -> None:
+        """Take up a rope.
+
+        Args:
+            camera: of all images.
+            rope: its length, radius and number of links.
+            initial: the rope at first, or its points (V, 3), metres, head first, which are taken
+                for right, over and under too.
+            config: how.
+            predict: the rope before it is seen; `constant_velocity` by default.
+            network: proposes guesses where a lost rope is looked for; the shipped one by default.
+
+        Raises:
+            ValueError: points of another rope.
+        """
+        self.camera, self.rope, self.config = camera, rope, config or TrackerConfig()
+        self._time: float | None = None
+        self._predict, self._network = predict, network
+        self._waited = self.config.patience
+        self._trailing: Floats | None = None
+        self._seen_radius: float | None = None
+        points = np.array(initial.points if isinstance(initial, RopeEstimate) else initial, float)
+        if points.shape != (rope.num_vertices, 3) or not np.isfinite(points).all():
+            raise ValueError(
+                f"a track begins with points ({rope.num_vertices}, 3) in metres, all finite; got "
+                f"shape {points.shape}"
+            )
+        self._resolution = float(camera.project(points)[:, 2].mean()) / camera.fx  # m a pixel
+        if isinstance(initial, RopeEstimate):
+            self.restart(initial, None)
+        else:
+            self.points, self.velocities = points, np.zeros_like(points)
+            self._crossings = CrossingMemory.of_shape(points)
+
+    def update(
+        self, image: RgbdImage, gripper: NDArray | None = None, grasped: int | None = None
+    ) -> RopeEstimate:
+        """The rope in the next image.
+
+        Args:
+            image: of this camera, with its time.
+            gripper: (3,) metres, where the gripper is.
+            grasped: index of the link whose centre it holds; None holds nothing.
+
+        Raises:
+            ImageError: an image of another size.
+            ValueError: a link that there is not, or one that is held nowhere.
+        """
+        held = self._held_place(gripper, grasped)
+        seconds = 0.0 if self._time is None else max(0.0, image.time - self._time)
+        self._time = image.time
+        now = self.points, self.velocities, seconds
+        if self._predict is None:
+            predicted = constant_velocity(*now, held, grasped)
+        else:  # a model knows how far behind the gripper its link is
+            predicted = self._predict(*now, None if grasped is None else gripper, grasped)
+        target = replace(observe(image, self.camera, self.rope), seen_radius=self._seen_radius)
+        grid = self.camera.binning(predicted, 2 * self.rope.radius, self.config.pixels_across)
+        coarse, camera = target.binned(grid), self.camera.binned(grid)
+        shape = predicted
+        if bool(target.rope.any()):
+            cloud = rope_points(image, target, self.camera, self.rope, self.config.points)
+            registered = register(predicted, cloud, self.rope)
+            known = target.known.numpy()[nearest_pixels(registered, self.camera)]
+            shape = self._fit(registered, known, coarse, camera, held, grasped)
+        shape, crossings = self._crossings.update(shape, coarse, camera, self.rope, self.config.fit)
+        if self._seen_radius is None:
+            self._seen_radius = measure_radius(shape, target, self.camera, self.rope)
+            target = replace(target, seen_radius=self._seen_radius)
+        fraction = coverage_fraction(shape, target, self.camera, self.rope)
+        lost = fraction < self.config.lost
+        if lost:
+            found = self._reacquire(image, fraction, predicted)
+            if found is not None:
+                return found
+            self.velocities = np.zeros_like(shape)  # those of a lost rope say nothing
+        else:
+            self._waited = self.config.patience
+            if seconds > 0:
+                self.velocities = self._without_noise(shape - self.points) / seconds
+        self.points = shape
+        if grasped is not None:
+            self._trailing = shape[grasped : grasped + 2].mean(axis=0) - np.asarray(gripper)
+        state, config = state_or_none(shape), self.config.estimate
+        limits = config.min_certainty, config.min_coverage
+        ambiguities = list_ambiguities(state, crossings, fraction, target, *limits)
+        return RopeEstimate(
+            shape.copy(),
+            visible_vertices(shape, target.rope.numpy(), image, self.camera, self.rope),
+            state,
+            crossings,
+            fraction,
+            True,
+            (*(["the track is lost"] if lost else []), *ambiguities),
+            target.seen_radius,
+            ambiguous_ends(shape, self.rope),
+        )
+
+    def look(self, image: RgbdImage) -> RopeEstimate:
+        """The rope at rest, estimated with care; takes a second where the shape it was tracked to
+        accounts for the image, and several where others are looked for.
+
+        Raises:
+            ImageError: an image of another size.
+            TraceError: no rope in the image.
+        """
+        found = estimate(
+            image,
+            self.camera,
+            self.rope,
+            config=self.config.estimate,
+            earlier=self.points,
+            network=self._network,
+            likely=[self.points],
+        )
+        self.restart(found, image.time)
+        return found
+
+    def restart(self, found: RopeEstimate, time: float | None) -> None:
+        """Continue from an estimate of the rope at rest, from an image of that time, seconds."""
+        self._time = time
+        self.points, self.velocities = found.points.copy(), np.zeros_like(found.points)
+        self._crossings = CrossingMemory.of(found.crossings)
+        self._seen_radius = found.seen_radius
+
+    def _fit(
+        self,
+        predicted: Floats,
+        known: NDArray[np.bool_],
+        coarse: Target,
+        camera: Camera,
+        held: Floats | None,
+        grasped: int | None,
+    ) -> Floats:
+        """The shape near the prediction that accounts for the coarse image of `camera`, which says
+        something of the vertices that are `known` (V,)."""
+        config = self.config
+        trust = np.where(known, config.visible, config.hidden)
+        weight, expected = torch.as_tensor(trust), torch.as_tensor(predicted)
+
+        def off_prediction(points: Tensor) -> Tensor:
+            loss = (weight * ((points - expected) / _UNIT).square().sum(1)).mean()
+            if held is not None and grasped is not None:
+                centre = 0.5 * (points[grasped] + points[grasped + 1])
+                apart = (centre - torch.as_tensor(held)) / _UNIT
+                loss = loss + config.held / len(points) * apart.square().sum()
+            return loss
+
+        return fit(predicted, coarse, camera, self.rope, config.fit, off_prediction)
+
+    def _reacquire(
+        self, image: RgbdImage, fraction: float, predicted: Floats
+    ) -> RopeEstimate | None:
+        """A lost rope, estimated from the image alone; None where that does no better."""
+        self._waited += 1
+        if self._waited < self.config.patience:
+            return None
+        self._waited = 0
+        brief = replace(self.config.estimate, fallback_search=None)
+        try:
+            found = estimate(
+                image,
+                self.camera,
+                self.rope,
+                config=brief,
+                earlier=predicted,
+                network=self._network,
+            )
+        except TraceError:
+            return None
+        if found.coverage_fraction <= fraction:
+            return None
+        self.restart(found, image.time)
+        reason = "the track was lost, and the rope estimated anew"
+        return replace(found, ambiguities=(reason, *found.ambiguities))
+
+    def _without_noise(self, moves: Floats) -> Floats:
+        """Moves (V, 3), metres, with those of less than half a pixel damped: they would add up."""
+        square = (moves**2).sum(axis=1, keepdims=True)
+        return moves * square / (square + (0.5 * self._resolution) ** 2)
+
+    def _held_place(self, gripper: NDArray | None, grasped: int | None) -> Floats | None:
+        """Where the gripper has the held link's centre (3,), which trails behind the gripper by as
+        much as in the last image; None where it holds nothing."""
+        if grasped is None:
+            self._trailing = None
+            return None
+        if not 0 <= grasped < self.rope.links:
+            raise ValueError(f"the held link is 0 to {self.rope.links - 1}, got {grasped}")
+        if gripper is None or np.shape(gripper) != (3,) or not np.isfinite(gripper).all():
+            raise ValueError(f"a held link needs the gripper's place, x, y, z in m: {gripper}")
+        place = np.asarray(gripper, np.float64)
+        return place if self._trailing is None else place + self._trailing
+
+
+def constant_velocity(
+    points: Floats, velocities: Floats, seconds: float, gripper: Floats | None, grasped: int | None
+) -> Floats:
+    """A `Predict`: a held rope goes on at constant velocity, its held link to the gripper, with
+    links as long as before on average; a rope that is let go stays where it is."""
+    if gripper is None or grasped is None:
+        return points.copy()
+    moved = points + velocities * min(seconds, _LONGEST)
+    ends = slice(grasped, grasped + 2)
+    moved[ends] += gripper - moved[ends].mean(axis=0)
+    mobility = np.ones(len(points))
+    mobility[ends] = _STIFF
+    link = float(np.linalg.norm(np.diff(points, axis=0), axis=1).mean())
+    return project_lengths(moved, link, mobility)
+
+
+def rope_points(
+    image: RgbdImage, target: Target, camera: Camera, rope: RopeConfig, count: int
+) -> Floats:
+    """At most `count` points (N, 3) of the rope's axis, metres: below its surface in the image by
+    what the upper half of a round rope is higher than its axis on average."""
+    row, column = np.nonzero(target.rope.numpy() & np.isfinite(image.depth))
+    chosen = np.linspace(0, len(row) - 1, min(count, len(row))).astype(int)
+    row, column = row[chosen], column[chosen]
+    depth = image.depth[row, column].astype(np.float64) + 0.25 * np.pi * rope.radius
+    return camera.unproject(np.stack([column, row], axis=1), depth)
