@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -129,9 +130,7 @@ def mean_rate(rates: Sequence[Interval]) -> Interval:
     return Interval(mean, mean - float(below), mean + float(above))
 
 
-def bootstrap(
-    values: Sequence[float], statistic: Callable[..., NDArray[np.float64]] = np.mean
-) -> Interval:
+def bootstrap(values: ArrayLike, statistic: Callable[..., Any] = np.mean) -> Interval:
     """Percentile bootstrap interval of `statistic` (np.mean or np.median) of a sample (n,).
 
     A sample of one value, or of equal ones, has an estimate and no limits. Raises ValueError on an
@@ -146,7 +145,7 @@ def bootstrap(
     return _percentile(estimate, (sample,), statistic)
 
 
-def mean_difference(values: Sequence[float], base: Sequence[float], *, paired: bool) -> Interval:
+def mean_difference(values: ArrayLike, base: ArrayLike, *, paired: bool) -> Interval:
     """Mean of `values` less mean of `base`, percentile bootstrap; `paired` resamples pairs."""
     first, second = np.asarray(values, dtype=float), np.asarray(base, dtype=float)
     if paired:
@@ -164,7 +163,7 @@ def mean_difference(values: Sequence[float], base: Sequence[float], *, paired: b
 def _percentile(
     estimate: float,
     samples: tuple[NDArray[np.float64], ...],
-    statistic: Callable[..., NDArray[np.float64]],
+    statistic: Callable[..., Any],
 ) -> Interval:
     limits = stats.bootstrap(
         samples,

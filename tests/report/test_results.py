@@ -99,8 +99,8 @@ def test_stages_and_their_keys_are_listed(write):
     write.run("single_stage", told)
     results = Results(write.root)
     one, two = results.experiments["single_stage"].stages
-    assert (one.node, one.stage, one.identity, one.seconds) == ("one", "make", "a", 2)
-    assert (two.stage, two.identity, two.seconds) == ("two", "s", None)
+    assert (one.node, one.identity, one.seconds) == ("one", "a", 2)
+    assert (two.node, two.identity, two.seconds) == ("two", "s", None)
     assert results.keys() == {"single_stage": {"one": "a", "two": ""}}
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import statistics
 
+import pandas as pd
+
 from knotflow.report import markdown as md
 from knotflow.report.results import Results
 from knotflow.report.searches import (
@@ -70,7 +72,9 @@ def pentagram(results: Results, figures: Figures) -> str | None:
     if searches.empty:
         return None
     head = results.setting("pentagram", "head", "pull")
-    groups = {(name,): searches[searches["start"] == start] for start, name in STARTS.items()}
+    groups: dict[tuple[str, ...], pd.DataFrame] = {
+        (name,): searches[searches["start"] == start] for start, name in STARTS.items()
+    }
     return md.join(
         "The paper pulled the head of an overhand out by hand, because no primitive had learned "
         f"to, and found a plan with {PAPER_BRANCHES} branches. Here a script draws the head of an "

@@ -237,8 +237,8 @@ def read_rates(
     check_counts(table)
     for row in table.itertuples():
         right = statistics.wilson(row.successes, row.trials)
-        written = np.array([row.success_rate, row.ci_low, row.ci_high])
-        if not np.allclose(written, [right.estimate, right.low, right.high], atol=TOLERANCE):
+        limits = [right.estimate, right.low or 0.0, right.high or 0.0]
+        if not np.allclose([row.success_rate, row.ci_low, row.ci_high], limits, atol=TOLERANCE):
             raise ResultsError(
                 f"{table.attrs['path']}, line {row.Index + 2}: the rate or its limits disagree "
                 f"with {row.successes} of {row.trials}"

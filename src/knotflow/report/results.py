@@ -93,7 +93,6 @@ class StageRun:
 
     experiment: str
     node: str
-    stage: str
     key: str
     """'' where it was made before stages had keys."""
     identity: str
@@ -135,7 +134,6 @@ class Experiment:
             StageRun(
                 experiment=self.name,
                 node=node,
-                stage=str(made.get("stage") or node),
                 key=str(made.get("key") or ""),
                 identity=made.get("key") or made.get("signature") or f"{self.name}/{node}",
                 seconds=made.get("seconds"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -87,7 +88,7 @@ def sheet(
     height = len(rows) * (WORDS + 2 * PANEL)
 
     def plot(figure: Figure) -> None:
-        middle = {"ha": "center", "va": "top"}
+        middle: dict[str, Any] = {"ha": "center", "va": "top"}
         for number, row in enumerate(rows):
             top = 1 - number / len(rows)
             for column, (rope, note) in enumerate(row):
@@ -117,7 +118,9 @@ def _draw_rope(
         axes.set_xlim(centre[0] - reach[0], centre[0] + reach[0])
         axes.set_ylim(centre[1] - reach[1], centre[1] + reach[1])
         if points is None:
-            axes.text(*centre, "diverged", ha="center", va="center", color=BAD, fontsize=8)
+            axes.text(
+                centre[0], centre[1], "diverged", ha="center", va="center", color=BAD, fontsize=8
+            )
         else:
             draw_rope(axes, points, ROPE_WIDTH / 72 / scale, bands=BANDS)
         panels.append(axes)

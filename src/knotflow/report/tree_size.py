@@ -44,7 +44,7 @@ def body(results: Results, figures: Figures) -> str | None:
         return None
     methods = with_extras((ICP, IMITATION, REINFORCEMENT), list(searches["method"]))
     starts = list(dict.fromkeys([*STARTS, *searches["start"]]))
-    groups = {
+    groups: dict[tuple[str, ...], pd.DataFrame] = {
         (start, method.label): select(searches, method.name, start)
         for start in starts
         for method in methods
