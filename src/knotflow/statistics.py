@@ -161,9 +161,7 @@ def mean_difference(values: ArrayLike, base: ArrayLike, *, paired: bool) -> Inte
 
 
 def _percentile(
-    estimate: float,
-    samples: tuple[NDArray[np.float64], ...],
-    statistic: Callable[..., Any],
+    estimate: float, samples: tuple[NDArray[np.float64], ...], statistic: Callable[..., Any]
 ) -> Interval:
     limits = stats.bootstrap(
         samples,

@@ -54,12 +54,7 @@ class Writer:
         root.mkdir(parents=True, exist_ok=True)
 
     def table(
-        self,
-        experiment: str,
-        name: str,
-        columns: Sequence[str],
-        rows: Cells,
-        budget: str = "paper",
+        self, experiment: str, name: str, columns: Sequence[str], rows: Cells, budget: str = "paper"
     ) -> Path:
         """A CSV, and a run.json beside it where none stands there yet."""
         path = self.root / experiment / name
@@ -73,10 +68,7 @@ class Writer:
         return path
 
     def rates(
-        self,
-        experiment: str,
-        counts: dict[tuple[str, str], tuple[int, int]],
-        budget: str = "paper",
+        self, experiment: str, counts: dict[tuple[str, str], tuple[int, int]], budget: str = "paper"
     ) -> Path:
         """success_rates.csv from successes and trials by method and action."""
         rows = []

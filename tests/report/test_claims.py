@@ -43,8 +43,7 @@ def test_nothing_run_judges_nothing(write):
 
 
 @pytest.mark.parametrize(
-    ("imitation", "verdict"),
-    [(0.5, Verdict.HOLDS), (0.1, Verdict.PARTLY), (0.01, Verdict.FAILS)],
+    ("imitation", "verdict"), [(0.5, Verdict.HOLDS), (0.1, Verdict.PARTLY), (0.01, Verdict.FAILS)]
 )
 def test_imitation_against_random(write, rate_counts, imitation, verdict):
     counts = rate_counts(("random", "imitation"))
@@ -172,11 +171,7 @@ def test_actor_and_critic(write, rate_counts):
 
 @pytest.mark.parametrize(
     ("joint", "verdict"),
-    [
-        ([3] * 40 + [4] * 10, Verdict.HOLDS),
-        ([4] * 50, Verdict.PARTLY),
-        ([9] * 50, Verdict.FAILS),
-    ],
+    [([3] * 40 + [4] * 10, Verdict.HOLDS), ([4] * 50, Verdict.PARTLY), ([9] * 50, Verdict.FAILS)],
 )
 def test_joint_finetuning(write, joint, verdict):
     independent = [3] * 30 + [4] * 10 + [8] * 10

@@ -55,8 +55,7 @@ def body(results: Results, figures: Figures) -> str | None:
         "trainings differ.",
         branches_figure(figures, EXPERIMENT, searches, methods, [""], {}),
         search_table(
-            ("primitives",),
-            {(method.label,): select(searches, method.name) for method in methods},
+            ("primitives",), {(method.label,): select(searches, method.name) for method in methods}
         ),
         checks(results, EXPERIMENT),
         branches_spent(results, EXPERIMENT, "primitives"),

@@ -224,8 +224,7 @@ def network(experiment: str) -> Callable[[Results, Figures], str | None]:
         }
         caption = "Learning curves, in training (pale) and held out. The last weights are kept."
         return md.join(
-            draw_curves(figures, experiment, caption, panels, "gradient step"),
-            md.table([last]),
+            draw_curves(figures, experiment, caption, panels, "gradient step"), md.table([last])
         )
 
     return body
