@@ -36,10 +36,10 @@ def command(*arguments: str) -> str:
     "code",
     [
         "import knotflow, knotflow.planning, knotflow.samplers.primitives, knotflow.training",
-        "import knotflow.config",
+        "import knotflow.experiments.config",
         command("+experiment=knost"),
         command("+experiment=knots", "knost=1"),
-        command("+experiment=knots", "tree_size.planner.batch=many"),
+        command("+experiment=knots", "planner.batch=many"),
         command("--help"),
     ],
 )

@@ -23,6 +23,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import App, CycloptsError, Parameter
 from cyclopts.validators import Number
 
+from knotflow.seeding import rng_of
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -167,8 +169,6 @@ def next_step(
     """
     from dataclasses import replace
 
-    import numpy as np
-
     if out is not None:
         _check_free(out)
     if (rope is None) == (image is None) or (image is None) != (camera is None):
@@ -196,7 +196,7 @@ def next_step(
     from knotflow.topology.action_text import describe
 
     step = found.steps[0]
-    share = success_probability(step, np.random.default_rng([seed, 2]), repeats=REPEATS)
+    share = success_probability(step, rng_of(seed, 2), repeats=REPEATS)
     grasp, middle, end = ("x {:+.3f}  y {:+.3f}  z {:.3f} m".format(*p) for p in found.controls[0])
     print(
         f"{len(found.steps)} actions to {knot}; the next is\n"
@@ -500,12 +500,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _read_rope(rope: str, unit: Unit | None, seed: int) -> NDArray[np.float64]:
     """The rope (V, 3) that --rope names, metres."""
-    import numpy as np
 
     from knotflow.planning import parse_rope
     from knotflow.simulation import RopeConfig
 
-    return parse_rope(rope, RopeConfig(), np.random.default_rng([seed, 0]), unit=unit)
+    return parse_rope(rope, RopeConfig(), rng_of(seed, 0), unit=unit)
 
 
 def _search(
@@ -514,7 +513,6 @@ def _search(
     """The plan, solved or not, and the last attempts; None if time was up before any."""
     from dataclasses import replace
 
-    import numpy as np
     from tqdm import tqdm
 
     from knotflow.planning import FAST_SEARCH, SearchUpdate, plan_rope
@@ -529,7 +527,7 @@ def _search(
         found = plan_rope(
             points,
             knot,
-            np.random.default_rng([seed, 1]),
+            rng_of(seed, 1),
             config=config,
             progress=show,
             observe=lambda attempts: last.__setitem__(slice(None), [attempts]),

@@ -9,10 +9,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.experiments.common import rng_of, sampler_of
+from knotflow.experiments.common import sampler_of
 from knotflow.planning import Goal, PlannerConfig, attempt_arranged, plan_knot
 from knotflow.samplers import Sampler, SamplerConfig
 from knotflow.samplers.primitives import primitive_of
+from knotflow.seeding import rng_of
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, attempt, random_curve
 from knotflow.topology import TopologicalState, all_states
 from knotflow.topology.symmetry import distinct_actions, representative

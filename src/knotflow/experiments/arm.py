@@ -10,9 +10,10 @@ import numpy as np
 import pandas as pd
 
 from knotflow.execution import Arm, Export, export_plan, panda
-from knotflow.experiments.common import rng_of, sampler_of
+from knotflow.experiments.common import sampler_of
 from knotflow.planning import PlannerConfig, parse_goal, plan_knot
 from knotflow.samplers import Sampler, SamplerConfig
+from knotflow.seeding import rng_of
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, random_curve
 from knotflow.workflow import StageRun, stage
 

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.experiments.common import Recorder, rng_of
+from knotflow.experiments.common import Recorder
 from knotflow.experiments.demonstrations import load_starts
 from knotflow.recording import load, read_recording, write_index
 from knotflow.samplers.causal_infogan import (
@@ -30,6 +30,7 @@ from knotflow.samplers.causal_infogan.ends import (
     reachable_end,
 )
 from knotflow.samplers.demonstrations import TASKS, task
+from knotflow.seeding import rng_of
 from knotflow.simulation import RopeSimulator, SimulationConfig
 from knotflow.training.trainer import CURVES, run_training
 from knotflow.workflow import StageRun, stage

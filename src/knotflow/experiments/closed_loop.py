@@ -28,11 +28,12 @@ from knotflow.execution import (
     encode_jpeg,
     run_trial,
 )
-from knotflow.experiments.common import rng_of, sampler_of
+from knotflow.experiments.common import sampler_of
 from knotflow.perception import Camera, load_if_present
 from knotflow.planning import Goal, KnotPlan, PlannerConfig, parse_goal, plan_knot
 from knotflow.recording import RecordedRollout, RolloutImages, write_recording
 from knotflow.samplers import Sampler, SamplerConfig
+from knotflow.seeding import rng_of
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, random_curve
 from knotflow.workflow import StageRun, stage
 

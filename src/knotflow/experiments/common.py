@@ -15,11 +15,6 @@ from knotflow.simulation import Attempts, RopeConfig
 from knotflow.workflow import StageRun
 
 
-def rng_of(seed: int, *path: int) -> np.random.Generator:
-    """The random stream of a part of a stage's work."""
-    return np.random.default_rng([seed, *path])
-
-
 def sampler_of(config: SamplerConfig, **inputs: Path | None) -> Sampler:
     """The sampler that a configuration names, from those inputs that are there."""
     return build_sampler(config, {name: path for name, path in inputs.items() if path is not None})

@@ -14,7 +14,6 @@ import knotflow
 from knotflow.execution import SHIPPED_DYNAMICS, ExecutionConfig
 from knotflow.perception.networks.config import SHIPPED_NETWORK
 from knotflow.planning import PlannerConfig
-from knotflow.planning.pull import PullConfig
 from knotflow.samplers import SamplerConfig
 from knotflow.samplers.demonstrations import SHIPPED, DemonstratorConfig, NoiseConfig
 from knotflow.samplers.primitives import SHIPPED_PRIMITIVES, PrimitiveConfig
@@ -75,7 +74,6 @@ class Config:
     imitation: ImitationConfig = field(default_factory=ImitationConfig)
     reinforcement: ReinforcementConfig = field(default_factory=ReinforcementConfig)
     self_play_training: SelfPlayConfig = field(default_factory=SelfPlayConfig)
-    pulling: PullConfig = field(default_factory=PullConfig)
     execution: ExecutionConfig = field(default_factory=ExecutionConfig)
     training_seed: int = MISSING
     """Of weights, batches and attempts of imitation and reinforcement."""

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.experiments.common import Recorder, point_rows, rng_of
+from knotflow.experiments.common import Recorder, point_rows
 from knotflow.recording import write_index
 from knotflow.samplers.demonstrations import (
     TASKS,
@@ -23,6 +23,7 @@ from knotflow.samplers.demonstrations import (
     save_demonstrations,
 )
 from knotflow.samplers.demonstrations.demonstrator import Demonstrated, demonstrate_task
+from knotflow.seeding import rng_of
 from knotflow.simulation import (
     RopeConfig,
     RopeSimulator,

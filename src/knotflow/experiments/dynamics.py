@@ -15,8 +15,8 @@ from knotflow.execution import (
     draw_motions,
     prediction_errors,
 )
-from knotflow.experiments.common import rng_of
 from knotflow.samplers.demonstrations import load_demonstrations
+from knotflow.seeding import rng_of
 from knotflow.simulation import LEVELS, SimulationConfig
 from knotflow.training.trainer import run_training
 from knotflow.workflow import StageRun, stage

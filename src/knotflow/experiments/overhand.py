@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pandas as pd
 
-from knotflow.experiments.common import Recorder, rng_of, sampler_of
+from knotflow.experiments.common import Recorder, sampler_of
 from knotflow.experiments.searches import search_row
 from knotflow.planning import PlannerConfig, SearchUpdate, parse_rope, plan_rope
 from knotflow.recording import write_index
 from knotflow.samplers import SamplerConfig
+from knotflow.seeding import rng_of
 from knotflow.simulation import Attempts, SimulationConfig, StartsConfig
 from knotflow.viz.plan_folder import write_plan_folder
 from knotflow.workflow import StageRun, stage

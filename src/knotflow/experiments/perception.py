@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.experiments.common import rng_of, sampler_of
+from knotflow.experiments.common import sampler_of
 from knotflow.perception import (
     Appearance,
     Camera,
@@ -47,6 +47,7 @@ from knotflow.perception.methods import (
 from knotflow.planning import KnotPlan, PlannerConfig, UnreachableGoalError, parse_goal, plan_knot
 from knotflow.samplers import Sampler, SamplerConfig
 from knotflow.samplers.demonstrations import aim_anywhere
+from knotflow.seeding import rng_of
 from knotflow.simulation import (
     RopeConfig,
     RopeSimulator,

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.experiments.common import Recorder, point_rows, rng_of, sampler_of
+from knotflow.experiments.common import Recorder, sampler_of
 from knotflow.planning import (
     ROPE_NAMES,
     Goal,
@@ -29,6 +29,7 @@ from knotflow.planning.pull import HeadPuller, PullConfig, readiest, tie
 from knotflow.recording import write_index
 from knotflow.samplers import Sampler, SamplerConfig
 from knotflow.samplers.demonstrations import aim
+from knotflow.seeding import rng_of
 from knotflow.simulation import (
     RopeSimulator,
     SimulationConfig,
@@ -47,8 +48,6 @@ START_FILE = "start.npy"
 """A rope (V, 3) in the output of a stage that makes a start shape."""
 FIRST_PULL = 1_000_000
 """Number of the first pull; expansions of the searches that tie are numbered from 0 on."""
-SHAPES_KEPT = 3
-"""Ropes of each action that `path_steps` keeps, the first ones."""
 
 
 @dataclass
@@ -413,8 +412,7 @@ def path_steps(
     """What each action of a path leaves for the next one.
 
     Makes steps.csv (of each rope on which an action was tried: start, action, shape, splines,
-    successes, up to the first action that never succeeds), shapes.csv (the first few of these
-    ropes, a row a vertex in metres, head first) and recordings/*.mcap; one shard a start.
+    successes, up to the first action that never succeeds) and recordings/*.mcap; one shard a start.
 
     Each action of `path` is tried from `shapes` ropes, drawn from the ends of the one before, by
     `splines` splines each; the first from `ropes`: straight, arc or random.
@@ -424,8 +422,6 @@ def path_steps(
     search = Search(simulation, PlannerConfig(), sampler.name, build)
     work = partial(_try_path, search, starts, path, ropes, shapes, splines, seed)
     run.table("steps.csv", work, ropes, "path_steps")
-    kept = [pd.read_csv(run.out / f"shapes/{name}.csv") for name in ropes]
-    run.save_table("shapes.csv", pd.concat(kept), "%.3f")
 
 
 def _try_path(
@@ -443,7 +439,7 @@ def _try_path(
     sampler, simulator = search.build(), RopeSimulator(search.simulation)
     current = np.repeat(parse_rope(name, rope, rng, starts)[None], shapes, axis=0)
     state = TopologicalState.from_curve(current[0])
-    recorder, rows, kept = Recorder(run, search.source, rope), [], []
+    recorder, rows = Recorder(run, search.source, rope), []
     for action in map(parse_action, path.split()):
         ends: list[NDArray[np.float64]] = []
         for shape, points in enumerate(run.progress(current, desc=f"{action} from {name}")):
@@ -451,14 +447,11 @@ def _try_path(
             tried = attempt(simulator, points, proposed, action, state, recorder)
             ends += list(tried.rollouts.end_points[tried.success])
             rows.append((name, str(action), shape, splines, int(tried.success.sum())))
-            if shape < SHAPES_KEPT:
-                kept.append(point_rows(points, start=name, action=str(action), shape=shape))
         if not ends:
             break
         current = np.stack(ends)[rng.permutation(len(ends))[:shapes]]
         state = tried.goal
     recorder.save(f"recordings/{name}.mcap")
-    run.save_table(f"shapes/{name}.csv", pd.concat(kept), "%.3f")
     return pd.DataFrame(rows, columns=["start", "action", "shape", "splines", "successes"])
 
 
@@ -469,7 +462,7 @@ def pull(
     primitives: Path | None = None,
     simulation: SimulationConfig,
     sampler: SamplerConfig,
-    pulling: PullConfig,
+    pulling: PullConfig = PullConfig(),
     knots: int,
 ) -> None:
     """An overhand whose head is pulled out, as by hand (Sec. VII-E).

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.experiments.common import Recorder, point_rows, rng_of, sampler_of
+from knotflow.experiments.common import Recorder, point_rows, sampler_of
 from knotflow.experiments.demonstrations import (
     AFTER,
     BEFORE,
@@ -23,6 +23,7 @@ from knotflow.planning import attempt_arranged
 from knotflow.recording import load, recorded, write_index, write_recording
 from knotflow.samplers import Sampler, SamplerConfig
 from knotflow.samplers.demonstrations import TASKS, Task
+from knotflow.seeding import rng_of
 from knotflow.simulation import Observer, RopeSimulator, SimulationConfig, attempt
 from knotflow.statistics import rate_columns
 from knotflow.workflow import StageRun, stage

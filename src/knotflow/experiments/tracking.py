@@ -25,7 +25,6 @@ from knotflow.execution import (
     encode_jpeg,
     film_rollout,
 )
-from knotflow.experiments.common import rng_of
 from knotflow.perception import (
     Camera,
     CameraNoiseConfig,
@@ -38,6 +37,7 @@ from knotflow.perception import (
 )
 from knotflow.recording import RolloutImages, recorded, write_recording
 from knotflow.samplers.demonstrations import TASKS, load_demonstrations
+from knotflow.seeding import rng_of
 from knotflow.simulation import (
     Attempts,
     RopeConfig,

@@ -18,6 +18,7 @@ from knotflow.perception.estimation.chain import nearest_on_chain
 from knotflow.perception.estimation.estimate import EstimateConfig, RopeEstimate, estimate, propose
 from knotflow.perception.estimation.segmentation import segment
 from knotflow.perception.networks.network import Network
+from knotflow.seeding import rng_of
 from knotflow.simulation import RopeConfig, check_points, resample, state_or_none
 
 POOR = 0.03
@@ -144,7 +145,7 @@ def choose_ropes(
     """
     with np.load(path) as file:
         points, of_each = file["points"].astype(np.float64), file["crossings"]
-    rng = np.random.default_rng([seed, 0])
+    rng = rng_of(seed, 0)
     camera = Camera.overhead()
     chosen: dict[tuple[int, int], NDArray] = {}
     for number in crossings:

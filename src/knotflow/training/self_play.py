@@ -29,6 +29,7 @@ from knotflow.samplers.primitives.config import PrimitiveConfig
 from knotflow.samplers.primitives.encoding import KINDS, encode_canonical
 from knotflow.samplers.primitives.library import PrimitiveLibrary
 from knotflow.samplers.primitives.primitive import Primitive
+from knotflow.seeding import rng_of
 from knotflow.simulation import (
     Attempts,
     RopeSimulator,
@@ -100,7 +101,7 @@ class SelfPlay(Trainer):
         self.simulator, self.config = simulator, config
         self.library = _completed(library, seed)
         self._starts = starts or StartsConfig()
-        self._rng = np.random.default_rng([seed, 0])
+        self._rng = rng_of(seed, 0)
         self.curriculum = Curriculum(
             config.most_crossings, config.crossings_shares, config.undo_share
         )

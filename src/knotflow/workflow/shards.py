@@ -16,13 +16,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import pandas as pd
 from tqdm import tqdm
 
 from knotflow.threads import one_thread
 from knotflow.workflow import store
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 BACKENDS = ("loky", "ray")
 """joblib's threads are not among them: they share PyTorch's random state."""
@@ -109,6 +111,8 @@ class StageRun:
         Raises:
             ValueError: a name occurs twice.
         """
+        import pandas as pd  # takes half a second
+
         parts = [f"rows/{name}" for name in names]
         pending = [one.removeprefix("rows/") for one in self.pending(parts, ".csv")]
         self.each(partial(_keep_rows, work), pending, desc)
