@@ -88,6 +88,7 @@ from knotflow.topology.draw import draw
 from knotflow.training import Learner, LearnerConfig
 from knotflow.training.learner import demonstration_buffer
 from knotflow.training.losses import actor_loss, critic_loss
+from knotflow.training.trainer import SupervisedTrainer
 from knotflow.versions import COMPONENTS
 from knotflow.workflow.dependencies import component_versions, modules_of
 
@@ -395,6 +396,29 @@ def recording() -> dict[str, Any]:
     }
 
 
+class Line(SupervisedTrainer):
+    """Fits y = 2 x + 1."""
+
+    measure = "error"
+
+    def update(self, step: int) -> float:
+        x = torch.rand((8, 1), generator=self.generator)
+        loss = ((self.model(x) - 2 * x - 1) ** 2).mean()
+        self.descend(loss, (1 - self.fraction(step)) * self.effort.learning_rate)
+        return float(loss.detach())
+
+
+def trainer() -> dict[str, Any]:
+    model = torch.nn.Linear(1, 1)
+    torch.nn.init.zeros_(model.weight)
+    torch.nn.init.zeros_(model.bias)
+    effort = SimpleNamespace(
+        validations=3, steps=4, learning_rate=0.1, weight_decay=0.01, gradient_norm=1.0
+    )
+    curve = [row["error"] for row in Line(model, effort, 0)]
+    return {"curve": curve, "weights": torch.cat([model.weight[0], model.bias])}
+
+
 CASES: dict[str, Callable[[], dict[str, Any]]] = {
     "topology": topology,
     "simulation": simulation,
@@ -402,6 +426,7 @@ CASES: dict[str, Callable[[], dict[str, Any]]] = {
     "baselines": baselines,
     "causal_infogan": causal_infogan,
     "primitives": primitives,
+    "trainer": trainer,
     "training": training,
     "planning": planning,
     "perception": perception,

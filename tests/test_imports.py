@@ -31,7 +31,7 @@ KNOWS = {
     "workflow": {"versions", "threads"},
     "experiments": {"seeding", "workflow", "training", "execution", "recording", "statistics"},
     "report": {"viz", "statistics", "versions"},
-    "apps": {"seeding", "execution", "report"},
+    "apps": {"experiments", "report"},
     "__main__": {"experiments"},
 }
 """Each package and what it may import, beside what that one may: the floor plan as a graph."""

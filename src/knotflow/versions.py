@@ -26,14 +26,8 @@ COMPONENTS = {
     "baselines": Component(1, ("samplers.random", "samplers.icp", "samplers.aimed")),
     "causal_infogan": Component(1, ("samplers.causal_infogan", "training.causal_infogan")),
     "primitives": Component(3, ("samplers.primitives",)),
-    "training": Component(
-        6,
-        (
-            *("training.buffers", "training.config", "training.curriculum", "training.exploration"),
-            *("training.imitation", "training.learner", "training.losses"),
-            *("training.reinforcement", "training.self_play", "training.transitions"),
-        ),
-    ),
+    "trainer": Component(1, ("training.trainer",)),
+    "training": Component(6, ("training",)),
     "planning": Component(9, ("planning",)),
     "perception": Component(9, ("perception",)),
     "execution": Component(6, ("execution",)),

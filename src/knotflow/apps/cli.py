@@ -468,7 +468,9 @@ def see(
 
 
 @app.command
-def report(*, results: Path = Path("results"), out: Path = Path("reports")) -> int:
+def report(
+    *, results: Path = Path("results"), out: Path = Path("reports"), check: bool = False
+) -> int:
     """Make the report from the results folder.
 
     Parameters
@@ -477,7 +479,17 @@ def report(*, results: Path = Path("results"), out: Path = Path("reports")) -> i
         Folder with one folder per experiment.
     out
         Folder for report.md and figures/.
+    check
+        Make nothing; list committed results and shipped weights that today's code would not make.
     """
+    if check:
+        from knotflow.experiments.run import stale
+
+        found = [*stale(results)]
+        for one in found:
+            print(f"stale  {one.where}: {', '.join(one.reasons)}")
+        print(f"{len(found)} stale")
+        return 1 if found else 0
     from knotflow.report import make
 
     page, *figures = make(results, out)
