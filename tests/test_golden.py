@@ -37,10 +37,9 @@ from knotflow.perception import (
     segment,
 )
 from knotflow.planning import Goal, PlannerConfig, PlanStep, SolutionDag, plan_knot
-from knotflow.planning.branches import Node
 from knotflow.planning.config import RULES
-from knotflow.planning.growth import node_probabilities
-from knotflow.planning.posterior import PosteriorRule
+from knotflow.planning.nodes import Node
+from knotflow.planning.rules import PosteriorRule, node_probabilities
 from knotflow.recording import load, read_recording, recorded, write_recording
 from knotflow.samplers import RandomSampler
 from knotflow.samplers.causal_infogan import StartFrame, measure

@@ -123,8 +123,8 @@ def test_the_floor_plan_has_no_arrow_that_no_import_needs():
 
 
 def test_a_name_of_a_package_that_loads_late_is_an_import_of_its_module():
-    (statement,) = ast.parse("from knotflow.planning import plan_knot, pull").body
-    known = {"knotflow.planning", "knotflow.planning.tree", "knotflow.planning.pull"}
+    (statement,) = ast.parse("from knotflow.planning import plan_knot, rules").body
+    known = {"knotflow.planning", "knotflow.planning.tree", "knotflow.planning.rules"}
     assert targets(statement, "knotflow", known) == known - {"knotflow.planning"}
 
 

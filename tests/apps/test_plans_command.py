@@ -213,8 +213,8 @@ def test_ablations_search_for_the_same_goals_and_lack_one_part(workflow_of):
     assert (complete.planner, complete.seed) == (all_goals.planner, all_goals.seed)
     lacking = {
         "without_arranging": {"arranging": 0},
-        "without_onward": {"onward": False},
-        "paper_search": {"rule": "paper", "onward": False},
+        "without_onward": {"use_next_value": False},
+        "paper_search": {"rule": "paper", "use_next_value": False},
     }
     for name, changes in lacking.items():
         planner = replace(complete.planner, **changes)

@@ -1,14 +1,22 @@
+"""Solution DAGs, and search graphs, in which every state has a path to every goal."""
+
+from __future__ import annotations
+
+import networkx as nx
 import pytest
 
-from knotflow.planning import Goal, SolutionDag, UnreachableGoalError
-from knotflow.topology import IllegalActionError, TopologicalState, knot, parse_action
+from knotflow.planning import Goal, SearchGraph, SolutionDag, UnreachableGoalError, parse_goal
+from knotflow.topology import IllegalActionError, TopologicalState, Undo, knot, parse_action
 
 TRIVIAL = TopologicalState.trivial()
+OVERHAND = TopologicalState.parse("4o1+2o5+6o3+")
+STRAY = TopologicalState.parse("1o4+2o3-")  # R2(0,0,1,1), in no overhand's DAG
+GOALS = ["overhand", "trivial", "1o4+2o3-", "1o2+3o6-4o5+", "R1(0,1,1) C(0,1,1) C(2,0,1)"]
 PATH = [parse_action(text) for text in ("R1(0,1,1)", "C(0,1,1)", "C(2,0,1)")]
 
 
 @pytest.mark.parametrize("name", ["overhand", "figure_eight", "pentagram"])
-def test_each_edge_brings_a_state_at_most_one_edge_nearer(name):
+def test_distance_is_one_more_than_at_nearest_neighbour(name):
     dag = Goal.named(name).dag
     assert dag.goals == knot(name)
     for state in dag.graph:
@@ -21,7 +29,7 @@ def test_each_edge_brings_a_state_at_most_one_edge_nearer(name):
             assert state.apply(action) == onward
 
 
-def test_a_path_has_one_edge_a_state():
+def test_path_has_one_edge_per_state():
     dag = SolutionDag.along(PATH)
     assert len(dag) == 4
     assert dag.distance(TRIVIAL) == 3
@@ -35,14 +43,14 @@ def test_a_path_may_begin_tangled():
     assert TRIVIAL not in dag
 
 
-def test_an_illegal_path_says_which_rule_it_breaks():
+def test_illegal_path_is_refused():
     with pytest.raises(IllegalActionError, match="no segment 2"):
         SolutionDag.along([PATH[2]])
     with pytest.raises(ValueError, match="at least one action"):
         SolutionDag.along([])
 
 
-def test_the_part_after_a_state_reaches_the_goal_and_nothing_else():
+def test_after_keeps_what_leads_to_the_goal():
     dag = Goal.named("pentagram").dag
     overhand = TopologicalState.parse("4o1+2o5+6o3+")
     part = dag.after(overhand)
@@ -51,12 +59,116 @@ def test_the_part_after_a_state_reaches_the_goal_and_nothing_else():
     assert part.goals < dag.goals
 
 
-def test_states_from_which_the_goal_is_out_of_reach_are_refused_with_the_reason():
+def test_unreachable_goal_is_explained():
     dag = Goal.named("overhand").dag
     stray = TRIVIAL.apply(parse_action("R2(0,0,1,1)"))
     for call in (dag.distance, dag.check_start, dag.after):
-        with pytest.raises(UnreachableGoalError, match="no sequence of them completes"):
+        with pytest.raises(UnreachableGoalError, match="no sequence of R1, R2 and Cross completes"):
             call(stray)
     deep = TopologicalState.parse("6o1+2o7+8o3+4o9+10o5+")
-    with pytest.raises(UnreachableGoalError, match="5 crossings already and the goal has 3"):
+    with pytest.raises(UnreachableGoalError, match="has 5 and the goal has 3"):
         dag.check_start(deep)
+
+
+@pytest.fixture(scope="module")
+def all_states() -> list[TopologicalState]:
+    """The 573 states with 0 to 3 crossings."""
+    levels: list[set[TopologicalState]] = [{TRIVIAL}, set(), set(), set()]
+    for level in levels[:-1]:
+        for state in level:
+            for _, following in state.actions():
+                if following.num_crossings < len(levels):
+                    levels[following.num_crossings].add(following)
+    return sorted(set().union(*levels))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("text", GOALS)
+def test_every_state_has_a_path_to_every_goal(all_states, text):
+    graph = SearchGraph(parse_goal(text).dag)
+    assert len(all_states) == 573
+    for state in all_states:
+        graph.extend(state)
+    # From each a step nearer, and so on to distance 0, which only goals have.
+    for state in graph.graph:
+        assert (graph.distance(state) == 0) == (state in graph.goals)
+        if state not in graph.goals:
+            action, onward = min(graph.edges_from(state), key=lambda e: graph.distance(e[1]))
+            assert state.apply(action) == onward
+            assert graph.distance(onward) == graph.distance(state) - 1
+
+
+def test_edges_are_undoings_and_forward_edges(all_states):
+    dag = Goal.named("overhand").dag
+    graph = SearchGraph(dag, *all_states[::7])
+    for state in graph.graph:
+        forward = tuple(e for e in graph.edges_from(state) if not isinstance(e[0], Undo))
+        assert forward == (dag.edges_from(state) if state in dag else ())
+        undone = [edge for edge in graph.edges_from(state) if isinstance(edge[0], Undo)]
+        assert len(undone) == len(set(undone)) == len(list(state.undo_actions()))
+        assert set(undone) == set(state.undo_actions())
+
+
+def test_distances_do_not_depend_on_order_of_extension(all_states):
+    starts = all_states[::11]
+    dag = Goal.named("figure_eight").dag
+    at_once, one_by_one = SearchGraph(dag, *starts), SearchGraph(dag)
+    for start in reversed(starts):
+        one_by_one.extend(start)
+        one_by_one.extend(start)
+    backward = at_once.graph.reverse(copy=False)
+    expected = nx.multi_source_dijkstra_path_length(backward, set(dag.goals), weight=None)
+    assert set(at_once.graph) == set(one_by_one.graph) == set(expected)
+    for state, distance in expected.items():
+        assert at_once.distance(state) == one_by_one.distance(state) == distance
+        assert at_once.edges_from(state) == one_by_one.edges_from(state)
+        steps = [at_once.distance(onward) for _, onward in at_once.edges_from(state)]
+        assert distance == (0 if state in dag.goals else 1 + min(steps))
+
+
+def test_search_graph_leaves_its_dag_unchanged():
+    dag = Goal.named("overhand").dag
+    graph = SearchGraph(dag, STRAY)
+    # The head is pulled off its strand, and the loop that is left grows to an overhand.
+    assert graph.distance(STRAY) == 3
+    undone = [str(action) for action, _ in graph.edges_from(STRAY)]
+    assert undone == ["undo C(0,2,1)", "undo R1(1,1,-1)", "undo R2(0,0,1,1)"]
+    assert STRAY not in dag and len(dag) == 13
+    with pytest.raises(UnreachableGoalError, match="no sequence of R1, R2 and Cross completes"):
+        graph.dag.check_start(STRAY)
+
+
+def test_trivial_goal_is_reached_by_undoing():
+    graph = SearchGraph(SolutionDag.to(TRIVIAL), OVERHAND)
+    assert graph.distance(OVERHAND) == 3
+    assert all(isinstance(action, Undo) for action, _ in graph.edges_from(OVERHAND))
+
+
+def test_states_with_many_crossings_are_added():
+    graph = SearchGraph(Goal.named("overhand").dag)
+    deep = OVERHAND
+    for text in ("C(0,3,1)", "C(4,0,1)", "R1(3,1,1)"):
+        deep = deep.apply(parse_action(text))
+    with pytest.raises(UnreachableGoalError, match="no undoings are known"):
+        graph.distance(deep)
+    graph.extend(deep)
+    assert deep.num_crossings == 6
+    assert graph.distance(deep) == 3
+    assert knot("overhand") <= graph.goals
+
+
+def test_path_from_tangled_start_keeps_what_leads_to_its_end():
+    start = TRIVIAL.apply(PATH[0])
+    graph = SearchGraph(SolutionDag.along(PATH[1:], start))
+    assert TRIVIAL not in graph
+    for state in graph.graph:
+        assert all(onward in graph for _, onward in graph.edges_from(state))
+    with pytest.raises(UnreachableGoalError, match="no undoings are known"):
+        graph.extend(STRAY)
+    assert STRAY not in graph and STRAY not in graph.graph
+
+
+def test_path_may_undo():
+    goal = parse_goal("R1(0,1,1) C(0,1,1), undo C(0,1,1)")
+    assert goal.states == {TRIVIAL.apply(PATH[0])}
+    assert goal.dag.distance(TRIVIAL) == 1

@@ -47,7 +47,7 @@ def test_a_goal_keeps_the_name_it_was_asked_by():
         ("", ValueError, "unknown knot"),
         ("[(4,1,1),(2,5", ValueError, "cannot be read"),
         ("(4,1,1)", InvalidStateError, "not a list of crossings"),
-        ("[(1,2,1),(2,3,1)]", InvalidStateError, "met twice"),
+        ("[(1,2,1),(2,3,1)]", InvalidStateError, "used twice"),
         ("1o3+2o4+", InvalidStateError, "no plane curve"),
         ("C(2,0,1)", IllegalActionError, "no segment 2"),
         ("X(2,0,1)", IllegalActionError, "not an action"),

@@ -10,8 +10,8 @@ from knotflow.planning import (
     plan_knot,
     tree,
 )
-from knotflow.planning.branches import DIVERGED
 from knotflow.planning.config import RULES
+from knotflow.planning.tree import DIVERGED
 from knotflow.samplers.demonstrations.aim import aim
 from knotflow.simulation import RopeSimulator, SimulationConfig, spline_path, straight
 from knotflow.topology import Arrange, TopologicalState, Undo, parse_action, segment_intervals
@@ -52,14 +52,14 @@ def test_a_perfect_sampler_needs_as_many_branches_as_actions(world, path_goal, r
 
 
 @pytest.mark.parametrize("rule", RULES)
-def test_a_plan_that_hangs_by_the_time_step_is_none(world, path_goal, rule, monkeypatch):
+def test_unsteady_steps_are_dropped_and_replanned(world, path_goal, rule, monkeypatch):
     seen = []
 
-    def are_steady(steps, simulation):
+    def are_robust(steps, simulation):
         seen.append(steps)
         return [str(step.action) != "C(0,1,1)" or len(seen) > 2 for step in steps]
 
-    monkeypatch.setattr(tree, "are_steady", are_steady)
+    monkeypatch.setattr(tree, "are_robust", are_robust)
     plan = search(path_goal, world(), rule=rule, bias=1e6, steady=True)
     assert_valid(plan, path_goal)
     # Twice the second step was not steady: it and the third were done anew. The first was kept, and
@@ -72,7 +72,7 @@ def test_a_plan_that_hangs_by_the_time_step_is_none(world, path_goal, rule, monk
     assert search(path_goal, world(), rule=rule, bias=1e6).branches == 3 and not seen
 
 
-def test_no_branch_leaves_a_segment_shorter_than_the_margin(world, path_goal):
+def test_margin_is_kept(world, path_goal):
     free = search(path_goal, world(), bias=1e6)
     left = [float(np.ptp(segment_intervals(step.end), axis=1).min()) for step in free.steps]
     assert left[1] < min(left[0], left[2])
@@ -152,7 +152,7 @@ def test_the_seed_decides_everything(world, path_goal, batch):
 @pytest.mark.parametrize("part", [1, 100])
 def test_a_search_does_not_depend_on_what_is_simulated_at_once(world, path_goal, monkeypatch, part):
     before = search(path_goal, world(chance=0.2), 3, batch=8)
-    monkeypatch.setattr("knotflow.planning.tree.PART", part)
+    monkeypatch.setattr("knotflow.planning.tree.CHUNK", part)
     after = search(path_goal, world(chance=0.2), 3, batch=8)
     assert before.branches == after.branches > 8
     np.testing.assert_array_equal(before.splines, after.splines)
@@ -207,8 +207,8 @@ def test_arranging_steps_are_branches_and_few_in_a_row(world, path_goal):
         PlannerConfig(**config),
     )
     tree.run()
-    assert {node.arranged for node in tree.nodes} == {0, 1, 2}
-    assert all(len(node.steps()) == node.arranged for node in tree.nodes)
+    assert {node.num_arranging for node in tree.nodes} == {0, 1, 2}
+    assert all(len(node.path()) == node.num_arranging for node in tree.nodes)
 
 
 def test_an_end_in_the_state_of_another_edge_is_kept_as_that(world, shape_of):

@@ -24,7 +24,7 @@ from knotflow.topology.draw import draw
 
 @pytest.fixture(autouse=True)
 def restore_stdin():
-    """topoly closes it, see `knotflow.planning.homfly`."""
+    """topoly closes it."""
     kept = os.dup(0)
     yield
     os.dup2(kept, 0)

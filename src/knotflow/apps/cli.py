@@ -115,7 +115,10 @@ def plan(
 
     points = _read_rope(rope, rope_unit, seed)
     folder = out if out is not None else Path("plans") / plan_name(knot, rope, seed)
-    request = {"knot": knot, "rope": _digest(Path(rope)) if Path(rope).is_file() else rope}
+    request: dict[str, Any] = {
+        "knot": knot,
+        "rope": _digest(Path(rope)) if Path(rope).is_file() else rope,
+    }
     request |= {"rope_unit": rope_unit, "seed": seed, "max_seconds": max_seconds, "margin": margin}
     request |= _provenance()
     stored = None if overwrite else _stored_outcome(folder, request)
@@ -192,11 +195,11 @@ def next_step(
         tighter = f"; tighter loops: --margin {margin / 2:g}" if margin else ""
         print(f"{found.summary()}\nlonger: --max-seconds {2 * max_seconds:g}{tighter}")
         return 1
-    from knotflow.planning import success_probability
+    from knotflow.planning import estimate_success
     from knotflow.topology.action_text import describe
 
     step = found.steps[0]
-    share = success_probability(step, rng_of(seed, 2), repeats=REPEATS)
+    share = estimate_success(step, rng_of(seed, 2), repeats=REPEATS)
     grasp, middle, end = ("x {:+.3f}  y {:+.3f}  z {:.3f} m".format(*p) for p in found.controls[0])
     print(
         f"{len(found.steps)} actions to {knot}; the next is\n"
@@ -527,8 +530,12 @@ def _search(
 
     from tqdm import tqdm
 
-    from knotflow.planning import FAST_SEARCH, SearchUpdate, plan_rope
+    from knotflow.planning import FAST_SEARCH, SearchUpdate, parse_goal, plan_rope
+    from knotflow.samplers.primitives import SHIPPED_PRIMITIVES, PrimitiveLibrary
+    from knotflow.simulation import RopeConfig
 
+    parse_goal(knot, RopeConfig())  # refuses it before the slow import
+    library = PrimitiveLibrary.load(Path(SHIPPED_PRIMITIVES), RopeConfig())
     config = replace(FAST_SEARCH, max_seconds=max_seconds, margin=margin)
     last: list[Attempts] = []
     with tqdm(desc="simulated", unit=" branches", disable=None) as bar:
@@ -540,6 +547,7 @@ def _search(
             points,
             knot,
             rng_of(seed, 1),
+            sampler=library,
             config=config,
             progress=show,
             observe=lambda attempts: last.__setitem__(slice(None), [attempts]),

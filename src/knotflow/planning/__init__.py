@@ -1,11 +1,7 @@
 """Planning: a tree search from a rope as it lies to a tied knot (paper Sec. V-B d).
 
-`parse_goal` and `parse_rope` read what to tie into what, `plan_knot` searches and returns a
-`KnotPlan`, which gives timed gripper waypoints and JSON. `confirm` has an independent library
-identify the tied rope's knot type. Pictures are imported by file: `planning.draw.draw_plan`,
-`planning.animate.animate_plan`, `planning.draw_dag.draw_dag`.
-
-A name is loaded when it is used, from the file that `__init__.pyi` gives.
+`plan_rope` returns a `KnotPlan` for a rope and a knot's name. A name is loaded when it is used,
+from the file that `__init__.pyi` gives.
 """
 
 import lazy_loader

@@ -1,26 +1,20 @@
 from .arranging import ArrangedAttempts, attempt_arranged
-from .branches import SearchUpdate
-from .check import KnotMismatchError, confirm, expected_type, knot_type
-from .config import FAST_SEARCH, PlannerConfig
-from .dag import SolutionDag, UnreachableGoalError
+from .config import FAST_SEARCH, PlannerConfig, plan_name
+from .dag import SearchGraph, SolutionDag, UnreachableGoalError
 from .goals import Goal, NoRoomError, most_crossings, parse_goal
-from .passing import StrandPassage, find_passages
-from .plan import KnotPlan, PlanStep, Tried
-from .plan_file import PlanFormatError
+from .nodes import SearchUpdate
+from .plan import ExpansionStats, KnotPlan, PlanFormatError, PlanStep
 from .plan_rope import (
     RECORD_RATE,
     AlreadyTiedError,
-    plan_name,
+    estimate_success,
     plan_rope,
     replay,
-    shipped_sampler,
-    success_probability,
 )
 from .rope_file import RopeInputError
 from .ropes import ROPE_NAMES, lay_down, parse_rope, read_rope
-from .search_graph import SearchGraph
-from .soundness import StepCheck, check_steps
 from .tree import TreeSearch, plan_knot
+from .validation import Penetration, StepCheck, check_steps, find_penetrations
 from .waypoints import GripperConfig, Waypoints
 
 __all__ = [
@@ -29,12 +23,12 @@ __all__ = [
     "ROPE_NAMES",
     "AlreadyTiedError",
     "ArrangedAttempts",
+    "ExpansionStats",
     "Goal",
     "GripperConfig",
-    "KnotMismatchError",
     "KnotPlan",
     "NoRoomError",
-    "StrandPassage",
+    "Penetration",
     "PlanFormatError",
     "PlanStep",
     "PlannerConfig",
@@ -44,15 +38,12 @@ __all__ = [
     "SolutionDag",
     "StepCheck",
     "TreeSearch",
-    "Tried",
     "UnreachableGoalError",
     "Waypoints",
     "attempt_arranged",
     "check_steps",
-    "confirm",
-    "expected_type",
-    "find_passages",
-    "knot_type",
+    "estimate_success",
+    "find_penetrations",
     "lay_down",
     "most_crossings",
     "parse_goal",
@@ -62,6 +53,4 @@ __all__ = [
     "plan_rope",
     "read_rope",
     "replay",
-    "shipped_sampler",
-    "success_probability",
 ]

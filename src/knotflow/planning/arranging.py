@@ -1,9 +1,4 @@
-"""An attempt at an action by several splines: such that arrange the rope, then one that acts.
-
-The paper names more than one spline for an action as future work (Sec. VIII). The splines of an
-attempt follow each other on one rope, as a robot would execute them: an arranging one that loses
-the state ends the attempt. `tree` instead grows many such attempts and keeps the best.
-"""
+"""An attempt at an action by several splines: arranging ones, then one that acts (Sec. VIII)."""
 
 from __future__ import annotations
 
@@ -12,13 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.planning.branches import Simulator
+from knotflow.planning.nodes import Simulator
 from knotflow.samplers.sampler import Sampler, ability
 from knotflow.simulation import Attempts, Observer
 from knotflow.topology import Action, Arrange, TopologicalState
 
-LEAST_GAIN = 0.05
-"""A rope is arranged where the critic promises at least so much more value after it."""
+Floats = NDArray[np.float64]
+
+MIN_GAIN = 0.05
+"""A rope is arranged where the critic predicts at least so much more value after it."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +29,7 @@ class ArrangedAttempts:
 
 
 def attempt_arranged(
-    points: NDArray,
+    points: Floats,
     action: Action,
     start: TopologicalState,
     sampler: Sampler,
@@ -43,17 +40,18 @@ def attempt_arranged(
 ) -> ArrangedAttempts:
     """Try an action on ropes (B, V, 3), arranging each before by up to `most` splines.
 
+    An arranging spline that loses the state ends the attempt. A sampler that cannot arrange, or
+    value the gain, acts at once.
+
     Args:
         points: (B, V, 3) metres, at rest in the state `start`.
         action: legal in it.
         start: the state of every rope.
-        sampler: one that may arrange, see `samplers.Arranger`.
-        simulator: executes the splines.
+        sampler: proposes splines.
+        simulator: executes them.
         rng: everything random comes from it.
         most: arranging splines before the one that acts.
-        observe: is shown every batch of splines.
-
-    A sampler that cannot arrange, or value what it would gain, acts at once.
+        observe: called with every batch of splines.
 
     Raises:
         IllegalActionError: the start state does not allow the action.
@@ -63,31 +61,29 @@ def attempt_arranged(
     start.apply(action)
     points = np.array(points, dtype=np.float64)
     used = np.zeros(len(points), np.intp)
-    alive = np.ones(len(points), bool)
-    open_ = np.arange(len(points))
+    success = np.ones(len(points), bool)  # of the latest spline
+    rows = np.arange(len(points))
 
-    def execute(rows: NDArray, splines: NDArray, meant: Action) -> NDArray[np.bool_]:
+    def execute(rows: NDArray[np.intp], splines: Floats, attempted: Action) -> None:
         rollouts = simulator.execute(points[rows], splines)
-        tried = Attempts.of(meant, start, points[rows], splines, rollouts)
-        points[rows], used[rows] = rollouts.end_points, used[rows] + 1
+        attempts = Attempts.of(attempted, start, points[rows], splines, rollouts)
+        points[rows], success[rows] = rollouts.end_points, attempts.success
+        used[rows] += 1
         if observe is not None:
-            observe(tried)
-        return tried.success
+            observe(attempts)
 
     for _ in range(most):
-        if arrange is None or values is None or arranged_values is None or not len(open_):
+        if arrange is None or values is None or arranged_values is None or not len(rows):
             break
-        actions = [action] * len(open_)
-        gain = arranged_values(points[open_], actions, rng) - values(points[open_], actions, rng)
-        open_ = open_[gain >= LEAST_GAIN]
-        if not len(open_):
-            break
-        splines = np.concatenate([arrange(points[row], action, 1, rng) for row in open_])
-        alive[open_] = execute(open_, splines, Arrange(action))
-        open_ = open_[alive[open_]]
-    rows = np.flatnonzero(alive)
-    success = np.zeros(len(points), bool)
+        actions = [action] * len(rows)
+        gain = arranged_values(points[rows], actions, rng) - values(points[rows], actions, rng)
+        rows = rows[gain >= MIN_GAIN]
+        if len(rows):
+            splines = np.concatenate([arrange(points[row], action, 1, rng) for row in rows])
+            execute(rows, splines, Arrange(action))
+            rows = rows[success[rows]]
+    rows = np.flatnonzero(success)
     if len(rows):
         splines = np.concatenate([sampler.sample(points[row], action, 1, rng) for row in rows])
-        success[rows] = execute(rows, splines, action)
+        execute(rows, splines, action)
     return ArrangedAttempts(success, used)

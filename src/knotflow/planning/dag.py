@@ -1,4 +1,4 @@
-"""The solution DAG a search follows: every topological path to a goal, or just one of them."""
+"""The graph that a search follows: every topological path to a goal, or just one of them."""
 
 from __future__ import annotations
 
@@ -34,12 +34,7 @@ class SolutionDag:
         )
         # Sorted, so that a search depends on its seed only, not on how the graph was built.
         self._edges: dict[TopologicalState, tuple[Edge, ...]] = {
-            state: tuple(
-                sorted(
-                    ((action, onward) for _, onward, action in graph.out_edges(state, "action")),
-                    key=lambda edge: str(edge[0]),
-                )
-            )
+            state: _sorted((action, end) for _, end, action in graph.out_edges(state, "action"))
             for state in graph
         }
 
@@ -62,16 +57,16 @@ class SolutionDag:
 
         Raises:
             ValueError: no action.
-            IllegalActionError: an action that its state does not allow; says which rule it breaks.
+            IllegalActionError: an action that its state does not allow.
         """
         if not actions:
             raise ValueError("a topological path needs at least one action, got none")
         state = start if start is not None else TopologicalState.trivial()
         graph = nx.MultiDiGraph()
         for action in actions:
-            onward = state.apply(action)
-            graph.add_edge(state, onward, key=str(action), action=action)
-            state = onward
+            end = state.apply(action)
+            graph.add_edge(state, end, key=str(action), action=action)
+            state = end
         return cls(graph, [state])
 
     @property
@@ -88,7 +83,7 @@ class SolutionDag:
         """Edges on the shortest path from a state to the nearest goal.
 
         Raises:
-            UnreachableGoalError: the state is not in this DAG.
+            UnreachableGoalError: the state is not in this graph.
         """
         self.check_start(state)
         return self._distance[state]
@@ -106,34 +101,110 @@ class SolutionDag:
         return actions
 
     def check_start(self, state: TopologicalState) -> None:
-        """Refuse a rope from whose state no edges lead to the goal.
+        """Refuse a state that is not in this graph.
 
         Raises:
-            UnreachableGoalError: says why the rope cannot go on from its state.
+            UnreachableGoalError: says why no edges lead from it to the goal.
         """
-        if state in self._distance:
+        if state in self:
             return
         most = max(goal.num_crossings for goal in self.goals)
-        rule = "R1, R2 and Cross only add crossings"
+        why = "no sequence of R1, R2 and Cross completes these crossings to the goal"
         if state.num_crossings >= most:
             why = (
-                f"the rope has {state.num_crossings} crossings already and the goal has {most}; "
-                f"{rule}"
+                f"R1, R2 and Cross only add crossings, but the rope already has "
+                f"{state.num_crossings} and the goal has {most}"
             )
-        else:
-            why = f"{rule}, and no sequence of them completes these crossings to the goal"
         raise UnreachableGoalError(
-            f"the rope lies in the state {state}, which is none of the {len(self)} states of the "
-            f"solution DAG of {self._goal_names}: {why}. Lay the rope without these crossings, or "
-            "choose a goal that contains them"
+            f"the rope is in the state {state}, which is none of the {len(self)} states that lead "
+            f"to {self._goal_names}: {why}. Lay the rope without these crossings, or choose a goal "
+            "that contains them"
         )
 
     def after(self, start: TopologicalState) -> SolutionDag:
-        """The part of this DAG that a rope in state `start` can still walk through.
+        """The part of this graph that can be reached from a state.
 
         Raises:
-            UnreachableGoalError: `start` is not in this DAG.
+            UnreachableGoalError: `start` is not in this graph.
         """
         self.check_start(start)
         kept = {start} | nx.descendants(self.graph, start)
         return SolutionDag(self.graph.subgraph(kept).copy(), self.goals & kept)
+
+
+class SearchGraph(SolutionDag):
+    """A solution DAG with, from each of its states and of given others, all that can be undone.
+
+    With undoing, every state has a path to every goal whose DAG contains the trivial state. The
+    Action of an undoing is an `Undo`; all edges count one for `distance`.
+
+    Attributes:
+        dag: the solution DAG it was made from.
+    """
+
+    def __init__(self, dag: SolutionDag, *starts: TopologicalState) -> None:
+        """Join a solution DAG with all that its states and the starts can be undone to.
+
+        Raises:
+            UnreachableGoalError: a start from which no actions and undoings lead to a goal, because
+                the DAG is `along` one path that does not begin with the trivial state.
+        """
+        graph = dag.graph.copy()
+        for state in _undone(dag.graph):
+            for undoing, previous in state.undo_actions():
+                graph.add_edge(state, previous, key=str(undoing), action=undoing)
+        leading = set(dag.goals).union(*(nx.ancestors(graph, goal) for goal in dag.goals))
+        super().__init__(graph.subgraph(leading).copy(), dag.goals)
+        self.dag = dag
+        for start in starts:
+            self.extend(start)
+
+    def extend(self, state: TopologicalState) -> None:
+        """Add a state, if it is new, and all that it can be undone to.
+
+        Distances and edges of present states do not change.
+
+        Raises:
+            UnreachableGoalError: no undoings lead from the state into the graph.
+        """
+        if state in self:
+            return
+        # Undoing reduces crossings, so a state comes after all those that it can be undone to.
+        new = [below for below in _undone([state]) if below not in self]
+        for below in sorted(new, key=lambda one: (one.num_crossings, one)):
+            edges = [edge for edge in below.undo_actions() if edge[1] in self]
+            if not edges:
+                continue
+            for undoing, previous in edges:
+                self.graph.add_edge(below, previous, key=str(undoing), action=undoing)
+            self._edges[below] = _sorted(edges)
+            self._distance[below] = 1 + min(self._distance[previous] for _, previous in edges)
+        self.check_start(state)
+
+    def check_start(self, state: TopologicalState) -> None:
+        """Refuse a state that is not in this graph.
+
+        Raises:
+            UnreachableGoalError: it was not added, or cannot be undone into the graph.
+        """
+        if state not in self:
+            raise UnreachableGoalError(
+                f"no undoings are known from the state {state} to any of the {len(self)} states "
+                f"from which actions and undoings lead to {self._goal_names}"
+            )
+
+
+def _sorted(edges: Iterable[Edge]) -> tuple[Edge, ...]:
+    return tuple(sorted(edges, key=lambda edge: str(edge[0])))
+
+
+def _undone(states: Iterable[TopologicalState]) -> set[TopologicalState]:
+    """The states and all that they can be undone to."""
+    found = set(states)
+    waiting = list(found)
+    while waiting:
+        for _, previous in waiting.pop().undo_actions():
+            if previous not in found:
+                found.add(previous)
+                waiting.append(previous)
+    return found

@@ -1,16 +1,82 @@
-"""A plan to tie a knot: what a search found, or how far it came and why it stopped."""
+"""A plan to tie a knot: what a search found, or how far it came; and its JSON file."""
 
 from __future__ import annotations
 
+import json
+from collections import Counter
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.planning import plan_file
-from knotflow.planning.plan_step import PlanStep, Tried
 from knotflow.planning.waypoints import GripperConfig, Waypoints, trace_waypoints
-from knotflow.topology import Action, Arrange, TopologicalState
+from knotflow.simulation import control_points
+from knotflow.topology import Action, Arrange, TopologicalState, parse_action
+
+FORMAT = "knotflow.plan"
+VERSION = 1
+
+_PLAIN = ("goal", "solved", "reason", "branches", "nodes")
+_SECONDS = ("seconds", "sampling_seconds", "simulation_seconds", "move_time")
+_DECIMALS = 6  # of trajectories: micrometres
+
+Floats = NDArray[np.float64]
+
+
+class PlanFormatError(ValueError):
+    """A text that is not a plan, or not one that this version reads."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanStep:
+    """One executed spline; metres and seconds, world frame.
+
+    Attributes:
+        action: the topological action it instantiates, or `Arrange`, which keeps the state.
+        spline: (6,) see `simulation.spline`.
+        start: (V, 3) the rope at rest before.
+        start_state: its topological state.
+        end: (V, 3) the rope at rest after.
+        end_state: its topological state, the one the action leads to.
+        times: (T,) of the frames; the first is 0, at the grasp.
+        trajectory: (T, V, 3) the rope in simulation; (0, V, 3) if it was not stored.
+        gripper: (T, 3) the gripper; it holds the rope for the plan's `move_time`.
+    """
+
+    action: Action
+    spline: Floats
+    start: Floats
+    start_state: TopologicalState
+    end: Floats
+    end_state: TopologicalState
+    times: Floats
+    trajectory: NDArray[np.float32]
+    gripper: NDArray[np.float32]
+
+    def controls(self, radius: float) -> Floats:
+        """(3, 3) the control points of the spline on a rope of that radius, metres."""
+        return control_points(self.start, self.spline, radius)
+
+
+@dataclass(frozen=True)
+class ExpansionStats:
+    """How often one action was tried from one state with one outcome.
+
+    Attributes:
+        state: where the branches began.
+        action: what they were for, `Arrange` included.
+        outcome: `str` of the state they ended in, "diverged", "unreadable", or "fragile" for the
+            action's state reached with too short segments (`PlannerConfig.margin`).
+        success: whether that is the action's state.
+        branches: how many there were.
+    """
+
+    state: TopologicalState
+    action: Action
+    outcome: str
+    success: bool
+    branches: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,9 +93,9 @@ class KnotPlan:
         steps: to the goal or, not solved, to the node of the tree nearest to it; maybe none.
         tried: a summary of all branches.
         branches: simulated splines, the paper's measure of a search.
-        nodes: nodes of the search tree, its root included.
+        nodes: nodes of the search tree, including the root.
         seconds: wall time of the search, of which
-        sampling_seconds: in the sampler, beside which the simulator may be at work, and
+        sampling_seconds: in the sampler, while the simulator may run as well, and
         simulation_seconds: in the simulator after it.
         radius: of the rope, metres.
         move_time: from grasp to release of each spline, seconds.
@@ -39,10 +105,10 @@ class KnotPlan:
     goal_states: tuple[TopologicalState, ...]
     solved: bool
     reason: str
-    start: NDArray[np.float64]
+    start: Floats
     start_state: TopologicalState
     steps: tuple[PlanStep, ...]
-    tried: tuple[Tried, ...]
+    tried: tuple[ExpansionStats, ...]
     branches: int
     nodes: int
     seconds: float
@@ -53,21 +119,21 @@ class KnotPlan:
 
     @property
     def actions(self) -> tuple[Action, ...]:
-        """The topological path: what the steps do, arranging left out."""
+        """The topological path: the steps' actions without arranging."""
         return tuple(step.action for step in self.steps if not isinstance(step.action, Arrange))
 
     @property
-    def splines(self) -> NDArray[np.float64]:
+    def splines(self) -> Floats:
         """(n, 6) the spline of each step."""
         return np.array([step.spline for step in self.steps]).reshape(-1, 6)
 
     @property
-    def controls(self) -> NDArray[np.float64]:
+    def controls(self) -> Floats:
         """(n, 3, 3) the control points of each step's spline, metres."""
         return np.array([step.controls(self.radius) for step in self.steps]).reshape(-1, 3, 3)
 
     @property
-    def shapes(self) -> NDArray[np.float64]:
+    def shapes(self) -> Floats:
         """(n + 1, V, 3) the rope at rest: start, between steps, and final, metres."""
         return np.stack([self.start, *(step.end for step in self.steps)])
 
@@ -77,7 +143,7 @@ class KnotPlan:
         return (self.start_state, *(step.end_state for step in self.steps))
 
     def summary(self) -> str:
-        """A line a state: the topological path with the tree's size, for printing."""
+        """The topological path, one state per line, and the size of the search, for printing."""
         steps = [("start", self.start_state)]
         steps += [(str(step.action), step.end_state) for step in self.steps]
         width = max(10, *(len(action) for action, _ in steps))
@@ -87,8 +153,18 @@ class KnotPlan:
             f"{outcome} ({self.reason}); {self.branches} branches, {self.nodes} nodes, "
             f"{self.seconds:.2f} s"
         )
-        if not self.solved:
-            lines += [f"  {line}" for line in self._tried_lines()]
+        if self.solved:
+            return "\n".join(lines)
+        branches: Counter[tuple[TopologicalState, str]] = Counter()
+        successes: Counter[tuple[TopologicalState, str]] = Counter()
+        for one in self.tried:
+            branches[one.state, str(one.action)] += one.branches
+            successes[one.state, str(one.action)] += one.branches * one.success
+        lines += [
+            f"  {action} from {state}: {successes[state, action]} of {count} branches reached its "
+            "state"
+            for (state, action), count in sorted(branches.items())
+        ] or ["  nothing was tried"]
         return "\n".join(lines)
 
     def waypoints(self, rate_hz: float = 20.0, config: GripperConfig | None = None) -> Waypoints:
@@ -113,7 +189,36 @@ class KnotPlan:
         Shapes and splines keep all their digits, trajectories are rounded to micrometres. Without
         `trajectories` a step keeps its frames' times and gripper only.
         """
-        return plan_file.dump(vars(self), trajectories)
+        head: dict[str, Any] = {"format": FORMAT, "version": VERSION}
+        head |= {name: getattr(self, name) for name in _PLAIN}
+        head |= {f"{name}_s": getattr(self, name) for name in _SECONDS}
+        head |= {
+            "goal_states": [str(state) for state in self.goal_states],
+            "radius_m": self.radius,
+            "start_state": str(self.start_state),
+            "start_m": self.start.tolist(),
+            "steps": [
+                {
+                    "action": str(step.action),
+                    "start_state": str(step.start_state),
+                    "end_state": str(step.end_state),
+                    "spline": step.spline.tolist(),
+                    "control_points_m": step.controls(self.radius).tolist(),
+                    "end_m": step.end.tolist(),
+                    "times_s": step.times.tolist(),
+                    "gripper_m": _rounded(step.gripper),
+                    "trajectory_m": _rounded(step.trajectory) if trajectories else [],
+                }
+                for step in self.steps
+            ],
+            "tried": [
+                vars(one) | {"state": str(one.state), "action": str(one.action)}
+                for one in self.tried
+            ],
+        }
+        # One line per key or step keeps the file legible, at a third of the size.
+        lines = [f"{json.dumps(key)}: {_value(value)}" for key, value in head.items()]
+        return "{\n" + ",\n".join(lines) + "\n}\n"
 
     @classmethod
     def from_json(cls, text: str) -> KnotPlan:
@@ -122,17 +227,73 @@ class KnotPlan:
         Raises:
             PlanFormatError: not a plan, one of another version, or one with parts missing.
         """
-        return cls(**plan_file.load(text))
-
-    def _tried_lines(self) -> list[str]:
-        total: dict[tuple[TopologicalState, Action], list[int]] = {}
-        for tried in self.tried:
-            counts = total.setdefault((tried.state, tried.action), [0, 0])
-            counts[0] += tried.branches
-            counts[1] += tried.branches * tried.success
-        return [
-            f"{action} from {state}: {successes} of {branches} branches reached its state"
-            for (state, action), (branches, successes) in sorted(
-                total.items(), key=lambda item: (item[0][0], str(item[0][1]))
+        try:
+            data = json.loads(text)
+        except json.JSONDecodeError as error:
+            raise PlanFormatError(f"the plan is not JSON: {error}") from None
+        if not isinstance(data, dict) or data.get("format") != FORMAT:
+            raise PlanFormatError(f'the JSON is no plan: it has no "format": "{FORMAT}"')
+        if data.get("version") != VERSION:
+            raise PlanFormatError(
+                f"the plan has version {data.get('version')}, this program reads version {VERSION}"
             )
-        ] or ["nothing was tried"]
+        try:
+            return cls._parse(data)
+        except KeyError as error:
+            raise PlanFormatError(f"the plan has no {error}") from None
+        except (TypeError, ValueError) as error:
+            raise PlanFormatError(f"the plan cannot be read: {error}") from error
+
+    @classmethod
+    def _parse(cls, data: dict[str, Any]) -> KnotPlan:
+        state = TopologicalState.parse
+        start = shape = np.array(data["start_m"], np.float64)
+        steps = []
+        for step in data["steps"]:
+            trajectory = np.array(step["trajectory_m"], np.float32).reshape(-1, len(start), 3)
+            steps.append(
+                PlanStep(
+                    action=parse_action(step["action"]),
+                    spline=np.array(step["spline"], np.float64),
+                    start=shape,
+                    start_state=state(step["start_state"]),
+                    end=np.array(step["end_m"], np.float64),
+                    end_state=state(step["end_state"]),
+                    times=np.array(step["times_s"], np.float64),
+                    trajectory=trajectory,
+                    gripper=np.array(step["gripper_m"], np.float32).reshape(-1, 3),
+                )
+            )
+            shape = steps[-1].end
+        tried = [
+            ExpansionStats(
+                state(one["state"]),
+                parse_action(one["action"]),
+                one["outcome"],
+                one["success"],
+                one["branches"],
+            )
+            for one in data["tried"]
+        ]
+        return cls(
+            goal_states=tuple(map(state, data["goal_states"])),
+            start=start,
+            start_state=state(data["start_state"]),
+            steps=tuple(steps),
+            tried=tuple(tried),
+            radius=data["radius_m"],
+            **{name: data[name] for name in _PLAIN},
+            **{name: data[f"{name}_s"] for name in _SECONDS},
+        )
+
+
+def _rounded(array: NDArray[np.float32]) -> list[Any]:
+    # Widened first: a float32 would be written with all the digits of its nearest float64.
+    rounded: list[Any] = np.round(array.astype(np.float64), _DECIMALS).tolist()
+    return rounded
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return "[\n" + ",\n".join("  " + json.dumps(item) for item in value) + "\n]"
+    return json.dumps(value)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
-import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.planning.branches import Progress
 from knotflow.planning.config import FAST_SEARCH, PlannerConfig
 from knotflow.planning.goals import parse_goal
+from knotflow.planning.nodes import Progress
 from knotflow.planning.plan import KnotPlan, PlanStep
 from knotflow.planning.tree import plan_knot
 from knotflow.samplers.sampler import Sampler
@@ -33,7 +30,7 @@ def plan_rope(
     knot: str,
     rng: np.random.Generator,
     *,
-    sampler: Sampler | None = None,
+    sampler: Sampler,
     simulation: SimulationConfig | None = None,
     config: PlannerConfig | None = None,
     progress: Progress | None = None,
@@ -45,7 +42,7 @@ def plan_rope(
         points: (V, 3) the rope at rest, metres, head first.
         knot: a name, crossings or a path of actions, see `parse_goal`.
         rng: everything random comes from it.
-        sampler: proposes splines; the shipped primitives if None.
+        sampler: proposes splines.
         simulation: rope and simulator. It is recorded at `RECORD_RATE`, which changes no shape, so
             that the plan can be animated and stored without simulating it again.
         config: the search; `FAST_SEARCH` if None.
@@ -67,20 +64,11 @@ def plan_rope(
         raise AlreadyTiedError(
             f"there is nothing to plan: the rope is in the state {state}, which is {knot} already"
         )
-    sampler = sampler or shipped_sampler(simulation)
     simulator = RopeSimulator(simulation)
     with one_thread():
         return plan_knot(
             points, goal, sampler, simulator, rng, config or FAST_SEARCH, progress, observe
         )
-
-
-def shipped_sampler(simulation: SimulationConfig | None = None) -> Sampler:
-    """The primitives that come with the package."""
-    from knotflow.samplers.primitives import SHIPPED_PRIMITIVES, PrimitiveLibrary
-
-    rope = (simulation or SimulationConfig()).rope
-    return PrimitiveLibrary.load(Path(SHIPPED_PRIMITIVES), rope)
 
 
 def replay(plan: KnotPlan, simulation: SimulationConfig) -> KnotPlan:
@@ -94,7 +82,7 @@ def replay(plan: KnotPlan, simulation: SimulationConfig) -> KnotPlan:
     return replace(plan, steps=tuple(steps))
 
 
-def success_probability(
+def estimate_success(
     step: PlanStep,
     rng: np.random.Generator,
     simulation: SimulationConfig | None = None,
@@ -113,12 +101,3 @@ def success_probability(
     simulator = RopeSimulator(simulation)
     tried = attempt(simulator, step.start, splines, step.action, step.start_state)
     return float(tried.success.mean())
-
-
-def plan_name(knot: str, rope: str, seed: int) -> str:
-    """Name of the folder of a plan; rope files of one name and different contents differ."""
-    signs, path = knot.replace("+", "p").replace("-", "m"), Path(rope)
-    name = path.stem
-    if path.is_file():
-        name += f"-{hashlib.sha256(path.read_bytes()).hexdigest()[:8]}"
-    return re.sub(r"[^A-Za-z0-9.-]+", "_", f"{signs}-{name}-{seed}")

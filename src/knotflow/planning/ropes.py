@@ -20,13 +20,15 @@ from knotflow.simulation import (
 )
 from knotflow.topology import DegenerateCurveError, TopologicalState, project
 
-LEAST_LYING = 0.5
+Floats = NDArray[np.float64]
+
+MIN_VISIBLE = 0.5
 """Of a rope's length, what is to be seen from above: one that lies on a table shows nearly all."""
 
 LENGTH_TOLERANCE = 0.05
 """Relative difference of a file's rope length from the model's that counts as measuring error."""
 
-_GENERATORS: dict[str, Callable[[RopeConfig, np.random.Generator, StartsConfig], NDArray]] = {
+_GENERATORS: dict[str, Callable[[RopeConfig, np.random.Generator, StartsConfig], Floats]] = {
     "straight": lambda rope, rng, starts: straight(rope),
     "arc": lambda rope, rng, starts: arc(rope),
     "random": random_curve,
@@ -41,7 +43,7 @@ def parse_rope(
     rng: np.random.Generator,
     starts: StartsConfig | None = None,
     unit: str | None = None,
-) -> NDArray[np.float64]:
+) -> Floats:
     """The rope shape (V, 3), metres, that a text names.
 
     Args:
@@ -64,7 +66,7 @@ def parse_rope(
     return read_rope(Path(text), rope, unit)
 
 
-def read_rope(path: Path, rope: RopeConfig, unit: str | None = None) -> NDArray[np.float64]:
+def read_rope(path: Path, rope: RopeConfig, unit: str | None = None) -> Floats:
     """A measured rope from a file, resampled to the model's links and laid on the table.
 
     The file has the points of the rope's centre line, one a row: x, y, z, world frame (z up, any
@@ -117,7 +119,7 @@ def read_rope(path: Path, rope: RopeConfig, unit: str | None = None) -> NDArray[
     return points
 
 
-def lay_down(curve: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
+def lay_down(curve: Floats, rope: RopeConfig) -> Floats:
     """A curve as the model's rope at rest on the table (z = 0).
 
     Args:
@@ -141,7 +143,7 @@ def lay_down(curve: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
     return resample(curve, rope)
 
 
-def _lift(points: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
+def _lift(points: Floats, rope: RopeConfig) -> Floats:
     """Heights (V, 3) of a rope at rest: a smooth hump of a diameter at every over passage."""
     crossings = project(points)
     over = [p - 1 for p, _, _ in crossings.crossings]
@@ -171,11 +173,11 @@ def _length_cure(length: float, rope: RopeConfig) -> str:
     return f"set the model rope's length to {length:.3g} (points are in metres)"
 
 
-def _check_lies(path: Path, curve: NDArray) -> None:
+def _check_lies(path: Path, curve: Floats) -> None:
     steps = np.diff(curve, axis=0)
     length = float(np.linalg.norm(steps, axis=1).sum())
     above = float(np.linalg.norm(steps[:, :2], axis=1).sum())
-    if above < LEAST_LYING * length:
+    if above < MIN_VISIBLE * length:
         raise RopeInputError(
             f"{path}: this rope stands or hangs rather than lies: of its {length:.3g} m, "
             f"{above:.3g} m are seen from above. Columns are x, y, z with z up, and the rope lies "
@@ -183,7 +185,7 @@ def _check_lies(path: Path, curve: NDArray) -> None:
         )
 
 
-def _check_bends(path: Path, points: NDArray, rope: RopeConfig) -> None:
+def _check_bends(path: Path, points: Floats, rope: RopeConfig) -> None:
     direction = np.diff(points, axis=0) / rope.link_length
     cosine = np.clip((direction[1:] * direction[:-1]).sum(axis=1), -1.0, 1.0)
     bend = np.arccos(cosine)
@@ -197,7 +199,7 @@ def _check_bends(path: Path, points: NDArray, rope: RopeConfig) -> None:
         )
 
 
-def _state_or_text(points: NDArray) -> TopologicalState | str:
+def _state_or_text(points: Floats) -> TopologicalState | str:
     try:
         return TopologicalState.from_curve(points)
     except DegenerateCurveError as error:

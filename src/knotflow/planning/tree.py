@@ -3,73 +3,57 @@
 At each expansion a node of the tree is chosen, leaf or not, and an outgoing edge of its state in
 the solution DAG. The sampler proposes a spline for the edge's action, the simulator executes it,
 and the end shape becomes a node if it has exactly the state that the action leads to. The search
-ends when a goal state is reached. Which branch is grown is a rule's business: the paper's is in
-`planning.growth`, the default one in `planning.posterior`.
+ends when a goal state is reached. What is expanded is chosen by a rule (`planning.rules`).
 
-Beyond the paper, a branch may also be for a spline that keeps the state and makes room for the
-edge's action (Sec. VIII). And where a branch fails, its end is kept all the same if it is of use:
-in the state at the end of another edge, or in the state it began in, as a further shape of it.
-With an ensemble (`planning.ensemble`) the search goes on from a plan that few perturbed ropes
-execute to better ones. With a margin no end is kept whose strands only just cross. And a plan that
-hangs by the time step is none where it shall be `steady`.
+Beyond the paper, a spline may also keep the state and make room for the edge's action (Sec. VIII),
+and the end of a failed expansion is kept if it is in the state at the end of another edge, or in
+the state it began in, as a further shape of it. With a margin no end is kept whose strands only
+just cross. With `steady` a plan must also hold at half the time step.
 
-With `batch` above 1 as many expansions are chosen by the same rule from the tree as it stands, and
-simulated at once. Every plan found is as valid as one found one by one; the tree is somewhat
-larger, because the choices of a batch do not know of each other's outcomes.
+With `batch` above 1 as many expansions are chosen from the tree as it stands and simulated at
+once. The tree is then somewhat larger, as choices of a batch do not know each other's outcomes.
 """
 
 from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.planning.branches import (
-    DIVERGED,
-    FRAGILE,
-    UNREADABLE,
-    Branch,
+from knotflow.planning.config import PlannerConfig
+from knotflow.planning.dag import SearchGraph
+from knotflow.planning.goals import Goal
+from knotflow.planning.nodes import (
+    Expansion,
     Node,
     Progress,
-    Rule,
     SearchUpdate,
     Simulator,
-    by_action,
+    group_by_action,
     steps_to,
 )
-from knotflow.planning.config import PlannerConfig
-from knotflow.planning.ensemble import Ensemble
-from knotflow.planning.goals import Goal
-from knotflow.planning.growth import PaperRule
-from knotflow.planning.plan import KnotPlan, PlanStep, Tried
-from knotflow.planning.posterior import PosteriorRule
-from knotflow.planning.proposals import Proposals, together
-from knotflow.planning.search_graph import SearchGraph
-from knotflow.planning.soundness import are_steady
+from knotflow.planning.plan import ExpansionStats, KnotPlan, PlanStep
+from knotflow.planning.proposals import Proposals, group_by_query
+from knotflow.planning.rules import PaperRule, PosteriorRule, Rule
+from knotflow.planning.validation import are_robust
 from knotflow.samplers.sampler import Sampler
 from knotflow.simulation import Observer, Rollouts, check_points, end_states
 from knotflow.topology import Action, Arrange, TopologicalState, segment_lengths
 
-PART = 4
-"""Branches that are simulated as soon as they are sampled, while others are."""
+Floats = NDArray[np.float64]
 
-
-@dataclass(eq=False)
-class _Clock:
-    """Where the seconds of a search go."""
-
-    began: float = field(default_factory=time.perf_counter)
-    sampling: float = 0.0
-    simulation: float = 0.0
-
-    @property
-    def seconds(self) -> float:
-        return time.perf_counter() - self.began
+DIVERGED, UNREADABLE = "diverged", "unreadable"
+"""Outcomes without a state: the simulation diverged, or the projection of the end shape does not
+determine its state."""
+FRAGILE = "fragile"
+"""Outcome of an expansion that reached its state with segments shorter than the margin."""
+CHUNK = 4
+"""Expansions that are simulated as soon as they are sampled, while others are."""
 
 
 class TreeSearch:
@@ -77,7 +61,7 @@ class TreeSearch:
 
     def __init__(
         self,
-        points: NDArray,
+        points: Floats,
         goal: Goal,
         sampler: Sampler,
         simulator: Simulator,
@@ -85,7 +69,7 @@ class TreeSearch:
         config: PlannerConfig | None = None,
         observe: Observer | None = None,
     ) -> None:
-        """Plant the root: see `plan_knot` for the arguments and errors."""
+        """Create the root: see `plan_knot` for the arguments and errors."""
         self.goal, self.simulator = goal, simulator
         self.config, self.observe = config or PlannerConfig(), observe
         points = check_points(points, simulator.config.rope)
@@ -98,105 +82,98 @@ class TreeSearch:
             PaperRule(self.config, rng) if self._paper else PosteriorRule(self.config, self._dag)
         )
         self.nodes = [self._node(points, state)]
-        self._ensemble: Ensemble | None = None
-        if self.config.ensemble:
-            self._ensemble = Ensemble(simulator.config, self.config, rng.spawn(1)[0])
-            self._ensemble.lay(self.nodes[0])
         self.branches = 0
         self.tried: Counter[tuple[TopologicalState, Action, str, bool]] = Counter()
-        self._clock = _Clock()
+        self._began = time.perf_counter()
+        self._seconds = {"sampling": 0.0, "simulation": 0.0}
 
     def expand(self, count: int) -> SearchUpdate:
-        """Choose, sample and simulate `count` branches, and add those whose ends are kept."""
-        chosen = together(self._rule.choose(count))
-        splines, rollouts = self._simulated(chosen)
+        """Choose, sample and simulate `count` expansions, and add those whose ends are kept."""
+        chosen = group_by_query(self._rule.choose(count))
+        splines, rollouts = self._simulate(chosen)
         ends = end_states(rollouts)
         children = [
-            self._judge(branch, splines[row], rollouts, row, ends[row])
-            for row, branch in enumerate(chosen)
+            self._child(expansion, splines[row], rollouts, row, ends[row])
+            for row, expansion in enumerate(chosen)
         ]
-        children = self._robust(children)
-        self._count(chosen, children, ends, rollouts)
+        for row, (expansion, child, end) in enumerate(zip(chosen, children, ends, strict=True)):
+            success = end == expansion.goal and child is not None
+            outcome = str(end)
+            if end is None:
+                outcome = DIVERGED if rollouts.diverged[row] else UNREADABLE
+            elif end == expansion.goal and child is None:
+                outcome = FRAGILE
+            self.tried[expansion.node.state, expansion.action, outcome, success] += 1
         new = [child for child in children if child is not None]
-        self._appraise(new)
-        for branch, child in zip(chosen, children, strict=True):
-            self._rule.learn(branch, child)
-        self._add(new)
+        with self._timed("sampling"):
+            self._proposals.evaluate(new)
+        for expansion, child in zip(chosen, children, strict=True):
+            self._rule.learn(expansion, child)
+        self.nodes.extend(new)
+        for node in new:
+            self._rule.add(node)
         self.branches += count
         if self.observe is not None:
-            for attempts in by_action(chosen, splines, rollouts, ends):
+            for attempts in group_by_action(chosen, splines, rollouts, ends):
                 self.observe(attempts)
         nearest = min(node.distance for node in self.nodes)
-        return SearchUpdate(self.branches, len(self.nodes), nearest, self._clock.seconds)
+        return SearchUpdate(self.branches, len(self.nodes), nearest, self._elapsed())
 
     def run(self, progress: Progress | None = None) -> KnotPlan:
         """Grow the tree; see `plan_knot`."""
         config = self.config
-        self._clock = _Clock()
-        self._appraise(self.nodes)
-        self._add([self.nodes.pop()])
-        reason = ""
-        while not reason:
-            tied = self._tied()
-            if tied and self._suffices():
-                return self._plan(solved=True, reason=self._success())
+        self._began = time.perf_counter()
+        with self._timed("sampling"):
+            self._proposals.evaluate(self.nodes)
+        self._rule.add(self.nodes[0])
+        while not self._is_tied():
             if self.branches >= config.max_branches:
                 reason = f"{config.max_branches} branches were simulated"
-            elif self._clock.seconds >= config.max_seconds:
+            elif self._elapsed() >= config.max_seconds:
                 reason = f"{config.max_seconds:g} s passed"
             else:
                 update = self.expand(min(config.batch, config.max_branches - self.branches))
                 if progress is not None:
                     progress(update)
-        if not tied:
+                continue
             return self._plan(solved=False, reason=f"{reason} without reaching the goal")
-        return self._plan(solved=True, reason=f"{self._success()}; {reason}")
+        reason = "the goal was reached" if self.branches else "the rope was tied already"
+        return self._plan(solved=True, reason=reason)
 
-    def _success(self) -> str:
-        if not self.branches:
-            return "the rope was tied already"
-        reached = "the goal was reached"
-        if self._ensemble is None:
-            return reached
-        return f"{reached}, and by {self._nearest().left} of {self.config.ensemble} perturbed ropes"
+    def _elapsed(self) -> float:
+        return time.perf_counter() - self._began
 
-    def _suffices(self) -> bool:
-        """Whether the best plan is robust enough; if not, only more robust ones are sought."""
-        best = self._nearest()
-        if self._ensemble is None or self._ensemble.suffices(best):
-            return True
-        if not self._ensemble.falls_short(best):  # which it does once it was surpassed
-            self._ensemble.surpass(best)
-            self._rule.drop([node for node in self.nodes if self._ensemble.falls_short(node)])
-        return False
+    @contextmanager
+    def _timed(self, part: str) -> Iterator[None]:
+        began = time.perf_counter()
+        yield
+        self._seconds[part] += time.perf_counter() - began
 
-    def _simulated(self, chosen: Sequence[Branch]) -> tuple[NDArray[np.float64], Rollouts]:
-        """Splines (B, 6) for the branches, and what comes of them.
+    def _simulate(self, chosen: Sequence[Expansion]) -> tuple[Floats, Rollouts]:
+        """Splines (B, 6) for the expansions and their rollouts.
 
         Sampling keeps one core busy; the others simulate what was sampled so far.
         """
-        clock = time.perf_counter()
-        proposed: list[NDArray[np.float64]] = []
+        proposed: list[Floats] = []
         results: list[Future[Rollouts]] = []
         begin = end = 0
         with ThreadPoolExecutor(1) as worker:
-            for splines in self._proposals.splines(chosen):
-                proposed.append(splines)
-                end += len(splines)
-                if end - begin >= PART or end == len(chosen):
-                    starts = np.stack([branch.node.points for branch in chosen[begin:end]])
-                    part = np.concatenate(proposed)[begin:]
-                    results.append(worker.submit(self.simulator.execute, starts, part))
-                    begin = end
-            self._clock.sampling += time.perf_counter() - clock
-            clock = time.perf_counter()
-            rollouts = Rollouts.joined([result.result() for result in results])
-            self._clock.simulation += time.perf_counter() - clock
+            with self._timed("sampling"):
+                for splines in self._proposals.splines(chosen):
+                    proposed.append(splines)
+                    end += len(splines)
+                    if end - begin >= CHUNK or end == len(chosen):
+                        starts = np.stack([one.node.points for one in chosen[begin:end]])
+                        part = np.concatenate(proposed)[begin:]
+                        results.append(worker.submit(self.simulator.execute, starts, part))
+                        begin = end
+            with self._timed("simulation"):
+                rollouts = Rollouts.joined([result.result() for result in results])
         return np.concatenate(proposed), rollouts
 
     def _node(
         self,
-        points: NDArray,
+        points: Floats,
         state: TopologicalState,
         parent: Node | None = None,
         step: PlanStep | None = None,
@@ -204,115 +181,74 @@ class TreeSearch:
         dag = self._dag
         return Node(points, state, dag.distance(state), dag.edges_from(state), parent, step)
 
-    def _appraise(self, nodes: Sequence[Node]) -> None:
-        clock = time.perf_counter()
-        self._proposals.appraise(nodes)
-        self._clock.sampling += time.perf_counter() - clock
-
-    def _add(self, nodes: Sequence[Node]) -> None:
-        self.nodes.extend(nodes)
-        for node in nodes:
-            self._rule.add(node)
-
-    def _judge(
+    def _child(
         self,
-        branch: Branch,
-        spline: NDArray,
+        expansion: Expansion,
+        spline: Floats,
         rollouts: Rollouts,
         row: int,
         state: TopologicalState | None,
     ) -> Node | None:
-        """The node that a branch's end is worth, if any."""
-        node = branch.node
-        action = branch.action if state == branch.goal else self._done(branch, state)
-        if state is None or action is None:
-            return None
-        if self._tight(rollouts.end_points[row], node.points):
+        """The node at the end of an expansion, if it is kept."""
+        node = expansion.node
+        action = expansion.action if state == expansion.goal else self._done(expansion, state)
+        end = rollouts.end_points[row].copy()
+        if state is None or action is None or self._is_fragile(end, node.points):
             return None
         step = PlanStep(
             action=action,
             spline=spline.copy(),
             start=node.points,
             start_state=node.state,
-            end=rollouts.end_points[row].copy(),
+            end=end,
             end_state=state,
             times=rollouts.times,
             trajectory=rollouts.trajectory[row].copy(),
             gripper=rollouts.gripper[row].copy(),
         )
-        return self._node(step.end, state, node, step)
+        return self._node(end, state, node, step)
 
-    def _tight(self, end: NDArray, start: NDArray) -> bool:
-        """Whether a segment of the rope (V, 3) is left shorter than the margin and than before."""
-        margin = self.config.margin / self.simulator.config.rope.length
-
-        def shortest(points: NDArray) -> float:
-            return float(segment_lengths(points).min())
-
-        # Each reading of a shape's crossings takes time: none without a margin, one where it holds.
-        return margin > 0 and (left := shortest(end)) < margin and left < shortest(start)
-
-    def _robust(self, children: list[Node | None]) -> list[Node | None]:
-        """The children without those that too few ropes of the ensemble reach."""
-        new = [child for child in children if child is not None]
-        if self._ensemble is None or not new:
-            return children
-        clock = time.perf_counter()
-        kept = self._ensemble.survivors(new)
-        self._clock.simulation += time.perf_counter() - clock
-        return [child if child in kept else None for child in children]
-
-    def _count(
-        self,
-        chosen: Sequence[Branch],
-        children: Sequence[Node | None],
-        ends: Sequence[TopologicalState | None],
-        rollouts: Rollouts,
-    ) -> None:
-        """Take down what became of each branch."""
-        for row, (branch, child, state) in enumerate(zip(chosen, children, ends, strict=True)):
-            reached = state == branch.goal
-            lost = DIVERGED if rollouts.diverged[row] else UNREADABLE
-            outcome = lost if state is None else str(state)
-            if reached and child is None:
-                outcome = FRAGILE
-            success = reached and child is not None
-            self.tried[branch.node.state, branch.action, outcome, success] += 1
-
-    def _done(self, branch: Branch, state: TopologicalState | None) -> Action | None:
-        """What a branch that failed did instead, if that is of use; never by the paper's rule."""
+    def _done(self, expansion: Expansion, state: TopologicalState | None) -> Action | None:
+        """What a failed expansion did instead, if that is of use; never by the paper's rule."""
+        node = expansion.node
         if self._paper:
             return None
-        if state == branch.node.state:
-            room = branch.node.arranged < self.config.arranging
-            return Arrange(branch.wanted) if room else None
-        return next((action for action, end in branch.node.edges if end == state), None)
+        if state == node.state:
+            arranges = node.num_arranging < self.config.arranging
+            return Arrange(expansion.edge_action) if arranges else None
+        return next((action for action, end in node.edges if end == state), None)
 
-    def _tied(self) -> bool:
-        """Whether a goal state is reached; what hangs by the time step is forgotten."""
+    def _is_fragile(self, end: Floats, start: Floats) -> bool:
+        """Whether a segment is shorter than the margin and than any before."""
+        margin = self.config.margin / self.simulator.config.rope.length
+        if margin == 0:  # reading the crossings takes time
+            return False
+        shortest = segment_lengths(end).min()
+        return bool(shortest < margin and shortest < segment_lengths(start).min())
+
+    def _is_tied(self) -> bool:
+        """Whether a goal state is reached; with `steady`, drops what is not robust first."""
         while (best := self._nearest()).distance == 0:
-            unproven = [node for node in best.way() if not node.steady]
+            unproven = [node for node in best.path() if not node.steady]
             if not (self.config.steady and unproven):
                 return True
-            clock = time.perf_counter()
-            found = are_steady(steps_to(unproven), self.simulator.config)
-            self._clock.simulation += time.perf_counter() - clock
-            for node, steady in zip(unproven, found, strict=True):
-                node.steady = steady
-            if all(found):
+            with self._timed("simulation"):
+                robust = are_robust(steps_to(unproven), self.simulator.config)
+            for node, node_is_robust in zip(unproven, robust, strict=True):
+                node.steady = node_is_robust
+            if all(robust):
                 return True
-            first = unproven[found.index(False)]
-            below = [node for node in self.nodes if first in node.way()]
+            first = unproven[robust.index(False)]
+            below = [node for node in self.nodes if first in node.path()]
             self.nodes = [node for node in self.nodes if node not in below]
             self._rule.drop(below)
         return False
 
     def _nearest(self) -> Node:
-        """The goal's node, or that which came nearest; the most robust, then the shortest."""
-        return min(self.nodes, key=lambda node: (node.distance, -node.survival, len(node.way())))
+        """The node at the goal or nearest to it; the one of the shortest path among equals."""
+        return min(self.nodes, key=lambda node: (node.distance, len(node.path())))
 
     def _plan(self, solved: bool, reason: str) -> KnotPlan:
-        best = self._nearest()
         root, simulation = self.nodes[0], self.simulator.config
         return KnotPlan(
             goal=self.goal.name,
@@ -321,23 +257,20 @@ class TreeSearch:
             reason=reason,
             start=root.points,
             start_state=root.state,
-            steps=best.steps(),
-            tried=tuple(
-                Tried(state, action, outcome, success, count)
-                for (state, action, outcome, success), count in self.tried.items()
-            ),
+            steps=steps_to(self._nearest().path()),
+            tried=tuple(ExpansionStats(*key, count) for key, count in self.tried.items()),
             branches=self.branches,
             nodes=len(self.nodes),
-            seconds=self._clock.seconds,
-            sampling_seconds=self._clock.sampling,
-            simulation_seconds=self._clock.simulation,
+            seconds=self._elapsed(),
+            sampling_seconds=self._seconds["sampling"],
+            simulation_seconds=self._seconds["simulation"],
             radius=simulation.rope.radius,
             move_time=simulation.move_time,
         )
 
 
 def plan_knot(
-    points: NDArray,
+    points: Floats,
     goal: Goal,
     sampler: Sampler,
     simulator: Simulator,
@@ -359,8 +292,7 @@ def plan_knot(
         rng: everything random comes from it.
         config: rule, batch size and budgets.
         progress: called after every batch.
-        observe: called with every batch's attempts, one action and start state at a time; their
-            rollouts are all that the search simulates.
+        observe: called with every batch's attempts, one action and start state at a time.
 
     Returns:
         The plan; one that is not solved holds the steps to the node nearest to the goal, what was

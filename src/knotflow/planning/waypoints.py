@@ -24,6 +24,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+Floats = NDArray[np.float64]
+
 COLUMNS = ("time_s", "x_m", "y_m", "z_m", "closed", "step", "action", "phase")
 
 
@@ -72,8 +74,8 @@ class Waypoints:
         phases: (N,) travel, descend, close, drag, open or rise.
     """
 
-    times: NDArray[np.float64]
-    positions: NDArray[np.float64]
+    times: Floats
+    positions: Floats
     closed: NDArray[np.bool_]
     step: NDArray[np.int64]
     actions: tuple[str, ...]
@@ -105,13 +107,13 @@ class _Phase:
     """Positions (n, 3) at the end of each of n sampling intervals."""
 
     name: str
-    positions: NDArray[np.float64]
+    positions: Floats
     closed: bool
 
 
 def trace_waypoints(
-    grippers: Sequence[tuple[NDArray, NDArray, str]],
-    shapes: NDArray,
+    grippers: Sequence[tuple[Floats, NDArray[np.float32], str]],
+    shapes: Floats,
     radius: float,
     move_time: float,
     rate_hz: float,
@@ -134,8 +136,8 @@ def trace_waypoints(
     if not rate_hz > 0.0:
         raise ValueError(f"the rate must be above 0 Hz, got {rate_hz}")
     _check_heights(shapes, radius, config)
-    rows: list[tuple[NDArray, bool, int, str, str]] = []
-    here: NDArray | None = None
+    rows: list[tuple[Floats, bool, int, str, str]] = []
+    here: Floats | None = None
     for step, (times, gripper, action) in enumerate(grippers):
         path = np.asarray(gripper, np.float64)
         drag = _drag(np.asarray(times), path, move_time, rate_hz, config.drag_speed)
@@ -155,7 +157,7 @@ def trace_waypoints(
 
 
 def _phases(
-    here: NDArray | None, drag: NDArray, rate_hz: float, config: GripperConfig
+    here: Floats | None, drag: Floats, rate_hz: float, config: GripperConfig
 ) -> list[_Phase]:
     """What the gripper does for one step, coming from `here` (3,), or beginning above the grasp.
 
@@ -175,9 +177,7 @@ def _phases(
     ]
 
 
-def _drag(
-    times: NDArray, gripper: NDArray, move_time: float, rate_hz: float, speed: float
-) -> NDArray:
+def _drag(times: Floats, gripper: Floats, move_time: float, rate_hz: float, speed: float) -> Floats:
     """The recorded gripper path (T, 3) from grasp to release at (n + 1, 3) even times.
 
     It is slowed as a whole so that no interval is faster than `speed`.
@@ -194,7 +194,7 @@ def _drag(
     return path
 
 
-def _interpolate(times: NDArray, gripper: NDArray, at: NDArray) -> NDArray:
+def _interpolate(times: Floats, gripper: Floats, at: Floats) -> Floats:
     """The gripper (N, 3) at times `at` (N,).
 
     A cubic with the slopes of the neighbouring frames runs through them: ten frames per second
@@ -205,7 +205,7 @@ def _interpolate(times: NDArray, gripper: NDArray, at: NDArray) -> NDArray:
     frame = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
     span = (times[frame + 1] - times[frame])[:, None]
     u = (at[:, None] - times[frame, None]) / span
-    path: NDArray = (
+    path: Floats = (
         (1 + 2 * u) * (1 - u) ** 2 * gripper[frame]
         + u * (1 - u) ** 2 * span * slope[frame]
         + u**2 * (3 - 2 * u) * gripper[frame + 1]
@@ -214,7 +214,7 @@ def _interpolate(times: NDArray, gripper: NDArray, at: NDArray) -> NDArray:
     return path
 
 
-def _move(begin: NDArray, end: NDArray, speed: float, rate_hz: float) -> NDArray:
+def _move(begin: Floats, end: Floats, speed: float, rate_hz: float) -> Floats:
     """Positions (n, 3) along a straight line from rest to rest, `begin` left out."""
     # The smooth step 3u^2 - 2u^3 is at most 1.5 times as fast as its mean.
     count = _intervals(1.5 * float(np.linalg.norm(end - begin)) / speed, rate_hz)
@@ -222,7 +222,7 @@ def _move(begin: NDArray, end: NDArray, speed: float, rate_hz: float) -> NDArray
     return begin + u**2 * (3.0 - 2.0 * u) * (end - begin)
 
 
-def _stay(place: NDArray, seconds: float, rate_hz: float) -> NDArray:
+def _stay(place: Floats, seconds: float, rate_hz: float) -> Floats:
     return np.repeat(place[None], _intervals(seconds, rate_hz), axis=0)
 
 
@@ -231,7 +231,7 @@ def _intervals(seconds: float, rate_hz: float) -> int:
     return max(1, int(np.ceil(seconds * rate_hz - 1e-9)))
 
 
-def _check_heights(shapes: NDArray, radius: float, config: GripperConfig) -> None:
+def _check_heights(shapes: Floats, radius: float, config: GripperConfig) -> None:
     top = float(shapes[..., 2].max()) + radius
     for name in ("approach_height", "retreat_height"):
         height = getattr(config, name)

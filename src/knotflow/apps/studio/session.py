@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,6 @@ from knotflow.planning import (
     SearchUpdate,
     parse_rope,
     plan_rope,
-    shipped_sampler,
 )
 from knotflow.samplers.demonstrations import (
     TASKS,
@@ -108,7 +107,9 @@ class Session:
     @cached_property
     def library(self) -> PrimitiveLibrary:
         """The shipped primitives."""
-        return cast("PrimitiveLibrary", shipped_sampler(self.simulation))
+        from knotflow.samplers.primitives import SHIPPED_PRIMITIVES, PrimitiveLibrary  # slow
+
+        return PrimitiveLibrary.load(SHIPPED_PRIMITIVES, self.simulation.rope)
 
     def lay(self, points: NDArray) -> None:
         """Lay a rope (V, 3), metres; the plan and draft of the previous one are dropped.

@@ -35,13 +35,10 @@ class ControllerSpec:
     """Whether it is replanned after each action."""
     model: str = "lstm"
     """What MPPI predicts by: lstm, which is learned, or mujoco, the planner's simulator."""
-    robust: bool = False
-    """Whether the plan was judged by an ensemble of ropes."""
 
 
 CONTROLLERS = {
     "open_loop": ControllerSpec(),
-    "open_loop_robust": ControllerSpec(robust=True),
     "mppi": ControllerSpec("vision", tracks=True),
     "replan": ControllerSpec("vision", replans=True),
     "mppi_replan": ControllerSpec("vision", tracks=True, replans=True),

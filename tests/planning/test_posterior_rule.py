@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from knotflow.planning import Goal, PlannerConfig, parse_goal, plan_knot
-from knotflow.planning.branches import ACT, ARRANGE, Node
-from knotflow.planning.posterior import Boxes, PosteriorRule
+from knotflow.planning.nodes import ACT, ARRANGE, Node
+from knotflow.planning.rules import PosteriorRule, ReservationPrices
 from knotflow.simulation import straight
 from knotflow.topology import TopologicalState
 
@@ -17,16 +17,17 @@ TRIVIAL = TopologicalState.trivial()
 
 
 @pytest.mark.parametrize("size", [1, 2, 30])
-def test_a_reservation_price_is_where_opening_saves_what_it_costs(size):
+def test_reservation_price_is_where_opening_saves_its_cost(size):
     rng = np.random.default_rng(size)
     contents, price = rng.exponential(5.0, size), rng.exponential(4.0, 100)
-    index = Boxes(contents).index(price)
+    index = ReservationPrices(contents).at(price)
     saved = np.maximum(index[:, None] - contents, 0.0).mean(axis=1)
     np.testing.assert_allclose(saved, price)
 
 
-def test_a_sure_box_costs_its_price_and_its_content():
-    np.testing.assert_allclose(Boxes(np.array([3.0])).index(np.array([1.0, 2.5])), [4.0, 5.5])
+def test_reservation_price_of_certain_content_is_cost_plus_content():
+    prices = ReservationPrices(np.array([3.0])).at(np.array([1.0, 2.5]))
+    np.testing.assert_allclose(prices, [4.0, 5.5])
 
 
 def node(world, goal, state, values, arranged=None):
@@ -44,28 +45,20 @@ def chosen(goal, nodes, count=1, **config):
     return rule.choose(count)
 
 
-def test_the_best_valued_shape_of_a_state_comes_first(world, path_goal):
+def test_shape_of_highest_value_comes_first(world, path_goal):
     shapes = [node(world, path_goal, TRIVIAL, [value]) for value in (0.3, 0.9, 0.6)]
     (branch,) = chosen(path_goal, shapes)
     assert branch.node is shapes[1] and branch.kind == ACT
 
 
-def test_a_shape_that_few_ropes_survive_comes_last(world, path_goal):
-    shapes = [node(world, path_goal, TRIVIAL, [value]) for value in (0.6, 0.9)]
-    shapes[1].ensemble = (shapes[1].points,) + 9 * (None,)
-    assert shapes[1].survival == 0.1
-    (branch,) = chosen(path_goal, shapes)
-    assert branch.node is shapes[0]
-
-
-def test_a_batch_is_spread_as_its_branches_may_fail(world, path_goal):
+def test_batch_is_spread_over_shapes(world, path_goal):
     shapes = [node(world, path_goal, TRIVIAL, [value]) for value in (0.8, 0.7, 0.05)]
     counts = Counter(id(branch.node) for branch in chosen(path_goal, shapes, 8, arranging=0))
     assert counts[id(shapes[0])] >= counts[id(shapes[1])] >= 3
     assert sum(counts.values()) == 8 == sum(shape.tries.sum() for shape in shapes)
 
 
-def test_arranging_is_chosen_where_more_is_promised_from_it(world, path_goal):
+def test_arranging_is_chosen_where_it_raises_the_value(world, path_goal):
     (branch,) = chosen(path_goal, [node(world, path_goal, TRIVIAL, [0.05], [0.9])])
     assert branch.kind == ARRANGE and str(branch.action) == "arrange for R1(0,1,1)"
     assert branch.goal == TRIVIAL
@@ -99,7 +92,7 @@ class Tight:
 
 @pytest.mark.parametrize("batch", [1, 8])
 @pytest.mark.parametrize("seed", range(4))
-def test_dead_ends_are_left(world, path_goal, seed, batch):
+def test_dead_ends_are_abandoned(world, path_goal, seed, batch):
     tight = Tight(world())
     rng = np.random.default_rng(seed)
     config = PlannerConfig(batch=batch, max_branches=300, arranging=0)
@@ -110,7 +103,7 @@ def test_dead_ends_are_left(world, path_goal, seed, batch):
     assert max(tries) <= 12 + batch
 
 
-def test_with_constant_values_evidence_finds_the_way_that_works(world):
+def test_evidence_finds_the_path_that_works(world):
     goal = Goal.named("overhand")
 
     class OnlyOne(world):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from knotflow.planning import Goal, PlannerConfig, plan_knot
-from knotflow.planning.branches import Node
-from knotflow.planning.growth import edge_probabilities, node_probabilities
-from knotflow.planning.proposals import Proposals, room
+from knotflow.planning.nodes import Node
+from knotflow.planning.proposals import Proposals, clearance
+from knotflow.planning.rules import node_probabilities
 from knotflow.simulation import straight
 from knotflow.topology import TopologicalState, segment_intervals
 
@@ -32,7 +32,7 @@ def tree(goal, world, of):
     ]
 
 
-def test_nearer_nodes_are_likelier_by_the_bias_for_each_edge(world, path_goal):
+def test_nearer_nodes_are_likelier_by_the_bias_per_edge(world, path_goal):
     _, one, two, _ = path_states(path_goal)
     nodes = tree(path_goal, world(), [(one, 0), (two, 0), (one, 0)])
     chances = node_probabilities(nodes, PlannerConfig(bias=4.0))
@@ -61,8 +61,8 @@ class Blind:
         raise AssertionError("nobody asked for splines")
 
 
-def appraise(nodes, goal, sampler, config):
-    Proposals(sampler, goal, config, np.random.default_rng(0)).appraise(nodes)
+def evaluate(nodes, goal, sampler, config):
+    Proposals(sampler, goal, config, np.random.default_rng(0)).evaluate(nodes)
 
 
 class Critic(Blind):
@@ -76,54 +76,51 @@ class Critic(Blind):
         return np.linspace(0.9, 0.1, len(actions))
 
 
-def test_edges_and_nodes_with_more_promise_are_likelier(world):
+def test_edges_and_nodes_of_higher_value_are_likelier(world):
     goal = Goal.named("overhand")
     nodes = tree(goal, world(), [(TRIVIAL, 0)])
     config, critic = PlannerConfig(rule="paper", value_bias=2.0), Critic()
-    appraise(nodes, goal, critic, config)
+    evaluate(nodes, goal, critic, config)
     (asked,) = critic.asked
     assert asked == [str(action) for node in nodes for action, _ in node.edges]
-    chances = edge_probabilities(nodes[0], config)
-    assert (np.diff(chances) < 0).all() and chances.sum() == pytest.approx(1.0)
+    assert (np.diff(nodes[0].values) < 0).all()
     first, second = node_probabilities(nodes, config)
     assert first > second > 0
 
 
-def test_the_papers_rule_asks_no_critic_and_chooses_evenly(world):
+def test_paper_rule_asks_no_critic(world):
     goal, critic = Goal.named("overhand"), Critic()
     nodes = tree(goal, world(), [])
-    appraise(nodes, goal, critic, PlannerConfig(rule="paper"))
+    evaluate(nodes, goal, critic, PlannerConfig(rule="paper"))
     assert not critic.asked
-    chances = edge_probabilities(nodes[0], PlannerConfig())
-    np.testing.assert_allclose(chances, 1 / len(chances))
+    np.testing.assert_allclose(nodes[0].values, 1.0)
 
 
-def test_without_a_critic_every_edge_is_as_good_as_any(world):
+def test_without_critic_all_edges_have_value_one(world):
     goal, config = Goal.named("overhand"), PlannerConfig(rule="paper", value_bias=2.0)
     nodes = tree(goal, world(), [])
-    appraise(nodes, goal, Blind(), config)
-    chances = edge_probabilities(nodes[0], config)
-    np.testing.assert_allclose(chances, 1 / len(chances))
+    evaluate(nodes, goal, Blind(), config)
+    np.testing.assert_allclose(nodes[0].values, 1.0)
 
 
-def test_what_a_sampler_lacks_is_not_asked_of_it(world):
+def test_missing_capability_is_not_used(world):
     goal, critic = Goal.named("overhand"), Critic()
     critic.lacks = {"values"}
     nodes = tree(goal, world(), [])
-    appraise(nodes, goal, critic, PlannerConfig())
+    evaluate(nodes, goal, critic, PlannerConfig())
     assert not critic.asked
     np.testing.assert_allclose(nodes[0].values, 1.0)  # one segment has all the room there is
 
 
-def test_room_is_the_share_of_the_two_shortest_segments(world, shape_of):
-    assert room(straight(world.config.rope)) == pytest.approx(1.0)
+def test_clearance_is_relative_length_of_two_shortest_segments(world, shape_of):
+    assert clearance(straight(world.config.rope)) == pytest.approx(1.0)
     rope = shape_of(TopologicalState.parse("1o3+4o2+"))
     lengths = np.sort(np.diff(segment_intervals(rope), axis=1).ravel())
-    assert room(rope) == pytest.approx((lengths[0] + lengths[1]) / 2 * 5)
-    assert 0.0 < room(rope) < 1.0
+    assert clearance(rope) == pytest.approx((lengths[0] + lengths[1]) / 2 * 5)
+    assert 0.0 < clearance(rope) < 1.0
 
 
-def test_ends_that_are_gone_on_from_are_asked_for_with_foresight(world, path_goal):
+def test_next_value_is_used_for_all_but_the_last_action(world, path_goal):
     class Foreseeing(world):
         def __init__(self):
             super().__init__()
@@ -133,8 +130,12 @@ def test_ends_that_are_gone_on_from_are_asked_for_with_foresight(world, path_goa
             self.foreseen.append(str(action))
             return self.sample(points, action, count, rng)
 
-    for config in (PlannerConfig(onward=False), PlannerConfig(), PlannerConfig(rule="paper")):
+    for config in (
+        PlannerConfig(use_next_value=False),
+        PlannerConfig(),
+        PlannerConfig(rule="paper"),
+    ):
         sampler, rng = Foreseeing(), np.random.default_rng(0)
         plan_knot(straight(world.config.rope), path_goal, sampler, sampler, rng, config)
-        assert sampler.foreseen == (["R1(0,1,1)", "C(0,1,1)"] if config.onward else [])
+        assert sampler.foreseen == (["R1(0,1,1)", "C(0,1,1)"] if config.use_next_value else [])
     assert [action for _, action, _ in sampler.requests] == [*sampler.foreseen, "C(2,0,1)"]

@@ -1,0 +1,283 @@
+"""Where a tree grows next: the paper's rule and one by expected numbers of branches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.planning.config import PlannerConfig
+from knotflow.planning.dag import Edge, SolutionDag
+from knotflow.planning.nodes import ACT, ARRANGE, Expansion, Node
+from knotflow.topology import TopologicalState
+
+Floats = NDArray[np.float64]
+
+VALUE_OFFSET = 0.02
+"""Added to every value by the paper's rule: critics err, and no branch must be excluded."""
+PRIOR_WEIGHT = 3.0
+"""Tries that the prior of a success probability counts as."""
+MIN_PRIOR, MAX_PRIOR = 0.01, 0.98
+"""Range of that prior: critics err, and no branch must be excluded."""
+UNKNOWN = 0.5
+"""Prior success probability in a state that was not reached yet, and of keeping a state."""
+INITIAL_GAINS = (0.5, 1.0, 2.0)
+"""Values after arranging, relative to the predicted ones, before any was observed."""
+MAX_GAINS = 24
+"""Latest gains that are kept of a state."""
+
+
+class Rule(Protocol):
+    """Chooses what is expanded next."""
+
+    def choose(self, count: int) -> list[Expansion]:
+        """The next expansions of the nodes added so far."""
+        ...
+
+    def learn(self, expansion: Expansion, child: Node | None) -> None:
+        """Account for the outcome of an expansion; `child` is None where nothing was kept."""
+        ...
+
+    def add(self, node: Node) -> None:
+        """Add a new, valued node, after the expansions of its batch were learned from."""
+        ...
+
+    def drop(self, nodes: Sequence[Node]) -> None:
+        """Remove nodes; all their descendants are among them."""
+        ...
+
+
+class PaperRule:
+    """Independent draws of a node, then of one of its outgoing edges (Sec. V-B d).
+
+    The paper draws the node with a bias towards states nearer to the goal, and the edge uniformly.
+    Beyond it, a critic's values may weigh both (`PlannerConfig.value_bias`).
+    """
+
+    def __init__(self, config: PlannerConfig, rng: np.random.Generator) -> None:
+        self._config, self._rng = config, rng
+        self._nodes: list[Node] = []
+
+    def choose(self, count: int) -> list[Expansion]:
+        """Expansions drawn from the tree as it stands."""
+        chances = node_probabilities(self._nodes, self._config)
+        chosen = []
+        for row in self._rng.choice(len(self._nodes), size=count, p=chances):
+            node = self._nodes[row]
+            weights = _edge_weights(node, self._config)
+            edge = self._rng.choice(len(node.edges), p=weights / weights.sum())
+            chosen.append(Expansion(node, int(edge)))
+        return chosen
+
+    def add(self, node: Node) -> None:
+        """Draw this node, too, from now on."""
+        self._nodes.append(node)
+
+    def drop(self, nodes: Sequence[Node]) -> None:
+        """Draw these nodes no more."""
+        self._nodes = [node for node in self._nodes if node not in nodes]
+
+    def learn(self, expansion: Expansion, child: Node | None) -> None:
+        """Count failures."""
+        expansion.node.failures += child is None
+
+
+def node_probabilities(nodes: Sequence[Node], config: PlannerConfig) -> Floats:
+    """(N,) probability of each node to be expanded next: bias ** -distance, 0 at the goal."""
+    distance = np.array([node.distance for node in nodes])
+    failures = np.array([node.failures for node in nodes])
+    weight = np.array([_edge_weights(node, config).mean() if node.edges else 1.0 for node in nodes])
+    exponent = -distance * np.log(config.bias) + np.log(weight)
+    exponent += failures * np.log(config.failure_discount)
+    exponent[distance == 0] = -np.inf
+    probability = np.exp(exponent - exponent.max())  # the largest is 1, however many failures
+    return np.asarray(probability / probability.sum())
+
+
+def _edge_weights(node: Node, config: PlannerConfig) -> Floats:
+    return np.asarray((node.values + VALUE_OFFSET) ** config.value_bias)
+
+
+class ReservationPrices:
+    """Weitzman's reservation prices of boxes with the same contents and different costs.
+
+    A branch that succeeds with probability p is a box that costs 1/p branches to open and contains
+    a shape from which the goal is K branches away. Boxes are best opened in the order of their
+    reservation prices z, for which E max(z - K, 0) = 1/p (Weitzman 1979, Optimal search for the
+    best alternative, Econometrica 47).
+
+    Args:
+        contents: (M,) equally likely K.
+    """
+
+    def __init__(self, contents: Floats) -> None:
+        ordered = np.sort(contents)
+        self._sums = np.cumsum(ordered)
+        # Costs from which on so many more of the contents are worth keeping.
+        kept = np.arange(1, len(ordered))
+        self._costs = (kept * ordered[1:] - self._sums[:-1]) / len(ordered)
+
+    def at(self, cost: Floats) -> Floats:
+        """z (...) of boxes with these costs (...)."""
+        more = np.searchsorted(self._costs, cost)
+        return np.asarray((len(self._sums) * cost + self._sums[more]) / (more + 1))
+
+
+def _prices(contents: Floats, cost: Floats) -> Floats:
+    """Reservation prices (...) of boxes with contents (..., M) of their own and costs (...)."""
+    ordered = np.sort(contents, axis=-1)
+    count = ordered.shape[-1]
+    # If the k cheapest contents were the ones to keep, it would be this; it is the least of them.
+    kept = (count * cost[..., None] + np.cumsum(ordered, axis=-1)) / np.arange(1, count + 1)
+    return np.asarray(kept.min(axis=-1))
+
+
+def _posterior(prior: Floats | float, tries: Floats, successes: Floats) -> Floats:
+    return np.asarray((PRIOR_WEIGHT * prior + successes) / (PRIOR_WEIGHT + tries))
+
+
+@dataclass(eq=False)
+class StateStatistics:
+    """All shapes of one state, and what is known of its E edges.
+
+    Attributes:
+        edges: of the state in the solution DAG.
+        nodes: N shapes.
+        gains: ratios of values after arranging to the predicted ones, where the state was kept.
+        tries: (2, E) expansions of all of them; see `nodes.ACT` and `ARRANGE`.
+        successes: (2, E) those that succeeded.
+        predicted: (E,) successes that the values predicted of those that acted.
+        prices: (2, N, E) reservation prices of acting and arranging, as last computed, else None.
+    """
+
+    edges: tuple[Edge, ...]
+    nodes: list[Node] = field(default_factory=list)
+    gains: list[float] = field(default_factory=lambda: list(INITIAL_GAINS))
+    tries: Floats = field(init=False)
+    successes: Floats = field(init=False)
+    predicted: Floats = field(init=False)
+    prices: Floats | None = None
+
+    def __post_init__(self) -> None:
+        self.tries, self.successes = np.zeros((2, 2, len(self.edges)))
+        self.predicted = np.zeros(len(self.edges))
+
+    def unarranged_prices(self) -> Floats:
+        """Least price of each shape that was not arranged; none before prices were computed."""
+        if self.prices is None:
+            return np.zeros(0)
+        nodes = self.nodes[: self.prices.shape[1]]  # the latest may not have been evaluated yet
+        rows = [row for row, node in enumerate(nodes) if not node.num_arranging]
+        return np.asarray(self.prices[:, rows].min(axis=(0, 2)))
+
+    def evaluate(self, ahead: list[ReservationPrices], max_arranging: int) -> Floats:
+        """Compute and return the prices.
+
+        Args:
+            ahead: for each edge the shapes to be had at its end.
+            max_arranging: arranging steps in a row.
+        """
+        ratio = (PRIOR_WEIGHT + self.successes[ACT]) / (PRIOR_WEIGHT + self.predicted)  # (E,)
+        tries = np.array([node.tries for node in self.nodes])  # (N, 2, E)
+        successes = np.array([node.successes for node in self.nodes])
+        values = np.array([node.values for node in self.nodes])
+        arranged_values = np.array([node.arranged_values for node in self.nodes])
+
+        def act(values: Floats) -> Floats:
+            """(N, E) prices of acting from shapes of these values."""
+            prior = np.clip(np.maximum(values, MIN_PRIOR) * ratio, MIN_PRIOR, MAX_PRIOR)
+            cost = 1.0 / _posterior(prior, tries[:, ACT], successes[:, ACT])
+            return np.stack([box.at(cost[:, edge]) for edge, box in enumerate(ahead)], axis=1)
+
+        kept = self.successes[ARRANGE].sum() + PRIOR_WEIGHT * UNKNOWN
+        kept /= self.tries[ARRANGE].sum() + PRIOR_WEIGHT
+        keeps = _posterior(kept, tries[:, ARRANGE], successes[:, ARRANGE])
+        # What was tried from a shape counts for those arranged from it, which are much alike.
+        arranged = np.stack([act(gain * arranged_values) for gain in self.gains], axis=-1)
+        arrange = _prices(arranged, 1.0 / keeps)
+        arrange[[node.num_arranging >= max_arranging for node in self.nodes]] = np.inf
+        self.prices = np.stack([act(values), arrange])
+        return self.prices
+
+
+class PosteriorRule:
+    """Grows the branches with the least reservation prices.
+
+    The success probability of a spline along an edge has a posterior mean: its prior is the value
+    of the shape, corrected by the ratio of successes to predictions in its state, and its evidence
+    what was tried from that very shape. A box (`ReservationPrices`) contains the shapes in which
+    the next state, or by arranging the same one, was met so far. So going on from a shape,
+    arranging it, taking another one, and going back to its parent compare by one number each. A
+    batch counts its own unfinished branches as failures.
+    """
+
+    def __init__(self, config: PlannerConfig, dag: SolutionDag) -> None:
+        self._max_arranging, self._dag = config.arranging, dag
+        self._statistics: dict[TopologicalState, StateStatistics] = {}
+
+    def choose(self, count: int) -> list[Expansion]:
+        """The expansions with the least reservation prices."""
+        ahead: dict[TopologicalState, list[ReservationPrices]] = {}
+        prices: dict[TopologicalState, Floats] = {}
+        # From the goal backward, as prices ahead enter those behind. In cycles, which undoing
+        # makes, they are those of the choice before.
+        for state in sorted(self._statistics, key=lambda one: (self._dag.distance(one), one)):
+            known = self._statistics[state]
+            if known.nodes:
+                ahead[state] = [self._prices_in(end) for _, end in known.edges]
+                prices[state] = known.evaluate(ahead[state], self._max_arranging)
+        chosen = []
+        for _ in range(count):
+            state = min(prices, key=lambda one: prices[one].min())
+            known = self._statistics[state]
+            least = np.unravel_index(prices[state].argmin(), prices[state].shape)
+            kind, row, edge = map(int, least)
+            chosen.append(Expansion(known.nodes[row], edge, kind))
+            known.nodes[row].tries[kind, edge] += 1
+            if len(chosen) < count:
+                prices[state] = known.evaluate(ahead[state], self._max_arranging)
+        return chosen
+
+    def add(self, node: Node) -> None:
+        """Add a node to its state, with its parent's evidence if it was arranged."""
+        if not node.edges:
+            return
+        self._statistics.setdefault(node.state, StateStatistics(node.edges)).nodes.append(node)
+        if node.num_arranging and node.parent is not None:
+            node.tries[ACT] = node.parent.tries[ACT]
+            node.successes[ACT] = node.parent.successes[ACT]
+
+    def drop(self, nodes: Sequence[Node]) -> None:
+        """Remove the nodes; what was learned from them is kept."""
+        for known in self._statistics.values():
+            remaining = [node for node in known.nodes if node not in nodes]
+            if len(remaining) < len(known.nodes):
+                known.nodes, known.prices = remaining, None
+
+    def learn(self, expansion: Expansion, child: Node | None) -> None:
+        """Compare the outcome of an expansion with its prediction."""
+        node, edge, kind = expansion.node, expansion.edge, expansion.kind
+        known = self._statistics[node.state]
+        success = child is not None and child.state == expansion.goal
+        node.successes[kind, edge] += success
+        known.tries[kind, edge] += 1
+        known.successes[kind, edge] += success
+        if kind == ACT:
+            known.predicted[edge] += np.clip(node.values[edge], MIN_PRIOR, MAX_PRIOR)
+        elif child is not None and success:
+            gain = child.values[edge] / max(node.arranged_values[edge], MIN_PRIOR)
+            known.gains = [*known.gains, float(gain)][-MAX_GAINS:]
+
+    def _prices_in(self, state: TopologicalState) -> ReservationPrices:
+        """Of the shapes in which a state was met, and one of which nothing is known.
+
+        Without the latter a few tight shapes would exclude a state.
+        """
+        unknown = np.array([self._dag.distance(state) / UNKNOWN])
+        known = self._statistics.get(state)
+        if known is None:
+            return ReservationPrices(unknown)
+        return ReservationPrices(np.concatenate([unknown, known.unarranged_prices()]))

@@ -1,0 +1,134 @@
+"""Whether a plan's steps are reliable: simulated again with all frames, finer and for longer.
+
+The state is read when the rope is nearly at rest, so a strand that slipped through another one on
+the way would go unnoticed, the outcome may depend on the time step, and a tightly bent rope goes on
+unbending for seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.planning.plan import PlanStep
+from knotflow.simulation import RopeSimulator, SimulationConfig, end_states
+from knotflow.topology import DegenerateCurveError
+from knotflow.topology.polyline import planar_crossings
+
+Floats = NDArray[np.float64]
+
+HOLD_TIME = 3.0
+"""Seconds after a step's end for which its state has to last."""
+CHUNK = 64
+"""Steps that are simulated at once; all their frames are kept in memory."""
+MAX_SHIFT = 1.5
+"""Links by which a crossing may move along either strand between two frames to be the same."""
+
+
+@dataclass(frozen=True)
+class Penetration:
+    """A strand that passed through another one.
+
+    Attributes:
+        frame: the first one with the strands in exchanged order.
+        fractions: where on the rope, fractions of its length, the one nearer to the head first.
+    """
+
+    frame: int
+    fractions: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class StepCheck:
+    """The result of simulating a step again from the shape it began with.
+
+    Attributes:
+        penetrations: strands that passed through others on the way.
+        reproduced: it reached its state again, at the same time step.
+        steady: it is robust, see `are_robust`.
+    """
+
+    penetrations: tuple[Penetration, ...]
+    reproduced: bool
+    steady: bool
+
+
+def check_steps(steps: Sequence[PlanStep], simulation: SimulationConfig) -> list[StepCheck]:
+    """Simulate steps again with every time step recorded, and as `are_robust` does."""
+    simulator = RopeSimulator(replace(simulation, record_rate=1.0 / simulation.timestep))
+    checks = []
+    for first in range(0, len(steps), CHUNK):
+        chunk = steps[first : first + CHUNK]
+        rollouts = simulator.execute(*_inputs(chunk))
+        found = rollouts.trajectory, end_states(rollouts), are_robust(chunk, simulation)
+        for step, trajectory, end, robust in zip(chunk, *found, strict=True):
+            penetrations = tuple(find_penetrations(trajectory))
+            checks.append(StepCheck(penetrations, end == step.end_state, robust))
+    return checks
+
+
+def are_robust(steps: Sequence[PlanStep], simulation: SimulationConfig) -> list[bool]:
+    """Whether steps reach their states at half the time step and keep them for `HOLD_TIME`."""
+    settle_time = simulation.settle_time + HOLD_TIME
+    finer = replace(simulation, timestep=simulation.timestep / 2, settle_time=settle_time)
+    rollouts = RopeSimulator(finer).execute(*_inputs(steps))
+    return [end == step.end_state for end, step in zip(end_states(rollouts), steps, strict=True)]
+
+
+def _inputs(steps: Sequence[PlanStep]) -> tuple[Floats, Floats]:
+    return np.stack([step.start for step in steps]), np.stack([step.spline for step in steps])
+
+
+def find_penetrations(trajectory: NDArray[np.float32]) -> list[Penetration]:
+    """Every crossing whose strands exchange their order from one frame to the next.
+
+    Over and under can be exchanged only around an end of the rope, which removes the crossing
+    first. So a crossing found again nearby, with the same turn and its strands in the other order,
+    is a penetration. Frames whose projection is degenerate are skipped. 50 frames per second are
+    enough for a rope dragged at half a metre per second.
+
+    Args:
+        trajectory: (T, V, 3) metres.
+    """
+    found = []
+    before: Floats | None = None
+    for frame, points in enumerate(np.asarray(trajectory, np.float64)):
+        now = _crossings(points)
+        if now is None:
+            continue
+        if before is not None and len(before) and len(now):
+            for row in _exchanged(before, now):
+                first, second = (row / (len(points) - 1)).tolist()
+                found.append(Penetration(frame, (first, second)))
+        before = now
+    return found
+
+
+def _crossings(points: Floats) -> Floats | None:
+    """(c, 4) position on both strands in links, turn, and height of the first over the second."""
+    try:
+        met = planar_crossings(points[:, :2])
+    except DegenerateCurveError:
+        return None
+    if met.degenerate:
+        return None
+    first, second = (
+        points[link, 2] + along * (points[link + 1, 2] - points[link, 2])
+        for link, along in ((met.first, met.first_along), (met.second, met.second_along))
+    )
+    positions = met.first + met.first_along, met.second + met.second_along
+    return np.column_stack([*positions, met.turn, first - second])
+
+
+def _exchanged(before: Floats, now: Floats) -> Floats:
+    """(n, 2) positions of the crossings in another order than the nearest one before."""
+    apart = np.abs(before[:, None, :2] - now[None, :, :2]).max(axis=-1)
+    apart[before[:, None, 2] != now[None, :, 2]] = np.inf
+    # The same crossing: each the other's nearest.
+    nearest, back = apart.argmin(axis=0), apart.argmin(axis=1)
+    columns = np.arange(len(now))
+    same = (back[nearest] == columns) & (apart[nearest, columns] <= MAX_SHIFT)
+    return np.asarray(now[same & (before[nearest, 3] * now[:, 3] < 0), :2])
