@@ -25,7 +25,7 @@ from knotflow.planning import (
     plan_knot,
     replay,
 )
-from knotflow.planning.pull import HeadPuller, PullConfig, readiest, tie
+from knotflow.planning.head_pull import HeadPuller, PullConfig, select_best_pull, tie
 from knotflow.recording import write_index
 from knotflow.samplers import Sampler, SamplerConfig
 from knotflow.samplers.demonstrations import aim
@@ -351,7 +351,7 @@ def checks(run: StageRun, *, searches: Mapping[str, Path], simulation: Simulatio
         ]
         checked = check_steps([step for *_, step in steps], simulation)
         for (plan, number, step), outcome in zip(steps, checked, strict=True):
-            facts = (len(outcome.passages), outcome.reproduced, outcome.steady)
+            facts = (len(outcome.penetrations), outcome.reproduced, outcome.steady)
             rows.append((name, plan, number, str(step.action), *facts))
     columns = ["searches", "plan", "step", "action", "passages", "reproduced", "steady"]
     run.save_table("checks.csv", pd.DataFrame(rows, columns=columns))
@@ -480,7 +480,7 @@ def pull(
         pulling, sampler_of(sampler, primitives=primitives), simulator, tying, pulls
     )
     ropes = [puller.pull() for _ in run.progress(range(knots), desc="pull")]
-    points = readiest(ropes, pulling.head)
+    points = select_best_pull(ropes, pulling.head)
     tying.save("recordings/tie.mcap")
     pulls.save("recordings/pull.mcap")
     write_index(run.out / "recordings")
