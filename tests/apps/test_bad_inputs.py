@@ -28,11 +28,9 @@ import pytest
 from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
-from knotflow.overrides import checked
 from PIL import Image
 
 import knotflow
-from knotflow.__main__ import HOME
 from knotflow.apps.tasks import TieTask
 from knotflow.perception import SAMPLE, Camera, RgbdImage, segment
 from knotflow.planning import parse_goal, parse_rope
@@ -372,23 +370,6 @@ def test_configurations(values, times, starts):
         SimulationConfig(**times)
     with answered(RuntimeError):
         StartsConfig(**starts)
-
-
-words = st.one_of(
-    st.builds("{}={}".format, st.sampled_from(["seed", "knot", "rope", "simulation.rope.length",
-        "training.seed", "planner.batch", "plan", "", "+a", "~", "radius"]), junk),
-    st.sampled_from(["+experiment=overhand", "+experiment=knot", "experiment="]),
-    st.text(max_size=12),
-)  # fmt: skip
-
-
-@bad_inputs(0.08)
-@given(given_words=st.lists(words, max_size=4))
-def test_command_lines(given_words):
-    with answered():
-        checked(["+experiment=overhand", *given_words], HOME)
-    with answered():
-        checked(given_words, HOME)
 
 
 @pytest.fixture(scope="module")

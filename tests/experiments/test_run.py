@@ -1,10 +1,10 @@
 import json
 import shutil
+from dataclasses import replace
 
 import hydra
 import pytest
 
-import knotflow
 from knotflow.experiments.config import HOME, experiments, register
 from knotflow.experiments.run import stale, workflow_of
 from knotflow.workflow import dependencies
@@ -53,6 +53,45 @@ def test_groups_and_sections_are_overridden_from_the_command_line():
     assert arguments["simulation"].rope.length == 0.8
 
 
+def test_planner_ablations_lack_one_part_each():
+    nodes = workflow_of(composed("goals_ablation")).nodes
+    complete = nodes["goals[complete]"].arguments
+    lacking = {
+        "without_arranging": {"arranging": 0},
+        "without_next_value": {"use_next_value": False},
+        "paper_search": {"rule": "paper", "use_next_value": False},
+    }
+    for name, changes in lacking.items():
+        planner = replace(complete["planner"], **changes)
+        assert nodes[f"goals[{name}]"].arguments == complete | {"planner": planner}
+
+
+def test_tree_size_is_measured_by_the_papers_rule_one_expansion_at_a_time():
+    nodes = workflow_of(composed("tree_size")).nodes
+    for method in ("icp", "imitation", "reinforcement"):
+        planner = nodes[f"searches[{method}]"].arguments["planner"]
+        assert (planner.rule, planner.batch, planner.max_branches) == ("paper", 1, 500)
+
+
+def test_seeds_of_evaluations_are_used_for_nothing_else():
+    stages = {}
+    for experiment in EXPERIMENTS:
+        for node in workflow_of(composed(experiment)).nodes.values():
+            if (seed := node.arguments.get("seed")) is not None:
+                stages.setdefault(seed, set()).add(node.stage.name)
+    for stage in ("goals", "actions", "evaluation_starts", "closed_loop", "arm", "tracking"):
+        assert [names for names in stages.values() if stage in names] == [{stage}]
+
+
+@pytest.mark.slow
+def test_an_overhand_is_planned_into_its_folder(command, tmp_path):
+    overrides = ("overhand.start=straight", "overhand.planner.max_branches=64")
+    done = command("+experiment=overhand", "budget=smoke", *overrides, results=tmp_path)
+    assert done.returncode == 0, done.stderr
+    made = {path.name for path in (tmp_path / "overhand").iterdir()}
+    assert {"plan.png", "plan.json", "plan.mcap", "waypoints.csv", "branches.csv"} <= made
+
+
 @pytest.fixture
 def results(tmp_path):
     """A results folder whose benchmark is of today's code."""
@@ -91,4 +130,3 @@ def test_changed_shipped_weights_and_unknown_experiments_are_stale(results):
     run["ships"] = {"samplers/primitives/data": {"node": "throughput", "digest": "0" * 16}}
     file.write_text(json.dumps(run))
     assert {one.where for one in stale(results)} == {"gone", "samplers/primitives/data"}
-    assert knotflow

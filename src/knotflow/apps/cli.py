@@ -23,8 +23,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import App, CycloptsError, Parameter
 from cyclopts.validators import Number
 
-from knotflow.seeding import rng_of
-
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -196,6 +194,7 @@ def next_step(
         print(f"{found.summary()}\nlonger: --max-seconds {2 * max_seconds:g}{tighter}")
         return 1
     from knotflow.planning import estimate_success
+    from knotflow.seeding import rng_of
     from knotflow.topology.action_text import describe
 
     step = found.steps[0]
@@ -517,6 +516,7 @@ def _read_rope(rope: str, unit: Unit | None, seed: int) -> NDArray[np.float64]:
     """The rope (V, 3) that --rope names, metres."""
 
     from knotflow.planning import parse_rope
+    from knotflow.seeding import rng_of
     from knotflow.simulation import RopeConfig
 
     return parse_rope(rope, RopeConfig(), rng_of(seed, 0), unit=unit)
@@ -532,6 +532,7 @@ def _search(
 
     from knotflow.planning import FAST_SEARCH, SearchUpdate, parse_goal, plan_rope
     from knotflow.samplers.primitives import SHIPPED_PRIMITIVES, PrimitiveLibrary
+    from knotflow.seeding import rng_of
     from knotflow.simulation import RopeConfig
 
     parse_goal(knot, RopeConfig())  # refuses it before the slow import
