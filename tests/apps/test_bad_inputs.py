@@ -473,7 +473,7 @@ def test_images(rgb, depth):
         (folder / "rgb.png").write_bytes(rgb)
         (folder / f"depth{depth[0]}").write_bytes(depth[1])
         image = RgbdImage.read(folder / "rgb.png", folder / f"depth{depth[0]}", PINHOLE)
-        assert image.size == (64, 48)
+        assert image.rgb.shape[:2] == (48, 64)
         segment(image, PINHOLE, ROPE.radius)
 
 

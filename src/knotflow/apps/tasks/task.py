@@ -92,6 +92,8 @@ class TieTask:
         state = TopologicalState.trivial()
         if starts is not None:
             starts = np.asarray(starts, float)
+            if starts.ndim != 3 or not len(starts):
+                raise ValueError(f"starts are (N, V, 3) metres, not of shape {starts.shape}")
             state = TopologicalState.from_curve(starts[0])
         goal = Goal(str(action), SolutionDag.along([action], state))
         return cls(goal, 1, starts, action)
