@@ -16,9 +16,9 @@ SOURCE = Path(knotflow.__file__).parent
 KNOWS = {
     "versions": set(),
     "threads": set(),
-    "seeding": set(),
     "arrays": set(),
     "statistics": set(),
+    "seeding": set(),
     "topology": {"arrays"},
     "simulation": {"topology"},
     "samplers": {"simulation", "threads", "statistics"},

@@ -1,8 +1,9 @@
-"""Numbers that people give, as arrays: what is none is refused in words that say which."""
+"""Arrays from user input, with errors that name what is wrong."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,15 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 def floats(
     values: ArrayLike, what: str, error: type[ValueError] = ValueError
 ) -> NDArray[np.float64]:
-    """Values as an array of float64.
+    """Values as a float64 array.
 
     Args:
         values: numbers, or lists of them.
-        what: they are, for the message.
-        error: to raise.
+        what: the name of the values in the error message.
+        error: the type of error to raise.
 
     Raises:
-        ValueError: `error`; they are no numbers, or lists of different lengths.
+        ValueError: `error`; the values are not numeric, or lists of different lengths.
     """
     try:
         return np.asarray(values, np.float64)
@@ -27,12 +28,12 @@ def floats(
         raise error(f"{what} must be numeric, in lists of equal length: {wrong}") from None
 
 
-def read_npy(path: Path) -> NDArray:
+def read_npy(path: Path) -> NDArray[Any]:
     """The array of an NPY file.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is no NPY file, a damaged one, or one of Python objects.
+        ValueError: not an NPY file, a damaged one, or one of Python objects.
     """
     try:
         loaded = np.load(path, allow_pickle=False)

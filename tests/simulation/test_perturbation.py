@@ -8,12 +8,12 @@ import pytest
 from knotflow.simulation import EXPONENTS, LEVELS, RopeConfig, perturb_rope
 
 
-def test_level_0_is_the_planners_rope(rng):
+def test_level_0_changes_nothing(rng):
     assert perturb_rope(RopeConfig(), 0, rng) == RopeConfig()
 
 
 @pytest.mark.parametrize("level", LEVELS)
-def test_logarithms_are_uniform_within_the_levels_range(level, rng):
+def test_factors_are_log_uniform(level, rng):
     rope = RopeConfig()
     drawn = [perturb_rope(rope, level, rng) for _ in range(400)]
     for field in fields(rope):
@@ -27,6 +27,6 @@ def test_logarithms_are_uniform_within_the_levels_range(level, rng):
         assert logs.std() == pytest.approx(widest / np.sqrt(3), rel=0.1, abs=1e-12)
 
 
-def test_an_unknown_level_is_refused(rng):
-    with pytest.raises(ValueError, match="0, 1 or 2: 3"):
+def test_unknown_level_is_rejected(rng):
+    with pytest.raises(ValueError, match="unknown level 3; valid levels: 0, 1, 2"):
         perturb_rope(RopeConfig(), 3, rng)

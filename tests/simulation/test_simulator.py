@@ -41,7 +41,7 @@ def test_shapes_and_times(simulator, rng):
 
 
 @pytest.mark.slow
-def test_random_splines_neither_explode_nor_stretch_nor_sink(simulator, rng):
+def test_random_splines_are_stable(simulator, rng):
     points, splines = random_batch(simulator, rng, 96)
     rollouts = simulator.execute(points, splines)
     assert not rollouts.diverged.any()
@@ -57,7 +57,7 @@ def test_random_splines_neither_explode_nor_stretch_nor_sink(simulator, rng):
 
 
 @pytest.mark.slow
-def test_the_rope_is_at_rest_before_and_after(simulator, rng):
+def test_rope_is_at_rest_before_and_after(simulator, rng):
     points, splines = random_batch(simulator, rng, 32)
     rollouts = simulator.execute(points, splines)
     last = np.linalg.norm(rollouts.trajectory[:, -1] - rollouts.trajectory[:, -2], axis=-1)
@@ -71,7 +71,7 @@ def test_the_rope_is_at_rest_before_and_after(simulator, rng):
 
 
 @pytest.mark.slow
-def test_the_gripper_takes_the_grasped_link_to_the_end_point(simulator, rng):
+def test_gripper_moves_grasped_link_to_end_point(simulator, rng):
     points, splines = random_batch(simulator, rng, 32)
     rollouts = simulator.execute(points, splines)
     released = np.searchsorted(rollouts.times, simulator.config.move_time)
@@ -85,7 +85,7 @@ def test_the_gripper_takes_the_grasped_link_to_the_end_point(simulator, rng):
     np.testing.assert_allclose(rollouts.gripper[:, -1, :2], splines[:, 4:], atol=1e-5)
 
 
-def test_results_do_not_depend_on_threads_or_batches(simulator, rng):
+def test_results_are_independent_of_threads_and_batches(simulator, rng):
     points, splines = random_batch(simulator, rng, 5)
     together = simulator.execute(points, splines)
     single = RopeSimulator(replace(simulator.config, threads=1))
@@ -96,14 +96,14 @@ def test_results_do_not_depend_on_threads_or_batches(simulator, rng):
 
 
 @pytest.mark.slow
-def test_more_ropes_than_a_chunk(simulator, rng):
+def test_batch_larger_than_a_chunk(simulator, rng):
     points, splines = random_batch(simulator, rng, 70)
     together = simulator.execute(points, splines)
     last = simulator.execute(points[-3:], splines[-3:])
     assert np.array_equal(together.end_points[-3:], last.end_points)
 
 
-def test_rope_dragged_across_rope_stays_on_its_side(simulator):
+def test_dragged_rope_does_not_pass_through(simulator):
     """The tail is dragged over, then back against, the head: crossings never flip over to under."""
     rope = simulator.config.rope
     # A hook: the tail runs beside the head and is drawn over it, far and fast.
@@ -158,7 +158,7 @@ def test_empty_and_single_batches(simulator, rng, count):
     assert len(simulator.execute(points[:count], splines[:count])) == count
 
 
-def test_bad_input_is_refused(simulator, rng):
+def test_invalid_input_is_rejected(simulator, rng):
     points, splines = random_batch(simulator, rng, 2)
     with pytest.raises(ShapeError):
         simulator.execute(points[:, :-1], splines)
@@ -168,7 +168,7 @@ def test_bad_input_is_refused(simulator, rng):
         simulator.execute(points, splines[:1])
 
 
-def test_a_rope_thrown_apart_is_marked_and_others_are_kept(rng):
+def test_divergence_is_marked_per_rope(rng):
     """Physics that blows up is a marked failure, not an exception and not a neighbour's."""
     from knotflow.simulation import RopeConfig, SimulationConfig
 
@@ -187,7 +187,7 @@ def test_a_rope_thrown_apart_is_marked_and_others_are_kept(rng):
     assert np.isfinite(rollouts.end_points).all()
 
 
-def test_a_part_of_a_batch_is_what_its_rows_say(simulator, rng):
+def test_indexing_and_concatenating_rollouts(simulator, rng):
     points, splines = random_batch(simulator, rng, 3)
     rollouts = simulator.execute(points, splines)
     part = rollouts[[2, 0]]
@@ -196,6 +196,6 @@ def test_a_part_of_a_batch_is_what_its_rows_say(simulator, rng):
     np.testing.assert_array_equal(part.gripper, rollouts.gripper[[2, 0]])
     assert part.times is rollouts.times
     assert len(rollouts[1:]) == len(rollouts[1:].diverged) == 2
-    joined = Rollouts.joined([rollouts[:2], rollouts[2:]])
+    joined = Rollouts.concatenate([rollouts[:2], rollouts[2:]])
     for name in ("times", "trajectory", "gripper", "end_points", "diverged"):
         np.testing.assert_array_equal(getattr(joined, name), getattr(rollouts, name))

@@ -19,7 +19,7 @@ from knotflow.simulation import (
 ROPE = RopeConfig()
 
 
-def test_it_starts_at_the_grasped_link_and_ends_on_the_table(rng):
+def test_path_starts_at_grasped_link_and_ends_on_table(rng):
     splines = rng.uniform(SPLINE_LOW, SPLINE_HIGH, (50, 6))
     points = np.repeat(straight(ROPE)[None], 50, axis=0)
     controls = control_points(points, splines, ROPE.radius)
@@ -32,7 +32,7 @@ def test_it_starts_at_the_grasped_link_and_ends_on_the_table(rng):
     np.testing.assert_allclose(controls[:, 1], splines[:, 1:4])
 
 
-def test_it_leaves_and_arrives_along_its_control_polygon(rng):
+def test_path_is_tangent_to_control_polygon(rng):
     controls = rng.normal(size=(20, 3, 3))
     path = spline_path(controls, np.array([0, 1e-6, 1 - 1e-6, 1]))
     for step, leg in (
@@ -46,11 +46,11 @@ def test_it_leaves_and_arrives_along_its_control_polygon(rng):
 @pytest.mark.parametrize(
     ("grasp", "link"), [(0.0, 0), (0.024, 0), (0.026, 1), (0.5, 20), (1.0, 39)]
 )
-def test_the_grasp_position_chooses_the_link_it_lies_on(grasp, link):
+def test_grasp_position_selects_link(grasp, link):
     assert grasped_link(np.array([grasp, 0, 0, 0, 0, 0]), 40) == link
 
 
-def test_every_number_has_its_range():
+def test_ranges_of_spline_numbers():
     middle = (SPLINE_LOW + SPLINE_HIGH) / 2
     check_splines(np.stack([SPLINE_LOW, SPLINE_HIGH, middle]))
     for column in range(6):
@@ -63,7 +63,7 @@ def test_every_number_has_its_range():
                 check_splines(clip_splines(spline))
 
 
-def test_the_error_names_the_spline_and_the_number():
+def test_error_names_spline_and_number():
     splines = np.tile((SPLINE_LOW + SPLINE_HIGH) / 2, (3, 1))
     splines[1, 3] = 2.0
     with pytest.raises(SplineError, match=r"spline\[1\] has mid_z = 2, which must lie in \[0.02"):

@@ -11,10 +11,10 @@ from knotflow.simulation import (
     attempt,
     check_points,
     random_curve,
-    reached,
+    random_tangle,
+    reach_starts,
     resample,
     straight,
-    tangled,
 )
 from knotflow.topology import IllegalActionError, TopologicalState, parse_action
 
@@ -33,14 +33,14 @@ def test_untangled_starts_lie_on_the_table(rope, make):
     assert TopologicalState.from_curve(points) == TopologicalState.trivial()
 
 
-def test_an_arc_turns_left_by_its_angle():
+def test_arc_turns_left_by_its_angle():
     rope = RopeConfig()
     heading = np.diff(arc(rope, np.pi), axis=0)
     angle = np.unwrap(np.arctan2(heading[:, 1], heading[:, 0]))
     assert angle[-1] - angle[0] == pytest.approx(np.pi)
 
 
-def test_random_curves_keep_their_distance_and_differ(rng):
+def test_random_curves_keep_clearance_and_differ(rng):
     rope, config = RopeConfig(), StartsConfig()
     curves = [random_curve(rope, rng, config) for _ in range(40)]
     for points in curves:
@@ -58,11 +58,11 @@ def test_equal_seeds_give_equal_starts():
 
 
 @pytest.mark.slow
-def test_reached_starts_have_the_state_and_every_attempt_is_seen(simulator, rng):
+def test_reached_starts_have_the_state(simulator, rng):
     actions = [parse_action("R1(0,1,1)"), parse_action("C(0,1,1)")]
     goal = TopologicalState.trivial().apply(actions[0]).apply(actions[1])
     seen = []
-    starts = reached(actions, 3, simulator, aim, rng, observe=seen.append)
+    starts = reach_starts(actions, 3, simulator, aim, rng, observe=seen.append)
     assert starts.points.shape == (3, 41, 3)
     for points in starts.points:
         check_points(points, simulator.config.rope)
@@ -73,13 +73,13 @@ def test_reached_starts_have_the_state_and_every_attempt_is_seen(simulator, rng)
 
 
 @pytest.mark.slow
-def test_hopeless_proposals_are_reported(simulator, rng):
+def test_failing_proposals_raise(simulator, rng):
     def stay(points, action, count, rng):
         middle = points[20]
         return np.tile([0.5, *middle[:2], 0.02, *middle[:2]], (count, 1))
 
     with pytest.raises(RuntimeError, match="hardly ever succeed"):
-        reached([parse_action("R1(0,1,1)")], 1, simulator, stay, rng, StartsConfig(rounds=1))
+        reach_starts([parse_action("R1(0,1,1)")], 1, simulator, stay, rng, StartsConfig(rounds=1))
 
 
 @pytest.mark.slow
@@ -96,7 +96,7 @@ def test_attempts_read_the_state_at_rest(simulator, rng):
         assert hit == (state == tried.goal)
 
 
-def test_an_illegal_action_is_refused_before_anything_is_simulated(simulator):
+def test_illegal_action_is_rejected_before_simulation(simulator):
     points = straight(simulator.config.rope)
     with pytest.raises(IllegalActionError):
         attempt(
@@ -109,7 +109,7 @@ def test_an_illegal_action_is_refused_before_anything_is_simulated(simulator):
 
 
 @pytest.mark.parametrize("vertices", [2, 7, 300])
-def test_resampling_gives_the_rope_its_links(vertices):
+def test_resampling_gives_equal_links(vertices):
     rope = RopeConfig()
     along = np.linspace(0, 1.2, vertices)
     curve = np.stack([along, 0.1 * np.sin(3 * along), np.full(vertices, 0.008)], axis=1)
@@ -118,7 +118,7 @@ def test_resampling_gives_the_rope_its_links(vertices):
     np.testing.assert_allclose(points[0], curve[0])
 
 
-def test_resampling_a_rope_changes_nothing():
+def test_resampling_is_idempotent():
     points = arc(RopeConfig())
     np.testing.assert_allclose(resample(points, RopeConfig()), points, atol=1e-9)
 
@@ -132,19 +132,19 @@ def test_resampling_a_rope_changes_nothing():
         (np.array([[0, 0, 0], [np.nan, 0, 0], [1, 0, 0]]), "point 1 is not"),
     ],
 )
-def test_curves_that_are_none_are_refused(curve, message):
+def test_invalid_curves_are_rejected(curve, message):
     with pytest.raises(ValueError, match=message):
         resample(curve, RopeConfig())
 
 
-def test_tangled_ropes_are_in_an_accepted_state_and_at_rest(simulator):
+def test_random_tangle_has_accepted_state_and_is_repeatable(simulator):
     wanted = TopologicalState.parse("1o4+2o3-")
 
     def outside(state):
         return state.num_crossings == 2 and state != wanted
 
     rng = np.random.default_rng(2)
-    points = tangled(outside, simulator, aim, rng, most_crossings=2)
+    points = random_tangle(outside, simulator, aim, rng, most_crossings=2)
     assert outside(TopologicalState.from_curve(points))
-    again = tangled(outside, simulator, aim, np.random.default_rng(2), most_crossings=2)
+    again = random_tangle(outside, simulator, aim, np.random.default_rng(2), most_crossings=2)
     np.testing.assert_array_equal(points, again)

@@ -32,7 +32,7 @@ from knotflow.simulation import (
     Trials,
     attempt,
     control_points,
-    reached,
+    reach_starts,
     resample,
 )
 from knotflow.topology import Action
@@ -197,7 +197,7 @@ def _reach_starts(
     number = [task.name for task in TASKS].index(name)
     recorder = Recorder(run, "aim", simulation.rope)
     simulator, actions = RopeSimulator(simulation), TASKS[number].start_actions
-    found = reached(actions, count, simulator, aim, rng_of(seed, number), starts, recorder)
+    found = reach_starts(actions, count, simulator, aim, rng_of(seed, number), starts, recorder)
     recorder.save(f"recordings/{name}.mcap")
     with run.atomic(f"{name}.npz") as path:
         np.savez_compressed(
@@ -249,7 +249,9 @@ def _fill_pool(
     with run.progress(total=count, desc=f"pool of {name}") as bar:
         while len(found) < count and len(recorder) < attempts:
             more = min(POOL_CHUNK, count - len(found))
-            found.extend(reached(actions[name], more, simulator, aim, rng, starts, recorder).points)
+            found.extend(
+                reach_starts(actions[name], more, simulator, aim, rng, starts, recorder).points
+            )
             bar.update(more)
     recorder.save(f"recordings/{name}.mcap")
     with run.atomic(f"{name}.npz") as path:

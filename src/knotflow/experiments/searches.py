@@ -36,7 +36,7 @@ from knotflow.simulation import (
     StartsConfig,
     attempt,
     random_curve,
-    tangled,
+    random_tangle,
 )
 from knotflow.statistics import wilson
 from knotflow.topology import TopologicalState, all_states, parse_action
@@ -200,7 +200,7 @@ def _start(
     if case.start == TANGLED:
         dag = parse_goal(case.goal, rope).dag
         simulator = RopeSimulator(search.simulation)
-        return tangled(lambda state: state not in dag, simulator, aim, rng, starts)
+        return random_tangle(lambda state: state not in dag, simulator, aim, rng, starts)
     if "(" in case.start:
         simulator, planner = RopeSimulator(search.simulation), PlannerConfig()
         planner.batch = search.planner.batch

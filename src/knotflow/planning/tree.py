@@ -168,7 +168,7 @@ class TreeSearch:
                         results.append(worker.submit(self.simulator.execute, starts, part))
                         begin = end
             with self._timed("simulation"):
-                rollouts = Rollouts.joined([result.result() for result in results])
+                rollouts = Rollouts.concatenate([result.result() for result in results])
         return np.concatenate(proposed), rollouts
 
     def _node(

@@ -9,15 +9,14 @@ from knotflow.simulation.attempt import (
     state_or_none,
 )
 from knotflow.simulation.perturbation import (
-    ACTUATION,
     EXPONENTS,
+    GRASP_REACH,
+    GRIPPER_ERROR_STD,
     LEVELS,
-    REACH,
     check_level,
     perturb_rope,
 )
 from knotflow.simulation.rope import (
-    ROOTS,
     RopeConfig,
     ShapeError,
     build_model,
@@ -43,19 +42,18 @@ from knotflow.simulation.starts import (
     arc,
     is_roomy,
     random_curve,
+    random_tangle,
     random_trials,
-    reached,
+    reach_starts,
     resample,
     straight,
-    tangled,
 )
 
 __all__ = [
-    "ACTUATION",
+    "GRIPPER_ERROR_STD",
     "EXPONENTS",
     "LEVELS",
-    "REACH",
-    "ROOTS",
+    "GRASP_REACH",
     "SPLINE_HIGH",
     "SPLINE_LOW",
     "SPLINE_NAMES",
@@ -84,12 +82,12 @@ __all__ = [
     "pose",
     "random_curve",
     "random_trials",
-    "reached",
+    "reach_starts",
     "end_states",
     "resample",
     "spline_basis",
     "spline_path",
     "state_or_none",
     "straight",
-    "tangled",
+    "random_tangle",
 ]

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from knotflow.simulation.rope import check_points
 from knotflow.simulation.simulator import Rollouts, RopeSimulator
 from knotflow.topology import Action, DegenerateCurveError, TopologicalState, parse_action
 
@@ -18,7 +19,7 @@ class Trials:
     """N splines tried for one action on ropes in one topological state."""
 
     action: Action
-    """What they are for; an `Arrange` succeeds where the state is kept."""
+    """The action to instantiate; an `Arrange` succeeds where the state is kept."""
     start: TopologicalState
     """State of every rope before."""
     points: NDArray[np.float64]
@@ -68,7 +69,7 @@ class Attempts(Trials):
     """Trials with the simulated motion."""
 
     rollouts: Rollouts
-    """What the simulator made of them."""
+    """Their simulation."""
     ends: tuple[TopologicalState | None, ...]
     """(N,) states at rest; None where the projection cannot be read or the simulation diverged."""
 
@@ -90,7 +91,7 @@ class Attempts(Trials):
 
 
 Observer = Callable[[Attempts], None]
-"""Called with every batch of attempts, by whatever simulates some: for recording and progress."""
+"""Called with every batch of attempts, for recording and progress."""
 
 
 def attempt(
@@ -108,8 +109,9 @@ def attempt(
         ShapeError, SplineError: see `RopeSimulator.execute`.
     """
     start.apply(action)
-    if np.ndim(points) == 2:
-        points = np.broadcast_to(points, (len(splines), *np.shape(points)))
+    points = check_points(points, simulator.config.rope)
+    if points.ndim == 2:
+        points = np.broadcast_to(points, (len(splines), *points.shape))
     rollouts = simulator.execute(points, splines)
     attempts = Attempts.of(action, start, points, splines, rollouts)
     if observe is not None:

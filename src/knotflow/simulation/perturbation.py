@@ -1,4 +1,4 @@
-"""How far the real rope may lie from the planner's model, by level."""
+"""Perturbed ropes: how far the real rope may differ from the planner's model, by level."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from knotflow.simulation.rope import RopeConfig
 
 LEVELS = (0, 1, 2)
-"""0 is the planner's rope, 1 a rope like it, 2 one that is quite different."""
+"""0 is the planner's rope, 1 a similar one, 2 a different one."""
 
 EXPONENTS = {
     "table_friction": 0.4,
@@ -19,22 +19,22 @@ EXPONENTS = {
     "density": 0.3,
     "radius": 0.1,
 }
-"""Fields of `RopeConfig` -> a: at level 1 the value is multiplied by e^u, u uniform in [-a, a], at
-level 2 in [-2a, 2a]."""
+"""Fields of `RopeConfig` -> a: at level n the value is multiplied by e^u, u uniform in
+[-n a, n a]."""
 
-ACTUATION = (0.0, 0.006, 0.010)
-"""Standard deviation of the gripper's place in x and y at each level, metres."""
+GRIPPER_ERROR_STD = (0.0, 0.006, 0.010)
+"""Standard deviation of the gripper's position in x and y at each level, metres."""
 
-REACH = 0.025
-"""Farthest from the fingers that a rope's centre line may lie to be caught as they close, metres:
-half their opening."""
+GRASP_REACH = 0.025
+"""Largest distance from the fingers to a centre line that they catch when closing, metres: half
+their opening."""
 
 
 def perturb_rope(rope: RopeConfig, level: int, rng: np.random.Generator) -> RopeConfig:
     """A rope whose `EXPONENTS` fields are drawn log-uniformly around those of `rope`.
 
     Raises:
-        ValueError: for a level that is none.
+        ValueError: for an unknown level.
     """
     check_level(level)
     factors = {name: np.exp(level * a * rng.uniform(-1, 1)) for name, a in EXPONENTS.items()}
@@ -42,6 +42,6 @@ def perturb_rope(rope: RopeConfig, level: int, rng: np.random.Generator) -> Rope
 
 
 def check_level(level: int) -> None:
-    """Raise a ValueError for a level that is none."""
+    """Raise a ValueError for an unknown level."""
     if level not in LEVELS:
-        raise ValueError(f"a level is {', '.join(map(str, LEVELS[:-1]))} or {LEVELS[-1]}: {level}")
+        raise ValueError(f"unknown level {level!r}; valid levels: {', '.join(map(str, LEVELS))}")

@@ -1,18 +1,14 @@
 """The rope: a chain of capsules on a table, built with MjSpec and posed from its vertices.
 
-A link is a capsule of one segment length whose frame's x axis points from head to tail. Neighbours
-are joined by two hinges at their common vertex, so the rope bends freely in both directions and
-carries no twist: its vertices are its whole shape.
+A link is a capsule whose frame's x axis points from head to tail. Neighbours are joined by two
+hinges at their common vertex: the first about a z axis fixed in the link towards the head, the
+second about a y axis fixed in the link towards the tail. The rope bends freely in both directions
+and carries no twist, so its vertices are its whole shape.
 
-Every joint is a universal joint: its first hinge is a z axis fixed in the link towards the head,
-its second a y axis fixed in the link towards the tail. One link, the root, floats freely, and the
-others hang from it in branches. In the branch towards the head a joint's parent is its tailward
-link, so its hinges follow in the other order about reversed axes: the same joint, with the same
-angles. A chain rooted in its middle link has two branches half as long as the one of a chain
-rooted in its head, so half as many entries in its mass matrix and 1.7 times the speed. Both are
-the same mechanics but for two things: the damping and inertia added to the root itself (see
-`RopeConfig.root`), and contacts of a moving rope, where MuJoCo drops the derivative of a contact's
-Jacobian, which depends on the coordinates.
+The middle link, the root, floats freely; two branches of links hang from it, which halves the
+entries of the mass matrix compared with a chain rooted at an end. In the branch towards the head a
+joint's parent is its tailward link, so its hinges follow in the other order about reversed axes:
+the same joint with the same angles.
 """
 
 from __future__ import annotations
@@ -22,17 +18,23 @@ from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from knotflow.arrays import floats
 
 if TYPE_CHECKING:
     import mujoco
 
+Floats = NDArray[np.float64]
+
 MOST_LINKS = 400
-"""A rope's model grows with the square of its links."""
-ROOTS = ("middle", "head")
-"""Links that a rope's chain may be rooted in."""
+"""The cost of a rope's model grows with the square of its links."""
+LENGTH_TOLERANCE = 0.01
+"""Largest relative difference of a given link's length from the rope's."""
+EQUAL_LENGTHS = 1e-5
+"""Relative difference up to which links count as equally long, and points are left as they are."""
+TABLE_BIT, ROPE_BIT = 1, 2
+"""Collision groups."""
 
 
 @dataclass
@@ -59,17 +61,12 @@ class RopeConfig:
     """Sliding friction between rope and table."""
     rope_friction: float = 0.3
     """Sliding friction between rope and rope."""
-    root: str = "middle"
-    """Link whose position and orientation are coordinates of the model, `middle` or `head`; all
-    other links have hinge angles. The root is damped in the world: a middle only in its roll, a
-    head on all axes, which also holds the head's direction, so that splines found with one root
-    may fail with the other. `middle` is 1.7 times as fast."""
 
     def __post_init__(self) -> None:
         for one in fields(self):
             value = getattr(self, one.name)
             numeric = isinstance(value, int | float | np.integer | np.floating)
-            if one.name != "root" and not (numeric and 0 <= value < inf):
+            if not (numeric and 0 <= value < inf):
                 raise ValueError(f"a rope's {one.name} is a number of 0 or more, got {value!r}")
         if self.links != int(self.links) or not 4 <= self.links <= MOST_LINKS:
             raise ValueError(
@@ -78,8 +75,6 @@ class RopeConfig:
         for name in ("length", "radius", "density"):
             if getattr(self, name) <= 0:
                 raise ValueError(f"a rope's {name} must be positive, got {getattr(self, name)}")
-        if self.root not in ROOTS:
-            raise ValueError(f"a rope's root is {' or '.join(ROOTS)}, got {self.root!r}")
 
     @property
     def num_vertices(self) -> int:
@@ -93,8 +88,8 @@ class RopeConfig:
 
     @property
     def root_link(self) -> int:
-        """Index of the link that floats freely."""
-        return 0 if self.root == "head" else self.links // 2
+        """Index of the link that floats freely, the middle one."""
+        return self.links // 2
 
     @property
     def branches(self) -> tuple[range, range]:
@@ -106,12 +101,15 @@ class ShapeError(ValueError):
     """Points that are not a shape of this rope."""
 
 
-def check_points(points: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
-    """The points as float64 (..., V, 3), if they are shapes of this rope.
+def check_points(points: ArrayLike, rope: RopeConfig) -> Floats:
+    """The points as float64 (..., V, 3) with links of the rope's length.
+
+    Links that are a little off keep their directions, outward from the root link: the shape that
+    the model is posed in. A state must be read from the points returned.
 
     Raises:
         ShapeError: for another number of vertices, values that are not finite, or links whose
-            length differs from the rope's by more than 1 %.
+            length differs from the rope's by more than `LENGTH_TOLERANCE`.
     """
     points = floats(points, "rope points", ShapeError)
     if points.ndim < 2 or points.shape[-2:] != (rope.num_vertices, 3):
@@ -122,14 +120,21 @@ def check_points(points: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
     if not np.isfinite(points).all():
         bad = np.argwhere(~np.isfinite(points))[0]
         raise ShapeError(f"rope points must be finite, but points{bad.tolist()} is not")
-    lengths = np.linalg.norm(np.diff(points, axis=-2), axis=-1)
+    links = np.diff(points, axis=-2)
+    lengths = np.linalg.norm(links, axis=-1, keepdims=True)
     worst = np.abs(lengths / rope.link_length - 1).max(initial=0.0)
-    if worst > 0.01:
+    if worst > LENGTH_TOLERANCE:
         raise ShapeError(
             f"links must be {rope.link_length * 1e3:.2f} mm long, but one is off by "
             f"{worst:.1%}; resample() makes them equal"
         )
-    return points
+    if worst <= EQUAL_LENGTHS:
+        return points
+    along = np.cumsum(links * rope.link_length / lengths, axis=-2)
+    equal = np.concatenate([np.zeros_like(along[..., :1, :]), along], axis=-2)
+    root = slice(rope.root_link, rope.root_link + 1)
+    shifted: Floats = equal + points[..., root, :] - equal[..., root, :]
+    return shifted
 
 
 def build_model(
@@ -138,9 +143,8 @@ def build_model(
     """The MuJoCo model of rope, table and floating gripper.
 
     Vertex i of the rope is the site `vertex_i`. The gripper is a mocap body; grasping link i is
-    the equality constraint i, switched by `eq_active`. It is a site-to-site `connect`, whose
-    anchors do not depend on the reference pose. Links follow each other in the model as in
-    `RopeConfig.branches`, the root first.
+    the equality constraint i between sites, switched by `eq_active`. The links' order in the model
+    is the root, then that of `RopeConfig.branches`.
 
     Args:
         rope: the rope.
@@ -154,9 +158,7 @@ def build_model(
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
-    # To convergence: cut off after 2 iterations, a spline takes two thirds of the time, but ends
-    # 40 to 70 mm elsewhere, and some blow up; after 3 it takes 0.87 and ends 14 mm elsewhere.
-    spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON  # to convergence: ends depend on it
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 960
     solref = [contact_time, 1.0]
     world = spec.worldbody
@@ -173,19 +175,19 @@ def build_model(
         name=f"link_{rope.root_link}", pos=[rope.root_link * step, 0, rope.radius]
     )
     root.add_freejoint(name="root")
-    _dress(root, rope.root_link, 0.0, rope, contact_time)
+    _add_link_geoms(root, rope.root_link, 0.0, rope, contact_time)
     towards_head, towards_tail = rope.branches
     # A body's origin is the vertex it shares with its parent; the root's is its headward vertex.
     parent = root
     for link in towards_head:
         parent = parent.add_body(name=f"link_{link}", pos=[0 if parent is root else -step, 0, 0])
-        _hinge(parent, ([0, -1, 0], [0, 0, -1]), rope)
-        _dress(parent, link, -step, rope, contact_time)
+        _add_hinges(parent, ([0, -1, 0], [0, 0, -1]), rope)
+        _add_link_geoms(parent, link, -step, rope, contact_time)
     parent = root
     for link in towards_tail:
         parent = parent.add_body(name=f"link_{link}", pos=[step, 0, 0])
-        _hinge(parent, ([0, 0, 1], [0, 1, 0]), rope)
-        _dress(parent, link, 0.0, rope, contact_time)
+        _add_hinges(parent, ([0, 0, 1], [0, 1, 0]), rope)
+        _add_link_geoms(parent, link, 0.0, rope, contact_time)
     for i in range(rope.links):
         spec.add_equality(
             type=mujoco.mjtEq.mjEQ_CONNECT,
@@ -199,18 +201,15 @@ def build_model(
         model = spec.compile()
     except ValueError as error:  # such as a mass of nearly nothing
         raise ValueError(f"MuJoCo refuses the model of {rope}: {error}") from None
-    # No hinge holds the root against rolling about its own axis, and undamped it spins up. The
-    # same on its other axes makes the root resist moving and turning in the world: nothing that the
-    # middle needs, but of 512 ropes rooted in a head without it two were thrown apart.
-    first = model.joint("root").dofadr[0]
-    held = slice(first, first + 6) if rope.root == "head" else first + 3
-    model.dof_damping[held] = rope.joint_damping
-    model.dof_armature[held] = rope.joint_armature
+    # No hinge resists the root's roll about its own axis.
+    roll = model.joint("root").dofadr[0] + 3
+    model.dof_damping[roll] = rope.joint_damping
+    model.dof_armature[roll] = rope.joint_armature
     mujoco.mj_setConst(model, mujoco.MjData(model))
     return model
 
 
-def _hinge(body: mujoco.MjsBody, axes: tuple[list[int], list[int]], rope: RopeConfig) -> None:
+def _add_hinges(body: mujoco.MjsBody, axes: tuple[list[int], list[int]], rope: RopeConfig) -> None:
     """The two hinges of a link at its body's origin, the one next to its parent first."""
     import mujoco
 
@@ -226,7 +225,7 @@ def _hinge(body: mujoco.MjsBody, axes: tuple[list[int], list[int]], rope: RopeCo
         )
 
 
-def _dress(
+def _add_link_geoms(
     body: mujoco.MjsBody, link: int, start: float, rope: RopeConfig, contact_time: float
 ) -> None:
     """Capsule, feet and sites of a link whose headward vertex lies at `start` on its x axis."""
@@ -260,16 +259,12 @@ def _dress(
     body.add_site(name=f"grasp_{link}", pos=[start + step / 2, 0, 0])
 
 
-TABLE_BIT = 1
-ROPE_BIT = 2
-
-
-def pose(points: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
-    """Joint positions that put the rope where its vertices say.
+def pose(points: ArrayLike, rope: RopeConfig) -> Floats:
+    """Joint positions of a rope with these vertices.
 
     Each link's x axis points to the next vertex. The head has no roll (its y axis is horizontal),
     and the frame of every other link follows from its headward neighbour's by the two hinge angles
-    of their joint; whichever link is the root, frames and angles are the same.
+    of their joint.
 
     Args:
         points: (B, V, 3) metres, head first, world frame.
@@ -282,7 +277,8 @@ def pose(points: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
     direction = np.diff(points, axis=1)  # (B, links, 3)
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
     frame = _turn(*_angles(direction[:, 0]))  # (B, 3, 3), columns are the link's axes
-    root, angles = frame, []  # angles[i] of the joint between links i and i + 1
+    root = frame
+    angles: list[tuple[Floats, Floats]] = []  # angles[i] of the joint between links i and i + 1
     for link in range(1, rope.links):
         yaw, pitch = _angles(np.einsum("bji,bj->bi", frame, direction[:, link]))
         angles.append((yaw, pitch))
@@ -298,13 +294,13 @@ def pose(points: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
     return np.column_stack([points[:, rope.root_link], quaternion, *hinges])
 
 
-def _angles(direction: NDArray) -> tuple[NDArray, NDArray]:
+def _angles(direction: Floats) -> tuple[Floats, Floats]:
     """Angles about z, then y, that turn the x axis into unit vectors (B, 3)."""
     yaw = np.arctan2(direction[:, 1], direction[:, 0])
     return yaw, -np.arcsin(np.clip(direction[:, 2], -1, 1))
 
 
-def _turn(yaw: NDArray, pitch: NDArray) -> NDArray:
+def _turn(yaw: Floats, pitch: Floats) -> Floats:
     """Rotation matrices (B, 3, 3) about z by `yaw`, then about the new y by `pitch`."""
     cy, sy, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
     zero = np.zeros_like(yaw)

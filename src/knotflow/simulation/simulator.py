@@ -5,15 +5,18 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from knotflow.simulation.rope import RopeConfig, build_model, check_points, pose
+from knotflow.simulation.rope import Floats, RopeConfig, build_model, check_points, pose
 from knotflow.simulation.spline import check_splines, control_points, grasped_link, spline_path
 
 MOST_STEPS = 100_000
-"""Of one spline; the gripper's path is held for all of them."""
+"""Time steps of one spline."""
+CHUNK = 64
+"""Ropes simulated at once: enough for every thread, small enough to bound memory."""
 
 
 @dataclass
@@ -35,8 +38,8 @@ class SimulationConfig:
     record_rate: float = 10.0
     """Frames of a trajectory per second."""
     threads: int = field(default=0, metadata={"affects_result": False})
-    """Threads to simulate on; 0 takes every CPU, or as many as the variable OMP_NUM_THREADS grants,
-    which joblib sets in its workers. Results do not depend on it."""
+    """Threads to simulate on; 0 takes OMP_NUM_THREADS, which joblib sets in its workers, or else
+    every CPU. Results do not depend on it."""
 
     def __post_init__(self) -> None:
         for name in ("timestep", "contact_time", "move_time", "ramp_time", "record_rate"):
@@ -59,18 +62,16 @@ class SimulationConfig:
 
 @dataclass(frozen=True)
 class Rollouts:
-    """What happened to a batch of ropes; metres and seconds, world frame."""
+    """The simulation of a batch of ropes; metres and seconds, world frame."""
 
-    times: NDArray[np.float64]
+    times: Floats
     """(T,) time of each frame; the first is 0, before the grasp."""
     trajectory: NDArray[np.float32]
-    """(B, T, V, 3) rope vertices; after the first frame, as they were a time step before its time:
-    MuJoCo places what is recorded before it integrates."""
+    """(B, T, V, 3) rope vertices; after the first frame, those of a time step before its time."""
     gripper: NDArray[np.float32]
-    """(B, T, 3) gripper positions, at the time of the frame."""
-    end_points: NDArray[np.float64]
-    """(B, V, 3) rope vertices at rest after the spline, as in the last frame; the start's where it
-    diverged."""
+    """(B, T, 3) gripper positions."""
+    end_points: Floats
+    """(B, V, 3) rope vertices of the last frame, at rest; the start's where it diverged."""
     diverged: NDArray[np.bool_]
     """(B,) whether the simulation blew up."""
 
@@ -78,15 +79,15 @@ class Rollouts:
         return len(self.end_points)
 
     @classmethod
-    def joined(cls, parts: Sequence[Rollouts]) -> Rollouts:
-        """Batches of one simulator as one, in their order."""
+    def concatenate(cls, parts: Sequence[Rollouts]) -> Rollouts:
+        """Batches of one simulator as one."""
         arrays = {
             name: np.concatenate([getattr(part, name) for part in parts])
             for name in ("trajectory", "gripper", "end_points", "diverged")
         }
         return replace(parts[0], **arrays)
 
-    def __getitem__(self, rows: slice | NDArray | list[int]) -> Rollouts:
+    def __getitem__(self, rows: slice | NDArray[Any] | list[int]) -> Rollouts:
         """Some of the ropes, as a slice, a mask (B,) or indices select them."""
         return replace(
             self,
@@ -98,10 +99,9 @@ class Rollouts:
 
 
 class RopeSimulator:
-    """Executes splines on ropes that lie at rest.
+    """Executes splines on ropes at rest.
 
-    One simulator may be used for any number of batches, but by one Python thread at a time; it
-    threads by itself.
+    It uses several threads itself, but must be called from one Python thread at a time.
     """
 
     def __init__(self, config: SimulationConfig) -> None:
@@ -117,9 +117,9 @@ class RopeSimulator:
         stride = max(1, round(1 / config.record_rate / config.timestep))
         # Frames count steps back from the end, so that the last one is the rope at rest.
         self._frames = np.unique(np.r_[0, np.arange(self._steps, 0, -stride)])
-        self._batch = Batch(self.model, CHUNK, config.threads or _threads_granted())
+        self._batch = Batch(self.model, CHUNK, config.threads or _default_threads())
 
-    def execute(self, points: NDArray, splines: NDArray) -> Rollouts:
+    def execute(self, points: ArrayLike, splines: ArrayLike) -> Rollouts:
         """Simulate each spline on its rope, from rest to rest.
 
         Args:
@@ -156,7 +156,9 @@ class RopeSimulator:
             diverged=diverged,
         )
 
-    def _execute(self, points: NDArray, gripper: NDArray, link: NDArray) -> tuple[NDArray, NDArray]:
+    def _execute(
+        self, points: Floats, gripper: Floats, link: NDArray[np.intp]
+    ) -> tuple[Floats, NDArray[np.bool_]]:
         """Vertices (B, T - 1, V, 3) at the frames after the first, and divergence (B,)."""
         import mujoco
 
@@ -182,25 +184,21 @@ class RopeSimulator:
         diverged = warned | ~np.isfinite(vertices).all(axis=(1, 2, 3))
         return vertices, diverged
 
-    def _gripper_path(self, controls: NDArray) -> NDArray[np.float64]:
+    def _gripper_path(self, controls: Floats) -> Floats:
         """Gripper positions (B, steps, 3) along splines with control points (B, 3, 3)."""
         ramp = self.config.ramp_time / self.config.move_time
         time = np.minimum(np.arange(1, self._steps + 1) / self._moving, 1.0)
         return spline_path(controls, _progress(time, ramp))
 
 
-CHUNK = 64
-"""Ropes simulated at once: enough for every thread, small enough to bound memory."""
-
-
-def _progress(time: NDArray, ramp: float) -> NDArray[np.float64]:
-    """Share of the path covered at each share of the time, with constant speed between ramps."""
+def _progress(time: Floats, ramp: float) -> Floats:
+    """Fraction of the path at each fraction of the time, with constant speed between ramps."""
     speed = 1 / (1 - ramp)
     up = speed * time**2 / (2 * ramp)
     down = 1 - speed * (1 - time) ** 2 / (2 * ramp)
     return np.where(time < ramp, up, np.where(time > 1 - ramp, down, speed * (time - ramp / 2)))
 
 
-def _threads_granted() -> int:
+def _default_threads() -> int:
     granted = os.environ.get("OMP_NUM_THREADS", "")
     return int(granted) if granted.isdigit() and int(granted) else os.cpu_count() or 1

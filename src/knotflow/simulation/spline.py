@@ -1,24 +1,25 @@
 """The robot's action: a 6-D spline (Sec. V).
 
-| number | what                              | unit                | range         |
+| number | name                              | unit                | range         |
 |--------|-----------------------------------|---------------------|---------------|
 | 0      | grasp position along the rope     | fraction from head  | 0 to 1        |
 | 1, 2   | middle control point, x and y     | m, world frame      | -0.6 to 0.6   |
 | 3      | middle control point, z           | m above the table   | 0.02 to 0.30  |
 | 4, 5   | end point on the table, x and y   | m, world frame      | -0.6 to 0.6   |
 
-The first control point is the grasped point of the rope, the last lies on the table "so that the
-robot gently releases the rope". Three control points and a clamped knot vector make a quadratic
-B-spline, which is the quadratic Bezier curve of the same points; its highest point is about half
-as high as the middle control point.
+The first control point is the grasped point of the rope, the last lies on the table. With three
+control points and a clamped knot vector the quadratic B-spline is the quadratic Bezier curve of the
+same points; its highest point is about half as high as the middle control point.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from knotflow.arrays import floats
+
+Floats = NDArray[np.float64]
 
 SPLINE_NAMES = ("grasp", "mid_x", "mid_y", "mid_z", "end_x", "end_y")
 SPLINE_LOW = np.array([0.0, -0.6, -0.6, 0.02, -0.6, -0.6])
@@ -26,16 +27,16 @@ SPLINE_HIGH = np.array([1.0, 0.6, 0.6, 0.30, 0.6, 0.6])
 
 
 class SplineError(ValueError):
-    """A spline that is out of range or not a spline at all."""
+    """A spline that is out of range or has another shape."""
 
 
-def check_splines(splines: NDArray) -> NDArray[np.float64]:
+def check_splines(splines: ArrayLike) -> Floats:
     """The splines as float64 (..., 6), if all are in range.
 
     Raises:
         SplineError: naming the first number that is out of range.
     """
-    splines = _sixes(splines)
+    splines = _as_splines(splines)
     inside = (splines >= SPLINE_LOW) & (splines <= SPLINE_HIGH)  # NaN is not inside
     if not inside.all():
         *row, column = np.argwhere(~inside)[0].tolist()
@@ -47,28 +48,28 @@ def check_splines(splines: NDArray) -> NDArray[np.float64]:
     return splines
 
 
-def clip_splines(splines: NDArray) -> NDArray[np.float64]:
-    """The nearest splines (..., 6) that are in range; what is not a number stays none.
+def clip_splines(splines: ArrayLike) -> Floats:
+    """The nearest splines (..., 6) that are in range; NaN stays NaN.
 
     Raises:
         SplineError: they have another shape.
     """
-    return np.clip(_sixes(splines), SPLINE_LOW, SPLINE_HIGH)
+    return np.clip(_as_splines(splines), SPLINE_LOW, SPLINE_HIGH)
 
 
-def _sixes(splines: NDArray) -> NDArray[np.float64]:
+def _as_splines(splines: ArrayLike) -> Floats:
     splines = floats(splines, "splines", SplineError)
     if splines.shape[-1:] != (6,):
         raise SplineError(f"splines have shape (..., 6), got {splines.shape}")
     return splines
 
 
-def grasped_link(splines: NDArray, links: int) -> NDArray[np.intp]:
+def grasped_link(splines: ArrayLike, links: int) -> NDArray[np.intp]:
     """Index (...,) of the link that each spline (..., 6) grasps: the one at its position."""
     return np.minimum((np.asarray(splines)[..., 0] * links).astype(np.intp), links - 1)
 
 
-def control_points(points: NDArray, splines: NDArray, radius: float) -> NDArray[np.float64]:
+def control_points(points: ArrayLike, splines: ArrayLike, radius: float) -> Floats:
     """Control points (..., 3, 3) of splines (..., 6) on ropes `points` (..., V, 3), metres.
 
     One rope (V, 3) serves any number of splines.
@@ -86,15 +87,16 @@ def control_points(points: NDArray, splines: NDArray, radius: float) -> NDArray[
     return np.stack([first, splines[..., 1:4], last], axis=-2)
 
 
-def spline_path(controls: NDArray, parameters: NDArray) -> NDArray[np.float64]:
+def spline_path(controls: ArrayLike, parameters: ArrayLike) -> Floats:
     """Positions (..., N, 3) on clamped quadratic B-splines with control points (..., 3, 3).
 
     `parameters` (N,) run from 0 (grasp) to 1 (release).
     """
-    return spline_basis(parameters) @ np.asarray(controls)
+    path: Floats = spline_basis(parameters) @ np.asarray(controls)
+    return path
 
 
-def spline_basis(parameters: NDArray) -> NDArray[np.float64]:
+def spline_basis(parameters: ArrayLike) -> Floats:
     """Weights (N, 3) of the control points at parameters (N,), 0 (grasp) to 1 (release)."""
     t = np.asarray(parameters)
     return np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2], axis=-1)

@@ -1,8 +1,7 @@
-"""Start shapes: where a spline begins.
+"""Start shapes.
 
-Untangled starts are drawn: straight, an arc, or a random smooth curve without crossings. Starts
-of any other topological state are made the way a plan makes them, by executing earlier actions on
-random curves, so they look like what a plan meets.
+Starts without crossings are generated: straight, an arc, or a random smooth curve. Starts in any
+other topological state are reached as in a plan, by executing earlier actions on random curves.
 """
 
 from __future__ import annotations
@@ -11,21 +10,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from knotflow.simulation.attempt import Observer, attempt
-from knotflow.simulation.rope import RopeConfig
+from knotflow.simulation.rope import Floats, RopeConfig
 from knotflow.simulation.simulator import RopeSimulator
 from knotflow.simulation.spline import SPLINE_HIGH, SPLINE_LOW
 from knotflow.topology import Action, TopologicalState, segment_lengths
 
-Propose = Callable[[NDArray, Action, int, np.random.Generator], NDArray]
+Propose = Callable[[Floats, Action, int, np.random.Generator], Floats]
 """Splines (count, 6) for a rope (V, 3) and an action: the `sample` of every sampler."""
 
 
 @dataclass
 class StartsConfig:
-    """What a start looks like."""
+    """Parameters of start shapes."""
 
     bend: float = 2.0
     """Typical turning of a random curve, radians a metre for each of its harmonics."""
@@ -37,9 +36,9 @@ class StartsConfig:
     """Every vertex of a random curve lies within this distance of the origin in x and y, metres."""
     shortest_segment: float = 0.01
     """Least length between neighbouring crossings, and from an end to the next crossing, of a
-    start that earlier actions made, metres. Tighter loops leave no room for one spline."""
+    start reached by actions, metres. Tighter loops leave no room for a spline."""
     rounds: int = 6
-    """How many splines are tried on a start before it is given up for another."""
+    """Splines tried on a start before it is replaced by another."""
 
     def __post_init__(self) -> None:
         for name in ("bend", "clearance", "reach", "shortest_segment"):
@@ -50,19 +49,19 @@ class StartsConfig:
                 raise ValueError(f"starts.{name} must be 1 to 1000, got {getattr(self, name)}")
 
 
-def straight(rope: RopeConfig) -> NDArray[np.float64]:
+def straight(rope: RopeConfig) -> Floats:
     """A straight rope (V, 3) along x, its middle at the origin, metres."""
-    return _lay(np.zeros(rope.links), rope)
+    return _from_headings(np.zeros(rope.links), rope)
 
 
-def arc(rope: RopeConfig, angle: float = np.pi) -> NDArray[np.float64]:
+def arc(rope: RopeConfig, angle: float = np.pi) -> Floats:
     """A rope (V, 3) along a circular arc that turns left by `angle` radians, metres."""
-    return _lay(np.linspace(-angle / 2, angle / 2, rope.links), rope)
+    return _from_headings(np.linspace(-angle / 2, angle / 2, rope.links), rope)
 
 
 def random_curve(
     rope: RopeConfig, rng: np.random.Generator, config: StartsConfig | None = None
-) -> NDArray[np.float64]:
+) -> Floats:
     """A smooth random rope (V, 3) without crossings, metres.
 
     The heading along the rope is a random Fourier series; curves that come closer to themselves
@@ -75,10 +74,10 @@ def random_curve(
         amplitude = rng.normal(0, config.bend, (2, config.harmonics)) * rope.length / order
         phase = np.pi * order[:, None] * along
         heading = amplitude[0] @ np.sin(phase) + amplitude[1] @ np.cos(phase)
-        points = _lay(heading + rng.uniform(-np.pi, np.pi), rope)
+        points = _from_headings(heading + rng.uniform(-np.pi, np.pi), rope)
         if np.abs(points[:, :2]).max() > config.reach:
             continue
-        if _nearest_strands(points, rope) >= config.clearance:
+        if _strand_distance(points, rope) >= config.clearance:
             return points
     raise RuntimeError(
         f"no random curve within {config.reach} m with {config.clearance} m between strands was "
@@ -88,13 +87,13 @@ def random_curve(
 
 def random_trials(
     rope: RopeConfig, count: int, rng: np.random.Generator, config: StartsConfig | None = None
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Floats, Floats]:
     """Random curves (count, V, 3), metres, and a random spline (count, 6) for each."""
     points = np.stack([random_curve(rope, rng, config) for _ in range(count)])
     return points, rng.uniform(SPLINE_LOW, SPLINE_HIGH, (count, 6))
 
 
-def reached(
+def reach_starts(
     actions: Sequence[Action],
     count: int,
     simulator: RopeSimulator,
@@ -103,18 +102,18 @@ def reached(
     config: StartsConfig | None = None,
     observe: Observer | None = None,
 ) -> Starts:
-    """Starts in the state that `actions` lead to from the trivial one, made by executing them.
+    """Starts in the state that `actions` lead to from the trivial one, reached by executing them.
 
     Every start descends from a random curve of its own.
 
     Args:
-        actions: from the trivial state on; none gives random curves.
+        actions: from the trivial state; an empty sequence gives random curves.
         count: number of starts.
         simulator: executes the proposed splines.
         propose: splines for a rope and an action.
-        rng: everything random comes from it.
-        config: what a start looks like.
-        observe: is shown every attempt.
+        rng: source of all randomness.
+        config: parameters of the starts.
+        observe: is called with every batch of attempts.
 
     Raises:
         RuntimeError: if hardly any proposed spline reaches the state.
@@ -126,7 +125,7 @@ def reached(
     state = TopologicalState.trivial()
     for action in actions[:-1]:
         state = state.apply(action)
-    found: list[NDArray] = []
+    found: list[Floats] = []
     hits = tight = drawn = 0
     while len(found) < count:
         missing = max(8, int(1.5 * (count - len(found))))
@@ -135,7 +134,8 @@ def reached(
                 f"only {len(found)} of {count} starts for {actions[-1]} were reached from {drawn} "
                 "ropes; the proposals hardly ever succeed"
             )
-        parents = reached(actions[:-1], missing, simulator, propose, rng, config, observe).points
+        previous = reach_starts(actions[:-1], missing, simulator, propose, rng, config, observe)
+        parents = previous.points
         drawn += missing
         open_ = np.arange(missing)
         for _ in range(config.rounds):
@@ -156,23 +156,22 @@ def reached(
     return Starts(np.stack(found[:count]), reached=int(hits), too_tight=int(tight))
 
 
-def tangled(
+def random_tangle(
     accept: Callable[[TopologicalState], bool],
     simulator: RopeSimulator,
     propose: Propose,
     rng: np.random.Generator,
     config: StartsConfig | None = None,
     most_crossings: int = 3,
-) -> NDArray[np.float64]:
-    """A rope (V, 3) tangled at random: actions drawn among all legal ones are tried on a random
-    curve, whatever they lead to, until its state is accepted.
+) -> Floats:
+    """A rope (V, 3), metres, tangled by executing random legal actions until its state is accepted.
 
     Args:
-        accept: whether a state of one to `most_crossings` crossings will do.
+        accept: whether a state of one to `most_crossings` crossings is accepted.
         simulator: executes the proposed splines.
         propose: splines for a rope and an action.
-        rng: everything random comes from it.
-        config: what a random curve looks like.
+        rng: source of all randomness.
+        config: parameters of random curves.
         most_crossings: a rope that has more is given up for another.
 
     Raises:
@@ -189,25 +188,25 @@ def tangled(
         if end is None or end.num_crossings > most_crossings:
             points, state = random_curve(rope, rng, config), TopologicalState.trivial()
             continue
-        points, state = tried.rollouts.end_points[0], end
+        points, state = np.asarray(tried.rollouts.end_points[0]), end
         if state.num_crossings and accept(state):
             return points
-    raise RuntimeError("no tangled rope was accepted in 2000 tries; accept more states")
+    raise RuntimeError("no tangled rope was accepted in 2000 attempts; accept more states")
 
 
 @dataclass(frozen=True)
 class Starts:
-    """Start shapes, and how many of those reached were left out as too tight."""
+    """Start shapes, and how many of those reached were rejected as too tight."""
 
-    points: NDArray[np.float64]
+    points: Floats
     """(N, V, 3) rope vertices, metres."""
     reached: int
-    """Ropes that had the state, the tight ones included."""
+    """Ropes in the state, the tight ones included."""
     too_tight: int
     """Of these, ropes with a segment shorter than `StartsConfig.shortest_segment`."""
 
 
-def resample(points: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
+def resample(points: ArrayLike, rope: RopeConfig) -> Floats:
     """The same curve with the rope's vertices, evenly spaced and scaled to the rope's length.
 
     Args:
@@ -220,8 +219,9 @@ def resample(points: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
         raise ValueError(f"a curve has points of shape (N, 3) with N >= 2, got {points.shape}")
     if not np.isfinite(points).all():
-        raise ValueError(f"curve points must be finite, point {_first_bad(points)} is not")
-    # Walking in equal chords, not equal arcs, keeps every link at its length.
+        bad = int(np.argwhere(~np.isfinite(points))[0][0])
+        raise ValueError(f"curve points must be finite, point {bad} is not")
+    # Equal chords, not equal arcs, give every link its length.
     for _ in range(50):
         along = np.r_[0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
         if along[-1] == 0:
@@ -233,14 +233,11 @@ def resample(points: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
             break
     direction = np.diff(points, axis=0)
     direction *= rope.link_length / np.linalg.norm(direction, axis=1, keepdims=True)
-    return points[0] + np.concatenate([np.zeros((1, 3)), np.cumsum(direction, axis=0)])
+    result: Floats = points[0] + np.concatenate([np.zeros((1, 3)), np.cumsum(direction, axis=0)])
+    return result
 
 
-def _first_bad(points: NDArray) -> int:
-    return int(np.argwhere(~np.isfinite(points))[0][0])
-
-
-def _lay(heading: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
+def _from_headings(heading: Floats, rope: RopeConfig) -> Floats:
     """A resting rope whose links have the given headings (links,), its middle at the origin."""
     steps = rope.link_length * np.stack([np.cos(heading), np.sin(heading)], axis=1)
     points = np.full((rope.num_vertices, 3), rope.radius)
@@ -249,13 +246,13 @@ def _lay(heading: NDArray, rope: RopeConfig) -> NDArray[np.float64]:
     return points
 
 
-def _nearest_strands(points: NDArray, rope: RopeConfig) -> float:
+def _strand_distance(points: Floats, rope: RopeConfig) -> float:
     """Least distance between vertices that are apart along the rope by more than a turn."""
     apart = int(np.ceil(4 * np.pi * rope.radius / rope.link_length))
     distance = np.linalg.norm(points[:, None] - points[None], axis=-1)
     return float(distance[np.triu_indices(len(points), apart)].min())
 
 
-def is_roomy(points: NDArray, rope: RopeConfig, config: StartsConfig) -> bool:
+def is_roomy(points: Floats, rope: RopeConfig, config: StartsConfig) -> bool:
     """Whether every segment of a rope (V, 3) is long enough to work with."""
     return bool((segment_lengths(points) * rope.length >= config.shortest_segment).all())

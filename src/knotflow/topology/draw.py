@@ -202,12 +202,12 @@ def _quasi_newton(
     gradient: Floats, pairs: deque[tuple[Floats, Floats]], hessian: SuperLU
 ) -> Floats:
     """The two-loop recursion of L-BFGS with an initial Hessian."""
-    vector = gradient.copy()
-    shares = []
+    vector: Floats = gradient.copy()
+    shares: list[float] = []
     for move, change in reversed(pairs):
         shares.append((move * vector).sum() / (move * change).sum())
         vector -= shares[-1] * change
-    vector = hessian.solve(vector)
+    vector = np.asarray(hessian.solve(vector), np.float64)
     if pairs:
         move, change = pairs[-1]
         vector *= (move * change).sum() / (change * hessian.solve(change)).sum()

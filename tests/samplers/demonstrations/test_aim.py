@@ -19,7 +19,7 @@ from knotflow.simulation import (
     check_splines,
     control_points,
     random_curve,
-    reached,
+    reach_starts,
     straight,
 )
 from knotflow.topology import R1, TopologicalState, parse_action, segment_intervals
@@ -35,7 +35,7 @@ def test_it_reaches_untangled_actions_now_and_then(simulator, rng, name):
 @pytest.mark.slow
 def test_it_grasps_the_segment_that_will_be_over(simulator, rng):
     one = task("C(0,2,1)")
-    points = reached(one.start_actions, 1, simulator, aim, rng).points[0]
+    points = reach_starts(one.start_actions, 1, simulator, aim, rng).points[0]
     segments = segment_intervals(points)
     for other in TASKS:
         if other.start_state != one.start_state:

@@ -102,7 +102,7 @@ def test_a_rope_of_another_size_is_warned_of_with_the_numbers(library):
         library.warn_if_unlike(RopeConfig(length=2.0, links=60))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        library.warn_if_unlike(RopeConfig(root="head", density=400.0))
+        library.warn_if_unlike(RopeConfig(density=400.0))
 
 
 def test_libraries_merge_and_do_not_overwrite_each_other(library):

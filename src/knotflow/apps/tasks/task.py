@@ -82,7 +82,7 @@ class TieTask:
         Args:
             action: such as "C(2,0,1)".
             starts: (N, V, 3) metres, all in one state, which allows the action; None for random
-                curves. `simulation.reached` makes starts in other states.
+                curves. `simulation.reach_starts` makes starts in other states.
 
         Raises:
             IllegalActionError: the state of the starts does not allow the action.

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from knotflow.execution.control.observation import Observation
 from knotflow.execution.control.robot import Robot
 from knotflow.simulation import (
-    ACTUATION,
-    REACH,
+    GRASP_REACH,
+    GRIPPER_ERROR_STD,
     RopeConfig,
     build_model,
     check_points,
@@ -53,9 +53,9 @@ class ErrorLevel:
 
 
 ERROR_LEVELS = (
-    ErrorLevel(ACTUATION[0], ACTUATION[0], 0.0, 0.0, 0.0),
-    ErrorLevel(ACTUATION[1], ACTUATION[1], 0.002, np.deg2rad(0.2), 1.0),
-    ErrorLevel(ACTUATION[2], ACTUATION[2], 0.002, np.deg2rad(0.2), 1.0),
+    ErrorLevel(GRIPPER_ERROR_STD[0], GRIPPER_ERROR_STD[0], 0.0, 0.0, 0.0),
+    ErrorLevel(GRIPPER_ERROR_STD[1], GRIPPER_ERROR_STD[1], 0.002, np.deg2rad(0.2), 1.0),
+    ErrorLevel(GRIPPER_ERROR_STD[2], GRIPPER_ERROR_STD[2], 0.002, np.deg2rad(0.2), 1.0),
 )
 """Of each level of `simulation.perturbation`."""
 
@@ -81,7 +81,7 @@ class TwinConfig:
     """Simulation time step, seconds: finer than the planner's."""
     contact_time: float = 0.02
     """Time constant of contacts and grasp, seconds."""
-    reach: float = REACH
+    reach: float = GRASP_REACH
     """Farthest that the rope's centre line may lie from the fingers when they close, metres. A
     grasp farther off catches nothing."""
     home: tuple[float, float, float] = (0.0, 0.0, 0.3)

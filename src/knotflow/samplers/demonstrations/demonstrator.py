@@ -12,7 +12,7 @@ from knotflow.samplers.demonstrations.aim import aim
 from knotflow.samplers.demonstrations.dataset import Demonstration
 from knotflow.samplers.demonstrations.scripted import DemonstratorConfig, Scored, demonstrate
 from knotflow.samplers.demonstrations.tasks import Task
-from knotflow.simulation import Observer, RopeSimulator, StartsConfig, reached, straight
+from knotflow.simulation import Observer, RopeSimulator, StartsConfig, reach_starts, straight
 
 MOST_STARTS = 20
 """Starts tried for one demonstration."""
@@ -89,6 +89,6 @@ def _starts(
         if not task.start_actions:
             yield straight(simulator.config.rope)
         else:
-            yield from reached(
+            yield from reach_starts(
                 task.start_actions, count, simulator, aim, rng, starts, observe
             ).points

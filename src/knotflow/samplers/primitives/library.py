@@ -315,7 +315,9 @@ class PrimitiveLibrary:
             )
         try:
             entries = json.loads(metadata["primitives"])
-            trained_rope = RopeConfig(**{"root": "head"} | json.loads(metadata["rope"]))
+            rope_fields = json.loads(metadata["rope"])
+            rope_fields.pop("root", None)  # in libraries of version 0.2
+            trained_rope = RopeConfig(**rope_fields)
             digest = metadata["digest"]
         except (KeyError, TypeError, ValueError) as error:
             raise LibraryError(f"{path}: its metadata are damaged: {error!r}") from None
@@ -325,7 +327,7 @@ class PrimitiveLibrary:
             different = {
                 name: (value, getattr(rope, name))
                 for name, value in asdict(trained_rope).items()
-                if name != "root" and value != getattr(rope, name)  # a choice of coordinates
+                if value != getattr(rope, name)
             }
             named = ", ".join(f"{key} {was}, not {now}" for key, (was, now) in different.items())
             if named:
