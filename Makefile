@@ -1,48 +1,84 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
+UV := $(shell command -v uv 2>/dev/null)
 
-# Everything lives in $(VENV); the stamps say that it is up to date with pyproject.toml: the package
-# for those who run it, and what its tests need besides.
-$(VENV)/.package: pyproject.toml
+# Where uv is at hand, the versions of requirements.lock with the CPU build of torch; else pip's choice.
+ifdef UV
+install = VIRTUAL_ENV=$(VENV) $(UV) pip install --quiet --torch-backend cpu \
+	--constraint requirements.lock $(1) || $(BIN)/pip install --quiet $(1)
+else
+install = $(BIN)/pip install --quiet $(1)
+endif
+compile = $(UV) pip compile --quiet --universal --python-version 3.11 --no-header --no-annotate \
+	--no-emit-index-url --extra dev --extra docs pyproject.toml --output-file $(1) > /dev/null \
+	&& sed -i -E '/^(cuda|nvidia|triton|knotflow)\b/d' $(1)
+
+# A stamp is older than pyproject.toml or the lock file when something is to be installed.
+$(VENV)/.package: pyproject.toml requirements.lock
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --upgrade pip
-	$(BIN)/pip install --quiet -e .
+	$(call install,-e .)
 	touch $@
 
 $(VENV)/.installed: $(VENV)/.package
-	$(BIN)/pip install --quiet -e ".[test]"
+	$(call install,-e ".[dev]")
 	touch $@
 
-.PHONY: run test quick check smoke smoke-all report benchmark
+$(VENV)/.docs: $(VENV)/.package
+	$(call install,-e ".[docs]")
+	touch $@
 
-# Two workers, a thread each; the tests of a file share its fixtures, and so stay on one worker.
+.PHONY: run test quick check coverage docs lock lock-check smoke smoke-all report stale benchmark
+
+# Two workers with one thread each; the tests of a file share fixtures, so they stay on one worker.
 PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-run: $(VENV)/.package  ## a plan for the overhand in a random rope, with the shipped primitives
+run: $(VENV)/.package  ## plan an overhand in a random rope, with the shipped primitives
 	$(BIN)/knotflow plan overhand
 
-smoke: $(VENV)/.installed  ## in small: demonstrations, training, baselines, evaluation, report
-	$(BIN)/python -m knotflow +experiment=single_stage budget=smoke
-	$(BIN)/python -m knotflow.report --results results/smoke --out reports/smoke
-
-smoke-all: $(VENV)/.installed  ## every experiment in small, and the report
-	$(BIN)/python -m knotflow +experiment=paper budget=smoke
-	$(BIN)/python -m knotflow.report --results results/smoke --out reports/smoke
-
-test: $(VENV)/.installed check  ## everything that must hold
+test: $(VENV)/.installed check  ## format, types and all tests
 	$(PYTEST)
 
-quick: $(VENV)/.installed  ## the tests that are not marked slow: for the work in between
+quick: $(VENV)/.installed  ## the tests that are not marked slow
 	$(PYTEST) -m "not slow"
 
-check: $(VENV)/.installed
+check: $(VENV)/.installed  ## format, lint and types
 	$(BIN)/ruff check src tests
 	$(BIN)/ruff format --check src tests
 	$(BIN)/mypy
 
-report: $(VENV)/.installed  ## reports/ reproduced from results/ alone
+coverage: $(VENV)/.installed  ## all tests, with the lines that none of them runs
+	$(PYTEST) --cov --cov-report=term:skip-covered
+
+docs: $(VENV)/.docs  ## the documentation site, in site/
+	$(BIN)/mkdocs build --quiet --strict
+
+lock:  ## requirements.lock from pyproject.toml (needs uv)
+	$(call compile,requirements.lock)
+
+lock-check:  ## fail where requirements.lock does not fit pyproject.toml (needs uv)
+ifdef UV
+	cp requirements.lock requirements.lock.check
+	$(call compile,requirements.lock.check)
+	cmp requirements.lock requirements.lock.check; code=$$?; rm requirements.lock.check; exit $$code
+else
+	@echo "lock-check: skipped, uv is not installed"
+endif
+
+smoke: $(VENV)/.installed  ## one experiment with small counts, and its report
+	$(BIN)/python -m knotflow +experiment=single_stage budget=smoke
+	$(BIN)/python -m knotflow.report --results results/smoke --out reports/smoke
+
+smoke-all: $(VENV)/.installed  ## every experiment with small counts, and the report
+	$(BIN)/python -m knotflow +experiment=paper budget=smoke
+	$(BIN)/python -m knotflow.report --results results/smoke --out reports/smoke
+
+report: $(VENV)/.package  ## reports/ from results/ alone
 	$(BIN)/python -m knotflow.report
 
-benchmark: $(VENV)/.installed
+stale: $(VENV)/.package  ## committed results that today's code would not produce
+	$(BIN)/knotflow report --check
+
+benchmark: $(VENV)/.package
 	$(BIN)/python -m knotflow +experiment=benchmark

@@ -1,9 +1,12 @@
 """What tests of several rooms share."""
 
+import os
+import shutil
 import sys
 from collections import Counter
 from contextlib import contextmanager
 from dataclasses import replace
+from importlib.util import find_spec
 from itertools import islice
 from subprocess import CompletedProcess
 
@@ -16,6 +19,20 @@ from knotflow.__main__ import main
 from knotflow.experiments.config import register
 from knotflow.recording import RecordedRollout
 from knotflow.simulation import RopeSimulator, SimulationConfig, spline_path
+from knotflow.viz.viewer import why_not_headless
+
+
+def pytest_configure():
+    """With KNOTFLOW_REQUIRE_BROWSER=1, fail at once where tests would be skipped for want of a
+    browser or of a renderer."""
+    if os.environ.get("KNOTFLOW_REQUIRE_BROWSER") != "1" or "PYTEST_XDIST_WORKER" in os.environ:
+        return
+    missing = [] if shutil.which("chromium") else ["chromium"]
+    missing += [name for name in ("playwright", "viser") if find_spec(name) is None]
+    if problem := why_not_headless():
+        missing.append(f"a viewer without a screen ({problem})")
+    if missing:
+        raise pytest.UsageError(f"KNOTFLOW_REQUIRE_BROWSER: missing {', '.join(missing)}")
 
 
 def pytest_collection_modifyitems(items):
