@@ -11,8 +11,8 @@ import sys
 
 import numpy as np
 
-from knotflow.samplers.demonstrations import TASKS, aim
-from knotflow.simulation import RopeSimulator, SimulationConfig, reached
+from knotflow.samplers.demonstrations import TASKS, heuristic_splines
+from knotflow.simulation import RopeSimulator, SimulationConfig, reach_starts
 
 ACTION_STARTS, KNOT_STARTS = 6, 16
 SEED = 20_201_025
@@ -28,7 +28,8 @@ def main(path: str) -> None:
     for number, key in enumerate([*fewest_first[:2], "knots", *fewest_first[2:]]):
         rng = np.random.default_rng([SEED, number])  # the order counts: new ones come last
         actions, count = starts.get(key, ()), KNOT_STARTS if key == "knots" else ACTION_STARTS
-        drawn[key] = reached(actions, count, simulator, aim, rng).points.astype(np.float32)
+        found = reach_starts(actions, count, simulator, heuristic_splines, rng)
+        drawn[key] = found.points.astype(np.float32)
     np.savez_compressed(path, **drawn)  # type: ignore[arg-type]
 
 

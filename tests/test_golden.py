@@ -42,9 +42,15 @@ from knotflow.planning.nodes import Node
 from knotflow.planning.rules import PosteriorRule, node_probabilities
 from knotflow.recording import load, read_recording, recorded, write_recording
 from knotflow.samplers import RandomSampler
-from knotflow.samplers.causal_infogan import StartFrame, measure
-from knotflow.samplers.demonstrations import TASKS, NoiseConfig, aim, noisy_copies
-from knotflow.samplers.demonstrations.prediction import aim_predicted
+from knotflow.samplers.causal_infogan import StartFrame
+from knotflow.samplers.causal_infogan.evaluation import measure
+from knotflow.samplers.demonstrations import (
+    TASKS,
+    NoiseConfig,
+    heuristic_splines,
+    noisy_copies,
+)
+from knotflow.samplers.demonstrations.prediction import screened_splines
 from knotflow.samplers.icp import align
 from knotflow.samplers.primitives import (
     Actor,
@@ -55,6 +61,7 @@ from knotflow.samplers.primitives import (
     cross_entropy,
     encode,
 )
+from knotflow.samplers.primitives.primitive import highest_value
 from knotflow.simulation import (
     LEVELS,
     SPLINE_HIGH,
@@ -156,9 +163,11 @@ def demonstrations() -> dict[str, Any]:
     rng = np.random.default_rng(0)
     return {
         "tasks": [[str(task.action), str(task.start_state)] for task in TASKS],
-        "guesses": [aim(loop(), parse_action(action), 3, rng) for action in LOOP_ACTIONS],
+        "guesses": [
+            heuristic_splines(loop(), parse_action(action), 3, rng) for action in LOOP_ACTIONS
+        ],
         "copies": noisy_copies(SPLINES[0], 3, rng, NoiseConfig()),
-        "predicted": [aim_predicted(loop(), parse_action(one), 3, rng) for one in LOOP_ACTIONS],
+        "predicted": [screened_splines(loop(), parse_action(one), 3, rng) for one in LOOP_ACTIONS],
     }
 
 
@@ -204,13 +213,14 @@ def primitives() -> dict[str, Any]:
         mean, factor = filled(Actor(SMALL))(encoded.states)
         logits = filled(Critic(SMALL))(encoded.states, splines, owner)
     noise = np.random.default_rng(0).standard_normal((3, 3, 16, 6), dtype=np.float32)
-    found, best = cross_entropy(
+    search = (
         lambda some: -(some - splines[:, None]).square().sum(-1),
         torch.zeros(3, 6),
         torch.eye(6).expand(3, 6, 6),
         torch.from_numpy(noise),
-        elites=4,
+        4,
     )
+    found, value = cross_entropy(*search)
     return {
         "streams": encoded.states["streams"][:, ::4],
         "grasp": encoded.states["grasp"],
@@ -219,7 +229,8 @@ def primitives() -> dict[str, Any]:
         "actor_factor": factor,
         "critic": logits,
         "search": found,
-        "search_best": best,
+        "search_value": value,
+        "search_best": highest_value(*search),
     }
 
 

@@ -23,7 +23,7 @@ COMPONENTS = {
     "topology": Component(1, ("topology",)),
     "simulation": Component(2, ("simulation",)),
     "demonstrations": Component(2, ("samplers.demonstrations",)),
-    "baselines": Component(1, ("samplers.random", "samplers.icp", "samplers.aimed")),
+    "baselines": Component(1, ("samplers.random", "samplers.icp")),
     "causal_infogan": Component(1, ("samplers.causal_infogan", "training.causal_infogan")),
     "primitives": Component(3, ("samplers.primitives",)),
     "trainer": Component(1, ("training.trainer",)),

@@ -79,7 +79,7 @@ def test_an_attempt_that_loses_the_state_ends():
 
 def test_a_sampler_that_cannot_arrange_acts_at_once():
     sampler = Lifted()
-    sampler.lacks = {"arrange"}
+    sampler.capabilities = {"values"}
     assert attempts(sampler, 3).splines.tolist() == [1, 1]
     assert sampler.asked == ["act", "act"]
 

@@ -105,7 +105,7 @@ def test_without_critic_all_edges_have_value_one(world):
 
 def test_missing_capability_is_not_used(world):
     goal, critic = Goal.named("overhand"), Critic()
-    critic.lacks = {"values"}
+    critic.capabilities = set()
     nodes = tree(goal, world(), [])
     evaluate(nodes, goal, critic, PlannerConfig())
     assert not critic.asked
@@ -126,7 +126,7 @@ def test_next_value_is_used_for_all_but_the_last_action(world, path_goal):
             super().__init__()
             self.foreseen = []
 
-        def sample_onward(self, points, action, count, rng):
+        def sample_for_next(self, points, action, count, rng):
             self.foreseen.append(str(action))
             return self.sample(points, action, count, rng)
 

@@ -12,7 +12,7 @@ from knotflow.planning import (
 )
 from knotflow.planning.config import RULES
 from knotflow.planning.tree import DIVERGED
-from knotflow.samplers.demonstrations.aim import aim
+from knotflow.samplers.demonstrations import heuristic_splines
 from knotflow.simulation import RopeSimulator, SimulationConfig, spline_path, straight
 from knotflow.topology import Arrange, TopologicalState, Undo, parse_action, segment_intervals
 
@@ -303,7 +303,7 @@ def test_senseless_settings_are_refused(field, value):
 def test_a_real_search_ties_a_loop():
     class Aim:
         def sample(self, points, action, count, rng):
-            return aim(points, action, count, rng)
+            return heuristic_splines(points, action, count, rng)
 
     simulator = RopeSimulator(SimulationConfig(threads=1))
     goal = parse_goal("R1(0,1,1)", simulator.config.rope)

@@ -1,11 +1,12 @@
 """One contract for every registered sampler, and what a wrong configuration is told."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from knotflow import samplers
 from knotflow.samplers.demonstrations import (
     TASKS,
     NoiseConfig,
@@ -22,21 +23,23 @@ from knotflow.samplers.primitives import (
     PrimitiveLibrary,
     primitive_of,
 )
-from knotflow.samplers.sampler import SamplerConfig, build_sampler
+from knotflow.samplers.sampler import (
+    MODULES,
+    SamplerConfig,
+    build_sampler,
+    capability,
+    has_capability,
+    sampler,
+    sampler_module,
+)
 from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW, RopeConfig, Trials, check_splines
 from knotflow.training import Imitation, ImitationConfig, LearnerConfig
 
+registry = sys.modules["knotflow.samplers.sampler"]
 SMALL = PrimitiveConfig(
     network=NetworkConfig(lstm=8, attention=4, stream=8, feature=8, head=8),
     cem=CemConfig(population=16, elites=4, iterations=2),
 )
-
-
-def registered():
-    """The names of all samplers: an unknown one is answered with those whose inputs are there."""
-    with pytest.raises(ValueError) as error:
-        build_sampler(SamplerConfig(""), {"demonstrations": Path()})
-    return str(error.value).rpartition("there are ")[2].split(", ")
 
 
 @pytest.fixture(scope="module")
@@ -77,38 +80,40 @@ def starts():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", registered())
+@pytest.mark.parametrize("name", sorted(MODULES))
 @pytest.mark.parametrize("task", TASKS, ids=lambda task: task.name)
-def test_contract(name, task, inputs, starts):
-    sampler = build_sampler(SamplerConfig(name), inputs)
+def test_sampler_contract(name, task, inputs, starts):
+    built = build_sampler(SamplerConfig(name), inputs)
     points = starts[task]
     before = points.copy()
     for count in (0, 1, 7):
-        splines = sampler.sample(points, task.action, count, np.random.default_rng(1))
+        splines = built.sample(points, task.action, count, np.random.default_rng(1))
         assert splines.shape == (count, 6)
         check_splines(splines)
-        again = sampler.sample(points, task.action, count, np.random.default_rng(1))
+        again = built.sample(points, task.action, count, np.random.default_rng(1))
         assert np.array_equal(splines, again)  # everything random comes from the generator
     assert len(np.unique(splines, axis=0)) == 7
     assert np.array_equal(points, before)
 
 
-def test_random_covers_the_whole_space(starts):
-    sampler = build_sampler(SamplerConfig("random"), {})
-    splines = sampler.sample(starts[TASKS[0]], TASKS[0].action, 4000, np.random.default_rng(0))
+def test_random_sampler_is_uniform_over_the_range(starts):
+    splines = build_sampler(SamplerConfig("random"), {}).sample(
+        starts[TASKS[0]], TASKS[0].action, 4000, np.random.default_rng(0)
+    )
     for q in (0.0, 0.25, 0.5, 0.75, 1.0):
         expected = SPLINE_LOW + q * (SPLINE_HIGH - SPLINE_LOW)
         np.testing.assert_allclose(np.quantile(splines, q, axis=0), expected, atol=0.04)
 
 
 def test_unknown_names_and_settings_are_answered_with_the_valid_ones():
-    with pytest.raises(ValueError, match="unknown sampler 'best'; here there are .*icp.*random"):
-        build_sampler(SamplerConfig("best"), {"demonstrations": Path()})
+    for lookup in (sampler_module, lambda name: build_sampler(SamplerConfig(name), {})):
+        with pytest.raises(ValueError, match="unknown sampler 'best'; valid are .*icp.*random"):
+            lookup("best")
     with pytest.raises(ValueError, match="'icp'.*length_scale, align"):
         build_sampler(SamplerConfig("icp", {"scale": 1}), {"demonstrations": Path()})
 
 
-def test_a_sampler_without_its_inputs_is_not_offered():
+def test_sampler_without_its_inputs_is_not_offered():
     with pytest.raises(ValueError) as error:
         build_sampler(SamplerConfig("icp"), {})
     reason, _, offered = str(error.value).partition("without it there are ")
@@ -117,11 +122,37 @@ def test_a_sampler_without_its_inputs_is_not_offered():
     assert "icp" not in offered
 
 
-def test_a_sampler_of_ones_own_is_one_function(monkeypatch):
-    monkeypatch.setattr(samplers, "_FACTORIES", dict(samplers._FACTORIES))
+def test_own_sampler_is_one_function(monkeypatch):
+    monkeypatch.setattr(registry, "_FACTORIES", dict(registry._FACTORIES))
+    monkeypatch.setattr(registry, "_REQUIRED_INPUTS", dict(registry._REQUIRED_INPUTS))
 
-    @samplers.sampler("constant")
+    @sampler("constant")
     def build(config: SamplerConfig, inputs):
         return config.name
 
     assert build_sampler(SamplerConfig("constant", {"name": "mine"}), {}) == "mine"
+    assert SamplerConfig("constant").modules() == (__name__,)
+
+
+@pytest.mark.parametrize("name", sorted(MODULES))
+def test_module_of_a_sampler_registers_it_and_is_found_without_import(name):
+    (module,) = SamplerConfig(name).modules()
+    code = (
+        "import sys; from knotflow.samplers.sampler import _FACTORIES, MODULES, sampler_module\n"
+        f"assert sampler_module({name!r}) == {module!r}\n"
+        "assert not {*MODULES.values()} & {*sys.modules}\n"
+        f"import {module}; assert {name!r} in _FACTORIES"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_capabilities_are_the_methods_unless_a_sampler_names_them():
+    class Valuing:
+        def values(self, points, actions, rng):
+            return np.zeros(len(actions))
+
+    every, none = Valuing(), Valuing()
+    none.capabilities = frozenset()
+    assert capability(every, "values") == every.values and has_capability(every, "undo")
+    assert capability(every, "arrange") is None
+    assert capability(none, "values") is None and not has_capability(none, "undo")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from knotflow.samplers.demonstrations import aim
+from knotflow.samplers.demonstrations import heuristic_splines
 from knotflow.simulation import (
     RopeConfig,
     StartsConfig,
@@ -62,7 +62,7 @@ def test_reached_starts_have_the_state(simulator, rng):
     actions = [parse_action("R1(0,1,1)"), parse_action("C(0,1,1)")]
     goal = TopologicalState.trivial().apply(actions[0]).apply(actions[1])
     seen = []
-    starts = reach_starts(actions, 3, simulator, aim, rng, observe=seen.append)
+    starts = reach_starts(actions, 3, simulator, heuristic_splines, rng, observe=seen.append)
     assert starts.points.shape == (3, 41, 3)
     for points in starts.points:
         check_points(points, simulator.config.rope)
@@ -87,7 +87,11 @@ def test_attempts_read_the_state_at_rest(simulator, rng):
     action = parse_action("R1(0,1,1)")
     points = straight(simulator.config.rope)
     tried = attempt(
-        simulator, points, aim(points, action, 64, rng), action, TopologicalState.trivial()
+        simulator,
+        points,
+        heuristic_splines(points, action, 64, rng),
+        action,
+        TopologicalState.trivial(),
     )
     assert 0 < tried.success.sum() < 64
     for hit, end, state in zip(tried.success, tried.rollouts.end_points, tried.ends, strict=True):
@@ -144,7 +148,9 @@ def test_random_tangle_has_accepted_state_and_is_repeatable(simulator):
         return state.num_crossings == 2 and state != wanted
 
     rng = np.random.default_rng(2)
-    points = random_tangle(outside, simulator, aim, rng, most_crossings=2)
+    points = random_tangle(outside, simulator, heuristic_splines, rng, most_crossings=2)
     assert outside(TopologicalState.from_curve(points))
-    again = random_tangle(outside, simulator, aim, np.random.default_rng(2), most_crossings=2)
+    again = random_tangle(
+        outside, simulator, heuristic_splines, np.random.default_rng(2), most_crossings=2
+    )
     np.testing.assert_array_equal(points, again)

@@ -18,15 +18,16 @@ from knotflow.samplers.causal_infogan import (
     CausalInfoGanConfig,
     DemonstratedRollouts,
     frames_at,
-    measure,
 )
-from knotflow.samplers.causal_infogan.comparison import compare, panel_rows
-from knotflow.samplers.causal_infogan.ends import (
+from knotflow.samplers.causal_infogan.evaluation import (
     FOCUS,
     GOALS,
     OVERHAND,
     ActionSequence,
+    compare,
     guess,
+    measure,
+    panel_rows,
     reachable_end,
 )
 from knotflow.samplers.demonstrations import TASKS, task

@@ -17,12 +17,12 @@ from knotflow.samplers.demonstrations import (
     DemonstratorConfig,
     NoiseConfig,
     Task,
-    aim,
+    heuristic_splines,
     load_demonstrations,
     noisy_copies,
     save_demonstrations,
 )
-from knotflow.samplers.demonstrations.demonstrator import Demonstrated, demonstrate_task
+from knotflow.samplers.demonstrations.scripted import Demonstrated, demonstrate_task
 from knotflow.seeding import rng_of
 from knotflow.simulation import (
     RopeConfig,
@@ -139,8 +139,8 @@ def _demonstrate(
     rows = [
         {
             "action": str(task.action),
-            "share": one.scored.share,
-            "room": one.scored.room,
+            "share": one.scored.success_rate,
+            "room": one.scored.clearance,
             "starts_left_out": one.starts_left_out,
         }
         for one in found
@@ -197,7 +197,8 @@ def _reach_starts(
     number = [task.name for task in TASKS].index(name)
     recorder = Recorder(run, "aim", simulation.rope)
     simulator, actions = RopeSimulator(simulation), TASKS[number].start_actions
-    found = reach_starts(actions, count, simulator, aim, rng_of(seed, number), starts, recorder)
+    rng = rng_of(seed, number)
+    found = reach_starts(actions, count, simulator, heuristic_splines, rng, starts, recorder)
     recorder.save(f"recordings/{name}.mcap")
     with run.atomic(f"{name}.npz") as path:
         np.savez_compressed(
@@ -249,9 +250,10 @@ def _fill_pool(
     with run.progress(total=count, desc=f"pool of {name}") as bar:
         while len(found) < count and len(recorder) < attempts:
             more = min(POOL_CHUNK, count - len(found))
-            found.extend(
-                reach_starts(actions[name], more, simulator, aim, rng, starts, recorder).points
+            some = reach_starts(
+                actions[name], more, simulator, heuristic_splines, rng, starts, recorder
             )
+            found.extend(some.points)
             bar.update(more)
     recorder.save(f"recordings/{name}.mcap")
     with run.atomic(f"{name}.npz") as path:

@@ -46,7 +46,7 @@ from knotflow.perception.methods import (
 )
 from knotflow.planning import KnotPlan, PlannerConfig, UnreachableGoalError, parse_goal, plan_knot
 from knotflow.samplers import Sampler, SamplerConfig
-from knotflow.samplers.demonstrations import aim_anywhere
+from knotflow.samplers.demonstrations import heuristic_any_action
 from knotflow.seeding import rng_of
 from knotflow.simulation import (
     RopeConfig,
@@ -120,7 +120,7 @@ def _move(
     for _ in range(rounds):
         splines = np.stack(
             [
-                aim_anywhere(one, state, rng, random_share, most_crossings)
+                heuristic_any_action(one, state, rng, random_share, most_crossings)
                 for one, state in zip(current, states, strict=True)
             ]
         )

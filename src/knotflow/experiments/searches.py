@@ -28,7 +28,7 @@ from knotflow.planning import (
 from knotflow.planning.head_pull import HeadPuller, PullConfig, select_best_pull, tie
 from knotflow.recording import write_index
 from knotflow.samplers import Sampler, SamplerConfig
-from knotflow.samplers.demonstrations import aim
+from knotflow.samplers.demonstrations import heuristic_splines
 from knotflow.seeding import rng_of
 from knotflow.simulation import (
     RopeSimulator,
@@ -200,7 +200,9 @@ def _start(
     if case.start == TANGLED:
         dag = parse_goal(case.goal, rope).dag
         simulator = RopeSimulator(search.simulation)
-        return random_tangle(lambda state: state not in dag, simulator, aim, rng, starts)
+        return random_tangle(
+            lambda state: state not in dag, simulator, heuristic_splines, rng, starts
+        )
     if "(" in case.start:
         simulator, planner = RopeSimulator(search.simulation), PlannerConfig()
         planner.batch = search.planner.batch

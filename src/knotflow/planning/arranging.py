@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.planning.nodes import Simulator
-from knotflow.samplers.sampler import Sampler, ability
+from knotflow.samplers.sampler import Sampler, capability
 from knotflow.simulation import Attempts, Observer
 from knotflow.topology import Action, Arrange, TopologicalState
 
@@ -56,8 +56,8 @@ def attempt_arranged(
     Raises:
         IllegalActionError: the start state does not allow the action.
     """
-    arrange = ability(sampler, "arrange")
-    values, arranged_values = ability(sampler, "values"), ability(sampler, "arranged_values")
+    arrange = capability(sampler, "arrange")
+    values, arranged_values = capability(sampler, "values"), capability(sampler, "arranged_values")
     start.apply(action)
     points = np.array(points, dtype=np.float64)
     used = np.zeros(len(points), np.intp)

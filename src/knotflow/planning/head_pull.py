@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal, parse_goal
 from knotflow.planning.tree import plan_knot
-from knotflow.samplers.demonstrations import aim
+from knotflow.samplers.demonstrations import heuristic_splines
 from knotflow.samplers.sampler import Sampler
 from knotflow.simulation import Observer, RopeSimulator, attempt, clip_splines, straight
 from knotflow.topology import Arrange, TopologicalState, parse_action, segment_lengths
@@ -109,7 +109,7 @@ class HeadPuller:
             points = max(ropes, key=self._head_length)
         if self._head_length(points) < config.head:
             return None
-        splines = aim(points, self._next_action, config.guesses, rng)
+        splines = heuristic_splines(points, self._next_action, config.guesses, rng)
         tried = attempt(simulator, points, splines, self._next_action, state, self._observe)
         return PulledRope(points, int(tried.success.sum()))
 

@@ -12,8 +12,12 @@ from numpy.typing import NDArray
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal
 from knotflow.planning.nodes import ACT, ARRANGE, Expansion, Node
-from knotflow.samplers.demonstrations import aim, aim_predicted, rearrange_predicted
-from knotflow.samplers.sampler import Sampler, ability
+from knotflow.samplers.demonstrations import (
+    heuristic_splines,
+    screened_arranging_splines,
+    screened_splines,
+)
+from knotflow.samplers.sampler import Sampler, capability, has_capability
 from knotflow.topology import Action, Undo, segment_lengths
 
 Floats = NDArray[np.float64]
@@ -33,17 +37,18 @@ class Proposals:
         self, sampler: Sampler, goal: Goal, config: PlannerConfig, rng: np.random.Generator
     ) -> None:
         self._sampler, self._goals, self._rng = sampler, goal.states, rng
-        self._sample_next = ability(sampler, "sample_onward") if config.use_next_value else None
-        self._arrange = ability(sampler, "arrange")
-        self._judged = ability(sampler, "judged")
-        self._undoes = "undo" not in getattr(sampler, "lacks", ())
+        sample_next = capability(sampler, "sample_for_next")
+        self._sample_next = sample_next if config.use_next_value else None
+        self._arrange = capability(sampler, "arrange")
+        self._judged = capability(sampler, "success_probability")
+        self._undoes = has_capability(sampler, "undo")
         # The paper's rule takes a critic into account only where its value bias is set.
         paper = config.rule == "paper"
         arranging = not paper and config.arranging > 0
-        self._values = ability(sampler, "values") or (None if paper else _clearances)
+        self._values = capability(sampler, "values") or (None if paper else _clearances)
         if paper and config.value_bias == 0:
             self._values = None
-        self._arranged_values = ability(sampler, "arranged_values") if arranging else None
+        self._arranged_values = capability(sampler, "arranged_values") if arranging else None
         self._guess_fraction = 0.0 if paper else config.guess_fraction
         self._guess_below_value = config.guess_below_value
 
@@ -84,15 +89,15 @@ class Proposals:
         if expansion.kind != ARRANGE:
             judge = None if aimed else self._judged
             judged = None if judge is None else partial(judge, points, action)
-            return aim_predicted(points, action, count, rng, judged)
+            return screened_splines(points, action, count, rng, judged)
         values = self._values
         if values is None or aimed:
-            return aim(points, expansion.action, count, rng)
+            return heuristic_splines(points, expansion.action, count, rng)
 
         def value(shapes: Floats) -> Floats:
             return values(shapes, [action] * len(shapes), rng)
 
-        return rearrange_predicted(points, action, count, rng, value)
+        return screened_arranging_splines(points, action, count, rng, value)
 
     def _is_aimed(self, action: Action) -> bool:
         """Whether the action is an undoing that the sampler does not know."""

@@ -1,9 +1,9 @@
-"""What proposes splines for an action: one interface, and every method of the paper.
+"""Samplers propose splines for an action: one interface, and every method of the paper.
 
 `random`, `icp` and `causal_infogan` are the baselines of Sec. VII, `primitives` the learned motion
-primitives of Sec. V, `aimed` a scripted guess, `demonstrations` what they learn from.
+primitives of Sec. V, "aimed" a scripted heuristic, `demonstrations` the data to learn from.
 
-A name is loaded when it is used, from the file that `__init__.pyi` gives.
+Names are imported when they are used, from the modules that `__init__.pyi` gives.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-from .aimed import AimedConfig, AimedSampler
+from .demonstrations.heuristic import AimedConfig, AimedSampler
 from .icp import IcpConfig, IcpSampler
 from .random import RandomConfig, RandomSampler
 from .sampler import Sampler, SamplerConfig, build_sampler, sampler

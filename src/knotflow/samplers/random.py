@@ -7,29 +7,29 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotflow.samplers.sampler import sampler
 from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW
 from knotflow.topology import Action
+from knotflow.topology.polyline import Floats
 
 
 @dataclass
 class RandomConfig:
-    """Random sampling has nothing to set."""
+    """Random sampling has no settings."""
 
 
 class RandomSampler:
     """Uniform over every spline in range, whatever the rope and the action."""
 
     def sample(
-        self, points: NDArray, action: Action, count: int, rng: np.random.Generator
-    ) -> NDArray[np.float64]:
+        self, points: Floats, action: Action, count: int, rng: np.random.Generator
+    ) -> Floats:
         """Splines (count, 6), each number uniform over its range."""
         return rng.uniform(SPLINE_LOW, SPLINE_HIGH, (count, 6))
 
 
 @sampler("random")
 def build(config: RandomConfig, inputs: Mapping[str, Path]) -> RandomSampler:
-    """Needs nothing."""
+    """Requires no input."""
     return RandomSampler()

@@ -1,6 +1,6 @@
-"""The interface between whatever proposes splines and whatever uses them.
+"""The interface of samplers, and their registry.
 
-A sampler is one file that registers a factory under a name, and one line of a workflow
+A sampler is a module that registers a factory under a name, and a line of a workflow
 (`sampler: {name: mine}`) that chooses it:
 
     @sampler("mine")
@@ -19,12 +19,12 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotflow.topology import Action
+from knotflow.topology.polyline import Floats
 
 MODULES = {
-    "aimed": "knotflow.samplers.aimed",
+    "aimed": "knotflow.samplers.demonstrations.heuristic",
     "icp": "knotflow.samplers.icp",
     "primitives": "knotflow.samplers.primitives.library",
     "random": "knotflow.samplers.random",
@@ -35,98 +35,104 @@ MODULES = {
 class Sampler(Protocol):
     """Proposes splines; all that planning, evaluation and training know of a method.
 
-    `sample` is enough. A method that can do more has further methods, which a search looks up with
-    `ability` and does without where they are missing: those of `Foresight`, `Valuer`, `Judge` and
-    `Arranger`.
+    Only `sample` is required. The optional methods are those of the protocols below; `capability`
+    finds them.
     """
 
     def sample(
-        self, points: NDArray, action: Action, count: int, rng: np.random.Generator
-    ) -> NDArray[np.float64]:
+        self, points: Floats, action: Action, count: int, rng: np.random.Generator
+    ) -> Floats:
         """Splines (count, 6) in range for a rope (V, 3) in a state that allows the action."""
         ...
 
 
-class Foresight(Protocol):
-    """Proposes splines whose ends are good to go on from."""
+class NextValueSampler(Protocol):
+    """Proposes splines that count the value of the next state."""
 
-    def sample_onward(
-        self, points: NDArray, action: Action, count: int, rng: np.random.Generator
-    ) -> NDArray[np.float64]:
-        """As `Sampler.sample`, preferring ends that leave room for the actions that follow."""
+    def sample_for_next(
+        self, points: Floats, action: Action, count: int, rng: np.random.Generator
+    ) -> Floats:
+        """As `Sampler.sample`, for success times the value of the shape that results."""
         ...
 
 
-class Valuer(Protocol):
-    """Estimates how well an action can be done from a shape."""
+class ValueEstimator(Protocol):
+    """Estimates the value of shapes."""
 
-    def values(
-        self, points: NDArray, actions: Sequence[Action], rng: np.random.Generator
-    ) -> NDArray[np.float64]:
-        """(S,) probability that its best spline succeeds, for ropes (S, V, 3), an action each."""
+    def values(self, points: Floats, actions: Sequence[Action], rng: np.random.Generator) -> Floats:
+        """(S,) success probability of the best spline, for ropes (S, V, 3) with an action each."""
         ...
 
 
-class Judge(Protocol):
-    """Estimates how well splines that others propose do an action."""
+class SuccessEstimator(Protocol):
+    """Estimates the success of given splines."""
 
-    def judged(self, points: NDArray, action: Action, splines: NDArray) -> NDArray[np.float64]:
+    def success_probability(self, points: Floats, action: Action, splines: Floats) -> Floats:
         """(N,) probability that each of N splines (N, 6) succeeds on a rope (V, 3)."""
         ...
 
 
-class Arranger(Protocol):
-    """Makes room for an action by splines that keep the state."""
+class ArrangingSampler(Protocol):
+    """Proposes splines that keep the state and make an action easier."""
 
     def arrange(
-        self, points: NDArray, action: Action, count: int, rng: np.random.Generator
-    ) -> NDArray[np.float64]:
-        """Splines (count, 6) that keep the state of a rope (V, 3) and make room for the action."""
+        self, points: Floats, action: Action, count: int, rng: np.random.Generator
+    ) -> Floats:
+        """Splines (count, 6) that keep the state of a rope (V, 3), before the action."""
         ...
 
     def arranged_values(
-        self, points: NDArray, actions: Sequence[Action], rng: np.random.Generator
-    ) -> NDArray[np.float64]:
+        self, points: Floats, actions: Sequence[Action], rng: np.random.Generator
+    ) -> Floats:
         """(S,) expected value of each action after the best arranging spline; as `values`."""
         ...
 
 
-def ability(sampler: Sampler, name: str) -> Callable[..., NDArray[np.float64]] | None:
-    """An optional method of a sampler; None where it has none, or names it in its `lacks`.
+def has_capability(sampler: Sampler, name: str) -> bool:
+    """Whether a sampler has an optional method, or knows `Undo` actions ("undo").
 
-    A sampler whose class has a method that this one cannot do, such as `values` without a critic,
-    says so in an attribute `lacks`, a collection of such names. "undo" among them means that it
-    does not know the action `Undo`.
+    A sampler whose instances differ names theirs in an attribute `capabilities`; any other has
+    those that its class defines, and knows `Undo`.
     """
-    if name in getattr(sampler, "lacks", ()):
-        return None
-    return getattr(sampler, name, None)
+    capabilities = getattr(sampler, "capabilities", None)
+    if capabilities is not None:
+        return name in capabilities
+    return name == "undo" or hasattr(sampler, name)
+
+
+def capability(sampler: Sampler, name: str) -> Callable[..., Floats] | None:
+    """An optional method of a sampler, None where it has none."""
+    return getattr(sampler, name) if has_capability(sampler, name) else None
 
 
 @dataclass
 class SamplerConfig:
-    """Which sampler, and its own settings."""
+    """Which sampler, and its settings."""
 
     name: str = "random"
     """A registered name."""
     settings: dict[str, Any] = field(default_factory=dict)
-    """Fields of that sampler's configuration; others are refused."""
+    """Fields of that sampler's configuration."""
 
     def modules(self) -> tuple[str, ...]:
-        """Dotted name of the module that the choice adds to a stage."""
-        return (MODULES[self.name],) if self.name in MODULES else ()
+        """Dotted names of the modules that the choice adds to a stage.
+
+        Raises:
+            ValueError: the name is unknown.
+        """
+        return (sampler_module(self.name),)
 
     def inputs(self) -> tuple[str, ...]:
         """Names of the stage inputs without which the sampler cannot be built."""
         for module in self.modules():
             import_module(module)
-        return _NEEDS.get(self.name, ())
+        return _REQUIRED_INPUTS[self.name]
 
 
 Factory = Callable[[Any, Mapping[str, Path]], Sampler]
 Function = TypeVar("Function", bound=Callable[..., Any])
 _FACTORIES: dict[str, Factory] = {}
-_NEEDS: dict[str, tuple[str, ...]] = {}
+_REQUIRED_INPUTS: dict[str, tuple[str, ...]] = {}
 
 
 def sampler(name: str, needs: tuple[str, ...] = ()) -> Callable[[Function], Function]:
@@ -136,10 +142,25 @@ def sampler(name: str, needs: tuple[str, ...] = ()) -> Callable[[Function], Func
     """
 
     def register(factory: Function) -> Function:
-        _FACTORIES[name], _NEEDS[name] = factory, needs
+        _FACTORIES[name], _REQUIRED_INPUTS[name] = factory, needs
         return factory
 
     return register
+
+
+def sampler_module(name: str) -> str:
+    """Dotted name of the module that defines a sampler; imports nothing.
+
+    Raises:
+        ValueError: the name is unknown; names the valid ones.
+    """
+    if name in MODULES:
+        return MODULES[name]
+    if name in _FACTORIES:
+        return _FACTORIES[name].__module__
+    raise ValueError(
+        f"unknown sampler {name!r}; valid are {', '.join(sorted({*MODULES, *_FACTORIES}))}"
+    )
 
 
 def build_sampler(config: SamplerConfig, inputs: Mapping[str, Path]) -> Sampler:
@@ -149,18 +170,17 @@ def build_sampler(config: SamplerConfig, inputs: Mapping[str, Path]) -> Sampler:
         ValueError: for an unknown name, one whose inputs are missing, or unknown settings, naming
             the valid ones.
     """
-    from omegaconf import OmegaConf  # here, as `knotflow plan` does without
+    from omegaconf import OmegaConf  # slow to import
     from omegaconf.errors import OmegaConfBaseException
 
-    for module in MODULES.values():
-        import_module(module)
-    usable = ", ".join(sorted(name for name in _FACTORIES if set(_NEEDS[name]) <= set(inputs)))
-    if config.name not in _FACTORIES:
-        raise ValueError(f"unknown sampler {config.name!r}; here there are {usable}")
-    if missing := sorted(set(_NEEDS[config.name]) - set(inputs)):
+    import_module(sampler_module(config.name))
+    if missing := sorted(set(_REQUIRED_INPUTS[config.name]) - set(inputs)):
+        for module in MODULES.values():
+            import_module(module)
+        usable = [name for name, needs in _REQUIRED_INPUTS.items() if set(needs) <= set(inputs)]
         raise ValueError(
             f"the sampler {config.name!r} needs the output of the stage {', '.join(missing)}, "
-            f"which is no input here; without it there are {usable}"
+            f"which is no input here; without it there are {', '.join(sorted(usable))}"
         )
     factory = _FACTORIES[config.name]
     first = next(iter(inspect.signature(factory).parameters))

@@ -11,10 +11,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from knotflow.samplers.primitives.cem import cross_entropy, standard_normal
 from knotflow.samplers.primitives.encoding import Encoded
 from knotflow.samplers.primitives.networks import SPLINE
-from knotflow.samplers.primitives.primitive import Primitive
+from knotflow.samplers.primitives.primitive import Primitive, cross_entropy, standard_normal
 from knotflow.training.config import ExplorationConfig
 
 POLICY, SEARCH, SPREAD = 0, 1, 2

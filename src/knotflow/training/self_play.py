@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from tensordict import TensorDict
 from torch import Tensor
 
-from knotflow.samplers.demonstrations import Task, aim_predicted, rearrange_predicted
+from knotflow.samplers.demonstrations import Task, screened_arranging_splines, screened_splines
 from knotflow.samplers.primitives.canonical import ALL_PRIMITIVES, ARRANGE, Canonical, canonicalise
 from knotflow.samplers.primitives.config import PrimitiveConfig
 from knotflow.samplers.primitives.encoding import KINDS, encode_canonical
@@ -201,10 +201,10 @@ class SelfPlay(Trainer):
                 def value(shapes: Floats, action: Action = action) -> Floats:
                     return self._values([canonicalise(shape, action) for shape in shapes])
 
-                splines[row] = rearrange_predicted(points, action, 1, rng, value)[0]
+                splines[row] = screened_arranging_splines(points, action, 1, rng, value)[0]
             else:
                 success = partial(self.library.judged, points, action)
-                splines[row] = aim_predicted(points, action, 1, rng, success)[0]
+                splines[row] = screened_splines(points, action, 1, rng, success)[0]
         return splines, arranging, ways
 
     def _add_earlier(self, attempts: Attempts) -> None:

@@ -18,7 +18,7 @@ from knotflow.apps.tasks import (
     to_box,
     to_splines,
 )
-from knotflow.samplers.demonstrations import aim
+from knotflow.samplers.demonstrations import heuristic_splines
 from knotflow.simulation import SimulationConfig, arc, straight
 from knotflow.topology import parse_action
 
@@ -51,7 +51,7 @@ def test_reached_state_is_rewarded_and_ends_episode(loop, rope):
     for seed in range(6):
         observation, info = loop.reset(seed=seed)
         assert info["state"] == "trivial" and info["actions"] == ("R1(0,1,1)",)
-        spline = aim(rope, action, 1, np.random.default_rng(seed))[0]
+        spline = heuristic_splines(rope, action, 1, np.random.default_rng(seed))[0]
         observation, reward, terminated, truncated, info = loop.step(to_box(spline))
         assert reward == info["is_success"] == (info["state"] == "2o1+")
         assert terminated or truncated, "a single action has one spline"

@@ -1,4 +1,4 @@
-"""Splines followed without simulating them."""
+"""Effects of splines, predicted without simulation."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from knotflow.samplers.demonstrations import (
-    aim,
-    aim_predicted,
-    followed,
-    predicted_states,
-    rearrange,
-    rearrange_predicted,
+    arranging_splines,
+    heuristic_splines,
+    predict_shapes,
+    predict_states,
+    screened_arranging_splines,
+    screened_splines,
 )
 from knotflow.simulation import (
     RopeConfig,
@@ -35,11 +35,11 @@ def rope():
 
 @pytest.fixture
 def splines(rope):
-    return aim(rope, R1_ACTION, 40, np.random.default_rng(0))
+    return heuristic_splines(rope, R1_ACTION, 40, np.random.default_rng(0))
 
 
 def test_links_keep_their_lengths_and_the_grasped_vertex_ends_where_it_is_released(rope, splines):
-    shapes = followed(rope, splines)
+    shapes = predict_shapes(rope, splines)
     lengths = np.linalg.norm(np.diff(shapes, axis=1), axis=2)
     np.testing.assert_allclose(lengths, ROPE.length / ROPE.links, rtol=1e-6)
     grasped = np.rint(splines[:, 0] * ROPE.links).astype(int)
@@ -48,22 +48,22 @@ def test_links_keep_their_lengths_and_the_grasped_vertex_ends_where_it_is_releas
 
 
 def test_splines_are_followed_alone_as_together(rope, splines):
-    together = followed(rope, splines)
+    together = predict_shapes(rope, splines)
     for row in range(0, len(splines), 7):
-        np.testing.assert_array_equal(followed(rope, splines[row : row + 1])[0], together[row])
-    assert followed(rope, splines[:0]).shape == (0, *rope.shape)
+        np.testing.assert_array_equal(
+            predict_shapes(rope, splines[row : row + 1])[0], together[row]
+        )
+    assert predict_shapes(rope, splines[:0]).shape == (0, *rope.shape)
 
 
 def test_a_mirrored_rope_follows_in_the_mirror(rope, splines):
     flip = np.array([1, -1, 1])
     mirrored = splines * [1, 1, -1, 1, 1, -1]
     np.testing.assert_allclose(
-        followed(rope * flip, mirrored), followed(rope, splines) * flip, atol=1e-12
+        predict_shapes(rope * flip, mirrored), predict_shapes(rope, splines) * flip, atol=1e-12
     )
-    states = predicted_states(rope, splines)
-    assert predicted_states(rope * flip, mirrored) == [
-        state and state.mirrored() for state in states
-    ]
+    states = predict_states(rope, splines)
+    assert predict_states(rope * flip, mirrored) == [state and state.mirrored() for state in states]
 
 
 def test_a_head_laid_over_the_rope_is_predicted_to_cross_it():
@@ -71,7 +71,7 @@ def test_a_head_laid_over_the_rope_is_predicted_to_cross_it():
     head, middle = rope[0], rope[len(rope) // 2]
     side = np.array([0.0, 0.15])
     over = np.concatenate([[0.0], (head + middle)[:2] / 2 + 2 * side, [0.2], middle[:2] - side])
-    (state,) = predicted_states(rope, over[None])
+    (state,) = predict_states(rope, over[None])
     assert state is not None
     ((over_at, under_at, _),) = state.crossings
     assert (over_at, under_at) == (1, 2)
@@ -85,7 +85,7 @@ def test_crossings_that_stay_keep_their_order():
     before = TopologicalState.from_curve(loop)
     assert before.num_crossings == 1
     tail = np.array([[1.0, *(loop[-1, :2] + [0.005, 0.005]), 0.05, *(loop[-1, :2] + 0.01)]])
-    assert predicted_states(loop, tail) == [before]
+    assert predict_states(loop, tail) == [before]
 
 
 @pytest.mark.slow
@@ -95,7 +95,8 @@ def test_what_is_predicted_to_succeed_succeeds_more_often():
     goal = TopologicalState.trivial().apply(R1_ACTION)
     rng = np.random.default_rng(1)
     plain, chosen = (
-        [choose(rope, R1_ACTION, 24, rng) for rope in ropes] for choose in (aim, aim_predicted)
+        [choose(rope, R1_ACTION, 24, rng) for rope in ropes]
+        for choose in (heuristic_splines, screened_splines)
     )
     simulator = RopeSimulator(SimulationConfig(threads=2))
     starts = np.repeat(np.stack(ropes), 24, axis=0)
@@ -112,10 +113,10 @@ def test_among_the_promising_the_worth_decides(rope):
     def worth(splines):
         return -splines[:, 0]
 
-    some = aim_predicted(rope, R1_ACTION, 4, np.random.default_rng(2), worth)
-    guesses = aim(rope, R1_ACTION, 4 * 32, np.random.default_rng(2))
+    some = screened_splines(rope, R1_ACTION, 4, np.random.default_rng(2), worth)
+    guesses = heuristic_splines(rope, R1_ACTION, 4 * 32, np.random.default_rng(2))
     goal = TopologicalState.trivial().apply(R1_ACTION)
-    good = guesses[[state == goal for state in predicted_states(rope, guesses)]]
+    good = guesses[[state == goal for state in predict_states(rope, guesses)]]
     best = good[np.argsort(good[:, 0])]
     assert len(best) > 4
     np.testing.assert_array_equal(some[0], best[0])
@@ -126,7 +127,7 @@ def test_among_the_promising_the_worth_decides(rope):
 def test_without_a_promising_guess_there_are_guesses_all_the_same():
     rope = straight(ROPE)
     action = parse_action("R2(0,0,1,1)")
-    some = aim_predicted(rope, action, 300, np.random.default_rng(3))
+    some = screened_splines(rope, action, 300, np.random.default_rng(3))
     assert some.shape == (300, 6)
     assert len(np.unique(some, axis=0)) == 300
 
@@ -135,9 +136,9 @@ def test_moves_are_chosen_by_what_they_are_predicted_to_leave(rope):
     def worth(shapes):
         return shapes[:, 0, 0]
 
-    moves = rearrange_predicted(rope, R1_ACTION, 4, np.random.default_rng(4), worth)
-    all_moves = rearrange(rope, R1_ACTION, 4 * 16, np.random.default_rng(4))
-    shapes = followed(rope, all_moves)
+    moves = screened_arranging_splines(rope, R1_ACTION, 4, np.random.default_rng(4), worth)
+    all_moves = arranging_splines(rope, R1_ACTION, 4 * 16, np.random.default_rng(4))
+    shapes = predict_shapes(rope, all_moves)
     shapes[..., 2] = rope[:, 2]
     kept = [row for row in range(64) if state_or_none(shapes[row]) == TopologicalState.trivial()]
     best = max(kept, key=lambda row: shapes[row, 0, 0])

@@ -25,7 +25,7 @@ def test_a_demonstration_bears_its_noise(simulator, rng):
     config = DemonstratorConfig(finalists=1)
     found = demonstrate(points, one, simulator, rng, config, seen.append)
     assert found is not None
-    assert 0 < found.room < 1 and found.share >= config.least_share
+    assert 0 < found.clearance < 1 and found.success_rate >= config.least_share
     assert succeed(points, found.spline[None], one, simulator).all()
     assert TopologicalState.from_curve(found.end) == one.goal_state
     copies = noisy_copies(found.spline, 48, np.random.default_rng(99), config.noise)
@@ -39,7 +39,7 @@ def test_no_hit_is_no_demonstration(simulator, rng, monkeypatch):
     points = straight(simulator.config.rope)
     stay = np.array([0.5, *points[20, :2], 0.02, *points[20, :2]])
     monkeypatch.setattr(
-        scripted, "aim", lambda points, action, count, rng: np.tile(stay, (count, 1))
+        scripted, "heuristic_splines", lambda points, action, count, rng: np.tile(stay, (count, 1))
     )
     config = DemonstratorConfig(guesses=4)
     assert demonstrate(points, task("R1(0,1,1)"), simulator, rng, config) is None

@@ -5,13 +5,13 @@ import pytest
 import torch
 
 from knotflow.samplers.primitives import canonicalise, encode
+from knotflow.samplers.primitives.canonical import streams_of
 from knotflow.samplers.primitives.encoding import (
     CHANNELS,
     PLANE_SCALE,
     STREAM_POINTS,
     control_features,
 )
-from knotflow.samplers.primitives.places import streams_of
 from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW, control_points
 from knotflow.topology import parse_action, segment_intervals
 

@@ -6,6 +6,7 @@ import torch
 
 from knotflow.samplers.primitives import Primitive, PrimitiveConfig, cross_entropy, encode
 from knotflow.samplers.primitives.encoding import CONTROL_FEATURES, STREAM_POINTS
+from knotflow.samplers.primitives.primitive import highest_value
 from knotflow.topology import parse_action
 
 
@@ -15,7 +16,7 @@ def seen(ropes):
     return encode(np.stack([ropes["loop"]] * 2), actions)
 
 
-def test_the_actor_gives_a_gaussian_no_narrower_than_its_floor(library, seen):
+def test_actor_covariance_has_a_lower_bound(library, seen):
     actor = library.primitives[3].actor
     mean, factor = actor(seen.states)
     assert mean.shape == (2, 6) and factor.shape == (2, 6, 6)
@@ -23,7 +24,7 @@ def test_the_actor_gives_a_gaussian_no_narrower_than_its_floor(library, seen):
     assert (factor.diagonal(dim1=1, dim2=2) >= actor.smallest_spread).all()
 
 
-def test_a_score_depends_on_its_own_rope_and_spline_only(library, seen):
+def test_scores_are_independent_of_the_batch(library, seen):
     critic = library.primitives[3].critic
     splines = torch.randn(7, 6)
     owner = torch.tensor([0, 1, 1, 0, 1, 0, 0])
@@ -34,7 +35,7 @@ def test_a_score_depends_on_its_own_rope_and_spline_only(library, seen):
     assert together.std() > 0
 
 
-def test_streams_do_not_share_weights_and_all_of_them_matter(library, seen):
+def test_streams_share_no_weights_and_all_have_gradients(library, seen):
     trunk = library.primitives[3].critic.trunk
     streams = seen.states["streams"].clone().requires_grad_()
     trunk(streams)[0].sum().backward()
@@ -43,7 +44,7 @@ def test_streams_do_not_share_weights_and_all_of_them_matter(library, seen):
     assert len(set(pointers)) == len(pointers)
 
 
-def test_what_lies_where_a_spline_passes_counts_more_than_what_is_far(library, seen):
+def test_attention_of_splines_to_the_rope_decays_with_distance(library, seen):
     torch.manual_seed(1)
     passage = library.primitives[3].critic.passage
     states = seen.states[:1]
@@ -61,19 +62,38 @@ def test_what_lies_where_a_spline_passes_counts_more_than_what_is_far(library, s
     assert felt[5] > 3 * felt[far] > 0
 
 
-def test_the_search_climbs_a_known_hill_and_searches_are_distinct():
+def test_cross_entropy_finds_a_known_maximum_by_distinct_searches():
     target = torch.tensor([0.5, -0.3, 0.2, 0.0, 0.1, -0.4])
     noise = torch.randn(10, 3, 64, 6, generator=torch.Generator().manual_seed(0))
-    found, best = cross_entropy(
-        lambda splines: -(splines - target).square().sum(-1),
-        torch.zeros(3, 6),
-        torch.eye(6).expand(3, 6, 6),
-        noise,
-        elites=6,
-    )
+
+    def score(splines):
+        return -(splines - target).square().sum(-1)
+
+    found, values = cross_entropy(score, torch.zeros(3, 6), torch.eye(6).expand(3, 6, 6), noise, 6)
     torch.testing.assert_close(found, target.expand(3, 6), atol=0.1, rtol=0)
-    assert (best > -0.05).all()
+    assert (values > -0.05).all()
     assert len(found.unique(dim=0)) == 3
+
+
+@pytest.mark.parametrize("iterations", [1, 3])
+def test_cross_entropy_returns_the_value_of_its_spline(iterations):
+    """On a ring of good splines the elites' mean is a bad one."""
+    noise = torch.randn(iterations, 4, 64, 6, generator=torch.Generator().manual_seed(0))
+    gaussian = torch.zeros(4, 6), torch.eye(6).expand(4, 6, 6)
+
+    def score(splines):
+        return -(splines.norm(dim=-1) - 2).abs()
+
+    found, values = cross_entropy(score, *gaussian, noise, elites=12)
+    torch.testing.assert_close(values, score(found))
+    assert (values < highest_value(score, *gaussian, noise, elites=12) - 0.1).all()
+
+
+def test_search_returns_the_values_of_its_splines(library, seen):
+    primitive = library.primitives[3]
+    found, values = primitive.search(seen, 4, np.random.default_rng(0), use_next_value=True)
+    expected = primitive.scorer(seen.states, use_next_value=True)(found).exp()
+    torch.testing.assert_close(values, expected.detach())
 
 
 @pytest.mark.parametrize("variant", ["actor_critic", "actor_only", "critic_only"])
@@ -84,6 +104,6 @@ def test_every_variant_proposes_distinct_splines(seen, variant):
     assert len(found.reshape(-1, 6).unique(dim=0)) == 10
 
 
-def test_an_unknown_variant_is_refused():
+def test_unknown_variant_is_refused():
     with pytest.raises(ValueError, match="actor_critic, actor_only, critic_only"):
         PrimitiveConfig("critic")

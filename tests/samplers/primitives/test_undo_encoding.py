@@ -7,9 +7,8 @@ import pytest
 import torch
 
 from knotflow.samplers.primitives import UNDO, canonicalise, encode, kinds_of, primitive_of
-from knotflow.samplers.primitives.canonical import is_canonical
+from knotflow.samplers.primitives.canonical import is_canonical, marks_of, streams_of
 from knotflow.samplers.primitives.encoding import KINDS, STREAM_POINTS
-from knotflow.samplers.primitives.places import marks_of, streams_of
 from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW
 from knotflow.topology import (
     R1,

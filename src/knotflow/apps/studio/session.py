@@ -230,7 +230,7 @@ class Session:
             ValueError: no primitive instantiates it.
         """
         with self._busy, one_thread():
-            splines, values = self.library.valued(self.points, action, count, self._rng)
+            splines, values = self.library.sample_with_values(self.points, action, count, self._rng)
             order = np.argsort(-values, kind="stable")
             tried = attempt(self.simulator, self.points, splines[order], action, self.state)
         return SimulatedProposals(tried, values[order])

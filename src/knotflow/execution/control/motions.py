@@ -9,7 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.samplers.demonstrations import Demonstration, NoiseConfig, aim_anywhere, noisy_copies
+from knotflow.samplers.demonstrations import (
+    Demonstration,
+    NoiseConfig,
+    heuristic_any_action,
+    noisy_copies,
+)
 from knotflow.simulation import (
     LEVELS,
     RopeSimulator,
@@ -111,7 +116,7 @@ def draw_motions(
             states = [TopologicalState.from_curve(one) for one in points]
             splines = np.stack(
                 [
-                    aim_anywhere(one, state, rng, RANDOM_SHARE)
+                    heuristic_any_action(one, state, rng, RANDOM_SHARE)
                     for one, state in zip(points, states, strict=True)
                 ]
             )
@@ -133,7 +138,7 @@ def _demonstrated(
     one = demonstrations[int(rng.integers(len(demonstrations)))]
     if copy:
         return one.points, noisy_copies(one.spline, 1, rng, NoiseConfig())[0]
-    return one.points, aim_anywhere(one.points, one.task.start_state, rng)
+    return one.points, heuristic_any_action(one.points, one.task.start_state, rng)
 
 
 def _execute(

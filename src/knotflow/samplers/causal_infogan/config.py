@@ -47,25 +47,3 @@ class CausalInfoGanConfig:
     """Adam steps of a projection."""
     projection_rate: float = 0.02
     """Adam's rate in a projection."""
-
-
-@dataclass
-class CausalInfoGanBudget:
-    """What the experiment spends."""
-
-    network: CausalInfoGanConfig = field(default_factory=CausalInfoGanConfig)
-    """Of every model."""
-    seeds: int = 5
-    """Models of the single action C(0,1,1)."""
-    seeds_all: int = 2
-    """Models of all demonstrations."""
-    starts: int = 50
-    """Unseen starts of C(0,1,1) at most, for which a reachable end shape is sought."""
-    starts_other: int = 16
-    """The same for each other action."""
-    starts_overhand: int = 16
-    """The same for the overhand."""
-    training_rows: int = 16
-    """Plans between shapes of the training data, for each model."""
-    seed: int = 11
-    """Of the search for end shapes and of the planning."""

@@ -1,9 +1,8 @@
 """The four networks of Causal InfoGAN (Kurutach et al. 2018), for rope shapes instead of images.
 
-They are 1-D convolutions along the rope, half as long after each layer, where the reference has
-2-D convolutions of the same kernel (4) and stride (2). The generator makes directions of links and
-adds links of the right length to each other, so a generated rope is no longer or shorter than a
-real one; discriminator and posterior see points. Shapes are (N, V, 3), metres, start frame.
+1-D convolutions along the rope of the reference's kernel (4) and stride (2). The generator makes
+directions of links and adds links of the right length to each other; discriminator and posterior
+see points. Shapes are (N, V, 3), metres, start frame.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ LEAST_SPREAD = 1e-4  # metres; ropes that never leave the table have no spread i
 
 
 class Scale(nn.Module):
-    """What is typical of the training shapes; puts numbers near 1 into the networks."""
+    """Statistics of the training shapes, which normalise the networks' inputs."""
 
     mean: Tensor
     spread: Tensor
@@ -85,14 +84,12 @@ class Generator(nn.Module):
         seed = self.enter(torch.cat([noise, code, next_code], dim=1))
         turns = self.turn(self.grow(seed.view(-1, self.width, self.short)))
         turns = turns[:, :, : self.links].transpose(1, 2)  # (N, links, 6)
-        places = self.place(seed)[:, None]  # (N, 1, 6)
-        centre = self.scale.mean + self.scale.spread * places[..., :3]
+        place = self.place(seed)[:, None]  # (N, 1, 6)
+        centre = self.scale.mean + self.scale.spread * place[..., :3]
+        motion = self.scale.motion * place[..., 3:]
         first = self._rope(turns[..., :3], centre)
-        second = self._rope(turns.unflatten(2, (2, 3)).sum(2), centre + self._motion(places))
+        second = self._rope(turns.unflatten(2, (2, 3)).sum(2), centre + motion)
         return first, second
-
-    def _motion(self, places: Tensor) -> Tensor:
-        return self.scale.motion * places[..., 3:]
 
     def _rope(self, turns: Tensor, centre: Tensor) -> Tensor:
         steps = self.scale.link * nn.functional.normalize(turns, dim=-1)

@@ -2,8 +2,8 @@
 
 As in the reference code: a start is projected onto the first shape of generated pairs, a goal onto
 the second; way points share one noise; of many noises the plan is kept whose pairs the
-discriminator believes most. Codes stay in the prior's range and noises within three deviations,
-so that what is decoded is what the generator was trained to make.
+discriminator finds most probable. Codes stay in the prior's range and noises within three
+deviations.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from knotflow.samplers.causal_infogan.frame import StartFrame
 from knotflow.samplers.causal_infogan.networks import CausalInfoGan
+from knotflow.samplers.causal_infogan.start_frame import StartFrame
 
-NOISE_REACH = 3.0
+MAX_NOISE = 3.0
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Planner:
             loss.backward()
             optimizer.step()
             with torch.no_grad():
-                noise.clamp_(-NOISE_REACH, NOISE_REACH)
+                noise.clamp_(-MAX_NOISE, MAX_NOISE)
                 code.clamp_(-1, 1)
         with torch.no_grad():
             next_code = model.transition(code, step)[0]

@@ -1,27 +1,34 @@
-"""Demonstrations: the eight tasks, the scripted demonstrator, the dataset and its noisy copies."""
+"""Demonstrations: the eight tasks, heuristic splines, the scripted demonstrator, the dataset."""
 
-from knotflow.samplers.demonstrations.aim import aim, aim_anywhere, nudge, rearrange
 from knotflow.samplers.demonstrations.dataset import (
     SHIPPED,
     Demonstration,
     DemonstrationError,
+    NoiseConfig,
     add_demonstration,
     load_demonstrations,
     load_trials,
     merge_demonstrations,
+    noisy_copies,
     save_demonstrations,
 )
-from knotflow.samplers.demonstrations.noise import NoiseConfig, noisy_copies
+from knotflow.samplers.demonstrations.heuristic import (
+    arranging_splines,
+    heuristic_any_action,
+    heuristic_splines,
+    small_moves,
+)
 from knotflow.samplers.demonstrations.prediction import (
-    aim_predicted,
-    followed,
-    predicted_states,
-    rearrange_predicted,
+    predict_shapes,
+    predict_states,
+    screened_arranging_splines,
+    screened_splines,
 )
 from knotflow.samplers.demonstrations.scripted import (
+    Demonstrated,
     DemonstratorConfig,
-    Scored,
     demonstrate,
+    demonstrate_task,
     succeed,
 )
 from knotflow.samplers.demonstrations.tasks import TASKS, Task, task, task_at
@@ -29,27 +36,28 @@ from knotflow.samplers.demonstrations.tasks import TASKS, Task, task, task_at
 __all__ = [
     "SHIPPED",
     "TASKS",
+    "Demonstrated",
     "Demonstration",
     "DemonstrationError",
     "DemonstratorConfig",
     "NoiseConfig",
-    "Scored",
     "Task",
     "add_demonstration",
-    "aim",
-    "aim_anywhere",
-    "aim_predicted",
+    "arranging_splines",
     "demonstrate",
-    "followed",
+    "demonstrate_task",
+    "heuristic_any_action",
+    "heuristic_splines",
     "load_demonstrations",
     "load_trials",
     "merge_demonstrations",
     "noisy_copies",
-    "nudge",
-    "predicted_states",
-    "rearrange",
-    "rearrange_predicted",
+    "predict_shapes",
+    "predict_states",
     "save_demonstrations",
+    "screened_arranging_splines",
+    "screened_splines",
+    "small_moves",
     "succeed",
     "task",
     "task_at",

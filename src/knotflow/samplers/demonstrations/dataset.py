@@ -1,11 +1,10 @@
 """Demonstrations: a start shape, an action, and the spline a demonstrator chose for it.
 
-The shipped file holds 50, all made by `scripted.demonstrate` (`source` "scripted"); no human
-demonstrators were at hand. People add theirs in the studio (`source` "human", with `who` and
-`when`); `merge_demonstrations` makes one of the files of several people.
+The shipped file holds 50, all made by `scripted.demonstrate` (`source` "scripted"). People add
+theirs in the studio (`source` "human", with `who` and `when`).
 
 A file has a demonstration a line (JSON). `start`, the actions that lead from the trivial state to
-the one demonstrated from, is left out for the eight tasks, and `who` and `when` where unknown.
+the start state, is left out for the eight tasks, and `who` and `when` where unknown.
 """
 
 from __future__ import annotations
@@ -18,11 +17,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotflow.samplers.demonstrations.tasks import TASKS, Task, task
-from knotflow.simulation import Trials, check_splines
+from knotflow.simulation import Trials, check_splines, clip_splines
 from knotflow.topology import Action, parse_action
+from knotflow.topology.polyline import Floats
 
 SHIPPED = Path(__file__).parent / "data" / "scripted.jsonl"
 """The demonstrations that come with the package."""
@@ -38,9 +37,9 @@ class Demonstration:
 
     task: Task
     """The action, and the state it starts from."""
-    points: NDArray[np.float64]
+    points: Floats
     """(V, 3) start shape, metres."""
-    spline: NDArray[np.float64]
+    spline: Floats
     """(6,), see `simulation.spline`."""
     source: str
     """Who demonstrated it: "scripted", "human", or a study's name."""
@@ -48,6 +47,30 @@ class Demonstration:
     """The person, as they call themselves."""
     when: str = ""
     """ISO 8601, with the offset from UTC."""
+
+
+@dataclass
+class NoiseConfig:
+    """Standard deviations of the Gaussian noise added to a demonstrated spline (Sec. V-B a)."""
+
+    grasp: float = 0.02
+    """Of the grasp position, fraction of the rope's length."""
+    middle: float = 0.03
+    """Of the middle control point's x, y and z, metres."""
+    end: float = 0.03
+    """Of the end point's x and y, metres."""
+
+    @property
+    def scale(self) -> Floats:
+        """(6,) standard deviations in the order of a spline's numbers."""
+        return np.array([self.grasp, *[self.middle] * 3, *[self.end] * 2])
+
+
+def noisy_copies(
+    spline: Floats, count: int, rng: np.random.Generator, config: NoiseConfig
+) -> Floats:
+    """(count, 6) splines about a demonstrated one (6,), clipped into range."""
+    return clip_splines(spline + rng.normal(size=(count, 6)) * config.scale)
 
 
 def save_demonstrations(path: Path, demonstrations: Iterable[Demonstration]) -> None:
@@ -67,16 +90,16 @@ def merge_demonstrations(paths: Sequence[Path]) -> list[Demonstration]:
     Raises:
         DemonstrationError: two are the same, or a file cannot be used; names files and lines.
     """
-    places: dict[str, str] = {}
+    lines: dict[str, str] = {}
     merged = []
     for path in paths:
         for number, one in enumerate(load_demonstrations(path), 1):
-            key, place = _deed(one), f"{path}, line {number}"
-            if key in places:
+            key, line = _content(one), f"{path}, line {number}"
+            if key in lines:
                 raise DemonstrationError(
-                    f"{place} is the same demonstration as {places[key]}; delete one of the lines"
+                    f"{line} is the same demonstration as {lines[key]}; delete one of the lines"
                 )
-            places[key] = place
+            lines[key] = line
             merged.append(one)
     return merged
 
@@ -129,13 +152,13 @@ def _signature(row: dict[str, Any]) -> tuple[str, str]:
 
 
 def _line(one: Demonstration) -> str:
-    row = json.loads(_deed(one)) | {"source": one.source, "who": one.who, "when": one.when}
+    row = json.loads(_content(one)) | {"source": one.source, "who": one.who, "when": one.when}
     order = ("action", "start", "source", "who", "when", "spline", "points")
     return json.dumps({key: row[key] for key in order if row[key] not in (None, "")})
 
 
-def _deed(one: Demonstration) -> str:
-    """What was done, whoever did it; positions to a micrometre."""
+def _content(one: Demonstration) -> str:
+    """JSON of task, spline and points, without the demonstrator; positions to a micrometre."""
     start = None if one.task in TASKS else [str(action) for action in one.task.start_actions]
     return json.dumps(
         {

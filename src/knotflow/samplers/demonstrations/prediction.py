@@ -1,11 +1,7 @@
-"""What a spline will do to a rope, predicted without simulating it.
+"""What a spline does to a rope, predicted without simulation: follow the leader.
 
-A rope that is dragged over a table follows its leader: link after link turns towards the one before
-and keeps its length. A hundred splines are predicted in the time that one is simulated, which is
-enough to choose among guesses. It is a poor simulator: shapes are off by 40 mm in the mean (a rope
-that is taken to lie still, by 64 mm), for bending, sliding and buckling are left out. But of 800
-guesses at the actions that self-play finds hard 7 % succeeded, and of those that were predicted to
-succeed 38 %.
+Each link turns towards the one before and keeps its length; bending, sliding and buckling are left
+out. A hundred predictions take the time of one simulation, which is enough to screen splines.
 """
 
 from __future__ import annotations
@@ -16,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.samplers.demonstrations.aim import aim, rearrange
+from knotflow.samplers.demonstrations.heuristic import arranging_splines, heuristic_splines
 from knotflow.simulation import control_points, spline_basis, state_or_none
 from knotflow.topology import (
     Action,
@@ -25,24 +21,24 @@ from knotflow.topology import (
     TopologicalState,
     project,
 )
-from knotflow.topology.polyline import planar_crossings
+from knotflow.topology.polyline import Floats, planar_crossings
 
 STEPS = 12
-"""Steps in which a spline is followed; more of them predict no better."""
+"""Steps in which a spline is followed."""
 FALL = 0.02
 """Metres that a lifted rope falls from step to step where nothing holds it."""
 SHORTEST_LOOP = 4
-"""Links; a stiff rope lays no loop of fewer, as followers do where the leader turns back."""
+"""Links of the shortest loop that a stiff rope forms; smaller ones are ignored."""
 SAME_CROSSING = 0.12
 """Shares of the rope's length that a crossing may move along both of its strands, in all, and still
 be the same, with the same strand on top."""
 MOST_CROSSINGS = 8
-"""Shapes of more are not read."""
-GUESSES, MOVES = 32, 16
-"""Guesses, and moves that may make room, from which one is chosen."""
+"""States of more are not read."""
+CANDIDATES, ARRANGING_CANDIDATES = 32, 16
+"""Splines from which one is chosen."""
 
 
-def followed(points: NDArray, splines: NDArray) -> NDArray[np.float64]:
+def predict_shapes(points: Floats, splines: Floats) -> Floats:
     """The shapes (N, V, 3) that N splines (N, 6) will give a rope (V, 3), metres."""
     points = np.asarray(points, dtype=np.float64)
     splines = np.asarray(splines, dtype=np.float64)
@@ -57,9 +53,9 @@ def followed(points: NDArray, splines: NDArray) -> NDArray[np.float64]:
     away = np.arange(np.maximum(grasped, vertices - 1 - grasped).max(initial=0) + 1)[:, None]
     vertex = np.concatenate([grasped + away, grasped - away], axis=1)  # (V, 2 N)
     chain = points[np.clip(vertex, 0, vertices - 1)].swapaxes(1, 2).copy()  # (V, 3, 2 N)
-    for places in path:
+    for held in path:
         chain[:, 2] = np.maximum(chain[:, 2] - FALL, floor)
-        chain[0] = places
+        chain[0] = held
         for leader, follower in pairwise(chain):
             apart = follower - leader
             length = np.sqrt(np.einsum("kn,kn->n", apart, apart))
@@ -70,16 +66,16 @@ def followed(points: NDArray, splines: NDArray) -> NDArray[np.float64]:
     return shape
 
 
-def predicted_states(points: NDArray, splines: NDArray) -> list[TopologicalState | None]:
-    """The state that each of N splines (N, 6) will bring a rope (V, 3) to.
+def predict_states(points: Floats, splines: Floats) -> list[TopologicalState | None]:
+    """The state that each of N splines (N, 6) will bring a rope (V, 3) to; None if unreadable.
 
     Where two strands cross as before, the same one stays on top; of new crossings it is the strand
-    that was moved farther. None stands for shapes that are beyond reading.
+    that moved farther.
 
     Raises:
         DegenerateCurveError: the state of the rope itself cannot be read.
     """
-    shapes = followed(points, splines)
+    shapes = predict_shapes(points, splines)
     before = project(points)
     known = np.array(  # (2c, 3): along either strand, and whether the first of them is over
         [
@@ -92,64 +88,63 @@ def predicted_states(points: NDArray, splines: NDArray) -> list[TopologicalState
     return [_state(*one, known) for one in zip(shapes[..., :2], moved, strict=True)]
 
 
-def aim_predicted(
-    points: NDArray,
+def screened_splines(
+    points: Floats,
     action: Action,
     count: int,
     rng: np.random.Generator,
-    worth: Callable[[NDArray], NDArray] | None = None,
-) -> NDArray[np.float64]:
-    """Of many guesses those (count, 6) that are predicted to succeed; otherwise as `aim`.
+    score: Callable[[Floats], Floats] | None = None,
+) -> Floats:
+    """Of many `heuristic_splines` those (count, 6) that are predicted to succeed.
 
-    Among these the `worth` (N,) of splines (N, 6) decides, where it is given. One of four is a
-    guess as any other, and so are all where none is predicted to succeed: not all that succeeds is
-    predicted.
+    The `score` (N,) of splines (N, 6) decides among them, where it is given. A quarter, and all
+    where none is predicted to succeed, are not screened.
     """
-    guesses = aim(points, action, GUESSES * count, rng)
+    splines = heuristic_splines(points, action, CANDIDATES * count, rng)
     goal = TopologicalState.from_curve(points).apply(action)
-    promising = np.flatnonzero([state == goal for state in predicted_states(points, guesses)])
-    return _chosen(guesses, promising, guesses, worth, count, rng)
+    promising = np.flatnonzero([state == goal for state in predict_states(points, splines)])
+    return _select(splines, promising, splines, score, count, rng)
 
 
-def rearrange_predicted(
-    points: NDArray,
+def screened_arranging_splines(
+    points: Floats,
     action: Action,
     count: int,
     rng: np.random.Generator,
-    worth: Callable[[NDArray], NDArray],
-) -> NDArray[np.float64]:
-    """Of many moves of a rope (V, 3) that may make room for an action those (count, 6) that are
-    predicted to keep its state and to leave the shapes (N, V, 3) of most `worth` (N,); one of four
-    is as `rearrange` makes it."""
-    moves = rearrange(points, action, MOVES * count, rng)
+    score: Callable[[Floats], Floats],
+) -> Floats:
+    """Of many `arranging_splines` for a rope (V, 3) those (count, 6) that are predicted to keep
+    its state and to leave the shapes (N, V, 3) of highest `score` (N,); a quarter are not screened.
+    """
+    splines = arranging_splines(points, action, ARRANGING_CANDIDATES * count, rng)
     state = TopologicalState.from_curve(points)
-    shapes = followed(points, moves)
-    # What lies on what is not followed: a strand that hardly moves keeps its height.
+    shapes = predict_shapes(points, splines)
+    # Which strand is on top is not predicted: one that hardly moves keeps its height.
     shapes[..., 2] = points[:, 2]
     kept = np.flatnonzero([state_or_none(shape) == state for shape in shapes])
-    return _chosen(moves, kept, shapes, worth, count, rng)
+    return _select(splines, kept, shapes, score, count, rng)
 
 
-def _chosen(
-    splines: NDArray,
-    good: NDArray,
-    judged: NDArray,
-    worth: Callable[[NDArray], NDArray] | None,
+def _select(
+    splines: Floats,
+    good: NDArray[np.intp],
+    scored: Floats,
+    score: Callable[[Floats], Floats] | None,
     count: int,
     rng: np.random.Generator,
-) -> NDArray[np.float64]:
-    """Of splines (N, 6) those of the `good` rows that are of most worth by what is
-    `judged` (N, ...), and about a quarter others: (count, 6)."""
-    if worth is not None and len(good):
-        good = good[np.argsort(-worth(judged[good]), kind="stable")]
+) -> Floats:
+    """Splines (count, 6): `good` rows of N (N, 6), best score of `scored` (N, ...) first, and
+    about a quarter others."""
+    if score is not None and len(good):
+        good = good[np.argsort(-score(scored[good]), kind="stable")]
     first = count - rng.binomial(count, 0.25)
     others = np.setdiff1d(np.arange(len(splines)), good)
     rows = np.concatenate([good[:first], others, np.sort(good[first:])])
     return splines[rows[:count]]
 
 
-def _state(xy: NDArray, moved: NDArray, known: NDArray) -> TopologicalState | None:
-    """The state of a predicted shape (V, 2), whose vertices moved so far (V,)."""
+def _state(xy: Floats, moved: Floats, known: Floats) -> TopologicalState | None:
+    """The state of a predicted shape (V, 2) whose vertices moved by (V,) metres."""
     try:
         met = planar_crossings(xy)
     except DegenerateCurveError:  # an end that just touches a strand
@@ -158,13 +153,13 @@ def _state(xy: NDArray, moved: NDArray, known: NDArray) -> TopologicalState | No
     if len(meet) > MOST_CROSSINGS:
         return None
     first, second = met.first[meet], met.second[meet]
-    places = np.stack([first + met.first_along[meet], second + met.second_along[meet]], 1)
-    places /= len(xy) - 1
-    ranks = np.empty(places.size, np.intp)
-    ranks[np.argsort(places, axis=None)] = np.arange(1, places.size + 1)
+    fractions = np.stack([first + met.first_along[meet], second + met.second_along[meet]], 1)
+    fractions /= len(xy) - 1
+    ranks = np.empty(fractions.size, np.intp)
+    ranks[np.argsort(fractions, axis=None)] = np.arange(1, fractions.size + 1)
     first_over = moved[first] > moved[second]
     if len(known):
-        apart = np.abs(places[:, None] - known[None, :, :2]).sum(2)  # (c, known)
+        apart = np.abs(fractions[:, None] - known[None, :, :2]).sum(2)  # (c, known)
         nearest = apart.argmin(1)
         same = apart[np.arange(len(meet)), nearest] < SAME_CROSSING
         first_over = np.where(same, known[nearest, 2] > 0, first_over)

@@ -7,7 +7,6 @@ from .canonical import (
     kinds_of,
     primitive_of,
 )
-from .cem import cross_entropy
 from .config import SHIPPED_PRIMITIVES, VARIANTS, CemConfig, NetworkConfig, PrimitiveConfig
 from .encoding import Encoded, Frames, encode
 from .library import (
@@ -18,7 +17,7 @@ from .library import (
     UnlikeRopeWarning,
 )
 from .networks import Actor, Critic
-from .primitive import Primitive
+from .primitive import Primitive, cross_entropy
 
 __all__ = [
     "ARRANGE",

@@ -1,7 +1,7 @@
-"""Mirror and Reverse bring every action to its learned counterpart (Sec. V-A, Fig. 3).
+"""Canonical actions, by Mirror and Reverse, and the parts of the rope that they are about.
 
-The two transformations and their combination make groups of four actions. Of each group one action
-is learned, the canonical one:
+The two transformations and their combination make groups of four actions (Sec. V-A, Fig. 3). Of
+each group one action is learned, the canonical one:
 
 | primitive             | canonical action                                                |
 |-----------------------|-----------------------------------------------------------------|
@@ -13,10 +13,9 @@ is learned, the canonical one:
 | 6: undoing            | the action that is taken back is canonical                      |
 
 No action is its own counterpart, so the choice is unique, and a rope and action give bit for bit
-the same canonical rope as their mirrored or reversed selves. Everything after this point
-(encoding, networks, random numbers) happens there, which makes the symmetry of proposals exact.
-Arranging, which keeps the state and makes room for an action, is no topological action: it knows
-ropes and actions by the same counterparts as the primitive of the action that is wanted.
+the same canonical rope as their mirrored or reversed selves: encoding, networks and random numbers
+come after it, which makes the symmetry of proposals exact. Arranging, which keeps the state and
+makes an action easier, is no topological action.
 """
 
 from __future__ import annotations
@@ -25,9 +24,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotflow.topology import R1, R2, Action, Cross, IllegalActionError, Undo, segment_intervals
+from knotflow.topology.polyline import Floats
 from knotflow.topology.symmetry import Symmetry
 
 PRIMITIVES = (1, 2, 3, 4)
@@ -38,6 +37,16 @@ UNDO = 6
 """The primitive of all undoings."""
 ALL_PRIMITIVES = (*PRIMITIVES, ARRANGE, UNDO)
 """Those of the paper, and those beyond it."""
+
+GRASP_SCALE = 0.3
+"""Share of the over segment a unit of the grasp; its middle is 0. Of the whole rope where any part
+of it may be grasped: arranging and undoing."""
+TIP_GRASP, TIP_GRASP_SCALE = 0.04, 0.04
+"""Where the over segment is the rope's head (primitive 3) the grasp counts from its tip: shares of
+the rope's length that are 0 and a unit."""
+
+_AXIS = 0.05  # of the rope's length to each side: the x axis should not follow every ripple
+_WIDE_AXIS = 0.15  # of the segment's length, where a segment is laid over itself
 
 
 def primitive_of(action: Action, num_segments: int) -> int:
@@ -92,11 +101,11 @@ def canonical_symmetry(action: Action, num_segments: int) -> Symmetry:
 class Canonical:
     """A rope and an action brought to the learned counterpart."""
 
-    points: NDArray[np.float64]
+    points: Floats
     """(V, 3) the transformed rope, metres, its own head first."""
     action: Action
     """The canonical action."""
-    segments: NDArray[np.float64]
+    segments: Floats
     """(num_segments, 2) where each segment of `points` begins and ends, fractions of its length."""
     symmetry: Symmetry
     """The transformation that led here, its own inverse."""
@@ -107,7 +116,7 @@ class Canonical:
         return primitive_of(self.action, len(self.segments))
 
 
-def canonicalise(points: NDArray, action: Action) -> Canonical:
+def canonicalise(points: Floats, action: Action) -> Canonical:
     """Mirror and reverse a rope (V, 3) so that the action becomes canonical.
 
     Raises:
@@ -122,16 +131,77 @@ def canonicalise(points: NDArray, action: Action) -> Canonical:
     if symmetry.reverse:
         points = points[::-1]
     if symmetry.mirror or symmetry.reverse:
-        # Read again, not transformed: rounding would make the law hold to 1e-16 only, and then
-        # not at all after the networks' float32.
+        # Read again, not transformed: rounding would break the exact symmetry.
         segments = _segments(points.tobytes())
     action = symmetry.of_action(action, len(segments))
     return Canonical(np.ascontiguousarray(points), action, segments, symmetry)
 
 
 @lru_cache(maxsize=64)
-def _segments(points: bytes) -> NDArray[np.float64]:
+def _segments(points: bytes) -> Floats:
     """`segment_intervals`, read once of a rope that is asked for with every action it allows."""
     segments = segment_intervals(np.frombuffer(points).reshape(-1, 3))
     segments.flags.writeable = False
     return segments
+
+
+def streams_of(rope: Canonical) -> tuple[Floats, Floats]:
+    """Where the first two streams begin and end, (2,) fractions of the rope's length.
+
+    The over and the under stream; of an undoing, the piece that is pulled and the strand it leaves.
+    """
+    action, segments = rope.action, rope.segments
+    if isinstance(action, Undo):
+        pulled, other = (
+            choose(len(segments)) for choose in (action.pulled_segment, action.other_segment)
+        )
+        # Canonical: Cross is of the head, so its strand goes on behind the crossing.
+        last = other if isinstance(action.action, Cross) else other + 1
+        return segments[pulled], np.array([segments[other - 1, 0], segments[last, 1]])
+    over, under = segments[action.over_segment], segments[action.under_segment]
+    if isinstance(action, R2) and action.over == action.under:
+        middle = over.mean()
+        # Canonical: the half nearer to the head is over.
+        over, under = np.array([over[0], middle]), np.array([middle, over[1]])
+    return over, under
+
+
+def marks_of(rope: Canonical) -> tuple[Floats, Floats]:
+    """Where the over and the under strand begin and end, (2,) fractions of the rope's length.
+
+    They are the first and the second stream, unless an undoing pulls a piece from under a strand.
+    """
+    first, second = streams_of(rope)
+    action = rope.action
+    pulls_under = isinstance(action, Undo) and (
+        action.pulled_segment(len(rope.segments)) != action.over_segment
+    )
+    return (second, first) if pulls_under else (first, second)
+
+
+def anchor_of(rope: Canonical) -> tuple[float, float]:
+    """Where on the rope the frame's origin is, and how far to each side its direction is taken."""
+    if isinstance(rope.action, Undo):
+        begin, end = rope.segments[rope.action.other_segment(len(rope.segments))]
+        # Canonical: R1's first passage is under, and Cross is of the head.
+        return ((begin + end) / 2 if isinstance(rope.action.action, R2) else begin), _AXIS
+    begin, end = rope.segments[rope.action.under_segment]
+    if rope.action.over_segment == rope.action.under_segment:
+        # Canonical: R1's first passage is under, and of an R2(i,i) the half nearer to the tail.
+        third = 1 / 6 if isinstance(rope.action, R1) else 5 / 6
+        return begin + third * (end - begin), _WIDE_AXIS * (end - begin)
+    return (begin if rope.primitive == 4 else (begin + end) / 2), _AXIS
+
+
+def grasp_of(rope: Canonical, arranging: bool) -> Floats:
+    """(2,) the grasp that is 0 in network space, and a unit of it, fractions of the length."""
+    if arranging:
+        return np.array([0.5, GRASP_SCALE])
+    if rope.primitive == 3:
+        return np.array([TIP_GRASP, TIP_GRASP_SCALE])
+    grasped, _ = streams_of(rope)
+    if rope.primitive == UNDO:
+        # In units of the whole rope: an end beyond its crossing is short, and is pulled back from
+        # behind the crossing.
+        return np.array([grasped[1] if grasped[0] == 0 else grasped.mean(), GRASP_SCALE])
+    return np.array([grasped.mean(), GRASP_SCALE * (grasped[1] - grasped[0])])

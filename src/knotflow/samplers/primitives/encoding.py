@@ -1,28 +1,26 @@
-"""What the networks see of a rope and an action, and where their splines lie (Sec. V-A, Fig. 4).
+"""Encoding of ropes, actions and splines for the networks (Sec. V-A, Fig. 4).
 
-The rope is first brought to the learned counterpart (`canonical`), then looked at in a frame that
-moves along with it: planar translations and rotations change neither physics nor topology, so the
-networks need not learn them. The frame's origin is on the segment that will be under, where the
-robot moves to: its midpoint, or the tip of the head where that is what gets covered (primitive 4).
-Where a segment is laid over itself (R1, R2(i,i)) it is the middle of the outer third that comes to
-lie under. The x axis points along the rope there, from head to tail; z is up.
+The rope is brought to the canonical action (`canonical`) and into a frame that moves along with it:
+planar motions change neither physics nor topology. The origin is on the under segment, where the
+robot moves to: its midpoint, or the tip of the head where that is covered (primitive 4); where a
+segment is laid over itself (R1, R2(i,i)), the middle of the outer third that will be under. The x
+axis points along the rope there, from head to tail; z is up.
 
-Three streams of points, evenly spaced along the rope, describe it: the segment that will be over,
-the one that will be under, and the whole rope. R1 uses one segment for both; the two halves of the
-segment of an R2(i,i) are over and under according to `over_first`.
+Three streams of points, evenly spaced along the rope: the over segment, the under segment, and the
+whole rope. R1 uses one segment for both; the halves of the segment of an R2(i,i) are over and under
+according to `over_first`.
 
 Splines are normalised: x and y lie in this frame, and the grasp counts along the over segment, or
-from its tip where that is the rope's end (primitive 3), which is where ends are grasped.
+from its tip where that is the rope's end (primitive 3).
 
 Undoing (primitive 6) pulls a piece of rope off a strand. The first stream is that piece, from
-crossing to crossing or to its tip, the second the strand, from the crossing before those that are
-taken back to the one after; which of the two is over is given by the channels of that name. The
-frame's origin is the crossing (of R2, the middle between the two) on the strand, and its x axis
-runs along the strand; R1's strand is its under passage. Any part of the rope may be grasped: the
+crossing to crossing or to its tip, the second the strand, from the crossing before those taken back
+to the one after; channels say which is over. The origin is the crossing on the strand (of R2, the
+middle between the two; R1's strand is its under passage), and the x axis runs along the strand. The
 grasp counts from the piece's middle or, where it is the rope's end, from its crossing.
 
-Arranging (primitive 5) sees what the action that is wanted next would see, and may grasp anywhere:
-its grasp counts along the whole rope.
+Arranging (primitive 5) is encoded as the action that is wanted next, but its grasp counts along the
+whole rope.
 """
 
 from __future__ import annotations
@@ -36,10 +34,19 @@ from numpy.typing import NDArray
 from tensordict import TensorDict
 from torch import Tensor
 
-from knotflow.samplers.primitives.canonical import UNDO, Canonical, canonicalise, kinds_of
-from knotflow.samplers.primitives.places import anchor_of, grasp_of, marks_of, streams_of
+from knotflow.samplers.primitives.canonical import (
+    UNDO,
+    Canonical,
+    anchor_of,
+    canonicalise,
+    grasp_of,
+    kinds_of,
+    marks_of,
+    streams_of,
+)
 from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW
 from knotflow.topology import Action
+from knotflow.topology.polyline import Floats
 
 STREAM_POINTS = (10, 10, 24)
 """Points of the over, the under and the whole stream."""
@@ -63,11 +70,11 @@ _TANGENT = 0.03  # of the rope's length to each side, over which a point's direc
 class Frames:
     """The frames of S ropes; turns splines between the world and network space, both float64."""
 
-    origin: NDArray[np.float64]
+    origin: Floats
     """(S, 2) metres, on the canonical rope."""
-    axis: NDArray[np.float64]
+    axis: Floats
     """(S, 2) unit x axis."""
-    grasp: NDArray[np.float64]
+    grasp: Floats
     """(S, 2) the grasp that is 0 in network space and a unit of it, fractions of the canonical
     rope's length."""
     mirror: NDArray[np.bool_]
@@ -78,13 +85,13 @@ class Frames:
     def __len__(self) -> int:
         return len(self.origin)
 
-    def __getitem__(self, rows: slice | NDArray) -> Frames:
+    def __getitem__(self, rows: slice | NDArray[np.intp]) -> Frames:
         return Frames(
             self.origin[rows], self.axis[rows], self.grasp[rows], self.mirror[rows],
             self.reverse[rows],
         )  # fmt: skip
 
-    def to_network(self, splines: NDArray) -> NDArray[np.float64]:
+    def to_network(self, splines: Floats) -> Floats:
         """Splines (S, K, 6) of the world, see `simulation.spline`, in network space."""
         canonical = self._transformed(np.asarray(splines, dtype=np.float64))
         out = np.empty_like(canonical)
@@ -94,7 +101,7 @@ class Frames:
         out[..., 4:6] = self._into(canonical[..., 4:6])
         return out
 
-    def to_world(self, splines: NDArray) -> NDArray[np.float64]:
+    def to_world(self, splines: Floats) -> Floats:
         """Splines (S, K, 6) of network space in the world, clipped into range."""
         splines = np.asarray(splines, dtype=np.float64)
         out = np.empty_like(splines)
@@ -105,19 +112,19 @@ class Frames:
         # The range is symmetric under Mirror and Reverse, so clipping keeps the law.
         return self._transformed(np.clip(out, SPLINE_LOW, SPLINE_HIGH))
 
-    def _into(self, xy: NDArray) -> NDArray:
+    def _into(self, xy: Floats) -> Floats:
         shifted = (xy - self.origin[:, None]) / PLANE_SCALE
         cos, sin = self.axis[:, 0, None], self.axis[:, 1, None]
         x, y = shifted[..., 0], shifted[..., 1]
         return np.stack([cos * x + sin * y, cos * y - sin * x], axis=-1)
 
-    def _out_of(self, xy: NDArray) -> NDArray:
+    def _out_of(self, xy: Floats) -> Floats:
         cos, sin = self.axis[:, 0, None], self.axis[:, 1, None]
         x, y = xy[..., 0], xy[..., 1]
         turned = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
         return turned * PLANE_SCALE + self.origin[:, None]
 
-    def _transformed(self, splines: NDArray) -> NDArray:
+    def _transformed(self, splines: Floats) -> Floats:
         """World splines as canonical ones and back: Mirror and Reverse are involutions."""
         out = splines.copy()
         out[..., 2] = np.where(self.mirror[:, None], -out[..., 2], out[..., 2])
@@ -138,7 +145,7 @@ class Encoded:
 
 
 def encode(
-    points: Sequence[NDArray] | NDArray, actions: Sequence[Action], arranging: bool = False
+    points: Sequence[Floats] | Floats, actions: Sequence[Action], arranging: bool = False
 ) -> Encoded:
     """Encode S ropes (V, 3) with an action each, for its primitive, or for arranging before it.
 
@@ -152,8 +159,8 @@ def encode(
 
 def encode_canonical(ropes: Sequence[Canonical], arranging: bool = False) -> Encoded:
     """Encode ropes that were brought to the learned counterpart; see `encode`."""
-    looks = [_look(rope, arranging) for rope in ropes]
-    streams, origin, axis, grasp = (np.stack(part) for part in zip(*looks, strict=True))
+    parts = [_encode_one(rope, arranging) for rope in ropes]
+    streams, origin, axis, grasp = (np.stack(part) for part in zip(*parts, strict=True))
     frames = Frames(
         origin=origin,
         axis=axis,
@@ -176,7 +183,7 @@ def encode_canonical(ropes: Sequence[Canonical], arranging: bool = False) -> Enc
     return Encoded(states, frames)
 
 
-def _look(rope: Canonical, arranging: bool) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+def _encode_one(rope: Canonical, arranging: bool) -> tuple[Floats, Floats, Floats, Floats]:
     """Streams (P, CHANNELS), origin (2,), axis (2,) and grasp (2,), as in `Frames`."""
     over, under = marks_of(rope)
     anchor, reach = anchor_of(rope)
@@ -215,16 +222,13 @@ def _look(rope: Canonical, arranging: bool) -> tuple[NDArray, NDArray, NDArray, 
     return streams, origin, np.array([cos, sin]), grasp_of(rope, arranging)
 
 
-def _unit(x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
+def _unit(x: Floats, y: Floats) -> tuple[Floats, Floats]:
     length = np.maximum(np.hypot(x, y), 1e-9)
     return x / length, y / length
 
 
 def control_features(states: TensorDict, splines: Tensor) -> Tensor:
-    """Splines as the critic sees them: the six numbers and the grasped point on the rope.
-
-    A spline's first control point lies on the rope (Sec. V): it is looked up there, because a
-    network would have to learn what an interpolation knows.
+    """The critic's input: a spline's six numbers and the grasped point, interpolated on the rope.
 
     Args:
         states: [S] encoded ropes.
@@ -236,11 +240,11 @@ def control_features(states: TensorDict, splines: Tensor) -> Tensor:
     centre, unit = states["grasp"][:, None].split(1, dim=2)
     grasp = (centre + unit * splines[..., :1]).clamp(0, 1)  # (S, n, 1)
     count = STREAM_POINTS[-1]
-    place = grasp * (count - 1)
-    low = place.floor().clamp(max=count - 2)
+    position = grasp * (count - 1)
+    low = position.floor().clamp(max=count - 2)
     rope = states["streams"][:, -count:]  # (S, count, CHANNELS)
     row = low.long().expand(-1, -1, CHANNELS)
-    held = torch.lerp(rope.gather(1, row), rope.gather(1, row + 1), place - low)
+    held = torch.lerp(rope.gather(1, row), rope.gather(1, row + 1), position - low)
     return torch.cat([splines, 2 * grasp - 1, held[..., [0, 1, 2, 4, 5]]], dim=-1)
 
 

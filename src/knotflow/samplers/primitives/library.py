@@ -1,8 +1,7 @@
 """The library of topological motion primitives: one sampler for every action (Sec. V).
 
 A library is one safetensors file: the networks' weights, and as metadata the format's version, the
-configuration, the actions that each primitive was trained on, the rope they were trained with, and
-a digest of the weights, so that a file that was damaged, or does not fit, is refused by name.
+configuration, the actions each primitive was trained on, the rope, and a digest of the weights.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -29,6 +28,7 @@ from knotflow.samplers.sampler import sampler
 from knotflow.simulation import RopeConfig
 from knotflow.threads import one_thread
 from knotflow.topology import Action, parse_action
+from knotflow.topology.polyline import Floats
 
 FORMAT = "knotflow primitives"
 VERSION = "3"
@@ -59,8 +59,7 @@ class PrimitiveLibrary:
         rope: RopeConfig,
     ) -> None:
         """Primitives by number, the actions each was trained on, and the rope."""
-        known = {*ALL_PRIMITIVES}
-        if not primitives or set(primitives) != set(trained_on) or set(primitives) - known:
+        if not primitives or not set(primitives) == set(trained_on) <= set(ALL_PRIMITIVES):
             raise ValueError(
                 f"a library has primitives out of {ALL_PRIMITIVES} and trained actions for each, "
                 f"got {sorted(primitives)} and {sorted(trained_on)}"
@@ -110,8 +109,8 @@ class PrimitiveLibrary:
             )
 
     def sample(
-        self, points: NDArray, action: Action, count: int, rng: np.random.Generator
-    ) -> NDArray[np.float64]:
+        self, points: Floats, action: Action, count: int, rng: np.random.Generator
+    ) -> Floats:
         """Splines (count, 6) in range for a rope (V, 3), each from a search of its own.
 
         Mirroring (or reversing) rope and action mirrors (or keeps) the proposals: exactly, up to
@@ -123,50 +122,47 @@ class PrimitiveLibrary:
         """
         return self.propose(np.asarray(points)[None], [action], count, rng)[0]
 
-    def sample_onward(
-        self, points: NDArray, action: Action, count: int, rng: np.random.Generator
-    ) -> NDArray[np.float64]:
-        """`sample`, of splines that also leave room for the actions that may follow."""
-        return self.propose(np.asarray(points)[None], [action], count, rng, onward=True)[0]
+    def sample_for_next(
+        self, points: Floats, action: Action, count: int, rng: np.random.Generator
+    ) -> Floats:
+        """As `sample`, for success times the value of the next state."""
+        return self.propose(np.asarray(points)[None], [action], count, rng, use_next_value=True)[0]
 
     def arrange(
-        self, points: NDArray, action: Action, count: int, rng: np.random.Generator
-    ) -> NDArray[np.float64]:
-        """Splines (count, 6) that keep the state of a rope (V, 3) and make room for an action.
+        self, points: Floats, action: Action, count: int, rng: np.random.Generator
+    ) -> Floats:
+        """Splines (count, 6) that keep the state of a rope (V, 3) and make an action easier.
 
         Raises:
             ValueError: there is no arranging primitive in this library.
             IllegalActionError: the action names a segment that the rope does not have.
         """
         ropes = np.asarray(points)[None]
-        return self.propose(ropes, [action], count, rng, onward=True, arranging=True)[0]
+        return self.propose(ropes, [action], count, rng, use_next_value=True, arranging=True)[0]
 
     @property
-    def lacks(self) -> frozenset[str]:
-        """What this library cannot do, see `samplers.ability`.
+    def capabilities(self) -> frozenset[str]:
+        """Optional methods that this library has networks for, see `samplers.sampler`.
 
-        Without critics it has no values. What an action leaves for the next one is learned by
-        self-play, as arranging is: before it, the critics have not learned their second output.
+        Next values are learned by self-play, as arranging is.
         """
-        missing = set()
+        known = {"values", "success_probability", "sample_for_next", "arrange", "arranged_values"}
         if any(primitive.critic is None for primitive in self.primitives.values()):
-            missing |= {"values", "judged"}
+            known -= {"values", "success_probability"}
         if ARRANGE not in self.primitives:
-            missing |= {"sample_onward", "arrange", "arranged_values"}
-        if UNDO not in self.primitives:
-            missing.add("undo")
-        return frozenset(missing)
+            known -= {"sample_for_next", "arrange", "arranged_values"}
+        return frozenset(known | ({"undo"} if UNDO in self.primitives else set()))
 
     @one_thread()
     def propose(
         self,
-        points: NDArray,
+        points: Floats,
         actions: Sequence[Action],
         count: int,
         rng: np.random.Generator,
-        onward: bool = False,
+        use_next_value: bool = False,
         arranging: bool = False,
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         """Splines (S, count, 6) for ropes (S, V, 3) with an action each; one batch a primitive.
 
         Args:
@@ -174,28 +170,28 @@ class PrimitiveLibrary:
             actions: one a rope.
             count: splines for each.
             rng: everything random comes from it.
-            onward: search for the value of what a spline leaves as well, not for success alone.
-            arranging: splines that arrange the rope for its action, not such that do it.
+            use_next_value: search for success times the value of the next state.
+            arranging: splines that arrange the rope for its action.
         """
         out = np.empty((len(actions), count, 6))
         for number, rows, encoded in self._encoded(points, actions, arranging):
-            found, _ = self.primitives[number].search(encoded, count, rng, onward)
+            found, _ = self.primitives[number].search(encoded, count, rng, use_next_value)
             out[rows] = encoded.frames.to_world(found.numpy())
         return out
 
     @one_thread()
-    def valued(
-        self, points: NDArray, action: Action, count: int, rng: np.random.Generator
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def sample_with_values(
+        self, points: Floats, action: Action, count: int, rng: np.random.Generator
+    ) -> tuple[Floats, Floats]:
         """`sample` and the critic's value (count,) of each spline; NaN without a critic."""
         ropes = np.asarray(points)[None]
         ((number, _, encoded),) = self._encoded(ropes, [action], arranging=False)
-        found, best = self.primitives[number].search(encoded, count, rng)
-        values = np.full(count, np.nan) if best is None else best[0].double().numpy()
-        return encoded.frames.to_world(found.numpy())[0], values
+        found, values = self.primitives[number].search(encoded, count, rng)
+        of_splines = np.full(count, np.nan) if values is None else values[0].double().numpy()
+        return encoded.frames.to_world(found.numpy())[0], of_splines
 
     @one_thread()
-    def judged(self, points: NDArray, action: Action, splines: NDArray) -> NDArray[np.float64]:
+    def success_probability(self, points: Floats, action: Action, splines: Floats) -> Floats:
         """The critic's probability (N,) that splines (N, 6) do an action on a rope (V, 3).
 
         Raises:
@@ -203,10 +199,10 @@ class PrimitiveLibrary:
         """
         ropes = np.asarray(points)[None]
         ((number, _, encoded),) = self._encoded(ropes, [action], arranging=False)
-        return self.primitives[number].judged(encoded, np.asarray(splines)[None])[0]
+        return self.primitives[number].success_probability(encoded, np.asarray(splines)[None])[0]
 
-    def value(self, points: NDArray, action: Action, rng: np.random.Generator) -> float:
-        """max Q: the critic's probability that the best spline found succeeds (Sec. V-B c).
+    def value(self, points: Floats, action: Action, rng: np.random.Generator) -> float:
+        """max Q of a rope (V, 3): success probability of the best spline found (Sec. V-B c).
 
         Raises:
             ValueError: the primitive has no critic, or there is none for the action.
@@ -216,46 +212,40 @@ class PrimitiveLibrary:
     @one_thread()
     def values(
         self,
-        points: NDArray,
+        points: Floats,
         actions: Sequence[Action],
         rng: np.random.Generator,
-        onward: bool = False,
+        use_next_value: bool = False,
         arranging: bool = False,
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         """`value` (S,) of ropes (S, V, 3) with an action each; see `propose` for the rest."""
         out = np.empty(len(actions))
         for number, rows, encoded in self._encoded(points, actions, arranging):
             primitive = self.primitives[number]
             noise = primitive.value_noise(len(rows), rng)
-            out[rows] = primitive.values(encoded.states, noise, onward).numpy()
+            out[rows] = primitive.values(encoded.states, noise, use_next_value).numpy()
         return out
 
     def arranged_values(
-        self, points: NDArray, actions: Sequence[Action], rng: np.random.Generator
-    ) -> NDArray[np.float64]:
+        self, points: Floats, actions: Sequence[Action], rng: np.random.Generator
+    ) -> Floats:
         """Value (S,) of each action once its rope (S, V, 3) is arranged for it by one spline."""
-        return self.values(points, actions, rng, onward=True, arranging=True)
+        return self.values(points, actions, rng, use_next_value=True, arranging=True)
 
     def _encoded(
-        self, points: NDArray, actions: Sequence[Action], arranging: bool
-    ) -> Iterable[tuple[int, NDArray[np.intp], Encoded]]:
+        self, points: Floats, actions: Sequence[Action], arranging: bool
+    ) -> Iterator[tuple[int, NDArray[np.intp], Encoded]]:
         """Ropes with an action each, encoded for the primitives that serve them."""
         ropes = [canonicalise(p, a) for p, a in zip(points, actions, strict=True)]
-        numbers = [ARRANGE if arranging else rope.primitive for rope in ropes]
-        for number, rows in self._by_primitive(numbers, actions):
-            yield number, rows, encode_canonical([ropes[row] for row in rows], arranging)
-
-    def _by_primitive(
-        self, numbers: Sequence[int], actions: Sequence[Action]
-    ) -> Iterable[tuple[int, NDArray[np.intp]]]:
-        for number in sorted(set(numbers)):
-            rows = np.flatnonzero(np.array(numbers) == number)
+        numbers = np.array([ARRANGE if arranging else rope.primitive for rope in ropes], np.intp)
+        for number in np.unique(numbers).tolist():
+            rows = np.flatnonzero(numbers == number)
             if number not in self.primitives:
                 raise ValueError(
                     f"{actions[rows[0]]} is an action of primitive {number}; this library has "
                     f"primitives {', '.join(map(str, self.primitives))}"
                 )
-            yield number, rows
+            yield number, rows, encode_canonical([ropes[row] for row in rows], arranging)
 
     def save(self, path: Path, half: bool = False) -> None:
         """Write to a safetensors file; in half precision for half the size, to be shipped."""

@@ -2,15 +2,14 @@
 
 Trunk: each of the three streams has an LSTM that reads its points from head to tail. For each
 ordered pair of streams an attention module (scaled dot products, [17]) lets every point of one
-stream, the query, look up points of the other, the values. Each stream's MLP turns a point's LSTM
-state and what its two look-ups brought into features, which are pooled over the stream; the three
-pooled vectors make the rope's feature. No weights are shared between streams or pairs. The figure
-is missing from our copy of the paper: that the MLPs come after the attention is our reading.
+stream query the points of the other. Each stream's MLP turns a point's LSTM state and what its two
+look-ups brought into features, which are pooled over the stream; the three pooled vectors make the
+rope's feature. No weights are shared between streams or pairs. That the MLPs come after the
+attention is our reading.
 
-Actor and critic each have a trunk of their own, as in the figure. The trunk runs once a rope: the
-actor predicts one Gaussian a rope, and the critic's head scores any number of splines on its
-feature. Beyond the paper, a spline that is scored also looks up the rope's points near the places
-it passes (`Passage`): one vector a rope cannot say what lies where.
+Actor and critic each have a trunk of their own, which runs once a rope: the actor predicts one
+Gaussian a rope, and the critic's head scores any number of splines. Beyond the paper, a scored
+spline also attends to the rope near its path (`SplineRopeAttention`).
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ class PairAttention(nn.Module):
 
 class Trunk(nn.Module):
     """Streams (S, P, CHANNELS) -> feature (S, feature), and the points of the whole rope's stream
-    with all that was read and looked up for them (S, Q, `seen`)."""
+    with their features (S, Q, `point_features`)."""
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
@@ -64,10 +63,10 @@ class Trunk(nn.Module):
                 if asking != answering
             }
         )
-        self.seen = CHANNELS + config.lstm + (len(STREAM_POINTS) - 1) * config.attention
+        self.point_features = CHANNELS + config.lstm + (len(STREAM_POINTS) - 1) * config.attention
         # The second layer of each MLP comes after pooling, where it costs next to nothing.
         self.mlps = nn.ModuleList(
-            nn.Sequential(nn.Linear(self.seen, config.stream), nn.SiLU()) for _ in streams
+            nn.Sequential(nn.Linear(self.point_features, config.stream), nn.SiLU()) for _ in streams
         )
         self.out = nn.Sequential(
             nn.Linear(2 * len(STREAM_POINTS) * config.stream, config.feature), nn.SiLU()
@@ -83,28 +82,27 @@ class Trunk(nn.Module):
                 for answering in range(len(read))
                 if answering != asking
             ]
-            seen = torch.cat([points[asking], read[asking], *looked_up], dim=-1)
-            features = mlp(seen)
+            of_points = torch.cat([points[asking], read[asking], *looked_up], dim=-1)
+            features = mlp(of_points)
             pooled += [features.mean(dim=1), features.amax(dim=1)]
-        return self.out(torch.cat(pooled, dim=-1)), seen
+        return self.out(torch.cat(pooled, dim=-1)), of_points
 
 
-class Passage(nn.Module):
-    """What of the rope lies where a spline passes.
+class SplineRopeAttention(nn.Module):
+    """Attention of points along a spline to the points of the whole rope.
 
-    Places along the spline are queries, the points of the whole rope answer; attention falls off
-    with the squared distance on the table, for each look-up at a rate of its own that is learned.
+    It decays with the squared distance on the table, at a learned rate for each look-up.
     """
 
-    def __init__(self, config: NetworkConfig, seen: int) -> None:
+    def __init__(self, config: NetworkConfig, point_features: int) -> None:
         super().__init__()
         self.lookups = config.lookups
         key = 8
-        self.of_points = nn.Linear(seen, config.lookups * key + config.lookup)
-        self.query = nn.Linear(_PLACE, config.lookups * key)
+        self.of_points = nn.Linear(point_features, config.lookups * key + config.lookup)
+        self.query = nn.Linear(_SITE, config.lookups * key)
         self.log_rate = nn.Parameter(torch.linspace(0, 3, config.lookups))
         self.at_place = nn.Sequential(
-            nn.Linear(_PLACE + config.lookups * config.lookup, config.stream), nn.SiLU()
+            nn.Linear(_SITE + config.lookups * config.lookup, config.stream), nn.SiLU()
         )
         self.out = nn.Linear(config.sites * config.stream, config.head)
         t = torch.linspace(0, 1, config.sites)
@@ -122,9 +120,9 @@ class Passage(nn.Module):
         y = torch.stack([controls[..., 8], controls[..., 2], controls[..., 5]], dim=-1)
         z = torch.stack([held, controls[..., 3], held], dim=-1)
         path = self._weights @ torch.stack([x, y, z], dim=-1)  # (S, n, sites, 3)
-        place = torch.cat([path, self._t.expand(*path.shape[:-1], 1)], dim=-1)
+        site = torch.cat([path, self._t.expand(*path.shape[:-1], 1)], dim=-1)
         size = self.query.out_features
-        query = self.query(place).flatten(1, 2).unflatten(-1, (self.lookups, -1)).transpose(1, 2)
+        query = self.query(site).flatten(1, 2).unflatten(-1, (self.lookups, -1)).transpose(1, 2)
         key = of_points[..., :size].unflatten(-1, (self.lookups, -1)).transpose(1, 2)
         # Of the squared distance |p - q|^2 = |p|^2 - 2 p q + |q|^2 a softmax over q needs the last
         # two terms only: products of what is appended to queries (S, lookups, n sites, ...) and
@@ -137,11 +135,11 @@ class Passage(nn.Module):
         key = torch.cat([key, q, q.square().sum(-1, keepdim=True)], dim=-1)
         value = of_points[:, None, :, size:].expand(-1, self.lookups, -1, -1)
         brought = (query @ key.mT).softmax(-1) @ value
-        brought = brought.transpose(1, 2).unflatten(1, place.shape[1:3]).flatten(3)
-        return self.out(self.at_place(torch.cat([place, brought], dim=-1)).flatten(2))
+        brought = brought.transpose(1, 2).unflatten(1, site.shape[1:3]).flatten(3)
+        return self.out(self.at_place(torch.cat([site, brought], dim=-1)).flatten(2))
 
 
-_PLACE = 4  # x, y, height and position along the spline
+_SITE = 4  # x, y, height and position along the spline
 
 
 class Actor(nn.Module):
@@ -184,11 +182,10 @@ class Actor(nn.Module):
 
 
 class Critic(nn.Module):
-    """What a spline is worth, as two logits.
+    """Two logits of a spline.
 
-    `success` is the probability that it accomplishes the action: Q of a single-step task. `onward`
-    is, if it does, the value of what it leaves: how well the actions that may follow can be done
-    from there (Sec. V-B c). An action that others follow is worth the product of both.
+    The first is the probability of success: Q of a single-step task. The second is, given success,
+    the value of the next state (Sec. V-B c). The Q of an action that others follow is the product.
     """
 
     def __init__(self, config: NetworkConfig) -> None:
@@ -200,19 +197,19 @@ class Critic(nn.Module):
         self.of_spline = nn.Sequential(
             nn.Linear(CONTROL_FEATURES, config.head), nn.SiLU(), nn.Linear(config.head, config.head)
         )
-        self.passage = Passage(config, self.trunk.seen)
+        self.passage = SplineRopeAttention(config, self.trunk.point_features)
         self.head = nn.Sequential(
             nn.SiLU(), nn.Linear(config.head, config.head), nn.SiLU(), nn.Linear(config.head, 2)
         )
 
     def features(self, states: TensorDict) -> tuple[Tensor, Tensor]:
         """All that scoring needs of each rope: (S, head), and its points' (S, Q, ...)."""
-        feature, seen = self.trunk(states["streams"])
+        feature, points = self.trunk(states["streams"])
         of_rope = self.of_rope(_with_kind(feature, states, self.kinds))
-        return of_rope, self.passage.of_points(seen)
+        return of_rope, self.passage.of_points(points)
 
     def score(self, features: tuple[Tensor, Tensor], states: TensorDict, splines: Tensor) -> Tensor:
-        """Logits (S, n, 2), success and onward, of splines (S, n, 6), n on each rope."""
+        """Logits (S, n, 2), success and next value, of splines (S, n, 6), n on each rope."""
         of_rope, of_points = features
         controls = control_features(states, splines)
         passed = self.passage(of_points, states["streams"], controls)
@@ -225,16 +222,15 @@ class Critic(nn.Module):
         return self.score(features, states[owner], splines[:, None])[:, 0]
 
 
-def log_value(logits: Tensor, onward: bool) -> Tensor:
-    """Logarithm (...) of what a critic's logits (..., 2) make a spline worth.
+def log_value(logits: Tensor, use_next_value: bool) -> Tensor:
+    """Log Q (...) from a critic's logits (..., 2).
 
-    That is the probability of success, times the value of what it leaves if `onward`.
+    The probability of success, times the value of the next state if `use_next_value`.
     """
     success = logsigmoid(logits[..., 0])
-    return success + logsigmoid(logits[..., 1]) if onward else success
+    return success + logsigmoid(logits[..., 1]) if use_next_value else success
 
 
 def _with_kind(feature: Tensor, states: TensorDict, kinds: int) -> Tensor:
-    """The rope's feature (S, F), and which kind of action is wanted, where a primitive serves
-    several."""
+    """The rope's feature (S, F), with the kind of action where a primitive serves several."""
     return torch.cat([feature, states["kind"]], dim=-1) if kinds else feature

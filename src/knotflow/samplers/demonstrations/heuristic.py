@@ -1,15 +1,18 @@
-"""A first guess at a spline: the strategy of human demonstrators (Sec. V-A).
+"""A heuristic for splines: the strategy of human demonstrators (Sec. V-A).
 
 "When making a new intersection, humans will grasp the segment that will be over the newly formed
-intersection, and move towards the segment that will be underneath." A guess does just that, at
-places drawn at random; many fail, which is what search and learning are for.
+intersection, and move towards the segment that will be underneath." Positions are drawn at random.
 """
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
 
+import numpy as np
+
+from knotflow.samplers.sampler import sampler
 from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW, clip_splines
 from knotflow.topology import (
     R1,
@@ -21,32 +24,32 @@ from knotflow.topology import (
     Undo,
     segment_intervals,
 )
+from knotflow.topology.polyline import Floats
 
 TIP = 0.15
 """Share of an end segment, counted from the rope's end, in which an end is grasped or covered."""
 
-BESIDE = 0.1
-"""Share of the rope's length beyond a segment where it is grasped, too, to be pulled out."""
+UNDO_MARGIN = 0.1
+"""Share of the rope's length beyond a segment within which it is grasped, too, to undo."""
 
 
-def aim(points: NDArray, action: Action, count: int, rng: np.random.Generator) -> NDArray:
-    """Guesses at splines that instantiate an action, as a sampler.
+def heuristic_splines(
+    points: Floats, action: Action, count: int, rng: np.random.Generator
+) -> Floats:
+    """Splines (count, 6) in range that are likely to instantiate an action, as a sampler.
 
     Args:
         points: (V, 3) rope vertices, metres.
-        action: legal in the rope's state; guesses at arranging are small random moves, see `nudge`.
-        count: number of guesses.
+        action: legal in the rope's state; for `Arrange` see `small_moves`.
+        count: number of splines.
         rng: everything random comes from it.
-
-    Returns:
-        (count, 6) splines in range.
     """
     if isinstance(action, Arrange):
-        return nudge(points, count, rng)
+        return small_moves(points, count, rng)
     segments = segment_intervals(points)
     if isinstance(action, Undo):
-        return _drag(points, segments[action.pulled_segment(len(segments))], count, rng)
-    grasp, target = _places(action, segments, count, rng)
+        return _drags(points, segments[action.pulled_segment(len(segments))], count, rng)
+    grasp, target = _grasp_and_target(action, segments, count, rng)
     passed = _at(points, target)
     along = _at(points, target + 0.01) - _at(points, target - 0.01)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
@@ -72,21 +75,17 @@ def aim(points: NDArray, action: Action, count: int, rng: np.random.Generator) -
     return clip_splines(np.column_stack([grasp, mid, height, end]))
 
 
-def aim_anywhere(
-    points: NDArray,
+def heuristic_any_action(
+    points: Floats,
     state: TopologicalState,
     rng: np.random.Generator,
     random_share: float = 0.0,
     most_crossings: int | None = None,
-) -> NDArray[np.float64]:
-    """A spline (6,) aimed at any action of a rope, as plans are made of, or a random one.
+) -> Floats:
+    """A heuristic spline (6,) for a random action of a rope (V, 3) in a state.
 
-    Args:
-        points: (V, 3) rope vertices, metres.
-        state: their topological state.
-        rng: everything random comes from it.
-        random_share: probability of a random spline.
-        most_crossings: an action that leaves more is not aimed at; without any, it is random.
+    With probability `random_share`, or where each action leads to more than `most_crossings`, it
+    is uniformly random.
     """
     actions = [
         action
@@ -95,13 +94,12 @@ def aim_anywhere(
     ]
     if not actions or (random_share and rng.random() < random_share):
         return rng.uniform(SPLINE_LOW, SPLINE_HIGH)
-    spline: NDArray[np.float64] = aim(points, actions[rng.integers(len(actions))], 1, rng)[0]
-    return spline
+    return heuristic_splines(points, actions[rng.integers(len(actions))], 1, rng)[0]
 
 
-def _places(
-    action: Action, segments: NDArray, count: int, rng: np.random.Generator
-) -> tuple[NDArray, NDArray]:
+def _grasp_and_target(
+    action: Action, segments: Floats, count: int, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
     """Where to grasp and what to pass over, fractions (count,) of the rope's length."""
     over, under = segments[action.over_segment], segments[action.under_segment]
     one, other = rng.uniform(0, 1, (2, count))
@@ -112,14 +110,14 @@ def _places(
         else:
             one = TIP * one if action.over == 0 else 1 - TIP * one
     elif action.over_segment == action.under_segment:
-        # A segment over itself: the two places lie at least a third of it apart.
+        # A segment over itself: grasp and target lie at least a third of it apart.
         near, far = one / 3, 2 / 3 + other / 3
         one, other = (near, far) if _first_is_over(action) else (far, near)
     return over[0] + one * np.diff(over), under[0] + other * np.diff(under)
 
 
 def _covers_end(action: Action, num_segments: int) -> bool:
-    """Whether an end of the rope slips under a segment that is no end itself."""
+    """Whether a segment that is no end covers an end."""
     return isinstance(action, Cross) and action.over not in (0, num_segments - 1)
 
 
@@ -143,7 +141,7 @@ def _side(action: Action, num_segments: int) -> int:
     return 0
 
 
-def _at(points: NDArray, fraction: NDArray) -> NDArray:
+def _at(points: Floats, fraction: Floats) -> Floats:
     """Positions (N, 2) on the table at fractions (N,) of the rope's length."""
     along = np.linspace(0, 1, len(points))
     fraction = np.clip(fraction, 0, 1)
@@ -151,21 +149,18 @@ def _at(points: NDArray, fraction: NDArray) -> NDArray:
 
 
 def _around(
-    places: NDArray, least: NDArray | float, most: NDArray | float, rng: np.random.Generator
-) -> NDArray[np.float64]:
-    """Others (N, 2) in any direction from places (N, 2), `least` to `most` metres off."""
-    angle = rng.uniform(-np.pi, np.pi, len(places))
-    far = rng.uniform(least, most, len(places))
+    positions: Floats, least: Floats | float, most: Floats | float, rng: np.random.Generator
+) -> Floats:
+    """Points (N, 2) in random directions from positions (N, 2), `least` to `most` metres off."""
+    angle = rng.uniform(-np.pi, np.pi, len(positions))
+    distance = rng.uniform(least, most, len(positions))
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return np.asarray(places + far[:, None] * direction)
+    return np.asarray(positions + distance[:, None] * direction)
 
 
-def _drag(
-    points: NDArray, segment: NDArray, count: int, rng: np.random.Generator
-) -> NDArray[np.float64]:
-    """Drags (count, 6) of a segment (2,), or of what lies just beyond it, into any direction: from
-    there crossings are taken back more often than from the segment itself."""
-    low, high = max(segment[0] - BESIDE, 0.0), min(segment[1] + BESIDE, 1.0)
+def _drags(points: Floats, segment: Floats, count: int, rng: np.random.Generator) -> Floats:
+    """Drags (count, 6) in random directions of a segment (2,) and `UNDO_MARGIN` beyond it."""
+    low, high = max(segment[0] - UNDO_MARGIN, 0.0), min(segment[1] + UNDO_MARGIN, 1.0)
     grasp = rng.uniform(low, high, count)
     begin = _at(points, grasp)
     end = _around(begin, 0.1, 0.5, rng)
@@ -173,8 +168,8 @@ def _drag(
     return clip_splines(np.column_stack([grasp, mid, rng.uniform(0.04, 0.2, count), end]))
 
 
-def nudge(points: NDArray, count: int, rng: np.random.Generator) -> NDArray:
-    """Small random moves (count, 6) of a rope (V, 3): guesses at splines that arrange it."""
+def small_moves(points: Floats, count: int, rng: np.random.Generator) -> Floats:
+    """Small random moves (count, 6) of a rope (V, 3), most of which keep its state."""
     grasp = rng.uniform(0, 1, count)
     begin = _at(points, grasp)
     end = begin + rng.normal(0, 0.08, (count, 2))
@@ -182,13 +177,13 @@ def nudge(points: NDArray, count: int, rng: np.random.Generator) -> NDArray:
     return clip_splines(np.column_stack([grasp, mid, rng.uniform(0.03, 0.15, count), end]))
 
 
-def rearrange(
-    points: NDArray, action: Action, count: int, rng: np.random.Generator
-) -> NDArray[np.float64]:
-    """Moves (count, 6) of a rope (V, 3) that may make room for an action.
+def arranging_splines(
+    points: Floats, action: Action, count: int, rng: np.random.Generator
+) -> Floats:
+    """Moves (count, 6) of a rope (V, 3) that may make an action easier.
 
-    A place on one of the two segments that the action is about, or the rope's tip where that is an
-    end, is pulled somewhere, or brought beside the other segment; one in four is a `nudge`.
+    A point on one of the action's two segments, or the rope's tip where that is an end, is pulled
+    in a random direction or next to the other segment; a quarter are `small_moves`.
     """
     segments = segment_intervals(points)
     if isinstance(action, Undo):
@@ -207,5 +202,26 @@ def rearrange(
     end = _around(origin, np.where(beside, 0.02, 0.03), np.where(beside, 0.1, 0.15), rng)
     mid = (begin + end) / 2 + rng.normal(0, 0.05, (count, 2))
     moves = clip_splines(np.column_stack([grasp, mid, rng.uniform(0.03, 0.2, count), end]))
-    nudges = count // 4
-    return np.concatenate([moves[: count - nudges], nudge(points, nudges, rng)])
+    small = count // 4
+    return np.concatenate([moves[: count - small], small_moves(points, small, rng)])
+
+
+@dataclass
+class AimedConfig:
+    """The heuristic has no settings."""
+
+
+class AimedSampler:
+    """The heuristic as a sampler: the strategy without learning; no baseline of the paper."""
+
+    def sample(
+        self, points: Floats, action: Action, count: int, rng: np.random.Generator
+    ) -> Floats:
+        """Splines (count, 6), see `heuristic_splines`."""
+        return heuristic_splines(points, action, count, rng)
+
+
+@sampler("aimed")
+def build(config: AimedConfig, inputs: Mapping[str, Path]) -> AimedSampler:
+    """Requires no input."""
+    return AimedSampler()

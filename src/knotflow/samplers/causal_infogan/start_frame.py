@@ -1,9 +1,8 @@
-"""What the networks see: rope shapes in the frame of the shape that their rollout starts from.
+"""The frame of a rollout's start shape, in which the networks see its rope shapes.
 
-The origin of the frame is on the table below the start's centroid; its x axis is the direction in
-which a straight rope would lie to come closest to the start (vertex by vertex, head at the
-negative end). Ropes that lie elsewhere on the table, turned any way, so become alike. The paper
-does not say what its network saw; this makes the baseline stronger, as it does for ICP.
+The origin is on the table below the start's centroid; the x axis is the direction in which a
+straight rope would lie to come closest to the start (vertex by vertex, head at the negative end).
+Shapes are then invariant to where on the table a rope lies.
 """
 
 from __future__ import annotations

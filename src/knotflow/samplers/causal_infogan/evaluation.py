@@ -1,0 +1,207 @@
+"""Evaluation of Causal InfoGAN: goals, reachable ends, measures of plans (Sec. VII-C, Fig. 8)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+import pandas as pd
+
+from knotflow.samplers.demonstrations import TASKS, heuristic_splines, task
+from knotflow.simulation import Attempts, Observer, RopeSimulator, attempt, state_or_none
+from knotflow.statistics import rate_columns
+from knotflow.topology import Action, TopologicalState, segment_lengths
+from knotflow.topology.polyline import Floats
+
+PANEL_WAY_POINTS = 6
+
+# What a method is given, what it returns, and what counts as its success.
+_PLANNER = (
+    "start shape and end shape",
+    "rope shapes, no robot motion",
+    "the projected start and end have the states of those given",
+)
+_SAMPLER = (
+    "start shape and topological action",
+    "a spline for the robot, and by simulation the rope's motion",
+    "the simulated rope ends in the state of the action",
+)
+
+FOCUS = "C(0,1,1)"
+OVERHAND = "overhand"
+_LAST = task("C(2,0,1)")
+
+
+@dataclass(frozen=True)
+class ActionSequence:
+    """A start state and the actions to execute from there."""
+
+    name: str
+    """As in the tables: an action, or "overhand"."""
+    first: str
+    """The action whose unseen starts are taken."""
+    actions: tuple[Action, ...]
+    """To be executed one after the other."""
+
+    @property
+    def file(self) -> str:
+        """The goal as a file name."""
+        return task(self.first).name if len(self.actions) == 1 else self.name
+
+    @property
+    def start_state(self) -> TopologicalState:
+        """The state of the starts."""
+        return task(self.first).start_state
+
+
+GOALS: tuple[ActionSequence, ...] = (
+    *(ActionSequence(str(one.action), str(one.action), (one.action,)) for one in TASKS),
+    # The overhand of Sec. VII-A4: R1(0,1,1), C(0,1,1), C(2,0,1).
+    ActionSequence(OVERHAND, str(_LAST.start_actions[0]), (*_LAST.start_actions, _LAST.action)),
+)
+"""The eight actions of Fig. 6 and the multi-stage overhand."""
+
+Propose = Callable[[Floats, Action, TopologicalState], Attempts]
+"""Executes heuristic splines for an action on a rope (V, 3) in a state."""
+
+
+def guess(
+    simulator: RopeSimulator, count: int, rng: np.random.Generator, observe: Observer
+) -> Propose:
+    """Executes `count` heuristic splines at a time."""
+
+    def propose(points: Floats, action: Action, state: TopologicalState) -> Attempts:
+        splines = heuristic_splines(points, action, count, rng)
+        return attempt(simulator, points, splines, action, state, observe)
+
+    return propose
+
+
+def reachable_end(
+    points: Floats, goal: ActionSequence, propose: Propose, rounds: int
+) -> Floats | None:
+    """A rope (V, 3) at rest in the goal's state, reached from a start (V, 3) in metres.
+
+    "Causal InfoGAN requires the end configuration to be given, and we guarantee there is a feasible
+    path": heuristic splines are executed until one reaches the goal state.
+
+    Args:
+        points: the start.
+        goal: its actions are executed.
+        propose: executes a batch of splines.
+        rounds: batches for each action before the start is given up, and None is returned.
+    """
+    batches = iter(range(rounds * len(goal.actions)))
+
+    def reach(points: Floats, state: TopologicalState, actions: Sequence[Action]) -> Floats | None:
+        if not actions:
+            return points
+        # After a success of the action before, at most `rounds` batches; then another is sought.
+        for _ in islice(batches, rounds):
+            tried = propose(points, actions[0], state)
+            if tried.success.any():
+                ends = tried.rollouts.end_points[tried.success]
+                roomiest = max(ends, key=lambda shape: float(segment_lengths(shape).min()))
+                end = reach(roomiest, state.apply(actions[0]), actions[1:])
+                if end is not None:
+                    return end
+        return None
+
+    return reach(points, goal.start_state, goal.actions)
+
+
+@dataclass(frozen=True)
+class PlanMeasures:
+    """One plan against the shapes it was asked to join."""
+
+    start_distance: float
+    """From the given start to its projection, mean over vertices, metres."""
+    end_distance: float
+    """From the given end to its projection, mean over vertices, metres."""
+    start_kept: bool
+    """Whether the projected start has the given start's topological state."""
+    end_kept: bool
+    """Whether the projected end has the given end's topological state."""
+    unevenness: float
+    """Standard deviation over mean of the steps from the projected start over all way points to
+    the projected end, each the mean motion of a vertex; 0 where progress is even."""
+    largest_stretch: float
+    """Largest change of a link's length in any of these shapes, over its length when given."""
+
+
+def measure(
+    start: Floats,
+    projected_start: Floats,
+    way_points: Floats,
+    projected_end: Floats,
+    end: Floats,
+) -> PlanMeasures:
+    """Measures of a plan: way points (steps + 1, V, 3), the other shapes (V, 3), metres."""
+
+    def same_state(projected: Floats, given: Floats) -> bool:
+        state = state_or_none(projected)
+        return state is not None and state == state_or_none(given)
+
+    shapes = np.concatenate([projected_start[None], way_points, projected_end[None]])
+    steps = np.linalg.norm(np.diff(shapes, axis=0), axis=-1).mean(axis=-1)
+    rest = np.linalg.norm(np.diff(start, axis=0), axis=-1)
+    lengths = np.linalg.norm(np.diff(shapes, axis=1), axis=-1)
+    return PlanMeasures(
+        start_distance=float(np.linalg.norm(projected_start - start, axis=-1).mean()),
+        end_distance=float(np.linalg.norm(projected_end - end, axis=-1).mean()),
+        start_kept=same_state(projected_start, start),
+        end_kept=same_state(projected_end, end),
+        unevenness=float(steps.std() / steps.mean()) if steps.any() else 0.0,
+        largest_stretch=float(np.abs(lengths / rest - 1).max()),
+    )
+
+
+def panel_rows(
+    row: Mapping[str, object],
+    start: Floats,
+    projected_start: Floats,
+    way_points: Floats,
+    projected_end: Floats,
+    end: Floats,
+) -> pd.DataFrame:
+    """One line a vertex of the shapes of a plan, some of its way points, in the order of Fig. 8."""
+    few = np.unique(np.linspace(0, len(way_points) - 1, PANEL_WAY_POINTS).round().astype(int))
+    way_points = way_points[few]
+    roles = ["given start", "projected start", *["way point"] * len(way_points)]
+    roles += ["projected end", "given end"]
+    shapes = np.concatenate(
+        [start[None], projected_start[None], way_points, projected_end[None], end[None]]
+    )
+    columns, vertices = np.indices(shapes.shape[:2])
+    keys = {key: row[key] for key in ("model", "seed", "goal", "shapes", "start")}
+    table = {"column": columns.ravel(), "role": np.repeat(roles, shapes.shape[1])}
+    table |= {"vertex": vertices.ravel()}
+    table |= {axis: shapes[..., k].ravel() for k, axis in enumerate("xyz")}
+    return pd.DataFrame(table).assign(**keys)[[*keys, *table]]
+
+
+def compare(plans: pd.DataFrame, outcomes: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """How often each method gets to the goal's state, on the starts that have an end shape.
+
+    Args:
+        plans: one row a plan of Causal InfoGAN.
+        outcomes: method -> table (action, start, success) of a sampler on the same starts.
+    """
+    unseen = plans[plans["shapes"] == "unseen"]
+    rows = []
+    for (model, goal), own in unseen.groupby(["model", "goal"], sort=False):
+        kept = (own["start_kept"] & own["end_kept"]).sum()
+        starts = own["start"].nunique()
+        rows.append((f"causal_infogan_{model}", goal, *_PLANNER, starts, len(own), kept))
+    for method, tried in outcomes.items():
+        for goal, asked in unseen.groupby("goal", sort=False):
+            same = tried["start"].isin(asked["start"].unique())
+            own = tried[(tried["action"] == goal) & same]
+            if len(own):
+                starts, hits = own["start"].nunique(), own["success"].sum()
+                rows.append((method, goal, *_SAMPLER, starts, len(own), hits))
+    columns = ["method", "goal", "given", "returns", "success", "starts", "trials", "successes"]
+    table = pd.DataFrame(rows, columns=columns)
+    return table.assign(**rate_columns(table["successes"], table["trials"]))
