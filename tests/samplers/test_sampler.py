@@ -118,7 +118,7 @@ def test_sampler_without_its_inputs_is_not_offered():
         build_sampler(SamplerConfig("icp"), {})
     reason, _, offered = str(error.value).partition("without it there are ")
     assert "'icp' needs the output of the stage demonstrations" in reason
-    assert {"aimed", "primitives", "random"} <= set(offered.split(", "))
+    assert {"aimed", "random"} <= set(offered.split(", "))
     assert "icp" not in offered
 
 

@@ -59,15 +59,14 @@ def test_a_folder_with_a_primitive_twice_is_refused(library, tmp_path):
         PrimitiveLibrary.load(tmp_path)
 
 
-def test_the_sampler_is_built_from_a_stage_or_a_file(path, ropes):
-    stage = build_sampler(SamplerConfig("primitives"), {"primitives": path.parent})
-    named = build_sampler(SamplerConfig("primitives", {"file": str(path)}), {})
-    for built in (stage, named):
+def test_sampler_is_built_from_a_stage_or_a_file(path, ropes):
+    for source in (path.parent, path):
+        built = build_sampler(SamplerConfig("primitives"), {"primitives": source})
         assert built.sample(ropes["loop"], ACTION, 2, np.random.default_rng(0)).shape == (2, 6)
 
 
-def test_without_a_library_the_sampler_says_what_it_needs():
-    with pytest.raises(ValueError, match="input 'primitives' or settings.file"):
+def test_sampler_without_a_library_names_its_input():
+    with pytest.raises(ValueError, match="needs the output of the stage primitives"):
         build_sampler(SamplerConfig("primitives"), {})
 
 

@@ -24,6 +24,7 @@ from knotflow.simulation import (
     StartsConfig,
     attempt,
     clip_splines,
+    reach_starts,
     straight,
 )
 from knotflow.topology.polyline import Floats

@@ -367,18 +367,13 @@ def _digest(weights: Mapping[str, Tensor]) -> str:
 
 @dataclass
 class PrimitivesConfig:
-    """Which library proposes."""
-
-    file: str = ""
-    """A library's file, or a folder of files. Empty takes what the input `primitives` holds."""
+    """A library has nothing to set."""
 
 
 @sampler("primitives", needs=("primitives",))
 def build(config: PrimitivesConfig, inputs: Mapping[str, Path]) -> PrimitiveLibrary:
     """A library from the input `primitives`: the output of a training stage, or a file or folder
-    that `PrimitiveLibrary.load` reads; `settings.file` takes its place."""
-    if config.file:
-        return PrimitiveLibrary.load(Path(config.file))
+    that `PrimitiveLibrary.load` reads."""
     source = Path(inputs["primitives"])
     trained = source / FILE
     return PrimitiveLibrary.load(trained if trained.is_file() else source)
