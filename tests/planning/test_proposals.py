@@ -41,7 +41,8 @@ def test_undoing_is_aimed_for_sampler_without_it(node, capabilities):
     assert 0 < undoing.sum() < len(undoing)
     proposals.evaluate([node])
     np.testing.assert_array_equal(node.values[~undoing], 0.7)
-    np.testing.assert_array_equal(node.values[undoing], 0.7 if "undo" in capabilities else UNDO_VALUE)
+    undo_value = 0.7 if "undo" in capabilities else UNDO_VALUE
+    np.testing.assert_array_equal(node.values[undoing], undo_value)
 
     edge = int(np.flatnonzero(undoing)[0])
     branches = [Expansion(node, edge, ACT), Expansion(node, edge, ARRANGE)]
