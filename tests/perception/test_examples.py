@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from knotflow.perception.networks.config import ExamplesConfig
-from knotflow.perception.networks.examples import draw_patches, rasterise
+from knotflow.perception.networks.examples import ExamplesConfig, draw_patches, rasterise
 from knotflow.perception.networks.patches import crop_rope
 
 from .shapes import CAMERA, ROPE, loop, s_curve

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from knotflow.perception.estimation.chain import project_lengths
-from knotflow.perception.estimation.fitting import FitConfig, fit
+from knotflow.perception.estimation.fitting import fit
 
 from .shapes import CAMERA, ROPE, loop, s_curve, target
 
@@ -34,8 +34,3 @@ def test_projected_links_are_equal_and_the_shape_moves_little(rng):
 def test_projecting_an_equal_shape_changes_nothing():
     points = loop()
     np.testing.assert_allclose(project_lengths(points, ROPE.link_length), points, atol=1e-9)
-
-
-def test_a_fit_without_steps_is_refused():
-    with pytest.raises(ValueError, match="at least one step"):
-        FitConfig(steps=0)

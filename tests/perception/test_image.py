@@ -29,11 +29,10 @@ def image(rng) -> RgbdImage:
 def test_an_image_is_read_as_it_was_written(image, tmp_path):
     for depth, tolerance in (("depth.npy", 0.0), ("depth.png", 0.5001e-3)):
         image.write(tmp_path / "rgb.png", tmp_path / depth)
-        again = RgbdImage.read(tmp_path / "rgb.png", tmp_path / depth, time=1.5)
+        again = RgbdImage.read(tmp_path / "rgb.png", tmp_path / depth)
         np.testing.assert_array_equal(again.rgb, image.rgb)
         np.testing.assert_allclose(again.depth, image.depth, atol=tolerance, rtol=0)
         assert np.isnan(again.depth[3, 4]) and again.depth.dtype == np.float32
-        assert again.time == 1.5
 
 
 def test_whole_numbers_are_millimetres_and_zero_is_unknown(image, tmp_path):

@@ -9,7 +9,7 @@ from knotflow.perception.estimation.segmentation import Segmentation
 from knotflow.perception.estimation.skeleton import TraceError
 from knotflow.perception.networks.models import CoarseToFine
 from knotflow.perception.networks.network import Network, NetworkError
-from knotflow.perception.networks.training import SelfSupervision, SelfSupervisionConfig
+from knotflow.perception.networks.training import SelfSupervisionConfig, self_supervise
 from knotflow.simulation import RopeConfig
 
 from .shapes import CAMERA, ROPE, image, loop, s_curve
@@ -120,15 +120,6 @@ def test_estimates_of_images_teach_the_network():
     before = error()
     config = SelfSupervisionConfig(steps=50, batch=4, learning_rate=3e-3)
     for shape in (s_curve(), s_curve()[::-1]):
-        losses = list(SelfSupervision(network, [asked[0]], [shape], CAMERA, ROPE, config))
+        losses = list(self_supervise(network, [asked[0]], [shape], CAMERA, ROPE, config))
         assert len(losses) == 50 and losses[-1] < losses[0]
     assert error() < 0.5 * before
-
-
-def test_self_supervision_needs_images_and_their_shapes(network):
-    with pytest.raises(ValueError, match="got 0 images"):
-        SelfSupervision(network, [], [], CAMERA, ROPE)
-    with pytest.raises(ValueError, match="1 images, 2 shapes"):
-        SelfSupervision(network, [image(s_curve())], [s_curve()] * 2, CAMERA, ROPE)
-    with pytest.raises(ValueError, match="31 vertices"):
-        SelfSupervision(network, [image(s_curve())], [s_curve()], CAMERA, RopeConfig(links=30))

@@ -6,8 +6,13 @@ import torch
 
 from knotflow.perception.camera.image import Label
 from knotflow.perception.estimation.segmentation import pixel_coverage
-from knotflow.perception.networks.config import ExamplesConfig, StrandNetworkConfig
-from knotflow.perception.networks.examples import draw_windows, points_at, rasterise, to_window
+from knotflow.perception.networks.examples import (
+    ExamplesConfig,
+    draw_windows,
+    points_at,
+    rasterise,
+    to_window,
+)
 from knotflow.perception.networks.models import (
     HALF,
     HEADINGS,
@@ -17,6 +22,7 @@ from knotflow.perception.networks.models import (
     CoarseToFine,
     NextStep,
     StrandNetwork,
+    StrandNetworkConfig,
     headings,
 )
 from knotflow.perception.networks.network import Network, shipped_network

@@ -4,18 +4,17 @@ import numpy as np
 import pytest
 import torch
 
-from knotflow.perception.networks.config import (
+from knotflow.perception.networks.examples import ExamplesConfig, draw_patches
+from knotflow.perception.networks.models import (
+    CoarseToFine,
     CoarseToFineConfig,
-    ExamplesConfig,
     StrandNetworkConfig,
-    StrandTrainingConfig,
-    TrainingConfig,
 )
-from knotflow.perception.networks.examples import draw_patches
-from knotflow.perception.networks.models import CoarseToFine
 from knotflow.perception.networks.training import (
     CoarseToFineTrainer,
     StrandTrainer,
+    StrandTrainingConfig,
+    TrainingConfig,
     nodes_loss,
     vertex_error,
 )
@@ -77,10 +76,3 @@ def test_the_network_learns_eight_examples_by_heart():
 def test_shapes_that_cannot_be_learned_are_refused(shapes):
     with pytest.raises(ValueError, match="41"):
         CoarseToFineTrainer(shapes, CROSSINGS[: len(shapes)], ROPE, TrainingConfig(network=TINY), 0)
-
-
-def test_a_network_that_cannot_be_is_refused():
-    with pytest.raises(ValueError, match="halved 3 times; got 30"):
-        CoarseToFineConfig(size=30, channels=(8, 8, 8))
-    with pytest.raises(ValueError, match="growing"):
-        CoarseToFineConfig(nodes=(17, 9, 41))

@@ -12,7 +12,7 @@ from omegaconf import II, MISSING
 
 import knotflow
 from knotflow.execution import SHIPPED_DYNAMICS, ExecutionConfig
-from knotflow.perception.networks.config import SHIPPED_NETWORK
+from knotflow.perception import SHIPPED_NETWORK
 from knotflow.planning import PlannerConfig
 from knotflow.samplers import SamplerConfig
 from knotflow.samplers.demonstrations import SHIPPED, DemonstratorConfig, NoiseConfig

@@ -23,7 +23,6 @@ from knotflow.perception import (
     EstimateConfig,
     Network,
     RgbdImage,
-    SelfSupervision,
     SelfSupervisionConfig,
     SimulatedCamera,
     StrandTrainer,
@@ -31,6 +30,7 @@ from knotflow.perception import (
     TraceError,
     TrainingConfig,
     estimate,
+    self_supervise,
 )
 from knotflow.perception.io import DrawnEstimate, draw_estimates
 from knotflow.perception.methods import (
@@ -98,7 +98,7 @@ def ropes(
     parts = [np.load(run.out / f"{name}.npz") for name in names]
     joined = {key: np.concatenate([part[key] for part in parts]) for key in ("points", "crossings")}
     with run.atomic(ROPES) as path:
-        np.savez(path, **joined)
+        np.savez(path, points=joined["points"], crossings=joined["crossings"])
     for name in names:
         (run.out / f"{name}.npz").unlink()
 
@@ -215,7 +215,7 @@ def perception_networks(
     if sure:
         pictures, targets = [picture(one) for one in sure], [found[one] for one in sure]
         camera = Camera.overhead()
-        supervision = SelfSupervision(learned, pictures, targets, camera, rope, learning, seed)
+        supervision = self_supervise(learned, pictures, targets, camera, rope, learning, seed)
         losses = [*run.progress(supervision, total=learning.steps, desc="self-supervision")]
     table = pd.DataFrame({"loss": losses}).rename_axis("step").reset_index()
     run.save_table("losses.csv", table, "%.6g")

@@ -1,3 +1,5 @@
+import pathlib
+
 from .camera.image import SAMPLE, ImageError, Label, RgbdImage
 from .camera.noise import CameraNoiseConfig, add_noise
 from .camera.pinhole import Camera, CameraError
@@ -12,20 +14,25 @@ from .estimation.search import SearchConfig
 from .estimation.segmentation import Segmentation, pixel_coverage, segment
 from .estimation.skeleton import TraceError
 from .io import see
-from .networks.config import StrandNetworkConfig, StrandTrainingConfig, TrainingConfig
+from .networks.models import StrandNetworkConfig
 from .networks.network import Network, NetworkError, load_if_present
 from .networks.training import (
     CoarseToFineTrainer,
-    SelfSupervision,
     SelfSupervisionConfig,
     StrandTrainer,
+    StrandTrainingConfig,
+    TrainingConfig,
+    self_supervise,
 )
 from .tracking.cpd import CpdConfig, CpdTracker
 from .tracking.tracker import Tracker, TrackerConfig, constant_velocity
 
+SHIPPED_NETWORK: pathlib.Path
+
 __all__ = [
     "END_AMBIGUITIES",
     "SAMPLE",
+    "SHIPPED_NETWORK",
     "Appearance",
     "Camera",
     "CameraError",
@@ -44,7 +51,6 @@ __all__ = [
     "RopeEstimate",
     "SearchConfig",
     "Segmentation",
-    "SelfSupervision",
     "SelfSupervisionConfig",
     "SimulatedCamera",
     "StrandNetworkConfig",
@@ -68,5 +74,6 @@ __all__ = [
     "score_crossings",
     "see",
     "segment",
+    "self_supervise",
     "visible_vertices",
 ]

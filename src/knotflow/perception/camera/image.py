@@ -36,12 +36,8 @@ class ImageError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class RgbdImage:
-    """Colour and depth of the same pixels.
-
-    Attributes:
-        rgb: (H, W, 3) uint8.
-        depth: (H, W) float32, metres along the optical axis; NaN where unknown.
-        time: seconds.
+    """Colour `rgb` (H, W, 3) uint8 and `depth` (H, W) float32 of the same pixels, metres along the
+    optical axis, NaN where unknown; `time` in seconds.
 
     Raises:
         ImageError: another shape or type, colour and depth of different sizes, or no depth at all.
@@ -73,17 +69,13 @@ class RgbdImage:
             )
 
     @classmethod
-    def read(
-        cls, rgb: Path | str, depth: Path | str, camera: Camera | None = None, time: float = 0.0
-    ) -> RgbdImage:
-        """The image of two files.
+    def read(cls, rgb: Path | str, depth: Path | str, camera: Camera | None = None) -> RgbdImage:
+        """The image of two files, of the camera's size if one is given.
 
         Args:
             rgb: PNG (or another format that Pillow reads).
             depth: PNG of 16 bits, or NPY. Whole numbers are millimetres, floats are metres; 0 and
                 what is not finite is unknown.
-            camera: if given, the camera whose size the image must have.
-            time: seconds.
 
         Raises:
             ImageError: naming the file and what is wrong with it.
@@ -91,7 +83,7 @@ class RgbdImage:
         colour = _read_pixels(Path(rgb), "colour", "RGB")
         distances = _read_depth(Path(depth))
         try:
-            image = cls(colour, distances, time)
+            image = cls(colour, distances)
             if camera is not None:
                 image.check(camera)
         except ImageError as error:

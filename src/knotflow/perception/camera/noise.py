@@ -1,8 +1,5 @@
-"""A Kinect's noise on a perfect RGB-D image.
-
-A Kinect triangulates between camera and projector, so its errors and steps are even in disparity
-(inverse depth); what the projector cannot light has no depth.
-"""
+"""A Kinect's noise on a perfect RGB-D image: errors and steps even in inverse depth, shadows of
+the projector without depth."""
 
 from __future__ import annotations
 
@@ -108,15 +105,9 @@ def _noisy_depth(
 
 
 def shadow(depth: NDArray[np.float32], focal_baseline: float) -> NDArray[np.bool_]:
-    """Where (H, W) something nearer hides a pixel from a projector to the camera's right.
-
-    A pixel u of disparity d is at u - d in the projector's image, where points of one row keep
-    their order; a pixel is hidden when one to its right is further left there.
-
-    Args:
-        depth: (H, W) metres.
-        focal_baseline: focal length times distance of the projector, pixels times metres.
-    """
+    """Where (H, W) something nearer hides a pixel of a depth (H, W), metres, from a projector to
+    the camera's right: one to its right is further left in the projector's image. `focal_baseline`
+    is focal length times distance of the projector, pixels times metres."""
     place = np.arange(depth.shape[1]) - focal_baseline / depth
     leftmost = np.full_like(place, np.inf)  # of the pixels to the right of each
     places = np.where(np.isnan(place), np.inf, place)[:, :0:-1]

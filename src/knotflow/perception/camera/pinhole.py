@@ -36,16 +36,11 @@ class Camera:
     Pixel (u, v) counts columns from the left and rows from the top, pixel centres at whole numbers.
     The camera's axes are OpenCV's: x right, y down in the image, z forward along the optical axis.
 
-    Attributes:
-        width, height: size of the image, pixels.
-        fx, fy: focal lengths, pixels.
-        cx, cy: principal point, pixels.
-        position: (3,) metres, the optical centre in the world frame.
-        rotation: (3, 3), world from camera: its columns are the camera's axes in the world.
+    Size `width` by `height`, focal lengths fx, fy and principal point cx, cy are in pixels,
+    `position` (3,) in metres, world frame; `rotation` (3, 3) is world from camera.
 
     Raises:
-        CameraError: a size or focal length that is not positive, a value that is not finite, or an
-            invalid rotation.
+        CameraError: values that are of another shape, not finite or impossible.
     """
 
     width: int
@@ -82,10 +77,8 @@ class Camera:
             )
 
     def project(self, points: ArrayLike) -> Floats:
-        """Pixels u, v and depth along the optical axis (..., 3) of points (..., 3), metres.
-
-        Pixels of points that are not in front of the camera are NaN.
-        """
+        """Pixels u, v, NaN behind the camera, and depth along the optical axis (..., 3) of points
+        (..., 3), metres."""
         local = (np.asarray(points, np.float64) - self.position) @ self.rotation
         depth = local[..., 2]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -160,15 +153,10 @@ class Camera:
     def overhead(
         cls, width: int = 320, height: int = 240, distance: float = 1.2, field_of_view: float = 60.0
     ) -> Camera:
-        """A camera above the middle of the table that looks down, the image's top towards +y.
+        """A camera `distance` metres above the middle of the table, the image's top towards +y.
 
-        With the defaults, a Kinect v2's field of view, it sees all that a spline reaches: 0.6 m
-        from the middle in x and y, up to 0.15 m above the table. A pixel is 5.8 mm on the table.
-
-        Args:
-            width, height: pixels; at least as wide as high.
-            distance: metres above the table.
-            field_of_view: from the image's top to its bottom, degrees.
+        The `field_of_view`, from top to bottom, is in degrees; the default is a Kinect v2's, which
+        sees all that a spline reaches, with pixels of 5.8 mm on the table.
         """
         focal = float(0.5 * height / np.tan(np.deg2rad(field_of_view) / 2))
         centre = (width - 1) / 2, (height - 1) / 2

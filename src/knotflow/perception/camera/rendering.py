@@ -1,14 +1,11 @@
 """A rope as a camera sees it, differentiable in its vertices (Sec. VI, extended to depth).
 
 A rope is a chain of capsules. A pixel's ray passes each link at some distance d, and the link
-covers it by alpha = sigmoid((radius - d) / softness). Links are composited front to back: the
-nearest takes its alpha of the pixel, the next its alpha of what is left. So an upper strand hides a
-lower one exactly, and a strand nearby does not leak into the depth.
+covers it by alpha = sigmoid((radius - d) / softness); links are composited front to back.
 
-Only pixels near a link are rendered, by compiled loops with gradients by hand. Their arrays are
-float64 and in the camera's frame; a pixel is a flat index into B images of the same size, a link
-one into B ropes of E links each. Loops are cached by the file they are in: after a change to a
-function that another file's loops use, empty `__pycache__`.
+Compiled loops render the pixels near links, with gradients by hand. A pixel is a flat index into B
+images, a link one into B ropes of E links each. Loops are cached by the file they are in: after a
+change to a function that another file's loops use, empty `__pycache__`.
 """
 
 from __future__ import annotations
@@ -127,14 +124,8 @@ def composite(
     height: int,
     width: int,
 ) -> tuple[Any, ...]:
-    """Ropes (B, V, 3), each rendered into an image of its own.
-
-    Args:
-        ropes: vertices in the camera's frame, metres.
-        radius, seen_radius, softness: as of `render`, metres.
-        reach: from a link, up to where pixels see it, metres.
-        eye: fx, fy, cx, cy.
-        height, width: of an image.
+    """Ropes (B, V, 3), metres, camera's frame, each rendered into an image of its own; pixels up to
+    `reach` metres from a link see it; `eye` is fx, fy, cx, cy.
 
     Returns:
         depth, occupancy: (B * H * W,) as of `render`.
@@ -221,13 +212,8 @@ def composite_gradient(
     depth_slope: NDArray[np.float64],
     occupancy_slope: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """The gradient (B, V, 3) of a loss by the ropes' vertices.
-
-    Args:
-        ropes, radius, seen_radius, softness, eye, height, width: of `composite`.
-        composited: its result.
-        depth_slope, occupancy_slope: (B * H * W,) the loss's gradient by depth and occupancy.
-    """
+    """The gradient (B, V, 3) of a loss by the ropes' vertices, from the arguments and the result of
+    `composite` and the loss's gradients (B * H * W,) by depth and occupancy."""
     depth, occupancy, pixel, link, weight, deep = composited
     links = ropes.shape[1] - 1
     slope = np.zeros_like(ropes)
@@ -299,8 +285,7 @@ def render(
         points: (..., V, 3) vertices, metres, world frame.
         radius: of the rope, metres.
         camera: that looks at it.
-        softness: distance over which the rope's edge fades, metres; gradients reach a few times as
-            far.
+        softness: distance over which the rope's edge fades, metres.
         seen_radius: of the rope's silhouette, metres, where it differs from `radius`, see `Target`.
 
     Returns:

@@ -1,8 +1,4 @@
-"""The simulated camera: appearance, RGB and depth of rope, table and gripper, by ray casting.
-
-MuJoCo casts rays against capsules, boxes and the table, without OpenGL, where rope and gripper may
-be seen; elsewhere the image is that of the bare table.
-"""
+"""The simulated camera: appearance, RGB and depth of rope, table and gripper, by MuJoCo's rays."""
 
 from __future__ import annotations
 
@@ -19,8 +15,6 @@ from knotflow.simulation import RopeConfig, check_points
 
 if TYPE_CHECKING:
     import mujoco
-
-    from knotflow.perception.camera.noise import CameraNoiseConfig
 
 Colour = tuple[float, float, float]
 
@@ -51,10 +45,7 @@ class Appearance:
 
     @classmethod
     def draw(cls, rng: np.random.Generator, noise: CameraNoiseConfig) -> Appearance:
-        """Colours and light at random; at level 0 the default ones.
-
-        Rope, table and head differ by at least `noise.contrast / noise.level`, Euclidean in sRGB.
-        """
+        """Colours, apart by `noise.contrast / noise.level`, and light; at level 0 the default."""
         head = TAPE if noise.coloured_head else None
         level = noise.level
         if level == 0:
@@ -97,14 +88,8 @@ class Appearance:
     def shade(
         self, labels: NDArray[np.uint8], head: NDArray[np.bool_], normals: NDArray, points: NDArray
     ) -> NDArray[np.uint8]:
-        """The colours (H, W, 3) of what is seen, by Lambert's law.
-
-        Args:
-            labels: (H, W), see `Label`; unknown is black.
-            head: (H, W), where the rope's head is seen.
-            normals: (H, W, 3) unit, world frame.
-            points: (H, W, 3) metres, world frame.
-        """
+        """The colours (H, W, 3), by Lambert's law, of `labels` (H, W), of the rope's head (H, W),
+        at `points` (H, W, 3), metres, with unit `normals` (H, W, 3), world frame."""
         colours = np.zeros((len(Label), 3))
         colours[Label.TABLE] = self.table
         colours[Label.ROPE] = self.rope
@@ -148,11 +133,8 @@ class View:
 
 
 class SimulatedCamera:
-    """A camera that looks at simulated ropes.
-
-    The gripper (two fingers, a palm and a wrist) points straight down, its fingers across the link
-    nearest to it.
-    """
+    """A camera that looks at simulated ropes, and a gripper that points straight down, its fingers
+    across the link nearest to it."""
 
     def __init__(
         self,

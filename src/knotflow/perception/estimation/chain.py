@@ -17,11 +17,8 @@ _ROUNDS = 5
 
 
 def project_lengths(points: NDArray, link_length: float, mobility: NDArray | None = None) -> Floats:
-    """The shape with links of equal length that is nearest to `points` (V, 3), metres.
-
-    Newton's method on the constraints, each step the smallest that meets them to first order.
-    Vertices move in proportion to their `mobility` (V,), positive; by default all alike.
-    """
+    """The shape with links of equal length nearest to `points` (V, 3), metres, by Newton's method.
+    Vertices move in proportion to their `mobility` (V,), positive; by default all alike."""
     shape = np.array(points, np.float64)
     ease = np.ones(len(shape)) if mobility is None else np.asarray(mobility, np.float64)
     for _ in range(50):
@@ -108,12 +105,8 @@ def overlap(ropes: Floats, radius: float) -> tuple[Floats, Floats]:
 
 
 def register(start: Floats, cloud: Floats, rope: RopeConfig) -> Floats:
-    """The shape (V, 3) near `start` (V, 3) that the rope's points (N, 3) lie on, metres.
-
-    Iterated closest points (Besl and McKay, 1992) by Gauss-Newton steps: a point pulls the nearest
-    place on the rope, but only across the rope, except beyond an end; links keep their lengths and
-    neighbours, vertices without points among them, move alike.
-    """
+    """The shape (V, 3) near `start` (V, 3) that the rope's points (N, 3) lie on, metres: iterated
+    closest points (Besl and McKay, 1992) by Gauss-Newton steps, links of constant length."""
     shape = np.array(start, np.float64)
     if len(cloud) == 0:
         return shape

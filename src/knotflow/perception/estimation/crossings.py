@@ -1,10 +1,7 @@
-"""Over and under at the crossings of an estimated rope: how certain is each the way it is?
+"""Over and under at the crossings of an estimated rope, and how certain each is.
 
-The image of a crossing shows the upper strand, and the lower one only beside it. With the heights
-of its strands exchanged, a few gradient steps let the shape account for the image as well as it
-can; how much worse it does is the log odds, as losses are squared errors in units of the noise. Of
-a tracked rope the evidence is gathered from image to image: only an end that passes makes or
-unmakes a crossing.
+The log odds are how much worse the shape accounts for the image with the heights of the strands
+exchanged, after a few gradient steps. Of a tracked rope they are gathered from image to image.
 """
 
 from __future__ import annotations
@@ -31,19 +28,16 @@ _MOST, _MOST_EACH = 8.0, 2.0  # log odds that all images, and one of them, can g
 
 @dataclass(frozen=True)
 class CrossingEvidence:
-    """A crossing of an estimated rope.
-
-    Attributes:
-        fractions: where it is met first and second, 0 at the head and 1 at the tail.
-        first_over: whether the strand nearer to the head is on top.
-        gap: distance in height of the strands' axes, metres.
-        certainty: probability that it is this way round and not the other, 0.5..1.
-    """
+    """A crossing of an estimated rope."""
 
     fractions: tuple[float, float]
+    """Where it is met first and second, 0 at the head and 1 at the tail."""
     first_over: bool
+    """Whether the strand nearer to the head is on top."""
     gap: float
+    """Distance in height of the strands' axes, metres."""
     certainty: float
+    """Probability that it is this way round and not the other, 0.5..1."""
 
     def reversed(self) -> CrossingEvidence:
         """The same crossing of a rope whose head is the tail."""
@@ -58,12 +52,8 @@ def score_crossings(
     rope: RopeConfig,
     config: FitConfig | None = None,
 ) -> tuple[Floats, tuple[CrossingEvidence, ...]]:
-    """Turn each crossing of a fitted shape (V, 3) the way that the image makes likelier.
-
-    Returns:
-        The shape (V, 3), metres, and its crossings with their certainty, in the order met; none
-        where the shape's projection cannot be read.
-    """
+    """A fitted shape (V, 3), metres, each crossing turned the way that the image makes likelier,
+    and its crossings in the order met, none where its projection cannot be read."""
     config = config or FitConfig()
     brief = replace(
         config, steps=_STEPS, softness=(config.softness[1],) * 2, step_size=config.step_size / 2
@@ -136,11 +126,8 @@ class CrossingMemory:
     def update(
         self, shape: Floats, target: Target, camera: Camera, rope: RopeConfig, config: FitConfig
     ) -> tuple[Floats, tuple[CrossingEvidence, ...]]:
-        """A shape (V, 3) fitted to the next image, its strands as all images together have them.
-
-        Returns:
-            The shape, metres, and its crossings in the order met.
-        """
+        """A shape (V, 3) fitted to the next image, its strands as all the images have them, and
+        its crossings in the order met."""
         image = target, camera, rope, config
         pairs = crossing_fractions(shape)
         loss = misfit(shape, *image) if pairs else 0.0

@@ -1,10 +1,4 @@
-"""A rope's shape and topological state from one RGB-D image (Sec. VI).
-
-The rope is segmented; first guesses follow its skeleton, come from a network or are given; gradient
-steps in image space make them account for the image; and each crossing of the best is compared with
-its other way round. A shape that does not account for the image, or an uncertain crossing, makes
-the estimate ambiguous.
-"""
+"""A rope's shape and topological state from one RGB-D image (Sec. VI)."""
 
 from __future__ import annotations
 
@@ -87,31 +81,26 @@ class EstimateConfig:
 
 @dataclass(frozen=True, eq=False)
 class RopeEstimate:
-    """What an image says of a rope.
-
-    Attributes:
-        points: (V, 3) metres, head first, world frame.
-        visible: (V,) bool, vertices that the image shows.
-        state: the topological state of `points`; None where their projection cannot be read, and
-            for a single image that the rope leaves, as it may cross itself outside.
-        crossings: each with its certainty, in the order met.
-        coverage_fraction: share of the rope in the image that `points` account for, 0..1.
-        head_known: whether a colour or an earlier shape distinguished head from tail.
-        ambiguities: why the state may be another one, in words, beside the ends.
-        seen_radius: of its silhouette, metres, see `Target`; None where it was not measured.
-        ambiguous_ends: 0 for the head and -1 for the tail, where that end may or may not cross the
-            strand that it lies at.
-    """
+    """What an image says of a rope."""
 
     points: Floats
+    """(V, 3) metres, head first, world frame."""
     visible: NDArray[np.bool_]
+    """(V,) whether the image shows each vertex."""
     state: TopologicalState | None
+    """Of `points`; None where their projection cannot be read, or the rope leaves the image."""
     crossings: tuple[CrossingEvidence, ...]
+    """In the order met."""
     coverage_fraction: float
+    """Share of the rope in the image that `points` account for, 0..1."""
     head_known: bool
+    """Whether a colour or an earlier shape distinguished head from tail."""
     ambiguities: tuple[str, ...]
+    """Why the state may be another one, in words, beside the ends."""
     seen_radius: float | None = None
+    """Of its silhouette, metres, see `Target`; None where it was not measured."""
     ambiguous_ends: tuple[int, ...] = ()
+    """0 for the head and -1 for the tail, where that end may or may not cross a strand."""
 
     @property
     def ambiguous(self) -> bool:
@@ -138,16 +127,12 @@ def estimate(
     """The rope of an image.
 
     Args:
-        image: of this camera.
-        camera: its intrinsics and pose.
-        rope: its length, radius and number of links.
+        image, camera, rope: the image is of this camera, and of one such rope.
         initial: (V, 3) metres, a guess of the shape, from either end, instead of all others.
         config: how.
-        earlier: (V, 3) metres, the shape shortly before, head first. It decides which end is the
-            head where no colour does.
+        earlier: (V, 3) metres, the shape before, head first; tells the head where no colour does.
         network: proposes further first guesses; the shipped one by default.
-        likely: shapes (V, 3), metres, that it may have for other reasons than the image, such as a
-            track's or a plan's. The image's own guesses, ambiguous where strands touch, are
+        likely: shapes (V, 3), metres, such as a track's or a plan's; guesses from the image are
             searched only where none of these accounts for nearly all of it.
         progress: called every second or so of a search, which takes half a minute at most.
 

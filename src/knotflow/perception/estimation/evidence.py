@@ -27,25 +27,20 @@ _RADII = (0.7, 1.4)  # smallest and largest apparent radius, in the rope's
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What an image says about a rope.
-
-    Attributes:
-        rope: (H, W) bool, pixels on the rope.
-        known: (H, W) bool, pixels of which it is known whether they are on the rope; False where
-            something hides the table.
-        depth: (H, W) metres along the optical axis, NaN where unknown.
-        coverage: (H, W) share of each pixel that is rope, 0..1.
-        seen_radius: of the rope's silhouette, metres, which differs from the rope's by blur, light
-            and noise; None is the rope's.
-        correlated: so many pixels of rope share their error, and count as one.
-    """
+    """What an image says about a rope."""
 
     rope: Tensor
+    """(H, W) bool, pixels on the rope."""
     known: Tensor
+    """(H, W) bool, pixels that nothing else hides: rope or table."""
     depth: Tensor
+    """(H, W) metres along the optical axis, NaN where unknown."""
     coverage: Tensor
+    """(H, W) share of each pixel that is rope, 0..1."""
     seen_radius: float | None = None
+    """Of the rope's silhouette, metres: blur, light and noise change it; None is the rope's."""
     correlated: float = CORRELATED
+    """So many pixels of rope share their error, and count as one."""
 
     @classmethod
     def of(
@@ -114,12 +109,11 @@ def observe(image: RgbdImage, camera: Camera, rope: RopeConfig) -> Target:
         ImageError: an image of another size.
     """
     segmentation = segment(image, camera, rope.radius)
-    known = segmentation.rope | segmentation.table
     share = pixel_coverage(image, segmentation)
-    depth = np.where(known, image.depth, np.nan)
+    depth = np.where(segmentation.known, image.depth, np.nan)
     width = 2 * rope.radius * pixels_per_metre(segmentation.rope, image, camera)
     correlated = max(CORRELATED, (_CORRELATED_WIDTHS * width) ** 2)
-    return Target.of(segmentation.rope, known, depth, share, correlated)
+    return Target.of(segmentation.rope, segmentation.known, depth, share, correlated)
 
 
 def pixels_per_metre(mask: NDArray, image: RgbdImage, camera: Camera) -> float:

@@ -1,10 +1,7 @@
-"""A rope's shape by gradient steps on the losses of its rendering (Sec. VI, [15]).
+"""A rope's shape by gradient steps on the losses of its rendering (Sec. VI, [15]), with depth.
 
-The losses in image space compare a rendering with an image where the image knows (there for RGB,
-here with depth as well); the others are priors on what the image does not show. Each is about one
-where the shape is plainly wrong. Vertices move freely, steps are smoothed along the rope (Nicolet,
-Jacobson and Jakob, Large Steps in Inverse Rendering of Geometry, 2021), and links get equal lengths
-at last.
+Steps are smoothed along the rope (Nicolet, Jacobson and Jakob, Large Steps in Inverse Rendering of
+Geometry, 2021), and links get equal lengths at last.
 """
 
 from __future__ import annotations
@@ -54,13 +51,6 @@ class FitConfig:
     overlap: float = 0.1
     """Weight of strands in each other."""
 
-    def __post_init__(self) -> None:
-        if self.steps < 1 or min(self.step_size, self.depth_scale, *self.softness) <= 0:
-            raise ValueError(
-                "a fit has at least one step, and its step size, softness and depth scale are "
-                f"positive; got {self}"
-            )
-
 
 def silhouette_loss(occupancy: Tensor, target: Target) -> Tensor:
     """Squared difference of the coverage of known pixels, per pixel of rope, of images
@@ -70,11 +60,8 @@ def silhouette_loss(occupancy: Tensor, target: Target) -> Tensor:
 
 
 def depth_loss(depth: Tensor, occupancy: Tensor, target: Target, scale: float) -> Tensor:
-    """Huber loss of the depth (..., H, W) in units of `scale`, metres, per pixel of rope.
-
-    Pixels count by their occupancy, which gets no gradient: to leave a pixel does not account for
-    its depth.
-    """
+    """Huber loss of the depth (..., H, W) in units of `scale`, metres, per pixel of rope. Pixels
+    count by their occupancy, which gets no gradient: leaving a pixel does not explain its depth."""
     both = target.rope & ~target.depth.isnan() & ~depth.isnan()
     error = ((depth - target.depth) / scale).where(both, 0.0)
     each = huber_loss(error, torch.zeros_like(error), reduction="none") * occupancy.detach()

@@ -1,11 +1,9 @@
 """Which way a rope runs through its image: guesses are rewired while that accounts for it better.
 
-Gradient steps move strands, but do not take one off another, nor lead the rope on differently where
-strands meet. So where strands of a shape meet or touch, the loop between is run through the other
-way round, over and under are exchanged, and strands that touch are crossed twice; and an end is led
-to rope that the shape leaves out. All these shapes take gradient steps at once, on a grid coarser
-than the image, and the few that then account best for it are fitted to the image as it is. The best
-shape of all that has not been is rewired next.
+Where strands of a shape meet or touch, the loop between is reversed, over and under are exchanged,
+and strands that touch are crossed twice; an end is led to rope that the shape leaves out. All take
+gradient steps on a grid coarser than the image, the best few then on the image as it is; the best
+shape that has not been is rewired next.
 """
 
 from __future__ import annotations
@@ -64,7 +62,7 @@ class SearchConfig:
     enough: float = 0.995
     """Coverage fraction of a best shape, plausible as a rope, after which no other is rewired."""
     max_rope_cost: float = 4.0
-    """`rope_cost` up to which a shape is plausible."""
+    """A shape is plausible up to this negative log likelihood, whatever the image."""
     contacts: int = 8
     """Places where strands meet or nearly do, the closest ones, that are rewired."""
 
@@ -175,16 +173,11 @@ def is_plausible(
     fine: FitConfig,
 ) -> bool:
     """Whether a shape (V, 3) accounts for a fraction of the rope's image, and bends as a rope."""
-    if rope_cost(shape, target, rope, fine) >= config.max_rope_cost:
+    with torch.no_grad():
+        loss = float(shape_loss(torch.as_tensor(shape), rope, fine))
+    if target.independent_pixels * loss >= config.max_rope_cost:
         return False
     return coverage_fraction(shape, target, camera, rope) >= target.required_coverage(fraction)
-
-
-def rope_cost(shape: Floats, target: Target, rope: RopeConfig, config: FitConfig) -> float:
-    """Negative logarithm of how likely a rope lies in a shape (V, 3), whatever the image."""
-    with torch.no_grad():
-        loss = float(shape_loss(torch.as_tensor(shape), rope, config))
-    return target.independent_pixels * loss
 
 
 def propose_rewirings(shape: Floats, rope: RopeConfig, contacts: int) -> list[Floats]:

@@ -1,9 +1,5 @@
-"""Which pixels show rope, gripper or table, from colour and height above the table.
-
-Nothing is learned and no colour is known beforehand. What stands on the table is rope, or gripper
-where it is high and wider than a rope. These pixels give colour histograms, and a pixel is what
-colour and height together make likelier. `pixel_coverage` is finer than pixels.
-"""
+"""Which pixels show rope, gripper or table, from height above the table and colour histograms of
+what stands on it; no colour is known beforehand."""
 
 from __future__ import annotations
 
@@ -28,8 +24,8 @@ HEIGHT_LIMIT, COLOUR_LIMIT = 2.0, 6.0
 ENOUGH = 1.0
 """Evidence from which a pixel is rope: far more of the image is table."""
 SURE = 1.3
-"""Evidence of the smoothed height alone for the first histograms. A rope between two rows of pixels
-covers the middles of these two only, whose evidence is smoothed to 1.32."""
+"""Evidence of the smoothed height alone for the first histograms; a rope between two rows of pixels
+has 1.32."""
 _SMOOTH = 0.6  # pixels, standard deviation
 _CONTRAST = 5.0  # standard deviations of the table's colour, by which the rope's must differ
 _ALIEN = 0.5  # of the contrast: a colour so far off the line between both is neither's
@@ -37,12 +33,8 @@ _ALIEN = 0.5  # of the contrast: a colour so far off the line between both is ne
 
 @dataclass(frozen=True, eq=False)
 class Segmentation:
-    """What each pixel shows.
-
-    Attributes:
-        labels: (H, W) uint8, see `Label`; pixels without depth are unknown.
-        height: (H, W) float32, metres above the table; NaN where the depth is unknown.
-    """
+    """What each pixel shows: `labels` (H, W) uint8, see `Label`, unknown without depth; and
+    `height` (H, W) float32, metres above the table, NaN without depth."""
 
     labels: NDArray[np.uint8]
     height: NDArray[np.float32]
@@ -53,28 +45,14 @@ class Segmentation:
         return self.labels == Label.ROPE
 
     @property
-    def gripper(self) -> NDArray[np.bool_]:
-        """(H, W)."""
-        return self.labels == Label.GRIPPER
-
-    @property
-    def table(self) -> NDArray[np.bool_]:
-        """(H, W)."""
-        return self.labels == Label.TABLE
-
-    @property
-    def unknown(self) -> NDArray[np.bool_]:
-        """(H, W)."""
-        return self.labels == Label.UNKNOWN
+    def known(self) -> NDArray[np.bool_]:
+        """(H, W), rope or table."""
+        return self.rope | (self.labels == Label.TABLE)
 
 
 def segment(image: RgbdImage, camera: Camera, radius: float) -> Segmentation:
-    """The image's pixels as rope, gripper, table or unknown; without a rope, no pixel is rope.
-
-    Args:
-        image: of this camera; most of it shows the table, and a rope is two pixels wide or more.
-        camera: errors of its pose of a few millimetres and degrees are taken out.
-        radius: the rope's, metres.
+    """The pixels of an image, most of which shows the table; a rope of a `radius`, metres, is two
+    pixels wide or more. Errors of the pose of some millimetres and degrees are taken out.
 
     Raises:
         ImageError: for an image of another size.
@@ -233,7 +211,8 @@ def pixel_coverage(image: RgbdImage, segmentation: Segmentation) -> NDArray[np.f
     """
     from scipy.ndimage import binary_dilation, uniform_filter
 
-    mask, table, unknown = segmentation.rope, segmentation.table, segmentation.unknown
+    mask, labels = segmentation.rope, segmentation.labels
+    table, unknown = labels == Label.TABLE, labels == Label.UNKNOWN
     # Pixels without depth within the rope are rope, unless their colour says otherwise.
     share = uniform_filter(mask.astype(float), 3) / np.maximum(
         uniform_filter(1.0 - unknown, 3), 0.1

@@ -1,9 +1,7 @@
 """First guesses at a rope's shape: its mask's skeleton, followed through crossings and lifted.
 
-All branching points of the skeleton within a rope's width of each other are cut out as a junction,
-which leaves arms without branches. Which arm goes on in which is decided for all junctions at once:
-of the pairings whose walk from one end of the rope to the other leaves least of the skeleton out,
-the straightest. Heights come from the depth image.
+Branching points within a rope's width are cut out as a junction, which leaves arms. They are paired
+at all junctions at once: straight on, leaving little of the skeleton out.
 """
 
 from __future__ import annotations
@@ -49,10 +47,8 @@ class TraceError(ValueError):
 class Trace:
     """A rope followed in an image.
 
-    Attributes:
-        pixels: (N, 2) u, v along the rope, from either end.
-        cost: squared turning at junctions, radians, and what was left out.
-        covered: share of the skeleton's length that the path follows.
+    `pixels` (N, 2) are u, v along the rope, from either end; `cost` the squared turning at
+    junctions, radians, and what was left out; `covered` the share of the skeleton that it follows.
     """
 
     pixels: Floats
@@ -61,12 +57,8 @@ class Trace:
 
 
 def trace(mask: NDArray, width: float, length: float | None = None) -> list[Trace]:
-    """The likeliest paths of the rope in its mask, best first; never none.
-
-    Args:
-        mask: (H, W) share of each pixel that is rope, 0..1, or whether it is.
-        width: of the rope in the image, pixels.
-        length: of the rope in the image, pixels, if it is known: the path shall have it.
+    """The likeliest paths of the rope in its mask (H, W), shares 0..1 or bool, best first; at least
+    one. The rope's `width` and `length`, if known, are in pixels.
 
     Raises:
         TraceError: the mask holds nothing as long as it is wide.

@@ -1,19 +1,16 @@
-"""Training examples: patches and windows, drawn from rope shapes by the thousand.
-
-Neither camera nor colours are simulated: a rope is drawn straight into its patch or window, and the
-errors of segmentation and depth camera are added there.
-"""
+"""Training examples: ropes drawn straight into patches and windows, with the errors of segmentation
+and depth camera."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
-from knotflow.perception.networks.config import ExamplesConfig
 from knotflow.perception.networks.models import HALF, HEADINGS, SIDE, STEP, TRAIL, WIDEST
 from knotflow.perception.networks.patches import HIGHEST, MARGIN, SMALLEST, project_to_plane
 
@@ -23,6 +20,45 @@ _UNEVEN = 0.3  # standard deviation of the trail's points, along all axes, radii
 _RAISED = 0.7  # standard deviation of all of its heights together, radii
 _CUT = 0.2  # share of the trails that begin somewhere along the rope
 _NEAR = 3.0  # links from a crossing, at most, of the half of the windows that are near one
+
+
+@dataclass
+class ExamplesConfig:
+    """How much examples differ from the shapes they are drawn from; uniform unless said."""
+
+    scale: float = 0.1
+    """Largest relative change of the rope's thickness against its length."""
+    distance: tuple[float, float] = (0.8, 1.6)
+    """Camera's height above the table, rope lengths."""
+    aside: float = 0.5
+    """Farthest that the rope lies from below the camera, in x and y, rope lengths."""
+    turn: float = 0.25
+    """Standard deviation of the patch's direction, radians."""
+    shift: float = 0.03
+    """Standard deviation of the patch's middle and size, half patches."""
+    noise: float = 0.6
+    """Largest standard deviation of a height, radii."""
+    blur: float = 0.7
+    """Largest blur of the rope's share: how much of a pixel's is that of the 3 x 3 around it."""
+    sharpen: float = 1.5
+    """Largest steepening of the rope's share, which a segmentation of yes or no has."""
+    lost: float = 0.1
+    """Largest share of pixels without depth."""
+    hidden: float = 0.3
+    """Probability that something hides a piece of the patch."""
+
+
+class _Draw(NamedTuple):
+    """Random numbers (N, ...)."""
+
+    number: int
+    generator: torch.Generator
+
+    def uniform(self, low: float, high: float, *shape: int) -> Tensor:
+        return low + (high - low) * torch.rand(self.number, *shape, generator=self.generator)
+
+    def normal(self, std: float, *shape: int) -> Tensor:
+        return std * torch.randn(self.number, *shape, generator=self.generator)
 
 
 class Examples(NamedTuple):
@@ -51,27 +87,23 @@ def draw_patches(
     points: Tensor, radius: float, size: int, config: ExamplesConfig, generator: torch.Generator
 ) -> Examples:
     """Patches of rope shapes (N, V, 3), metres, mirrored, turned and seen at random."""
-    count = len(points)
+    count, draw = len(points), _Draw(len(points), generator)
     length = float((points[0, 1:] - points[0, :-1]).norm(dim=-1).sum())
-
-    def normal(std: float, *shape: int) -> Tensor:
-        return std * torch.randn(count, *shape, generator=generator)
-
-    places, thick = _view_at_random(points, radius, config, generator)
+    places, thick = _view_at_random(points, radius, config, draw)
     radii = points[..., 2] / radius
     middle = places.mean(dim=1, keepdim=True)
     _, axes = torch.linalg.eigh((places - middle).transpose(1, 2) @ (places - middle))
-    axes = axes.flip(-1) @ _rotation(normal(config.turn))
+    axes = axes.flip(-1) @ _rotation(draw.normal(config.turn))
     axes = axes * (2 * torch.randint(2, (count, 1, 2), generator=generator) - 1)
     along = (places - middle) @ axes
     low, high = along.amin(dim=1), along.amax(dim=1)
     half = 0.5 * MARGIN * (high - low).amax(dim=-1)
-    half = half.clamp(min=0.5 * SMALLEST * length) * (1 + normal(config.shift).abs())
-    shift = normal(config.shift, 1, 2)
+    half = half.clamp(min=0.5 * SMALLEST * length) * (1 + draw.normal(config.shift).abs())
+    shift = draw.normal(config.shift, 1, 2)
     nodes = (along - 0.5 * (low + high)[:, None]) / half[:, None, None] + shift
     nodes = torch.cat([nodes, radii[..., None]], dim=-1)
     covered, top = rasterise(nodes, radius * thick / half, size)
-    return Examples(_degrade(covered, top, config, generator), nodes, half)
+    return Examples(_degrade(covered, top, config, draw), nodes, half)
 
 
 @torch.no_grad()
@@ -80,44 +112,37 @@ def draw_windows(
 ) -> Windows:
     """A window somewhere along each of the rope shapes (N, V, 3), metres, seen at random."""
     count, vertices, _ = points.shape
-    links = vertices - 1
-
-    def uniform(low: float, high: float, *shape: int) -> Tensor:
-        return low + (high - low) * torch.rand(count, *shape, generator=generator)
-
-    def normal(std: float, *shape: int) -> Tensor:
-        return std * torch.randn(count, *shape, generator=generator)
-
-    places, thick = _view_at_random(points, radius, config, generator)
+    links, draw = vertices - 1, _Draw(count, generator)
+    places, thick = _view_at_random(points, radius, config, draw)
     ropes = torch.cat([places, points[..., 2:]], dim=-1) / radius
     link = float((ropes[0, 1:] - ropes[0, :-1]).norm(dim=-1).mean())  # radii
-    step, backward = STEP / link, uniform(0, 1) < 0.5
+    step, backward = STEP / link, draw.uniform(0, 1) < 0.5
     ropes = torch.where(backward[:, None, None], ropes.flip(1), ropes)
 
-    at = uniform(0, links)
+    at = draw.uniform(0, links)
     rope, over, under = find_crossings(ropes)
     chosen = torch.randperm(2 * len(rope), generator=generator)
     near = at.clone()
     near[rope.repeat(2)[chosen]] = torch.cat([over, under])[chosen]
-    near = (near + uniform(-_NEAR, _NEAR)).clamp(0, links)
-    at = torch.where(uniform(0, 1) < 0.5, near, at)
+    near = (near + draw.uniform(-_NEAR, _NEAR)).clamp(0, links)
+    at = torch.where(draw.uniform(0, 1) < 0.5, near, at)
 
     here, following = points_at(ropes, at), points_at(ropes, at + step)
     tangent = (points_at(ropes, at + 0.3) - points_at(ropes, at - 0.3))[:, :2]
-    angle = torch.atan2(tangent[:, 1], tangent[:, 0]) + normal(_TURNED)
-    middle = here[:, :2] + normal(_ASIDE, 2)
-    mirror = torch.where(uniform(0, 1) < 0.5, 1.0, -1.0)
-    begun = torch.where(uniform(0, 1) < _CUT, uniform(0, TRAIL), float(TRAIL))
+    angle = torch.atan2(tangent[:, 1], tangent[:, 0]) + draw.normal(_TURNED)
+    middle = here[:, :2] + draw.normal(_ASIDE, 2)
+    mirror = torch.where(draw.uniform(0, 1) < 0.5, 1.0, -1.0)
+    begun = torch.where(draw.uniform(0, 1) < _CUT, draw.uniform(0, TRAIL), float(TRAIL))
     steps = step * torch.minimum(torch.arange(TRAIL + 1), begun[:, None])
     trail = points_at(ropes, (at[:, None] - steps).clamp(min=0))
-    trail = trail + normal(_UNEVEN, 1, 3) + normal(_UNEVEN, TRAIL + 1, 3)
-    raised = normal(_RAISED)
+    trail = trail + draw.normal(_UNEVEN, 1, 3) + draw.normal(_UNEVEN, TRAIL + 1, 3)
+    raised = draw.normal(_RAISED)
     trail[:, 0, :2], trail[..., 2] = middle, (trail[..., 2] + raised[:, None]).clamp(min=1)
-    height = (here[:, 2] + raised + normal(_UNEVEN)).clamp(min=1)
+    height = (here[:, 2] + raised + draw.normal(_UNEVEN)).clamp(min=1)
 
     frame = middle, angle, mirror
     covered, top = rasterise(to_window(ropes, *frame), thick / HALF, SIDE)
-    seen = _degrade(covered, top, config, generator)
+    seen = _degrade(covered, top, config, draw)
     window = with_trail(seen, to_window(trail, *frame))
     onward = to_window(following[:, None], *frame)[:, 0]
     heading = torch.atan2(onward[:, 1], onward[:, 0])
@@ -126,7 +151,7 @@ def draw_windows(
 
 
 def _view_at_random(
-    points: Tensor, radius: float, config: ExamplesConfig, generator: torch.Generator
+    points: Tensor, radius: float, config: ExamplesConfig, draw: _Draw
 ) -> tuple[Tensor, Tensor]:
     """Where a camera somewhere above sees rope shapes (N, V, 3), metres, on the plane z = radius.
 
@@ -134,39 +159,30 @@ def _view_at_random(
         places (N, V, 2): metres.
         thick (N,): how thick each rope is against the one that its length is known for.
     """
-    count = len(points)
     length = float((points[0, 1:] - points[0, :-1]).norm(dim=-1).sum())
-
-    def uniform(low: float, high: float, *shape: int) -> Tensor:
-        return low + (high - low) * torch.rand(count, *shape, generator=generator)
-
     rope = points - points.mean(dim=1, keepdim=True) * points.new_tensor([1.0, 1.0, 0.0])
     # A thicker rope is a higher one: z grows with the radius, x and y stay.
-    thick = uniform(1 - config.scale, 1 + config.scale, 1)
-    aside = uniform(-config.aside, config.aside, 1, 2) * length
-    eye = torch.cat([aside, uniform(*config.distance, 1, 1) * length], dim=-1)
+    thick = draw.uniform(1 - config.scale, 1 + config.scale, 1)
+    aside = draw.uniform(-config.aside, config.aside, 1, 2) * length
+    eye = torch.cat([aside, draw.uniform(*config.distance, 1, 1) * length], dim=-1)
     raised = torch.cat([rope[..., :2], (rope[..., 2] * thick)[..., None]], dim=-1)
     return project_to_plane(raised, eye, radius), thick[:, 0]
 
 
-def _degrade(
-    covered: Tensor, top: Tensor, config: ExamplesConfig, generator: torch.Generator
-) -> Tensor:
+def _degrade(covered: Tensor, top: Tensor, config: ExamplesConfig, draw: _Draw) -> Tensor:
     """A crop (N, 3, S, S) of a rope's share and height (N, S, S), see `Patch.crop`, with errors of
     segmentation and depth."""
     count, size, _ = covered.shape
-
-    def uniform(low: float, high: float, *shape: int) -> Tensor:
-        return low + (high - low) * torch.rand(count, *shape, generator=generator)
-
     blurred = avg_pool2d(covered[:, None], 3, 1, 1, count_include_pad=True)[:, 0]
-    covered = torch.lerp(covered, blurred, uniform(0, config.blur, 1, 1))
-    covered = (0.5 + uniform(1, 1 + config.sharpen, 1, 1) * (covered - 0.5)).clamp(0, 1)
-    rough = uniform(0, config.noise, 1, 1)
-    top = top + rough * torch.randn(count, size, size, generator=generator)
-    lost = uniform(0, 1, size, size) < uniform(0, config.lost, 1, 1)
-    hidden = _rectangles(size, uniform(-1, 1, 2), uniform(0.05, 0.25, 2), uniform(0, math.pi))
-    hidden &= uniform(0, 1, 1, 1) < config.hidden
+    covered = torch.lerp(covered, blurred, draw.uniform(0, config.blur, 1, 1))
+    covered = (0.5 + draw.uniform(1, 1 + config.sharpen, 1, 1) * (covered - 0.5)).clamp(0, 1)
+    rough = draw.uniform(0, config.noise, 1, 1)
+    top = top + rough * draw.normal(1.0, size, size)
+    lost = draw.uniform(0, 1, size, size) < draw.uniform(0, config.lost, 1, 1)
+    hidden = _rectangles(
+        size, draw.uniform(-1, 1, 2), draw.uniform(0.05, 0.25, 2), draw.uniform(0, math.pi)
+    )
+    hidden &= draw.uniform(0, 1, 1, 1) < config.hidden
     covered = covered.masked_fill(hidden, 0.0)
     known = (~(hidden | lost)).float()
     raised = covered * top.clamp(0, HIGHEST)
@@ -175,13 +191,9 @@ def _degrade(
 
 
 def rasterise(nodes: Tensor, radius: Tensor, size: int) -> tuple[Tensor, Tensor]:
-    """The rope's share of each pixel (N, S, S) and the height of its upper side there, radii.
-
-    Args:
-        nodes: (N, V, 3) places in the patch, -1..1, and heights of the axis, radii.
-        radius: (N,) of the rope, half patches.
-        size: pixels of the patch's side.
-    """
+    """The rope's share of each pixel (N, S, S) and the height of its upper side there, radii, from
+    `nodes` (N, V, 3): places in the patch, -1..1, and heights of the axis, radii. The rope's
+    `radius` (N,) is in half patches."""
     count = len(nodes)
     place = 0.5 * size * (nodes[..., :2] + 1) - 0.5  # pixels
     width = (0.5 * size * radius)[:, None].expand(-1, nodes.shape[1] - 1)
@@ -243,12 +255,8 @@ def points_at(ropes: Tensor, at: Tensor) -> Tensor:
 
 
 def find_crossings(ropes: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Where ropes (N, V, 3) cross themselves in the plane.
-
-    Returns:
-        For each of C crossings of all ropes: the rope (C,), and where along it, 0..V-1, the upper
-        and the lower strand (C,) are.
-    """
+    """Where ropes (N, V, 3) cross themselves in the plane: for each of C crossings of all the rope
+    (C,), and where along it, 0..V-1, the upper and the lower strand (C,) are."""
     links = ropes.shape[1] - 1
     one, other = torch.triu_indices(links, links, offset=2)
     start, link = ropes[:, :-1, :2], ropes[:, 1:, :2] - ropes[:, :-1, :2]

@@ -1,20 +1,18 @@
 """The two networks: a rope's vertices from its patch, and the next step along a strand (Sec. VI).
 
-`CoarseToFine` follows the outline that is known of [15], which is unpublished: an encoder sees the
-whole patch and places a few nodes along the rope; each level has more nodes, samples the features
-where they are, lets them attend to each other, and moves them. `StrandNetwork` sees a small window
-around the end of a strand, turned along it, as HANDLOOM (Shivakumar et al., CoRL 2023) does.
+`CoarseToFine` follows what is known of [15], which is unpublished: each level has more nodes,
+samples the encoder's features where they are, lets them attend to each other, and moves them.
+`StrandNetwork` sees a window at the end of a strand, as HANDLOOM (Shivakumar et al., CoRL 2023).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import grid_sample, interpolate
-
-from knotflow.perception.networks.config import CoarseToFineConfig, StrandNetworkConfig
 
 SIDE = 48
 """Pixels of a window's side."""
@@ -28,6 +26,32 @@ HEADINGS = 32
 """Directions of a step that are distinguished,"""
 WIDEST = 1.6
 """up to this angle to either side, radians."""
+
+
+@dataclass
+class CoarseToFineConfig:
+    """Sizes of the network."""
+
+    size: int = 96
+    """Pixels of the patch's side."""
+    channels: tuple[int, ...] = (16, 32, 64, 96)
+    """Features of the encoder, each at half the resolution of the one before."""
+    nodes: tuple[int, ...] = (9, 17, 41)
+    """Nodes of each level."""
+    width: int = 64
+    """Features of a node."""
+    layers: int = 2
+    """Attention layers of each level."""
+
+
+@dataclass
+class StrandNetworkConfig:
+    """Sizes of the network that follows strands."""
+
+    channels: tuple[int, ...] = (16, 32, 64)
+    """Features of the encoder, each at half the resolution of the one before."""
+    width: int = 96
+    """Features of what is predicted from them."""
 
 
 class Nodes(NamedTuple):

@@ -1,8 +1,4 @@
-"""State estimation networks: first guesses at a rope from one RGB-D image (Sec. VI, [15]).
-
-One network sees the rope's patch of the table in each of its four mirror images, so that its guess
-turns and mirrors with the rope. Another follows strands from window to window.
-"""
+"""State estimation networks: first guesses at a rope from one RGB-D image (Sec. VI, [15])."""
 
 from __future__ import annotations
 
@@ -16,17 +12,18 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from knotflow.perception import SHIPPED_NETWORK
 from knotflow.perception.camera.image import RgbdImage
 from knotflow.perception.camera.pinhole import Camera
 from knotflow.perception.camera.rendering import render
 from knotflow.perception.estimation.chain import project_lengths
 from knotflow.perception.estimation.segmentation import Segmentation, pixel_coverage
-from knotflow.perception.networks.config import (
-    SHIPPED_NETWORK,
+from knotflow.perception.networks.models import (
+    CoarseToFine,
     CoarseToFineConfig,
+    StrandNetwork,
     StrandNetworkConfig,
 )
-from knotflow.perception.networks.models import CoarseToFine, StrandNetwork
 from knotflow.perception.networks.patches import FLIPS, crop_rope, mirrored
 from knotflow.perception.networks.strand_tracing import trace_rope
 from knotflow.simulation import RopeConfig, resample
@@ -65,12 +62,6 @@ class Network:
         mirror image of its patch, and the `PATHS` likeliest along its strands. The one that covers
         the segmentation best comes first.
 
-        Args:
-            image: of this camera.
-            camera: any that sees the rope from above.
-            rope: its length, radius and number of links.
-            segmentation: of this image.
-
         Raises:
             TraceError: there is no rope in the segmentation.
         """
@@ -84,12 +75,11 @@ class Network:
             found.append(resample(project_lengths(shape, rope.length / (len(shape) - 1)), rope))
         if self.strands is not None:
             found += trace_rope(self.strands, segmentation, share, camera, rope)[:PATHS]
-        known = ~(segmentation.unknown | segmentation.gripper)
 
         def missed(guess: NDArray) -> float:
             """Mean difference from where rope is seen, over known pixels."""
             _, occupancy = render(torch.as_tensor(guess), rope.radius, camera, SOFTNESS)
-            return float(np.abs(occupancy.numpy() - share)[known].mean())
+            return float(np.abs(occupancy.numpy() - share)[segmentation.known].mean())
 
         return sorted(found, key=missed)
 

@@ -1,8 +1,7 @@
-"""Patches: squares of the table around a rope, turned along it, which a network looks at.
+"""Patches: squares of the plane through a flat rope's axis, turned along it, that a network sees.
 
-A patch is a square of the plane through the axis of a rope that lies flat. A vertex is given by the
-point of this plane that hides it from the camera, and its height, so that the network needs to know
-neither the camera nor where on the table the rope lies.
+A vertex is given by the point of this plane that hides it from the camera, and its height, so that
+the network needs to know neither the camera nor where on the table the rope lies.
 """
 
 from __future__ import annotations
@@ -35,15 +34,8 @@ FLIPS = ((1, 1), (-1, 1), (1, -1), (-1, -1))
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A square of the plane z = radius.
-
-    Attributes:
-        centre: (2,) metres, world frame.
-        axes: (2, 2), columns are the patch's axes in the world; the first is the longer way of the
-            rope. They may be left-handed.
-        half: half the side, metres.
-        radius: of the rope, metres.
-    """
+    """A square of the plane z = `radius`, the rope's, around `centre` (2,), side 2 `half`, metres;
+    columns of `axes` (2, 2) are its axes, which may be left-handed, in the world."""
 
     centre: Floats
     axes: Floats
@@ -69,13 +61,7 @@ class Patch:
     def crop(
         self, segmentation: Segmentation, share: NDArray, camera: Camera, size: int
     ) -> NDArray[np.float32]:
-        """What the camera sees of the patch.
-
-        Args:
-            segmentation: of the image.
-            share: (H, W) of each pixel that is rope, 0..1.
-            camera: that took the image.
-            size: pixels of the patch's side.
+        """What the camera sees of the patch, from the rope's `share` (H, W) of each pixel, 0..1.
 
         Returns:
             (3, size, size), rows along the patch's second axis: the rope's share of each pixel, its
@@ -83,7 +69,7 @@ class Patch:
         """
         from scipy.ndimage import map_coordinates
 
-        seen = segmentation.table | segmentation.rope
+        seen = segmentation.known
         deep = seen & np.isfinite(segmentation.height)
         height = np.where(deep, segmentation.height, 0.0) / self.radius
         fine = (np.arange(2 * size) + 0.5) / size - 1.0  # twice as fine, then averaged

@@ -1,9 +1,5 @@
-"""Paths through an image along which its rope may run, followed strand by strand (Sec. VI).
-
-From somewhere on the rope a strand is followed to its end, and from there to the other end, several
-paths at once: wherever the network sees two ways to go on both are followed, and the likeliest
-paths are kept. A path that runs along itself is none.
-"""
+"""Paths along which the rope of an image may run: a beam search over a strand network's steps, from
+places on the rope to its ends and from these ends again (Sec. VI)."""
 
 from __future__ import annotations
 
@@ -69,21 +65,18 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class StrandPath:
-    """A strand followed so far.
-
-    Attributes:
-        points: (K, 3) place on the map's plane and height, radii.
-        probability: (K,) of each step; 1 for the first point.
-        direction: of the last step, radians.
-        along: steps, up to the last, for which it has run along itself.
-        ended: whether the rope ends there.
-    """
+    """A strand followed so far."""
 
     points: Floats
+    """(K, 3) place on the map's plane and height, radii."""
     probability: Floats
+    """(K,) of each step; 1 for the first point."""
     direction: float
+    """Of the last step, radians."""
     along: int = 0
+    """Steps, up to the last, for which it has run along itself."""
     ended: bool = False
+    """Whether the rope ends there."""
 
     @classmethod
     def begun(cls, place: NDArray, direction: float) -> StrandPath:
@@ -139,14 +132,8 @@ def trace_rope(
 @one_thread()
 @torch.inference_mode()
 def trace_strands(network: StrandNetwork, seen: Tensor, length: float) -> list[StrandPath]:
-    """Paths along a rope, from either end, the likeliest first; none where none is found.
-
-    Args:
-        network: trained.
-        seen: (3, S, S) a map of the table, channels as those of `Patch.crop`, a pixel PIXEL radii;
-            places are in radii from its middle.
-        length: of the rope, radii.
-    """
+    """Paths along a rope of a `length`, radii, in a map of the table (3, S, S), see `Patch.crop`, a
+    pixel PIXEL radii, from either end, the likeliest first; none where none is found."""
     network.eval()
 
     def badness(path: StrandPath) -> float:

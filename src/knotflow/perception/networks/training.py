@@ -16,15 +16,9 @@ from torch.nn.functional import binary_cross_entropy_with_logits, nll_loss, smoo
 from knotflow.perception.camera.image import RgbdImage
 from knotflow.perception.camera.pinhole import Camera
 from knotflow.perception.estimation.segmentation import pixel_coverage, segment
-from knotflow.perception.networks.config import (
-    SELF_SUPERVISION_STEPS,
-    EffortConfig,
-    LossConfig,
-    StrandTrainingConfig,
-    TrainingConfig,
-)
 from knotflow.perception.networks.examples import (
     Examples,
+    ExamplesConfig,
     Windows,
     draw_patches,
     draw_windows,
@@ -35,9 +29,11 @@ from knotflow.perception.networks.models import (
     HEADINGS,
     WIDEST,
     CoarseToFine,
+    CoarseToFineConfig,
     NextStep,
     Nodes,
     StrandNetwork,
+    StrandNetworkConfig,
     resample_nodes,
 )
 from knotflow.perception.networks.network import Network
@@ -50,6 +46,65 @@ VALIDATION = 256
 """Patches that are held out, most."""
 NEARLY = 0.3
 """A heading that is no further off is right, radians: strands that meet are further apart."""
+
+
+@dataclass
+class LossConfig:
+    """Weights of the losses."""
+
+    place: float = 10.0
+    """Of the distance in the patch, half patches."""
+    height: float = 0.2
+    """Of the error in height, radii."""
+    crossing: float = 1.0
+    """Of a crossing's gap that is missing, radii."""
+    scale: float = 0.05
+    """Of the predicted distance to the truth (a Laplace distribution's likelihood)."""
+    gap: float = 1.5
+    """Gap in height between strands at a crossing that is enough, radii; 2 is touching."""
+
+
+@dataclass
+class EffortConfig:
+    """The effort of a training, and what is learned from."""
+
+    examples: ExamplesConfig = field(default_factory=ExamplesConfig)
+    """How the ropes are seen."""
+    validations: int = 100
+    """Validations, and checkpoints, until the end."""
+    steps: int = 200
+    """Gradient steps between two of them."""
+    batch: int = 48
+    """Examples of a step."""
+    learning_rate: float = 1e-3
+    """Largest one; it rises over the first validation and falls to nothing as a cosine."""
+    weight_decay: float = 1e-3
+    """AdamW's."""
+    gradient_norm: float = 5.0
+    """Gradients are cut to this length."""
+    held_out: float = 0.05
+    """Share of the shapes, the last ones, that are for validation."""
+
+
+@dataclass
+class TrainingConfig(EffortConfig):
+    """How the network learns that sees a whole rope."""
+
+    network: CoarseToFineConfig = field(default_factory=CoarseToFineConfig)
+    """Its sizes."""
+    loss: LossConfig = field(default_factory=LossConfig)
+    """What counts."""
+
+
+@dataclass
+class StrandTrainingConfig(EffortConfig):
+    """How the network learns that follows strands."""
+
+    network: StrandNetworkConfig = field(default_factory=StrandNetworkConfig)
+    """Its sizes."""
+    validations: int = 25
+    batch: int = 192
+    learning_rate: float = 1.5e-3
 
 
 def nodes_loss(found: Sequence[Nodes], truth: Tensor, config: LossConfig | None = None) -> Tensor:
@@ -110,15 +165,23 @@ def next_step_loss(found: NextStep, truth: Windows) -> Tensor:
 class RopeTrainer(SupervisedTrainer):
     """Supervised training on simulated ropes, drawn by their number of crossings equally often."""
 
+    network: type[nn.Module]
+    """Class of what learns."""
+
     def __init__(
-        self, model: nn.Module, points: NDArray, crossings: NDArray, config: EffortConfig, seed: int
+        self,
+        points: NDArray,
+        crossings: NDArray,
+        rope: RopeConfig,
+        config: TrainingConfig | StrandTrainingConfig,
+        seed: int,
     ) -> None:
-        """Hold the last shapes out.
+        """Draw the first weights and hold the last shapes out.
 
         Args:
-            model: that learns.
             points: (N, V, 3) shapes at rest, metres; ones that come from one another side by side.
             crossings: (N,) number of each shape.
+            rope: what they are shapes of.
             config: the effort.
             seed: of everything random.
 
@@ -127,33 +190,39 @@ class RopeTrainer(SupervisedTrainer):
         """
         if len(points) < 2:
             raise ValueError(f"training needs shapes (N, V, 3), two or more; got {points.shape}")
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            model = self.network(config.network)
         super().__init__(model, config, seed)
+        self.rope, self.config = rope, config
         held = max(1, round(config.held_out * len(points)))
         shapes = torch.as_tensor(np.asarray(points), dtype=torch.float32)
         self._shapes, self._unseen = shapes[:-held], shapes[-held:]
         counts = np.bincount(crossings[:-held])
         self._weights = torch.as_tensor(1.0 / counts[crossings[:-held]])
-        self._batch, self._warm_up, self._highest = config.batch, config.steps, config.learning_rate
 
     @abstractmethod
     def loss(self, shapes: Tensor) -> Tensor:
         """Of a batch of shapes (N, V, 3), metres, seen at random."""
 
     def update(self, step: int) -> float:
+        config = self.config
         chosen = torch.multinomial(
-            self._weights, self._batch, replacement=True, generator=self.generator
+            self._weights, config.batch, replacement=True, generator=self.generator
         )
         loss = self.loss(self._shapes[chosen])
-        warm = min(1.0, (step + 1) / self._warm_up)
+        warm = min(1.0, (step + 1) / config.steps)
         cosine = 0.5 * (1 + math.cos(math.pi * self.fraction(step)))
-        self.descend(loss, self._highest * warm * cosine)
+        self.descend(loss, config.learning_rate * warm * cosine)
         return float(loss.detach())
 
 
 class CoarseToFineTrainer(RopeTrainer):
     """Training of the network that sees a whole rope."""
 
+    network = CoarseToFine
     model: CoarseToFine
+    config: TrainingConfig
 
     def __init__(
         self,
@@ -163,21 +232,12 @@ class CoarseToFineTrainer(RopeTrainer):
         config: TrainingConfig,
         seed: int,
     ) -> None:
-        """Draw the first weights from `seed`; arguments as those of `RopeTrainer`.
-
-        Raises:
-            ValueError: fewer than two shapes, or with another number of vertices than the network.
-        """
         if points.shape[1] != config.network.nodes[-1]:
             raise ValueError(
                 f"the network's finest level has {config.network.nodes[-1]} nodes, so it learns "
                 f"from shapes (N, {config.network.nodes[-1]}, 3); got {points.shape}"
             )
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(seed)
-            model = CoarseToFine(config.network)
-        super().__init__(model, points, crossings, config, seed)
-        self.rope, self.config = rope, config
+        super().__init__(points, crossings, rope, config, seed)
         generator = torch.Generator().manual_seed(seed + 1)
         order = torch.randperm(len(self._unseen), generator=generator)
         self._validation = self._draw(self._unseen[order[:VALIDATION]], generator)
@@ -209,7 +269,9 @@ class CoarseToFineTrainer(RopeTrainer):
 class StrandTrainer(RopeTrainer):
     """Training of the network that follows strands."""
 
+    network = StrandNetwork
     model: StrandNetwork
+    config: StrandTrainingConfig
 
     def __init__(
         self,
@@ -219,12 +281,7 @@ class StrandTrainer(RopeTrainer):
         config: StrandTrainingConfig,
         seed: int,
     ) -> None:
-        """Draw the first weights from `seed`; arguments as those of `RopeTrainer`."""
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(seed)
-            model = StrandNetwork(config.network)
-        super().__init__(model, points, crossings, config, seed)
-        self.rope, self.config = rope, config
+        super().__init__(points, crossings, rope, config, seed)
         self._validation = self._draw(self._unseen, torch.Generator().manual_seed(seed + 1))
 
     @torch.no_grad()
@@ -252,9 +309,9 @@ class StrandTrainer(RopeTrainer):
 
 @dataclass
 class SelfSupervisionConfig:
-    """The effort of `SelfSupervision`."""
+    """The effort of `self_supervise`."""
 
-    steps: int = SELF_SUPERVISION_STEPS
+    steps: int = 200
     """Gradient steps."""
     batch: int = 16
     """Images of a step, each in one of the patch's mirror images."""
@@ -264,81 +321,55 @@ class SelfSupervisionConfig:
     """What counts, as in training."""
 
 
-class SelfSupervision:
-    """Training of a network, in place, on images alone: it learns to guess their estimates.
+def self_supervise(
+    network: Network,
+    images: Sequence[RgbdImage],
+    shapes: Sequence[NDArray],
+    camera: Camera,
+    rope: RopeConfig,
+    config: SelfSupervisionConfig | None = None,
+    seed: int = 0,
+) -> Iterator[float]:
+    """Training of a network's model of whole ropes, in place, on images alone: it learns to guess
+    their estimates. [15] descends the rendering's loss itself instead.
 
-    [15] descends the rendering's loss itself, which draws a guess to the nearest shape that covers
-    the rope; estimates that are not ambiguous are nearer to the truth. Iterating over it gives each
-    step's loss.
+    Args:
+        network: has as many nodes as the rope vertices.
+        images: of this camera, each of one rope.
+        shapes: (V, 3) metres, the estimate of each image; leave ambiguous ones out.
+        camera: that took them.
+        rope: its length, radius and number of links.
+        config: the effort.
+        seed: of the order of the images.
+
+    Yields:
+        Each step's loss.
+
+    Raises:
+        TraceError: an image without rope.
     """
-
-    def __init__(
-        self,
-        network: Network,
-        images: Sequence[RgbdImage],
-        shapes: Sequence[NDArray],
-        camera: Camera,
-        rope: RopeConfig,
-        config: SelfSupervisionConfig | None = None,
-        seed: int = 0,
-    ) -> None:
-        """Crop the images.
-
-        Args:
-            network: its model of whole ropes learns, which has as many nodes as the rope vertices.
-            images: of this camera, each of one rope.
-            shapes: (V, 3) metres, the estimate of each image; leave ambiguous ones out.
-            camera: that took them.
-            rope: its length, radius and number of links.
-            config: the effort.
-            seed: of the order of the images.
-
-        Raises:
-            ValueError: no images, another number of shapes, or a rope of another number of
-                vertices.
-            TraceError: an image without rope.
-        """
-        nodes = network.model.config.nodes[-1]
-        if not images or len(images) != len(shapes) or rope.num_vertices != nodes:
-            raise ValueError(
-                f"self-supervision needs an image or more, a shape for each, and a rope of {nodes} "
-                f"vertices as the network has; got {len(images)} images, {len(shapes)} shapes and "
-                f"{rope.num_vertices} vertices"
-            )
-        self.network = network
-        self.config = config or SelfSupervisionConfig()
-        self._rng = np.random.default_rng(seed)
-        size = network.model.config.size
-        crops: list[Tensor] = []
-        targets: list[NDArray] = []
-        for image, shape in zip(images, shapes, strict=True):
-            segmentation = segment(image, camera, rope.radius)
-            share = pixel_coverage(image, segmentation)
-            patch, crop = crop_rope(segmentation, share, camera, rope, size)
-            crops += mirrored(torch.as_tensor(crop))
-            targets += [patch.flipped(*flip).from_world(shape, camera) for flip in FLIPS]
-        self._crops = torch.stack(crops)
-        self._nodes = torch.as_tensor(np.stack(targets), dtype=torch.float32)
-        parameters = network.model.parameters()
-        self._optimizer = torch.optim.AdamW(parameters, self.config.learning_rate)
-        self._schedule = torch.optim.lr_scheduler.CosineAnnealingLR(
-            self._optimizer, self.config.steps
-        )
-
-    def __iter__(self) -> Iterator[float]:
-        # Batch normalisation keeps its statistics: a few images would give worse ones.
-        self.network.model.eval()
-        for _ in range(self.config.steps):
-            yield self._step()
-
-    @one_thread()
-    def _step(self) -> float:
-        model, config = self.network.model, self.config
-        chosen = self._rng.integers(len(self._crops), size=config.batch)
-        loss = nodes_loss(model(self._crops[chosen]), self._nodes[chosen], config.loss).mean()
-        self._optimizer.zero_grad(set_to_none=True)
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
-        self._optimizer.step()
-        self._schedule.step()
-        return float(loss.detach())
+    config, model = config or SelfSupervisionConfig(), network.model
+    crops: list[Tensor] = []
+    targets: list[NDArray] = []
+    for image, shape in zip(images, shapes, strict=True):
+        segmentation = segment(image, camera, rope.radius)
+        share = pixel_coverage(image, segmentation)
+        patch, crop = crop_rope(segmentation, share, camera, rope, model.config.size)
+        crops += mirrored(torch.as_tensor(crop))
+        targets += [patch.flipped(*flip).from_world(shape, camera) for flip in FLIPS]
+    seen, nodes = torch.stack(crops), torch.as_tensor(np.stack(targets), dtype=torch.float32)
+    optimizer = torch.optim.AdamW(model.parameters(), config.learning_rate)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, config.steps)
+    rng = np.random.default_rng(seed)
+    # Batch normalisation keeps its statistics: a few images would give worse ones.
+    model.eval()
+    for _ in range(config.steps):
+        chosen = rng.integers(len(seen), size=config.batch)
+        with one_thread():
+            loss = nodes_loss(model(seen[chosen]), nodes[chosen], config.loss).mean()
+            optimizer.zero_grad(set_to_none=True)
+            loss.backward()
+            torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
+            optimizer.step()
+            schedule.step()
+        yield float(loss.detach())

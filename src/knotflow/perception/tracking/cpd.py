@@ -1,11 +1,5 @@
-"""The classical baseline of tracking: coherent point drift with the rope's length preserved.
-
-The vertices are the centres of a Gaussian mixture that the rope's points in the image are drawn
-from; expectation and maximisation move them to the points, neighbours along the rope together
-(Myronenko and Song, Point Set Registration: Coherent Point Drift, PAMI 2010). As in TrackDLO
-(Xiang, Dinkel, Zhao, Gao, Coltin, Smith and Bretl, RA-L 2023), neighbourhood is along the rope,
-vertices far from all points are hidden and go along, and the rope's length is kept.
-"""
+"""The classical baseline of tracking: coherent point drift (Myronenko and Song, PAMI 2010) with, as
+in TrackDLO (Xiang et al., RA-L 2023), neighbours along the rope, hidden vertices and its length."""
 
 from __future__ import annotations
 

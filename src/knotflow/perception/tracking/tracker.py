@@ -1,11 +1,5 @@
-"""A rope followed from image to image (Sec. VI).
-
-Each image begins with a prediction: the rope goes on as it moved, drawn along by the gripper that
-holds it. It is registered to the rope's points, and a few gradient steps in image space, on a grid
-coarser than the image, make it account for what is seen; what is hidden goes along with the rest.
-Evidence of over and under is gathered over the images. A shape that no longer accounts for the
-image is lost, and the rope is estimated from the image alone.
-"""
+"""A rope followed from image to image (Sec. VI): predicted, registered to its points, and fitted by
+a few gradient steps on a grid coarser than the image. A lost rope is estimated from the image."""
 
 from __future__ import annotations
 
@@ -94,10 +88,8 @@ class Tracker:
         """Take up a rope.
 
         Args:
-            camera: of all images.
-            rope: its length, radius and number of links.
-            initial: the rope at first, or its points (V, 3), metres, head first, which are taken
-                for right, over and under too.
+            camera, rope: of all images.
+            initial: the rope at first, or its true points (V, 3), metres, head first.
             config: how.
             predict: the rope before it is seen; `constant_velocity` by default.
             network: proposes guesses where a lost rope is looked for; the shipped one by default.
@@ -189,8 +181,7 @@ class Tracker:
         )
 
     def look(self, image: RgbdImage) -> RopeEstimate:
-        """The rope at rest, estimated with care; takes a second where the shape it was tracked to
-        accounts for the image, and several where others are looked for.
+        """The rope at rest, estimated from the image with the tracked shape as a likely one.
 
         Raises:
             ImageError: an image of another size.
