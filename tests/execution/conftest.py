@@ -151,5 +151,7 @@ def points(plan):
 def motions():
     """Eight motions of two ropes, like the planner's and unlike it."""
     simulation = SimulationConfig(threads=1)
-    drawn = draw_motions(load_demonstrations(), simulation, 2, 4, np.random.default_rng(0), (0, 2))
-    return Motions.join(list(drawn))
+    demonstrations, rng = load_demonstrations(), np.random.default_rng(0)
+    return Motions.join(
+        [draw_motions(demonstrations, simulation, level, 4, rng) for level in (0, 2)]
+    )

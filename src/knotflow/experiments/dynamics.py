@@ -51,10 +51,10 @@ def _drag(
     file: Path, simulation: SimulationConfig, per_rope: int, seed: int, run: StageRun, shard: str
 ) -> None:
     number = int(Path(shard).stem.rpartition("-")[2])
-    levels, rng = (LEVELS[number % len(LEVELS)],), rng_of(seed, number)
-    drawn = draw_motions(load_demonstrations(file), simulation, 1, per_rope, rng, levels)
+    level, rng = LEVELS[number % len(LEVELS)], rng_of(seed, number)
+    drawn = draw_motions(load_demonstrations(file), simulation, level, per_rope, rng)
     with run.atomic(shard) as path:
-        Motions.join([*drawn]).save(path)
+        drawn.save(path)
 
 
 @stage

@@ -87,7 +87,7 @@ def nominal_motions():
     """Eight ropes like the planner's, dragged and let go."""
     simulation = SimulationConfig(threads=1)
     rng = np.random.default_rng(0)
-    return Motions.join(list(draw_motions(load_demonstrations(), simulation, 1, 8, rng, (0,))))
+    return draw_motions(load_demonstrations(), simulation, 0, 8, rng)
 
 
 @pytest.mark.slow

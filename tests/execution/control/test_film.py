@@ -36,8 +36,8 @@ def test_every_second_image_of_a_drag_is_drawn(plan, tmp_path):
     for one in shown:
         assert abs(one.image.time - twin.times[one.number]) < 1e-6 and one.step == 0
         np.testing.assert_allclose(execution.points[one.number], twin.trajectory[one.number])
-    draw_execution(tmp_path / "a", execution, CAMERA, shown, film.images[-1])
-    assert {path.suffix for path in tmp_path.iterdir()} == {".png", ".svg"}
+    draw_execution(tmp_path / "a.png", execution, CAMERA, shown, film.images[-1])
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
     animate_execution(tmp_path / "a.gif", execution, CAMERA, shown)
     with Image.open(tmp_path / "a.gif") as animation:
         assert animation.n_frames > 1

@@ -28,13 +28,12 @@ class ArmError(ValueError):
 
 @dataclass
 class Base:
-    """Where an arm stands, in the world frame of the rope: z up, the table at z = 0."""
+    """Pose of an arm's base in the world frame."""
 
     position: Sequence[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    """Of the arm's base frame, metres."""
+    """Metres."""
     rpy_deg: Sequence[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    """Roll, pitch and yaw about the world's x, y and z, in this order: at 0 the arm stands upright
-    and its x axis is the world's; roll 180 hangs it from above."""
+    """Roll, pitch and yaw about the world's x, y and z, in this order; roll 180 hangs the arm."""
 
     def __post_init__(self) -> None:
         try:
@@ -52,7 +51,7 @@ class Base:
         """Read a YAML file with `position: [x, y, z]` and, if not 0, `rpy_deg: [r, p, y]`.
 
         Raises:
-            ArmError: no such file, no YAML mapping, other keys, or values that are no pose.
+            ArmError: the file cannot be read, or holds no pose.
         """
         try:
             data = yaml.safe_load(Path(path).read_text("utf-8"))
@@ -70,19 +69,19 @@ class Base:
 
 @dataclass(frozen=True)
 class Arm:
-    """An arm as MuJoCo sees it, and what its model does not say.
+    """An arm: its MuJoCo model, and what that does not say.
 
     Attributes:
         name: of the arm.
-        spec: makes its model, base frame at the origin; hinges and slides have their ranges.
-        tip: site between the fingers, at the grasped point of the rope's centre line; its z axis
-            points out of the gripper, its y axis is the one along which the fingers close.
+        spec: makes its model, base frame at the origin.
+        tip: site between the fingers, on a held rope's centre line; its z axis points out of the
+            gripper, the fingers close along its y axis.
         joints: those that move the tip, from the base on.
-        homes: (k, n) comfortable configurations, radians (metres for slides). The one in which the
-            gripper points down most, as the arm stands, is its home.
+        homes: (k, n) comfortable configurations, radians (metres for slides); the home is the one
+            in which the gripper points down most.
         max_speed: (n,) of each joint, rad/s (m/s).
         max_acceleration: (n,) of each joint, rad/s^2 (m/s^2).
-        base: where it stands unless given otherwise.
+        base: its default pose.
         gripper: name of the gripper's joint in trajectories.
         opening: its position when open and when closed.
     """
@@ -110,7 +109,7 @@ class Arm:
                 raise ArmError(f"arm {self.name}: {name} must be above 0, got {values.tolist()}")
 
     def model(self, base: Base | None = None) -> mujoco.MjModel:
-        """The arm on its base at the table; the arm's names have `PREFIX` before them."""
+        """The arm and the table; the arm's names begin with `PREFIX`."""
         import mujoco
 
         base = base or self.base
@@ -124,12 +123,11 @@ class Arm:
         return scene.compile()
 
     def joint_ids(self, model: mujoco.MjModel) -> list[int]:
-        """Of the arm's `joints` in what `model` returned."""
+        """Ids of `joints` in a `model`."""
         return [model.joint(PREFIX + name).id for name in self.joints]
 
     def tip_positions(self, joints: NDArray) -> NDArray[np.float64]:
-        """Where the tip is (N, 3) in configurations (N, n), metres, by forward kinematics; the arm
-        stands on its own base."""
+        """Tip positions (N, 3) in configurations (N, n) by forward kinematics, metres."""
         import mujoco
 
         model = self.model()
@@ -143,19 +141,15 @@ class Arm:
         return positions
 
     def joint_ranges(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Lower and upper ends (n,) of the joints' ranges, radians (metres for slides)."""
+        """Lower and upper limits (n,) of the joints, radians (metres for slides)."""
         model = self.model()
         low, high = model.jnt_range[self.joint_ids(model)].T
         return low, high
 
 
 def panda() -> Arm:
-    """The Panda hanging 0.9 m above the table, its base 0.3 m beside the middle of the rope.
-
-    Hanging with the elbow behind it the arm works on the side opposite to its x axis, so the base
-    is turned by half a turn, away from the rope: the 28 degrees that the first joint lacks then lie
-    outside of most plans. Upright it cannot fold to the near end of a rope 1 m long and stretch to
-    the far end too. Limits are Franka's, see panda.xml.
+    """The Panda hanging 0.9 m above the table, 0.3 m beside the rope's middle and facing away from
+    it: its elbow is behind it. Limits are Franka's, see panda.xml.
     """
     arm = load_arm(
         Path(__file__).with_name("panda.xml"),
@@ -178,7 +172,7 @@ def load_arm(
     Args:
         path: the MJCF file.
         tip: a site, see `Arm.tip`; not needed where the model has a single one.
-        base: where it stands.
+        base: its pose.
         max_speed: of every joint or of each, rad/s (m/s for slides).
         max_acceleration: of every joint or of each, rad/s^2 (m/s^2).
 
@@ -186,7 +180,7 @@ def load_arm(
         The arm; its homes are the model's keyframes, or the middle of every joint's range.
 
     Raises:
-        ArmError: no such file, no model, no such site, or nothing that moves it.
+        ArmError: no such file, model or site, or nothing that moves it.
     """
     import mujoco
 

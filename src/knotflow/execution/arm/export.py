@@ -22,8 +22,8 @@ from knotflow.planning import GripperConfig, KnotPlan, Waypoints
 FORMATS = ("csv", "ros2")
 SPACES = ("joint", "cartesian")
 
-MAX_LISTED = 12  # ranges of waypoints named before the rest is counted
-SUBDIVISIONS = 8  # of the way between two waypoints, at which the tip's pace is measured
+MAX_LISTED = 12  # unreachable ranges of waypoints in a summary
+SUBDIVISIONS = 8  # between two waypoints, to measure the tip's speed
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +32,8 @@ class JointTrajectory:
 
     Attributes:
         arm: which moves.
-        waypoints: which it follows; their times are those before joints limited them.
-        ik: how closely.
+        waypoints: which it follows, with their original times.
+        ik: the configurations and their errors.
         times: (N,) seconds, increasing.
     """
 
@@ -44,7 +44,7 @@ class JointTrajectory:
 
     @property
     def unreachable(self) -> NDArray[np.intp]:
-        """Numbers of the waypoints that are not reached, counted from 0."""
+        """Indices of the waypoints that are not reached."""
         return np.flatnonzero(~self.ik.ok)
 
     @property
@@ -85,10 +85,7 @@ class JointTrajectory:
 def time_joints(
     arm: Arm, waypoints: Waypoints, ik: IkSolution, max_speed: float
 ) -> JointTrajectory:
-    """Give each phase the time that tip and joints need: the waypoints' own, or longer.
-
-    A phase goes from rest to rest and is slowed as a whole, so its path and the shape of its
-    speed are kept. Between waypoints joints go straight, and the tip, in an arc, a little farther.
+    """Slow each phase, from rest to rest, as a whole until tip and joints keep their limits.
 
     Args:
         arm: whose limits hold.
@@ -114,8 +111,8 @@ def time_joints(
 
 
 def _tip_path_lengths(arm: Arm, joints: NDArray) -> NDArray[np.float64]:
-    """(N - 1,) metres: how far the tip would go from each of N configurations to the next at the
-    pace of its fastest part."""
+    """(N - 1,) metres from each of N configurations to the next, at the pace of the tip's fastest
+    part on its arc."""
     part = np.linspace(0.0, 1.0, SUBDIVISIONS + 1)[:-1, None]
     between = joints[:-1, None] + part * np.diff(joints, axis=0)[:, None]  # (N - 1, parts, n)
     tips = arm.tip_positions(np.concatenate([between.reshape(-1, joints.shape[1]), joints[-1:]]))
@@ -143,12 +140,12 @@ def _share(values: NDArray, limits: NDArray) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Export:
-    """What `export_plan` returns.
+    """An exported plan.
 
     Attributes:
         text: the file's contents.
-        trajectory: what they were made of.
-        slowed: how many times longer than simulated the gripper holds the rope, 1 or more.
+        trajectory: its data.
+        slowed: duration of the drags relative to the simulated ones, 1 or more.
     """
 
     text: str
@@ -205,19 +202,17 @@ def export_plan(
     rate_hz: float = 20.0,
     tip: str | None = None,
 ) -> Export:
-    """A plan's motion by an arm, moves between the splines included.
-
-    It begins above the first grasp, where the arm must be brought first.
+    """A plan's motion by an arm, from above the first grasp on.
 
     Args:
         plan: with at least one step.
         arm: `panda`, an MJCF file, or an `Arm`.
-        base: where it stands, or a YAML file that says so, see `Base.load`; by default the arm's.
+        base: its pose or a YAML file, see `Base.load`; by default the arm's own.
         max_speed: of the tip, m/s.
         format: csv or ros2.
         space: joint or cartesian.
-        rate_hz: waypoints per second, before joint limits slow them.
-        tip: for an MJCF file, the site between the fingers, see `load_arm`.
+        rate_hz: waypoints per second, before they are slowed.
+        tip: of an MJCF file, see `load_arm`.
 
     Raises:
         ArmError: an arm, base, speed, format or space that cannot be used, or nothing to execute.
@@ -255,7 +250,7 @@ def _runs(mask: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
 
 
 def _gripper_positions(trajectory: JointTrajectory) -> NDArray[np.float64]:
-    """Position (N,) of the gripper's joint: it moves while the arm stands."""
+    """Positions (N,) of the gripper's joint, which moves while the arm stands."""
     opened, closed = trajectory.arm.opening
     phases = np.array(trajectory.waypoints.phases)
     share = trajectory.waypoints.closed.astype(float)
@@ -319,18 +314,14 @@ def _ros2(trajectory: JointTrajectory, space: str) -> str:
         (times[rows[0]], phase) for phase in ("close", "open") for rows in _runs(phases == phase)
     )
     comments = "".join(f"# {time:9.3f} s: {phase} the gripper\n" for time, phase in events)
-    head = yaml.safe_dump(
-        {"header": {"frame_id": frame}, "joint_names": names},
-        sort_keys=False,
-        default_flow_style=None,
-        width=1000,
-    )
-    # A line a point: block style would take ten times the lines.
-    lines = (
-        yaml.safe_dump(point, sort_keys=False, default_flow_style=True, width=10**6)
-        for point in points
-    )
-    body = "".join(f"- {line}" for line in lines)
+    header = {"header": {"frame_id": frame}, "joint_names": names}
+    head = yaml.safe_dump(header, sort_keys=False, default_flow_style=None, width=1000)
+    style: dict[str, Any] = {
+        "sort_keys": False,
+        "default_flow_style": True,
+        "width": 10**6,
+    }  # a line a point
+    body = "".join(f"- {yaml.safe_dump(point, **style)}" for point in points)
     return f"# trajectory_msgs/msg/{kind}\n{comments}{head}points:\n{body}"
 
 

@@ -1,9 +1,7 @@
 """Inverse kinematics along a plan's waypoints with mink (differential, a QP a step).
 
-The tip's position comes first, then the gripper's direction: pointing down, its fingers closing
-across the strand it grasps. Where it comes down and closes it must; once it holds the rope it may
-turn about the vertical, as the rope does that it drags. At the edge of the workspace the gripper
-tilts rather than miss.
+The tip's position comes before the gripper's direction: pointing down, and while it grasps, its
+fingers closing across the strand. At the edge of the workspace the gripper tilts rather than miss.
 """
 
 from __future__ import annotations
@@ -25,23 +23,22 @@ if TYPE_CHECKING:
 TOLERANCE = 1e-3
 """Distance of the tip from its waypoint that counts as reached, metres."""
 MAX_TILT = np.deg2rad(30.0)
-"""The gripper may lean this far from pointing down."""
+"""Largest tilt of the gripper from pointing down, radians."""
 MAX_TURN = np.deg2rad(15.0)
-"""The fingers may close this far from across the strand."""
+"""Largest angle of the closing fingers from across the strand, radians."""
 GRASPING = ("descend", "close")
-"""Phases in which the fingers must close across the strand,"""
+"""Phases in which the fingers must close across the strand."""
 ALIGNED = ("travel", *GRASPING)
-"""and those in which they turn there and keep; in the others the gripper may turn."""
+"""Phases in which the gripper may not turn freely about the vertical."""
 CLEARANCE = 1e-3
 """Least distance between arm and table, and between links that are not neighbours, metres."""
 
-# Costs of a metre missed and of a radian tilted, turned or away from home. The last settles what
-# the tip leaves free; much smaller ones get lost in the solver's tolerance.
+# Costs of a metre missed and of a radian tilted, turned or away from home.
 POSITION_COST, TILT_COST, TURN_COST, HOME_COST = 200.0, 2.0, 4.0, 0.05
 FREE_TURN_COST = 0.1  # of a gripper that holds the rope or leaves it
-HOME_GAIN = 0.1  # share of the way home an iteration; a faster one would keep the arm moving
-MAX_ITERATION_STEP = 0.15  # rad (m); near a stretched arm longer ones leap about
-MAX_WAYPOINT_STEP = 0.2  # rad (m); more would take the tip off its path in between
+HOME_GAIN = 0.1  # share of the way home an iteration
+MAX_ITERATION_STEP = 0.15  # rad (m)
+MAX_WAYPOINT_STEP = 0.2  # rad (m)
 CONVERGED_POSITION, CONVERGED_ANGLE = 1e-4, 2e-3  # metres, radians an iteration
 ITERATIONS = 25
 RESTARTS = 12
@@ -57,8 +54,7 @@ class IkSolution:
         quaternions: (N, 4) of the tip, w x y z.
         error: (N,) distance from the waypoints, metres.
         tilt: (N,) of the gripper from pointing down, radians.
-        turn: (N,) of the fingers from the direction in which they should close, radians; 0 where
-            they do not come down on a strand or close on it.
+        turn: (N,) of the grasping fingers from across the strand, radians; else 0.
     """
 
     joints: NDArray[np.float64]
@@ -79,8 +75,8 @@ def follow_waypoints(
 ) -> IkSolution:
     """Follow a plan's waypoints with an arm, within its joint ranges and above the table.
 
-    For each step the fingers can close in two directions, half a turn apart. The one nearer to
-    the arm's home is taken, or the other where that reaches more waypoints.
+    Of each step's two grasps, half a turn apart, the one nearer to the arm's home is taken, or the
+    other where that reaches more waypoints.
     """
     solver = _Solver(arm, base or arm.base)
     joints: NDArray | None = None
@@ -108,7 +104,7 @@ def follow_waypoints(
 
 
 class _Segment(NamedTuple):
-    """One step: joints (n, J), the yaws (n,) asked for, and how many waypoints were missed."""
+    """One step: joints (n, J), the desired yaws (n,), and the number of missed waypoints."""
 
     joints: NDArray[np.float64]
     yaws: NDArray[np.float64]
@@ -154,7 +150,7 @@ class _Solver:
         self.swing = float(np.round(self.configuration.data.xaxis[ids[0]][2]))
 
     def nearest_yaw(self, strand: float, position: NDArray) -> float:
-        """The direction along a strand, of two, that lies nearer to the gripper's at home."""
+        """Of the two directions along a strand, the nearer to the gripper's at home."""
         home = self.home_yaw + self._azimuth(position)
         return home + (strand - home + np.pi / 2) % np.pi - np.pi / 2
 
@@ -180,7 +176,7 @@ class _Solver:
         return near + (float(np.arctan2(y, x)) - near + np.pi) % (2 * np.pi) - np.pi
 
     def solution(self, segments: list[_Segment], waypoints: Waypoints) -> IkSolution:
-        """What forward kinematics says of the joints found."""
+        """Tip poses and errors by forward kinematics."""
         joints = np.concatenate([segment.joints for segment in segments])
         yaws = np.concatenate([segment.yaws for segment in segments])
         poses, angles = [], []
@@ -254,7 +250,7 @@ class _Solver:
         return data.site_xpos[self.site], data.site_xmat[self.site].reshape(3, 3)
 
     def _tilt_and_turn(self, yaw: float) -> tuple[float, float]:
-        """How far the gripper leans from pointing down, and its fingers from closing across."""
+        """See `IkSolution`."""
         _, rotation = self._tip()
         fingers, across = rotation[:, 1], np.array([np.sin(yaw), -np.cos(yaw), 0.0])
         level = max(float(np.hypot(*fingers[:2])), 1e-9)
@@ -277,11 +273,9 @@ class _Solver:
             if mujoco.mj_geomDistance(model, data, a, b, 1.0, None) > 2 * CLEARANCE
         ]
         return mink.CollisionAvoidanceLimit(
-            model,
-            pairs,
-            minimum_distance_from_collisions=CLEARANCE,
+            model, pairs, minimum_distance_from_collisions=CLEARANCE,
             collision_detection_distance=0.05,
-        )
+        )  # fmt: skip
 
     def _lowest_home(self, arm: Arm) -> NDArray[np.float64]:
         """The whole model's configuration at the home in which the gripper points down most."""

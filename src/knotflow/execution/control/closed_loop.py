@@ -1,9 +1,4 @@
-"""A plan executed by a robot: step by step as planned, or replanned after each (Sec. VI).
-
-With replanning, the rope is observed after each action and the rest planned from there: with
-splines for the rope as it lies, whether the action led to its state, to another one of the solution
-DAG, or outside of it, from where a planner that may undo has a way back.
-"""
+"""A plan executed by a robot, step by step as planned or replanned after each step (Sec. VI)."""
 
 from __future__ import annotations
 
@@ -20,36 +15,15 @@ from knotflow.execution.control.step_executor import (
     Controller,
     ExecutionConfig,
     StepExecutor,
+    StepOutcome,
     TickTiming,
 )
 from knotflow.planning import KnotPlan, PlanStep, UnreachableGoalError
 from knotflow.simulation import ShapeError
-from knotflow.topology import Action, DegenerateCurveError, TopologicalState
+from knotflow.topology import DegenerateCurveError
 
 Replan = Callable[[NDArray], KnotPlan]
-"""Plans the rest of a knot from a rope (V, 3) as it lies, such as `planning.plan_knot` does."""
-
-
-@dataclass(frozen=True)
-class StepOutcome:
-    """What became of one step.
-
-    Attributes:
-        step: as it was planned.
-        observed_state: after it; None where it was not observed, or cannot be read.
-        held: see `DragResult`.
-        tracked: see `DragResult`.
-    """
-
-    step: PlanStep
-    observed_state: TopologicalState | None
-    held: bool
-    tracked: bool
-
-    @property
-    def action(self) -> Action:
-        """What it was for; an `Arrange` keeps the state."""
-        return self.step.action
+"""Plans the rest of a knot from the rope (V, 3) as it lies."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,16 +32,16 @@ class Execution:
 
     Attributes:
         times: (N,) seconds since the first move began.
-        gripper: (N, 3) where it was commanded to be, metres.
+        gripper: (N, 3) commanded positions, metres.
         closed: (N,) whether the fingers were commanded to be closed.
-        step: (N,) how many actions had been begun before.
-        reference: (N, V, 3) the rope of the plan, metres; NaN where the gripper does not drag.
-        points: (N, V, 3) the rope as it was tracked, metres; NaN where it was not.
-        ticks: what each move that the controller chose took.
+        step: (N,) index of the action.
+        reference: (N, V, 3) the planned rope, metres; NaN where the gripper does not drag.
+        points: (N, V, 3) the tracked rope, metres; NaN where it was not tracked.
+        ticks: timing of each controlled move.
         outcomes: of each step, in the order executed.
         observation: the last one of the rope; None without any.
-        tied: whether it shows a state of the goal, without doubt; None without an observation.
-        reason: why it ended.
+        tied: whether it shows a goal state unambiguously; None without an observation.
+        reason: why the execution ended.
     """
 
     times: NDArray[np.float64]
@@ -97,17 +71,13 @@ def execute(
     Args:
         plan: with the trajectories of its steps.
         robot: used by the methods of `Robot` alone.
-        config: heights, speeds, what matters, and when to give up.
-        source: tracks the rope while it is dragged, so that a rope that is lost is noticed.
-        controller: corrects the drag. Without one, but with a source, the spline begins where the
-            rope is and is then followed blindly.
+        config: heights, speeds, weights, and when to give up.
+        source: tracks the rope while it is dragged. Without a controller, the spline begins at the
+            tracked rope and is then followed blindly.
+        controller: corrects the drag.
         estimator: reads the rope's state at the end, and with `replan` after each action.
-        replan: plans the rest after each action. Only the first step of each plan is executed, also
-            of one that comes near the goal only; the given plan's if the rope is seen to lie in the
-            state it begins with.
-
-    Returns:
-        What was done, and whether the knot is seen to be tied.
+        replan: plans the rest after each action; the first step of each plan is executed, solved
+            or not.
 
     Raises:
         ValueError: a controller without a source, `replan` without an estimator, or a plan without
@@ -156,10 +126,8 @@ class _KnotExecution:
     def execute_with_replanning(self, replan: Replan) -> str:
         """Plan, execute one step, observe, and so on; why it ended.
 
-        Nothing is planned from a rope in doubt: the planner would tie one that is not there. Where
-        only an end is in doubt, the shape is right within millimetres, and it can be planned from;
-        but a knot that hangs on such an end is not reported. A search that found no plan in its
-        time leads some way: its first step is executed, and the rest searched for from there.
+        Nothing is planned from an ambiguous rope, unless only an end is ambiguous: its shape is
+        right within millimetres. A knot that depends on such an end is not reported.
         """
         config, lost, unsolved = self.executor.config, 0, 0
         observation = self._observe(self.plan.start, config.max_pulls)
@@ -190,16 +158,11 @@ class _KnotExecution:
 
     def _execute_step(self, step: PlanStep, plan: KnotPlan) -> bool:
         """Whether the rope was held all the time."""
-        drag = self.executor.execute(step, plan, len(self.outcomes))
-        self.outcomes.append(StepOutcome(step, None, drag.held, drag.tracked))
-        return drag.held
+        self.outcomes.append(self.executor.execute(step, plan, len(self.outcomes)))
+        return self.outcomes[-1].held
 
     def _observe(self, expected: NDArray, pulls: int = 0) -> Observation:
-        """The rope, that may be where it was seen last, or where it is expected.
-
-        A rope in doubt is pulled so often, at one end and the other, and so is the end that a knot
-        hangs on. What was seen of it then is no evidence of how it lies now.
-        """
+        """Observe the rope, last seen or `expected` (V, 3); pull it while it is ambiguous."""
         assert self.estimator is not None
         executor, done = self.executor, len(self.outcomes)
         likely = [expected] if executor.points is None else [executor.points, expected]
@@ -236,7 +199,7 @@ class _KnotExecution:
         return f"{words}, in doubt: {doubts}" if doubts else words
 
     def record(self, reason: str) -> Execution:
-        """All that was done."""
+        """The moves so far, as arrays."""
         moves, unknown = self.executor.moves, np.full(self.plan.start.shape, np.nan)
         references = [unknown if one.reference is None else one.reference for one in moves]
         points = [unknown if one.points is None else one.points for one in moves]

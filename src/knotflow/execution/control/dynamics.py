@@ -1,9 +1,4 @@
-"""How a rope moves with the gripper that drags it: one protocol, and what it is measured against.
-
-A model sees a rope's vertices and their velocities and what the gripper will do, and predicts
-where the vertices will be, a step of `STEP` seconds at a time. It knows nothing of which rope it
-is: friction, stiffness and weight are the planner's or an average.
-"""
+"""Rope dynamics: how a rope moves with the gripper that drags it, in steps of `STEP` seconds."""
 
 from __future__ import annotations
 
@@ -23,17 +18,16 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 SHIPPED_DYNAMICS = Path(__file__).parents[1] / "data" / "dynamics.safetensors"
-"""The weights that come with the package."""
+"""The shipped weights."""
 
 JUDGED_STEPS = (1, 10, 25)
-"""Steps of 0.1 s after which predictions are judged; 25 are a whole motion."""
+"""Steps after which predictions are judged; 25 are a whole motion."""
 
 CHUNK = 64
 """Ropes simulated at once."""
 
 RIDGE = 1e-6
-"""Weight of the coordinates' velocities beside the vertices', square metres: the lever of a link is
-25 mm, or 6e-4 square metres."""
+"""Weight of the coordinates' velocities beside the vertices', square metres."""
 
 
 @dataclass
@@ -45,8 +39,7 @@ class LstmConfig:
     layers: int = 1
     """LSTMs on top of each other."""
     group: int = 4
-    """Neighbouring vertices that are read at a time: a rope read in a quarter of the steps may have
-    twice the states for the same time."""
+    """Neighbouring vertices that are read at a time."""
     links: int = 40
     """Of the rope."""
     length: float = 1.0
@@ -57,10 +50,9 @@ class LstmConfig:
 
 @dataclass
 class DynamicsTrainingConfig:
-    """The effort, and what is learned from."""
+    """Training of the learned dynamics."""
 
     network: LstmConfig = field(default_factory=LstmConfig)
-    """What is trained."""
     validations: int = 120
     """Validations, and checkpoints, until the end."""
     steps: int = 200
@@ -68,7 +60,7 @@ class DynamicsTrainingConfig:
     batch: int = 48
     """Parts of motions in a gradient step."""
     horizon: int = 10
-    """Longest rollout that is learned from, in steps of 0.1 s; training begins with one of 2."""
+    """Longest rollout that is learned from, in steps; training begins with one of 2."""
     learning_rate: float = 3e-3
     """At first; it falls to a hundredth along a cosine."""
     weight_decay: float = 1e-4
@@ -76,9 +68,9 @@ class DynamicsTrainingConfig:
     gradient_norm: float = 0.1
     """Gradients are cut to this length."""
     noise: float = 0.0003
-    """Standard deviation of the error of the first vertices, metres: estimates have some."""
+    """Standard deviation of the noise on the first vertices, metres."""
     held_out: float = 0.05
-    """Share of the motions, those of the last ropes, that are for validation."""
+    """Share of the motions, the last ones, for validation."""
 
 
 class RopeDynamics(Protocol):
@@ -92,9 +84,8 @@ class RopeDynamics(Protocol):
         Args:
             points: (B, V, 3) vertices now.
             velocities: (B, V, 3) of the vertices.
-            grasped: (B,) index of the link whose centre the gripper drags, or `FREE`; or (B, H), in
-                each step.
-            gripper: (B, H, 3) where the gripper will be at the end of each step.
+            grasped: (B,) or (B, H) index of the dragged link, or `FREE`.
+            gripper: (B, H, 3) the gripper at the end of each step.
 
         Returns:
             (B, H, V, 3) float32 vertices.
@@ -103,7 +94,7 @@ class RopeDynamics(Protocol):
 
 
 class StaticDynamics:
-    """A rope that stays where it is: what any model must beat."""
+    """A rope that stays where it is: the baseline."""
 
     def predict(
         self, points: Tensor, velocities: Tensor, grasped: Tensor, gripper: Tensor
@@ -112,10 +103,7 @@ class StaticDynamics:
 
 
 class MujocoDynamics:
-    """The planner's simulator as a model: exact for the planner's rope, and slow.
-
-    Where the gripper is between two steps is interpolated.
-    """
+    """The planner's simulator as a model; between two steps the gripper is interpolated."""
 
     def __init__(self, config: SimulationConfig | None = None) -> None:
         import mujoco
@@ -131,8 +119,7 @@ class MujocoDynamics:
     def predict(
         self, points: Tensor, velocities: Tensor, grasped: Tensor, gripper: Tensor
     ) -> Tensor:
-        """See `RopeDynamics`. Ropes are brought to equal links first; a simulation that blows up
-        stays where it was last."""
+        """See `RopeDynamics`. Links are made equal first; a diverged rope stays where it was."""
         import torch
 
         start, speed, path = (np.asarray(one.double()) for one in (points, velocities, gripper))
@@ -171,7 +158,7 @@ class MujocoDynamics:
         )["site_xpos"].reshape(count, total, -1, 3)[:, :, self._vertices]
         # MuJoCo places sites before it integrates: a step's end is read in the next step.
         ahead = recorded[:, np.arange(substeps, total, substeps)]
-        # One that blows up is put back to the reference pose and stops there.
+        # A diverged rope is put back to the reference pose and stops there.
         warned = np.asarray(batch.warning)[:count, :, 1].any(axis=1, keepdims=True)
         stopped = np.equal(ahead, recorded[:, -1:]).all(axis=(2, 3))
         blown = (warned & stopped) | ~np.isfinite(ahead).all(axis=(2, 3))
@@ -189,10 +176,10 @@ class MujocoDynamics:
         gripper: NDArray,
         substeps: int,
     ) -> NDArray[np.float64]:
-        """Where the gripper (B, H * substeps + 1, 3) is in every time step and one more.
+        """The gripper (B, H * substeps + 1, 3) in every time step and one more.
 
-        It begins where the dragged link lets us suppose it: MuJoCo's grip is critically damped with
-        `contact_time`, so that its link trails a steady gripper by twice that time.
+        MuJoCo's grip is critically damped with `contact_time`, so that the dragged link trails a
+        steady gripper by twice that time.
         """
         from scipy.interpolate import PchipInterpolator
 
@@ -207,11 +194,8 @@ class MujocoDynamics:
         return path
 
     def _hinge_velocities(self, qpos: NDArray, velocities: NDArray) -> NDArray[np.float64]:
-        """The coordinates' velocities (nv,) that move the vertices most nearly at `velocities`.
-
-        Least squares over the vertices' Jacobians, for a rope's roll is seen in no vertex: that of
-        two poses, a moment apart, jumps where the head stands upright, and spins the rope to bits.
-        """
+        """The coordinates' velocities (nv,) for the vertices' (V, 3), by regularized least squares:
+        the rope's roll is seen in no vertex."""
         import mujoco
 
         if not velocities.any():
@@ -229,8 +213,7 @@ class MujocoDynamics:
 
 
 class ModelPrediction:
-    """A model as the prediction of a `perception.Tracker`: where the rope will be when the next
-    image is taken. Between two steps of the model the rope moves evenly."""
+    """A model as the prediction of a `perception.Tracker`, interpolated between its steps."""
 
     def __init__(self, dynamics: RopeDynamics) -> None:
         self.dynamics = dynamics
@@ -243,7 +226,7 @@ class ModelPrediction:
         gripper: NDArray | None,
         grasped: int | None,
     ) -> NDArray[np.float64]:
-        """The rope (V, 3) after some seconds, metres; the gripper (3,) is where it will be then."""
+        """The rope (V, 3) after some seconds, when the gripper is at (3,), metres."""
         import torch
 
         if seconds <= 0:
@@ -266,16 +249,12 @@ class ModelPrediction:
 
 
 def grasped_at_each_step(grasped: Tensor, steps: int) -> Tensor:
-    """Indices (B, H) of the dragged links, from (B,) that hold for all H steps or (B, H)."""
+    """Indices (B, H) of the dragged links, from (B,) or (B, H)."""
     return grasped.reshape(len(grasped), -1).expand(-1, steps)
 
 
 def motion_errors(model: RopeDynamics, motions: Motions) -> NDArray[np.float64]:
-    """Distance (N, T - 1, V) of predicted from true vertices in frames 1.., metres.
-
-    A motion is predicted from its first frame, a rope at rest, and from what the gripper does:
-    where it moves, and when it lets go.
-    """
+    """Distance (N, T - 1, V) of vertices predicted from the first frame from the true, metres."""
     import torch
 
     points = torch.from_numpy(motions.points[:, 0])

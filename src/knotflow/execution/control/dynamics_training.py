@@ -7,35 +7,25 @@ import math
 import torch
 from torch import Tensor
 
-from knotflow.execution.control.dynamics import (
-    JUDGED_STEPS,
-    DynamicsTrainingConfig,
-    motion_errors,
-)
+from knotflow.execution.control.dynamics import JUDGED_STEPS, DynamicsTrainingConfig, motion_errors
 from knotflow.execution.control.lstm_dynamics import LstmDynamics
 from knotflow.execution.control.motions import STEP, Motions
 from knotflow.training.trainer import Metrics, SupervisedTrainer
 
-MAX_VALIDATED = 256
-"""Motions that are held out, most."""
+MAX_VALIDATED = 256  # held-out motions
 
 
 class DynamicsTrainer(SupervisedTrainer):
-    """Trains on parts of motions; at last `trainer.model.save(path)`."""
+    """Trains `model` on parts of motions."""
 
     measure = "error_mm"
     model: LstmDynamics
 
     def __init__(self, motions: Motions, config: DynamicsTrainingConfig, seed: int) -> None:
-        """Draws the first weights from `seed`.
-
-        Args:
-            motions: what is learned from, two or more, those of the same rope side by side.
-            config: the effort.
-            seed: everything random comes from it.
+        """Motions of the same rope stand side by side; they are two or more.
 
         Raises:
-            ValueError: fewer than two motions, or such of another number of vertices.
+            ValueError: fewer than two motions, or of another number of vertices.
         """
         vertices = config.network.links + 1
         if len(motions) < 2 or motions.points.shape[2] != vertices:
@@ -75,7 +65,7 @@ class DynamicsTrainer(SupervisedTrainer):
         return 1e3 * float(error.detach().mean())
 
     def _batch(self, horizon: int) -> tuple[Tensor, ...]:
-        """Parts of motions, mirrored and reversed at random: laws that ropes obey."""
+        """Parts of motions, mirrored and reversed at random."""
         count, frames = self.config.batch, self._points.shape[1]
         row = self._draw(len(self._points), count)
         first = self._draw(frames - horizon, count)

@@ -16,7 +16,7 @@ from knotflow.execution.control.robot import Robot, RobotWrapper
 from knotflow.execution.control.twin import ERROR_LEVELS, displace_camera
 from knotflow.samplers.demonstrations import Demonstration
 from knotflow.simulation import Attempts, RopeConfig, RopeSimulator, SimulationConfig, attempt
-from knotflow.viz.style import INK, PNG_DPI, WIDTH, styled
+from knotflow.viz.style import INK, WIDTH, save_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from knotflow.perception import Camera, CameraNoiseConfig, RgbdImage
 
 FRAME_STRIDE = 2
-"""Of so many images one is kept: they would be most of a recording, and its limit is 1 MB."""
+"""Of so many images one is kept."""
 JPEG_QUALITY = 60
 REFERENCE_COLOUR, TRACKED_COLOUR = "#ffd33d", "#ffffff"
-"""Of the rope; dark edges set them off from tables of any colour."""
+"""Of the rope."""
 MARGIN = 0.15  # of what is drawn, around the ropes
 GIF_SIZE, GIF_COLOURS = (320, 240), 64  # pixels, palette
 
@@ -38,11 +38,7 @@ Window = tuple[float, float, float, float]
 
 
 class ImageRecorder(RobotWrapper):
-    """A robot whose images are kept.
-
-    Attributes:
-        images: all that were asked for, in order.
-    """
+    """A robot whose `images` are kept, in order."""
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot)
@@ -88,22 +84,20 @@ def encode_jpeg(image: RgbdImage) -> bytes:
 
 
 def draw_execution(
-    stem: Path,
+    path: Path,
     execution: Execution,
     camera: Camera,
     frames: Sequence[DragFrame],
     last: RgbdImage,
 ) -> None:
-    """Writes stem.png and stem.svg: an image from the middle of each drag, and the last one.
-
-    Only the part of the images around the ropes is drawn.
+    """Draw the images around the ropes: one from the middle of each drag, and the last.
 
     Args:
-        stem: path without ending.
+        path: of the picture.
         execution: what was planned and tracked.
         camera: of the images.
         frames: of the drags.
-        last: the image of the last observation.
+        last: image of the last observation.
     """
     from matplotlib.figure import Figure
 
@@ -131,14 +125,13 @@ def draw_execution(
         axes.set_title("tied" if execution.tied else "stopped")
         for axes in panels:
             axes.set(xlim=(left, right), ylim=(bottom, top))
-        figure.savefig(stem.with_suffix(".png"), dpi=PNG_DPI)
-        figure.savefig(stem.with_suffix(".svg"), dpi=PNG_DPI, metadata={"Date": None})
+        save_figure(figure, path)
 
 
 def animate_execution(
     path: Path, execution: Execution, camera: Camera, frames: Sequence[DragFrame]
 ) -> None:
-    """Writes a GIF of the drags: the camera's images, with the ropes planned and tracked."""
+    """Write a GIF of the drags: the camera's images with the planned and the tracked rope."""
     window = _window(execution, camera, frames)
     low, high = np.reshape(window, (2, 2))
     images = []
@@ -155,18 +148,14 @@ def animate_execution(
         images.append(
             picture.quantize(GIF_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
         )
+    pace = 100 * FRAME_STRIDE  # milliseconds a frame
     images[0].save(
-        path,
-        save_all=True,
-        append_images=images[1:],
-        duration=100 * FRAME_STRIDE,
-        loop=0,
-        optimize=True,
+        path, save_all=True, append_images=images[1:], duration=pace, loop=0, optimize=True
     )
 
 
 def _window(execution: Execution, camera: Camera, frames: Sequence[DragFrame]) -> Window:
-    """The part of the images around all ropes of the frames, in the images' proportions."""
+    """The part of the images around all ropes, in the images' proportions."""
     rows = [frame.number for frame in frames]
     ropes = np.concatenate([execution.reference[rows], execution.points[rows]])
     pixels = camera.project(ropes.reshape(-1, 3))[:, :2]
@@ -178,20 +167,20 @@ def _window(execution: Execution, camera: Camera, frames: Sequence[DragFrame]) -
 
 
 def _draw_tracked(axes: Axes, camera: Camera, points: NDArray[np.float64]) -> None:
-    """A rope (V, 3) in a panel, as dots between which it is seen."""
+    """A rope (V, 3) in a panel, as dots."""
     pixels = camera.project(points)[:, :2].T
     axes.plot(*pixels, "o", markersize=2.2, color=TRACKED_COLOUR, mec=INK, mew=0.4)
 
 
 @dataclass(frozen=True, eq=False)
 class FilmedRollout:
-    """A rollout, and its images: one a frame, and one of the end when the gripper has left.
+    """A rollout and its images: one a frame, and one of the end without the gripper.
 
     Attributes:
-        attempts: the one rollout, on a rope that differs.
+        attempts: the one rollout.
         images: T + 1 images.
         visible: (T + 1, V) whether an image shows a vertex.
-        camera: where it truly stood.
+        camera: at its true pose.
     """
 
     attempts: Attempts
@@ -208,12 +197,12 @@ def film_rollout(
     noise: CameraNoiseConfig,
     rng: np.random.Generator,
 ) -> FilmedRollout:
-    """One of the demonstrations, drawn at random, on another rope.
+    """A randomly drawn demonstration on another rope.
 
     Args:
         demonstrations: of one action.
         rope: that is dragged.
-        level: how far the camera is from where it is believed to be, see `ERROR_LEVELS`.
+        level: of the camera's pose error, see `ERROR_LEVELS`.
         simulation: of the demonstrated rope; its record rate is the camera's.
         noise: of the camera.
         rng: draws all else.

@@ -1,10 +1,7 @@
 """The learned dynamics of a rope: a bidirectional LSTM over its vertices, as in [15] (Sec. VI).
 
-The LSTM reads the vertices in both directions, a few neighbours at a time. Its states say how far
-each vertex moves in the next step: a share of the gripper's displacement, a share of the vertex's
-own velocity, and a residual, all in a frame whose x axis is the vertex's heading, so that the
-prediction turns with the rope. Predicted links are then brought back towards their length, which a
-long rollout would lose otherwise.
+A vertex moves by a share of the gripper's displacement, a share of its own velocity and a residual,
+in a frame whose x axis is the vertex's heading.
 """
 
 from __future__ import annotations
@@ -76,7 +73,7 @@ class LstmDynamics(nn.Module):
         return self._restore_lengths(points + _rotate(moved, heading, 1))
 
     def _read_vertices(self, features: Tensor) -> Tensor:
-        """(B, V, outputs) of features (B, V, features), a group of neighbours at a time."""
+        """(B, V, features) -> (B, V, outputs)."""
         rows, count, size = features.shape
         group = self.config.group
         grouped = pad(features, (0, 0, 0, -count % group)).reshape(rows, -1, group * size)
@@ -97,7 +94,7 @@ class LstmDynamics(nn.Module):
         return torch.stack(ahead, 1)
 
     def _restore_lengths(self, points: Tensor) -> Tensor:
-        """Vertices (B, V, 3) whose links are closer to their length; both ends give way alike."""
+        """Vertices (B, V, 3) whose links are closer to their length."""
         length = self.config.length / self.config.links
         for _ in range(self.config.straightening):
             link = points.diff(dim=1)

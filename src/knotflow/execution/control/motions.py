@@ -1,8 +1,8 @@
-"""Motions of perturbed ropes, from which dynamics are learned and by which they are judged."""
+"""Motions of perturbed ropes, to train and judge dynamics."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,7 +16,6 @@ from knotflow.samplers.demonstrations import (
     noisy_copies,
 )
 from knotflow.simulation import (
-    LEVELS,
     RopeSimulator,
     SimulationConfig,
     grasped_link,
@@ -30,16 +29,16 @@ STEP = 0.1
 """Seconds from one frame to the next; a step of all dynamics."""
 
 FREE = -1
-"""Stands for the index of the grasped link where no link is."""
+"""The index of the grasped link where none is grasped."""
 
 ACTIONS_PER_CURVE = 4
-"""Splines that move a random curve one after the other: an overhand takes three actions."""
+"""Consecutive splines that move a random curve."""
 
 MAX_CROSSINGS = 4
-"""A rope with more is left, and another one taken."""
+"""A rope with more is replaced by another curve."""
 
 RANDOM_SHARE = 0.25
-"""Of the splines that move random curves."""
+"""Share of random splines among those that move random curves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,61 +83,50 @@ class Motions:
 def draw_motions(
     demonstrations: Sequence[Demonstration],
     config: SimulationConfig,
-    ropes: int,
-    per_rope: int,
+    level: int,
+    count: int,
     rng: np.random.Generator,
-    levels: Sequence[int] = LEVELS,
-) -> Iterator[Motions]:
-    """Motions of perturbed ropes, a rope at a time; levels take turns.
+) -> Motions:
+    """Motions of one perturbed rope; those that diverge are left out.
 
-    Half begin where a demonstration does: a quarter with copies of its spline with noise, a quarter
-    with one aimed at any action. The others are as in plans: random curves, moved by
-    `ACTIONS_PER_CURVE` splines one after the other, aimed at an action or, of four, one random.
+    Half begin where a demonstration does: a quarter with noisy copies of its spline, a quarter with
+    one aimed at any action. The others move random curves by `ACTIONS_PER_CURVE` consecutive
+    splines, aimed or random.
     """
-    for number in range(ropes):
-        level = levels[number % len(levels)]
-        rope = perturb_rope(config.rope, level, rng)
-        simulator = RopeSimulator(replace(config, rope=rope, record_rate=1 / config.timestep))
-        raised = np.array([0.0, 0.0, rope.radius - config.rope.radius])
-        demonstrated = [
-            _demonstrated(demonstrations, copy=kind % 2 == 0, rng=rng)
-            for kind in range(per_rope // 2)
+    rope = perturb_rope(config.rope, level, rng)
+    simulator = RopeSimulator(replace(config, rope=rope, record_rate=1 / config.timestep))
+    raised = np.array([0.0, 0.0, rope.radius - config.rope.radius])
+    starts, splines = [], []
+    for number in range(count // 2):
+        one = demonstrations[int(rng.integers(len(demonstrations)))]
+        starts.append(one.points + raised)
+        if number % 2:
+            splines.append(heuristic_any_action(one.points, one.task.start_state, rng))
+        else:
+            splines.append(noisy_copies(one.spline, 1, rng, NoiseConfig())[0])
+    parts = []
+    if starts:
+        parts.append(_execute(simulator, np.stack(starts), np.stack(splines), level)[0])
+    remaining = count - len(starts)
+    curves = -(-remaining // ACTIONS_PER_CURVE)
+    points = [random_curve(config.rope, rng) + raised for _ in range(curves)]
+    while remaining > 0:
+        points = points[:remaining]
+        remaining -= len(points)
+        states = [TopologicalState.from_curve(one) for one in points]
+        splines = [
+            heuristic_any_action(one, state, rng, RANDOM_SHARE)
+            for one, state in zip(points, states, strict=True)
         ]
-        if demonstrated:
-            starts, splines = (np.stack(part) for part in zip(*demonstrated, strict=True))
-            yield _execute(simulator, starts + raised, splines, level)[0]
-        remaining = per_rope - len(demonstrated)
-        curves = -(-remaining // ACTIONS_PER_CURVE)
-        points = [random_curve(config.rope, rng) + raised for _ in range(curves)]
-        while remaining > 0:
-            points = points[:remaining]
-            remaining -= len(points)
-            states = [TopologicalState.from_curve(one) for one in points]
-            splines = np.stack(
-                [
-                    heuristic_any_action(one, state, rng, RANDOM_SHARE)
-                    for one, state in zip(points, states, strict=True)
-                ]
-            )
-            motions, ends = _execute(simulator, np.stack(points), splines, level)
-            yield motions
-            points = [
-                end - [*end[:, :2].mean(axis=0), 0.0]
-                if (state := state_or_none(end)) is not None
-                and state.num_crossings <= MAX_CROSSINGS
-                else random_curve(config.rope, rng) + raised
-                for end in ends
-            ]
-
-
-def _demonstrated(
-    demonstrations: Sequence[Demonstration], copy: bool, rng: np.random.Generator
-) -> tuple[NDArray, NDArray]:
-    """A demonstrated start (V, 3), and a noisy copy of its spline or one aimed elsewhere (6,)."""
-    one = demonstrations[int(rng.integers(len(demonstrations)))]
-    if copy:
-        return one.points, noisy_copies(one.spline, 1, rng, NoiseConfig())[0]
-    return one.points, heuristic_any_action(one.points, one.task.start_state, rng)
+        motions, ends = _execute(simulator, np.stack(points), np.stack(splines), level)
+        parts.append(motions)
+        points = [
+            end - [*end[:, :2].mean(axis=0), 0.0]
+            if (state := state_or_none(end)) is not None and state.num_crossings <= MAX_CROSSINGS
+            else random_curve(config.rope, rng) + raised
+            for end in ends
+        ]
+    return Motions.join(parts)
 
 
 def _execute(
@@ -162,9 +150,8 @@ def _execute(
 
 
 def simulated_frames(steps: NDArray[np.intp], frames: int) -> NDArray[np.intp]:
-    """Which of a simulator's frames, one a time step, show ropes as they are after so many steps.
+    """Indices of a simulator's frames, one a time step, that show ropes after so many steps.
 
-    They come a time step early (see `Rollouts.trajectory`), so it is each time the next one; but
-    for the start, and for the end, of which there is no later one and at which the rope rests.
+    Frames come a time step early (see `Rollouts.trajectory`) but for the first and the last.
     """
     return np.where(steps > 0, np.minimum(steps + 1, frames - 1), 0)

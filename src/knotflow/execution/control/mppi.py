@@ -1,14 +1,9 @@
 """Model predictive path integral control of the gripper that drags a rope (Sec. VI).
 
-The paper tracks a simulated rope trajectory with MPPI (Williams et al., 2017) on learned dynamics,
-with actions "initialized by the planned spline". Here an action is what is added to the planned
-displacement of a tick, so the planned spline is the zero action. The sampling, weighting and
-averaging of action sequences is pytorch-mppi's. Sequences are drawn at a few knots and run smoothly
-between them: independent draws in every tick mostly shake the rope.
-
-A learned model errs even where the rope lies as planned. So that this is not corrected for, the
-reference is where the model predicts the planned rope under the planned motion, and there the zero
-action is the best.
+MPPI (Williams et al., 2017) by pytorch-mppi, on learned dynamics. An action is added to the planned
+displacement of a tick, so that the planned spline is the zero action; sequences are drawn at a few
+knots. The reference is the model's prediction of the planned rope under the planned motion, so that
+the model's own error is not corrected for.
 """
 
 from __future__ import annotations
@@ -33,7 +28,7 @@ BOUNDARY_COST = 100.0
 
 @dataclass(frozen=True)
 class MppiConfig:
-    """What is sampled, and what it costs."""
+    """Sampling and costs."""
 
     samples: int = 64
     """Action sequences of a tick."""
@@ -50,7 +45,7 @@ class MppiConfig:
     effort: float = 0.02
     """Cost of an action, relative to the same deviation of the rope."""
     terminal: float = 2.0
-    """How much more the last tick's deviation costs."""
+    """Relative cost of the last tick's deviation."""
     reach: float = 0.65
     """The gripper stays within this distance of the middle along x and y, metres."""
     table: float = 0.008
@@ -113,8 +108,8 @@ class Mppi:
 
     @one_thread()
     def _predict_plan(self, points: Tensor) -> Tensor:
-        """(T, horizon + 1, V, 3) metres: the planned rope (T, V, 3) of each frame, and where the
-        model takes it from there in the ticks to come, by the planned motion."""
+        """(T, horizon + 1, V, 3) metres: predictions from each frame of the planned rope (T, V, 3)
+        under the planned motion."""
         import torch
 
         with torch.no_grad():
@@ -138,7 +133,7 @@ class Mppi:
         return moved, (moved - points) / STEP
 
     def _frame(self, ahead: int) -> int:
-        """Index of the planned frame that many ticks ahead; the last one stays."""
+        """Index of the planned frame that many ticks ahead."""
         return min(self._tick + ahead, len(self._steps) - 1)
 
     def _next(self, states: Tensor, actions: Tensor, step: int) -> Tensor:
@@ -166,8 +161,7 @@ class Mppi:
         return self.config.terminal * self._deviation(points, self.config.horizon)
 
     def _deviation(self, points: Tensor, ahead: int) -> Tensor:
-        """Weighted mean square distance (K,) from the planned rope as the model sees it, square
-        centimetres."""
+        """Weighted mean square distance (K,) from the reference, square centimetres."""
         square = (points - self._expected[self._frame(0), ahead]).square().sum(-1)
         return (square * self._weights).mean(1) * CM2
 

@@ -1,4 +1,4 @@
-"""Where the rope's shape comes from: move by move while it is dragged, and between two actions."""
+"""Sources of the rope's state: while it is dragged, and between two actions."""
 
 from __future__ import annotations
 
@@ -18,30 +18,23 @@ if TYPE_CHECKING:
 
 
 class RopeSource(Protocol):
-    """Where the state of the rope comes from while it moves."""
+    """Source of the rope's shape while it moves."""
 
     @property
     def lost(self) -> bool:
-        """Whether the rope is known not to be where it was tracked."""
+        """Whether the track is known to be lost."""
         ...
 
     def points(self, robot: Robot, grasped: bool) -> NDArray:
-        """The rope (V, 3), metres, now; asked for after every move that may move it.
-
-        `grasped` says whether the gripper's fingers are closed.
-        """
+        """The rope (V, 3), metres, after a move; `grasped` says whether the fingers are closed."""
         ...
 
 
 @dataclass
 class TrackedRope:
-    """The rope as `perception.Tracker` tracks it in the robot's images, a `RopeSource`.
-
-    Closing fingers take the link nearest to them. A missing image leaves the rope where it was.
-    """
+    """A `RopeSource` by `perception.Tracker`: closing fingers take the nearest link."""
 
     tracker: Tracker
-    """Began with the rope as it lay."""
     lost: bool = field(default=False, init=False)
     _grasped_link: int | None = field(default=None, init=False)
 
@@ -63,14 +56,14 @@ class TrackedRope:
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """A rope at rest, as one estimate has it.
+    """An estimate of a rope at rest.
 
     Attributes:
-        points: (V, 3) metres, a shape of the rope; None where none was seen.
+        points: (V, 3) metres; None where no rope was seen.
         state: its topological state; None where it cannot be read.
-        doubts: why it may be another one, in words.
-        ends: 0 for the head and -1 for the tail, where it may be another one only because that end
-            lies at a strand, and it is not seen whether it crosses it.
+        doubts: why the state is ambiguous, in words.
+        ends: 0 for the head and -1 for the tail, where it is ambiguous only whether that end
+            crosses the strand at which it lies.
     """
 
     points: NDArray | None
@@ -82,7 +75,7 @@ class Observation:
     def of(
         cls, points: NDArray, doubts: tuple[str, ...] = (), ends: tuple[int, ...] = ()
     ) -> Observation:
-        """Of a shape (V, 3), ambiguous where its projection cannot be read."""
+        """Of a shape (V, 3)."""
         state = state_or_none(points)
         if state is None:
             doubts += ("the shape's projection does not determine its state",)
@@ -95,7 +88,7 @@ class Observation:
 
     @property
     def all_doubts(self) -> tuple[str, ...]:
-        """All that is ambiguous, the ends included, in words."""
+        """`doubts` and `ends`, in words."""
         from knotflow.perception import END_AMBIGUITIES
 
         return self.doubts + tuple(END_AMBIGUITIES[end] for end in self.ends)
@@ -105,12 +98,11 @@ class StateEstimator(Protocol):
     """Reads the rope's state between two actions, when the gripper is out of the way."""
 
     def estimate(self, robot: Robot, likely: Sequence[NDArray] = ()) -> Observation | None:
-        """What is seen now, or None to be asked again a tick later: there is no new image yet.
+        """What is seen now; None while there is no new image.
 
         Args:
             robot: whose camera sees the rope.
-            likely: shapes (V, 3) that it may have, metres: where it was seen or tracked last comes
-                first, then where an action should have brought it.
+            likely: expected shapes (V, 3), metres; the last seen or tracked one first.
         """
         ...
 
@@ -119,25 +111,18 @@ class StateEstimator(Protocol):
 class ImageStateEstimator:
     """A `StateEstimator` by `perception.estimate`.
 
-    The image alone is ambiguous where strands touch, so the fit begins at the likely shapes, at the
-    paths through the image and at the network's guess; where fits of different crossings account
-    for it alike, it is in doubt. Head and tail of a plain rope are told apart by its last shape.
-
-    The first image only shows how late it is by the camera's clock: where frames are lost it may
-    have been taken before the gripper was out of the way. A later one is read.
+    The first image, which may show the gripper, only tells the camera's time; a later one is read.
     """
 
     camera: Camera
-    """Where the camera is believed to be."""
+    """At its nominal pose."""
     rope: RopeConfig = field(default_factory=RopeConfig)
-    """The rope that is looked for."""
     config: EstimateConfig | None = None
-    """How it is estimated. A wider search, which takes half a minute, is made after a doubt only:
-    the next image may show what this one did not."""
+    """Its slow wider search is used only after an ambiguous image."""
     network: Network | None = None
-    """Proposes further first guesses; the shipped one where none is given."""
+    """Proposes further first guesses; the shipped one by default."""
     tracker: Tracker | None = None
-    """Goes on from what is seen."""
+    """Restarted from each estimate."""
     _previous_time: float | None = field(default=None, init=False)
     _search_wider: bool = field(default=False, init=False)
 

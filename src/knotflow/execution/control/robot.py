@@ -1,7 +1,4 @@
-"""What a robot must be able to do to execute a plan: five methods, for a lab to implement.
-
-Beside them, wrappers of such a robot that time its camera or inject a fault.
-"""
+"""What a robot must do to execute a plan: five methods, for a lab to implement; and its faults."""
 
 from __future__ import annotations
 
@@ -18,18 +15,16 @@ if TYPE_CHECKING:
 class Robot(Protocol):
     """A gripper above a table, and a camera that sees both.
 
-    Positions are (3,) in metres in the world frame, in which the table is z = 0, z points up and
-    the rope lies around the origin. They are of the point between the fingertips that is on the
-    rope's centre line when the gripper holds it. Nothing else of the hand is commanded: yaw across
-    the strand, joints and the avoidance of collisions are the implementation's business.
+    Positions are (3,) in metres in the world frame (table at z = 0, z up, the rope around the
+    origin), of the point between the fingertips that lies on a held rope's centre line. Yaw across
+    the strand, joints and the avoidance of collisions are left to the implementation.
 
-    Every method returns when it is done, so the caller's clock is the robot's. A command that
-    cannot be carried out (out of reach, stopped by the hardware) raises; an exception of any kind
+    Every method blocks until it is done. A command that cannot be carried out raises; any exception
     ends the execution after a `release()`.
     """
 
     def observe(self) -> RgbdImage:
-        """The newest image of the camera, with the time at which it was taken.
+        """The camera's newest image, with the time at which it was taken.
 
         Raises:
             TimeoutError: there is none; it is asked for again.
@@ -39,8 +34,7 @@ class Robot(Protocol):
     def move_to(self, position: NDArray, seconds: float) -> None:
         """Move the gripper in a straight line to a position, to arrive after that time.
 
-        Called every 0.1 s with the next short move while the rope is dragged, so an implementation
-        that streams set points blends one move into the next. The fingers stay as they are.
+        Called every 0.1 s with the next short move; an implementation may blend moves.
         """
         ...
 
@@ -54,7 +48,7 @@ class Robot(Protocol):
 
     @property
     def position(self) -> NDArray:
-        """(3,) where the gripper is, as the robot measures it."""
+        """(3,) the gripper's measured position."""
         ...
 
 
@@ -82,7 +76,7 @@ class RobotWrapper:
 
 
 class CameraTimer(RobotWrapper):
-    """Sums up the `seconds` that images took: rendering a simulated one is no work of a tracker."""
+    """Sums up the `seconds` that images took."""
 
     seconds = 0.0
 
@@ -97,7 +91,7 @@ class CameraTimer(RobotWrapper):
 class FaultyRobot(RobotWrapper):
     """Fails once, for `duration` seconds, `delay` seconds of moves after the first grasp."""
 
-    delay = 1.0  # half of it closes the fingers, half drags the rope
+    delay = 1.0
     duration = 1.0
 
     def __init__(self, robot: Robot) -> None:
@@ -160,4 +154,4 @@ FAULTS: dict[str, type[RobotWrapper]] = {
     "rope dropped": RopeDropped,
     "table alone": RopeOccluded,
 }
-"""By the names that tables give them; without a name nothing fails."""
+"""By the names that tables give them."""

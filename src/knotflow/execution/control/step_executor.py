@@ -1,8 +1,7 @@
-"""One step of a plan executed by a robot: as it was planned, or corrected while it moves (Sec. VI).
+"""One step of a plan executed by a robot, in open loop or corrected while it moves (Sec. VI).
 
-Open loop, the gripper goes where the plan says, whatever the rope does. In closed loop it grasps
-the rope where it lies, and every tenth of a second a controller chooses the next move from the
-rope's state, so that it follows the rope of the plan.
+In closed loop the gripper grasps the rope where it lies, and every 0.1 s a controller chooses the
+next move from the rope's state, so that it follows the rope of the plan.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from knotflow.execution.control.robot import CameraTimer, Robot
 from knotflow.planning import GripperConfig, KnotPlan, PlanStep
 from knotflow.planning.waypoints import trace_waypoints
 from knotflow.simulation import grasped_link, spline_basis
-from knotflow.topology import project
+from knotflow.topology import Action, TopologicalState, project
 
 MAX_CORRECTION = 0.03
 """Largest error of the robot along each axis that is made up for, metres; more is a fault."""
@@ -31,18 +30,12 @@ class Controller(Protocol):
     """Chooses the gripper's moves while it drags the rope."""
 
     def begin(self, reference: NDArray, path: NDArray, weights: NDArray, grasped: int) -> None:
-        """Take up a spline.
-
-        Args:
-            reference: (T + 1, V, 3) the rope that is wanted, at the grasp and after each move.
-            path: (T + 1, 3) the gripper's planned path.
-            weights: (V,) how much each vertex matters.
-            grasped: index of the link that is held.
-        """
+        """Take up a spline: the desired rope (T + 1, V, 3), the planned path (T + 1, 3), the
+        vertices' weights (V,) and the index of the held link."""
         ...
 
     def act(self, points: NDArray, velocities: NDArray, gripper: NDArray) -> NDArray:
-        """Where the gripper shall be (3,) a tick from now, from the rope (V, 3) and where it is."""
+        """The gripper's position (3,) a tick from now, from the rope's state (V, 3)."""
         ...
 
 
@@ -57,28 +50,25 @@ class ExecutionConfig:
     crossing_weight: float = 4.0
     """How much more a vertex at a crossing matters than one far from it."""
     slip: float = 0.03
-    """How far the held link may come away from the gripper before it counts as lost, metres,"""
+    """Distance from the gripper at which the held link counts as lost, metres."""
     lag: float = 0.05
-    """and by how much more where it trails a moving gripper, seconds: a simulated grip yields, so
-    that its link is 0.04 s behind."""
+    """Seconds by which the held link may trail a moving gripper in addition."""
     attempts: int = 3
-    """How often a step is begun, in closed loop, whose grasp misses or slips."""
+    """Grasps of a step, in closed loop, while it misses or slips."""
     park_position: tuple[float, float, float] = (0.0, 0.45, 0.3)
-    """Where the gripper waits while the rope is observed, metres: out of the camera's way. For
-    another observation it waits opposite."""
+    """Where the gripper waits while the rope is observed, metres; the next time opposite."""
     max_observations: int = 2
-    """How often the rope is observed while it is in doubt."""
+    """Observations of an ambiguous rope before it is pulled."""
     max_pulls: int = 2
-    """How often a rope that stays in doubt is pulled at an end, where the plan continues from what
-    is observed, and observed again; its ends take turns."""
+    """Pulls at an ambiguous rope's ends, in turn, with replanning."""
     pull_distance: float = 0.04
-    """How far, metres."""
+    """Of a pull, metres."""
     image_timeout: float = 3.0
-    """How long a new image is waited for, seconds."""
+    """Seconds that a new image is waited for."""
     max_unsolved: int = 3
-    """How many plans in a row may end before the goal, with replanning."""
+    """Unsolved plans in a row, with replanning."""
     max_actions: int = 20
-    """Give up after so many actions, with replanning."""
+    """Actions before giving up, with replanning."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,48 +92,54 @@ class TickTiming:
 
 
 @dataclass(frozen=True)
-class DragResult:
-    """What became of a drag.
+class StepOutcome:
+    """Outcome of one executed step.
 
     Attributes:
-        held: whether the rope was held until it was let go, as far as that was watched.
-        tracked: whether it then was where it was tracked, as far as it was tracked.
+        step: as it was planned.
+        observed_state: after it; None where it was not observed, or cannot be read.
+        held: whether the rope was held until its release, as far as it was tracked.
+        tracked: whether the track was not lost.
     """
 
+    step: PlanStep
+    observed_state: TopologicalState | None
     held: bool
     tracked: bool
+
+    @property
+    def action(self) -> Action:
+        """The step's action."""
+        return self.step.action
 
 
 @dataclass(eq=False)
 class StepExecutor:
-    """Executes steps of a plan and notes down every move."""
+    """Executes steps of a plan and records every move."""
 
     robot: Robot
     config: ExecutionConfig
     source: RopeSource | None = None
     controller: Controller | None = None
     corrects: bool = False
-    """Whether the robot's own error is made up for."""
+    """Whether the robot's own error is compensated."""
     points: NDArray | None = None
-    """The rope as it was seen last."""
+    """(V, 3) the rope as last seen."""
     previous_points: NDArray | None = None
-    """The rope as it was seen a move earlier."""
+    """(V, 3) the rope as seen a move earlier."""
     closed: bool = False
     commanded: NDArray = field(default_factory=lambda: np.zeros(3))
-    """Where the gripper should have come last."""
+    """(3,) where the gripper was last sent."""
     error: NDArray = field(default_factory=lambda: np.zeros(3))
-    """How far off the robot is from where it is sent, metres."""
+    """(3,) the robot's offset from where it is sent, metres."""
     moves: list[Move] = field(default_factory=list)
     ticks: list[TickTiming] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._camera = CameraTimer(self.robot)
 
-    def execute(self, step: PlanStep, plan: KnotPlan, number: int) -> DragResult:
-        """Grasp, drag, let go and rise; `number` is that of the step.
-
-        The rope is tracked from the grasp until the fingers are open: else it lies still.
-        """
+    def execute(self, step: PlanStep, plan: KnotPlan, number: int) -> StepOutcome:
+        """Grasp, drag, let go and rise; the rope is tracked from the grasp to the release."""
         self._track()
         rope = step.start if self.points is None else self.points
         link = int(grasped_link(step.spline, len(rope) - 1))
@@ -172,14 +168,14 @@ class StepExecutor:
         positions[:, 2] = np.maximum(positions[:, 2], planned[-1, 2])
         for position, phase in zip(positions, waypoints.phases[drag[-1] + 1 :], strict=True):
             self._move(position, number, track=phase == "open")
-        return DragResult(held, self.source is None or not self.source.lost)
+        return StepOutcome(step, None, held, self.source is None or not self.source.lost)
 
     def observe(
         self, estimator: StateEstimator, number: int, likely: Sequence[NDArray] = ()
     ) -> Observation:
-        """Go out of the way and observe, then from the other side if the rope is in doubt.
+        """Go out of the way and observe, and again from the other side if it is ambiguous.
 
-        Where that stays in doubt, the last observation says why. `likely` is for the estimator.
+        `likely` are shapes (V, 3) for the estimator.
         """
         timeout = self.config.image_timeout
         observation = Observation.no_rope(f"no new image came for {timeout:g} s")
@@ -198,11 +194,9 @@ class StepExecutor:
         return observation
 
     def pull(self, number: int, ends: Sequence[int] = (), turn: int = 0) -> None:
-        """Draw an end outward, so that what touches comes apart: of the given `ends`, 0 for the
-        head and -1 for the tail, or else first of that which sticks out farther, they take turns.
+        """Pull an end outward along itself, which undoes no crossing.
 
-        An end that leaves along itself undoes nothing that is tied. One that sticks out crosses
-        nothing, and one that lies at a strand is then seen to cross it.
+        `ends` (0: head, -1: tail) take turns; by default both, the outer one first.
         """
         assert self.points is not None
         gripper, points = self.config.gripper, self.points
@@ -215,26 +209,32 @@ class StepExecutor:
         step = self.config.pull_distance / max(float(np.linalg.norm(outward)), 1e-9)
         end = begin + step * outward
         above, raised = np.array([begin, end]) * [1, 1, 0] + [0, 0, gripper.approach_height]
+        speed = gripper.vertical_speed
         self._travel(above, number)
-        for position in straight_moves(above, begin, gripper.vertical_speed):
-            self._move(position, number)
+        self._line(above, begin, speed, number)
         self.robot.grasp()
         self.closed = True
-        closing = [begin] * round(gripper.close_time / STEP)
-        for position in [*closing, *straight_moves(begin, end, gripper.vertical_speed)]:
-            self._move(position, number, track=True)
+        for _ in range(round(gripper.close_time / STEP)):
+            self._move(begin, number, track=True)
+        self._line(begin, end, speed, number, track=True)
         self.robot.release()
         self.closed = False
-        for position in straight_moves(end, raised, gripper.vertical_speed):
-            self._move(position, number, track=True)
+        self._line(end, raised, speed, number, track=True)
 
     def _travel(self, position: NDArray, number: int) -> None:
-        speed = self.config.gripper.travel_speed
-        for one in straight_moves(self.robot.position, position, speed):
-            self._move(one, number)
+        self._line(self.robot.position, position, self.config.gripper.travel_speed, number)
+
+    def _line(
+        self, begin: NDArray, end: NDArray, speed: float, number: int, track: bool = False
+    ) -> None:
+        """Move on a line from rest to rest."""
+        # The smooth step 3u^2 - 2u^3 is at most 1.5 times as fast as its mean.
+        count = int(np.ceil(1.5 * float(np.linalg.norm(end - begin)) / speed / STEP))
+        for u in np.arange(1, count + 1) / max(count, 1):
+            self._move(begin + u * u * (3.0 - 2.0 * u) * (end - begin), number, track=track)
 
     def _drag(self, step: PlanStep, path: NDArray, number: int) -> bool:
-        """Drag the rope along path (T + 1, 3) or as the controller says, unless it gets lost."""
+        """Whether the rope was held along path (T + 1, 3), or as the controller corrected it."""
         reference = interpolate_rope(step, STEP * np.arange(len(path)))
         at_grasp = self._link_distances()
         link = int(at_grasp.argmin())
@@ -279,11 +279,7 @@ class StepExecutor:
         reference: NDArray | None = None,
         track: bool = False,
     ) -> tuple[float, float]:
-        """Move for a tick, track the rope if it may move, and note it down.
-
-        Returns:
-            What the image and tracking the rope in it took, seconds.
-        """
+        """Move for a tick; seconds that the image and the tracker took."""
         self.commanded = position
         self.robot.move_to(position - self.error, STEP)
         if self.corrects:
@@ -295,7 +291,7 @@ class StepExecutor:
         return took
 
     def _track(self) -> tuple[float, float]:
-        """Track the rope; what the image and the rest took, seconds."""
+        """Track the rope; seconds that the image and the tracker took."""
         if self.source is None:
             return 0.0, 0.0
         began, image = time.perf_counter(), self._camera.seconds
@@ -307,9 +303,9 @@ class StepExecutor:
 
 
 def path_from_grasp(step: PlanStep, grasp: NDArray, move_time: float) -> NDArray[np.float64]:
-    """The gripper's path (T, 3) of a step, begun at another place (3,), metres.
+    """The gripper's path (T, 3) of a step from another grasp (3,), metres.
 
-    What the beginning is off fades as the first control point's weight does.
+    The offset fades as the first control point's weight does.
     """
     share = np.clip(step.times / move_time, 0.0, 1.0)
     weight = spline_basis(share)[:, :1]
@@ -322,11 +318,3 @@ def interpolate_rope(step: PlanStep, times: NDArray) -> NDArray[np.float64]:
     frame = np.minimum(at.astype(int), len(step.times) - 2)
     share = (at - frame)[:, None, None]
     return (1 - share) * step.trajectory[frame] + share * step.trajectory[frame + 1]
-
-
-def straight_moves(begin: NDArray, end: NDArray, speed: float) -> NDArray[np.float64]:
-    """Positions (N, 3), a tick apart, on a line from rest to rest; none if it is there."""
-    # The smooth step 3u^2 - 2u^3 is at most 1.5 times as fast as its mean.
-    count = int(np.ceil(1.5 * float(np.linalg.norm(end - begin)) / speed / STEP))
-    u = np.arange(1, count + 1)[:, None] / max(count, 1)
-    return begin + u**2 * (3.0 - 2.0 * u) * (end - begin)

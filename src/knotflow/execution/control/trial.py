@@ -28,7 +28,7 @@ class ControllerSpec:
     """One way to execute a plan."""
 
     state: str = ""
-    """Where the rope's state comes from: true, vision, or from nowhere."""
+    """Source of the rope's state: true, vision, or none."""
     tracks: bool = False
     """Whether MPPI corrects the drag."""
     replans: bool = False
@@ -52,14 +52,13 @@ CONTROLLERS = {
 
 @dataclass(frozen=True)
 class Trial:
-    """An execution, and what is true of it.
+    """An execution judged by the truth.
 
     Attributes:
         execution: what was done and observed.
-        tied: whether the rope truly lies in a state of the goal.
-        cause: why not, in two or three words; empty where it is tied.
-        deviation: mean distance of the rope's vertices from the plan's while it was dragged,
-            metres; NaN where it never was.
+        tied: whether the rope truly lies in a goal state.
+        cause: why not, see `failure_cause`; empty where it is tied.
+        deviation: mean distance of the dragged rope's vertices from the plan's, metres, or NaN.
     """
 
     execution: Execution
@@ -83,16 +82,16 @@ def run_trial(
     """Execute a plan on a twin, which is then used up.
 
     Args:
-        plan: for the goal, from the rope as the twin was laid down.
+        plan: for the goal, from the twin's first rope.
         goal: what is tied.
-        twin: with a camera if the controller sees by one.
+        twin: with a camera if the state comes from vision.
         spec: one of `CONTROLLERS`.
         config: heights, speeds, and when to give up.
         replan: used if the controller replans.
-        camera: the twin's, as it is believed to stand.
+        camera: the twin's, at its nominal pose.
         weights: file of the learned dynamics.
         network: proposes first guesses at the rope in an image.
-        robot: the twin's, or one that passes on to it, such as one of `FAULTS`.
+        robot: the twin's, or a wrapper of it, such as one of `FAULTS`.
     """
     simulation = SimulationConfig(rope=twin.config.rope, threads=1)
     source: RopeSource | None = None
@@ -135,7 +134,7 @@ def run_trial(
 
 
 def failure_cause(execution: Execution, goal: Goal, twin: Twin) -> str:
-    """Why a knot is not tied: the first that applies of the causes below; empty where it is."""
+    """Why a knot is not tied: the first of these causes that applies; empty where it is tied."""
     truth, seen = state_or_none(twin.points), execution.observation
     lost = any(not one.held for one in execution.outcomes[-1:])
     if truth in goal.states:

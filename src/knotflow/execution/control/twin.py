@@ -1,4 +1,4 @@
-"""The stand-in for reality: a rope that differs from the planner's, behind the `Robot` protocol."""
+"""A simulated lab: a rope that differs from the planner's, behind the `Robot` protocol."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from knotflow.perception import Camera, RgbdImage, SimulatedCamera
 
 MIN_SETTLE_TIME, MAX_SETTLE_TIME = 0.1, 2.0
-"""Seconds that a rope moves at least and at most after it was laid down."""
+"""Seconds for which a rope is simulated after it was laid down, at least and at most."""
 
 RELEASE_SETTLE_TIME = 0.7
-"""Seconds that it moves at least after it was let go. Once slow it is frozen until it is grasped
-again: MuJoCo's friction yields to any force, so that a bent rope would creep by centimetres."""
+"""Seconds for which it is simulated at least after its release. Once slow it is frozen until the
+next grasp: with MuJoCo's friction a bent rope would creep by centimetres."""
 
 REST_SPEED = 0.004
 """Root mean square speed of the rope below which it comes to rest, metres per second."""
@@ -38,12 +38,12 @@ REST_SPEED = 0.004
 
 @dataclass(frozen=True)
 class ErrorLevel:
-    """What a robot and its camera do wrong."""
+    """Errors of a robot and its camera."""
 
     actuation: float
-    """Standard deviation of the gripper's place in x and y while it moves, metres."""
+    """Standard deviation of the moving gripper's x and y, metres."""
     grasp: float
-    """The same of the place at which the fingers close, metres."""
+    """The same where the fingers close, metres."""
     camera_shift: float
     """Largest error of the camera's position along each axis, metres."""
     camera_turn: float
@@ -57,11 +57,11 @@ ERROR_LEVELS = (
     ErrorLevel(GRIPPER_ERROR_STD[1], GRIPPER_ERROR_STD[1], 0.002, np.deg2rad(0.2), 1.0),
     ErrorLevel(GRIPPER_ERROR_STD[2], GRIPPER_ERROR_STD[2], 0.002, np.deg2rad(0.2), 1.0),
 )
-"""Of each level of `simulation.perturbation`."""
+"""By level of `simulation.perturbation`."""
 
 
 def displace_camera(camera: Camera, errors: ErrorLevel, rng: np.random.Generator) -> Camera:
-    """A camera that stands not quite where it is believed to."""
+    """The camera with errors in its pose."""
     from scipy.spatial.transform import Rotation
 
     shift = rng.uniform(-1, 1, 3) * errors.camera_shift
@@ -74,31 +74,29 @@ class TwinConfig:
     """A twin, but for what is drawn."""
 
     level: int = 1
-    """How far it is from the planner's model, see `simulation.perturbation`."""
+    """Of perturbation, see `simulation.perturbation`."""
     rope: RopeConfig = field(default_factory=RopeConfig)
-    """The rope around which the twin's is drawn."""
+    """The nominal rope."""
     timestep: float = 0.005
     """Simulation time step, seconds: finer than the planner's."""
     contact_time: float = 0.02
     """Time constant of contacts and grasp, seconds."""
     reach: float = GRASP_REACH
-    """Farthest that the rope's centre line may lie from the fingers when they close, metres. A
-    grasp farther off catches nothing."""
+    """Largest distance of the rope's centre line from the closing fingers, metres."""
     home: tuple[float, float, float] = (0.0, 0.0, 0.3)
-    """Where the gripper is at first, metres."""
+    """The gripper's first position, metres."""
 
 
 class Twin:
-    """A simulated robot and rope, with parameters drawn from stated ranges.
+    """A simulated robot and rope, with randomly drawn parameters.
 
-    The truth is `points`; a plan is executed by `robot()`, from which nothing but the `Robot`
-    protocol is reached.
+    The truth is `points`; a plan is executed by `robot()`, which has the `Robot` protocol alone.
 
     Attributes:
         rope: what was drawn.
         times: (N,) seconds at the end of each move.
         trajectory: (N, V, 3) the rope then.
-        missed_grasps: how many grasps caught nothing.
+        missed_grasps: number of grasps that caught nothing.
     """
 
     def __init__(
@@ -108,18 +106,16 @@ class Twin:
         rng: np.random.Generator,
         camera: Camera | None = None,
     ) -> None:
-        """Lay the rope down at points (V, 3), metres, and let it come to rest.
+        """Lay the rope down and let it come to rest.
 
         Args:
-            points: a shape of the nominal rope.
+            points: (V, 3) a shape of the nominal rope, metres.
             config: the level, and what is not drawn.
-            rng: draws the rope, and every error from then on; twins of generators with the same
-                seed err alike, whatever is done with them.
-            camera: where the camera is believed to be; without one there are no images.
+            rng: draws the rope and all errors; the same seed gives the same errors.
+            camera: the nominal one; without it there are no images.
 
         Raises:
             ShapeError: for points that are not a shape of the rope.
-            ValueError: for a level that is none.
         """
         import mujoco
 
@@ -128,9 +124,14 @@ class Twin:
         self.rope = perturb_rope(config.rope, config.level, drawn)
         self._errors = ERROR_LEVELS[config.level]
         self._grasping, self._seeing = grasping, seeing
-        self._camera = (
-            _displaced_camera(camera, self.rope, self._errors, seeing) if camera else None
-        )
+        self._camera: SimulatedCamera | None = None
+        if camera is not None:
+            from knotflow.perception import Appearance, CameraNoiseConfig, SimulatedCamera
+
+            noise = CameraNoiseConfig(level=self._errors.camera_noise)
+            displaced = displace_camera(camera, self._errors, seeing)
+            appearance = Appearance.draw(seeing, noise)
+            self._camera = SimulatedCamera(displaced, self.rope, noise, appearance)
         points = check_points(points, config.rope).copy()
         points[:, 2] += self.rope.radius - config.rope.radius
         self._model = build_model(self.rope, config.timestep, config.contact_time)
@@ -150,7 +151,7 @@ class Twin:
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """(V, 3) the rope as it truly lies, metres."""
+        """(V, 3) the true rope, metres."""
         return self._data.site_xpos[self._vertices].copy()
 
     @property
@@ -159,13 +160,13 @@ class Twin:
         return self._grasp_offset is not None
 
     def robot(self) -> Robot:
-        """All that whoever executes a plan may have."""
+        """The robot, without access to the truth."""
         handle = _RobotHandle()
         _TWINS[handle] = self
         return handle
 
     def observe(self) -> RgbdImage:
-        """See `Robot`; raises a RuntimeError for a twin without a camera."""
+        """See `Robot`."""
         if self._camera is None:
             raise RuntimeError("this twin has no camera: give Twin(..., camera=) one")
         return self._camera.capture(
@@ -181,7 +182,7 @@ class Twin:
         self.trajectory.append(self.points)
 
     def grasp(self) -> None:
-        """See `Robot`. The fingers close off the mark, and hold the rope where they caught it."""
+        """See `Robot`; the fingers hold the rope where they caught it."""
         points, fingers = self.points, self.position
         fingers[:2] += self._grasping.normal(0.0, self._errors.grasp, 2)
         along = np.diff(points, axis=0)
@@ -204,7 +205,7 @@ class Twin:
 
     @property
     def position(self) -> NDArray[np.float64]:
-        """See `Robot`: as the joints report it, with all that moving it does wrong."""
+        """See `Robot`; errors included."""
         return self._commanded + self._sway.at(self._time)
 
     def _advance(self, target: NDArray, seconds: float) -> None:
@@ -224,7 +225,7 @@ class Twin:
         mujoco.mj_kinematics(self._model, self._data)
 
     def _at_rest(self) -> bool:
-        """Whether the rope, let go long enough ago, hardly moves; then it stops altogether."""
+        """Whether the free rope hardly moves; then it is stopped."""
         import mujoco
 
         if self.grasped or self._settle_time > 0:
@@ -240,7 +241,7 @@ class Twin:
 
 @dataclass(frozen=True)
 class TrueState:
-    """The rope's true state, in place of vision: a yardstick that no lab has."""
+    """The rope's true state, in place of vision."""
 
     twin: Twin
     lost = False
@@ -250,17 +251,6 @@ class TrueState:
 
     def estimate(self, robot: Robot, likely: Sequence[NDArray] = ()) -> Observation:
         return Observation.of(self.twin.points)
-
-
-def _displaced_camera(
-    camera: Camera, rope: RopeConfig, errors: ErrorLevel, rng: np.random.Generator
-) -> SimulatedCamera:
-    """A camera that is not quite where it is believed to be, in a light of its own."""
-    from knotflow.perception import Appearance, CameraNoiseConfig, SimulatedCamera
-
-    camera = displace_camera(camera, errors, rng)
-    noise = CameraNoiseConfig(level=errors.camera_noise)
-    return SimulatedCamera(camera, rope, noise, Appearance.draw(rng, noise))
 
 
 class _Sway:
