@@ -1,7 +1,6 @@
-"""The `knotflow` command, for people with a rope; `python -m knotflow` runs the experiments.
+"""The `knotflow` command; `python -m knotflow` runs the experiments.
 
-Cyclopts builds the commands from the functions' types and docstrings. Heavy modules are imported
-inside the commands, so that help and errors appear at once.
+Heavy modules are imported inside the commands, so that help and errors appear at once.
 
 Exit codes: 0 success; 1 not tied, out of the arm's reach, in doubt, or the viewer found problems;
 2 invalid input.
@@ -16,6 +15,7 @@ import re
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -153,9 +153,9 @@ def next_step(
     knot
         As in `knotflow plan`.
     rope_unit
-        Unit of the rope file; by default the one in its header, such as "x [mm]", else metres.
+        As in `knotflow plan`.
     image
-        Colour and depth image, in place of a rope: as in `knotflow see`.
+        Colour and depth image in place of a rope: as in `knotflow see`.
     camera
         Of the image: as in `knotflow see`.
     out
@@ -165,11 +165,8 @@ def next_step(
     max_seconds
         Time limit of the search.
     margin
-        Metres of rope that every step leaves between crossings, as your rope differs from the
-        simulated one.
+        Metres of rope that every step leaves between crossings.
     """
-    from dataclasses import replace
-
     if out is not None:
         _check_free(out)
     if (rope is None) == (image is None) or (image is None) != (camera is None):
@@ -451,8 +448,6 @@ def see(
     overwrite
         Replace existing files.
     """
-    from dataclasses import replace
-
     drawing = picture if picture is not None else out.with_suffix(".png")
     for path in (out, drawing):
         (_check_writable if overwrite else _check_free)(path)
@@ -526,8 +521,6 @@ def _search(
     knot: str, points: NDArray[np.float64], seed: int, max_seconds: float, margin: float
 ) -> tuple[KnotPlan, Attempts | None]:
     """The plan, solved or not, and the last attempts; None if time was up before any."""
-    from dataclasses import replace
-
     from tqdm import tqdm
 
     from knotflow.planning import FAST_SEARCH, SearchUpdate, parse_goal, plan_rope
@@ -538,22 +531,22 @@ def _search(
     parse_goal(knot, RopeConfig())  # refuses it before the slow import
     library = PrimitiveLibrary.load(Path(SHIPPED_PRIMITIVES), RopeConfig())
     config = replace(FAST_SEARCH, max_seconds=max_seconds, margin=margin)
-    last: list[Attempts] = []
+    last: Attempts | None = None
+
+    def observe(attempts: Attempts) -> None:
+        nonlocal last
+        last = attempts
+
     with tqdm(desc="simulated", unit=" branches", disable=None) as bar:
 
         def show(update: SearchUpdate) -> None:
             bar.update(update.branches - bar.n)
 
         found = plan_rope(
-            points,
-            knot,
-            rng_of(seed, 1),
-            sampler=library,
-            config=config,
-            progress=show,
-            observe=lambda attempts: last.__setitem__(slice(None), [attempts]),
-        )
-    return found, last[0] if last else None
+            points, knot, rng_of(seed, 1),
+            sampler=library, config=config, progress=show, observe=observe,
+        )  # fmt: skip
+    return found, last
 
 
 def _provenance() -> dict[str, str]:
@@ -605,7 +598,7 @@ def _stored_outcome(folder: Path, request: Mapping[str, Any]) -> dict[str, Any] 
 
 
 def _check_plan_folder(folder: Path) -> None:
-    """Refuse a folder that a plan cannot be written to, before the search."""
+    """Refuse a folder to which a plan cannot be written."""
     from knotflow.viz.plan_folder import REQUEST
 
     if folder.is_file():
@@ -638,7 +631,7 @@ def _write_plan(
 
 
 def _outcome(tied: bool, max_seconds: float) -> int:
-    """The exit code of a plan; prints what to try where it ties nothing."""
+    """The exit code of a plan; prints what to try if it is not solved."""
     if not tied:
         print(f"longer: --overwrite --max-seconds {2 * max_seconds:g}; another search: --seed N")
     return 0 if tied else 1

@@ -101,14 +101,6 @@ def test_another_rope_drops_draft_and_plan(session):
 
 
 @pytest.mark.slow
-def test_proposals_are_sorted_by_value(session):
-    found = session.propose(parse_action("R1(0,1,1)"), 2)
-    assert (np.diff(found.values) <= 0).all()
-    assert len(found.attempts) == 2
-    assert ((0 <= found.values) & (found.values <= 1)).all()
-
-
-@pytest.mark.slow
 def test_plan_is_found_and_can_be_played(session):
     from knotflow.apps.studio.playback import Playback
 

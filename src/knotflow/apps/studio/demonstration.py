@@ -44,10 +44,10 @@ class Draft:
     Attributes:
         points: (V, 3) the rope at rest, metres.
         state: its topological state.
-        action: what is demonstrated; legal in the state.
+        action: legal in the state.
         rope: its radius.
         height: of the middle control point, metres above the table.
-        clicks: what was clicked, as parts of a spline: (grasp,), (x, y), (x, y).
+        clicks: (grasp,), (x, y), (x, y), metres.
     """
 
     points: NDArray[np.float64]
@@ -90,8 +90,7 @@ class Draft:
         """Take the next click: a ray from `origin` (3,), metres, world frame, along a direction.
 
         Raises:
-            ClickError: it misses the rope, or the table within a spline's reach; or all three
-                were made already.
+            ClickError: it misses the rope or the reachable table, or is the fourth.
         """
         if self.next_click is None:
             raise ClickError("all three points are set: simulate them, or undo one")
@@ -155,12 +154,10 @@ def table_point(
 def rope_from_drawing(clicked: ArrayLike, rope: RopeConfig) -> NDArray[np.float64]:
     """A rope (V, 3) at rest along a polyline (N, 2) on the table, metres, head first.
 
-    Its corners are rounded, it is scaled to the rope's length, and its middle put at the origin.
-    Where it crosses itself the strand drawn later is on top.
+    The drawing is smoothed, scaled to the rope's length and centred; later strands lie on top.
 
     Raises:
-        RopeInputError: fewer than two points; a drawing too small, too sharp or too dense for a
-            rope of this thickness; says which.
+        RopeInputError: the drawing is too short, too small, too sharp or too dense.
     """
     corners = np.asarray(clicked, np.float64).reshape(-1, 2)
     if len(corners) < 2:

@@ -1,8 +1,7 @@
-"""The page: a 3-D scene with a panel of tabs (viser), the same in every browser that opens it.
+"""The page: a 3-D scene with a panel of tabs (viser), shared by every browser that opens it.
 
-It listens on this machine alone unless another host is given; over ssh,
-`ssh -L 8080:localhost:8080 MACHINE` brings it home. Other web pages are refused by their Origin,
-and on other hosts the address has a token.
+It listens on this machine alone unless another host is given. Other web pages are refused by their
+Origin, and on other hosts the address has a token.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from websockets.asyncio.server import Request, Response, ServerConnection
 
 from knotflow.apps.studio.app_state import AppState
 from knotflow.apps.studio.demonstrate_tab import DemonstrateTab
-from knotflow.apps.studio.plan_tab import CompareTab, PlanTab
+from knotflow.apps.studio.plan_tab import PlanTab
 from knotflow.apps.studio.rope_tab import RopeTab
 from knotflow.apps.studio.scene import camera_position, rgb
 from knotflow.apps.studio.session import Session
@@ -35,12 +34,7 @@ LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 
 
 class Page:
-    """The studio in the browser; `serve` blocks, `close` ends it.
-
-    Attributes:
-        server: of viser.
-        state: what the tabs share.
-    """
+    """The studio in the browser; `serve` blocks, `close` ends it."""
 
     def __init__(self, session: Session, host: str = "localhost", port: int = 8080) -> None:
         """Open the page; on the next free port (`url` names it) where this one is taken."""
@@ -55,12 +49,7 @@ class Page:
         gui.main_panel.set_width(PANEL_WIDTH)
         self.state = AppState(session, self.server)
         tabs = gui.add_tab_group()
-        for label, tab in (
-            ("Rope", RopeTab),
-            ("Plan", PlanTab),
-            ("Compare", CompareTab),
-            ("Teach", DemonstrateTab),
-        ):
+        for label, tab in (("Rope", RopeTab), ("Plan", PlanTab), ("Teach", DemonstrateTab)):
             with tabs.add_tab(label):
                 tab(self.state)
         self.server.on_client_connect(_show_whole_table)
@@ -87,10 +76,7 @@ class Page:
 def refusal(headers: Mapping[str, str], path: str, token: str) -> str:
     """Why a request is refused; "" if it is not.
 
-    Args:
-        headers: of the request.
-        path: of the request.
-        token: the path's first part must be this; if empty, the host must be this machine.
+    `token` must be the path's first part; without one, the host must be this machine.
     """
     host = headers.get("Host", "")
     first = path.partition("?")[0].strip("/").partition("/")[0]
@@ -106,7 +92,7 @@ def refusal(headers: Mapping[str, str], path: str, token: str) -> str:
 
 @contextmanager
 def _checked_requests(token: str) -> Iterator[None]:
-    """Let the server that viser starts in this context answer no request that is refused.
+    """Refuse requests to the viser server that starts in this context.
 
     viser has no hook for that; it looks up websockets' `serve` when it starts.
     """
@@ -130,7 +116,7 @@ def _checked_requests(token: str) -> Iterator[None]:
 
 
 def _show_whole_table(client: viser.ClientHandle) -> None:
-    """Move a new browser's camera back until the whole table is seen beside the panel."""
+    """Move a new browser's camera back until it shows the whole table."""
     camera = client.camera  # describes the whole window: the panel is not laid out yet
     aspect = max(camera.image_width - PANEL_WIDTH, 1) / camera.image_height
     camera.position = camera_position(aspect)

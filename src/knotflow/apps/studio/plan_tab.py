@@ -1,4 +1,4 @@
-"""The tabs to plan a knot, and to compare the splines that the primitives propose."""
+"""The tab to plan a knot and watch the plan."""
 
 from __future__ import annotations
 
@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 
 from knotflow.apps.studio.app_state import AppState
 from knotflow.apps.studio.playback import Playback
-from knotflow.apps.studio.session import SimulatedProposals, StudioError
 from knotflow.planning import KnotPlan, SearchUpdate
-from knotflow.simulation import control_points
-from knotflow.topology import KNOT_NAMES, knot, parse_action
+from knotflow.topology import KNOT_NAMES, knot
 from knotflow.topology.draw import draw
 from knotflow.viz.rope import rope_image
 
@@ -105,53 +103,6 @@ class PlanTab:
         if event.client is not None:
             event.client.send_file_download(name, content, save_immediately=True)
             self._state.say(f"Sent {name}, {len(content) / 1e3:.0f} kB.", good=True)
-
-
-class CompareTab:
-    """Simulates the splines proposed for an action."""
-
-    def __init__(self, state: AppState) -> None:
-        """In the panel's current container."""
-        self._state, gui = state, state.server.gui
-        self._found: SimulatedProposals | None = None
-        self._action = gui.add_dropdown("Action", ("",))
-        self._count = gui.add_slider("Proposals", 1, 12, 1, 4)
-        gui.add_button("Propose and simulate").on_click(state.guarded(self._propose))
-        self._table = gui.add_markdown("")
-        self._row = gui.add_dropdown("Watch", ("1",), visible=False)
-        self._row.on_update(state.guarded(self._watch))
-        state.on_rope(self._forget)
-
-    def _forget(self) -> None:
-        self._found, self._table.content, self._row.visible = None, "", False
-        self._action.options = tuple(map(str, self._state.session.actions()))
-
-    def _propose(self, event: viser.GuiEvent) -> None:
-        state = self._state
-        action = parse_action(self._action.value)
-        state.rope_changed(f"Proposing splines for {action}; the primitives are loaded first...")
-        self._action.value = str(action)  # type: ignore[misc]  # mypy misses the setter
-        self._found = found = state.session.propose(action, int(self._count.value))
-        success = found.attempts.success
-        rows = "".join(
-            f"| {n} | {value:.2f} | {'✓' if ok else '✗'} `{end or 'unreadable'}` |\n"
-            for n, (value, ok, end) in enumerate(
-                zip(found.values, success, found.attempts.ends, strict=True), 1
-            )
-        )
-        self._table.content = f"| spline | value | ends in |\n|---|---|---|\n{rows}"
-        self._row.options = tuple(str(n) for n in range(1, len(success) + 1))
-        self._row.visible = True
-        state.say(f"{success.sum()} of {len(success)} reach {found.attempts.goal}.")
-        self._watch(event)
-
-    def _watch(self, event: viser.GuiEvent) -> None:
-        if self._found is None:
-            raise StudioError("propose splines first")
-        state, attempts, row = self._state, self._found.attempts, int(self._row.value) - 1
-        radius = state.session.simulation.rope.radius
-        state.scene.others(control_points(attempts.points, attempts.splines, radius))
-        state.player.show(Playback.of_attempt(attempts, row, radius))
 
 
 @lru_cache

@@ -46,16 +46,11 @@ class Scene:
             position=(0.0, 0.0, -0.0065),
             cast_shadow=False,
         )
+        colour = rgb(RULE)
         self._scene.add_grid(
-            "/grid",
-            width=reach,
-            height=reach,
-            cell_size=0.1,
-            section_size=0.1,
-            cell_color=rgb(RULE),
-            section_color=rgb(RULE),
-            plane="xy",
-        )
+            "/grid", width=reach, height=reach, plane="xy", cell_size=0.1, section_size=0.1,
+            cell_color=colour, section_color=colour,
+        )  # fmt: skip
 
     def rope(self, points: NDArray, action: Action | None = None) -> None:
         """A rope (V, 3), metres; an action's segments stand out, numbered, if it is given."""
@@ -97,14 +92,6 @@ class Scene:
             nodes.append(self._line("/spline/curve", spline_path(controls, _CURVE), SPLINE, 5.0))
         labels = list(zip(CLICKS, np.asarray(controls), strict=False))
         self._handles["spline"] = nodes + self._labels("spline", labels)
-
-    def others(self, controls: NDArray) -> None:
-        """The curves of further splines with control points (N, 3, 3), pale."""
-        self._clear("others")
-        self._handles["others"] = [
-            self._line(f"/others/{n}", spline_path(one, _CURVE), MUTED, 2.0)
-            for n, one in enumerate(controls)
-        ]
 
     def gripper(self, place: NDArray | None) -> None:
         """The gripper at a place (3,), metres, or none."""
@@ -184,11 +171,7 @@ class Scene:
 
 
 def camera_position(aspect: float) -> NDArray[np.float64]:
-    """Position (3,), metres, that shows the whole table: `CAMERA`, or further back.
-
-    Args:
-        aspect: width of the window by its height.
-    """
+    """Position (3,), metres, from which a window of this aspect shows the whole table."""
     ahead = -np.array(CAMERA) / np.linalg.norm(CAMERA)
     corner = np.array([1.0, -1.0, 0.0]) * SPLINE_HIGH[-1]  # the nearer ones are seen furthest out
     depth = 1.04 * corner[0] / (np.tan(FIELD_OF_VIEW / 2) * aspect)  # that brings it to the rim

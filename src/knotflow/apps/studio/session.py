@@ -8,7 +8,7 @@ from __future__ import annotations
 import tempfile
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
@@ -56,30 +56,17 @@ class SearchStopped(Exception):
     """A search was stopped from the page."""
 
 
-@dataclass(frozen=True, eq=False)
-class SimulatedProposals:
-    """What the library proposes for an action, simulated.
-
-    Attributes:
-        attempts: the proposals, best value first.
-        values: (N,) the critic's probability that each succeeds; NaN without a critic.
-    """
-
-    attempts: Attempts
-    values: NDArray[np.float64]
-
-
 class Session:
     """A rope on the table, its plan and its demonstration.
 
     Attributes:
-        file: where kept demonstrations go (JSON lines).
+        file: of the kept demonstrations (JSON lines).
         simulation: how splines are executed.
         points: (V, 3) the rope at rest, metres.
         state: its topological state.
         plan: the last one for this rope, if any.
         draft: the demonstration in the making, if any.
-        simulated: the draft's simulation, if it was simulated.
+        simulated: the draft's simulation, if any.
     """
 
     def __init__(
@@ -112,11 +99,11 @@ class Session:
         return PrimitiveLibrary.load(SHIPPED_PRIMITIVES, self.simulation.rope)
 
     def lay(self, points: NDArray) -> None:
-        """Lay a rope (V, 3), metres; the plan and draft of the previous one are dropped.
+        """Lay a rope (V, 3), metres; the previous plan and draft are dropped.
 
         Raises:
             DegenerateCurveError: its state cannot be read.
-            StudioError: the previous one is being worked on.
+            StudioError: a search or simulation is running.
         """
         if self._busy.locked():
             raise StudioError("a search or a simulation is running: wait for it, or stop it")
@@ -165,13 +152,9 @@ class Session:
         self.lay(rope_from_drawing(clicked, self.simulation.rope))
 
     def lay_image(self, files: Mapping[str, bytes]) -> tuple[str, ...]:
-        """Lay the rope of an image.
+        """Lay the rope of an image, and return what is ambiguous in it.
 
-        Args:
-            files: contents of the images `rgb` and `depth` (PNG), and of the `camera` (YAML).
-
-        Returns:
-            What is ambiguous in the image.
+        `files` are the contents of `rgb` and `depth` (PNG), and of `camera` (YAML).
 
         Raises:
             ImageError, CameraError, TraceError: see `perception.estimate`.
@@ -222,18 +205,6 @@ class Session:
             )
         self.plan = subsample(plan)
         return self.plan
-
-    def propose(self, action: Action, count: int = 6) -> SimulatedProposals:
-        """Splines that the library proposes for an action, simulated.
-
-        Raises:
-            ValueError: no primitive instantiates it.
-        """
-        with self._busy, one_thread():
-            splines, values = self.library.sample_with_values(self.points, action, count, self._rng)
-            order = np.argsort(-values, kind="stable")
-            tried = attempt(self.simulator, self.points, splines[order], action, self.state)
-        return SimulatedProposals(tried, values[order])
 
     def actions(self) -> list[Action]:
         """The actions that the rope's state allows; first the tasks that start in it."""

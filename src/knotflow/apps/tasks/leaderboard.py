@@ -1,13 +1,10 @@
 """The leaderboard: `python -m knotflow.apps.tasks.leaderboard [--measure NAME ...]`.
 
-Makes docs/leaderboard.md from docs/leaderboard.csv, after it has measured the samplers that are
-named, in place of their older rows. Others' rows come from `evaluate`.
+Makes docs/leaderboard.md from docs/leaderboard.csv, after measuring the named samplers anew.
 
-The public tasks are fixed. Track `actions`: Fig. 6's eight topological actions, from ropes with no,
-one or two crossings, six ropes each, one spline a rope; actions from the same state share their
-ropes. Track `knots`: overhand and figure eight from sixteen random ropes, at most ten splines a
-rope. The ropes were drawn by benchmarks/draw_public_starts.py with a seed of their own, those with
-a crossing by aimed splines that no learned method has seen. Nothing else in knotflow uses them.
+Track `actions`: Fig. 6's eight topological actions from six ropes each, one spline a rope. Track
+`knots`: overhand and figure eight from sixteen random ropes, at most ten splines a rope. The ropes
+were drawn by benchmarks/draw_public_starts.py.
 """
 
 from __future__ import annotations
@@ -194,12 +191,8 @@ def known_sampler(name: str) -> Sampler:
 
 def _icp() -> Sampler:
     from knotflow.samplers import IcpConfig, IcpSampler
-    from knotflow.samplers.demonstrations import (
-        NoiseConfig,
-        load_demonstrations,
-        noisy_copies,
-    )
-    from knotflow.simulation import RopeSimulator, SimulationConfig, Trials, attempt, resample
+    from knotflow.samplers.demonstrations import NoiseConfig, load_demonstrations, noisy_copies
+    from knotflow.simulation import Trials, attempt, resample
 
     simulator, rng = RopeSimulator(SimulationConfig()), np.random.default_rng(0)
     trials: dict[Action, list[Trials]] = {}

@@ -1,10 +1,8 @@
-"""What is to be tied into which ropes, its episodes, and its goals and actions as arrays.
+"""Tying tasks, their episodes, and goals and actions as arrays.
 
-An episode begins with a rope at rest and follows the solution DAG of its goal. A spline is
-executed, the rope comes to rest, and its state is read. In a goal state the episode is won, with a
-reward of 1. In a state off the DAG, or one that cannot be read, it is lost, as actions are never
-undone; so it is where the simulation diverged. In any other state of the DAG it goes on until its
-splines are used up.
+An episode begins with a rope at rest. After each spline the state is read: in a goal state the
+episode is won, with a reward of 1; off the solution DAG, unreadable or diverged it is lost; else it
+continues until its splines are used up.
 """
 
 from __future__ import annotations
@@ -66,7 +64,7 @@ class TieTask:
         """Tie a goal, by any path of its solution DAG.
 
         Args:
-            goal: a knot's name, a state, or a path of actions; see `planning.parse_goal`.
+            goal: see `planning.parse_goal`.
             starts: (N, V, 3) metres, each in some state of the DAG; None for random curves.
             splines: in an episode, at most.
 
@@ -79,14 +77,18 @@ class TieTask:
     def single(cls, action: str | Action, starts: NDArray | None = None) -> TieTask:
         """Reach the state after one given action, with one spline.
 
-        Args:
-            action: such as "C(2,0,1)".
-            starts: (N, V, 3) metres, all in one state, which allows the action; None for random
-                curves. `simulation.reach_starts` makes starts in other states.
+                Args:
+                    action: such as "C(2,0,1)".
+        <<<<<<< HEAD
+                    starts: (N, V, 3) metres, all in one state, which allows the action; None for random
+                        curves. `simulation.reach_starts` makes starts in other states.
+        =======
+                    starts: (N, V, 3) metres, all in one state; None for random curves.
+        >>>>>>> 99d42ff (Remove the studio's Compare tab; shorten the texts of the apps)
 
-        Raises:
-            IllegalActionError: the state of the starts does not allow the action.
-            ValueError: a text that is no action, or unfit starts.
+                Raises:
+                    IllegalActionError: the state of the starts does not allow the action.
+                    ValueError: a text that is no action, or unfit starts.
         """
         action = parse_action(action) if isinstance(action, str) else action
         state = TopologicalState.trivial()
@@ -180,8 +182,7 @@ class Episodes:
 def goal_codes(task: TieTask) -> NDArray[np.int8]:
     """(G, C, 3) the signed Gauss codes of a task's goal states, sorted.
 
-    A row is one crossing (over, under, sign) as in Eq. 1, positions counted from 1; states of fewer
-    than C crossings are filled up with zeros.
+    A row is one crossing (over, under, sign) as in Eq. 1, or zeros.
     """
     states = sorted(task.goal.states)
     codes = np.zeros((len(states), max(1, *(s.num_crossings for s in states), 1), 3), np.int8)
@@ -191,10 +192,7 @@ def goal_codes(task: TieTask) -> NDArray[np.int8]:
 
 
 def action_code(action: Action | None) -> NDArray[np.int8]:
-    """(5,) kind and parameters in the paper's order (Table I), filled up with zeros.
-
-    No action at all is five zeros.
-    """
+    """(5,) kind and parameters in the paper's order (Table I), filled up with zeros."""
     code = np.zeros(ACTION_SIZE, np.int8)
     for kind, cls in enumerate(KINDS, 1):
         if isinstance(action, cls):
@@ -204,10 +202,7 @@ def action_code(action: Action | None) -> NDArray[np.int8]:
 
 
 def to_splines(actions: NDArray) -> NDArray[np.float64]:
-    """Splines (..., 6) from actions (..., 6) of [-1, 1]: see `simulation.spline` for their units.
-
-    What lies outside is brought to the edge.
-    """
+    """Splines (..., 6), see `simulation.spline`, from actions (..., 6), clipped to [-1, 1]."""
     unit = (np.asarray(actions, np.float64) + 1) / 2
     return clip_splines(SPLINE_LOW + unit * (SPLINE_HIGH - SPLINE_LOW))
 
