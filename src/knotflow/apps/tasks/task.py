@@ -77,18 +77,13 @@ class TieTask:
     def single(cls, action: str | Action, starts: NDArray | None = None) -> TieTask:
         """Reach the state after one given action, with one spline.
 
-                Args:
-                    action: such as "C(2,0,1)".
-        <<<<<<< HEAD
-                    starts: (N, V, 3) metres, all in one state, which allows the action; None for random
-                        curves. `simulation.reach_starts` makes starts in other states.
-        =======
-                    starts: (N, V, 3) metres, all in one state; None for random curves.
-        >>>>>>> 99d42ff (Remove the studio's Compare tab; shorten the texts of the apps)
+        Args:
+            action: such as "C(2,0,1)".
+            starts: (N, V, 3) metres, all in one state; None for random curves.
 
-                Raises:
-                    IllegalActionError: the state of the starts does not allow the action.
-                    ValueError: a text that is no action, or unfit starts.
+        Raises:
+            IllegalActionError: the state of the starts does not allow the action.
+            ValueError: a text that is no action, or unfit starts.
         """
         action = parse_action(action) if isinstance(action, str) else action
         state = TopologicalState.trivial()
