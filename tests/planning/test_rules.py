@@ -1,14 +1,16 @@
-"""The paper's rule, what values nodes, and what is asked of a sampler."""
+"""The two rules, what values nodes, and what is asked of a sampler."""
 
 from __future__ import annotations
+
+from collections import Counter
 
 import numpy as np
 import pytest
 
-from knotflow.planning import Goal, PlannerConfig, plan_knot
-from knotflow.planning.nodes import Node
+from knotflow.planning import Goal, PlannerConfig, parse_goal, plan_knot
+from knotflow.planning.nodes import ACT, ARRANGE, Node
 from knotflow.planning.proposals import Proposals, clearance
-from knotflow.planning.rules import node_probabilities
+from knotflow.planning.rules import PosteriorRule, ReservationPrices, node_probabilities
 from knotflow.simulation import straight
 from knotflow.topology import TopologicalState, segment_intervals
 
@@ -139,3 +141,106 @@ def test_next_value_is_used_for_all_but_the_last_action(world, path_goal):
         plan_knot(straight(world.config.rope), path_goal, sampler, sampler, rng, config)
         assert sampler.foreseen == (["R1(0,1,1)", "C(0,1,1)"] if config.use_next_value else [])
     assert [action for _, action, _ in sampler.requests] == [*sampler.foreseen, "C(2,0,1)"]
+
+
+@pytest.mark.parametrize("size", [1, 2, 30])
+def test_reservation_price_is_where_opening_saves_its_cost(size):
+    rng = np.random.default_rng(size)
+    contents, price = rng.exponential(5.0, size), rng.exponential(4.0, 100)
+    index = ReservationPrices(contents).at(price)
+    saved = np.maximum(index[:, None] - contents, 0.0).mean(axis=1)
+    np.testing.assert_allclose(saved, price)
+
+
+def test_reservation_price_of_certain_content_is_cost_plus_content():
+    prices = ReservationPrices(np.array([3.0])).at(np.array([1.0, 2.5]))
+    np.testing.assert_allclose(prices, [4.0, 5.5])
+
+
+def node(world, goal, state, values, arranged=None):
+    dag = goal.dag
+    one = Node(straight(world.config.rope), state, dag.distance(state), dag.edges_from(state))
+    one.values = np.array(values, float)
+    one.arranged_values = one.values if arranged is None else np.array(arranged, float)
+    return one
+
+
+def chosen(goal, nodes, count=1, **config):
+    rule = PosteriorRule(PlannerConfig(**config), goal.dag)
+    for one in nodes:
+        rule.add(one)
+    return rule.choose(count)
+
+
+def test_shape_of_highest_value_comes_first(world, path_goal):
+    shapes = [node(world, path_goal, TRIVIAL, [value]) for value in (0.3, 0.9, 0.6)]
+    (branch,) = chosen(path_goal, shapes)
+    assert branch.node is shapes[1] and branch.kind == ACT
+
+
+def test_batch_is_spread_over_shapes(world, path_goal):
+    shapes = [node(world, path_goal, TRIVIAL, [value]) for value in (0.8, 0.7, 0.05)]
+    counts = Counter(id(branch.node) for branch in chosen(path_goal, shapes, 8, arranging=0))
+    assert counts[id(shapes[0])] >= counts[id(shapes[1])] >= 3
+    assert sum(counts.values()) == 8 == sum(shape.tries.sum() for shape in shapes)
+
+
+def test_arranging_is_chosen_where_it_raises_the_value(world, path_goal):
+    (branch,) = chosen(path_goal, [node(world, path_goal, TRIVIAL, [0.05], [0.9])])
+    assert branch.kind == ARRANGE and str(branch.action) == "arrange for R1(0,1,1)"
+    assert branch.goal == TRIVIAL
+    for shape, most in (
+        (node(world, path_goal, TRIVIAL, [0.8], [0.9]), 3),
+        (node(world, path_goal, TRIVIAL, [0.05], [0.9]), 0),
+    ):
+        (branch,) = chosen(path_goal, [shape], arranging=most)
+        assert branch.kind == ACT
+
+
+class Tight:
+    """Every second loop is too tight to go on from, and none can tell which."""
+
+    def __init__(self, world):
+        self.world, self.config, self.from_shape = world, world.config, Counter()
+
+    def sample(self, points, action, count, rng):
+        tight = bool(np.floor(points[0, 0] * 1e9) % 2) and len(set(points[:, 1])) > 1
+        self.world.chance = 0.0 if tight else 0.9
+        self.from_shape[points.tobytes()] += count
+        return self.world.sample(points, action, count, rng)
+
+    def execute(self, points, splines):
+        rollouts = self.world.execute(points, splines)
+        # Each end is a shape of its own.
+        for row, spline in enumerate(splines):
+            rollouts.end_points[row, :, 0] += np.floor(spline[1] * 1e3) * 1e-9
+        return rollouts
+
+
+@pytest.mark.parametrize("batch", [1, 8])
+@pytest.mark.parametrize("seed", range(4))
+def test_dead_ends_are_abandoned(world, path_goal, seed, batch):
+    tight = Tight(world())
+    rng = np.random.default_rng(seed)
+    config = PlannerConfig(batch=batch, max_branches=300, arranging=0)
+    plan = plan_knot(straight(world.config.rope), path_goal, tight, tight, rng, config)
+    assert plan.solved
+    root = straight(world.config.rope).tobytes()
+    tries = [count for shape, count in tight.from_shape.items() if shape != root]
+    assert max(tries) <= 12 + batch
+
+
+def test_evidence_finds_the_path_that_works(world):
+    goal = Goal.named("overhand")
+
+    class OnlyOne(world):
+        def sample(self, points, action, count, rng):
+            self.chance = 0.8 if str(action) in ("R1(0,1,-1)", "C(2,1,-1)", "C(2,0,-1)") else 0.0
+            return super().sample(points, action, count, rng)
+
+    path = parse_goal("R1(0,1,-1) C(2,1,-1) C(2,0,-1)")
+    assert path.states <= goal.states
+    rng, sampler = np.random.default_rng(0), OnlyOne()
+    plan = plan_knot(straight(world.config.rope), goal, sampler, sampler, rng)
+    assert [str(action) for action in plan.actions] == ["R1(0,1,-1)", "C(2,1,-1)", "C(2,0,-1)"]
+    assert plan.branches < 150

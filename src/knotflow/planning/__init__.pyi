@@ -11,8 +11,7 @@ from .plan_rope import (
     plan_rope,
     replay,
 )
-from .rope_file import RopeInputError
-from .ropes import ROPE_NAMES, lay_down, parse_rope, read_rope
+from .ropes import ROPE_NAMES, RopeInputError, lay_down, parse_rope, read_rope
 from .tree import TreeSearch, plan_knot
 from .validation import Penetration, StepCheck, check_steps, find_penetrations
 from .waypoints import GripperConfig, Waypoints
