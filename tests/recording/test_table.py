@@ -4,7 +4,6 @@ import os
 
 import numpy as np
 import pandas as pd
-import pyarrow.parquet as pq
 import pytest
 
 from knotflow.recording import (
@@ -13,8 +12,6 @@ from knotflow.recording import (
     load,
     messages,
     reader,
-    table,
-    write_index,
     write_recording,
 )
 
@@ -52,20 +49,6 @@ def test_load_returns_written_trajectories(folder, make_rollout):
             np.testing.assert_array_equal(row[name], getattr(rollout, name))
 
 
-def test_load_updates_stale_index(folder, make_rollout):
-    assert len(load(folder)) == 8
-    write_recording(folder / "c.mcap", [make_rollout(8)], {})
-    assert len(load(folder)) == 9
-    (folder / "a.mcap").unlink()
-    assert load(folder)["number"].tolist() == [3, 4, 5, 6, 7, 8]
-
-
-def test_load_writes_no_index_into_read_only_folder(folder, monkeypatch):
-    monkeypatch.setattr(os, "access", lambda path, mode: False)
-    assert len(load(folder)) == 8
-    assert sorted(os.listdir(folder)) == ["a.mcap", "b.mcap"]
-
-
 def test_load_of_nothing_has_all_columns(folder):
     assert load([]).columns.tolist() == load(folder).columns.tolist()
     wide = load(folder, trajectories=True).columns.tolist()
@@ -88,61 +71,41 @@ def shards(tmp_path, make_rollout):
     return tmp_path
 
 
-def test_index_has_one_row_a_rollout_in_order(shards, make_rollout):
-    path = write_index(shards)
-    assert path == shards / "index.parquet"
-    rows = pq.read_table(path).to_pylist()
-    assert [row["number"] for row in rows] == list(range(120))
-    assert [row["file"] for row in rows[::40]] == [f"shard-{shard}.mcap" for shard in range(3)]
-    row, rollout = rows[41], make_rollout(41, frames=3)
-    spline = [row[name] for name in messages.SPLINE_COLUMNS]
-    assert spline == rollout.spline.tolist()
+def test_table_has_one_row_a_rollout_in_order(shards, make_rollout):
+    table = load(shards)
+    assert table["number"].tolist() == list(range(120))
+    files = [str(shards / f"shard-{shard}.mcap") for shard in range(3)]
+    assert table["file"][::40].tolist() == files
+    row, rollout = table.loc[41], make_rollout(41, frames=3)
+    assert row[[*messages.SPLINE_COLUMNS]].tolist() == rollout.spline.tolist()
     assert (row["action"], row["outcome"], row["source"]) == ("C(0,1,1)", "success", "scripted")
     assert (row["start_time_s"], row["duration_s"]) == (3.0, 2.5)  # one rollout and a gap later
-    assert row["extra"] == '{"demonstration": "41"}'
-    assert sorted(os.listdir(shards))[0] == "index.parquet"  # no partial file left
+    assert row["extra"] == {"demonstration": "41"}
 
 
-def test_index_reads_no_trajectories(shards, monkeypatch):
+def test_table_reads_no_trajectories(shards, monkeypatch):
     monkeypatch.setitem(reader._DECODERS, messages.ROPE, None)
-    assert pq.read_table(write_index(shards)).num_rows == 120
+    assert len(load(shards)) == 120
 
 
-def test_index_is_made_again_when_files_change(shards, make_rollout, monkeypatch):
-    write_index(shards)
-    read = []
-    original = table.file_table
-    monkeypatch.setattr(table, "file_table", lambda path: read.append(path.name) or original(path))
-    assert len(load(shards)) == 120 and read == []
-
-    write_recording(shards / "shard-1.mcap", [make_rollout(500)], {})
-    (shards / "shard-2.mcap").unlink()
-    write_recording(shards / "shard-3.mcap", [make_rollout(600)], {})
-    written = pq.read_table(write_index(shards))
-    assert written["number"].to_pylist() == [*range(40), 500, 600]
-    assert read == ["shard-0.mcap", "shard-1.mcap", "shard-3.mcap"]
-
-
-def test_damaged_file_leaves_old_index(shards):
-    written = write_index(shards).read_bytes()
+def test_damaged_file_is_named(shards):
     path = shards / "shard-1.mcap"
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) * 2 // 3])
     with pytest.raises(DamagedRecordingError, match="shard-1.mcap is damaged"):
-        write_index(shards)
+        load(shards)
     path.write_bytes(whole.replace(b"\x28\xb5\x2f\xfd", b"\x28\xb5\x2f\xfe", 1))  # zstd's magic
     with pytest.raises(DamagedRecordingError, match="shard-1.mcap is damaged"):
-        write_index(shards)
-    assert (shards / "index.parquet").read_bytes() == written
+        load(shards)
 
 
-def test_index_errors_list_folder_contents(tmp_path):
-    with pytest.raises(FileNotFoundError, match="there is no folder"):
-        write_index(tmp_path / "nowhere")
+def test_errors_list_folder_contents(tmp_path):
+    with pytest.raises(FileNotFoundError, match="nowhere is not there"):
+        load(tmp_path / "nowhere")
     (tmp_path / "notes.txt").write_text("")
     (tmp_path / "sub").mkdir()
     with pytest.raises(FileNotFoundError, match=r"no \*\.mcap recording .*: notes.txt, sub/"):
-        write_index(tmp_path)
+        load(tmp_path)
     (tmp_path / "fake.mcap").write_text("not one")
     with pytest.raises(NotARecordingError, match="fake.mcap is not an MCAP"):
-        write_index(tmp_path)
+        load(tmp_path)

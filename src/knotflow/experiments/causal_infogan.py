@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from knotflow.experiments.common import Recorder
 from knotflow.experiments.demonstrations import load_starts
-from knotflow.recording import load, read_recording, write_index
+from knotflow.recording import load, read_recording
 from knotflow.samplers.causal_infogan import (
     CausalInfoGanConfig,
     DemonstratedRollouts,
@@ -160,7 +160,6 @@ def causal_infogan_ends(
         with np.load(run.out / f"{goal.file}.npz") as file:
             rows.append((goal.name, int(file["tried"]), len(file["start"])))
     run.save_table("ends.csv", pd.DataFrame(rows, columns=["goal", "starts", "reached"]))
-    write_index(run.out / "recordings")
 
 
 def _seek(

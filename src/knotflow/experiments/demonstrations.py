@@ -10,7 +10,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from knotflow.experiments.common import Recorder, point_rows
-from knotflow.recording import write_index
 from knotflow.samplers.demonstrations import (
     TASKS,
     Demonstration,
@@ -57,7 +56,7 @@ def demonstrations(
 ) -> None:
     """Simulate noisy copies of every demonstration.
 
-    Makes recordings/*.mcap with index.parquet, trials/*.npz and success.csv; one shard a
+    Makes recordings/*.mcap, trials/*.npz and success.csv; one shard a
     demonstration.
 
     `copies` are of a demonstration from a tangled start.
@@ -74,7 +73,6 @@ def demonstrations(
         rows.append((str(one.task.action), one.source, len(success), int(success.sum())))
     columns = ["action", "source", "trials", "successes"]
     run.save_table("success.csv", pd.DataFrame(rows, columns=columns))
-    write_index(run.out / "recordings")
 
 
 def _simulate_copies(

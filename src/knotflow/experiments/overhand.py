@@ -9,7 +9,6 @@ import pandas as pd
 from knotflow.experiments.common import Recorder, sampler_of
 from knotflow.experiments.searches import search_row
 from knotflow.planning import PlannerConfig, SearchUpdate, parse_rope, plan_rope
-from knotflow.recording import write_index
 from knotflow.samplers import SamplerConfig
 from knotflow.seeding import rng_of
 from knotflow.simulation import Attempts, SimulationConfig, StartsConfig
@@ -58,7 +57,6 @@ def overhand(
     if not plan.branches:
         raise ValueError(f"no spline was simulated: {plan.reason}; raise planner.max_seconds")
     recorder.save("recordings/branches.mcap")
-    write_index(run.out / "recordings")
     run.save_table("branches.csv", pd.DataFrame([search_row(plan, knot, start, seed)]))
     with run.atomic("plan") as folder:
         folder.mkdir()

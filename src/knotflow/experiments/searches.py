@@ -26,7 +26,6 @@ from knotflow.planning import (
     replay,
 )
 from knotflow.planning.head_pull import HeadPuller, PullConfig, select_best_pull, tie
-from knotflow.recording import write_index
 from knotflow.samplers import Sampler, SamplerConfig
 from knotflow.samplers.demonstrations import heuristic_splines
 from knotflow.seeding import rng_of
@@ -133,7 +132,6 @@ def searches(
     search = Search(simulation, planner, sampler.name, build)
     work = partial(_search, search, names, cases, starts, seed, pulled)
     (run.alone() if planner.batch > 1 else run).table("searches.csv", work, [*names], "searches")
-    _index(run)
 
 
 def _search(
@@ -211,11 +209,6 @@ def _start(
     return np.asarray(np.load(pulled / START_FILE, allow_pickle=False))
 
 
-def _index(run: StageRun) -> None:
-    if any((run.out / "recordings").glob("*.mcap")):
-        write_index(run.out / "recordings")
-
-
 @stage
 def goals(
     run: StageRun,
@@ -238,7 +231,6 @@ def goals(
         _search_goal, Search(simulation, planner, sampler.name, build), drawn, starts, seed
     )
     run.alone().table("goals.csv", work, [*drawn], "goals")
-    _index(run)
 
 
 def drawn_goals(sets: list[GoalSet], seed: int) -> dict[str, tuple[str, int, TopologicalState]]:
@@ -485,7 +477,6 @@ def pull(
     points = select_best_pull(ropes, pulling.head)
     tying.save("recordings/tie.mcap")
     pulls.save("recordings/pull.mcap")
-    write_index(run.out / "recordings")
     run.save_table("start.csv", pd.DataFrame(points, columns=["x", "y", "z"]))
     with run.atomic(START_FILE) as path, path.open("wb") as file:
         np.save(file, points)

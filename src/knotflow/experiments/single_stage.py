@@ -20,7 +20,7 @@ from knotflow.experiments.demonstrations import (
     load_starts,
 )
 from knotflow.planning import attempt_arranged
-from knotflow.recording import load, recorded, write_index, write_recording
+from knotflow.recording import load, recorded, write_recording
 from knotflow.samplers import Sampler, SamplerConfig
 from knotflow.samplers.demonstrations import TASKS, Task
 from knotflow.seeding import rng_of
@@ -54,7 +54,6 @@ def evaluation(
         sampler.name,
     )  # fmt: skip
     run.table("outcomes.csv", work, [task.name for task in TASKS], "evaluation")
-    write_index(run.out / "recordings")
 
 
 def _evaluate(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from knotflow.experiments.common import Recorder
 from knotflow.experiments.demonstrations import load_pool
-from knotflow.recording import load, write_index
+from knotflow.recording import load
 from knotflow.samplers.demonstrations import SHIPPED, TASKS, Task, load_trials
 from knotflow.samplers.primitives import (
     FILE,
@@ -141,7 +141,6 @@ def reinforcement(
     )  # fmt: skip
     run.each(work, run.pending([*PARTS], ".safetensors"), "reinforcement")
     _merge(run)
-    write_index(run.out / "recordings")
 
 
 def _reinforce(

@@ -13,7 +13,7 @@ from .reader import (
     read_recording,
 )
 from .rollout import OUTCOMES, Outcome, RecordedRollout, RolloutImages, recorded
-from .table import load, write_index
+from .table import load
 from .writer import write_recording
 
 __all__ = [
@@ -27,6 +27,5 @@ __all__ = [
     "read_metadata",
     "read_recording",
     "recorded",
-    "write_index",
     "write_recording",
 ]

@@ -1,9 +1,7 @@
 """The messages of a recording: one ``knotflow.Rollout`` a rollout, and Foxglove's for the viewers.
 
-A ``knotflow.Rollout`` holds everything about a rollout but its trajectory. Its type is assembled
-here, so no protoc is needed; its descriptor travels in the MCAP, so any tool can decode it. Rerun
-and Foxglove decode Foxglove's schemas. Building a protobuf message field by field is slow, so each
-class here keeps one message and only sets its numbers from frame to frame.
+A ``knotflow.Rollout`` holds everything about a rollout but its trajectory. Building a protobuf
+message is slow, so each class here keeps one and only sets its numbers from frame to frame.
 """
 
 from __future__ import annotations
@@ -123,15 +121,7 @@ def decode_rollout(
     gripper: NDArray[np.float32],
     camera: RolloutImages | None,
 ) -> RecordedRollout:
-    """A rollout from its ``knotflow.Rollout`` and its frames.
-
-    Args:
-        facts: the ``knotflow.Rollout``.
-        log_times: (T,) ns.
-        points: (T, V, 3) m.
-        gripper: (T, 3) m.
-        camera: its images, if any.
-    """
+    """A rollout from its ``knotflow.Rollout`` and its frames; log times in ns, lengths in m."""
     own = np.asarray(log_times, np.int64) - facts.start_ns + facts.first_time_ns
     return RecordedRollout(
         times=own / NANOSECONDS,
@@ -165,10 +155,7 @@ def gradient(count: int) -> NDArray[np.uint8]:
 
 
 def rope_radius(control_points: NDArray[np.float64]) -> float:
-    """Radius of the rope, m, that a spline with control points (3, 3) m was made for.
-
-    A spline ends at the height of a resting rope's centre line, so every recording has it.
-    """
+    """Radius of the rope, m: a spline's control points (3, 3) m end at its height."""
     return max(float(control_points[2, 2]), MIN_RADIUS)
 
 

@@ -1,7 +1,6 @@
 """Reading recorded rollouts back, with the mcap library and every checksum compared.
 
-``write_recording`` makes a file appear only when it is complete, so a cut or changed one is an
-error here, and its repair is left to the mcap command (`mcap recover`).
+A cut or changed file is an error here; its repair is left to the mcap command (`mcap recover`).
 """
 
 from __future__ import annotations

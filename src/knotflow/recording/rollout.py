@@ -66,11 +66,9 @@ class RolloutImages:
 
 @dataclass(frozen=True, eq=False)
 class RecordedRollout:
-    """A rollout as every stage records it (Sec. IV and V of the paper name the parts).
+    """A recorded rollout; what is read equals what was written bit for bit.
 
-    Trajectories are kept in float32 (a micrometre over 10 m) and times in whole nanoseconds, as
-    they are on disk, so what is read equals what was written bit for bit. Lengths are metres in
-    the world frame, z up.
+    Lengths are metres in the world frame, z up.
 
     Attributes:
         times: (T,) s float64, strictly increasing, rounded to whole nanoseconds.

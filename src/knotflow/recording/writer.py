@@ -1,8 +1,7 @@
 """Writing a recording: one MCAP that appears under its name only when it is complete.
 
 Rollouts lie one after the other on one timeline. The ``knotflow.Rollout`` messages of a batch
-stand in a chunk of their own *before* the trajectories: the index reads them without unpacking
-trajectories, and a recovered file still knows what each of its trajectories is.
+stand in a chunk of their own *before* the trajectories, so that tables are read without these.
 """
 
 from __future__ import annotations
@@ -58,9 +57,8 @@ def write_recording(
         path: the file to make, by custom ``*.mcap``, and its folder; an older one is replaced.
         rollouts: at least one, with different numbers.
         metadata: text facts about the whole file, such as its config.
-        rope_line: also draw the rope as a thick line. That costs a quarter of the file, so by
-            default only files of up to ``BATCH`` rollouts have it: those are for looking at,
-            longer ones are bulk data (the viewer command draws the line for these, too).
+        rope_line: also draw the rope as a thick line, a quarter of the file; by default only in
+            files of up to ``BATCH`` rollouts.
 
     Raises:
         ValueError: no rollout, two of the same number, or metadata that is not text.

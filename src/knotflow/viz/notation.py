@@ -42,12 +42,7 @@ _LEGEND = (
 
 
 def draw_action(action: Action, state: TopologicalState, path: Path) -> None:
-    """Draw a state before and after an action, with a sentence that describes the action.
-
-    Args:
-        action: a legal action in the state.
-        state: before the action.
-        path: of the picture; its suffix (png, svg, pdf) sets the format.
+    """Draw a state before and after an action; the suffix (png, svg, pdf) sets the format.
 
     Raises:
         IllegalActionError: the state does not allow the action; names the rule it breaks.

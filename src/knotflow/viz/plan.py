@@ -44,13 +44,7 @@ _VIEW_PAD = 0.03  # metres round everything
 def draw_plan(plan: KnotPlan, path: Path) -> None:
     """Draw the start with the first spline, and each resulting rope with the next one.
 
-    Ropes go from blue (head) to orange (tail) at their true thickness, with gaps where a strand
-    passes under. Each panel is filled by its rope and has its own scale bar. An unsolved plan is
-    drawn as far as it came and says so.
-
-    Args:
-        plan: the plan, with or without trajectories.
-        path: of the picture; its suffix (png, svg, pdf) sets the format.
+    The suffix of `path` (png, svg, pdf) sets the format.
     """
     with styled():
         save_figure(plan_figure(plan), path)

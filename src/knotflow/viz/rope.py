@@ -1,8 +1,6 @@
-"""A rope as a knot diagram: its true thickness, blue head, orange tail, gaps where it passes under.
+"""A rope as a knot diagram: true thickness, blue head, orange tail, gaps where it passes under.
 
-A rope becomes outlines in metres, each of one colour, so that matplotlib and an animation draw the
-same rope. At a crossing each edge of the lower strand ends at a set distance from the upper strand:
-the gap runs along the upper strand, at whatever angle the two meet.
+A rope becomes outlines in metres, each of one colour, for matplotlib and for animations.
 """
 
 from __future__ import annotations
@@ -93,8 +91,7 @@ def rope_image(
 def rope_pieces(points: NDArray, width: float, bands: int = _BANDS) -> list[Piece]:
     """The drawing of a rope (V, 3) of a width in metres, the lowest piece first.
 
-    The head is marked with a ring. A shape whose crossings cannot be read, as ropes in motion may
-    have, is drawn without gaps.
+    The head is a ring. A shape whose crossings cannot be read is drawn without gaps.
     """
     points = np.asarray(points, np.float64)
     curve = _smooth(points, width)
@@ -152,10 +149,7 @@ def _gaps(points: Floats, curve: Floats, edges: Floats, width: float) -> list[tu
 
 
 def _clear_from(steps: NDArray[np.intp], room: Floats) -> float:
-    """Where on consecutive steps (n,) the room (n,) rises above 0; the last step if it never does.
-
-    `room` is interpolated, so that gaps are as wide on a coarse curve as on a fine one.
-    """
+    """Where on steps (n,) the interpolated room (n,) rises above 0; else the last step."""
     clear = np.flatnonzero(room > 0)
     if not len(clear):
         return float(steps[-1])
