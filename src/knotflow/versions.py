@@ -29,7 +29,7 @@ COMPONENTS = {
     "trainer": Component(1, ("training.trainer",)),
     "training": Component(6, ("training",)),
     "planning": Component(9, ("planning",)),
-    "perception": Component(9, ("perception",)),
+    "perception": Component(10, ("perception",)),
     "execution": Component(6, ("execution",)),
     "recording": Component(1, ("recording",)),
 }

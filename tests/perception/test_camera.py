@@ -35,7 +35,7 @@ def test_rays_pass_through_what_their_pixels_show(oblique):
     np.testing.assert_allclose(seen[-1, -1, :2], [319, 199], atol=1e-9)
 
 
-def test_what_is_behind_the_camera_has_no_pixel(oblique):
+def test_points_behind_camera_have_no_pixel(oblique):
     u, v, depth = oblique.project(oblique.position - 0.5 * oblique.rotation[:, 2])
     assert np.isnan([u, v]).all() and depth == pytest.approx(-0.5)
 
@@ -57,7 +57,7 @@ def test_the_overhead_camera_shows_x_to_the_right_and_y_upwards():
     assert up[1] < middle[1] and up[0] == pytest.approx(middle[0])
 
 
-def test_a_camera_file_is_read_as_it_was_written(oblique, tmp_path):
+def test_camera_file_round_trip(oblique, tmp_path):
     oblique.save(tmp_path / "camera.yaml")
     again = Camera.load(tmp_path / "camera.yaml")
     for name, value in vars(oblique).items():
@@ -73,7 +73,7 @@ def change(tmp_path, **values):
 
 
 @pytest.mark.parametrize("name", ["width", "fx", "cy", "position", "rotation"])
-def test_a_camera_file_that_lacks_a_value_is_refused_by_its_name(name, tmp_path):
+def test_incomplete_camera_file_names_value(name, tmp_path):
     for absent in ("left out", None):
         with pytest.raises(CameraError, match=f"lacks {name};"):
             Camera.load(change(tmp_path, **{name: absent}))
@@ -92,12 +92,12 @@ def test_a_camera_file_that_lacks_a_value_is_refused_by_its_name(name, tmp_path)
         ({"k1": 0.1}, "unknown k1"),
     ],
 )
-def test_a_camera_file_with_a_wrong_value_is_refused(values, message, tmp_path):
+def test_invalid_camera_value_raises(values, message, tmp_path):
     with pytest.raises(CameraError, match=message):
         Camera.load(change(tmp_path, **values))
 
 
-def test_a_file_that_is_no_camera_is_refused(tmp_path):
+def test_non_camera_file_raises(tmp_path):
     (tmp_path / "list.yaml").write_text("- 1\n- 2\n")
     for name in ("list.yaml", "absent.yaml"):
         with pytest.raises(CameraError, match=name):
@@ -105,7 +105,7 @@ def test_a_file_that_is_no_camera_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(("width", "grid"), [(160, 1), (320, 2), (640, 4), (960, 6)])
-def test_a_rope_is_as_wide_on_the_coarser_grid_whatever_the_camera(width, grid):
+def test_binning(width, grid):
     camera, flat = Camera.overhead(width, width * 3 // 4), np.zeros((3, 3))
     assert camera.binning(flat, 0.016, 1.4) == grid
     assert camera.binning(flat + [0, 0, 2.0], 0.016, 1.4) == 1  # behind it

@@ -36,13 +36,13 @@ def test_certainty_grows_from_image_to_image():
     assert not first.first_over and first.gap > ROPE.radius
 
 
-def test_without_evidence_nothing_is_certain():
+def test_crossing_without_depth_is_uncertain():
     points = loop(1)
     _, (crossing,) = update(CrossingMemory(), points, blind(points))
     assert crossing.certainty < 0.95
 
 
-def test_strands_that_changed_places_in_a_poor_image_are_put_right():
+def test_memory_corrects_exchanged_strands():
     points, memory = loop(1), CrossingMemory()
     for _ in range(3):
         _, crossings = update(memory, points, target(points))
@@ -57,7 +57,7 @@ def test_strands_that_changed_places_in_a_poor_image_are_put_right():
 
 
 @pytest.mark.parametrize("over", [1, -1])
-def test_a_shape_that_is_known_says_what_is_on_top(over):
+def test_memory_of_known_shape_determines_crossing(over):
     points = loop(over)
     flipped = exchange_heights(points, *crossing_fractions(points)[0], ROPE)
     shape, (crossing,) = update(CrossingMemory.of_shape(points), flipped, blind(points))
@@ -65,7 +65,7 @@ def test_a_shape_that_is_known_says_what_is_on_top(over):
     assert crossing.first_over == (over == -1) and crossing.certainty > 0.99
 
 
-def test_a_crossing_that_is_turned_runs_from_the_other_end():
+def test_crossing_evidence_reversed():
     _, (one,) = update(CrossingMemory(), loop(1), target(loop(1)))
     turned = one.reversed()
     assert turned.fractions == (1 - one.fractions[1], 1 - one.fractions[0])

@@ -24,7 +24,7 @@ QUICK = EstimateConfig(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("points", [s_curve(), loop(1), loop(-1)], ids=["flat", "over", "under"])
-def test_shape_state_and_head_are_read_off_an_image(points):
+def test_estimate_shape_state_and_head(points):
     found = estimate(image(points, head=True), CAMERA, ROPE, config=QUICK)
     assert found.head_known
     assert np.linalg.norm(found.points - points, axis=1).mean() < 4e-3
@@ -34,7 +34,7 @@ def test_shape_state_and_head_are_read_off_an_image(points):
 
 
 @pytest.mark.slow
-def test_a_rope_whose_ends_look_alike_keeps_the_direction_it_had():
+def test_earlier_shape_determines_head():
     points = s_curve()
     for last in (points, points[::-1]):
         guess = points + [0, 0.004, 0]
@@ -44,7 +44,7 @@ def test_a_rope_whose_ends_look_alike_keeps_the_direction_it_had():
 
 
 @pytest.mark.slow
-def test_a_guess_of_the_shape_still_has_its_head_looked_for():
+def test_initial_guess_does_not_determine_head():
     points = s_curve()
     found = estimate(image(points, head=True), CAMERA, ROPE, points[::-1], QUICK)
     assert found.head_known
@@ -53,12 +53,12 @@ def test_a_guess_of_the_shape_still_has_its_head_looked_for():
 
 
 @pytest.mark.slow
-def test_without_colour_and_past_the_head_is_unknown():
+def test_head_unknown_without_colour_or_earlier_shape():
     assert not estimate(image(s_curve()), CAMERA, ROPE, config=QUICK).head_known
 
 
 @pytest.mark.slow
-def test_what_is_likely_must_account_for_the_image(monkeypatch):
+def test_likely_shape_must_explain_image(monkeypatch):
     truth, config = loop(1), QUICK
     seen, asked = image(truth, head=True), []
     trace = estimation.trace
@@ -71,9 +71,7 @@ def test_what_is_likely_must_account_for_the_image(monkeypatch):
 
 
 @pytest.mark.parametrize(("first", "efforts"), [("right", 1), ("wrong", 2)])
-def test_it_is_searched_on_with_more_effort_while_what_was_found_is_in_doubt(
-    monkeypatch, first, efforts
-):
+def test_fallback_search_runs_while_ambiguous(monkeypatch, first, efforts):
     truth, wrong = loop(1), s_curve()
     tried = []
 
@@ -90,7 +88,7 @@ def test_it_is_searched_on_with_more_effort_while_what_was_found_is_in_doubt(
         np.testing.assert_array_equal(tried[1][1].shapes, [wrong])  # it goes on from there
 
 
-def test_a_rope_that_leaves_the_image_is_not_searched_on_for(monkeypatch):
+def test_no_fallback_search_if_rope_leaves_image(monkeypatch):
     tried = []
     monkeypatch.setattr(
         estimation, "search", lambda *_: tried.append(1) or SearchResult([s_curve()], [])
@@ -101,7 +99,7 @@ def test_a_rope_that_leaves_the_image_is_not_searched_on_for(monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("credit", "kept"), [(2.0, True), (0.0, False), (2.0, False)])
-def test_a_state_that_was_likely_gives_way_to_one_that_is_much_likelier(monkeypatch, credit, kept):
+def test_expected_state_yields_to_much_likelier_state(monkeypatch, credit, kept):
     # Whatever the image: what a search finds and how likely that is are given here.
     likely, other = loop(1), s_curve()
     lead = 1.0 if kept or credit == 0 else 3.0
@@ -121,7 +119,7 @@ def test_a_state_that_was_likely_gives_way_to_one_that_is_much_likelier(monkeypa
 
 @pytest.mark.slow
 @pytest.mark.parametrize("share", [0.8, 1.25])
-def test_a_rope_thinner_or_thicker_than_it_is_said_to_be_is_no_doubt(monkeypatch, share):
+def test_wrong_rope_radius_is_not_ambiguous(monkeypatch, share):
     points = s_curve()
     monkeypatch.setattr(estimation, "search", None)  # the likely shape does
     seen = image(points, radius=share * ROPE.radius)
@@ -132,7 +130,7 @@ def test_a_rope_thinner_or_thicker_than_it_is_said_to_be_is_no_doubt(monkeypatch
     assert found.seen_radius == pytest.approx(share * nominal, rel=0.06)
 
 
-def test_nothing_likely_is_seen_on_a_bare_table():
+def test_likely_shape_on_bare_table_raises():
     bare = image(s_curve())
     table = RgbdImage(np.full_like(bare.rgb, 60), np.full_like(bare.depth, CAMERA.position[2]))
     with pytest.raises(TraceError):
@@ -140,7 +138,7 @@ def test_nothing_likely_is_seen_on_a_bare_table():
 
 
 @pytest.mark.slow
-def test_a_crossing_the_wrong_way_round_is_turned():
+def test_wrong_crossing_is_corrected():
     truth, wrong = loop(1), loop(-1)
     wrong[:, :2] = truth[:, :2]
     shape, (crossing,) = score_crossings(wrong, target(truth), CAMERA, ROPE)
@@ -150,20 +148,20 @@ def test_a_crossing_the_wrong_way_round_is_turned():
 
 
 @pytest.mark.slow
-def test_a_crossing_that_the_image_does_not_tell_is_in_doubt():
+def test_undetermined_crossing_is_ambiguous():
     points = loop(1)
     blind = replace(target(points), depth=target(points).depth * np.nan)
     _, (crossing,) = score_crossings(points, blind, CAMERA, ROPE)
     assert crossing.certainty < 0.95
 
 
-def test_a_shape_that_does_not_account_for_the_image_is_in_doubt():
+def test_low_coverage_is_ambiguous():
     away = s_curve() + [0, 0.3, 0]
     found = estimate(image(s_curve()), CAMERA, ROPE, initial=away, config=QUICK)
     assert found.ambiguous and found.coverage_fraction < 0.5
 
 
-def test_a_rope_that_leaves_the_image_is_in_doubt_and_its_state_unknown():
+def test_rope_leaving_image_has_no_state():
     points = s_curve() + [0.75, 0, 0]
     found = estimate(image(points), CAMERA, ROPE, initial=points, config=QUICK)
     assert "the rope leaves the image" in found.ambiguities and found.state is None
@@ -171,21 +169,21 @@ def test_a_rope_that_leaves_the_image_is_in_doubt_and_its_state_unknown():
 
 
 @pytest.mark.slow
-def test_most_of_a_rope_outside_of_the_image_is_followed_as_far_as_it_is_seen():
+def test_rope_mostly_outside_image():
     points = s_curve() + [1.1, 0, 0]
     found = estimate(image(points), CAMERA, ROPE, config=QUICK)
     assert "the rope leaves the image" in found.ambiguities and found.state is None
     assert np.isfinite(found.points).all() and found.visible.any() and not found.visible.all()
 
 
-def test_a_rope_whose_depth_is_lost_is_not_made_up():
+def test_rope_without_depth():
     seen = image(s_curve())
     lost = np.where(seen.rgb[..., 0] > 100, np.float32(np.nan), seen.depth)
     with pytest.raises(TraceError):
         estimate(RgbdImage(seen.rgb, lost), CAMERA, ROPE)
 
 
-def test_an_image_without_rope_holds_none():
+def test_image_without_rope_raises():
     bare = image(s_curve())
     depth = np.full_like(bare.depth, CAMERA.position[2])
     with pytest.raises(TraceError):
@@ -193,7 +191,7 @@ def test_an_image_without_rope_holds_none():
 
 
 @pytest.mark.slow
-def test_the_shipped_network_proposes_unless_it_shall_not(monkeypatch):
+def test_shipped_network_is_default(monkeypatch):
     asked = []
 
     def propose(network, *_):
@@ -207,7 +205,7 @@ def test_the_shipped_network_proposes_unless_it_shall_not(monkeypatch):
     assert asked == [shipped_network(), given]
 
 
-def test_an_image_of_another_size_is_refused():
+def test_image_of_wrong_size_raises():
     small = image(s_curve())
     with pytest.raises(ImageError, match="the camera's are"):
         estimate(RgbdImage(small.rgb[::2], small.depth[::2]), CAMERA, ROPE)

@@ -11,7 +11,7 @@ def eye(camera):
     return SimulatedCamera(camera, ROPE, CameraNoiseConfig(), Appearance())
 
 
-def test_a_finer_image_has_as_many_independent_pixels_and_less_edge():
+def test_independent_pixels_do_not_depend_on_resolution():
     coarse, fine = (
         observe(eye(camera).view(s_curve()).image, camera, ROPE)
         for camera in (Camera.overhead(320, 240), Camera.overhead(640, 480))

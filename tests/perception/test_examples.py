@@ -8,7 +8,7 @@ from knotflow.perception.networks.examples import ExamplesConfig, draw_patches, 
 from knotflow.perception.networks.patches import crop_rope
 
 from .shapes import CAMERA, ROPE, loop, s_curve
-from .test_patch import exact
+from .test_patches import exact
 
 PERFECT = ExamplesConfig(scale=0, turn=0, shift=0, noise=0, blur=0, sharpen=0, lost=0, hidden=0)
 
@@ -18,7 +18,7 @@ def batch(*shapes: np.ndarray) -> torch.Tensor:
 
 
 @pytest.mark.parametrize("points", [s_curve(), loop(1), loop(-1)], ids=["flat", "over", "under"])
-def test_a_drawn_rope_is_the_one_that_the_camera_sees(points):
+def test_rasterised_rope_matches_camera(points):
     patch, crop = crop_rope(*exact(points), CAMERA, ROPE, 64)
     nodes = batch(patch.from_world(points, CAMERA))
     covered, height = rasterise(nodes, torch.tensor([ROPE.radius / patch.half]), 64)
@@ -29,7 +29,7 @@ def test_a_drawn_rope_is_the_one_that_the_camera_sees(points):
     assert np.median(np.abs(height[0].numpy() - crop[1])[inside]) < 0.3
 
 
-def test_a_rope_covers_as_much_as_it_is_long_and_wide():
+def test_rasterised_area():
     nodes = torch.zeros(1, 41, 3)
     nodes[0, :, 0] = torch.linspace(-0.5, 0.5, 41)
     nodes[0, :, 2] = 1
@@ -48,7 +48,7 @@ def test_the_upper_strand_is_seen():
     assert height[0, 46:50, 46:50].min().item() > 3
 
 
-def test_drawn_ropes_lie_within_their_patches():
+def test_ropes_lie_within_patches():
     shapes = batch(*[s_curve(), loop(1)] * 8)
     examples = draw_patches(
         shapes, ROPE.radius, 48, ExamplesConfig(), torch.Generator().manual_seed(0)
@@ -61,7 +61,7 @@ def test_drawn_ropes_lie_within_their_patches():
     assert length == pytest.approx(ROPE.length, rel=0.1)  # seen from aside and above
 
 
-def test_the_same_generator_draws_the_same():
+def test_draws_are_reproducible():
     one, other = (
         draw_patches(
             batch(loop(1)), ROPE.radius, 32, ExamplesConfig(), torch.Generator().manual_seed(3)
@@ -71,7 +71,7 @@ def test_the_same_generator_draws_the_same():
     assert all(torch.equal(a, b) for a, b in zip(one, other, strict=True))
 
 
-def test_without_noise_heights_are_the_ropes():
+def test_heights_without_noise():
     shapes = batch(s_curve())
     patches, _, _ = draw_patches(shapes, ROPE.radius, 96, PERFECT, torch.Generator().manual_seed(1))
     covered, raised, known = patches[0]

@@ -26,7 +26,7 @@ def image(rng) -> RgbdImage:
     return RgbdImage(rng.integers(0, 256, (20, 30, 3), np.uint8), depth)
 
 
-def test_an_image_is_read_as_it_was_written(image, tmp_path):
+def test_write_read_round_trip(image, tmp_path):
     for depth, tolerance in (("depth.npy", 0.0), ("depth.png", 0.5001e-3)):
         image.write(tmp_path / "rgb.png", tmp_path / depth)
         again = RgbdImage.read(tmp_path / "rgb.png", tmp_path / depth)
@@ -35,7 +35,7 @@ def test_an_image_is_read_as_it_was_written(image, tmp_path):
         assert np.isnan(again.depth[3, 4]) and again.depth.dtype == np.float32
 
 
-def test_whole_numbers_are_millimetres_and_zero_is_unknown(image, tmp_path):
+def test_integer_depth_is_millimetres(image, tmp_path):
     image.write(tmp_path / "rgb.png", tmp_path / "unused.npy")
     raw = np.full((20, 30), 1234, np.uint16)
     raw[0, 0] = 0
@@ -44,26 +44,26 @@ def test_whole_numbers_are_millimetres_and_zero_is_unknown(image, tmp_path):
     assert depth[1, 1] == pytest.approx(1.234) and np.isnan(depth[0, 0])
 
 
-def test_an_image_of_another_size_than_the_cameras_is_refused(image, tmp_path):
+def test_image_of_wrong_camera_size_raises(image, tmp_path):
     image.write(tmp_path / "rgb.png", tmp_path / "depth.png")
     with pytest.raises(ImageError, match="30x20 pixels, but the camera's are 320x240"):
         RgbdImage.read(tmp_path / "rgb.png", tmp_path / "depth.png", Camera.overhead())
 
 
-def test_colour_and_depth_of_different_sizes_are_refused(image):
+def test_mismatched_colour_and_depth_raise(image):
     with pytest.raises(ImageError, match="colour is 30x20 pixels but depth 29x20"):
         RgbdImage(image.rgb, image.depth[:, 1:])
 
 
 @pytest.mark.parametrize("unknown", [np.nan, 0.0, np.inf])
-def test_depth_that_is_unknown_everywhere_is_refused(unknown, image, tmp_path):
+def test_image_without_depth_raises(unknown, image, tmp_path):
     image.write(tmp_path / "rgb.png", tmp_path / "unused.npy")
     np.save(tmp_path / "depth.npy", np.full((20, 30), unknown, np.float32))
     with pytest.raises(ImageError, match="depth.npy: no pixel has a depth"):
         RgbdImage.read(tmp_path / "rgb.png", tmp_path / "depth.npy")
 
 
-def test_depth_in_another_unit_or_form_is_refused(image, tmp_path):
+def test_invalid_depth_raises(image, tmp_path):
     image.write(tmp_path / "rgb.png", tmp_path / "unused.npy")
     Image.fromarray(image.rgb[..., 0]).save(tmp_path / "eight-bit.png")
     np.save(tmp_path / "millimetres.npy", 1000.0 * image.depth)
@@ -81,7 +81,7 @@ def test_depth_in_another_unit_or_form_is_refused(image, tmp_path):
         assert name in str(caught.value)
 
 
-def test_the_shipped_sample_is_an_image_of_its_rope_that_can_be_reproduced(tmp_path):
+def test_shipped_sample_is_reproducible(tmp_path):
     points = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
     look = Appearance(head=TAPE)
     camera = SimulatedCamera(Camera.overhead(), RopeConfig(), CameraNoiseConfig(), look)

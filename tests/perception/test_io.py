@@ -27,19 +27,19 @@ def found():
 
 
 @pytest.mark.slow
-def test_the_sample_is_seen_as_the_tight_overhand_that_it_is():
+def test_see_sample():
     seen, _, _ = see(*FILES)
     truth = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
     assert seen.state == TopologicalState.from_curve(truth) and seen.head_known
     assert np.linalg.norm(seen.points - truth, axis=1).mean() < 6e-3
 
 
-def test_a_written_rope_is_read_as_a_start(tmp_path, found):
+def test_written_rope_is_a_valid_start(tmp_path, found):
     write_rope(tmp_path / "rope.csv", found.points)
     assert np.allclose(read_rope(tmp_path / "rope.csv", ROPE), found.points, atol=1e-5)
 
 
-def test_state_and_doubts_are_told(found):
+def test_describe(found):
     told = describe(found)
     assert "state     trivial (in doubt)" in told
     assert "in doubt  the rope leaves the image" in told
@@ -48,7 +48,7 @@ def test_state_and_doubts_are_told(found):
     assert "in doubt  the tail ends at another strand" in hanging
 
 
-def test_the_overlay_shows_image_and_rope(tmp_path, found):
+def test_draw_overlay(tmp_path, found):
     draw_overlay(tmp_path / "overlay.png", image(found.points), CAMERA, ROPE, found)
     picture = np.asarray(Image.open(tmp_path / "overlay.png").convert("RGB")).astype(int)
     half = picture.shape[1] // 2
@@ -56,27 +56,27 @@ def test_the_overlay_shows_image_and_rope(tmp_path, found):
     assert colourful[half:].sum() > 10 * colourful[:half].sum() + 1000
 
 
-def test_an_image_without_rope_names_its_files(tmp_path):
+def test_error_without_rope_names_files(tmp_path):
     Image.new("RGB", (320, 240), (60, 60, 60)).save(tmp_path / "bare.png")
     np.save(tmp_path / "bare.npy", np.full((240, 320), 1.2))
     with pytest.raises(ImageError, match=r"bare\.png.*no rope of radius 8 mm is seen"):
         see(tmp_path / "bare.png", tmp_path / "bare.npy", FILES[2])
 
 
-def test_depth_that_says_nothing_is_refused(tmp_path):
+def test_constant_depth_raises(tmp_path):
     np.save(tmp_path / "nothing.npy", np.full((240, 320), np.nan))
     with pytest.raises(ImageError, match="no pixel has a depth"):
         see(FILES[0], tmp_path / "nothing.npy", FILES[2])
 
 
-def test_a_camera_file_that_lacks_a_value_is_refused(tmp_path):
+def test_incomplete_camera_file_raises(tmp_path):
     lines = FILES[2].read_text("utf-8").splitlines()
     (tmp_path / "camera.yaml").write_text("\n".join(x for x in lines if not x.startswith("fx")))
     with pytest.raises(CameraError, match="lacks fx"):
         see(*FILES[:2], tmp_path / "camera.yaml")
 
 
-def test_a_camera_file_that_puts_the_table_elsewhere_is_refused(tmp_path):
+def test_camera_pose_off_the_table_raises(tmp_path):
     in_millimetres = tmp_path / "camera.yaml"
     camera = Camera.load(FILES[2])
     replace(camera, position=1e3 * camera.position).save(in_millimetres)
@@ -89,7 +89,7 @@ def test_a_camera_file_that_puts_the_table_elsewhere_is_refused(tmp_path):
         see(*FILES[:2], tilted)
 
 
-def test_an_image_of_another_size_is_refused(tmp_path):
+def test_image_of_wrong_size_raises(tmp_path):
     Image.open(FILES[0]).resize((160, 120)).save(tmp_path / "small.png")
     np.save(tmp_path / "small.npy", np.full((120, 160), 1.2))
     with pytest.raises(ImageError, match="160x120"):

@@ -1,4 +1,4 @@
-"""Methods differ in where an estimate starts and what it does then."""
+"""Methods of estimation, their ropes and metrics."""
 
 from dataclasses import replace
 
@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 import torch
 
+from knotflow.perception import SAMPLE, RopeEstimate
 from knotflow.perception.estimation.estimate import EstimateConfig, estimate, propose
 from knotflow.perception.estimation.fitting import FitConfig
 from knotflow.perception.estimation.search import SearchConfig
-from knotflow.perception.methods import METHODS, SELF_SUPERVISED, SUPERVISED
+from knotflow.perception.methods import METHODS, SELF_SUPERVISED, SUPERVISED, choose_ropes, metrics
 from knotflow.perception.networks.network import Network
+from knotflow.simulation import RopeConfig, state_or_none, straight
 from knotflow.topology import TopologicalState
 
 from .shapes import CAMERA, ROPE, image, s_curve
@@ -23,7 +25,7 @@ NEAR = 0.015
 """Metres; a network that knows a shape knows five nodes of it."""
 
 
-def test_a_proposal_is_the_networks_guess_with_its_state_and_head():
+def test_propose_returns_network_guess():
     truth = s_curve()
     seen = image(truth, head=True)
     for guess in (truth, truth[::-1]):
@@ -33,13 +35,13 @@ def test_a_proposal_is_the_networks_guess_with_its_state_and_head():
         assert found.state == TopologicalState.trivial()
 
 
-def test_a_proposal_that_does_not_account_for_the_image_is_in_doubt():
+def test_proposal_of_low_coverage_is_ambiguous():
     found = propose(image(s_curve()), CAMERA, ROPE, knowing(s_curve(), off=0.1), QUICK)
     assert found.ambiguous and found.coverage_fraction < 0.5
 
 
 @pytest.mark.slow
-def test_a_networks_guess_is_one_more_and_the_best_counts():
+def test_best_of_traced_and_network_guesses_is_kept():
     seen = image(s_curve())
     traced = estimate(seen, CAMERA, ROPE, config=QUICK)
     for off in (0.0, 0.1):
@@ -49,7 +51,7 @@ def test_a_networks_guess_is_one_more_and_the_best_counts():
 
 
 @pytest.mark.slow
-def test_strands_are_followed_unless_a_method_leaves_them_out():
+def test_method_without_strands():
     class Asked(Exception):
         pass
 
@@ -70,11 +72,9 @@ def test_strands_are_followed_unless_a_method_leaves_them_out():
     [
         ("network_without_strands", True),
         ("network_without_strands_self_supervision", False),
-        ("network_rendering_without_strands", True),
-        ("network_rendering_without_strands_self_supervision", False),
     ],
 )
-def test_each_method_starts_from_its_network(name, near):
+def test_method_uses_its_network(name, near):
     networks = {SELF_SUPERVISED: knowing(s_curve()), SUPERVISED: knowing(s_curve(), off=0.05)}
     found = METHODS[name].estimate(
         image(s_curve()), CAMERA, ROPE, QUICK, networks, s_curve(), np.random.default_rng(0)
@@ -83,7 +83,7 @@ def test_each_method_starts_from_its_network(name, near):
 
 
 @pytest.mark.slow
-def test_a_method_without_depth_does_not_look_at_it():
+def test_method_without_depth():
     seen = image(s_curve())
     other = replace(seen, depth=seen.depth.copy())
     other.depth[seen.rgb[..., 0] > 100] -= 0.004
@@ -96,3 +96,49 @@ def test_a_method_without_depth_does_not_look_at_it():
             for one in (seen, other)
         ]
         assert np.isclose(*heights, atol=1e-5) != depth
+
+
+@pytest.fixture
+def ropes(tmp_path):
+    """A file of straight ropes, the last of them half outside of the image, and an overhand."""
+    line = straight(RopeConfig())
+    overhand = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
+    points = np.stack([line, line + [0.0, 0.1, 0.0], line + [0.6, 0.0, 0.0], overhand])
+    np.savez(tmp_path / "ropes.npz", points=points.astype(np.float32), crossings=[0, 0, 0, 3])
+    return tmp_path / "ropes.npz"
+
+
+def test_choose_ropes(ropes, capsys):
+    chosen = choose_ropes(ropes, [0], 2, RopeConfig(), seed=1)
+    assert sorted(chosen) == [(0, 0), (0, 1)]
+    assert all(points[:, 0].max() < 0.55 for points in chosen.values())
+    assert len(choose_ropes(ropes, [0], 3, RopeConfig(), seed=1)) == 2
+    assert "only 2 ropes of 0 crossings" in capsys.readouterr().out
+    with pytest.raises(ValueError, match="no rope of 4 crossings in the camera's view"):
+        choose_ropes(ropes, [4], 1, RopeConfig(), seed=1)
+
+
+def test_metrics_without_estimate():
+    found = metrics(None, straight(RopeConfig()))
+    assert np.isnan(found["mean_error_mm"]) and found["doubtful"]
+    assert not found["state_correct"] and not found["head_correct"]
+
+
+def test_off_curve_error_ignores_sliding():
+    # A vertex of the true rope is on its curve, and so is the middle of a link; beside it is not.
+    truth = straight(RopeConfig())
+    middles = (truth[:-1] + truth[1:]) / 2
+    slid = np.concatenate([middles, truth[-1:]])
+    link = 1e3 * np.linalg.norm(truth[1] - truth[0])
+    for points, error, off in (
+        (truth, 0, 0),
+        (slid, link / 2 * (1 - 1 / len(truth)), 0),
+        (truth + [0, 0.003, 0.004], 5, 5),
+    ):
+        visible = np.ones(len(truth), bool)
+        found = metrics(
+            RopeEstimate(points, visible, state_or_none(points), (), 1.0, True, ()),
+            truth,
+        )
+        assert found["mean_error_mm"] == pytest.approx(error, abs=1e-3)
+        assert found["off_curve_error_mm"] == pytest.approx(off, abs=1e-3)

@@ -13,7 +13,7 @@ from knotflow.perception.networks.training import SelfSupervisionConfig, self_su
 from knotflow.simulation import RopeConfig
 
 from .shapes import CAMERA, ROPE, image, loop, s_curve
-from .test_patch import crop_rope, exact
+from .test_patches import crop_rope, exact
 from .test_training import TINY
 
 
@@ -50,7 +50,7 @@ def network() -> Network:
     [(np.s_[::-1, ::-1], [-1, -1, 1]), (np.s_[:, ::-1], [-1, 1, 1]), (np.s_[::-1], [1, -1, 1])],
     ids=["half a turn", "mirrored", "upside down"],
 )
-def test_the_proposal_turns_and_mirrors_with_the_image(network, turn, world):
+def test_guess_is_equivariant(network, turn, world):
     seen, _ = exact(loop(1) + [0.1, 0.05, 0])
     picture = image(loop(1) + [0.1, 0.05, 0])
     points = network.guesses(picture, CAMERA, ROPE, seen)[0]
@@ -63,14 +63,14 @@ def test_the_proposal_turns_and_mirrors_with_the_image(network, turn, world):
     assert other == pytest.approx(points * world, abs=1e-3)
 
 
-def test_a_proposal_is_a_shape_of_the_rope(network):
+def test_guess_has_the_rope_length(network):
     rope = RopeConfig(links=30)
     points = network.guesses(image(loop(1)), CAMERA, rope, exact(loop(1))[0])[0]
     assert points.shape == (31, 3)
     assert np.linalg.norm(np.diff(points, axis=0), axis=1) == pytest.approx(rope.link_length)
 
 
-def test_of_the_mirror_images_the_one_is_proposed_that_accounts_for_the_image():
+def test_best_mirror_image_comes_first():
     points = s_curve()
     guesses = knowing(points * [1, -1, 1]).guesses(image(points), CAMERA, ROPE, exact(points)[0])
     assert len(guesses) == 4
@@ -79,7 +79,7 @@ def test_of_the_mirror_images_the_one_is_proposed_that_accounts_for_the_image():
 
 
 @pytest.mark.parametrize("half", [False, True])
-def test_a_saved_network_proposes_the_same(network, tmp_path, half):
+def test_save_load_round_trip(network, tmp_path, half):
     network.save(tmp_path / "network.safetensors", half)
     loaded = Network.load(tmp_path / "network.safetensors")
     asked = image(s_curve()), CAMERA, ROPE, exact(s_curve())[0]
@@ -92,7 +92,7 @@ def test_the_network_is_small(tmp_path):
     assert (tmp_path / "network.safetensors").stat().st_size < 2e6
 
 
-def test_files_that_are_no_network_are_refused(tmp_path):
+def test_invalid_network_files_raise(tmp_path):
     with pytest.raises(NetworkError, match="perception_training"):
         Network.load(tmp_path / "none.safetensors")
     from safetensors.torch import save_file
@@ -102,7 +102,7 @@ def test_files_that_are_no_network_are_refused(tmp_path):
         Network.load(tmp_path / "other.safetensors")
 
 
-def test_without_rope_nothing_is_proposed(network):
+def test_guesses_without_rope_raise(network):
     bare, _ = exact(s_curve())
     bare.labels[:] = Label.TABLE
     with pytest.raises(TraceError):
@@ -110,7 +110,7 @@ def test_without_rope_nothing_is_proposed(network):
 
 
 @pytest.mark.slow
-def test_estimates_of_images_teach_the_network():
+def test_self_supervision_reduces_error():
     network = knowing(s_curve(), off=0.03)
     asked = image(s_curve()), CAMERA, ROPE, exact(s_curve())[0]
 

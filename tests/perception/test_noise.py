@@ -33,7 +33,7 @@ def test_depth_comes_in_steps_that_grow_with_the_square_of_the_distance(rng):
         np.testing.assert_allclose(steps, noise.depth_step * depth**2, rtol=0.05)
 
 
-def test_the_share_of_lost_pixels_is_higher_at_edges(rng):
+def test_more_depth_is_lost_at_edges(rng):
     image = flat(1.2)
     image.depth[:, 160:] = 1.0
     noise = CameraNoiseConfig(baseline=0)
@@ -44,7 +44,7 @@ def test_the_share_of_lost_pixels_is_higher_at_edges(rng):
     assert lost[~edge].mean() == pytest.approx(noise.loss, rel=0.15)
 
 
-def test_what_the_projector_cannot_light_has_no_depth():
+def test_shadow():
     depth = np.full((4, 320), 1.2)
     depth[:, 150:200] = 0.8
     focal_baseline = 15.0
@@ -64,7 +64,7 @@ def test_colour_noise_has_its_standard_deviation(rng):
     assert rgb.mean() == pytest.approx(100, abs=0.1)
 
 
-def test_level_zero_is_perfect_and_other_parts_of_the_image_stay(rng):
+def test_level_zero_adds_no_noise(rng):
     image = RgbdImage(flat(1.0).rgb, flat(1.0).depth, time=2.5)
     perfect = add_noise(image, Camera.overhead(), CameraNoiseConfig(level=0), rng)
     np.testing.assert_array_equal(perfect.depth, image.depth)
@@ -72,13 +72,13 @@ def test_level_zero_is_perfect_and_other_parts_of_the_image_stay(rng):
     assert add_noise(image, Camera.overhead(), CameraNoiseConfig(), rng).time == 2.5
 
 
-def test_what_has_no_depth_gets_none(rng):
+def test_unknown_depth_stays_unknown(rng):
     image = flat(1.2)
     image.depth[:100] = np.nan
     noise = CameraNoiseConfig(lateral_std=0)
     assert np.isnan(add_noise(image, Camera.overhead(), noise, rng).depth[:100]).all()
 
 
-def test_negative_noise_is_refused():
+def test_negative_noise_raises():
     with pytest.raises(ValueError, match="noise.depth_std must be 0 or more, got -1"):
         CameraNoiseConfig(depth_std=-1)

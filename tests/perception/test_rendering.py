@@ -11,7 +11,7 @@ from .shapes import CAMERA, ROPE, loop, s_curve, seen_exactly
 
 
 @pytest.mark.parametrize("points", [s_curve(), loop(1), loop(-1)], ids=["flat", "over", "under"])
-def test_depth_and_occupancy_are_those_of_cast_rays(points):
+def test_rendering_matches_ray_casting(points):
     depth, mask = seen_exactly(points)
     drawn, occupancy = (one.numpy() for one in render(torch.tensor(points), ROPE.radius, CAMERA))
     both = mask & (occupancy > 0.9)
@@ -23,7 +23,7 @@ def test_depth_and_occupancy_are_those_of_cast_rays(points):
     assert occupancy.sum() == pytest.approx(mask.sum(), rel=0.1)
 
 
-def test_the_upper_strand_hides_the_lower_one_entirely():
+def test_upper_strand_occludes_lower():
     rope = torch.tensor([[-0.1, 0, 0.1], [0.1, 0, 0.1], [0, 0.3, 0.1], [0, 0.1, 0], [0, -0.1, 0]])
     rope = rope.double().requires_grad_()
     camera = Camera.overhead(81, 61)
@@ -34,7 +34,7 @@ def test_the_upper_strand_hides_the_lower_one_entirely():
     assert rope.grad[:2].abs().max() > 0.1
 
 
-def test_gradients_are_those_of_finite_differences():
+def test_gradients_match_finite_differences():
     points = torch.tensor(loop())
     weights = torch.rand(2, CAMERA.height, CAMERA.width, generator=torch.Generator().manual_seed(1))
 
@@ -53,7 +53,7 @@ def test_gradients_are_those_of_finite_differences():
         assert float(rise) / (2 * step) == pytest.approx(slope, rel=2e-2, abs=0.5)
 
 
-def test_what_is_not_in_view_is_empty_and_has_no_depth():
+def test_rope_out_of_view():
     for away in ([3.0, 0, 0], [0, 0, 5.0]):
         depth, occupancy = render(torch.tensor(s_curve() + away), ROPE.radius, CAMERA)
         assert depth.isnan().all() and occupancy.sum() == 0

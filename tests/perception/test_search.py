@@ -27,16 +27,16 @@ def hairpin(gap: float) -> np.ndarray:
     return resample(fold + [0, 0, ROPE.radius], ROPE)
 
 
-def test_a_shape_without_contacts_stays_as_it_is():
+def test_no_rewirings_without_contacts():
     assert propose_rewirings(s_curve(), ROPE, 8) == []
 
 
-def test_strands_that_touch_are_crossed_twice_in_all_four_ways():
+def test_touching_strands_are_twisted_in_four_ways():
     states = [state_or_none(one) for one in propose_rewirings(hairpin(0.018), ROPE, 4)]
     assert len({str(state) for state in states if state and state.num_crossings == 2}) == 4
 
 
-def test_a_crossing_is_exchanged_and_its_loop_run_through_the_other_way():
+def test_crossing_is_exchanged_and_loop_reversed():
     shape = loop(1)
     turned, exchanged = propose_rewirings(shape, ROPE, 1)
     assert TopologicalState.from_curve(exchanged) == TopologicalState.from_curve(loop(-1))
@@ -46,7 +46,7 @@ def test_a_crossing_is_exchanged_and_its_loop_run_through_the_other_way():
     assert np.allclose(links, ROPE.link_length, rtol=1e-6)
 
 
-def test_an_end_is_led_to_rope_that_is_left_out():
+def test_extend_to_missed():
     points = s_curve()
     short = points.copy()
     short[-5:] = points[-6] + np.linspace(0, 1, 5)[:, None] * [0, 0.1, 0]
@@ -55,12 +55,12 @@ def test_an_end_is_led_to_rope_that_is_left_out():
 
 
 @pytest.mark.slow
-def test_a_crossing_the_wrong_way_round_is_found():
+def test_search_corrects_crossing():
     found = search([loop(-1)], target(loop(1)), CAMERA, ROPE).shapes[0]
     assert TopologicalState.from_curve(found) == TopologicalState.from_curve(loop(1))
 
 
-def test_a_search_goes_on_from_what_was_rearranged_before(monkeypatch):
+def test_search_continues_from_result(monkeypatch):
     asked = []
     monkeypatch.setattr(searching, "propose_rewirings", lambda shape, *_: asked.append(shape) or [])
     monkeypatch.setattr(searching, "extend_to_missed", lambda *_: [])
@@ -78,7 +78,7 @@ def test_a_search_goes_on_from_what_was_rearranged_before(monkeypatch):
     np.testing.assert_allclose(found.shapes[0], done, atol=1e-4)
 
 
-def test_a_guess_whose_end_touches_a_strand_is_rearranged_as_any():
+def test_guess_with_touching_end_is_rewired():
     touching = np.linspace([-0.39, 0, ROPE.radius], [0.41, 0, ROPE.radius], 31)
     back = np.linspace([0.41, 0.1, ROPE.radius], [0.0, 0.1, ROPE.radius], 9)
     down = np.linspace([0.0, 0.09, ROPE.radius], [0.0, 0.0, ROPE.radius], 5)

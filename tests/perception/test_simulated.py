@@ -52,7 +52,7 @@ def test_a_rope_is_seen_where_the_camera_projects_it(camera, simulated, rng):
     assert (labels[np.rint(v).astype(int), np.rint(u).astype(int)] == Label.ROPE).all()
 
 
-def test_rays_cast_where_something_may_be_seen_are_all_that_matter(camera, rng, monkeypatch):
+def test_ray_window_changes_nothing(camera, rng, monkeypatch):
     """An image is the same whether or not its other rays are cast."""
     turned = Rotation.from_euler("xyz", [150, 20, 40], degrees=True).as_matrix()
     near = replace(camera, position=np.array([0.1, 0.0, 0.25]))
@@ -125,7 +125,7 @@ def test_an_image_is_the_same_for_the_same_generator(camera, overhand):
     assert (one.rgb != other.rgb).any() and (one.depth != other.depth).any()
 
 
-def test_drawn_colours_can_be_told_apart(rng):
+def test_drawn_colours_have_contrast(rng):
     for level in (1, 2):
         noise = CameraNoiseConfig(level=level)
         for _ in range(50):
@@ -135,6 +135,6 @@ def test_drawn_colours_can_be_told_apart(rng):
     assert Appearance.draw(rng, CameraNoiseConfig(coloured_head=False)).head is None
 
 
-def test_points_of_another_rope_are_refused(simulated, overhand):
+def test_points_of_another_rope_raise(simulated, overhand):
     with pytest.raises(ShapeError):
         simulated.view(overhand[:-1])

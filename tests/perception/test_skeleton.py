@@ -13,7 +13,7 @@ PIXELS = CAMERA.fx / CAMERA.position[2]  # of a metre on the table
 
 
 @pytest.mark.parametrize("points", [s_curve(), loop(1), loop(-1)], ids=["flat", "over", "under"])
-def test_a_rope_is_followed_and_lifted(points):
+def test_trace_and_lift(points):
     depth, mask = seen_exactly(points)
     path = trace(mask, 2 * ROPE.radius * PIXELS, PIXELS)[0]
     assert path.covered == pytest.approx(1)
@@ -26,7 +26,7 @@ def test_a_rope_is_followed_and_lifted(points):
 
 
 @pytest.mark.parametrize("angle", [20, 45, 90])
-def test_two_strands_that_cross_go_on_straight(angle):
+def test_trace_continues_straight_at_crossings(angle):
     v, u = np.mgrid[:80, :100]
     mask = np.abs(v - 40) < 2
     turn = np.deg2rad(angle)
@@ -40,7 +40,7 @@ def test_two_strands_that_cross_go_on_straight(angle):
     assert np.abs(path - straight).max() < 3
 
 
-def test_nothing_to_follow_is_said():
+def test_trace_of_empty_mask_raises():
     mask = np.zeros((60, 80), bool)
     with pytest.raises(TraceError, match="0 pixels"):
         trace(mask, 3.0)
@@ -49,7 +49,7 @@ def test_nothing_to_follow_is_said():
         trace(mask, 3.0)
 
 
-def test_coverage_is_that_of_the_rope_where_colours_mix(rng):
+def test_pixel_coverage_of_mixed_colours(rng):
     seen = image(s_curve())
     whole = segment(seen, CAMERA, ROPE.radius)
     blurred = (0.5 * seen.rgb + 0.5 * np.roll(seen.rgb, 1, axis=0)).astype(np.uint8)

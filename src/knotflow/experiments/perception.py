@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -272,17 +272,6 @@ def _estimate_image(
         np.save(file, shape)  # given a path, it would append an ending
 
 
-@dataclass(frozen=True)
-class _Setup:
-    networks: Path
-    rope: RopeConfig
-    estimate: EstimateConfig
-    noise: CameraNoiseConfig
-    methods: list[str]
-    levels: list[float]
-    seed: int
-
-
 @stage
 def perception(
     run: StageRun,
@@ -312,8 +301,10 @@ def perception(
         raise ValueError(f"unknown methods {unknown}; methods are: {', '.join(METHODS)}")
     chosen = choose_ropes(ropes / ROPES, crossings, per_crossings, rope, seed)
     shapes = {f"{count}-{number}": shape for (count, number), shape in chosen.items()}
-    setup = _Setup(networks, rope, estimate, camera_noise, methods, levels, seed)
-    run.table("estimates.csv", partial(_estimate_rope, setup, shapes), [*shapes], "perception")
+    work = partial(
+        _estimate_rope, shapes, networks, rope, estimate, camera_noise, methods, levels, seed
+    )
+    run.table("estimates.csv", work, [*shapes], "perception")
     drawn = []
     for path in sorted((run.out / "drawn").glob("*.npz")):
         with np.load(path) as file:
@@ -324,30 +315,37 @@ def perception(
 
 
 def _estimate_rope(
-    setup: _Setup, shapes: Mapping[str, NDArray[np.float64]], run: StageRun, name: str
+    shapes: Mapping[str, NDArray[np.float64]],
+    weights: Path,
+    rope: RopeConfig,
+    config: EstimateConfig,
+    camera_noise: CameraNoiseConfig,
+    methods: list[str],
+    levels: list[float],
+    seed: int,
+    run: StageRun,
+    name: str,
 ) -> pd.DataFrame:
-    truth, networks = shapes[name], load_networks(setup.networks)
+    truth, networks = shapes[name], load_networks(weights)
     crossings, number = map(int, name.split("-"))
     rows = []
-    for level in setup.levels:
-        rng = rng_of(setup.seed, 1, crossings, number, round(100 * level))
-        noise = replace(setup.noise, level=level)
+    for level in levels:
+        rng = rng_of(seed, 1, crossings, number, round(100 * level))
+        noise = replace(camera_noise, level=level)
         appearance = Appearance.draw(rng, noise)
-        methods = [one for one in setup.methods if level == NOMINAL or not METHODS[one].nominal]
+        compared = [one for one in methods if level == NOMINAL or not METHODS[one].nominal]
         looks = {MARKED: appearance, PLAIN: replace(appearance, head=None), FINE: appearance}
         images = {
-            view: noisy_image(SimulatedCamera(CAMERAS[view], setup.rope, noise, look), truth, rng)
+            view: noisy_image(SimulatedCamera(CAMERAS[view], rope, noise, look), truth, rng)
             for view, look in looks.items()
-            if any(METHODS[one].view == view for one in methods)
+            if any(METHODS[one].view == view for one in compared)
         }
-        for method in methods:
+        for method in compared:
             how = METHODS[method]
             image, rope_iou = images[how.view]
             began = time.process_time()
             try:
-                found = how.estimate(
-                    image, CAMERAS[how.view], setup.rope, setup.estimate, networks, truth, rng
-                )
+                found = how.estimate(image, CAMERAS[how.view], rope, config, networks, truth, rng)
             except TraceError:
                 found = None
             seconds = time.process_time() - began

@@ -97,15 +97,6 @@ METHODS = {
         network=SUPERVISED, strands=False, rendering=False, nominal=True
     ),
     "network_rendering": EstimationMethod(network=SELF_SUPERVISED),
-    "network_rendering_without_strands": EstimationMethod(
-        network=SELF_SUPERVISED, strands=False, nominal=True
-    ),
-    "network_rendering_without_strands_self_supervision": EstimationMethod(
-        network=SUPERVISED, strands=False, nominal=True
-    ),
-    "network_rendering_without_depth": EstimationMethod(
-        network=SELF_SUPERVISED, depth=False, nominal=True
-    ),
     "network_tracing_rendering": EstimationMethod(tracing=True, network=SELF_SUPERVISED),
     "network_tracing_rendering_without_strands": EstimationMethod(
         tracing=True, network=SELF_SUPERVISED, strands=False, nominal=True
@@ -131,14 +122,8 @@ def _moved(truth: NDArray, rope: RopeConfig, rng: np.random.Generator) -> NDArra
 def choose_ropes(
     path: Path, crossings: Sequence[int], count: int, rope: RopeConfig, seed: int
 ) -> dict[tuple[int, int], NDArray]:
-    """Shapes (V, 3), metres, by number of crossings and a count; all of each is in view.
-
-    Args:
-        path: shapes and their numbers of crossings, as the stage `ropes` has them.
-        crossings: the numbers wanted.
-        count: ropes of each number; where there are fewer, all of these are taken.
-        rope: what they are shapes of.
-        seed: of the choice.
+    """At most `count` shapes (V, 3), metres, in view, of each number of crossings, by that and a
+    count, drawn from the file of the stage `ropes`.
 
     Raises:
         ValueError: no rope of a number of crossings.

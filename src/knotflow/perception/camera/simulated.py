@@ -167,14 +167,8 @@ class SimulatedCamera:
         closed: bool = True,
         time: float = 0.0,
     ) -> RgbdImage:
-        """An image of a rope, with noise.
-
-        Args:
-            points: (V, 3) rope vertices, metres, head first, world frame.
-            rng: draws the noise.
-            gripper: (3,) metres, the point between the fingertips; None is out of view.
-            closed: whether the fingers are closed on the rope.
-            time: seconds.
+        """An image with noise of a rope (V, 3), metres, head first, and of a gripper, by the point
+        (3,) between its fingertips, metres, unless it is out of view.
 
         Raises:
             ShapeError: for points that are not a shape of this rope.

@@ -7,7 +7,6 @@ at all junctions at once: straight on, leaving little of the skeleton out.
 from __future__ import annotations
 
 import itertools
-from collections import Counter
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,8 +23,6 @@ _ZOOM = 3  # a mask is smoothed on a grid this much finer, or its skeleton is ra
 _SMOOTH = 0.3  # pixels
 _JUNCTION = 0.75  # rope widths around a branching point that belong to its junction
 _TANGENT = 1.5  # rope widths along an arm that give its direction
-_SIDE_BY_SIDE = 0.75  # rope widths from an arm's middle to its edge that make it two strands
-_SHARED = 8.0  # rope widths: two strands that cross do not share more
 _LEFT_OUT = 30.0  # cost of leaving out all of the skeleton, in squared radians of turning
 _RAGGED = 1.04  # a path of pixels is about this much longer than the line it follows
 _TOLERANCE = 0.05  # of the length, that a rope seen at an angle or raised may be off
@@ -115,54 +112,19 @@ def _skeleton(mask: NDArray, width: float) -> tuple[list[Floats], list[list[ArmE
     places, _ = ndimage.label(near, around)
     pieces, count = ndimage.label(bones & ~near, around)
     boxes = ndimage.find_objects(pieces)
-    thickness = ndimage.distance_transform_edt(fine)
     touching = ndimage.grey_dilation(places, size=(3, 3))
-    paths: list[tuple[NDArray[np.intp], list[int]]] = []  # with the junction at either end, or 0
+    arms: list[Floats] = []
+    at: dict[int, list[ArmEnd]] = {}
     for index in range(1, count + 1):
         corner = np.array([axis.start for axis in boxes[index - 1]])
         path = _ordered(np.argwhere(pieces[boxes[index - 1]] == index) + corner)
         ends = [int(touching[tuple(path[end])]) for end in (0, -1)]
         if 0 not in ends or _length(path) > width:  # no spur
-            paths.append((path, ends))
-    arms: list[Floats] = []
-    at: dict[int, list[ArmEnd]] = {}
-    strands = [_strands(path, thickness, width) for path, _ in paths]
-    for index in _shared([ends for _, ends in paths], strands, width):
-        strands[index] = 2 * strands[index]
-    for (_, ends), sides in zip(paths, strands, strict=True):
-        for side in sides:
             for end, place in zip((0, -1), ends, strict=True):
                 if place:
                     at.setdefault(place, []).append((len(arms), end))
-            arms.append(side)
+            arms.append(path.astype(float))
     return arms, list(at.values())
-
-
-def _shared(places: list[list[int]], strands: list[list[Floats]], width: float) -> list[int]:
-    """Arms that two strands share, crossing at an acute angle: without them an odd number of
-    strands would meet at both of their junctions."""
-    degree = Counter(
-        place for ends, sides in zip(places, strands, strict=True) for place in ends for _ in sides
-    )
-    found = []
-    for index in sorted(range(len(places)), key=lambda k: len(strands[k][0])):
-        one, other = places[index]
-        odd = one and other and one != other and degree[one] % 2 and degree[other] % 2
-        if odd and _length(strands[index][0]) < _SHARED * width:
-            found.append(index)
-            degree.update((one, other))
-    return found
-
-
-def _strands(arm: NDArray[np.intp], thickness: Floats, width: float) -> list[Floats]:
-    """The strands that an arm (N, 2) shows: itself, or two side by side where it is wide."""
-    path = arm.astype(float)
-    if np.median(thickness[tuple(arm.T)]) < _SIDE_BY_SIDE * width or len(arm) < 3:
-        return [path]
-    along = path[np.minimum(np.arange(len(arm)) + 3, len(arm) - 1)]
-    along = along - path[np.maximum(np.arange(len(arm)) - 3, 0)]
-    aside = along[:, ::-1] * [1.0, -1.0] / np.linalg.norm(along, axis=1, keepdims=True)
-    return [path + 0.5 * width * aside, path - 0.5 * width * aside]
 
 
 def _ordered(pixels: NDArray[np.intp]) -> NDArray[np.intp]:

@@ -176,14 +176,8 @@ class RopeTrainer(SupervisedTrainer):
         config: TrainingConfig | StrandTrainingConfig,
         seed: int,
     ) -> None:
-        """Draw the first weights and hold the last shapes out.
-
-        Args:
-            points: (N, V, 3) shapes at rest, metres; ones that come from one another side by side.
-            crossings: (N,) number of each shape.
-            rope: what they are shapes of.
-            config: the effort.
-            seed: of everything random.
+        """Draw the first weights and hold the last of the shapes (N, V, 3), metres, out; ones that
+        come from one another stand side by side.
 
         Raises:
             ValueError: fewer than two shapes.
@@ -333,17 +327,8 @@ def self_supervise(
     """Training of a network's model of whole ropes, in place, on images alone: it learns to guess
     their estimates. [15] descends the rendering's loss itself instead.
 
-    Args:
-        network: has as many nodes as the rope vertices.
-        images: of this camera, each of one rope.
-        shapes: (V, 3) metres, the estimate of each image; leave ambiguous ones out.
-        camera: that took them.
-        rope: its length, radius and number of links.
-        config: the effort.
-        seed: of the order of the images.
-
-    Yields:
-        Each step's loss.
+    The `shapes` (V, 3), metres, one an image, are unambiguous estimates; the network has as many
+    nodes as they have vertices. Yields each step's loss.
 
     Raises:
         TraceError: an image without rope.

@@ -1,4 +1,4 @@
-"""Strands are followed: what the windows show, what is learned from them, and the paths found."""
+"""Strand tracing, its windows and network."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ from knotflow.simulation import state_or_none
 
 from .shapes import CAMERA, ROPE, image, loop, s_curve
 from .test_network import knowing, shape_error
-from .test_patch import exact
+from .test_patches import exact
 from .test_training import TINY as WHOLE
 
 PERFECT = ExamplesConfig(noise=0, blur=0, sharpen=0, lost=0, hidden=0)
@@ -112,7 +112,7 @@ def test_the_same_generator_draws_the_same_windows():
     assert all(torch.equal(a, b) for a, b in zip(one, other, strict=True))
 
 
-def test_ways_on_are_probabilities():
+def test_network_output_is_normalised():
     found = StrandNetwork(TINY)(torch.rand(3, 5, SIDE, SIDE), torch.ones(3))
     assert found.heading.shape == (3, HEADINGS)
     assert found.heading.exp().sum(1).tolist() == pytest.approx([1, 1, 1], abs=1e-5)
@@ -121,7 +121,7 @@ def test_ways_on_are_probabilities():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("shape", [s_curve(), loop(1)], ids=["flat", "loop"])
-def test_a_path_runs_along_the_rope_from_end_to_end(shape):
+def test_path_follows_rope(shape):
     best = trace_strands(Hound(), table_map(shape), LENGTH)[0]
     assert off(best, shape) < 1.0
     assert best.length == pytest.approx(LENGTH, rel=0.08)
@@ -130,7 +130,7 @@ def test_a_path_runs_along_the_rope_from_end_to_end(shape):
     assert ends == pytest.approx(truth, abs=3)
 
 
-def test_no_path_runs_along_itself():
+def test_path_does_not_repeat_itself():
     for path in trace_strands(Hound(), table_map(loop(1)), LENGTH):
         steps = np.linalg.norm(np.diff(path.points[:, :2], axis=0), axis=1)
         assert steps == pytest.approx(STEP)
@@ -146,7 +146,7 @@ def test_an_empty_table_has_no_paths():
     assert trace_rope(Hound(), bare, share, CAMERA, ROPE) == []
 
 
-def test_a_strand_that_ends_where_it_is_begun_is_no_path():
+def test_empty_strand_is_no_path():
     class Blind(Hound):
         def forward(self, windows: torch.Tensor, height: torch.Tensor) -> NextStep:
             return super().forward(windows, height)._replace(end=torch.full_like(height, 20.0))
@@ -156,7 +156,7 @@ def test_a_strand_that_ends_where_it_is_begun_is_no_path():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("over", [1, -1])
-def test_the_shipped_network_follows_a_loop_over_and_under(over):
+def test_shipped_network_traces_loop(over):
     network = shipped_network()
     assert network is not None and network.strands is not None
     points = loop(over)
@@ -169,7 +169,7 @@ def test_the_shipped_network_follows_a_loop_over_and_under(over):
     assert state in (state_or_none(shape), state_or_none(shape[::-1]))
 
 
-def test_a_network_with_strands_outlives_a_file(tmp_path):
+def test_save_load_with_strands(tmp_path):
     network = Network(CoarseToFine(WHOLE), StrandNetwork(TINY))
     network.save(tmp_path / "network.safetensors", half=False)
     loaded = Network.load(tmp_path / "network.safetensors")
@@ -179,7 +179,7 @@ def test_a_network_with_strands_outlives_a_file(tmp_path):
 
 
 @pytest.mark.slow
-def test_of_all_guesses_the_one_along_the_strands_is_proposed_where_it_accounts_best():
+def test_strand_guess_comes_first_where_best():
     points = loop(1)
     asked = image(points), CAMERA, ROPE, exact(points)[0]
     whole = knowing(s_curve())
@@ -190,7 +190,7 @@ def test_of_all_guesses_the_one_along_the_strands_is_proposed_where_it_accounts_
 
 
 @pytest.mark.slow
-def test_the_network_learns_windows_by_heart():
+def test_strand_network_overfits_windows():
     found = windows(*[loop(1), s_curve()] * 16)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)

@@ -1,4 +1,4 @@
-"""The network's patch: it moves, turns and mirrors with the rope."""
+"""Patches around ropes."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def mirror_images(crop: np.ndarray) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("points", [s_curve(), loop(1)], ids=["flat", "crossing"])
-def test_nodes_and_points_are_each_others_inverse(points):
+def test_to_world_inverts_from_world(points):
     patch, _ = crop_rope(*exact(points), CAMERA, ROPE, SIZE)
     nodes = patch.from_world(points, CAMERA)
     assert np.abs(nodes[:, :2]).max() < 1
@@ -38,7 +38,7 @@ def test_nodes_and_points_are_each_others_inverse(points):
     assert patch.to_world(nodes, CAMERA) == pytest.approx(points, abs=1e-12)
 
 
-def test_a_raised_vertex_is_where_the_camera_sees_it():
+def test_raised_vertex_is_on_its_ray():
     raised = np.array([[0.3, -0.2, 0.1]])
     place = project_to_plane(raised, CAMERA.position, ROPE.radius)
     both = CAMERA.project([raised[0], [*place[0], ROPE.radius]])
@@ -46,7 +46,7 @@ def test_a_raised_vertex_is_where_the_camera_sees_it():
 
 
 @pytest.mark.parametrize("angle", [0.5, 2.0, np.pi])
-def test_the_patch_turns_with_the_rope(angle):
+def test_patch_rotates_with_rope(angle):
     places = s_curve()[:, :2]
     one = Patch.around(places, ROPE.radius, ROPE.length)
     other = Patch.around(turned(s_curve(), angle)[:, :2], ROPE.radius, ROPE.length)
@@ -57,7 +57,7 @@ def test_the_patch_turns_with_the_rope(angle):
 
 
 @pytest.mark.parametrize("angle", [0.5, np.pi])
-def test_what_is_seen_does_not_depend_on_how_the_rope_is_turned(angle):
+def test_crop_is_rotation_invariant(angle):
     _, crop = crop_rope(*exact(loop(1)), CAMERA, ROPE, SIZE)
     _, other = crop_rope(*exact(turned(loop(1), angle) + [0.05, -0.03, 0]), CAMERA, ROPE, SIZE)
     nearest = min(np.abs(crop - one)[0].sum() for one in mirror_images(other))
@@ -65,7 +65,7 @@ def test_what_is_seen_does_not_depend_on_how_the_rope_is_turned(angle):
     assert np.abs(crop - np.rot90(crop, axes=(1, 2)))[0].sum() > crop[0].sum()  # were it not so
 
 
-def test_hidden_and_lost_pixels_are_unknown_not_bare():
+def test_hidden_pixels_are_unknown():
     segmentation, share = exact(s_curve())
     row, column = np.argwhere(segmentation.rope)[40]
     segmentation.labels[row - 6 : row + 7, column - 6 : column + 7] = Label.GRIPPER
@@ -73,14 +73,14 @@ def test_hidden_and_lost_pixels_are_unknown_not_bare():
     assert crop[2].min() < 0.1 < 0.9 < np.median(crop[2])
 
 
-def test_places_of_pixels_are_seen_there():
+def test_on_plane_inverts_project():
     mask = np.zeros((CAMERA.height, CAMERA.width), bool)
     mask[100, 200] = True
     (place,) = CAMERA.on_plane(mask, ROPE.radius)
     assert CAMERA.project([*place, ROPE.radius])[:2] == pytest.approx([200, 100])
 
 
-def test_without_rope_there_is_nothing_to_look_at():
+def test_crop_without_rope_raises():
     segmentation, share = exact(s_curve())
     segmentation.labels[:] = Label.TABLE
     with pytest.raises(TraceError, match="no rope"):

@@ -1,4 +1,4 @@
-"""A rope is followed from image to image, and a tracker that lost it says so."""
+"""The tracker and its prediction at constant velocity."""
 
 from dataclasses import replace
 
@@ -14,7 +14,9 @@ from knotflow.perception import (
     Tracker,
     TrackerConfig,
 )
+from knotflow.perception.estimation.chain import project_lengths
 from knotflow.perception.tracking import tracker as tracking
+from knotflow.perception.tracking.tracker import constant_velocity
 
 from .shapes import CAMERA, ROPE, image, s_curve
 
@@ -41,7 +43,7 @@ def bare():
     return RgbdImage(np.full_like(seen.rgb, 60), depth)
 
 
-def test_a_dragged_rope_is_followed():
+def test_track_dragged_rope():
     points = s_curve()
     tracker = Tracker(CAMERA, ROPE, points)
     for frame in range(4):
@@ -54,7 +56,7 @@ def test_a_dragged_rope_is_followed():
         )
 
 
-def test_hidden_vertices_move_by_the_prediction():
+def test_hidden_vertices_follow_prediction():
     points, shift = s_curve(), np.array([0.0, 0.02, 0.0])
     seen = image(points + shift)
     seen.depth[:, CAMERA.width // 2 :] = np.nan
@@ -64,7 +66,7 @@ def test_hidden_vertices_move_by_the_prediction():
     assert np.linalg.norm(found.points - points - shift, axis=1)[-8:].max() < 8e-3
 
 
-def test_a_rope_that_jumped_and_is_not_found_is_said_to_be_lost(monkeypatch):
+def test_lost_track_is_reported(monkeypatch):
     asked = []
 
     def in_vain(*arguments, **named):
@@ -81,7 +83,7 @@ def test_a_rope_that_jumped_and_is_not_found_is_said_to_be_lost(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_lost_rope_is_found_again_its_head_where_it_was_nearest():
+def test_reacquisition_preserves_head():
     points = s_curve()
     tracker = Tracker(CAMERA, ROPE, points - [0, 0.3, 0], QUICK)
     found = tracker.update(image(points))
@@ -90,7 +92,7 @@ def test_a_lost_rope_is_found_again_its_head_where_it_was_nearest():
     assert error(tracker.update(image(points)), points) < 6e-3
 
 
-def test_a_table_without_rope_is_a_lost_track_not_a_rope():
+def test_bare_table_is_a_lost_track():
     points = s_curve()
     found = Tracker(CAMERA, ROPE, points, QUICK).update(bare())
     assert found.ambiguities[0] == "the track is lost"
@@ -98,7 +100,7 @@ def test_a_table_without_rope_is_a_lost_track_not_a_rope():
 
 
 @pytest.mark.slow
-def test_a_look_at_the_rope_at_rest_keeps_head_and_shape():
+def test_look_preserves_head():
     points = s_curve()
     tracker = Tracker(CAMERA, ROPE, points + [0, 0.004, 0], QUICK)
     found = tracker.look(image(points))
@@ -114,18 +116,18 @@ def test_a_look_at_the_rope_at_rest_keeps_head_and_shape():
         (np.array([0.0, np.nan, 0.0]), 3, "needs the gripper's place"),
     ],
 )
-def test_what_holds_the_rope_has_to_make_sense(gripper, grasped, message):
+def test_invalid_grasp_raises(gripper, grasped, message):
     points = s_curve()
     with pytest.raises(ValueError, match=message):
         Tracker(CAMERA, ROPE, points).update(image(points), gripper, grasped)
 
 
-def test_a_track_begins_with_a_shape_of_the_rope():
+def test_invalid_initial_shape_raises():
     with pytest.raises(ValueError, match=r"points \(41, 3\)"):
         Tracker(CAMERA, ROPE, s_curve()[:-1])
 
 
-def test_a_model_is_told_where_the_gripper_is_and_not_where_its_link_trails():
+def test_model_receives_gripper_position():
     points, told = s_curve(), []
 
     def predict(now, velocities, seconds, gripper, grasped):
@@ -142,7 +144,7 @@ def test_a_model_is_told_where_the_gripper_is_and_not_where_its_link_trails():
 
 
 @pytest.mark.slow
-def test_at_rest_a_rope_is_found_that_was_tracked_elsewhere():
+def test_look_recovers_lost_rope():
     points = s_curve()
     astray = points.copy()
     astray[25:, 1] += np.linspace(0.0, 0.12, 16)
@@ -152,3 +154,49 @@ def test_at_rest_a_rope_is_found_that_was_tracked_elsewhere():
     assert np.array_equal(tracker.points, found.points)
     with pytest.raises(TraceError):
         tracker.look(bare())
+
+
+HELD = 12
+
+
+def lengths(points):
+    return np.linalg.norm(np.diff(points, axis=0), axis=1)
+
+
+def test_released_rope_stays():
+    points = s_curve()
+    assert np.array_equal(constant_velocity(points, np.ones_like(points), 0.1, None, None), points)
+
+
+def test_still_gripper_moves_nothing():
+    points = s_curve()
+    gripper = points[HELD : HELD + 2].mean(axis=0)
+    still = constant_velocity(points, np.zeros_like(points), 0.1, gripper, HELD)
+    assert np.allclose(still, points, atol=1e-9)
+
+
+def test_held_link_follows_gripper():
+    points = s_curve()
+    gripper = points[HELD : HELD + 2].mean(axis=0) + [0.03, 0.06, 0.05]
+    moved = constant_velocity(points, np.zeros_like(points), 0.1, gripper, HELD)
+    assert np.linalg.norm(moved[HELD : HELD + 2].mean(axis=0) - gripper) < 2e-3
+    assert np.allclose(lengths(moved), ROPE.link_length, rtol=1e-6)
+
+
+def test_velocity_is_limited_in_time():
+    points, velocity = s_curve(), np.array([0.1, 0.0, 0.0])
+    gripper = points[HELD : HELD + 2].mean(axis=0)
+    moved = constant_velocity(points, velocity + 0 * points, 0.1, gripper + 0.1 * velocity, HELD)
+    assert np.allclose(moved - points, 0.1 * velocity, atol=1e-9)
+    later = constant_velocity(points, velocity + 0 * points, 5.0, gripper, HELD)
+    assert np.linalg.norm(later - points, axis=1).max() < 0.03
+
+
+def test_an_immovable_vertex_stays():
+    points = s_curve()
+    stretched = points * [1.05, 1.0, 1.0]
+    mobility = np.ones(len(points))
+    mobility[5] = 1e-6
+    shape = project_lengths(stretched, ROPE.link_length, mobility)
+    assert np.linalg.norm(shape[5] - stretched[5]) < 1e-5
+    assert lengths(shape) == pytest.approx(ROPE.link_length, rel=1e-6)
