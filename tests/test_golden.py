@@ -92,8 +92,7 @@ from knotflow.topology import (
 )
 from knotflow.topology.draw import draw
 from knotflow.training import Learner, LearnerConfig
-from knotflow.training.learner import demonstration_buffer
-from knotflow.training.losses import actor_loss, critic_loss
+from knotflow.training.learner import actor_loss, critic_loss, demonstration_buffer
 from knotflow.training.trainer import SupervisedTrainer
 from knotflow.versions import COMPONENTS
 from knotflow.workflow.dependencies import component_versions, modules_of

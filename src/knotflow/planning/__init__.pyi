@@ -4,16 +4,17 @@ from .dag import SearchGraph, SolutionDag, UnreachableGoalError
 from .goals import Goal, NoRoomError, most_crossings, parse_goal
 from .nodes import SearchUpdate
 from .plan import ExpansionStats, KnotPlan, PlanFormatError, PlanStep
-from .plan_rope import (
+from .ropes import ROPE_NAMES, RopeInputError, lay_down, parse_rope, read_rope
+from .tree import AlreadyTiedError, TreeSearch, plan_knot, plan_rope
+from .validation import (
     RECORD_RATE,
-    AlreadyTiedError,
+    Penetration,
+    StepCheck,
+    check_steps,
     estimate_success,
-    plan_rope,
+    find_penetrations,
     replay,
 )
-from .ropes import ROPE_NAMES, RopeInputError, lay_down, parse_rope, read_rope
-from .tree import TreeSearch, plan_knot
-from .validation import Penetration, StepCheck, check_steps, find_penetrations
 from .waypoints import GripperConfig, Waypoints
 
 __all__ = [

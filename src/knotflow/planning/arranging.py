@@ -43,15 +43,7 @@ def attempt_arranged(
     An arranging spline that loses the state ends the attempt. A sampler that cannot arrange, or
     value the gain, acts at once.
 
-    Args:
-        points: (B, V, 3) metres, at rest in the state `start`.
-        action: legal in it.
-        start: the state of every rope.
-        sampler: proposes splines.
-        simulator: executes them.
-        rng: everything random comes from it.
-        most: arranging splines before the one that acts.
-        observe: called with every batch of splines.
+    The ropes are in metres, at rest, all in the state `start`.
 
     Raises:
         IllegalActionError: the start state does not allow the action.

@@ -1,4 +1,4 @@
-"""What a search takes from the configuration, and the name of a plan's folder."""
+"""Configuration of a search, and the name of a plan's folder."""
 
 from __future__ import annotations
 
@@ -15,27 +15,22 @@ class PlannerConfig:
     """How the tree grows, and when to give up."""
 
     rule: str = "posterior"
-    """What is expanded next, see `planning.rules`: posterior, where the fewest further branches are
-    expected, or paper, at random as in Sec. V-B d."""
+    """What is expanded next, see `planning.rules`: posterior, or paper as in Sec. V-B d."""
     arranging: int = 3
-    """Most splines in a row that keep the state and make room before one that acts; 0 is the paper.
-    The paper's rule has none."""
+    """Most arranging splines in a row before one that acts; by the paper's rule there are none."""
     use_next_value: bool = True
     """Whether splines are also sampled for the value of their ends (Sec. V-B c), where the sampler
     can and another action follows."""
     guess_fraction: float = 0.5
-    """Share of guesses among the splines where a policy's are likely to be all alike: for an action
-    whose value is below `guess_below_value`, after a success from the same shape, and for
-    arranging. Of many guesses the best predicted ones are tried. The paper's rule has none."""
+    """Share of guesses among splines for an action whose value is below `guess_below_value`, after
+    a success from the same shape, and for arranging; by the paper's rule there are none."""
     guess_below_value: float = 0.3
     """See `guess_fraction`."""
     undoing: bool = False
-    """Whether crossings may be undone from any rope, so that every goal can be reached. If not set,
-    only where the rope has crossings at the start, and by the paper's rule never. For a sampler
-    that does not know `Undo`, drags are aimed."""
+    """Whether crossings may be undone from any rope. If not set, only where the rope has crossings
+    at the start, and by the paper's rule never."""
     bias: float = 10.0
-    """The paper's rule: how many times likelier a node is expanded than one that is one edge
-    farther from the goal; 1 is no bias."""
+    """The paper's rule: factor on a node's probability for each edge nearer to the goal."""
     batch: int = 1
     """Splines simulated at once; 1 is the paper's search."""
     max_branches: int = 2000
@@ -43,19 +38,16 @@ class PlannerConfig:
     max_seconds: float = 600.0
     """Give up after this time, seconds of wall clock; a batch that has begun is finished."""
     value_bias: float = 0.0
-    """The paper's rule: exponent of the critic's value of an edge in its probability to be
-    expanded; 0 is the paper. Without a critic every value is 1."""
+    """The paper's rule: exponent of the critic's value of an edge in its probability; 0 is the
+    paper."""
     failure_discount: float = 1.0
-    """The paper's rule: factor on a node's weight for every failed expansion; 1 is the paper. Below
-    1 the search leaves nodes from which nothing succeeds."""
+    """The paper's rule: factor on a node's weight for every failed expansion; 1 is the paper."""
     steady: bool = False
-    """Whether a plan counts only if all of its splines lead to the same states at half the time
-    step, and these last (`validation.are_robust`). Otherwise the search drops the first such step
-    and all that follows, and goes on."""
+    """Whether a plan counts only if its steps are robust (`validation.are_robust`); otherwise the
+    search drops the first that is not, and all that follows."""
     margin: float = 0.0
-    """Least length of rope, metres, that an expansion leaves between two crossings, or between one
-    and the rope's end, unless a segment was shorter before; 0 is the paper. Strands that only just
-    cross do not on another rope."""
+    """Least length of a segment that an expansion leaves, metres, unless one was shorter before; 0
+    is the paper."""
 
     def __post_init__(self) -> None:
         if self.rule not in RULES:

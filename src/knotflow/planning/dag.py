@@ -25,7 +25,7 @@ class SolutionDag:
     """
 
     def __init__(self, graph: nx.MultiDiGraph, goals: Iterable[TopologicalState]) -> None:
-        """Use `to` or `along`; every node of the graph must lead to a goal in it."""
+        """Every node of the graph leads to a goal in it."""
         self.graph = graph
         self.goals = frozenset(goals)
         backward = graph.reverse(copy=False)
@@ -40,20 +40,12 @@ class SolutionDag:
 
     @classmethod
     def to(cls, *goals: TopologicalState) -> SolutionDag:
-        """Every path from the trivial state to any of the goals.
-
-        Raises:
-            TypeError: no goal, or one that is not a TopologicalState.
-        """
+        """Every path from the trivial state to any of the goals."""
         return cls(solution_graph(*sorted(goals)), goals)
 
     @classmethod
     def along(cls, actions: Sequence[Action], start: TopologicalState | None = None) -> SolutionDag:
-        """One topological path only, as in Sec. VII-A4: its last state is the goal.
-
-        Args:
-            actions: at least one, the first legal in `start`.
-            start: where the path begins; the trivial state if None.
+        """One topological path (Sec. VII-A4) from `start`, or the trivial state, to its last state.
 
         Raises:
             ValueError: no action.
@@ -101,11 +93,7 @@ class SolutionDag:
         return actions
 
     def check_start(self, state: TopologicalState) -> None:
-        """Refuse a state that is not in this graph.
-
-        Raises:
-            UnreachableGoalError: says why no edges lead from it to the goal.
-        """
+        """Raise an `UnreachableGoalError` for a state that is not in this graph."""
         if state in self:
             return
         most = max(goal.num_crossings for goal in self.goals)
@@ -135,9 +123,6 @@ class SolutionDag:
 class SearchGraph(SolutionDag):
     """A solution DAG with, from each of its states and of given others, all that can be undone.
 
-    With undoing, every state has a path to every goal whose DAG contains the trivial state. The
-    Action of an undoing is an `Undo`; all edges count one for `distance`.
-
     Attributes:
         dag: the solution DAG it was made from.
     """
@@ -146,8 +131,7 @@ class SearchGraph(SolutionDag):
         """Join a solution DAG with all that its states and the starts can be undone to.
 
         Raises:
-            UnreachableGoalError: a start from which no actions and undoings lead to a goal, because
-                the DAG is `along` one path that does not begin with the trivial state.
+            UnreachableGoalError: no actions and undoings lead from a start to a goal.
         """
         graph = dag.graph.copy()
         for state in _undone(dag.graph):
@@ -182,11 +166,7 @@ class SearchGraph(SolutionDag):
         self.check_start(state)
 
     def check_start(self, state: TopologicalState) -> None:
-        """Refuse a state that is not in this graph.
-
-        Raises:
-            UnreachableGoalError: it was not added, or cannot be undone into the graph.
-        """
+        """Raise an `UnreachableGoalError` for a state that is not in this graph."""
         if state not in self:
             raise UnreachableGoalError(
                 f"no undoings are known from the state {state} to any of the {len(self)} states "

@@ -48,11 +48,7 @@ class Goal:
 
     @classmethod
     def named(cls, name: str) -> Goal:
-        """Every state of a knot of this name.
-
-        Raises:
-            ValueError: an unknown name; lists the valid ones.
-        """
+        """Every state of a knot of this name."""
         return cls(name, SolutionDag.to(*knot(name)))
 
     @classmethod
@@ -62,14 +58,8 @@ class Goal:
 
     @classmethod
     def path(cls, actions: Sequence[Action], start: TopologicalState | None = None) -> Goal:
-        """The state at the end of one topological path, by this path only (Sec. VII-A4).
-
-        Raises:
-            ValueError: no action.
-            IllegalActionError: an action that its state does not allow.
-        """
-        dag = SolutionDag.along(actions, start)
-        return cls(" ".join(map(str, actions)), dag)
+        """The state at the end of one topological path, by this path only (Sec. VII-A4)."""
+        return cls(" ".join(map(str, actions)), SolutionDag.along(actions, start))
 
 
 def parse_goal(text: str, rope: RopeConfig | None = None) -> Goal:
@@ -78,10 +68,8 @@ def parse_goal(text: str, rope: RopeConfig | None = None) -> Goal:
     Args:
         text: one of
             a knot's name: "overhand", "figure_eight", "pentagram", ...;
-            crossings, as a state's `str` "4o1+2o5+6o3+" or as (over, under, sign) triples
-            "[(4,1,1),(2,5,1),(6,3,1)]", positions counted from head to tail;
-            one topological path from the untangled rope: "R1(0,1,1) C(0,1,1) C(2,0,1)"; it may
-            undo: "undo C(2,0,1)".
+            crossings "4o1+2o5+6o3+" or (over, under, sign) triples "[(4,1,1),(2,5,1),(6,3,1)]";
+            a topological path from the untangled rope: "R1(0,1,1) C(0,1,1) undo C(0,1,1)".
         rope: refuse a goal that this rope has no room for; not checked if None.
 
     Raises:
@@ -92,8 +80,7 @@ def parse_goal(text: str, rope: RopeConfig | None = None) -> Goal:
     """
     text = text.strip()
     if text in KNOT_NAMES:
-        goals = knot(text)
-        _check_room(text, goals, rope)
+        _check_room(text, knot(text), rope)
         return Goal.named(text)
     actions = _ACTION.findall(text)
     if actions and _SEPARATORS.fullmatch(_ACTION.sub("", text)):
@@ -106,13 +93,9 @@ def parse_goal(text: str, rope: RopeConfig | None = None) -> Goal:
 
 
 def most_crossings(rope: RopeConfig) -> int:
-    """An estimate of how many crossings a rope has room for.
+    """How many crossings fit on a rope, tightly packed.
 
-    A rope with c crossings has 2c + 1 segments. Each takes at least four radii: from the middle of
-    one strand to the middle of the next there is half a rope to either side and one diameter in
-    which to come down from over to under; and at least one link of the model, which does not bend
-    within. This is a bound on what fits tightly packed: the loops that a gripper can still work
-    with are larger, so a goal below it may be out of reach all the same, which the search reports.
+    Each of the 2c + 1 segments takes at least `SEGMENT_RADII` radii and one link of the model.
     """
     segment = max(SEGMENT_RADII * rope.radius, rope.link_length)
     # Half a micrometre of slack, for 1 m over 40 links is 25 mm only up to rounding.

@@ -1,11 +1,5 @@
-"""A tied knot whose head is pulled out, as by hand (Sec. VII-E).
-
-The paper's authors pulled the head segment out by hand before the pentagram was planned, for which
-no primitive was learned. Here a rope is tied by a planner, then its head is grasped and drawn away
-over the table a few times. Of some random pulls the one is kept that keeps the topological state,
-leaves every inner segment long enough, and gives the longest head. Of a few ropes the one is taken
-in which aimed guesses at the next action succeed most often.
-"""
+"""A tied knot whose head is pulled out, in simulation, as the paper's authors did by hand
+(Sec. VII-E)."""
 
 from __future__ import annotations
 
@@ -61,12 +55,8 @@ class PulledRope:
 class HeadPuller:
     """Ties ropes and pulls their heads out; each call of `pull` gives one more.
 
-    Args:
-        config: what is tied, and how it is pulled.
-        sampler: proposes the splines that tie.
-        simulator: executes everything.
-        observe: called with every attempt at an action.
-        observe_pulls: called with every batch of pulls.
+    Of some random pulls the one is kept that keeps the state, leaves every inner segment long
+    enough, and gives the longest head.
     """
 
     def __init__(
@@ -153,9 +143,7 @@ def random_pulls(points: Floats, count: int, rng: np.random.Generator) -> Floats
 def select_best_pull(ropes: Sequence[PulledRope | None], head: float) -> Floats:
     """The rope (V, 3), metres, with the most successes at the next action; the first of equals.
 
-    Args:
-        ropes: those that were tied; None where the head did not come out far enough.
-        head: how far that is, metres.
+    `ropes` are None where the head did not come out to `head` metres.
 
     Raises:
         RuntimeError: there is none.

@@ -43,9 +43,8 @@ class Node:
         step: what was executed there; None for the root.
         steady: its step was simulated again and is reliable (`validation.are_robust`).
         failures: expansions of this node that did not become nodes.
-        values: (E,) probability of success along each edge, as far as one is known; else 1.
-        arranged_values: (E,) the same after an arranging spline, where the sampler estimates it;
-            else `values`.
+        values: (E,) probability of success along each edge; 1 where unknown.
+        arranged_values: (E,) the same after an arranging spline; `values` where unknown.
         tries: (2, E) expansions of each kind, `ACT` and `ARRANGE`.
         successes: (2, E) those that reached the edge's state, or kept this one.
     """
@@ -86,13 +85,7 @@ def steps_to(nodes: Sequence[Node]) -> tuple[PlanStep, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Expansion:
-    """A spline to be executed from a node.
-
-    Attributes:
-        node: where it begins.
-        edge: index of the node's edge it is for.
-        kind: ACT or ARRANGE.
-    """
+    """A spline to be executed from a node for one of its edges; `kind` is ACT or ARRANGE."""
 
     node: Node
     edge: int

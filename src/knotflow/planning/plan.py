@@ -168,26 +168,16 @@ class KnotPlan:
         return "\n".join(lines)
 
     def waypoints(self, rate_hz: float = 20.0, config: GripperConfig | None = None) -> Waypoints:
-        """Timed gripper waypoints with open and close, for a robot to execute.
-
-        Args:
-            rate_hz: waypoints per second.
-            config: heights and speeds between the splines.
-
-        Raises:
-            ValueError: a rate that is not above 0, or heights at which the gripper would touch the
-                rope on its way.
-        """
+        """Timed gripper waypoints with open and close; errors as of `trace_waypoints`."""
         grippers = [(step.times, step.gripper, str(step.action)) for step in self.steps]
         return trace_waypoints(
             grippers, self.shapes, self.radius, self.move_time, rate_hz, config or GripperConfig()
         )
 
     def to_json(self, trajectories: bool = True) -> str:
-        """The plan as JSON text; `from_json` reads it back.
+        """The plan as JSON text, trajectories rounded to micrometres; `from_json` reads it back.
 
-        Shapes and splines keep all their digits, trajectories are rounded to micrometres. Without
-        `trajectories` a step keeps its frames' times and gripper only.
+        Without `trajectories` a step keeps its frames' times and gripper only.
         """
         head: dict[str, Any] = {"format": FORMAT, "version": VERSION}
         head |= {name: getattr(self, name) for name in _PLAIN}
@@ -250,7 +240,7 @@ class KnotPlan:
         start = shape = np.array(data["start_m"], np.float64)
         steps = []
         for step in data["steps"]:
-            trajectory = np.array(step["trajectory_m"], np.float32).reshape(-1, len(start), 3)
+            trajectory = np.array(step["trajectory_m"], np.float32)
             steps.append(
                 PlanStep(
                     action=parse_action(step["action"]),
@@ -260,7 +250,7 @@ class KnotPlan:
                     end=np.array(step["end_m"], np.float64),
                     end_state=state(step["end_state"]),
                     times=np.array(step["times_s"], np.float64),
-                    trajectory=trajectory,
+                    trajectory=trajectory.reshape(-1, len(start), 3),
                     gripper=np.array(step["gripper_m"], np.float32).reshape(-1, 3),
                 )
             )
@@ -269,9 +259,7 @@ class KnotPlan:
             ExpansionStats(
                 state(one["state"]),
                 parse_action(one["action"]),
-                one["outcome"],
-                one["success"],
-                one["branches"],
+                *(one[name] for name in ("outcome", "success", "branches")),
             )
             for one in data["tried"]
         ]

@@ -1,4 +1,4 @@
-"""What a search asks of a sampler, and what replaces the capabilities that a sampler lacks."""
+"""A sampler's proposals and values for a search, with replacements for what it lacks."""
 
 from __future__ import annotations
 
@@ -53,11 +53,7 @@ class Proposals:
         self._guess_below_value = config.guess_below_value
 
     def splines(self, expansions: Sequence[Expansion]) -> Iterator[Floats]:
-        """Splines (B, 6) for the expansions, a few (b, 6) at a time.
-
-        The sampler is asked once for consecutive expansions with the same query, see
-        `group_by_query`.
-        """
+        """Splines (b, 6) for each run of expansions with the same query (`group_by_query`)."""
         for _, same in groupby(expansions, _query):
             alike = list(same)
             yield self._propose(alike[0], len(alike))
@@ -136,10 +132,7 @@ def _query(expansion: Expansion) -> Hashable:
 
 
 def clearance(points: Floats) -> float:
-    """Mean length of the two shortest segments of a rope (V, 3), relative to an even division.
-
-    Between 0 and 1: a measure of how easily the rope can be worked with.
-    """
+    """Mean length of the two shortest segments of a rope (V, 3), relative to an even division."""
     lengths = segment_lengths(points)
     return float(np.sort(lengths)[:2].mean() * len(lengths))
 

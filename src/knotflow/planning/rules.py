@@ -35,34 +35,25 @@ class Rule(Protocol):
 
     def choose(self, count: int) -> list[Expansion]:
         """The next expansions of the nodes added so far."""
-        ...
 
     def learn(self, expansion: Expansion, child: Node | None) -> None:
         """Account for the outcome of an expansion; `child` is None where nothing was kept."""
-        ...
 
     def add(self, node: Node) -> None:
         """Add a new, valued node, after the expansions of its batch were learned from."""
-        ...
 
     def drop(self, nodes: Sequence[Node]) -> None:
         """Remove nodes; all their descendants are among them."""
-        ...
 
 
 class PaperRule:
-    """Independent draws of a node, then of one of its outgoing edges (Sec. V-B d).
-
-    The paper draws the node with a bias towards states nearer to the goal, and the edge uniformly.
-    Beyond it, a critic's values may weigh both (`PlannerConfig.value_bias`).
-    """
+    """Independent draws of a node, nearer to the goal with a bias, then of an edge (Sec. V-B d)."""
 
     def __init__(self, config: PlannerConfig, rng: np.random.Generator) -> None:
         self._config, self._rng = config, rng
         self._nodes: list[Node] = []
 
     def choose(self, count: int) -> list[Expansion]:
-        """Expansions drawn from the tree as it stands."""
         chances = node_probabilities(self._nodes, self._config)
         chosen = []
         for row in self._rng.choice(len(self._nodes), size=count, p=chances):
@@ -73,15 +64,12 @@ class PaperRule:
         return chosen
 
     def add(self, node: Node) -> None:
-        """Draw this node, too, from now on."""
         self._nodes.append(node)
 
     def drop(self, nodes: Sequence[Node]) -> None:
-        """Draw these nodes no more."""
         self._nodes = [node for node in self._nodes if node not in nodes]
 
     def learn(self, expansion: Expansion, child: Node | None) -> None:
-        """Count failures."""
         expansion.node.failures += child is None
 
 
@@ -102,15 +90,11 @@ def _edge_weights(node: Node, config: PlannerConfig) -> Floats:
 
 
 class ReservationPrices:
-    """Weitzman's reservation prices of boxes with the same contents and different costs.
+    """Weitzman's reservation prices of boxes with the same contents (M,) and different costs.
 
     A branch that succeeds with probability p is a box that costs 1/p branches to open and contains
-    a shape from which the goal is K branches away. Boxes are best opened in the order of their
-    reservation prices z, for which E max(z - K, 0) = 1/p (Weitzman 1979, Optimal search for the
-    best alternative, Econometrica 47).
-
-    Args:
-        contents: (M,) equally likely K.
+    a shape from which the goal is K branches away, all `contents` equally likely. Boxes are best
+    opened in the order of z, for which E max(z - K, 0) = 1/p (Weitzman 1979, Econometrica 47).
     """
 
     def __init__(self, contents: Floats) -> None:
@@ -174,12 +158,7 @@ class StateStatistics:
         return np.asarray(self.prices[:, rows].min(axis=(0, 2)))
 
     def evaluate(self, ahead: list[ReservationPrices], max_arranging: int) -> Floats:
-        """Compute and return the prices.
-
-        Args:
-            ahead: for each edge the shapes to be had at its end.
-            max_arranging: arranging steps in a row.
-        """
+        """Compute the prices, with the shapes `ahead` at each edge's end."""
         ratio = (PRIOR_WEIGHT + self.successes[ACT]) / (PRIOR_WEIGHT + self.predicted)  # (E,)
         tries = np.array([node.tries for node in self.nodes])  # (N, 2, E)
         successes = np.array([node.successes for node in self.nodes])
@@ -206,12 +185,10 @@ class StateStatistics:
 class PosteriorRule:
     """Grows the branches with the least reservation prices.
 
-    The success probability of a spline along an edge has a posterior mean: its prior is the value
-    of the shape, corrected by the ratio of successes to predictions in its state, and its evidence
-    what was tried from that very shape. A box (`ReservationPrices`) contains the shapes in which
-    the next state, or by arranging the same one, was met so far. So going on from a shape,
-    arranging it, taking another one, and going back to its parent compare by one number each. A
-    batch counts its own unfinished branches as failures.
+    The prior of a success probability is the shape's value, corrected by the ratio of successes to
+    predictions in its state; its evidence is what was tried from that very shape. A box
+    (`ReservationPrices`) contains the shapes in which the next state, or by arranging the same one,
+    was met so far. A batch counts its own unfinished branches as failures.
     """
 
     def __init__(self, config: PlannerConfig, dag: SolutionDag) -> None:
@@ -219,7 +196,6 @@ class PosteriorRule:
         self._statistics: dict[TopologicalState, StateStatistics] = {}
 
     def choose(self, count: int) -> list[Expansion]:
-        """The expansions with the least reservation prices."""
         ahead: dict[TopologicalState, list[ReservationPrices]] = {}
         prices: dict[TopologicalState, Floats] = {}
         # From the goal backward, as prices ahead enter those behind. In cycles, which undoing
@@ -272,10 +248,7 @@ class PosteriorRule:
             known.gains = [*known.gains, float(gain)][-MAX_GAINS:]
 
     def _prices_in(self, state: TopologicalState) -> ReservationPrices:
-        """Of the shapes in which a state was met, and one of which nothing is known.
-
-        Without the latter a few tight shapes would exclude a state.
-        """
+        """Of the shapes in which a state was met, and one of which nothing is known."""
         unknown = np.array([self._dag.distance(state) / UNKNOWN])
         known = self._statistics.get(state)
         if known is None:

@@ -6,12 +6,8 @@ and the end shape becomes a node if it has exactly the state that the action lea
 ends when a goal state is reached. What is expanded is chosen by a rule (`planning.rules`).
 
 Beyond the paper, a spline may also keep the state and make room for the edge's action (Sec. VIII),
-and the end of a failed expansion is kept if it is in the state at the end of another edge, or in
-the state it began in, as a further shape of it. With a margin no end is kept whose strands only
-just cross. With `steady` a plan must also hold at half the time step.
-
-With `batch` above 1 as many expansions are chosen from the tree as it stands and simulated at
-once. The tree is then somewhat larger, as choices of a batch do not know each other's outcomes.
+the end of a failed expansion is kept where it is of use, and `batch` expansions are simulated at
+once.
 """
 
 from __future__ import annotations
@@ -21,13 +17,14 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.planning.config import PlannerConfig
+from knotflow.planning.config import FAST_SEARCH, PlannerConfig
 from knotflow.planning.dag import SearchGraph
-from knotflow.planning.goals import Goal
+from knotflow.planning.goals import Goal, parse_goal
 from knotflow.planning.nodes import (
     Expansion,
     Node,
@@ -40,20 +37,31 @@ from knotflow.planning.nodes import (
 from knotflow.planning.plan import ExpansionStats, KnotPlan, PlanStep
 from knotflow.planning.proposals import Proposals, group_by_query
 from knotflow.planning.rules import PaperRule, PosteriorRule, Rule
-from knotflow.planning.validation import are_robust
+from knotflow.planning.validation import RECORD_RATE, are_robust
 from knotflow.samplers.sampler import Sampler
-from knotflow.simulation import Observer, Rollouts, check_points, end_states
+from knotflow.simulation import (
+    Observer,
+    Rollouts,
+    RopeSimulator,
+    SimulationConfig,
+    check_points,
+    end_states,
+)
+from knotflow.threads import one_thread
 from knotflow.topology import Action, Arrange, TopologicalState, segment_lengths
 
 Floats = NDArray[np.float64]
 
 DIVERGED, UNREADABLE = "diverged", "unreadable"
-"""Outcomes without a state: the simulation diverged, or the projection of the end shape does not
-determine its state."""
+"""Outcomes without a state: the simulation diverged, or the projection is degenerate."""
 FRAGILE = "fragile"
 """Outcome of an expansion that reached its state with segments shorter than the margin."""
 CHUNK = 4
 """Expansions that are simulated as soon as they are sampled, while others are."""
+
+
+class AlreadyTiedError(ValueError):
+    """A rope that is in a goal state before anything is planned."""
 
 
 class TreeSearch:
@@ -150,10 +158,7 @@ class TreeSearch:
         self._seconds[part] += time.perf_counter() - began
 
     def _simulate(self, chosen: Sequence[Expansion]) -> tuple[Floats, Rollouts]:
-        """Splines (B, 6) for the expansions and their rollouts.
-
-        Sampling keeps one core busy; the others simulate what was sampled so far.
-        """
+        """Splines (B, 6) and their rollouts; what was sampled is simulated meanwhile."""
         proposed: list[Floats] = []
         results: list[Future[Rollouts]] = []
         begin = end = 0
@@ -284,8 +289,7 @@ def plan_knot(
     The same rng gives the same plan for the same batch size, unless `max_seconds` ends it.
 
     Args:
-        points: (V, 3) the rope at rest, metres, in any state. Crossings that it has may be undone;
-            by the paper's rule only if `undoing` is set.
+        points: (V, 3) the rope at rest, metres, in any state.
         goal: what to tie.
         sampler: proposes splines.
         simulator: executes them.
@@ -293,10 +297,6 @@ def plan_knot(
         config: rule, batch size and budgets.
         progress: called after every batch.
         observe: called with every batch's attempts, one action and start state at a time.
-
-    Returns:
-        The plan; one that is not solved holds the steps to the node nearest to the goal, what was
-        tried, and why the search stopped.
 
     Raises:
         UnreachableGoalError: no actions lead from the rope's state to the goal.
@@ -310,3 +310,45 @@ def plan_knot(
     if (warn := getattr(sampler, "warn_if_unlike", None)) is not None:
         warn(simulator.config.rope)
     return search.run(progress)
+
+
+def plan_rope(
+    points: Floats,
+    knot: str,
+    rng: np.random.Generator,
+    *,
+    sampler: Sampler,
+    simulation: SimulationConfig | None = None,
+    config: PlannerConfig | None = None,
+    progress: Progress | None = None,
+    observe: Observer | None = None,
+) -> KnotPlan:
+    """Plan how to tie a knot into a rope; the plan has its trajectories, solved or not.
+
+    Args:
+        points: (V, 3) the rope at rest, metres, head first.
+        knot: a name, crossings or a path of actions, see `parse_goal`.
+        rng: everything random comes from it.
+        sampler: proposes splines.
+        simulation: rope and simulator, recorded at `RECORD_RATE`.
+        config: the search; `FAST_SEARCH` if None.
+        progress: called after every batch.
+        observe: called with every batch's attempts.
+
+    Raises:
+        AlreadyTiedError: the rope is in a goal state.
+        ValueError: an unknown knot, or one that cannot be reached from this rope; see `parse_goal`
+            and `plan_knot`.
+    """
+    simulation = replace(simulation or SimulationConfig(), record_rate=RECORD_RATE)
+    goal = parse_goal(knot, simulation.rope)
+    state = TopologicalState.from_curve(points)
+    if state in goal.states:
+        raise AlreadyTiedError(
+            f"there is nothing to plan: the rope is in the state {state}, which is {knot} already"
+        )
+    simulator = RopeSimulator(simulation)
+    with one_thread():
+        return plan_knot(
+            points, goal, sampler, simulator, rng, config or FAST_SEARCH, progress, observe
+        )

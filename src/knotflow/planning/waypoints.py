@@ -9,9 +9,8 @@ Between splines the gripper is open and moves above the rope. For each spline it
     open     lets go on the table,
     rise     goes straight up.
 
-All positions are of the grasped point of the rope's centre line, in metres, world frame. Every
-phase takes a whole number of sampling intervals, rounded up, so waypoints are evenly spaced in
-time and no event falls between two of them.
+Positions are of the grasped point of the rope's centre line, metres, world frame. Every phase takes
+a whole number of sampling intervals, rounded up.
 """
 
 from __future__ import annotations
@@ -52,7 +51,6 @@ class GripperConfig:
     """Time to let go of it, seconds."""
 
     def __post_init__(self) -> None:
-        """Refuse speeds at which nothing moves and times that run backward."""
         for name in ("travel_speed", "vertical_speed", "drag_speed"):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"gripper.{name} must be above 0 m/s, got {getattr(self, name)}")
@@ -89,17 +87,9 @@ class Waypoints:
         with Path(path).open("w", newline="") as file:
             writer = csv.writer(file)
             writer.writerow(COLUMNS)
-            for time, position, closed, step, action, phase in zip(
-                self.times,
-                self.positions,
-                self.closed,
-                self.step,
-                self.actions,
-                self.phases,
-                strict=True,
-            ):
-                place = (f"{number:.6f}" for number in position)
-                writer.writerow((f"{time:.6f}", *place, int(closed), step, action, phase))
+            rest = self.closed.astype(int), self.step, self.actions, self.phases
+            for time, position, *row in zip(self.times, self.positions, *rest, strict=True):
+                writer.writerow((*(f"{number:.6f}" for number in (time, *position)), *row))
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,10 +149,7 @@ def trace_waypoints(
 def _phases(
     here: Floats | None, drag: Floats, rate_hz: float, config: GripperConfig
 ) -> list[_Phase]:
-    """What the gripper does for one step, coming from `here` (3,), or beginning above the grasp.
-
-    `drag` (n + 1, 3) begins at the grasp point.
-    """
+    """The phases of one step with a drag (n + 1, 3), from `here` (3,) or above the grasp."""
     grasp, release = drag[0], drag[-1]
     above = np.array([*grasp[:2], config.approach_height])
     up = np.array([*release[:2], config.retreat_height])
@@ -178,10 +165,7 @@ def _phases(
 
 
 def _drag(times: Floats, gripper: Floats, move_time: float, rate_hz: float, speed: float) -> Floats:
-    """The recorded gripper path (T, 3) from grasp to release at (n + 1, 3) even times.
-
-    It is slowed as a whole so that no interval is faster than `speed`.
-    """
+    """The gripper path (T, 3) at n + 1 even times, slowed as a whole to `speed` at most."""
     seconds = move_time
     for _ in range(3):  # a finer look may find a slightly higher peak
         count = _intervals(seconds, rate_hz)
@@ -195,11 +179,7 @@ def _drag(times: Floats, gripper: Floats, move_time: float, rate_hz: float, spee
 
 
 def _interpolate(times: Floats, gripper: Floats, at: Floats) -> Floats:
-    """The gripper (N, 3) at times `at` (N,).
-
-    A cubic with the slopes of the neighbouring frames runs through them: ten frames per second
-    stay within about a millimetre of the spline, where straight lines would cut its corners.
-    """
+    """The gripper (N, 3) at times `at` (N,), by a cubic with the frames' slopes."""
     slope = np.gradient(gripper, times, axis=0)
     slope[[0, -1]] = 0.0  # it starts and ends at rest
     frame = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
@@ -227,7 +207,7 @@ def _stay(place: Floats, seconds: float, rate_hz: float) -> Floats:
 
 
 def _intervals(seconds: float, rate_hz: float) -> int:
-    """At least one; a billionth is forgiven so that 1.8 s at 10 Hz are 18 intervals."""
+    """At least one; 1.8 s at 10 Hz are 18 intervals in spite of rounding."""
     return max(1, int(np.ceil(seconds * rate_hz - 1e-9)))
 
 

@@ -44,14 +44,8 @@ class Trials:
 
     def save(self, path: Path) -> None:
         """Write to an .npz file."""
-        np.savez_compressed(
-            path,
-            action=str(self.action),
-            start=str(self.start),
-            points=self.points,
-            splines=self.splines,
-            success=self.success,
-        )
+        arrays = {name: getattr(self, name) for name in ("points", "splines", "success")}
+        np.savez_compressed(path, action=str(self.action), start=str(self.start), **arrays)
 
     @classmethod
     def load(cls, path: Path) -> Trials:
@@ -105,7 +99,7 @@ def attempt(
     """Execute splines (B, 6) on ropes (B, V, 3) or on one rope (V, 3) and read the states.
 
     Raises:
-        IllegalActionError: if the start state does not allow the action.
+        IllegalActionError: the start state does not allow the action.
         ShapeError, SplineError: see `RopeSimulator.execute`.
     """
     start.apply(action)

@@ -2,13 +2,11 @@
 
 A link is a capsule whose frame's x axis points from head to tail. Neighbours are joined by two
 hinges at their common vertex: the first about a z axis fixed in the link towards the head, the
-second about a y axis fixed in the link towards the tail. The rope bends freely in both directions
-and carries no twist, so its vertices are its whole shape.
+second about a y axis fixed in the link towards the tail. The rope carries no twist, so its vertices
+are its whole shape.
 
-The middle link, the root, floats freely; two branches of links hang from it, which halves the
-entries of the mass matrix compared with a chain rooted at an end. In the branch towards the head a
-joint's parent is its tailward link, so its hinges follow in the other order about reversed axes:
-the same joint with the same angles.
+The middle link, the root, floats freely; two branches of links hang from it. In the branch towards
+the head a joint's hinges follow in the other order about reversed axes: the same joint.
 """
 
 from __future__ import annotations
@@ -78,12 +76,10 @@ class RopeConfig:
 
     @property
     def num_vertices(self) -> int:
-        """Number of vertices, V = links + 1."""
         return self.links + 1
 
     @property
     def link_length(self) -> float:
-        """Length of one link, metres."""
         return self.length / self.links
 
     @property
@@ -104,12 +100,11 @@ class ShapeError(ValueError):
 def check_points(points: ArrayLike, rope: RopeConfig) -> Floats:
     """The points as float64 (..., V, 3) with links of the rope's length.
 
-    Links that are a little off keep their directions, outward from the root link: the shape that
-    the model is posed in. A state must be read from the points returned.
+    Links that are a little off keep their directions, outward from the root link.
 
     Raises:
-        ShapeError: for another number of vertices, values that are not finite, or links whose
-            length differs from the rope's by more than `LENGTH_TOLERANCE`.
+        ShapeError: another number of vertices, values that are not finite, or a link's length off
+            by more than `LENGTH_TOLERANCE`.
     """
     points = floats(points, "rope points", ShapeError)
     if points.ndim < 2 or points.shape[-2:] != (rope.num_vertices, 3):
@@ -143,13 +138,8 @@ def build_model(
     """The MuJoCo model of rope, table and floating gripper.
 
     Vertex i of the rope is the site `vertex_i`. The gripper is a mocap body; grasping link i is
-    the equality constraint i between sites, switched by `eq_active`. The links' order in the model
-    is the root, then that of `RopeConfig.branches`.
-
-    Args:
-        rope: the rope.
-        timestep: simulation time step, seconds.
-        contact_time: time constant of the contacts (MuJoCo's first `solref`), seconds.
+    the equality constraint i between sites. The links' order is the root, then that of
+    `RopeConfig.branches`. Time step and `contact_time` (MuJoCo's first `solref`) are in seconds.
     """
     import mujoco  # here, so that the configuration is read without it
 
@@ -260,18 +250,11 @@ def _add_link_geoms(
 
 
 def pose(points: ArrayLike, rope: RopeConfig) -> Floats:
-    """Joint positions of a rope with these vertices.
+    """Joint positions qpos (B, nq) of ropes (B, V, 3), metres, head first, world frame.
 
-    Each link's x axis points to the next vertex. The head has no roll (its y axis is horizontal),
-    and the frame of every other link follows from its headward neighbour's by the two hinge angles
-    of their joint.
-
-    Args:
-        points: (B, V, 3) metres, head first, world frame.
-
-    Returns:
-        qpos (B, nq): position (of the headward vertex) and quaternion (w, x, y, z) of the root,
-        then two hinge angles (radians) for each link of the branches.
+    They are position (of the headward vertex) and quaternion (w, x, y, z) of the root, then two
+    hinge angles (radians) for each link of the branches. The head has no roll: its y axis is
+    horizontal.
     """
     points = check_points(points, rope)
     direction = np.diff(points, axis=1)  # (B, links, 3)

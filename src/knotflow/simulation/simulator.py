@@ -17,6 +17,8 @@ MOST_STEPS = 100_000
 """Time steps of one spline."""
 CHUNK = 64
 """Ropes simulated at once: enough for every thread, small enough to bound memory."""
+PER_ROPE = ("trajectory", "gripper", "end_points", "diverged")
+"""Fields of `Rollouts` with a row a rope."""
 
 
 @dataclass
@@ -38,8 +40,7 @@ class SimulationConfig:
     record_rate: float = 10.0
     """Frames of a trajectory per second."""
     threads: int = field(default=0, metadata={"affects_result": False})
-    """Threads to simulate on; 0 takes OMP_NUM_THREADS, which joblib sets in its workers, or else
-    every CPU. Results do not depend on it."""
+    """Threads to simulate on; 0 takes OMP_NUM_THREADS, or else every CPU."""
 
     def __post_init__(self) -> None:
         for name in ("timestep", "contact_time", "move_time", "ramp_time", "record_rate"):
@@ -82,27 +83,17 @@ class Rollouts:
     def concatenate(cls, parts: Sequence[Rollouts]) -> Rollouts:
         """Batches of one simulator as one."""
         arrays = {
-            name: np.concatenate([getattr(part, name) for part in parts])
-            for name in ("trajectory", "gripper", "end_points", "diverged")
+            name: np.concatenate([getattr(part, name) for part in parts]) for name in PER_ROPE
         }
         return replace(parts[0], **arrays)
 
     def __getitem__(self, rows: slice | NDArray[Any] | list[int]) -> Rollouts:
         """Some of the ropes, as a slice, a mask (B,) or indices select them."""
-        return replace(
-            self,
-            trajectory=self.trajectory[rows],
-            gripper=self.gripper[rows],
-            end_points=self.end_points[rows],
-            diverged=self.diverged[rows],
-        )
+        return replace(self, **{name: getattr(self, name)[rows] for name in PER_ROPE})
 
 
 class RopeSimulator:
-    """Executes splines on ropes at rest.
-
-    It uses several threads itself, but must be called from one Python thread at a time.
-    """
+    """Executes splines on ropes at rest, on threads of its own; not to be called concurrently."""
 
     def __init__(self, config: SimulationConfig) -> None:
         from mujoco.batch import Batch  # here, so that the configuration is read without it
@@ -120,15 +111,11 @@ class RopeSimulator:
         self._batch = Batch(self.model, CHUNK, config.threads or _default_threads())
 
     def execute(self, points: ArrayLike, splines: ArrayLike) -> Rollouts:
-        """Simulate each spline on its rope, from rest to rest.
-
-        Args:
-            points: (B, V, 3) rope vertices, metres, head first, world frame.
-            splines: (B, 6), see `spline` for units and ranges.
+        """Simulate each spline (B, 6) on its rope (B, V, 3), metres, world frame, rest to rest.
 
         Raises:
-            ShapeError: for points that are not shapes of this rope.
-            SplineError: for splines out of range.
+            ShapeError: points that are not shapes of this rope.
+            SplineError: splines out of range.
         """
         rope = self.config.rope
         points, splines = check_points(points, rope), check_splines(splines)

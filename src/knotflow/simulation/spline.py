@@ -7,9 +7,8 @@
 | 3      | middle control point, z           | m above the table   | 0.02 to 0.30  |
 | 4, 5   | end point on the table, x and y   | m, world frame      | -0.6 to 0.6   |
 
-The first control point is the grasped point of the rope, the last lies on the table. With three
-control points and a clamped knot vector the quadratic B-spline is the quadratic Bezier curve of the
-same points; its highest point is about half as high as the middle control point.
+The first control point is the grasped point of the rope, the last lies on the table. The clamped
+quadratic B-spline of three control points is their quadratic Bezier curve.
 """
 
 from __future__ import annotations
@@ -70,12 +69,9 @@ def grasped_link(splines: ArrayLike, links: int) -> NDArray[np.intp]:
 
 
 def control_points(points: ArrayLike, splines: ArrayLike, radius: float) -> Floats:
-    """Control points (..., 3, 3) of splines (..., 6) on ropes `points` (..., V, 3), metres.
+    """Control points (..., 3, 3) of splines (..., 6) on ropes (..., V, 3) or one (V, 3), metres.
 
-    One rope (V, 3) serves any number of splines.
-
-    The first is the centre of the grasped link, the last is on the table at the height of a
-    resting rope's centre line, `radius` metres.
+    The first is the centre of the grasped link, the last is `radius` above the table.
     """
     points, splines = np.asarray(points, float), np.asarray(splines, float)
     points = np.broadcast_to(points, (*splines.shape[:-1], *points.shape[-2:]))

@@ -1,8 +1,4 @@
-"""Start shapes.
-
-Starts without crossings are generated: straight, an arc, or a random smooth curve. Starts in any
-other topological state are reached as in a plan, by executing earlier actions on random curves.
-"""
+"""Start shapes: generated ones without crossings, and others reached by executing actions."""
 
 from __future__ import annotations
 
@@ -64,8 +60,8 @@ def random_curve(
 ) -> Floats:
     """A smooth random rope (V, 3) without crossings, metres.
 
-    The heading along the rope is a random Fourier series; curves that come closer to themselves
-    than `config.clearance`, or leave the table's reach, are drawn again.
+    The heading along the rope is a random Fourier series; curves without the configured clearance
+    and reach are drawn again.
     """
     config = config or StartsConfig()
     along = (np.arange(rope.links) + 0.5) / rope.links
@@ -102,21 +98,10 @@ def reach_starts(
     config: StartsConfig | None = None,
     observe: Observer | None = None,
 ) -> Starts:
-    """Starts in the state that `actions` lead to from the trivial one, reached by executing them.
-
-    Every start descends from a random curve of its own.
-
-    Args:
-        actions: from the trivial state; an empty sequence gives random curves.
-        count: number of starts.
-        simulator: executes the proposed splines.
-        propose: splines for a rope and an action.
-        rng: source of all randomness.
-        config: parameters of the starts.
-        observe: is called with every batch of attempts.
+    """Starts reached by executing `actions` from the trivial state, each from its own random curve.
 
     Raises:
-        RuntimeError: if hardly any proposed spline reaches the state.
+        RuntimeError: hardly any proposed spline reaches the state.
     """
     config = config or StartsConfig()
     if not actions:
@@ -142,11 +127,9 @@ def reach_starts(
             splines = np.concatenate([propose(parents[i], actions[-1], 1, rng) for i in open_])
             tried = attempt(simulator, parents[open_], splines, actions[-1], state, observe)
             ends, hit = tried.rollouts.end_points, tried.success
+            rope = simulator.config.rope
             roomy = np.array(
-                [
-                    ok and is_roomy(end, simulator.config.rope, config)
-                    for ok, end in zip(hit, ends, strict=True)
-                ]
+                [ok and is_roomy(end, rope, config) for ok, end in zip(hit, ends, strict=True)]
             )
             hits, tight = hits + hit.sum(), tight + (hit & ~roomy).sum()
             found.extend(ends[roomy])
@@ -166,13 +149,7 @@ def random_tangle(
 ) -> Floats:
     """A rope (V, 3), metres, tangled by executing random legal actions until its state is accepted.
 
-    Args:
-        accept: whether a state of one to `most_crossings` crossings is accepted.
-        simulator: executes the proposed splines.
-        propose: splines for a rope and an action.
-        rng: source of all randomness.
-        config: parameters of random curves.
-        most_crossings: a rope that has more is given up for another.
+    A rope with more than `most_crossings` is given up for another.
 
     Raises:
         RuntimeError: no such rope came up.
@@ -207,13 +184,9 @@ class Starts:
 
 
 def resample(points: ArrayLike, rope: RopeConfig) -> Floats:
-    """The same curve with the rope's vertices, evenly spaced and scaled to the rope's length.
+    """A curve (N, 3), metres, as vertices (V, 3), evenly spaced and scaled to the rope's length.
 
-    Args:
-        points: (N, 3) any number of vertices along a curve, metres, head first.
-
-    Returns:
-        (V, 3); its first vertex is that of the given curve.
+    The first vertex stays.
     """
     points = np.asarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:

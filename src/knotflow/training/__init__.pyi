@@ -5,9 +5,8 @@ from .config import (
     ReinforcementConfig,
     SelfPlayConfig,
 )
-from .imitation import Imitation
+from .independent import Imitation, Reinforcement
 from .learner import Learner
-from .reinforcement import Reinforcement
 from .self_play import SelfPlay
 from .trainer import SupervisedTrainer, Trainer, run_training
 

@@ -52,10 +52,7 @@ class ReplayBuffer:
 
 
 class TrialBuffer(ReplayBuffer):
-    """Encoded ropes, each with up to `slots` trials.
-
-    Sampling takes ropes, then trials of each, so that the networks' trunks run once a rope.
-    """
+    """Encoded ropes, each with up to `slots` trials; the networks' trunks run once a rope."""
 
     def __init__(self, capacity: int, slots: int, generator: torch.Generator) -> None:
         super().__init__(capacity, generator)
@@ -88,7 +85,7 @@ class TrialBuffer(ReplayBuffer):
         self._replay.extend(TensorDict(items, batch_size=[len(counts)]))
 
     def sample(self, ropes: int, trials: int) -> TensorDict:
-        """Up to `trials` trials of each of up to `ropes` ropes, as `losses` describes them."""
+        """Up to `trials` trials of each of up to `ropes` ropes, as `learner` describes them."""
         items = self._draw(ropes)
         count, reward = items["count"], items["reward"]
         keys = torch.rand(len(items), self.slots, generator=self._generator)
@@ -109,10 +106,9 @@ class TrialBuffer(ReplayBuffer):
 
 
 class TransitionBuffer(ReplayBuffer):
-    """Single trials, each with the encoded rope that a next action would begin with.
+    """Single trials, each with the rope that a next action would begin with.
 
-    `next_value` is the critic's value of that action when the trial was stored or last refreshed:
-    QT-Opt's lagged targets.
+    `next_value` is that action's value when stored or last refreshed: QT-Opt's lagged targets.
     """
 
     @property
@@ -120,13 +116,11 @@ class TransitionBuffer(ReplayBuffer):
         return int((self._replay[:]["reward"] > 0.5).sum()) if len(self) else 0
 
     def extend(self, trials: TensorDict) -> None:
-        """Add N trials; the oldest are overwritten.
+        """Add trials [N]; the oldest are overwritten.
 
-        Args:
-            trials: [N] with "states" and "next_states" (encoded ropes before and after),
-                "next_primitive" (N,) int64 of the next action, -1 where none is valued, "spline"
-                (N, 6) in network space, "reward", "baseline" and "next_value" (N,), the last NaN
-                where there is no next primitive.
+        Keys: "states" and "next_states" (encoded ropes), "next_primitive" (N,), int64, -1 where no
+        next action is valued, "spline" (N, 6) in network space, "reward", "baseline" and
+        "next_value" (N,), the last NaN where there is no next primitive.
         """
         if len(trials):
             self._replay.extend(trials)
@@ -143,7 +137,7 @@ class TransitionBuffer(ReplayBuffer):
         self._replay[rows] = items
 
     def sample(self, ropes: int, trials: int) -> TensorDict:
-        """Up to `ropes` trials as `losses` describes them, with the key `next_value`."""
+        """Up to `ropes` trials as `learner` describes them, with the key `next_value`."""
         items = self._draw(ropes)
         batch = TensorDict(
             {key: items[key] for key in ("states", "spline", "reward", "baseline", "next_value")}
@@ -154,10 +148,7 @@ class TransitionBuffer(ReplayBuffer):
 
 
 def mix(parts: Sequence[TensorDict], shares: Sequence[float]) -> TensorDict:
-    """Batches from several buffers as one, in which each counts with its share.
-
-    Where one has next values, the others' are NaN.
-    """
+    """Batches of several buffers as one, each weighted with its share; next values may be NaN."""
     offset = 0
     owners, weights = [], []
     total = sum(len(part["owner"]) for part in parts)
@@ -173,28 +164,17 @@ def mix(parts: Sequence[TensorDict], shares: Sequence[float]) -> TensorDict:
         columns["next_value"] = torch.cat(
             [part.get("next_value", nan) for part, nan in zip(parts, unknown, strict=True)]
         )
-    return TensorDict(
-        {
-            "states": torch.cat([part["states"] for part in parts]),
-            "owner": torch.cat(owners),
-            "weight": torch.cat(weights),
-            **columns,
-        }
-    )
+    columns |= {"owner": torch.cat(owners), "weight": torch.cat(weights)}
+    return TensorDict({"states": torch.cat([part["states"] for part in parts]), **columns})
 
 
 def augment(
     batch: TensorDict, config: AugmentationConfig, generator: torch.Generator
 ) -> TensorDict:
-    """A batch with each rope and its trials moved rigidly on the table at random.
-
-    The networks' frame is attached to one place of the rope; this keeps them from trusting just
-    this place, the more so as demonstrations have few start shapes.
-    """
+    """A batch with each rope and its trials moved rigidly on the table at random."""
     ropes = len(batch["states"])
     angle = config.turn * torch.randn(ropes, generator=generator)
-    turn = torch.stack([angle.cos(), -angle.sin(), angle.sin(), angle.cos()], dim=1)
-    turn = turn.reshape(ropes, 2, 2)
+    turn = torch.stack([angle.cos(), -angle.sin(), angle.sin(), angle.cos()], 1).view(-1, 2, 2)
     shift = config.shift * torch.randn(ropes, 1, 2, generator=generator)
     streams = batch["states"]["streams"].clone()
     streams[..., :2] = streams[..., :2] @ turn.mT + shift
@@ -210,7 +190,7 @@ def augment(
 
 
 def transformed(points: Floats, symmetry: Symmetry) -> Floats:
-    """Ropes (..., V, 3) mirrored at the x axis and read from the other end, as the symmetry is."""
+    """Ropes (..., V, 3) under a symmetry: mirrored at the x axis, read from the other end."""
     points = np.asarray(points, dtype=np.float64)
     if symmetry.mirror:
         points = points * [1, -1, 1]
@@ -220,8 +200,7 @@ def transformed(points: Floats, symmetry: Symmetry) -> Floats:
 class StateBuffer:
     """At most `capacity` rope shapes in each topological state; a full state forgets random ones.
 
-    Mirror and Reverse make up to four states one (Sec. V-A): a shape of any of them is kept as a
-    shape of the representative one.
+    A shape is kept as its image in the representative state under Mirror and Reverse (Sec. V-A).
     """
 
     def __init__(self, capacity: int) -> None:
@@ -229,11 +208,9 @@ class StateBuffer:
         self._shapes: dict[TopologicalState, list[Floats]] = {}
 
     def __iter__(self) -> Iterator[TopologicalState]:
-        """The states that shapes are known of."""
         return iter(self._shapes)
 
     def __len__(self) -> int:
-        """Number of states that shapes are known of."""
         return len(self._shapes)
 
     def add(self, points: Floats, state: TopologicalState, rng: np.random.Generator) -> None:
@@ -266,13 +243,7 @@ class InitialStateBuffer:
     """Start shapes in one topological state: given ones, and the newest that trials left behind."""
 
     def __init__(self, given: Floats, recycled_share: float, capacity: int) -> None:
-        """Begin with the given shapes.
-
-        Args:
-            given: (P, V, 3) metres.
-            recycled_share: share of the draws that trials left behind, once there are some.
-            capacity: how many of those are kept.
-        """
+        """Given shapes are (P, V, 3), metres; of recycled ones, `capacity` are kept."""
         self.given = np.asarray(given, dtype=np.float64)
         self.recycled_share, self.capacity = recycled_share, capacity
         self.recycled = self.given[:0]

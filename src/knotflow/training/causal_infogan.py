@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 from torch.nn.functional import softplus
 
 from knotflow.samplers.causal_infogan.config import CausalInfoGanConfig
@@ -39,13 +38,11 @@ class CausalInfoGanTrainer(Trainer):
         """Draws the first weights from `seed`.
 
         Args:
-            shapes: (N, F, V, 3) rollouts of F frames each in their start frames, metres.
+            shapes: (N, F, V, 3) rollouts of F frames in their start frames, metres.
             starts: (N,) number of the demonstrated start of each.
-            config: networks and training.
-            seed: of everything random.
 
         Raises:
-            ValueError: there is no rollout, or such of one frame.
+            ValueError: there is no rollout of at least two frames.
         """
         if shapes.ndim != 4 or shapes.shape[-1] != 3 or len(shapes) == 0 or shapes.shape[1] < 2:
             raise ValueError(
@@ -62,15 +59,11 @@ class CausalInfoGanTrainer(Trainer):
             self.model = CausalInfoGan(config, scale, shapes.shape[2])
         self._checkup = Checkup(self._shapes, torch.as_tensor(starts))
         model, betas = self.model, (config.beta1, config.beta2)
-        self._critic = torch.optim.Adam(
-            model.discriminator.parameters(), config.learning_rate, betas
-        )
+        rate = config.learning_rate
+        self._critic = torch.optim.Adam(model.discriminator.parameters(), rate, betas)
         makers = (model.generator, model.posterior, model.transition)
-        self._maker = torch.optim.Adam(
-            [parameter for one in makers for parameter in one.parameters()],
-            config.learning_rate,
-            betas,
-        )
+        made = [parameter for one in makers for parameter in one.parameters()]
+        self._maker = torch.optim.Adam(made, rate, betas)
 
     def step(self) -> Metrics:
         first = len(self.history) * self.config.check_every
@@ -98,15 +91,12 @@ class CausalInfoGanTrainer(Trainer):
         self._maker.load_state_dict(state["maker"])
         self._rng.set_state(state["rng"])
 
-    def _pairs(self) -> tuple[Tensor, Tensor]:
-        rollouts, frames = self._shapes.shape[:2]
-        rollout = torch.randint(rollouts, (self.config.batch,), generator=self._rng)
-        frame = torch.randint(frames - 1, (self.config.batch,), generator=self._rng)
-        return self._shapes[rollout, frame], self._shapes[rollout, frame + 1]
-
     def _update(self) -> dict[str, float]:
         config, model = self.config, self.model
-        first, second = self._pairs()
+        rollouts, frames = self._shapes.shape[:2]
+        rollout = torch.randint(rollouts, (config.batch,), generator=self._rng)
+        frame = torch.randint(frames - 1, (config.batch,), generator=self._rng)
+        first, second = self._shapes[rollout, frame], self._shapes[rollout, frame + 1]
         noise, code, next_code, variance = model.draw(config.batch, self._rng)
         made, next_made = model.generator(noise, code, next_code)
 
@@ -119,8 +109,7 @@ class CausalInfoGanTrainer(Trainer):
         torch.autograd.backward(critic_loss)
         self._critic.step()
 
-        for parameter in model.discriminator.parameters():
-            parameter.requires_grad_(False)
+        model.discriminator.requires_grad_(False)
         fooled = softplus(-model.discriminator(made, next_made)).mean()
         mean, spread = model.posterior(torch.cat([made, next_made]))
         codes = torch.cat([code, next_code])
@@ -132,8 +121,7 @@ class CausalInfoGanTrainer(Trainer):
         self._maker.zero_grad()
         torch.autograd.backward(loss)
         self._maker.step()
-        for parameter in model.discriminator.parameters():
-            parameter.requires_grad_(True)
+        model.discriminator.requires_grad_(True)
         return {
             "discriminator_loss": critic_loss.item(),
             "generator_loss": fooled.item(),

@@ -16,9 +16,7 @@ INNER_R1 = "inner R1"
 """The kind of R1 on a segment without a rope end."""
 
 KIND_SHARES = {"R1": 2.0, INNER_R1: 0.5, "R2": 1.0, "C": 3.0}
-"""How often kinds of actions are drawn, relative to each other. Cross, and R1 on a segment with an
-end, lead to every state of up to three crossings; to twist a loop into a segment between two
-crossings hardly ever succeeds."""
+"""Relative frequencies of the kinds of actions."""
 
 UNDO = "undo"
 """The kind of all actions that undo another."""
@@ -29,17 +27,14 @@ Pair = tuple[TopologicalState, Action]
 
 @cache
 def outcomes(state: TopologicalState, most_crossings: int) -> Mapping[Action, TopologicalState]:
-    """Every action that a state allows, undoing ones included, with the state it leads to, of at
-    most so many crossings."""
-    found = {
-        action: after for action, after in state.actions() if after.num_crossings <= most_crossings
-    }
-    return found | dict(state.undo_actions())
+    """Every action of a state, undoing ones included, and its end, of at most so many crossings."""
+    kept = {action: end for action, end in state.actions() if end.num_crossings <= most_crossings}
+    return kept | dict(state.undo_actions())
 
 
 @cache
 def pairs_by_kind(state: TopologicalState, most_crossings: int) -> Mapping[str, tuple[Pair, ...]]:
-    """`outcomes` by kind of action, those that the state allows: of `KIND_SHARES`, and undo."""
+    """Pairs of a state by kind of action: those of `KIND_SHARES`, and undo."""
     found: dict[str, list[Pair]] = {}
     for action in outcomes(state, most_crossings):
         kind = action.symbol if isinstance(action, ForwardAction) else UNDO
@@ -65,7 +60,6 @@ class PairStats:
     """Success rate, an exponential average over the last hundred trials or so."""
 
     def add(self, success: bool) -> None:
-        """Count a trial."""
         self.trials += 1
         self.successes += success
         self.rate += (success - self.rate) / min(self.trials, 100)
@@ -92,19 +86,13 @@ class Curriculum:
     def __init__(
         self, most_crossings: int, crossings_shares: Sequence[float], undo_share: float
     ) -> None:
-        """Of pairs between states of at most so many crossings.
-
-        Args:
-            most_crossings: of both states.
-            crossings_shares: how often states of 0, 1, 2, ... crossings are drawn, relatively.
-            undo_share: share of the draws that undo an action.
-        """
+        """`crossings_shares` are relative frequencies of states of 0, 1, 2, ... crossings,
+        `undo_share` is the share of the draws that undo an action."""
         self.most_crossings, self.undo_share = most_crossings, undo_share
         self.crossings_shares = crossings_shares
         self.stats: dict[Pair, PairStats] = {}
 
     def add(self, state: TopologicalState, action: Action, success: bool) -> None:
-        """Count a trial."""
         self.stats.setdefault((state, action), PairStats()).add(success)
 
     def by_crossings(
@@ -122,11 +110,7 @@ class Curriculum:
         by_crossings: Mapping[int, Sequence[TopologicalState]],
         rng: np.random.Generator,
     ) -> Pair:
-        """A state out of those given, and an action.
-
-        First the number of crossings by its share, then the kind of action by its share; among the
-        pairs left, by priority.
-        """
+        """A pair: the number of crossings and the kind of action by share, then by priority."""
         shares = np.array([self.crossings_shares[count] for count in sorted(by_crossings)])
         crossings = sorted(by_crossings)[rng.choice(len(shares), p=shares / shares.sum())]
         some = by_crossings[crossings]
@@ -137,10 +121,8 @@ class Curriculum:
             for kind, own in pairs_by_kind(state, self.most_crossings).items():
                 pairs.setdefault(kind, []).extend(own)
         undoing = pairs.pop(UNDO, [])
-        if undoing and (not pairs or rng.random() < self.undo_share):
-            chosen = undoing
-        else:
-            chosen = pairs[_drawn_kind(pairs, rng)]
+        undo = undoing and (not pairs or rng.random() < self.undo_share)
+        chosen = undoing if undo else pairs[_drawn_kind(pairs, rng)]
         priority = np.array([self.stats.get(pair, _UNTRIED).priority for pair in chosen])
         return chosen[rng.choice(len(chosen), p=priority / priority.sum())]
 

@@ -1,8 +1,5 @@
-"""The behaviour policy (Fig. 5, black arrows).
-
-Some splines are the policy's, some are the critic's best from a widened Gaussian of the actor (what
-a critic overestimates is then found out), and some are drawn from this Gaussian.
-"""
+"""The behaviour policy (Fig. 5, black arrows): splines are the policy's, the critic's best from a
+widened Gaussian of the actor, or drawn from this Gaussian."""
 
 from __future__ import annotations
 
@@ -32,14 +29,8 @@ def explore(
 ) -> tuple[Tensor, NDArray[np.int64]]:
     """Splines (S, count, 6) in network space to try on S ropes, and the way (S,) of each rope's.
 
-    Args:
-        primitive: its actor and critic are the policy.
-        encoded: the S ropes.
-        count: splines a rope.
-        config: shares of the ways.
-        progress: 0 in the first round, 1 in the last.
-        rng: of everything random.
-        use_next_value: search also for the next action's value.
+    `progress` is 0 in the first round and 1 in the last; with `use_next_value` searches are for the
+    next action's value as well.
     """
     left = 1 + progress * (config.last - 1)
     search = left * config.search if primitive.critic is not None else 0.0

@@ -1,4 +1,17 @@
-"""Gradient steps of adapted QT-Opt on demonstrations and rollouts (Fig. 5, green arrows).
+"""Losses and gradient steps of adapted QT-Opt (Sec. V-B b; Fig. 5, green arrows).
+
+The losses read a batch of S ropes and N trials; many splines may share a rope:
+
+| key                   | shape          | what                                                |
+|-----------------------|----------------|-----------------------------------------------------|
+| states                | TensorDict [S] | encoded ropes, see `primitives.encoding`            |
+| owner                 | (N,) int64     | the rope of each trial                              |
+| spline                | (N, 6)         | in network space                                    |
+| reward                | (N,)           | 1 where the trial succeeded, else 0                 |
+| baseline              | (N,)           | mean return of the trials known from the same rope  |
+| weight                | (N,)           | of the trial in the batch, of mean 1                |
+| next_value (optional) | (N,)           | max Q of a next action at the end shape; NaN where  |
+|                       |                | none was valued                                     |
 
 Beyond the paper, critics are reset now and then (Nikishin et al., "The Primacy Bias in Deep
 Reinforcement Learning", ICML 2022).
@@ -16,18 +29,81 @@ import numpy as np
 import torch
 from tensordict import TensorDict
 from torch import Tensor
+from torch.distributions import MultivariateNormal
+from torch.nn.functional import binary_cross_entropy_with_logits
 
 from knotflow.samplers.primitives.encoding import encode
-from knotflow.samplers.primitives.networks import Critic
+from knotflow.samplers.primitives.networks import Actor, Critic
 from knotflow.samplers.primitives.primitive import Primitive
 from knotflow.simulation import Trials
 from knotflow.threads import one_thread
 from knotflow.training.buffers import TransitionBuffer, TrialBuffer, augment, mix
 from knotflow.training.config import LearnerConfig
-from knotflow.training.losses import actor_loss, critic_loss
 
+REACH = 3.0
+"""How far below an actor's typical log density failures still count, nats."""
 _GLOBAL_GENERATOR = Lock()
-"""Learners run in threads, but new weights come from PyTorch's one global generator."""
+"""Held while new weights are drawn from PyTorch's one global generator."""
+
+
+def returns(batch: TensorDict, success_share: float) -> Tensor:
+    """Returns (N,) in 0..1: the reward, in part times the next value where that is known."""
+    reward: Tensor = batch["reward"]
+    if "next_value" not in batch.keys():
+        return reward
+    next_value = batch["next_value"]
+    worth = torch.where(next_value.isnan(), 1.0, success_share + (1 - success_share) * next_value)
+    return reward * worth
+
+
+def critic_loss(critic: Critic, batch: TensorDict) -> dict[str, Tensor]:
+    """Cross-entropy between the critic and the outcomes of trials, and `critic_accuracy`.
+
+    QT-Opt's r + gamma max Q (Sec. V-B c) in two factors: success, learned from every trial, and the
+    next value, learned from trials that succeeded and are valued.
+    """
+    reward, weight = batch["reward"], batch["weight"]
+    logits = critic(batch["states"], batch["spline"], batch["owner"])
+    success, value = logits.unbind(-1)
+    loss = binary_cross_entropy_with_logits(success, reward, weight=weight)
+    if "next_value" in batch.keys():
+        next_value = batch["next_value"]
+        known = (reward > 0.5) & ~next_value.isnan()
+        weight = torch.where(known, weight, 0.0)
+        loss = loss + binary_cross_entropy_with_logits(
+            value, torch.where(known, next_value, 0.0), weight=weight
+        )
+    accuracy = ((success.detach() > 0) == (reward > 0.5)).float().mean()
+    return {"loss_critic": loss, "critic_accuracy": accuracy}
+
+
+def actor_loss(
+    actor: Actor,
+    batch: TensorDict,
+    failure_weight: float = 0.0,
+    success_share: float = 0.5,
+    gains_only: bool = False,
+) -> dict[str, Tensor]:
+    """Off-policy REINFORCE, -(R - b) log pi(a | s), and `actor_spread`, the normalised deviation.
+
+    b is `failure_weight` times the baseline; 0 gives reward-weighted maximum likelihood. As -log pi
+    has no upper bound, a failure counts only where its log density is within `REACH` of the
+    typical one. With `gains_only` trials below b are left out.
+    """
+    mean, factor = actor(batch["states"])
+    owner = batch["owner"]
+    gaussian: Any = MultivariateNormal(mean[owner], scale_tril=factor[owner], validate_args=False)
+    log_prob = gaussian.log_prob(batch["spline"])
+    advantage = returns(batch, success_share) - failure_weight * batch["baseline"]
+    if gains_only:
+        advantage = advantage.clamp(min=0)
+    typical = -gaussian.entropy().detach()  # the mean of log pi under pi
+    counts = (advantage > 0) | (log_prob.detach() > typical - REACH)
+    pull = batch["weight"] * advantage * counts
+    # Per unit of pull, so that the step does not depend on how often the batch succeeds.
+    loss = -(pull * log_prob).sum() / pull.abs().sum().clamp(min=1.0)
+    spread = factor.detach().square().sum(-1).sqrt().mean()
+    return {"loss_actor": loss, "actor_spread": spread}
 
 
 class Learner:
@@ -62,11 +138,7 @@ class Learner:
             self.optimizer.state.pop(parameter, None)
 
     def update(self, rate: float = 1.0, after_reset: bool = False) -> dict[str, float]:
-        """One gradient step; the losses and their companions.
-
-        Args:
-            rate: fraction of the learning rate.
-            after_reset: whether the critic's learning rate is boosted.
+        """One gradient step at a fraction of the learning rate; what `measure` gives.
 
         Raises:
             ValueError: there is nothing to learn from.
@@ -94,7 +166,7 @@ class Learner:
         return {key: float(value.detach()) for key, value in measured.items()}
 
     def measure(self, batch: TensorDict) -> dict[str, Tensor]:
-        """The losses of a batch and their companions."""
+        """Losses and other metrics of a batch."""
         config, actor, critic = self.config, self.primitive.actor, self.primitive.critic
         out = {} if critic is None else critic_loss(critic, batch)
         if actor is not None:
@@ -104,12 +176,9 @@ class Learner:
         return out
 
     def fit(self, steps: int, reset: bool = False, stop: Event | None = None) -> dict[str, float]:
-        """Gradient steps; the means of what `update` gives.
+        """Gradient steps, until `stop` is set; the means of what `update` gives.
 
-        Args:
-            steps: how many.
-            reset: reset the critic, and let the learning rate fall linearly to 0.
-            stop: once it is set, no further step is made.
+        With `reset` the critic is reset, and the learning rate falls linearly to 0.
         """
         means: dict[str, float] = {}
         if reset and steps:
@@ -144,10 +213,7 @@ def fit_each(
     reset: bool = False,
     threads: int | None = None,
 ) -> dict[int, dict[str, float]]:
-    """`Learner.fit` of several learners, each by its steps, in threads; None is one a CPU.
-
-    Learners share neither weights nor random generators: the number of threads changes nothing.
-    """
+    """`Learner.fit` of several learners in threads, one a CPU if None, with the same result."""
     if not learners:
         return {}
     stop = Event()
@@ -164,17 +230,12 @@ def fit_each(
 
 
 def is_reset_round(done: int, every: int, rounds: int) -> bool:
-    """Whether critics are reset after round number `done`, counted from 1: after every so many
-    rounds and after the last, but not shortly before it."""
+    """Whether critics are reset after round `done`, from 1: regularly and after the last."""
     return done == rounds or (done % every == 0 and rounds - done >= every)
 
 
 def demonstration_buffer(trials: Sequence[Trials], generator: torch.Generator) -> TrialBuffer:
-    """A buffer of trials, a rope an item.
-
-    Args:
-        trials: each of one rope.
-        generator: of what is sampled.
+    """A buffer of trials, each of one rope.
 
     Raises:
         ValueError: there are no trials.
@@ -183,9 +244,9 @@ def demonstration_buffer(trials: Sequence[Trials], generator: torch.Generator) -
     if not trials:
         raise ValueError("there are no demonstrated trials to learn from")
     encoded = encode([some.points[0] for some in trials], [some.action for some in trials])
+    frames = encoded.frames
     splines = [
-        encoded.frames[row : row + 1].to_network(some.splines[None])[0]
-        for row, some in enumerate(trials)
+        frames[row : row + 1].to_network(some.splines[None])[0] for row, some in enumerate(trials)
     ]
     buffer = TrialBuffer(len(trials), max(map(len, trials)), generator)
     buffer.extend(

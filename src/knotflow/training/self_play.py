@@ -1,11 +1,8 @@
 """Self-play: all primitives learn together, from ropes that they made (Sec. V-B c, and beyond).
 
-Joint finetuning over all paths of all solution DAGs instead of along one. Rope shapes are kept by
-topological state, beginning with random untangled ones. A trial draws a shape and an action that
-its state allows, and does the action or arranges the rope for it: a spline that keeps the state and
-raises the action's value. The shape it leaves is kept, so the states fill up, towards more
-crossings by actions and back by undoing them. Where the critic sees no way, a share of the splines
-are heuristic. The demonstrations and attempts of independent training stay in the replay buffers.
+Joint finetuning over all paths of all solution DAGs. A trial draws a kept shape and an action that
+its state allows, and does the action or arranges the rope for it; the shape it leaves is kept.
+Demonstrations and attempts of independent training stay in the replay buffers.
 """
 
 from __future__ import annotations
@@ -87,8 +84,8 @@ class SelfPlay(Trainer):
 
         Args:
             library: after independent training, with actor and critic.
-            trials: the demonstrations, of one rope each; may be empty.
-            earlier: attempts of independent training; may be empty.
+            trials: demonstrations, of one rope each.
+            earlier: attempts of independent training.
             simulator: executes the trials.
             config: the effort.
             seed: of everything random.
@@ -197,10 +194,7 @@ class SelfPlay(Trainer):
         for row in np.flatnonzero(guessed).tolist():
             points, action = queries[row].points, queries[row].action
             if arranging[row]:
-
-                def value(shapes: Floats, action: Action = action) -> Floats:
-                    return self._values([canonicalise(shape, action) for shape in shapes])
-
+                value = partial(self._values_for, action)
                 splines[row] = screened_arranging_splines(points, action, 1, rng, value)[0]
             else:
                 success = partial(self.library.judged, points, action)
@@ -208,13 +202,10 @@ class SelfPlay(Trainer):
         return splines, arranging, ways
 
     def _add_earlier(self, attempts: Attempts) -> None:
-        """Store attempts of independent training."""
         action, state, goal = attempts.action, attempts.start, attempts.goal
         learned = []
-        for points, spline, success, end_points in zip(
-            attempts.points, attempts.splines, attempts.success, attempts.rollouts.end_points,
-            strict=True,
-        ):  # fmt: skip
+        columns = attempts.points, attempts.splines, attempts.success, attempts.rollouts.end_points
+        for points, spline, success, end_points in zip(*columns, strict=True):
             if (rope := canonical_or_none(points, action)) is not None:
                 query, end = Query(points, state, action, rope), goal if success else None
                 one = Transition(query, spline, end_points, end)
@@ -247,6 +238,9 @@ class SelfPlay(Trainer):
             states = encode_canonical([ropes[row] for row in rows.tolist()]).states
             values[rows] = self._value(number, states).numpy()
         return values
+
+    def _values_for(self, action: Action, shapes: Floats) -> Floats:
+        return self._values([canonicalise(shape, action) for shape in shapes])
 
     def _value(self, number: int, states: TensorDict) -> Tensor:
         return best_values(self.library.primitives[number], states, self._rng)
@@ -329,11 +323,7 @@ class SelfPlay(Trainer):
 
 
 def best_values(primitive: Primitive, states: TensorDict, rng: np.random.Generator) -> Tensor:
-    """`Primitive.values` (N,) of ropes [N], in chunks on all cores.
-
-    Raises:
-        ValueError: the primitive has no critic.
-    """
+    """`Primitive.values` (N,) of ropes [N], in chunks on all cores."""
     chunks = [states[begin : begin + CHUNK] for begin in range(0, len(states), CHUNK)]
     noises = [primitive.value_noise(len(some), rng) for some in chunks]
     with one_thread(), ThreadPoolExecutor(os.cpu_count()) as pool:

@@ -26,9 +26,6 @@ class Trainer(ABC):
     The same arguments give the same weights on one machine, interrupted between rounds or not.
     """
 
-    rounds: int
-    """Rounds from the first to the last."""
-
     def __init__(self, rounds: int) -> None:
         self.rounds = rounds
         self.history: list[Metrics] = []
@@ -57,11 +54,9 @@ class Trainer(ABC):
         self.history = list(state["history"])
 
     def save(self, path: Path) -> None:
-        """Write a checkpoint."""
         torch.save(self.state_dict(), path)
 
     def load(self, path: Path) -> None:
-        """Continue from a checkpoint."""
         self.load_state_dict(torch.load(path, weights_only=True))
 
 
@@ -108,7 +103,6 @@ class SupervisedTrainer(Trainer):
         return step / (self.rounds * self.effort.steps)
 
     def descend(self, loss: Tensor, learning_rate: float) -> None:
-        """One gradient step on a loss."""
         for group in self.optimizer.param_groups:
             group["lr"] = learning_rate
         self.optimizer.zero_grad(set_to_none=True)
@@ -146,9 +140,9 @@ def run_training(
 
     Args:
         trainer: as constructed.
-        out: folder of the checkpoint and of curves.csv; its own for every training.
-        name: of the training, for the progress bar.
-        progress: makes the progress bar, as tqdm does, from `total`, `initial` and `desc`.
+        out: folder of the checkpoint and of curves.csv.
+        name: of the progress bar.
+        progress: makes the progress bar, as tqdm does.
         save_every: rounds between two checkpoints.
         finish: saves what was trained; afterwards the checkpoint is removed.
         log: called with name, value and number of rounds for every metric of a round.

@@ -1,10 +1,4 @@
-"""What trials of self-play teach: of the action, and of arranging the rope for it.
-
-- Acting: whether it succeeded, and of a success the value of a next action drawn among those that
-  are legal at the end.
-- Arranging: whether the state was kept, and the value of the wanted action afterwards. Splines that
-  failed at their action without being meant to arrange teach the same.
-"""
+"""Training samples from trials of self-play: of the action, and of arranging the rope for it."""
 
 from __future__ import annotations
 
@@ -23,8 +17,7 @@ from knotflow.topology import Action, DegenerateCurveError, IllegalActionError, 
 from knotflow.training.curriculum import Curriculum
 
 FARTHEST_GRASP = 3.5
-"""Trials that grasp the rope farther away from where an action does, network units, teach nothing:
-half a segment beyond the end of the grasped one, or anywhere where all may be."""
+"""Largest distance, network units, from where an action grasps, of trials that teach anything."""
 
 Value = Callable[[int, TensorDict], Tensor]
 """Given a primitive and encoded ropes [N], their values (N,)."""
@@ -81,7 +74,8 @@ def samples(
     arranging_share: float,
     rng: np.random.Generator,
 ) -> Iterator[Sample]:
-    """What a transition teaches; of failed actions, a share teaches arranging as well."""
+    """A transition's samples: of its action, whether it succeeded and what may follow; of
+    arranging (also from a share of the failed actions), whether the state was kept."""
     success, arranging = transition.success, transition.arranging
     if not arranging:
         yield acting_sample(transition, curriculum, rng)

@@ -1,4 +1,4 @@
-"""Reinforcement: a primitive goes on learning from its own attempts (Sec. V-B b)."""
+"""Independent training of a primitive: imitation, then reinforcement (Sec. V-B a and b)."""
 
 from __future__ import annotations
 
@@ -10,23 +10,88 @@ import torch
 from numpy.typing import NDArray
 
 from knotflow.samplers.demonstrations import Task
+from knotflow.samplers.primitives.config import PrimitiveConfig
 from knotflow.samplers.primitives.encoding import encode
 from knotflow.samplers.primitives.primitive import Primitive
 from knotflow.simulation import Attempts, RopeSimulator, StartsConfig, Trials, is_roomy
 from knotflow.training.buffers import InitialStateBuffer, TrialBuffer
-from knotflow.training.config import ReinforcementConfig
+from knotflow.training.config import ImitationConfig, ReinforcementConfig
 from knotflow.training.exploration import POLICY, SPREAD, explore
 from knotflow.training.learner import Learner, demonstration_buffer, is_reset_round
 from knotflow.training.trainer import Metrics, Trainer
+
+FEW_STARTS = 4
+"""With fewer start shapes, trials are held out instead of shapes."""
 
 Observer = Callable[[int, Sequence[Attempts]], None]
 """Called with the number of a round and its attempts, a batch a task."""
 
 
+class Imitation(Trainer):
+    """Trains `primitive` on demonstrations; a round ends with a validation."""
+
+    def __init__(
+        self,
+        trials: Sequence[Sequence[Trials]],
+        primitive: PrimitiveConfig,
+        config: ImitationConfig,
+        seed: int,
+    ) -> None:
+        """Draws weights and what is held out; `trials` are, for each action, of one rope each.
+
+        Raises:
+            ValueError: there are no trials.
+        """
+        super().__init__(config.validations)
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            self.primitive = Primitive(primitive)
+        self.config = config
+        self.learner = Learner(self.primitive, config.learner, seed)
+        rng = np.random.default_rng(seed)
+        learned, held_out = [], []
+        for some in trials:
+            for one, held in zip(some, _held_out(some, config.held_out, rng), strict=True):
+                learned.append(one[~held])
+                held_out.append(one[held])
+        generator = self.learner.generator
+        self.learner.demonstrations = demonstration_buffer(learned, generator)
+        unseen = demonstration_buffer(held_out, generator)
+        self._validation = unseen.sample(len(unseen), unseen.slots)
+
+    def step(self) -> Metrics:
+        self.primitive.train()
+        return self.learner.fit(self.config.steps)
+
+    @torch.no_grad()
+    def validate(self) -> Metrics:
+        """Losses on the held-out trials."""
+        measured = self.learner.measure(self._validation)
+        return {f"validation_{key}": float(value) for key, value in measured.items()}
+
+    def state_dict(self) -> dict[str, Any]:
+        return super().state_dict() | {"learner": self.learner.state_dict()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        super().load_state_dict(state)
+        self.learner.load_state_dict(state["learner"])
+
+
+def _held_out(trials: Sequence[Trials], share: float, rng: np.random.Generator) -> list[np.ndarray]:
+    """Which trials (N,) of each rope are held out."""
+    sizes = [len(one) for one in trials]
+    if len(trials) < FEW_STARTS:
+        held = rng.random(sum(sizes)) < share
+        if not held.any():  # of a few trials, as of a person's first demonstration
+            held[rng.integers(len(held))] = True
+        return np.split(held, np.cumsum(sizes)[:-1])
+    ropes = rng.permutation(len(trials))[: max(1, round(share * len(trials)))]
+    return [np.full(size, number in ropes) for number, size in enumerate(sizes)]
+
+
 class Reinforcement(Trainer):
     """Trains `primitive` on its own attempts and on demonstrations.
 
-    A round: start shapes, the behaviour policy, the simulator, the replay buffer, gradient steps.
     Metrics are losses, and the success rate of the policy's own splines for each action.
     """
 
@@ -45,13 +110,12 @@ class Reinforcement(Trainer):
 
         Args:
             primitive: after imitation.
-            trials: the demonstrations, of one rope each, which stay in the replay buffer.
-            pools: for each task of this primitive, start shapes (P, V, 3), metres, in its start
-                state, from which every round draws.
+            trials: demonstrations, of one rope each.
+            pools: start shapes (P, V, 3), metres, of each task of this primitive.
             simulator: executes the attempts.
             config: the effort.
             seed: of everything random.
-            starts: what a start looks like, for those that attempts leave behind.
+            starts: what a start that attempts leave behind looks like.
             observe: told of every round's attempts.
 
         Raises:
@@ -74,11 +138,9 @@ class Reinforcement(Trainer):
         self._starts = starts or StartsConfig()
         self._observe = observe
         self._tasks = list(pools)
+        recycling = config.recycled_share, config.recycled_capacity
         self._initial = {
-            task.start_state: InitialStateBuffer(
-                pool, config.recycled_share, config.recycled_capacity
-            )
-            for task, pool in pools.items()
+            task.start_state: InitialStateBuffer(pool, *recycling) for task, pool in pools.items()
         }
 
     def step(self) -> Metrics:

@@ -16,8 +16,20 @@ from knotflow.simulation import (
     SimulationConfig,
     state_or_none,
 )
-from knotflow.training import LearnerConfig, Reinforcement, ReinforcementConfig
+from knotflow.training import (
+    Imitation,
+    ImitationConfig,
+    LearnerConfig,
+    Reinforcement,
+    ReinforcementConfig,
+)
+from knotflow.training.config import AugmentationConfig
 
+IMITATION = ImitationConfig(
+    LearnerConfig(learning_rate=5e-3, augmentation=AugmentationConfig(0.0, 0.0)),
+    steps=10,
+    validations=6,
+)
 TASK = task("R1(0,1,1)")
 CONFIG = ReinforcementConfig(
     LearnerConfig(demonstration_trials=4, rollout_ropes=4),
@@ -95,7 +107,7 @@ def test_what_was_tried_is_what_is_remembered(start, curves):
 
 
 @pytest.mark.slow
-def test_an_interrupted_training_ends_with_the_same_weights(start, tmp_path):
+def test_an_interrupted_reinforcement_ends_with_the_same_weights(start, tmp_path):
     through = start()
     list(through)
     first = start()
@@ -112,3 +124,38 @@ def test_an_empty_pool_is_refused(primitive_config, simulator):
         Reinforcement(
             Primitive(primitive_config), [], {TASK: np.zeros((0, 41, 3))}, simulator, CONFIG, 0
         )
+
+
+@pytest.mark.slow
+def test_imitation_learns_what_makes_trials_succeed(primitive_config, trials, curves):
+    training = Imitation([trials], primitive_config, replace(IMITATION, validations=12), 0)
+    metrics = list(training)
+    assert metrics[-1]["loss_critic"] < 0.6 * metrics[0]["loss_critic"]
+    seen = encode(curves, [one.action for one in trials])
+    found, _ = training.primitive.search(seen, 8, np.random.default_rng(1))
+    rate = (found[..., 5] > 0.2).float().mean()
+    assert rate > 0.8 > np.mean([one.success for one in trials]) + 0.2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("variant", ["actor_only", "critic_only"])
+def test_a_variant_trains_the_network_it_has(primitive_config, trials, variant):
+    training = Imitation([trials], replace(primitive_config, variant=variant), IMITATION, 0)
+    name = variant.removesuffix("_only")
+    metrics = list(training)
+    assert metrics[-1][f"validation_loss_{name}"] < metrics[0][f"validation_loss_{name}"]
+
+
+@pytest.mark.slow
+def test_an_interrupted_imitation_ends_with_the_same_weights(primitive_config, trials, tmp_path):
+    through = Imitation([trials], primitive_config, IMITATION, 3)
+    list(through)
+    first = Imitation([trials], primitive_config, IMITATION, 3)
+    for number, _ in enumerate(first):
+        if number == 1:
+            first.save(tmp_path / "checkpoint")
+            break
+    second = Imitation([trials], primitive_config, IMITATION, 3)
+    second.load(tmp_path / "checkpoint")
+    assert len(list(second)) == IMITATION.validations - 2
+    torch.testing.assert_close(weights(second), weights(through), atol=0, rtol=0)
