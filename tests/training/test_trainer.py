@@ -113,14 +113,6 @@ def test_curves_have_gradient_steps_and_metrics(whole, tmp_path):
     assert curves["weight"].iloc[-1] == pytest.approx(whole.model.weight.item(), rel=1e-5)
 
 
-def test_metrics_are_logged_by_round(tmp_path):
-    logged = []
-    trainer = LineTrainer()
-    run_training(trainer, tmp_path, name="line", log=lambda *point: logged.append(point))
-    assert [step for name, _, step in logged if name == "error"] == [1, 2, 3, 4, 5]
-    assert {name for name, *_ in logged} == {"error", "weight"}
-
-
 def test_merged_curves_have_a_row_a_value(tmp_path):
     (tmp_path / "one.csv").write_text("step,loss\n0,0.5\n1,0.25\n")
     (tmp_path / "all.csv").write_text('step,2/loss,"4/success/R1(0,1,1)"\n0,1.0,\n1,,0.5\n')

@@ -95,7 +95,15 @@ def read_rope(path: Path, rope: RopeConfig, unit: str | None = None) -> Floats:
             lost between the model's links.
     """
     curve = read_points(path, unit)
-    _check_lies(path, curve)
+    steps = np.diff(curve, axis=0)
+    length = float(np.linalg.norm(steps, axis=1).sum())
+    above = float(np.linalg.norm(steps[:, :2], axis=1).sum())
+    if above < MIN_VISIBLE * length:
+        raise RopeInputError(
+            f"{path}: this rope stands or hangs rather than lies: of its {length:.3g} m, "
+            f"{above:.3g} m are seen from above. Columns are x, y, z with z up, and the rope lies "
+            "on a table"
+        )
     try:
         state = TopologicalState.from_curve(curve)
     except DegenerateCurveError as error:
@@ -104,14 +112,23 @@ def read_rope(path: Path, rope: RopeConfig, unit: str | None = None) -> Floats:
             " Measure the strands at the crossing more closely: z must say which one is on top, and"
             " neither an end nor two strands may lie exactly on another in x and y"
         ) from error
-    length = float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())
     if abs(length / rope.length - 1.0) > LENGTH_TOLERANCE:
         raise RopeInputError(
             f"{path}: the rope is {length:.3g} m long, but the model's is {rope.length:g} m; "
             f"{_length_cure(length, rope)}"
         )
     points = lay_down(curve, rope)
-    _check_bends(path, points, rope)
+    direction = np.diff(points, axis=0) / rope.link_length
+    cosine = np.clip((direction[1:] * direction[:-1]).sum(axis=1), -1.0, 1.0)
+    bend = np.arccos(cosine)
+    if bend.max() > rope.max_bend:
+        vertex = int(bend.argmax()) + 1
+        raise RopeInputError(
+            f"{path}: at {points[vertex, :2].round(3).tolist()} m the rope bends by "
+            f"{np.rad2deg(bend.max()):.0f} degrees from one link of {rope.link_length * 1e3:g} mm "
+            f"to the next, the model's rope by {np.rad2deg(rope.max_bend):.0f} at most; smooth the "
+            "points, they may be noisy or out of order"
+        )
     reach = float(SPLINE_HIGH[-1])
     far = np.abs(points[:, :2]).max(axis=1)
     if far.max() > reach:
@@ -177,32 +194,6 @@ def _length_cure(length: float, rope: RopeConfig) -> str:
                 f"the unit, as in x [{unit}]"
             )
     return f"set the model rope's length to {length:.3g} (points are in metres)"
-
-
-def _check_lies(path: Path, curve: Floats) -> None:
-    steps = np.diff(curve, axis=0)
-    length = float(np.linalg.norm(steps, axis=1).sum())
-    above = float(np.linalg.norm(steps[:, :2], axis=1).sum())
-    if above < MIN_VISIBLE * length:
-        raise RopeInputError(
-            f"{path}: this rope stands or hangs rather than lies: of its {length:.3g} m, "
-            f"{above:.3g} m are seen from above. Columns are x, y, z with z up, and the rope lies "
-            "on a table"
-        )
-
-
-def _check_bends(path: Path, points: Floats, rope: RopeConfig) -> None:
-    direction = np.diff(points, axis=0) / rope.link_length
-    cosine = np.clip((direction[1:] * direction[:-1]).sum(axis=1), -1.0, 1.0)
-    bend = np.arccos(cosine)
-    if bend.max() > rope.max_bend:
-        vertex = int(bend.argmax()) + 1
-        raise RopeInputError(
-            f"{path}: at {points[vertex, :2].round(3).tolist()} m the rope bends by "
-            f"{np.rad2deg(bend.max()):.0f} degrees from one link of {rope.link_length * 1e3:g} mm "
-            f"to the next, the model's rope by {np.rad2deg(rope.max_bend):.0f} at most; smooth the "
-            "points, they may be noisy or out of order"
-        )
 
 
 def _state_or_text(points: Floats) -> TopologicalState | str:

@@ -92,15 +92,6 @@ class Waypoints:
                 writer.writerow((*(f"{number:.6f}" for number in (time, *position)), *row))
 
 
-@dataclass(frozen=True, eq=False)
-class _Phase:
-    """Positions (n, 3) at the end of each of n sampling intervals."""
-
-    name: str
-    positions: Floats
-    closed: bool
-
-
 def trace_waypoints(
     grippers: Sequence[tuple[Floats, NDArray[np.float32], str]],
     shapes: Floats,
@@ -131,10 +122,8 @@ def trace_waypoints(
     for step, (times, gripper, action) in enumerate(grippers):
         path = np.asarray(gripper, np.float64)
         drag = _drag(np.asarray(times), path, move_time, rate_hz, config.drag_speed)
-        for phase in _phases(here, drag, rate_hz, config):
-            rows.extend(
-                (place, phase.closed, step, action, phase.name) for place in phase.positions
-            )
+        for phase, closed, positions in _phases(here, drag, rate_hz, config):
+            rows.extend((position, closed, step, action, phase) for position in positions)
         here = rows[-1][0]
     return Waypoints(
         times=np.arange(len(rows)) / rate_hz,
@@ -148,19 +137,19 @@ def trace_waypoints(
 
 def _phases(
     here: Floats | None, drag: Floats, rate_hz: float, config: GripperConfig
-) -> list[_Phase]:
-    """The phases of one step with a drag (n + 1, 3), from `here` (3,) or above the grasp."""
+) -> list[tuple[str, bool, Floats]]:
+    """Phases of a step with a drag (n + 1, 3), from `here` (3,): name, closed, positions (N, 3)."""
     grasp, release = drag[0], drag[-1]
     above = np.array([*grasp[:2], config.approach_height])
     up = np.array([*release[:2], config.retreat_height])
     travel = above[None] if here is None else _move(here, above, config.travel_speed, rate_hz)
     return [
-        _Phase("travel", travel, closed=False),
-        _Phase("descend", _move(above, grasp, config.vertical_speed, rate_hz), closed=False),
-        _Phase("close", _stay(grasp, config.close_time, rate_hz), closed=True),
-        _Phase("drag", drag[1:], closed=True),
-        _Phase("open", _stay(release, config.open_time, rate_hz), closed=False),
-        _Phase("rise", _move(release, up, config.vertical_speed, rate_hz), closed=False),
+        ("travel", False, travel),
+        ("descend", False, _move(above, grasp, config.vertical_speed, rate_hz)),
+        ("close", True, _stay(grasp, config.close_time, rate_hz)),
+        ("drag", True, drag[1:]),
+        ("open", False, _stay(release, config.open_time, rate_hz)),
+        ("rise", False, _move(release, up, config.vertical_speed, rate_hz)),
     ]
 
 

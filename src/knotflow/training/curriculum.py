@@ -24,6 +24,8 @@ UNDO = "undo"
 Pair = tuple[TopologicalState, Action]
 """A state, and an action that it allows."""
 
+ByCrossings = Mapping[int, Sequence[TopologicalState]]
+
 
 @cache
 def outcomes(state: TopologicalState, most_crossings: int) -> Mapping[Action, TopologicalState]:
@@ -95,9 +97,7 @@ class Curriculum:
     def add(self, state: TopologicalState, action: Action, success: bool) -> None:
         self.stats.setdefault((state, action), PairStats()).add(success)
 
-    def by_crossings(
-        self, states: Iterable[TopologicalState]
-    ) -> Mapping[int, Sequence[TopologicalState]]:
+    def by_crossings(self, states: Iterable[TopologicalState]) -> ByCrossings:
         """The states that are drawn at all, by their number of crossings."""
         found: dict[int, list[TopologicalState]] = {}
         for state in states:
@@ -105,11 +105,7 @@ class Curriculum:
                 found.setdefault(state.num_crossings, []).append(state)
         return found
 
-    def draw(
-        self,
-        by_crossings: Mapping[int, Sequence[TopologicalState]],
-        rng: np.random.Generator,
-    ) -> Pair:
+    def draw(self, by_crossings: ByCrossings, rng: np.random.Generator) -> Pair:
         """A pair: the number of crossings and the kind of action by share, then by priority."""
         shares = np.array([self.crossings_shares[count] for count in sorted(by_crossings)])
         crossings = sorted(by_crossings)[rng.choice(len(shares), p=shares / shares.sum())]

@@ -197,7 +197,7 @@ class SelfPlay(Trainer):
                 value = partial(self._values_for, action)
                 splines[row] = screened_arranging_splines(points, action, 1, rng, value)[0]
             else:
-                success = partial(self.library.judged, points, action)
+                success = partial(self.library.success_probability, points, action)
                 splines[row] = screened_splines(points, action, 1, rng, success)[0]
         return splines, arranging, ways
 

@@ -70,7 +70,6 @@ class Effort(Protocol):
     learning_rate: float
     weight_decay: float
     gradient_norm: float
-    """Gradients are clipped to this norm."""
 
 
 class SupervisedTrainer(Trainer):
@@ -132,7 +131,6 @@ def run_training(
     progress: Callable[..., Any] = tqdm,
     save_every: int = 1,
     finish: Callable[[], None] | None = None,
-    log: Callable[[str, float, int], None] | None = None,
 ) -> None:
     """Train to the end, from the checkpoint in `out` if there is one; makes out/curves.csv.
 
@@ -145,19 +143,14 @@ def run_training(
         progress: makes the progress bar, as tqdm does.
         save_every: rounds between two checkpoints.
         finish: saves what was trained; afterwards the checkpoint is removed.
-        log: called with name, value and number of rounds for every metric of a round.
     """
     out.mkdir(parents=True, exist_ok=True)
     checkpoint = out / CHECKPOINT
     if checkpoint.exists():
         trainer.load(checkpoint)
     with progress(total=trainer.rounds, initial=len(trainer.history), desc=name) as bar:
-        for metrics in trainer:
-            done = len(trainer.history)
-            if log is not None:
-                for metric in metrics.keys() - {"step"}:
-                    log(metric, metrics[metric], done)
-            if done % save_every == 0:
+        for _ in trainer:
+            if len(trainer.history) % save_every == 0:
                 _replace(checkpoint, trainer.save)
             bar.update()
     curves = pd.DataFrame(trainer.history)

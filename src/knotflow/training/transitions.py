@@ -143,7 +143,7 @@ def _next_steps(
 
 
 def canonical_or_none(points: NDArray[np.float64], action: Action) -> Canonical | None:
-    """A rope and action as they are learned; None for the rare rope whose image reads otherwise."""
+    """`canonicalise`, or None for the rare rope whose image reads otherwise."""
     try:
         return canonicalise(points, action)
     except (DegenerateCurveError, IllegalActionError):
