@@ -1,15 +1,13 @@
-from .arranging import ArrangedAttempts, attempt_arranged
+from .arranging import attempt_arranged
 from .config import FAST_SEARCH, PlannerConfig, plan_name
 from .dag import SearchGraph, SolutionDag, UnreachableGoalError
 from .goals import Goal, NoRoomError, most_crossings, parse_goal
 from .nodes import SearchUpdate
-from .plan import ExpansionStats, KnotPlan, PlanFormatError, PlanStep
+from .plan import KnotPlan, PlanFormatError, PlanStep
 from .ropes import ROPE_NAMES, RopeInputError, lay_down, parse_rope, read_rope
 from .tree import AlreadyTiedError, TreeSearch, plan_knot, plan_rope
 from .validation import (
-    RECORD_RATE,
     Penetration,
-    StepCheck,
     check_steps,
     estimate_success,
     find_penetrations,
@@ -19,11 +17,8 @@ from .waypoints import GripperConfig, Waypoints
 
 __all__ = [
     "FAST_SEARCH",
-    "RECORD_RATE",
     "ROPE_NAMES",
     "AlreadyTiedError",
-    "ArrangedAttempts",
-    "ExpansionStats",
     "Goal",
     "GripperConfig",
     "KnotPlan",
@@ -36,7 +31,6 @@ __all__ = [
     "SearchGraph",
     "SearchUpdate",
     "SolutionDag",
-    "StepCheck",
     "TreeSearch",
     "UnreachableGoalError",
     "Waypoints",

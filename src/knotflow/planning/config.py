@@ -57,15 +57,13 @@ class PlannerConfig:
             *(("bias", 1), ("batch", 1), ("max_branches", 1)),
         ):
             if not getattr(self, name) >= least:
-                raise ValueError(
-                    f"planner.{name} must be {least} or more, got {getattr(self, name)}"
-                )
+                value = getattr(self, name)
+                raise ValueError(f"planner.{name} must be {least} or more, got {value}")
         if not self.max_seconds > 0.0:
             raise ValueError(f"planner.max_seconds must be above 0, got {self.max_seconds}")
-        if not 0.0 < self.failure_discount <= 1.0:
-            raise ValueError(
-                f"planner.failure_discount must lie in (0, 1], got {self.failure_discount}"
-            )
+        discount = self.failure_discount
+        if not 0.0 < discount <= 1.0:
+            raise ValueError(f"planner.failure_discount must lie in (0, 1], got {discount}")
 
 
 FAST_SEARCH = PlannerConfig(batch=4, steady=True, max_branches=20_000, max_seconds=60.0)

@@ -27,7 +27,6 @@ class Simulator(Protocol):
 
     def execute(self, points: Floats, splines: Floats) -> Rollouts:
         """Simulate splines (B, 6) on ropes (B, V, 3), each from rest to rest."""
-        ...
 
 
 @dataclass(eq=False)

@@ -61,15 +61,10 @@ class PlanStep:
 
 @dataclass(frozen=True)
 class ExpansionStats:
-    """How often one action was tried from one state with one outcome.
+    """How many branches tried one action from one state with one outcome.
 
-    Attributes:
-        state: where the branches began.
-        action: what they were for, `Arrange` included.
-        outcome: `str` of the state they ended in, "diverged", "unreadable", or "fragile" for the
-            action's state reached with too short segments (`PlannerConfig.margin`).
-        success: whether that is the action's state.
-        branches: how many there were.
+    The outcome is the `str` of the end state, "diverged", "unreadable", or "fragile" for the
+    action's state with too short segments (`PlannerConfig.margin`).
     """
 
     state: TopologicalState

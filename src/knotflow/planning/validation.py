@@ -27,30 +27,23 @@ MAX_SHIFT = 1.5
 
 @dataclass(frozen=True)
 class Penetration:
-    """A strand that passed through another one.
-
-    Attributes:
-        frame: the first one with the strands in exchanged order.
-        fractions: where on the rope, fractions of its length, the one nearer to the head first.
-    """
+    """A strand that passed through another one."""
 
     frame: int
+    """The first one with the strands in exchanged order."""
     fractions: tuple[float, float]
+    """Positions on both strands from the head, fractions of the rope's length."""
 
 
 @dataclass(frozen=True)
 class StepCheck:
-    """The result of simulating a step again from the shape it began with.
-
-    Attributes:
-        penetrations: strands that passed through others on the way.
-        reproduced: it reached its state again, at the same time step.
-        steady: it is robust, see `are_robust`.
-    """
+    """The result of simulating a step again from the shape it began with."""
 
     penetrations: tuple[Penetration, ...]
     reproduced: bool
+    """Whether it reached its state again, at the same time step."""
     steady: bool
+    """Whether it is robust, see `are_robust`."""
 
 
 def check_steps(steps: Sequence[PlanStep], simulation: SimulationConfig) -> list[StepCheck]:

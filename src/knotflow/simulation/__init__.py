@@ -13,7 +13,6 @@ from knotflow.simulation.perturbation import (
     GRASP_REACH,
     GRIPPER_ERROR_STD,
     LEVELS,
-    check_level,
     perturb_rope,
 )
 from knotflow.simulation.rope import (
@@ -27,7 +26,6 @@ from knotflow.simulation.simulator import Rollouts, RopeSimulator, SimulationCon
 from knotflow.simulation.spline import (
     SPLINE_HIGH,
     SPLINE_LOW,
-    SPLINE_NAMES,
     SplineError,
     check_splines,
     clip_splines,
@@ -37,7 +35,6 @@ from knotflow.simulation.spline import (
     spline_path,
 )
 from knotflow.simulation.starts import (
-    Starts,
     StartsConfig,
     arc,
     is_roomy,
@@ -56,7 +53,6 @@ __all__ = [
     "GRASP_REACH",
     "SPLINE_HIGH",
     "SPLINE_LOW",
-    "SPLINE_NAMES",
     "Attempts",
     "Observer",
     "Rollouts",
@@ -66,12 +62,10 @@ __all__ = [
     "SimulationConfig",
     "SplineError",
     "Trials",
-    "Starts",
     "StartsConfig",
     "arc",
     "attempt",
     "build_model",
-    "check_level",
     "check_points",
     "check_splines",
     "clip_splines",

@@ -36,12 +36,7 @@ def perturb_rope(rope: RopeConfig, level: int, rng: np.random.Generator) -> Rope
     Raises:
         ValueError: for an unknown level.
     """
-    check_level(level)
-    factors = {name: np.exp(level * a * rng.uniform(-1, 1)) for name, a in EXPONENTS.items()}
-    return replace(rope, **{name: getattr(rope, name) * f for name, f in factors.items()})
-
-
-def check_level(level: int) -> None:
-    """Raise a ValueError for an unknown level."""
     if level not in LEVELS:
         raise ValueError(f"unknown level {level!r}; valid levels: {', '.join(map(str, LEVELS))}")
+    factors = {name: np.exp(level * a * rng.uniform(-1, 1)) for name, a in EXPONENTS.items()}
+    return replace(rope, **{name: getattr(rope, name) * f for name, f in factors.items()})

@@ -1,5 +1,4 @@
 from .config import (
-    ExplorationConfig,
     ImitationConfig,
     LearnerConfig,
     ReinforcementConfig,
@@ -8,10 +7,8 @@ from .config import (
 from .independent import Imitation, Reinforcement
 from .learner import Learner
 from .self_play import SelfPlay
-from .trainer import SupervisedTrainer, Trainer, run_training
 
 __all__ = [
-    "ExplorationConfig",
     "Imitation",
     "ImitationConfig",
     "Learner",
@@ -20,7 +17,4 @@ __all__ = [
     "ReinforcementConfig",
     "SelfPlay",
     "SelfPlayConfig",
-    "SupervisedTrainer",
-    "Trainer",
-    "run_training",
 ]
