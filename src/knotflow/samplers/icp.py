@@ -18,12 +18,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotflow.samplers.demonstrations import load_trials
 from knotflow.samplers.sampler import sampler
 from knotflow.simulation import Trials, clip_splines
 from knotflow.topology import Action
+from knotflow.topology.polyline import Floats
 
 
 @dataclass
@@ -43,9 +43,9 @@ class IcpConfig:
 class _Gaussian:
     """The successful splines of one demonstrated configuration."""
 
-    points: NDArray[np.float64]  # (V, 3)
-    mean: NDArray[np.float64]  # (6,)
-    covariance: NDArray[np.float64]  # (6, 6)
+    points: Floats  # (V, 3)
+    mean: Floats  # (6,)
+    covariance: Floats  # (6, 6)
 
 
 class IcpSampler:
@@ -56,8 +56,8 @@ class IcpSampler:
         self._gaussians = {action: _fit(some) for action, some in trials.items()}
 
     def sample(
-        self, points: NDArray, action: Action, count: int, rng: np.random.Generator
-    ) -> NDArray[np.float64]:
+        self, points: Floats, action: Action, count: int, rng: np.random.Generator
+    ) -> Floats:
         """Splines (count, 6), clipped into range.
 
         Raises:
@@ -81,7 +81,7 @@ class IcpSampler:
         return clip_splines(rng.multivariate_normal(mean, covariance, count))
 
 
-def align(source: NDArray, target: NDArray) -> tuple[NDArray[np.float64], float]:
+def align(source: Floats, target: Floats) -> tuple[Floats, float]:
     """Rigid motion on the table that brings one rope onto another by ICP.
 
     The search starts from the motion that brings equal vertices closest, so a rope is not matched
@@ -135,7 +135,7 @@ def _fit(trials: Sequence[Trials]) -> list[_Gaussian]:
     return fitted
 
 
-def _carry(gaussian: _Gaussian, motion: NDArray) -> tuple[NDArray, NDArray]:
+def _carry(gaussian: _Gaussian, motion: Floats) -> tuple[Floats, Floats]:
     """Mean and covariance of a Gaussian's splines after a motion (3, 3) on the table."""
     turn = np.eye(6)
     turn[1:3, 1:3] = turn[4:6, 4:6] = motion[:2, :2]

@@ -107,7 +107,8 @@ class Discriminator(nn.Module):
 
     def forward(self, first: Tensor, second: Tensor) -> Tensor:
         """(N,) from two shapes (N, V, 3)."""
-        return self.read(self.scale.pair(first, second))[:, 0]
+        log_odds: Tensor = self.read(self.scale.pair(first, second))
+        return log_odds[:, 0]
 
 
 class Posterior(nn.Module):

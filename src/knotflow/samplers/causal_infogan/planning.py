@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from knotflow.samplers.causal_infogan.networks import CausalInfoGan
 from knotflow.samplers.causal_infogan.start_frame import StartFrame
+from knotflow.topology.polyline import Floats
 
 MAX_NOISE = 3.0
 
@@ -27,11 +27,11 @@ MAX_NOISE = 3.0
 class Plans:
     """Plans for B pairs of given shapes; metres, world frame."""
 
-    projected_start: NDArray[np.float64]
+    projected_start: Floats
     """(B, V, 3) the generated shape nearest to the given start."""
-    way_points: NDArray[np.float64]
+    way_points: Floats
     """(B, steps + 1, V, 3) decoded from the line between the codes of the projections."""
-    projected_end: NDArray[np.float64]
+    projected_end: Floats
     """(B, V, 3) the generated shape nearest to the given end."""
 
 
@@ -47,7 +47,7 @@ class Planner:
         self.model = model.eval()
         self._rng = torch.Generator().manual_seed(seed)
 
-    def plan(self, starts: NDArray, ends: NDArray, steps: int) -> Plans:
+    def plan(self, starts: Floats, ends: Floats, steps: int) -> Plans:
         """Plans from start to end shapes, (B, V, 3) each, metres, world frame.
 
         Raises:
@@ -120,7 +120,7 @@ class Planner:
         return plans[belief.sigmoid().view(count, steps).mean(dim=1).argmax()]
 
 
-def _tensor(shapes: NDArray) -> Tensor:
+def _tensor(shapes: Floats) -> Tensor:
     return torch.as_tensor(shapes, dtype=torch.float32)
 
 

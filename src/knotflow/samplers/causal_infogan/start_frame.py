@@ -8,43 +8,49 @@ Shapes are then invariant to where on the table a rope lies.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from knotflow.topology.polyline import Floats
 
 
 @dataclass(frozen=True)
 class StartFrame:
     """A frame on the table for each of B ropes."""
 
-    origin: NDArray[np.float64]
+    origin: Floats
     """(B, 3) metres, world frame; z is 0."""
-    rotation: NDArray[np.float64]
+    rotation: Floats
     """(B, 3, 3) its rows are the frame's axes in the world frame."""
 
     @classmethod
-    def of(cls, starts: NDArray) -> StartFrame:
+    def of(cls, starts: ArrayLike) -> StartFrame:
         """The frames of start shapes (B, V, 3), metres."""
-        starts = np.asarray(starts, dtype=np.float64)
-        origin = starts.mean(axis=1) * [1, 1, 0]
-        along = np.linspace(-0.5, 0.5, starts.shape[1])
-        direction = np.einsum("v,bvk->bk", along, starts - origin[:, None])
+        shapes = np.asarray(starts, dtype=np.float64)
+        origin = shapes.mean(axis=1) * [1, 1, 0]
+        along = np.linspace(-0.5, 0.5, shapes.shape[1])
+        direction = np.einsum("v,bvk->bk", along, shapes - origin[:, None])
         angle = np.arctan2(direction[:, 1], direction[:, 0])
-        rotation = np.zeros((len(starts), 3, 3))
+        rotation = np.zeros((len(shapes), 3, 3))
         rotation[:, 0, 0] = rotation[:, 1, 1] = np.cos(angle)
         rotation[:, 0, 1], rotation[:, 1, 0] = np.sin(angle), -np.sin(angle)
         rotation[:, 2, 2] = 1
         return cls(origin, rotation)
 
-    def enter(self, shapes: NDArray) -> NDArray[np.float64]:
+    def enter(self, shapes: NDArray[np.floating[Any]]) -> Floats:
         """World shapes (B, ..., V, 3) in these frames, metres."""
-        return np.einsum("bij,b...j->b...i", self.rotation, shapes - self._origin(shapes))
+        moved = shapes - self._origin(shapes)
+        turned: Floats = np.einsum("bij,b...j->b...i", self.rotation, moved)
+        return turned
 
-    def leave(self, shapes: NDArray) -> NDArray[np.float64]:
+    def leave(self, shapes: NDArray[np.floating[Any]]) -> Floats:
         """Shapes (B, ..., V, 3) of these frames in the world frame, metres."""
-        return np.einsum("bji,b...j->b...i", self.rotation, shapes) + self._origin(shapes)
+        turned: Floats = np.einsum("bji,b...j->b...i", self.rotation, shapes)
+        return turned + self._origin(shapes)
 
-    def _origin(self, shapes: NDArray) -> NDArray[np.float64]:
+    def _origin(self, shapes: NDArray[np.floating[Any]]) -> Floats:
         return self.origin.reshape(len(self.origin), *([1] * (np.ndim(shapes) - 2)), 3)
 
 
@@ -59,12 +65,12 @@ class DemonstratedRollouts:
     shapes: NDArray[np.float32]
     """(N, F, V, 3) metres, world frame."""
 
-    def in_start_frames(self) -> NDArray[np.float64]:
+    def in_start_frames(self) -> Floats:
         """The shapes (N, F, V, 3), each rollout's in the frame of its first, metres."""
         return StartFrame.of(self.shapes[:, 0]).enter(self.shapes)
 
 
-def frames_at(times: NDArray, rate: float) -> NDArray[np.intp]:
+def frames_at(times: Floats, rate: float) -> NDArray[np.intp]:
     """Indices of the frames at `rate` a second among those at `times` (T,) s, from the first on.
 
     Raises:
@@ -78,4 +84,5 @@ def frames_at(times: NDArray, rate: float) -> NDArray[np.intp]:
             f"every {spacing:g} s; choose {1 / spacing:g} or less"
         )
     wanted = np.arange(times[0], times[-1] + 1e-6, step)
-    return np.abs(np.asarray(times)[None] - wanted[:, None]).argmin(axis=1)
+    nearest: NDArray[np.intp] = np.abs(np.asarray(times)[None] - wanted[:, None]).argmin(axis=1)
+    return nearest

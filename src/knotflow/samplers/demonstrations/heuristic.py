@@ -94,7 +94,8 @@ def heuristic_any_action(
     ]
     if not actions or (random_share and rng.random() < random_share):
         return rng.uniform(SPLINE_LOW, SPLINE_HIGH)
-    return heuristic_splines(points, actions[rng.integers(len(actions))], 1, rng)[0]
+    (spline,) = heuristic_splines(points, actions[rng.integers(len(actions))], 1, rng)
+    return np.asarray(spline)
 
 
 def _grasp_and_target(

@@ -140,7 +140,8 @@ def _select(
     first = count - rng.binomial(count, 0.25)
     others = np.setdiff1d(np.arange(len(splines)), good)
     rows = np.concatenate([good[:first], others, np.sort(good[first:])])
-    return splines[rows[:count]]
+    chosen: Floats = splines[rows[:count]]
+    return chosen
 
 
 def _state(xy: Floats, moved: Floats, known: Floats) -> TopologicalState | None:

@@ -120,13 +120,16 @@ class PrimitiveLibrary:
             ValueError: there is no primitive for the action in this library.
             IllegalActionError: the action names a segment that the rope does not have.
         """
-        return self.propose(np.asarray(points)[None], [action], count, rng)[0]
+        (splines,) = self.propose(np.asarray(points)[None], [action], count, rng)
+        return np.asarray(splines)
 
     def sample_for_next(
         self, points: Floats, action: Action, count: int, rng: np.random.Generator
     ) -> Floats:
         """As `sample`, for success times the value of the next state."""
-        return self.propose(np.asarray(points)[None], [action], count, rng, use_next_value=True)[0]
+        ropes = np.asarray(points)[None]
+        (splines,) = self.propose(ropes, [action], count, rng, use_next_value=True)
+        return np.asarray(splines)
 
     def arrange(
         self, points: Floats, action: Action, count: int, rng: np.random.Generator
@@ -138,7 +141,8 @@ class PrimitiveLibrary:
             IllegalActionError: the action names a segment that the rope does not have.
         """
         ropes = np.asarray(points)[None]
-        return self.propose(ropes, [action], count, rng, use_next_value=True, arranging=True)[0]
+        (splines,) = self.propose(ropes, [action], count, rng, use_next_value=True, arranging=True)
+        return np.asarray(splines)
 
     @property
     def capabilities(self) -> frozenset[str]:
@@ -199,7 +203,9 @@ class PrimitiveLibrary:
         """
         ropes = np.asarray(points)[None]
         ((number, _, encoded),) = self._encoded(ropes, [action], arranging=False)
-        return self.primitives[number].success_probability(encoded, np.asarray(splines)[None])[0]
+        of_rope = np.asarray(splines)[None]
+        (probability,) = self.primitives[number].success_probability(encoded, of_rope)
+        return np.asarray(probability)
 
     def value(self, points: Floats, action: Action, rng: np.random.Generator) -> float:
         """max Q of a rope (V, 3): success probability of the best spline found (Sec. V-B c).

@@ -73,7 +73,7 @@ class Trunk(nn.Module):
         )
 
     def forward(self, streams: Tensor) -> tuple[Tensor, Tensor]:
-        points = streams.split(STREAM_POINTS, dim=1)
+        points = torch.split(streams, list(STREAM_POINTS), dim=1)
         read = [lstm(part)[0] for lstm, part in zip(self.lstms, points, strict=True)]
         pooled = []
         for asking, mlp in enumerate(self.mlps):
@@ -122,8 +122,9 @@ class SplineRopeAttention(nn.Module):
         path = self._weights @ torch.stack([x, y, z], dim=-1)  # (S, n, sites, 3)
         site = torch.cat([path, self._t.expand(*path.shape[:-1], 1)], dim=-1)
         size = self.query.out_features
-        query = self.query(site).flatten(1, 2).unflatten(-1, (self.lookups, -1)).transpose(1, 2)
-        key = of_points[..., :size].unflatten(-1, (self.lookups, -1)).transpose(1, 2)
+        by_lookup = (self.lookups, -1)
+        query = torch.unflatten(self.query(site).flatten(1, 2), -1, by_lookup).transpose(1, 2)
+        key = torch.unflatten(of_points[..., :size], -1, by_lookup).transpose(1, 2)
         # Of the squared distance |p - q|^2 = |p|^2 - 2 p q + |q|^2 a softmax over q needs the last
         # two terms only: products of what is appended to queries (S, lookups, n sites, ...) and
         # keys (S, lookups, Q, ...).
@@ -135,8 +136,9 @@ class SplineRopeAttention(nn.Module):
         key = torch.cat([key, q, q.square().sum(-1, keepdim=True)], dim=-1)
         value = of_points[:, None, :, size:].expand(-1, self.lookups, -1, -1)
         brought = (query @ key.mT).softmax(-1) @ value
-        brought = brought.transpose(1, 2).unflatten(1, site.shape[1:3]).flatten(3)
-        return self.out(self.at_place(torch.cat([site, brought], dim=-1)).flatten(2))
+        brought = torch.unflatten(brought.transpose(1, 2), 1, site.shape[1:3]).flatten(3)
+        passed: Tensor = self.out(self.at_place(torch.cat([site, brought], dim=-1)).flatten(2))
+        return passed
 
 
 _SITE = 4  # x, y, height and position along the spline
@@ -213,7 +215,8 @@ class Critic(nn.Module):
         of_rope, of_points = features
         controls = control_features(states, splines)
         passed = self.passage(of_points, states["streams"], controls)
-        return self.head(of_rope[:, None] + self.of_spline(controls) + passed)
+        logits: Tensor = self.head(of_rope[:, None] + self.of_spline(controls) + passed)
+        return logits
 
     def forward(self, states: TensorDict, splines: Tensor, owner: Tensor) -> Tensor:
         """Logits (N, 2) of splines (N, 6) in network space on ropes `owner` (N,) of `states`."""
