@@ -15,10 +15,11 @@ from knotflow.samplers.demonstrations import (
     load_demonstrations,
     merge_demonstrations,
     save_demonstrations,
+    task,
     task_at,
 )
 from knotflow.simulation import RopeConfig, check_points, check_splines, resample
-from knotflow.topology import TopologicalState, parse_action
+from knotflow.topology import TopologicalState, knot, parse_action
 
 
 @pytest.fixture(scope="module")
@@ -121,3 +122,40 @@ def test_files_of_two_people_merge_and_doubles_are_refused(shipped, tmp_path):
     add_demonstration(two, shipped[1])
     with pytest.raises(DemonstrationError, match=r"two.jsonl, line 3 is the same .*one.jsonl, l"):
         merge_demonstrations([one, two])
+
+
+STARTS = {
+    "R1(0,1,1)": 0,
+    "R2(0,0,1,1)": 0,
+    "C(0,1,1)": 1,
+    "C(0,2,1)": 1,
+    "C(4,2,1)": 2,
+    "C(1,2,1)": 1,
+    "C(2,0,1)": 2,
+    "C(2,4,1)": 2,
+}
+
+
+def test_tasks_are_in_the_order_of_the_figure():
+    assert {str(one.action): one.start_state.num_crossings for one in TASKS} == STARTS
+    assert list(STARTS) == [str(one.action) for one in TASKS]
+
+
+def test_two_tasks_end_in_the_overhand():
+    overhand = knot("overhand")
+    assert {str(one.action) for one in TASKS if one.goal_state in overhand} >= {
+        "C(4,2,1)",
+        "C(2,0,1)",
+    }
+
+
+def test_task_names_are_unique_identifiers():
+    names = {one.name for one in TASKS}
+    assert len(names) == 8
+    assert all(name.isidentifier() for name in names)
+
+
+def test_unknown_task_lists_the_valid_ones():
+    assert task("C(2,0,1)") is TASKS[6]
+    with pytest.raises(ValueError, match=r"'C\(9,9,1\)'; the eight are R1\(0,1,1\), R2"):
+        task("C(9,9,1)")

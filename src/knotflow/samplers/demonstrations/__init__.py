@@ -2,15 +2,19 @@
 
 from knotflow.samplers.demonstrations.dataset import (
     SHIPPED,
+    TASKS,
     Demonstration,
     DemonstrationError,
     NoiseConfig,
+    Task,
     add_demonstration,
     load_demonstrations,
     load_trials,
     merge_demonstrations,
     noisy_copies,
     save_demonstrations,
+    task,
+    task_at,
 )
 from knotflow.samplers.demonstrations.heuristic import (
     arranging_splines,
@@ -31,7 +35,6 @@ from knotflow.samplers.demonstrations.scripted import (
     demonstrate_task,
     succeed,
 )
-from knotflow.samplers.demonstrations.tasks import TASKS, Task, task, task_at
 
 __all__ = [
     "SHIPPED",

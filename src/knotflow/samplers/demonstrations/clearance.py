@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from knotflow.samplers.demonstrations.dataset import TASKS, Task
 from knotflow.samplers.demonstrations.heuristic import heuristic_splines
-from knotflow.samplers.demonstrations.tasks import TASKS, Task
 from knotflow.simulation import Observer, RopeConfig, RopeSimulator, attempt
 from knotflow.topology import Action, Cross, TopologicalState, segment_lengths
 from knotflow.topology.polyline import Floats

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.samplers.demonstrations.clearance import clearance, loop_size, next_actions
-from knotflow.samplers.demonstrations.dataset import Demonstration, NoiseConfig, noisy_copies
+from knotflow.samplers.demonstrations.dataset import Demonstration, NoiseConfig, Task, noisy_copies
 from knotflow.samplers.demonstrations.heuristic import heuristic_splines
-from knotflow.samplers.demonstrations.tasks import Task
 from knotflow.simulation import (
     Attempts,
     Observer,
