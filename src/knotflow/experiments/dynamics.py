@@ -15,6 +15,7 @@ from knotflow.execution import (
     draw_motions,
     prediction_errors,
 )
+from knotflow.execution.control.dynamics import RopeDynamics
 from knotflow.samplers.demonstrations import load_demonstrations
 from knotflow.seeding import rng_of
 from knotflow.simulation import LEVELS, SimulationConfig
@@ -79,7 +80,7 @@ def dynamics(
     run: StageRun, *, motions: Path, dynamics_weights: Path, simulation: SimulationConfig
 ) -> None:
     """How far predictions are off. Makes errors.csv, a row a model, level and number of steps."""
-    models = {
+    models: dict[str, RopeDynamics] = {
         "still": StaticDynamics(),
         "lstm": LstmDynamics.load(dynamics_weights),
         "mujoco": MujocoDynamics(simulation),

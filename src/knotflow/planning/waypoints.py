@@ -93,7 +93,7 @@ class Waypoints:
 
 
 def trace_waypoints(
-    grippers: Sequence[tuple[Floats, NDArray[np.float32], str]],
+    grippers: Sequence[tuple[Floats, NDArray[np.floating], str]],
     shapes: Floats,
     radius: float,
     move_time: float,

@@ -65,8 +65,8 @@ def run_workflow(
     results_dir, name = Path(results_dir).absolute(), name or workflow.name
     folders = {node: workflow.folder(node, results_dir) for node in workflow.nodes}
     log.info("%s: %s", name, workflow.caption)
-    for node, folder in folders.items():
-        log.info("  %-7s %-32s %s", folder.state(), node, folder.relative)
+    for node_name, one in folders.items():
+        log.info("  %-7s %-32s %s", one.state(), node_name, one.relative)
     code = code_state(source or Path(__file__).parent)
     workers = workers or WorkersConfig(jobs=1)
     records = {}
@@ -151,15 +151,15 @@ def publish(
         _copy(_existing(folders[node].final / path, node), folder / target)
     stages: dict[str, Any] = {}
     config: dict[str, Any] = {}
-    for name, record in records.items():
+    for node_name, record in records.items():
         kept = ("key", "code", "components", "libraries", "inputs", "seconds", "cpus")
         made = {part: record[part] for part in (*kept, "commit", "dirty", "versions")}
-        node = workflow.nodes[name]
-        stages[name] = {"stage": record["stage"], "caption": node.caption, **made}
-        config[name] = {"stage": record["stage"], "config": record["arguments"]}
-    with atomic(folder / CONFIG) as path:
+        caption = workflow.nodes[node_name].caption
+        stages[node_name] = {"stage": record["stage"], "caption": caption, **made}
+        config[node_name] = {"stage": record["stage"], "config": record["arguments"]}
+    with atomic(folder / CONFIG) as file:
         text = yaml.safe_dump({"workflow": workflow.name, "stages": config}, sort_keys=False)
-        path.write_text(text, "utf-8")
+        file.write_text(text, "utf-8")
     ships = {
         target: {"node": node, "digest": digest(_existing(folders[node].final / path, node))}
         for target, (node, path) in workflow.ships.items()

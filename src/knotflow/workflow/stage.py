@@ -15,11 +15,12 @@ method `modules()` names modules that it will load, whose versions then count; o
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
@@ -77,9 +78,8 @@ class Stage:
             if default is inspect.Parameter.empty:
                 fields.append((name, kind))
             else:
-                fields.append(
-                    (name, kind, dataclasses.field(default_factory=lambda it=default: it))
-                )
+                factory = partial(copy.deepcopy, default)
+                fields.append((name, kind, dataclasses.field(default_factory=factory)))
         return dataclasses.make_dataclass(self.name, fields, kw_only=True)
 
     @property

@@ -201,7 +201,11 @@ def load_demonstrations(path: Path = SHIPPED) -> list[Demonstration]:
             if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
                 raise ValueError(f"points must be finite and (V, 3), they are {points.shape}")
             demonstration = Demonstration(
-                _task(row), points, check_splines(row["spline"]), row["source"], *_signature(row)
+                _row_task(row),
+                points,
+                check_splines(row["spline"]),
+                row["source"],
+                *_signature(row),
             )
         except KeyError as error:
             raise DemonstrationError(f"{path}, line {number}: {error} is missing") from None
@@ -211,7 +215,7 @@ def load_demonstrations(path: Path = SHIPPED) -> list[Demonstration]:
     return demonstrations
 
 
-def _task(row: dict[str, Any]) -> Task:
+def _row_task(row: dict[str, Any]) -> Task:
     if "start" not in row:
         return task(row["action"])
     found = Task(parse_action(row["action"]), tuple(map(parse_action, row["start"])))
