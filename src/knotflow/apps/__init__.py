@@ -1,0 +1,1 @@
+"""What people start: the command, the studio and the tasks for other methods."""
