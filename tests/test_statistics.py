@@ -52,8 +52,9 @@ def test_a_base_that_never_succeeded_still_gives_a_lower_limit():
 
 
 @pytest.mark.parametrize(("p", "q"), [(0.6, 0.3), (0.3, 0.05), (0.9, 0.8)])
-def test_ratio_interval_covers_what_it_promises(p, q, n=40):
+def test_ratio_interval_covers_what_it_promises(p, q):
     """Exact coverage: every outcome of two binomials, weighted with its probability."""
+    n = 40
     covered = 0.0
     top, base = (stats.binom.pmf(np.arange(n + 1), n, rate) for rate in (p, q))
     for i in np.flatnonzero(top > 1e-4):

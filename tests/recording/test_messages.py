@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
@@ -36,7 +38,7 @@ def test_line_passes_all_vertices_in_order(make_rollout, vertices):
         np.array([[point.x, point.y, point.z] for point in line.points])
         for line in message.entities[0].lines
     ]
-    for piece, following in zip(pieces, pieces[1:], strict=False):
+    for piece, following in itertools.pairwise(pieces):
         np.testing.assert_array_equal(piece[-1], following[0])  # no gap between two colours
     line = np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])])
     np.testing.assert_allclose(line, points, atol=messages.LINE_STEP / 2)

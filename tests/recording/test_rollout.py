@@ -12,7 +12,7 @@ def test_arrays_have_the_precision_of_the_file(make_rollout):
 
 
 @pytest.mark.parametrize(
-    "changes, words",
+    ("changes", "words"),
     [
         ({"points": np.zeros((26, 41, 2))}, "points has shape"),
         ({"points": np.zeros((25, 41, 3))}, "points has shape"),

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import os
 import subprocess
 import sys
@@ -46,7 +47,7 @@ def test_rollouts_share_one_timeline(tmp_path, make_rollout):
         messages = make_reader(stream).iter_messages("/rope/points", log_time_order=False)
         log_times = [message.log_time for _, _, message in messages]
     assert log_times[0] == 0
-    assert all(second > first for first, second in zip(log_times, log_times[1:], strict=False))
+    assert all(second > first for first, second in itertools.pairwise(log_times))
     assert log_times[3] - log_times[2] < 1_000_000_000  # a short gap
 
 
@@ -114,7 +115,7 @@ write_recording({str(path)!r}, rollouts(), {{}})
 
 
 @pytest.mark.parametrize(
-    "numbers, metadata, words",
+    ("numbers", "metadata", "words"),
     [
         ([], {}, "at least one rollout"),
         ([4, 5, 4], {}, "two rollouts have the number 4"),

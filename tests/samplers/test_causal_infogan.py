@@ -132,7 +132,7 @@ def test_a_generated_shape_is_projected_onto_itself(trained):
     model = trained.model.eval()
     with torch.no_grad():
         draws = model.draw(4, torch.Generator().manual_seed(9))[:3]
-        first, second = (one.double().numpy() for one in model.generator(*draws))
+        first, _second = (one.double().numpy() for one in model.generator(*draws))
     planner = Planner(model, seed=0)
     targets = torch.as_tensor(first).float()
     searched, _ = planner.project(targets, second=False)

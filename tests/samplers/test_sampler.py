@@ -114,7 +114,7 @@ def test_unknown_names_and_settings_are_answered_with_the_valid_ones():
 
 
 def test_sampler_without_its_inputs_is_not_offered():
-    with pytest.raises(ValueError) as error:
+    with pytest.raises(ValueError, match="without it") as error:
         build_sampler(SamplerConfig("icp"), {})
     reason, _, offered = str(error.value).partition("without it there are ")
     assert "'icp' needs the output of the stage demonstrations" in reason

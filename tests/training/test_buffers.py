@@ -166,7 +166,7 @@ def test_mixed_in_demonstrations_have_no_next_value(buffer, states):
     assert both["next_value"][:2].isnan().all()
     assert both["next_value"].isnan().sum() == 4
     alone = mix([single.sample(2, 1)], [1.0])
-    assert "next_value" not in alone.keys()  # noqa: SIM118  a TensorDict
+    assert "next_value" not in alone.keys()
 
 
 def test_augmentation_moves_rope_and_spline_together(trials):
@@ -211,7 +211,7 @@ def test_shapes_are_transformed_as_states_are(symmetry):
 def test_state_buffer_keeps_shapes_of_representatives_up_to_its_capacity():
     buffer, rng = StateBuffer(3), np.random.default_rng(0)
     state = TopologicalState.parse("1o2-")
-    first, symmetry = representative(state)
+    first, _symmetry = representative(state)
     for number in range(5):
         buffer.add(np.full((4, 3), float(number)), state, rng)
     assert list(buffer) == [first]

@@ -1,5 +1,7 @@
 """A rope is drawn at its true thickness, with gaps in lower strands and nowhere else."""
 
+import itertools
+
 import numpy as np
 import pytest
 from matplotlib.path import Path
@@ -18,7 +20,7 @@ def alpha(angle=np.pi / 2, height=WIDTH):
     along = np.array([np.cos(angle), np.sin(angle)])
     corners = np.array([[-0.3, 0], [0.4, 0], [0.4, 0.4], 0.4 * along, -0.3 * along])
     flat = np.concatenate(
-        [np.linspace(a, b, 40, endpoint=False) for a, b in zip(corners, corners[1:], strict=False)]
+        [np.linspace(a, b, 40, endpoint=False) for a, b in itertools.pairwise(corners)]
     )
     z = np.zeros(len(flat))
     z[120:] = height

@@ -329,7 +329,8 @@ def export(
         panda or an MJCF file.
     base
         YAML file with position (metres) and rpy_deg of the arm's base in the rope's frame.
-    tip
+
+    Tip:
         Name of the site between the fingers, for an MJCF file.
     max_speed
         Highest speed of the tip, metres per second.
@@ -509,7 +510,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _read_rope(rope: str, unit: Unit | None, seed: int) -> NDArray[np.float64]:
     """The rope (V, 3) that --rope names, metres."""
-
     from knotflow.planning import parse_rope
     from knotflow.seeding import rng_of
     from knotflow.simulation import RopeConfig

@@ -118,8 +118,8 @@ def demonstrator(
         parts = [pd.read_csv(run.out / f"{task}.{name}", dtype=str) for task in names]
         run.save_table(name, pd.concat(parts))
     with run.atomic("scripted.jsonl") as path:
-        shown = [load_demonstrations(run.out / f"{name}.jsonl") for name in names]
-        save_demonstrations(path, sum(shown, []))
+        paths = [run.out / f"{name}.jsonl" for name in names]
+        save_demonstrations(path, [shape for one in paths for shape in load_demonstrations(one)])
 
 
 def _demonstrate(

@@ -105,7 +105,7 @@ class ReservationPrices:
         self._costs = (kept * ordered[1:] - self._sums[:-1]) / len(ordered)
 
     def at(self, cost: Floats) -> Floats:
-        """z (...) of boxes with these costs (...)."""
+        """Z (...) of boxes with these costs (...)."""
         more = np.searchsorted(self._costs, cost)
         return np.asarray((len(self._sums) * cost + self._sums[more]) / (more + 1))
 

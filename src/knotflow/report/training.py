@@ -120,9 +120,9 @@ def imitation(results: Results, figures: Figures, experiment: str) -> str:
         "training batches (pale). The last weights are kept."
     )
     rates = ["critic: accuracy"]
-    return curves and draw_curves(
+    return (curves and draw_curves(
         figures, "imitation", caption, panels, "validation", rates=rates, legend=True
-    ) or ""  # fmt: skip
+    )) or ""  # fmt: skip
 
 
 def reinforcement(results: Results, figures: Figures, experiment: str) -> str:

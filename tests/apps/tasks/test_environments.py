@@ -49,10 +49,10 @@ def test_reached_state_is_rewarded_and_ends_episode(loop, rope):
     action = parse_action("R1(0,1,1)")
     rewards = []
     for seed in range(6):
-        observation, info = loop.reset(seed=seed)
+        _, info = loop.reset(seed=seed)
         assert info["state"] == "trivial" and info["actions"] == ("R1(0,1,1)",)
         spline = heuristic_splines(rope, action, 1, np.random.default_rng(seed))[0]
-        observation, reward, terminated, truncated, info = loop.step(to_box(spline))
+        _, reward, terminated, truncated, info = loop.step(to_box(spline))
         assert reward == info["is_success"] == (info["state"] == "2o1+")
         assert terminated or truncated, "a single action has one spline"
         assert terminated == (info["state"] != "trivial")

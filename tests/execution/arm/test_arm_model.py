@@ -41,7 +41,7 @@ def test_base_is_loaded(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text, word",
+    ("text", "word"),
     [
         ("position: [1, 2]\n", "three numbers"),
         ("position: [0, 0, .nan]\n", "three numbers"),

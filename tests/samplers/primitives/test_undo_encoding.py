@@ -155,7 +155,7 @@ def test_arranging_sees_what_the_wanted_action_sees_and_which_kind_it_is(text, a
     points, action = shape(text), parse_action(action)
     acting, arranging = (encode(points[None], [action], one) for one in (False, True))
     assert torch.equal(acting.states["streams"], arranging.states["streams"])
-    assert "kind" not in acting.states.keys()  # noqa: SIM118 - a TensorDict iterates over rows
+    assert "kind" not in acting.states.keys()
     assert arranging.states["kind"].shape == (1, KINDS)
     assert set(torch.nonzero(arranging.states["kind"][0])[:, 0].tolist()) == kinds
     np.testing.assert_array_equal(acting.frames.origin, arranging.frames.origin)

@@ -196,7 +196,7 @@ def _colours(points: NDArray, action: Action | None) -> NDArray[np.uint8]:
 
 
 def _linear(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """sRGB (N, 3) as linear light, as viser reads the colours of batched meshes."""
+    """SRGB (N, 3) as linear light, as viser reads the colours of batched meshes."""
     share = colours / 255.0
     light = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
     return np.rint(255.0 * light).astype(np.uint8)

@@ -6,6 +6,7 @@ are trajectory_msgs/MultiDOFJointTrajectory of the tip in the world frame. Neith
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -124,7 +125,7 @@ def _phases(waypoints: Waypoints) -> list[NDArray[np.intp]]:
     """Rows of each phase, the last of the phase before it in front."""
     names = list(zip(waypoints.step.tolist(), waypoints.phases, strict=True))
     cuts = [0, *(i for i in range(1, len(names)) if names[i] != names[i - 1]), len(names)]
-    return [np.arange(max(a - 1, 0), b) for a, b in zip(cuts, cuts[1:], strict=False)]
+    return [np.arange(max(a - 1, 0), b) for a, b in itertools.pairwise(cuts)]
 
 
 def _differences(values: NDArray, interval: float) -> tuple[NDArray, NDArray]:

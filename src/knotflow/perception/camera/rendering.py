@@ -32,16 +32,19 @@ _STEEPEST = 0.3  # sine of the angle between ray and link, below which a link is
 
 @compiled
 def dot(one: Vector, other: Vector) -> float:
+    """Scalar product."""
     return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
 
 
 @compiled
 def minus(one: Vector, other: Vector) -> Vector:
+    """Difference of two vectors."""
     return one[0] - other[0], one[1] - other[1], one[2] - other[2]
 
 
 @compiled
 def vertex_at(ropes: NDArray[np.float64], rope: int, place: int) -> Vector:
+    """Vertex of one of several ropes."""
     return ropes[rope, place, 0], ropes[rope, place, 1], ropes[rope, place, 2]
 
 

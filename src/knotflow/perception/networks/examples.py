@@ -172,7 +172,7 @@ def _view_at_random(
 def _degrade(covered: Tensor, top: Tensor, config: ExamplesConfig, draw: _Draw) -> Tensor:
     """A crop (N, 3, S, S) of a rope's share and height (N, S, S), see `Patch.crop`, with errors of
     segmentation and depth."""
-    count, size, _ = covered.shape
+    _count, size, _ = covered.shape
     blurred = avg_pool2d(covered[:, None], 3, 1, 1, count_include_pad=True)[:, 0]
     covered = torch.lerp(covered, blurred, draw.uniform(0, config.blur, 1, 1))
     covered = (0.5 + draw.uniform(1, 1 + config.sharpen, 1, 1) * (covered - 0.5)).clamp(0, 1)

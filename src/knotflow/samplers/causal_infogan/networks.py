@@ -7,6 +7,7 @@ see points. Shapes are (N, V, 3), metres, start frame.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -132,7 +133,7 @@ class Transition(nn.Module):
         super().__init__()
         widths = [config.code_dim, *config.transition_hidden]
         layers: list[nn.Module] = []
-        for before, after in zip(widths[:-1], widths[1:], strict=True):
+        for before, after in itertools.pairwise(widths):
             layers += [nn.Linear(before, after), nn.ReLU()]
         self.log_variance = nn.Sequential(*layers, nn.Linear(widths[-1], config.code_dim))
 

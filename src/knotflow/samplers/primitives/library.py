@@ -208,7 +208,7 @@ class PrimitiveLibrary:
         return np.asarray(probability)
 
     def value(self, points: Floats, action: Action, rng: np.random.Generator) -> float:
-        """max Q of a rope (V, 3): success probability of the best spline found (Sec. V-B c).
+        """Max Q of a rope (V, 3): success probability of the best spline found (Sec. V-B c).
 
         Raises:
             ValueError: the primitive has no critic, or there is none for the action.
@@ -301,7 +301,7 @@ class PrimitiveLibrary:
         try:
             with safe_open(path, framework="pt") as file:
                 metadata: dict[str, str] = file.metadata() or {}
-                weights = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+                weights = {name: file.get_tensor(name) for name in file.keys()}
         except SafetensorError as error:
             raise LibraryError(f"{path} is damaged or no safetensors file: {error}") from None
         if metadata.get("format") != FORMAT or metadata.get("version") != VERSION:

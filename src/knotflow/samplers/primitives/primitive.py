@@ -107,7 +107,7 @@ class Primitive(nn.Module):
 
     @torch.no_grad()
     def values(self, states: TensorDict, noise: Tensor, use_next_value: bool = False) -> Tensor:
-        """max Q (S,), 0..1, over splines, of encoded ropes [S] (Sec. V-B c).
+        """Max Q (S,), 0..1, over splines, of encoded ropes [S] (Sec. V-B c).
 
         `noise` is `value_noise` of as many ropes, all the randomness there is.
 
