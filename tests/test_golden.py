@@ -26,7 +26,7 @@ import torch
 from tensordict import TensorDict
 
 from knotflow.execution import ERROR_LEVELS, FREE, LstmConfig, LstmDynamics
-from knotflow.execution.control.step_executor import path_from_grasp
+from knotflow.execution.step_executor import path_from_grasp
 from knotflow.perception import (
     Appearance,
     Camera,

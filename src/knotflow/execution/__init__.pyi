@@ -1,7 +1,6 @@
-from .arm.arm_model import Arm, ArmError, Base, load_arm, panda
-from .arm.export import Export, export_plan
-from .control.closed_loop import Execution, execute
-from .control.dynamics import (
+from .arm_model import Arm, ArmError, Base, load_arm, panda
+from .closed_loop import CONTROLLERS, Execution, execute, failure_cause, run_trial
+from .dynamics import (
     SHIPPED_DYNAMICS,
     DynamicsTrainingConfig,
     LstmConfig,
@@ -11,8 +10,8 @@ from .control.dynamics import (
     motion_errors,
     prediction_errors,
 )
-from .control.dynamics_training import DynamicsTrainer
-from .control.film import (
+from .export import Export, export_plan
+from .film import (
     DragFrame,
     ImageRecorder,
     animate_execution,
@@ -21,14 +20,12 @@ from .control.film import (
     encode_jpeg,
     film_rollout,
 )
-from .control.lstm_dynamics import LstmDynamics
-from .control.motions import FREE, STEP, Motions, draw_motions
-from .control.mppi import Mppi, MppiConfig
-from .control.observation import ImageStateEstimator, Observation, StateEstimator, TrackedRope
-from .control.robot import FAULTS, Robot
-from .control.step_executor import ExecutionConfig
-from .control.trial import CONTROLLERS, failure_cause, run_trial
-from .control.twin import ERROR_LEVELS, TrueState, Twin, TwinConfig
+from .lstm_dynamics import DynamicsTrainer, LstmDynamics
+from .motions import FREE, STEP, Motions, draw_motions
+from .mppi import Mppi, MppiConfig
+from .robot import FAULTS, ImageStateEstimator, Observation, Robot, StateEstimator, TrackedRope
+from .step_executor import ExecutionConfig
+from .twin import ERROR_LEVELS, TrueState, Twin, TwinConfig
 
 __all__ = [
     "CONTROLLERS",

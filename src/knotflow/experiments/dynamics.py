@@ -15,7 +15,7 @@ from knotflow.execution import (
     draw_motions,
     prediction_errors,
 )
-from knotflow.execution.control.dynamics import RopeDynamics
+from knotflow.execution.dynamics import RopeDynamics
 from knotflow.samplers.demonstrations import load_demonstrations
 from knotflow.seeding import rng_of
 from knotflow.simulation import LEVELS, SimulationConfig

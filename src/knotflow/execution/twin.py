@@ -10,8 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.execution.control.observation import Observation
-from knotflow.execution.control.robot import Robot
+from knotflow.execution.robot import Observation, Robot
 from knotflow.simulation import (
     GRASP_REACH,
     GRIPPER_ERROR_STD,

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from knotflow.execution.control.robot import Robot, RobotWrapper
-from knotflow.execution.control.twin import ERROR_LEVELS, displace_camera
+from knotflow.execution.robot import Robot, RobotWrapper
+from knotflow.execution.twin import ERROR_LEVELS, displace_camera
 from knotflow.samplers.demonstrations import Demonstration
 from knotflow.simulation import Attempts, RopeConfig, RopeSimulator, SimulationConfig, attempt
 from knotflow.viz.style import INK, WIDTH, save_figure, styled
@@ -21,8 +21,8 @@ from knotflow.viz.style import INK, WIDTH, save_figure, styled
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from knotflow.execution.control.closed_loop import Execution
-    from knotflow.execution.control.twin import Twin
+    from knotflow.execution.closed_loop import Execution
+    from knotflow.execution.twin import Twin
     from knotflow.perception import Camera, CameraNoiseConfig, RgbdImage
 
 FRAME_STRIDE = 2

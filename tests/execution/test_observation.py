@@ -13,7 +13,7 @@ from knotflow.execution import (
     TrackedRope,
     execute,
 )
-from knotflow.execution.control.step_executor import StepExecutor
+from knotflow.execution.step_executor import StepExecutor
 from knotflow.perception import Camera, RgbdImage, RopeEstimate, Tracker, TrackerConfig
 from knotflow.simulation import RopeConfig, straight
 from knotflow.topology import TopologicalState

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from knotflow.execution import ExecutionConfig, Twin, TwinConfig
-from knotflow.execution.control.step_executor import (
+from knotflow.execution.step_executor import (
     StepExecutor,
     interpolate_rope,
     path_from_grasp,

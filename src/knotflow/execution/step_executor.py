@@ -14,9 +14,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.execution.control.motions import STEP
-from knotflow.execution.control.observation import Observation, RopeSource, StateEstimator
-from knotflow.execution.control.robot import CameraTimer, Robot
+from knotflow.execution.motions import STEP
+from knotflow.execution.robot import CameraTimer, Observation, Robot, RopeSource, StateEstimator
 from knotflow.planning import GripperConfig, KnotPlan, PlanStep
 from knotflow.planning.waypoints import trace_waypoints
 from knotflow.simulation import grasped_link, spline_basis

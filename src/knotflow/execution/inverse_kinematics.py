@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.execution.arm.arm_model import PREFIX, TABLE, Arm, Base
+from knotflow.execution.arm_model import PREFIX, TABLE, Arm, Base
 from knotflow.planning import KnotPlan, Waypoints
 from knotflow.simulation import grasped_link
 

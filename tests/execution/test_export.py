@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from knotflow.execution import ArmError, Base, export_plan, load_arm, panda
-from knotflow.execution.arm.arm_model import PREFIX, TABLE
-from knotflow.execution.arm.inverse_kinematics import TOLERANCE
+from knotflow.execution.arm_model import PREFIX, TABLE
+from knotflow.execution.inverse_kinematics import TOLERANCE
 
 UPRIGHT = Base([-0.5, 0.0, 0.0])
 

@@ -15,7 +15,7 @@ from knotflow.execution import (
     motion_errors,
     prediction_errors,
 )
-from knotflow.execution.control.motions import STEP
+from knotflow.execution.motions import STEP
 from knotflow.samplers.demonstrations import load_demonstrations
 from knotflow.simulation import RopeConfig, SimulationConfig, random_curve
 

@@ -14,9 +14,9 @@ from knotflow.execution import (
     Twin,
     TwinConfig,
     failure_cause,
+    mppi,
     run_trial,
 )
-from knotflow.execution.control import mppi
 from knotflow.perception import Camera
 from knotflow.planning import parse_goal
 from knotflow.simulation import RopeConfig, straight

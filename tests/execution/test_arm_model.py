@@ -2,7 +2,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from knotflow.execution.arm.arm_model import PREFIX, Arm, ArmError, Base, load_arm, panda
+from knotflow.execution.arm_model import PREFIX, Arm, ArmError, Base, load_arm, panda
 
 
 def placed(arm: Arm, base: Base, joints) -> tuple[np.ndarray, np.ndarray]:

@@ -16,8 +16,8 @@ import pandas as pd
 import yaml
 from numpy.typing import NDArray
 
-from knotflow.execution.arm.arm_model import Arm, ArmError, Base, load_arm, panda
-from knotflow.execution.arm.inverse_kinematics import IkSolution, follow_waypoints
+from knotflow.execution.arm_model import Arm, ArmError, Base, load_arm, panda
+from knotflow.execution.inverse_kinematics import IkSolution, follow_waypoints
 from knotflow.planning import GripperConfig, KnotPlan, Waypoints
 
 FORMATS = ("csv", "ros2")

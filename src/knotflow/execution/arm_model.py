@@ -152,7 +152,7 @@ def panda() -> Arm:
     it: its elbow is behind it. Limits are Franka's, see panda.xml.
     """
     arm = load_arm(
-        Path(__file__).with_name("panda.xml"),
+        Path(__file__).parent / "data" / "panda.xml",
         base=Base([-0.3, 0.0, 0.9], [180.0, 0.0, 180.0]),
         max_speed=[2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61],
         max_acceleration=[15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0],

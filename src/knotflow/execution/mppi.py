@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.execution.control.motions import STEP
+from knotflow.execution.motions import STEP
 from knotflow.threads import one_thread
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from knotflow.execution.control.dynamics import RopeDynamics
+    from knotflow.execution.dynamics import RopeDynamics
 
 CM2 = 1e4  # square centimetres of a square metre
 BOUNDARY_COST = 100.0

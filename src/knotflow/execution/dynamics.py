@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.execution.control.motions import FREE, STEP, Motions
+from knotflow.execution.motions import FREE, STEP, Motions
 from knotflow.simulation import SimulationConfig, build_model, pose, resample
 
 if TYPE_CHECKING:
     import pandas as pd
     from torch import Tensor
 
-SHIPPED_DYNAMICS = Path(__file__).parents[1] / "data" / "dynamics.safetensors"
+SHIPPED_DYNAMICS = Path(__file__).parent / "data" / "dynamics.safetensors"
 """The shipped weights."""
 
 JUDGED_STEPS = (1, 10, 25)

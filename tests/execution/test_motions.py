@@ -3,7 +3,7 @@
 import numpy as np
 
 from knotflow.execution import FREE, Motions, draw_motions
-from knotflow.execution.control.motions import simulated_frames
+from knotflow.execution.motions import simulated_frames
 from knotflow.samplers.demonstrations import load_demonstrations
 from knotflow.simulation import RopeSimulator, SimulationConfig
 

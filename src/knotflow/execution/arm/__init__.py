@@ -1,1 +1,0 @@
-"""Plans as trajectories of a robot arm (Sec. VII-D)."""
