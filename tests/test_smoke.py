@@ -89,12 +89,6 @@ def test_a_second_run_makes_nothing_again(results, command):
     } == before
 
 
-def test_results_of_another_configuration_are_kept(results, command):
-    other = command("+experiment=single_stage", "budget=smoke", "noise.end=0.01", results=results)
-    assert other.returncode != 0
-    assert "overwrite=true" in other.stderr and "noise" in other.stderr
-
-
 def test_the_report_shows_what_was_measured(results, tmp_path):
     one, two = (["--results", str(results), "--out", str(tmp_path / out)] for out in ("one", "two"))
     assert report(one) == 0

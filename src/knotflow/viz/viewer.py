@@ -218,7 +218,7 @@ def check_recording(
     for view in state.views:
         for report in view.reports:
             text = f"{report.severity}: {report.summary} {report.details or ''}"
-            problems.append(f"view {view.name!r}: {textwrap.shorten(text, _REPORT_LENGTH)}")
+            problems.append(textwrap.shorten(f"view {view.name!r}: {text}", _REPORT_LENGTH))
         if not view.visible:
             problems.append(f"view {view.name!r} is not visible")
     return HeadlessReport(tuple(problems), entities, screenshot, scene)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from functools import wraps
+from threading import RLock
+from typing import TYPE_CHECKING, Concatenate, ParamSpec
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,13 +28,28 @@ _FADED = 0.75  # towards paper: the segments that an action does not name
 _POINT = 0.012  # metres, radius of a control point
 _CURVE = np.linspace(0.0, 1.0, 33)
 
+P = ParamSpec("P")
+
+
+def _exclusive(
+    draw: Callable[Concatenate[Scene, P], None],
+) -> Callable[Concatenate[Scene, P], None]:
+    """One drawing at a time: viser handles events on several threads."""
+
+    @wraps(draw)
+    def run(scene: Scene, *args: P.args, **kwargs: P.kwargs) -> None:
+        with scene._lock:
+            draw(scene, *args, **kwargs)
+
+    return run
+
 
 class Scene:
     """Draws ropes, splines and grippers, each in place of the previous one."""
 
     def __init__(self, server: viser.ViserServer, rope: RopeConfig) -> None:
         """An empty table under a rope of that size."""
-        self._scene, self._rope = server.scene, rope
+        self._scene, self._rope, self._lock = server.scene, rope, RLock()
         self._handles: dict[str, list[viser.SceneNodeHandle]] = {}
         self._links: viser.BatchedMeshHandle | None = None
         server.scene.set_up_direction("+z")
@@ -52,6 +70,7 @@ class Scene:
             cell_color=colour, section_color=colour,
         )  # fmt: skip
 
+    @_exclusive
     def rope(self, points: NDArray, action: Action | None = None) -> None:
         """A rope (V, 3), metres; an action's segments stand out, numbered, if it is given."""
         points = np.asarray(points, float)
@@ -70,11 +89,13 @@ class Scene:
         self._clear("labels")
         self._handles["labels"] = self._labels("rope", labels)
 
+    @_exclusive
     def move(self, points: NDArray) -> None:
         """Move the rope to (V, 3), in its colours but without labels."""
         self._clear("labels")
         self._capsules(np.asarray(points, float), None)
 
+    @_exclusive
     def spline(self, controls: NDArray) -> None:
         """Up to three control points (n, 3), metres, and with three of them their curve."""
         self._clear("spline")
@@ -93,6 +114,7 @@ class Scene:
         labels = list(zip(CLICKS, np.asarray(controls), strict=False))
         self._handles["spline"] = nodes + self._labels("spline", labels)
 
+    @_exclusive
     def gripper(self, place: NDArray | None) -> None:
         """The gripper at a place (3,), metres, or none."""
         if place is None:
@@ -105,6 +127,7 @@ class Scene:
             )
             self._handles["gripper"] = [ball]
 
+    @_exclusive
     def polyline(self, corners: NDArray) -> None:
         """A drawing in the making: points (N, 2) on the table."""
         self._clear("polyline")
@@ -117,6 +140,7 @@ class Scene:
             nodes.append(self._line("/drawn/line", flat, INK, 3.0))
         self._handles["polyline"] = nodes
 
+    @_exclusive
     def clear(self) -> None:
         """Everything but table and rope."""
         for name in list(self._handles):
