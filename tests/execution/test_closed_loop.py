@@ -240,7 +240,8 @@ def test_no_plan_from_an_ambiguous_rope(plan):
 
 def test_knot_with_an_ambiguous_end_is_not_reported(plan):
     tied = plan.steps[0].end
-    start, hanging = Observation.of(plan.start, ends=(0,)), Observation.of(tied, ends=(-1,))
+    start = Observation.of(plan.start, ambiguous_ends=(0,))
+    hanging = Observation.of(tied, ambiguous_ends=(-1,))
     _, replan = replanned(plan)
     config, estimator = ExecutionConfig(max_pulls=1), Scripted(start, hanging, hanging)
     execution = execute(plan, Recorded(), config, estimator=estimator, replan=replan)

@@ -59,9 +59,9 @@ class Filmed:
 
 
 def test_unreadable_shape_is_ambiguous():
-    assert Observation.of(STRAIGHT).doubts == ()
+    assert Observation.of(STRAIGHT).ambiguities == ()
     upright = Observation.of(STRAIGHT[:, ::-1])
-    assert upright.state is None and upright.doubts
+    assert upright.state is None and upright.ambiguities
 
 
 def test_empty_table_shows_no_rope(plan):
@@ -86,11 +86,11 @@ def test_lost_frames_are_waited_for(silent, monkeypatch):
     robot, estimator = Filmed((0.0, 4.0), silent), ImageStateEstimator(CAMERA)
     run = StepExecutor(robot, ExecutionConfig(image_timeout=10.0))
     observation = run.observe(estimator, 0)
-    assert observation.state == TopologicalState.trivial() and not observation.doubts
+    assert observation.state == TopologicalState.trivial() and not observation.ambiguities
     assert len(asked) == 1 and asked[0] >= 4.0
     run = StepExecutor(Filmed((0.0, 1e3), silent), ExecutionConfig(image_timeout=1.0))
     observation = run.observe(ImageStateEstimator(CAMERA), 0)
-    assert observation.points is None and observation.doubts == ("no new image came for 1 s",)
+    assert observation.points is None and observation.ambiguities == ("no new image came for 1 s",)
     assert run.moves[-1].gripper.tolist() == list(run.config.park_position)
 
 
@@ -111,7 +111,7 @@ def test_unknown_head_is_ambiguous(monkeypatch):
     robot, estimator = Filmed(), ImageStateEstimator(CAMERA)
     estimator.estimate(robot)
     robot.move_to(robot.position, STEP)
-    assert estimator.estimate(robot).doubts == ("head and tail look alike",)
+    assert estimator.estimate(robot).ambiguities == ("head and tail look alike",)
 
 
 def test_estimate_starts_at_likely_shapes_and_resets_the_tracker(monkeypatch):

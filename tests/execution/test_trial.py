@@ -88,7 +88,7 @@ def test_knot_is_tied_by_vision(plan, goal):
         plan, goal, twin, CONTROLLERS["mppi_replan"], config, lambda points: plan, camera
     )
     execution = trial.execution
-    assert trial.tied and execution.tied and execution.observation.doubts == ()
+    assert trial.tied and execution.tied and execution.observation.ambiguities == ()
     assert np.linalg.norm(execution.observation.points - twin.points, axis=1).mean() < 0.01
     dragged = ~np.isnan(execution.reference[:, 0, 0])
     away = execution.points[dragged] - np.array(twin.trajectory)[dragged]

@@ -180,7 +180,7 @@ class _KnotExecution:
         for turn in range(pulls):
             if self.observation.points is None or not self._in_doubt():
                 break
-            executor.pull(done, self.observation.ends, turn)
+            executor.pull(done, self.observation.ambiguous_ends, turn)
             self.observation = executor.observe(self.estimator, done, likely)
         return self.observation
 
@@ -188,7 +188,8 @@ class _KnotExecution:
         """Whether the last observation leaves open whether the knot is tied."""
         seen = self.observation
         assert seen is not None
-        return bool(seen.doubts or (seen.ends and seen.state in self.plan.goal_states))
+        tied = seen.state in self.plan.goal_states
+        return bool(seen.ambiguities or (seen.ambiguous_ends and tied))
 
     def _tied(self) -> bool | None:
         if self.observation is None:
@@ -199,14 +200,14 @@ class _KnotExecution:
         """What the last observation says, in words."""
         seen = self.observation
         assert seen is not None
-        doubts = "; ".join(seen.all_doubts)
+        reasons = "; ".join(seen.all_ambiguities)
         if self._tied():
             return "the knot is seen to be tied"
         if seen.points is None:
-            return f"the rope is not seen: {doubts}"
+            return f"the rope is not seen: {reasons}"
         state = "that cannot be read" if seen.state is None else seen.state
         words = f"the rope is seen in the state {state}"
-        return f"{words}, in doubt: {doubts}" if doubts else words
+        return f"{words}, in doubt: {reasons}" if reasons else words
 
     def record(self, reason: str) -> Execution:
         """The moves so far, as arrays."""
@@ -348,7 +349,7 @@ def failure_cause(execution: Execution, goal: Goal, twin: Twin) -> str:
         return "rope not seen"
     if seen is not None and seen.state != truth:
         return "state misread"
-    if seen is not None and seen.doubts:
+    if seen is not None and seen.ambiguities:
         return "state in doubt"
     if any(not one.tracked for one in execution.outcomes[-1:]):
         return "track lost"

@@ -124,25 +124,28 @@ class Observation:
     Attributes:
         points: (V, 3) metres; None where no rope was seen.
         state: its topological state; None where it cannot be read.
-        doubts: why the state is ambiguous, in words.
-        ends: 0 for the head and -1 for the tail, where it is ambiguous only whether that end
-            crosses the strand at which it lies.
+        ambiguities: why the state may be another one, in words.
+        ambiguous_ends: 0 for the head and -1 for the tail, where that end may or may not cross a
+            strand.
     """
 
     points: NDArray | None
     state: TopologicalState | None
-    doubts: tuple[str, ...] = ()
-    ends: tuple[int, ...] = ()
+    ambiguities: tuple[str, ...] = ()
+    ambiguous_ends: tuple[int, ...] = ()
 
     @classmethod
     def of(
-        cls, points: NDArray, doubts: tuple[str, ...] = (), ends: tuple[int, ...] = ()
+        cls,
+        points: NDArray,
+        ambiguities: tuple[str, ...] = (),
+        ambiguous_ends: tuple[int, ...] = (),
     ) -> Observation:
         """Of a shape (V, 3)."""
         state = state_or_none(points)
         if state is None:
-            doubts += ("the shape's projection does not determine its state",)
-        return cls(points, state, tuple(dict.fromkeys(doubts)), ends)
+            ambiguities += ("the shape's projection does not determine its state",)
+        return cls(points, state, tuple(dict.fromkeys(ambiguities)), ambiguous_ends)
 
     @classmethod
     def no_rope(cls, reason: str) -> Observation:
@@ -150,11 +153,11 @@ class Observation:
         return cls(None, None, (reason,))
 
     @property
-    def all_doubts(self) -> tuple[str, ...]:
-        """`doubts` and `ends`, in words."""
+    def all_ambiguities(self) -> tuple[str, ...]:
+        """Those of the ends too."""
         from knotflow.perception import END_AMBIGUITIES
 
-        return self.doubts + tuple(END_AMBIGUITIES[end] for end in self.ends)
+        return self.ambiguities + tuple(END_AMBIGUITIES[end] for end in self.ambiguous_ends)
 
 
 class StateEstimator(Protocol):

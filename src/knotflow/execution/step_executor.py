@@ -187,7 +187,7 @@ class StepExecutor:
                 waited += STEP
                 self._move(position, number)
             observation = found or observation
-            if found is None or not found.doubts:
+            if found is None or not found.ambiguities:
                 break
         self.previous_points = self.points = observation.points
         return observation

@@ -184,7 +184,7 @@ def _row(method: str, frame: int, found: Any, truth: NDArray[np.float64]) -> dic
         "frame": frame,
         "mean_error_mm": 1e3 * np.linalg.norm(found.points - truth, axis=1).mean(),
         "state_correct": int(state is not None and found.state == state),
-        "lost": int(any("lost" in one for one in getattr(found, "ambiguities", ()))),
+        "lost": int(any("lost" in one for one in found.ambiguities)),
     }
 
 
