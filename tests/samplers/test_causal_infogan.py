@@ -5,8 +5,7 @@ import pytest
 import torch
 
 from knotflow.samplers.causal_infogan import CausalInfoGanConfig
-from knotflow.samplers.causal_infogan.health import Checkup
-from knotflow.samplers.causal_infogan.networks import load_model, save_model
+from knotflow.samplers.causal_infogan.networks import Checkup, load_model, save_model
 from knotflow.samplers.causal_infogan.planning import Planner
 from knotflow.simulation import RopeConfig, arc
 from knotflow.training.causal_infogan import CausalInfoGanTrainer

@@ -30,7 +30,6 @@ from knotflow.samplers.sampler import (
     capability,
     has_capability,
     sampler,
-    sampler_module,
 )
 from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW, RopeConfig, Trials, check_splines
 from knotflow.training import Imitation, ImitationConfig, LearnerConfig
@@ -106,9 +105,9 @@ def test_random_sampler_is_uniform_over_the_range(starts):
 
 
 def test_unknown_names_and_settings_are_answered_with_the_valid_ones():
-    for lookup in (sampler_module, lambda name: build_sampler(SamplerConfig(name), {})):
+    for lookup in (SamplerConfig.modules, lambda config: build_sampler(config, {})):
         with pytest.raises(ValueError, match="unknown sampler 'best'; valid are .*icp.*random"):
-            lookup("best")
+            lookup(SamplerConfig("best"))
     with pytest.raises(ValueError, match="'icp'.*length_scale, align"):
         build_sampler(SamplerConfig("icp", {"scale": 1}), {"demonstrations": Path()})
 
@@ -138,8 +137,8 @@ def test_own_sampler_is_one_function(monkeypatch):
 def test_module_of_a_sampler_registers_it_and_is_found_without_import(name):
     (module,) = SamplerConfig(name).modules()
     code = (
-        "import sys; from knotflow.samplers.sampler import _FACTORIES, MODULES, sampler_module\n"
-        f"assert sampler_module({name!r}) == {module!r}\n"
+        "import sys; from knotflow.samplers.sampler import _FACTORIES, MODULES, SamplerConfig\n"
+        f"assert SamplerConfig({name!r}).modules() == ({module!r},)\n"
         "assert not {*MODULES.values()} & {*sys.modules}\n"
         f"import {module}; assert {name!r} in _FACTORIES"
     )

@@ -85,7 +85,7 @@ def _train(
 
 def _curve(run: StageRun, seed: int) -> pd.DataFrame:
     """The curves of a seed, and by which measures its model has collapsed."""
-    from knotflow.samplers.causal_infogan.health import Health
+    from knotflow.samplers.causal_infogan.networks import Health
 
     curve = pd.read_csv(run.out / f"seed-{seed}" / CURVES)
     curve.insert(0, "seed", seed)

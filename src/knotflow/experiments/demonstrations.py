@@ -21,7 +21,7 @@ from knotflow.samplers.demonstrations import (
     noisy_copies,
     save_demonstrations,
 )
-from knotflow.samplers.demonstrations.scripted import Demonstrated, demonstrate_task
+from knotflow.samplers.demonstrations.scripted import Demonstrated, Demonstrator
 from knotflow.seeding import rng_of
 from knotflow.simulation import (
     RopeConfig,
@@ -132,7 +132,7 @@ def _demonstrate(
     number, task = next((i, one) for i, one in enumerate(TASKS) if one.name == name)
     simulator, rng = RopeSimulator(simulation), rng_of(demonstrator.seed, number)
     recorder = Recorder(run, "scripted", simulation.rope)
-    found = demonstrate_task(task, simulator, rng, demonstrator, starts, recorder)
+    found = Demonstrator(task, simulator, rng, demonstrator, starts, recorder).demonstrations()
     recorder.save(f"recordings/{name}.mcap")
     rows = [
         {

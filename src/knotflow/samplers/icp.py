@@ -1,14 +1,9 @@
 """The second baseline: demonstrations interpolated by ICP distance (Sec. VII-A2).
 
-"For each demonstrated configuration, we fit a Gaussian distribution to all successful spline
-parameters. For new configurations, the Iterative Closest Point (ICP) distance to each demonstrated
-configuration is calculated. we use the exponential of negative ICP distances as the weights to
-interpolate the Gaussian parameters."
-
-The paper gives neither the unit of the distance nor what becomes of the alignment that ICP finds.
-Here the distance is the root mean square distance of closest points after alignment, in units of
-`length_scale`, and each Gaussian is carried along by its alignment, which makes the baseline
-stronger: a demonstration then serves a rope that lies elsewhere on the table.
+A Gaussian is fitted to the successful splines of each demonstrated rope; the exponentials of
+negative ICP distances weight the Gaussians' parameters. The paper gives neither the unit of the
+distance nor what becomes of the alignment. Here the distance is a root mean square in units of
+`length_scale`, and each Gaussian is carried along by its alignment: a stronger baseline.
 """
 
 from __future__ import annotations
@@ -32,11 +27,9 @@ class IcpConfig:
 
     length_scale: float = 0.003
     """Metres of ICP distance over which a weight falls by e. On the demonstrations themselves, one
-    start left out at a time, 3 mm did better than 10 and 30 mm: means of splines for different
-    shapes are seldom splines for a shape between them."""
+    start left out at a time, 3 mm did better than 10 and 30 mm."""
     align: bool = True
-    """Whether a demonstrated Gaussian is moved by the alignment ICP found; if not, its control
-    points stay where they were demonstrated."""
+    """Whether a demonstrated Gaussian is moved by the alignment that ICP found."""
 
 
 @dataclass(frozen=True)
@@ -72,10 +65,8 @@ class IcpSampler:
         aligned = [align(one.points, points) for one in gaussians]
         distances = np.array([distance for _, distance in aligned])
         weights = softmax(-distances / self.config.length_scale)
-        moved = [
-            _carry(one, motion if self.config.align else np.eye(3))
-            for one, (motion, _) in zip(gaussians, aligned, strict=True)
-        ]
+        motions = [motion if self.config.align else np.eye(3) for motion, _ in aligned]
+        moved = [_carry(*one) for one in zip(gaussians, motions, strict=True)]
         mean = sum(w * m for w, (m, _) in zip(weights, moved, strict=True))
         covariance = sum(w * c for w, (_, c) in zip(weights, moved, strict=True))
         return clip_splines(rng.multivariate_normal(mean, covariance, count))
@@ -85,21 +76,16 @@ def align(source: Floats, target: Floats) -> tuple[Floats, float]:
     """Rigid motion on the table that brings one rope onto another by ICP.
 
     The search starts from the motion that brings equal vertices closest, so a rope is not matched
-    head to tail.
-
-    Args:
-        source: (V, 3) the shape that is moved, metres.
-        target: (V, 3) the shape that stays, metres.
+    head to tail. Shapes are (V, 3), metres.
 
     Returns:
-        The motion as a homogeneous matrix (3, 3) for points on the table, and the root mean square
-        distance of closest points after it, metres.
+        The motion of `source` as a homogeneous matrix (3, 3) for points on the table, and the root
+        mean square distance of closest points after it, metres.
     """
     import small_gicp
 
     flat_source, flat_target = source * [1, 1, 0], target * [1, 1, 0]
-    # Complex numbers: the rotation that best turns one centred polygon into the other is the phase
-    # of their inner product.
+    # The rotation that best turns one centred polygon into the other is the phase of their product.
     a, b = flat_source[:, 0] + 1j * flat_source[:, 1], flat_target[:, 0] + 1j * flat_target[:, 1]
     phase = np.vdot(a - a.mean(), b - b.mean())
     phase = phase / abs(phase) if abs(phase) > 0 else 1.0
@@ -125,14 +111,12 @@ def align(source: Floats, target: Floats) -> tuple[Floats, float]:
 
 def _fit(trials: Sequence[Trials]) -> list[_Gaussian]:
     """A Gaussian for each configuration with at least two successful splines."""
-    fitted = []
-    for one in trials:
-        splines = one.splines[one.success]
-        if len(splines) > 1:
-            fitted.append(
-                _Gaussian(one.points[0], splines.mean(axis=0), np.cov(splines, rowvar=False))
-            )
-    return fitted
+    successes = ((one.points[0], one.splines[one.success]) for one in trials)
+    return [
+        _Gaussian(points, splines.mean(axis=0), np.cov(splines, rowvar=False))
+        for points, splines in successes
+        if len(splines) > 1
+    ]
 
 
 def _carry(gaussian: _Gaussian, motion: Floats) -> tuple[Floats, Floats]:

@@ -12,7 +12,7 @@ A sampler is a module that registers a factory under a name, and a line of a wor
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -35,56 +35,21 @@ MODULES = {
 class Sampler(Protocol):
     """Proposes splines; all that planning, evaluation and training know of a method.
 
-    Only `sample` is required. The optional methods are those of the protocols below; `capability`
-    finds them.
+    Only `sample` is required. `capability` finds the optional methods, for one rope (V, 3) or
+    for S ropes (S, V, 3) with an action each:
+
+    * `sample_for_next(points, action, count, rng)`: as `sample`, for success times the value of the
+      shape that results;
+    * `success_probability(points, action, splines)`: (N,) of splines (N, 6);
+    * `values(points, actions, rng)`: (S,) success probability of the best spline on each rope;
+    * `arrange(points, action, count, rng)`: splines that keep the state and make an action easier;
+    * `arranged_values(points, actions, rng)`: (S,) as `values`, after the best arranging spline.
     """
 
     def sample(
         self, points: Floats, action: Action, count: int, rng: np.random.Generator
     ) -> Floats:
         """Splines (count, 6) in range for a rope (V, 3) in a state that allows the action."""
-        ...
-
-
-class NextValueSampler(Protocol):
-    """Proposes splines that count the value of the next state."""
-
-    def sample_for_next(
-        self, points: Floats, action: Action, count: int, rng: np.random.Generator
-    ) -> Floats:
-        """As `Sampler.sample`, for success times the value of the shape that results."""
-        ...
-
-
-class ValueEstimator(Protocol):
-    """Estimates the value of shapes."""
-
-    def values(self, points: Floats, actions: Sequence[Action], rng: np.random.Generator) -> Floats:
-        """(S,) success probability of the best spline, for ropes (S, V, 3) with an action each."""
-        ...
-
-
-class SuccessEstimator(Protocol):
-    """Estimates the success of given splines."""
-
-    def success_probability(self, points: Floats, action: Action, splines: Floats) -> Floats:
-        """(N,) probability that each of N splines (N, 6) succeeds on a rope (V, 3)."""
-        ...
-
-
-class ArrangingSampler(Protocol):
-    """Proposes splines that keep the state and make an action easier."""
-
-    def arrange(
-        self, points: Floats, action: Action, count: int, rng: np.random.Generator
-    ) -> Floats:
-        """Splines (count, 6) that keep the state of a rope (V, 3), before the action."""
-        ...
-
-    def arranged_values(
-        self, points: Floats, actions: Sequence[Action], rng: np.random.Generator
-    ) -> Floats:
-        """(S,) expected value of each action after the best arranging spline; as `values`."""
         ...
 
 
@@ -118,9 +83,14 @@ class SamplerConfig:
         """Dotted names of the modules that the choice adds to a stage.
 
         Raises:
-            ValueError: the name is unknown.
+            ValueError: the name is unknown; names the valid ones.
         """
-        return (sampler_module(self.name),)
+        if self.name in MODULES:
+            return (MODULES[self.name],)
+        if self.name in _FACTORIES:
+            return (_FACTORIES[self.name].__module__,)
+        names = ", ".join(sorted({*MODULES, *_FACTORIES}))
+        raise ValueError(f"unknown sampler {self.name!r}; valid are {names}")
 
     def inputs(self) -> tuple[str, ...]:
         """Names of the stage inputs without which the sampler cannot be built."""
@@ -148,21 +118,6 @@ def sampler(name: str, needs: tuple[str, ...] = ()) -> Callable[[Function], Func
     return register
 
 
-def sampler_module(name: str) -> str:
-    """Dotted name of the module that defines a sampler; imports nothing.
-
-    Raises:
-        ValueError: the name is unknown; names the valid ones.
-    """
-    if name in MODULES:
-        return MODULES[name]
-    if name in _FACTORIES:
-        return _FACTORIES[name].__module__
-    raise ValueError(
-        f"unknown sampler {name!r}; valid are {', '.join(sorted({*MODULES, *_FACTORIES}))}"
-    )
-
-
 def build_sampler(config: SamplerConfig, inputs: Mapping[str, Path]) -> Sampler:
     """The sampler that a configuration names.
 
@@ -173,8 +128,7 @@ def build_sampler(config: SamplerConfig, inputs: Mapping[str, Path]) -> Sampler:
     from omegaconf import OmegaConf  # slow to import
     from omegaconf.errors import OmegaConfBaseException
 
-    import_module(sampler_module(config.name))
-    if missing := sorted(set(_REQUIRED_INPUTS[config.name]) - set(inputs)):
+    if missing := sorted(set(config.inputs()) - set(inputs)):
         for module in MODULES.values():
             import_module(module)
         usable = [name for name, needs in _REQUIRED_INPUTS.items() if set(needs) <= set(inputs)]

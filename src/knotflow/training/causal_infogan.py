@@ -19,9 +19,13 @@ import torch
 from numpy.typing import NDArray
 from torch.nn.functional import softplus
 
-from knotflow.samplers.causal_infogan.config import CausalInfoGanConfig
-from knotflow.samplers.causal_infogan.health import Checkup
-from knotflow.samplers.causal_infogan.networks import CausalInfoGan, Scale, gaussian_log_density
+from knotflow.samplers.causal_infogan.data import CausalInfoGanConfig
+from knotflow.samplers.causal_infogan.networks import (
+    CausalInfoGan,
+    Checkup,
+    Scale,
+    gaussian_log_density,
+)
 from knotflow.training.trainer import Metrics, Trainer
 
 

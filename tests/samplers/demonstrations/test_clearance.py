@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from knotflow.samplers.demonstrations import TASKS, scripted, task
-from knotflow.samplers.demonstrations.clearance import clearance, loop_size, next_actions
+from knotflow.samplers.demonstrations import TASKS, Demonstrator, task
 from knotflow.samplers.demonstrations.scripted import (
+    Candidate,
     DemonstratorConfig,
-    _best,
-    _Candidate,
-    _larger_loops,
+    larger_loops,
+    loop_size,
+    next_actions,
 )
 from knotflow.simulation import RopeConfig, resample
 from knotflow.topology import TopologicalState, parse_action
@@ -33,7 +33,7 @@ WIDE, TIGHT = loop(0.4), loop(0.16)
 
 
 def candidate(end, share):
-    return _Candidate(np.full(6, 0.1), end, share, end[None], loop_size(end, ROPE))
+    return Candidate(np.full(6, 0.1), end, share, end[None], loop_size(end, ROPE))
 
 
 def test_the_constructed_pair_differs_in_its_loop_alone():
@@ -52,9 +52,9 @@ def test_what_may_follow_is_legal_and_on_the_way_to_a_knot(rng):
 
 @pytest.mark.slow
 def test_a_wider_loop_leaves_more_room(simulator):
-    action = (parse_action("C(0,1,1)"),)
+    action, config = (parse_action("C(0,1,1)"),), DemonstratorConfig(room_guesses=16)
     wide, tight = (
-        clearance(end[None], R1.goal_state, action, 16, simulator, np.random.default_rng(0))
+        Demonstrator(R1, simulator, np.random.default_rng(0), config).clearance(end[None], action)
         for end in (WIDE, TIGHT)
     )
     assert 0 < tight < wide < 1
@@ -64,19 +64,19 @@ def test_a_wider_loop_leaves_more_room(simulator):
 def test_the_score_weighs_share_and_room(simulator, rng, monkeypatch, share_of_tight, best):
     """The wide loop leaves 1.5 times the room, so it may succeed that much less often."""
     rooms = {id(WIDE): 0.3, id(TIGHT): 0.2}
-    monkeypatch.setattr(scripted, "clearance", lambda ends, *_: rooms[id(ends.base)])
+    monkeypatch.setattr(Demonstrator, "clearance", lambda _, ends, actions: rooms[id(ends.base)])
     finalists = [candidate(TIGHT, share_of_tight), candidate(WIDE, 0.62)]
-    found = _best(finalists, R1, simulator, rng, DemonstratorConfig(), None)
+    found = Demonstrator(R1, simulator, rng).best(finalists)
     assert found is not None
     assert found.end is best
     assert found.score == found.success_rate * found.clearance
 
 
-def test_the_filter_keeps_the_ends_with_larger_loops():
+def test_the_filter_keeps_the_ends_withlarger_loops():
     splines = np.arange(12)[:, None] * np.ones(6)
     ends = np.stack([WIDE if i % 2 else TIGHT for i in range(12)])
-    assert sorted(_larger_loops(splines, ends, ROPE)[:, 0]) == [1, 3, 5, 7, 9, 11]
+    assert sorted(larger_loops(splines, ends, ROPE)[:, 0]) == [1, 3, 5, 7, 9, 11]
 
 
 def test_without_a_finalist_there_is_nothing_to_show(simulator, rng):
-    assert _best([], R1, simulator, rng, DemonstratorConfig(), None) is None
+    assert Demonstrator(R1, simulator, rng).best([]) is None

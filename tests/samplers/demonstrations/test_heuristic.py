@@ -10,12 +10,12 @@ from knotflow.samplers.demonstrations import (
     arranging_splines,
     heuristic_any_action,
     heuristic_splines,
-    small_moves,
-    succeed,
     task,
 )
+from knotflow.samplers.demonstrations.heuristic import small_moves
 from knotflow.simulation import (
     RopeConfig,
+    attempt,
     check_splines,
     control_points,
     random_curve,
@@ -29,9 +29,9 @@ from knotflow.topology import R1, TopologicalState, parse_action, segment_interv
 @pytest.mark.parametrize("name", ["R1(0,1,1)", "R2(0,0,1,1)"])
 def test_it_reaches_untangled_actions_now_and_then(simulator, rng, name):
     points = straight(simulator.config.rope)
-    assert succeed(
-        points, heuristic_splines(points, task(name).action, 64, rng), task(name), simulator
-    ).any()
+    one = task(name)
+    splines = heuristic_splines(points, one.action, 64, rng)
+    assert attempt(simulator, points, splines, one.action, one.start_state).success.any()
 
 
 @pytest.mark.slow

@@ -8,11 +8,10 @@ import pytest
 from knotflow.samplers.demonstrations import (
     arranging_splines,
     heuristic_splines,
-    predict_shapes,
-    predict_states,
     screened_arranging_splines,
     screened_splines,
 )
+from knotflow.samplers.demonstrations.prediction import predict_shapes, predict_states
 from knotflow.simulation import (
     RopeConfig,
     RopeSimulator,

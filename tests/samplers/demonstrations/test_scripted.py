@@ -4,18 +4,22 @@ import numpy as np
 import pytest
 
 from knotflow.samplers.demonstrations import (
+    Demonstrator,
     DemonstratorConfig,
     NoiseConfig,
-    demonstrate,
     load_demonstrations,
     load_trials,
     noisy_copies,
     scripted,
-    succeed,
     task,
 )
-from knotflow.simulation import SPLINE_HIGH, Trials, check_splines, straight
+from knotflow.simulation import SPLINE_HIGH, Trials, attempt, check_splines, straight
 from knotflow.topology import TopologicalState, parse_action
+
+
+def succeed(points, splines, one, simulator):
+    """Which splines (N, 6) bring the rope to the task's goal state."""
+    return attempt(simulator, points, splines, one.action, one.start_state).success
 
 
 @pytest.mark.slow
@@ -23,7 +27,7 @@ def test_a_demonstration_bears_its_noise(simulator, rng):
     points, one = straight(simulator.config.rope), task("R1(0,1,1)")
     seen = []
     config = DemonstratorConfig(finalists=1)
-    found = demonstrate(points, one, simulator, rng, config, seen.append)
+    found = Demonstrator(one, simulator, rng, config, observe=seen.append).demonstrate(points)
     assert found is not None
     assert 0 < found.clearance < 1 and found.success_rate >= config.least_share
     assert succeed(points, found.spline[None], one, simulator).all()
@@ -42,7 +46,7 @@ def test_no_hit_is_no_demonstration(simulator, rng, monkeypatch):
         scripted, "heuristic_splines", lambda points, action, count, rng: np.tile(stay, (count, 1))
     )
     config = DemonstratorConfig(guesses=4)
-    assert demonstrate(points, task("R1(0,1,1)"), simulator, rng, config) is None
+    assert Demonstrator(task("R1(0,1,1)"), simulator, rng, config).demonstrate(points) is None
 
 
 @pytest.mark.slow

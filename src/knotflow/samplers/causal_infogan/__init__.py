@@ -6,12 +6,11 @@ start and a given end shape, decoded into rope shapes. It is no sampler: it requ
 and returns shapes but no robot motion.
 """
 
-from knotflow.samplers.causal_infogan.config import CausalInfoGanConfig
-from knotflow.samplers.causal_infogan.start_frame import DemonstratedRollouts, StartFrame, frames_at
+from knotflow.samplers.causal_infogan.data import (
+    CausalInfoGanConfig,
+    DemonstratedRollouts,
+    StartFrame,
+    frames_at,
+)
 
-__all__ = [
-    "CausalInfoGanConfig",
-    "DemonstratedRollouts",
-    "StartFrame",
-    "frames_at",
-]
+__all__ = ["CausalInfoGanConfig", "DemonstratedRollouts", "StartFrame", "frames_at"]

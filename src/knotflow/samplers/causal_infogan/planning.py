@@ -1,26 +1,24 @@
 """Planning: project the given shapes, go straight through the latent space, decode (Sec. VII-C).
 
 As in the reference code: a start is projected onto the first shape of generated pairs, a goal onto
-the second; way points share one noise; of many noises the plan is kept whose pairs the
-discriminator finds most probable. Codes stay in the prior's range and noises within three
-deviations.
+the second; of many noises the plan is kept whose pairs the discriminator finds most probable. Codes
+stay in the prior's range.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from knotflow.samplers.causal_infogan.data import StartFrame
 from knotflow.samplers.causal_infogan.networks import CausalInfoGan
-from knotflow.samplers.causal_infogan.start_frame import StartFrame
 from knotflow.topology.polyline import Floats
 
 MAX_NOISE = 3.0
+"""Deviations."""
 
 
 @dataclass(frozen=True)
@@ -39,12 +37,12 @@ class Planner:
     """Plans of rope shapes from a trained model.
 
     Args:
-        model: used as it is, in evaluation mode.
+        model: is frozen, in evaluation mode.
         seed: of everything random; a plan depends on it and on the batch it is made in.
     """
 
     def __init__(self, model: CausalInfoGan, seed: int) -> None:
-        self.model = model.eval()
+        self.model = model.eval().requires_grad_(False)
         self._rng = torch.Generator().manual_seed(seed)
 
     def plan(self, starts: Floats, ends: Floats, steps: int) -> Plans:
@@ -61,11 +59,10 @@ class Planner:
                 f"trained on, got {starts.shape} and {ends.shape}"
             )
         frame = StartFrame.of(starts)
-        with _frozen(self.model):
-            first, code = self.project(_tensor(frame.enter(starts)), second=False)
-            last, goal = self.project(_tensor(frame.enter(ends)), second=True)
-            pairs = zip(code, goal, strict=True)
-            between = torch.stack([self._interpolate(one, other, steps) for one, other in pairs])
+        first, code = self.project(_tensor(frame.enter(starts)), second=False)
+        last, goal = self.project(_tensor(frame.enter(ends)), second=True)
+        pairs = zip(code, goal, strict=True)
+        between = torch.stack([self._interpolate(one, other, steps) for one, other in pairs])
         return Plans(*(frame.leave(part.double().numpy()) for part in (first, between, last)))
 
     def project(self, targets: Tensor, *, second: bool) -> tuple[Tensor, Tensor]:
@@ -122,16 +119,3 @@ class Planner:
 
 def _tensor(shapes: Floats) -> Tensor:
     return torch.as_tensor(shapes, dtype=torch.float32)
-
-
-@contextmanager
-def _frozen(model: CausalInfoGan) -> Iterator[None]:
-    """No gradients of parameters; those of codes are still wanted."""
-    trained = [one for one in model.parameters() if one.requires_grad]
-    for parameter in trained:
-        parameter.requires_grad_(False)
-    try:
-        yield
-    finally:
-        for parameter in trained:
-            parameter.requires_grad_(True)

@@ -10,10 +10,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from knotflow.samplers.demonstrations.clearance import clearance, loop_size, next_actions
-from knotflow.samplers.demonstrations.dataset import Demonstration, NoiseConfig, Task, noisy_copies
+from knotflow.samplers.demonstrations.dataset import (
+    TASKS,
+    Demonstration,
+    NoiseConfig,
+    Task,
+    noisy_copies,
+)
 from knotflow.samplers.demonstrations.heuristic import heuristic_splines
 from knotflow.simulation import (
     Attempts,
@@ -26,12 +30,15 @@ from knotflow.simulation import (
     reach_starts,
     straight,
 )
+from knotflow.topology import Action, Cross, segment_lengths
 from knotflow.topology.polyline import Floats
 
 MOST_STARTS = 20
 """Starts tried for one demonstration."""
 BATCH = 32
 """Heuristic splines simulated before their successes are counted."""
+MOST_ACTIONS = 2
+"""Next actions drawn where no task begins in the reached state."""
 
 
 @dataclass
@@ -76,7 +83,7 @@ class ScoredSpline:
     success_rate: float
     """Of its noisy copies."""
     clearance: float
-    """Of the copies' ends, see `clearance.clearance`."""
+    """Of the copies' ends, see `Demonstrator.clearance`."""
 
     @property
     def score(self) -> float:
@@ -85,14 +92,15 @@ class ScoredSpline:
 
 
 @dataclass(frozen=True)
-class _Candidate:
+class Candidate:
     """A spline (6,), its end (V, 3), and the ends (E, V, 3) of its copies that succeeded."""
 
     spline: Floats
     end: Floats
     success_rate: float
     ends: Floats
-    loop_size: float  # mean over `ends`, metres
+    loop_size: float
+    """Mean over `ends`, metres."""
 
 
 @dataclass(frozen=True)
@@ -106,180 +114,168 @@ class Demonstrated:
     """Starts given up before."""
 
 
-def demonstrate_task(
-    task: Task,
-    simulator: RopeSimulator,
-    rng: np.random.Generator,
-    config: DemonstratorConfig,
-    starts: StartsConfig,
-    observe: Observer | None = None,
-) -> list[Demonstrated]:
-    """Demonstrations of a task, each from the first start that allows one.
+@dataclass(frozen=True)
+class Demonstrator:
+    """Demonstrates a task."""
 
-    An untangled task begins with one shape, the straight rope, and has one: the best of a few.
+    task: Task
+    simulator: RopeSimulator
+    rng: np.random.Generator
+    config: DemonstratorConfig = field(default_factory=DemonstratorConfig)
+    starts: StartsConfig = field(default_factory=StartsConfig)
+    """Distribution of random starts, where the task begins tangled."""
+    observe: Observer | None = None
+    """Is shown every attempt."""
 
-    Args:
-        task: begins tangled, from random starts, or untangled.
-        simulator: decides which splines succeed.
-        rng: everything random comes from it.
-        config: the effort to spend, and the least share that must succeed.
-        starts: distribution of random starts.
-        observe: is shown every attempt.
+    def demonstrations(self) -> list[Demonstrated]:
+        """Demonstrations, each from the first start that allows one.
 
-    Raises:
-        RuntimeError: no start allowed one.
-    """
-    count = config.starts_per_task
-    if not task.start_actions:
+        An untangled task begins with one shape, the straight rope, and has one: the best of a few.
+
+        Raises:
+            RuntimeError: no start allowed one.
+        """
+        config = self.config
+        if self.task.start_actions:
+            return self._search(config.starts_per_task)
         count = config.straight_searches
         config = replace(config, room_guesses=config.room_guesses * count)
-    candidates = _starts(task, count, simulator, rng, starts, observe)
-    found = []
-    for _ in range(count):
-        for left_out in range(MOST_STARTS):
-            points = np.round(next(candidates), 6)  # as a file holds them
-            scored = demonstrate(points, task, simulator, rng, config, observe)
-            if scored is not None:
-                demonstration = Demonstration(task, points, scored.spline, "scripted")
-                found.append(Demonstrated(demonstration, scored, left_out))
-                break
-        else:
-            raise RuntimeError(
-                f"no spline for {task.action} succeeded together with {config.least_share:.0%} of "
-                f"its noisy copies on any of {MOST_STARTS} starts; lower least_share or raise the "
-                "demonstrator's effort"
+        found = replace(self, config=config)._search(count)
+        return [max(found, key=lambda one: one.scored.score)]
+
+    def _search(self, count: int) -> list[Demonstrated]:
+        candidates = self._starts(count)
+        found = []
+        for _ in range(count):
+            for left_out in range(MOST_STARTS):
+                points = np.round(next(candidates), 6)  # as a file holds them
+                scored = self.demonstrate(points)
+                if scored is not None:
+                    demonstration = Demonstration(self.task, points, scored.spline, "scripted")
+                    found.append(Demonstrated(demonstration, scored, left_out))
+                    break
+            else:
+                raise RuntimeError(
+                    f"no spline for {self.task.action} succeeded together with "
+                    f"{self.config.least_share:.0%} of its noisy copies on any of {MOST_STARTS} "
+                    "starts; lower least_share or raise the demonstrator's effort"
+                )
+        return found
+
+    def _starts(self, count: int) -> Iterator[Floats]:
+        """Start shapes (V, 3), made `count` at a time."""
+        path, simulator = self.task.start_actions, self.simulator
+        while True:
+            if not path:
+                yield straight(simulator.config.rope)
+            else:
+                yield from reach_starts(
+                    path, count, simulator, heuristic_splines, self.rng, self.starts, self.observe
+                ).points
+
+    def demonstrate(self, points: Floats) -> ScoredSpline | None:
+        """The spline with the best score found on a rope (V, 3), metres, in the start state.
+
+        The search follows the half of the successes with the larger loops; the clearance of its
+        most promising candidates is measured. None where no spline succeeds with `least_share` of
+        its noisy copies.
+        """
+        config, rng, task = self.config, self.rng, self.task
+
+        def execute(splines: Floats) -> Attempts:
+            return attempt(
+                self.simulator, points, splines, task.action, task.start_state, self.observe
             )
-    return found if task.start_actions else [max(found, key=lambda one: one.scored.score)]
+
+        first, first_ends = self._heuristic_successes(points, execute)
+        if not len(first):
+            return None
+        rope = self.simulator.config.rope
+        mean, spread = _fit(larger_loops(first, first_ends, rope), config.noise)
+        candidates = []
+        for _ in range(config.iterations):
+            spline = np.round(clip_splines(mean), 6)  # as a file holds it
+            copies = noisy_copies(spline, config.samples, rng, config.noise)
+            wide = clip_splines(rng.normal(mean, spread, (config.wide, 6)))
+            tried = execute(np.concatenate([spline[None], copies, wide]))
+            success, ends = tried.success, tried.rollouts.end_points
+            of_copies = 1 + np.flatnonzero(success[1 : 1 + config.samples])
+            if success[0] and len(of_copies):
+                rate = len(of_copies) / config.samples
+                size = float(np.mean([loop_size(end, rope) for end in ends[of_copies]]))
+                candidates.append(Candidate(spline, ends[0], rate, ends[of_copies], size))
+            if not success.any():
+                # The successes form several clusters; continue from one of them.
+                mean = first[rng.integers(len(first))]
+                continue
+            elites = larger_loops(tried.splines[success], ends[success], rope)
+            mean, spread = _fit(elites, config.noise)
+        robust = [one for one in candidates if one.success_rate >= config.least_share]
+        robust.sort(key=lambda one: one.success_rate * one.loop_size, reverse=True)
+        return self.best(robust[: config.finalists])
+
+    def _heuristic_successes(
+        self, points: Floats, execute: Callable[[Floats], Attempts]
+    ) -> tuple[Floats, Floats]:
+        """Heuristic splines (N, 6) that succeed and their ends (N, V, 3)."""
+        splines, ends = [np.empty((0, 6))], [np.empty((0, *points.shape))]
+        for begun in range(0, self.config.guesses, BATCH):
+            count = min(BATCH, self.config.guesses - begun)
+            tried = execute(heuristic_splines(points, self.task.action, count, self.rng))
+            splines.append(tried.splines[tried.success])
+            ends.append(tried.rollouts.end_points[tried.success])
+            if sum(map(len, splines)) >= self.config.hits:
+                break
+        return np.concatenate(splines), np.concatenate(ends)
+
+    def best(self, finalists: Sequence[Candidate]) -> ScoredSpline | None:
+        """The finalist with the best score, None of none; all have the same next actions."""
+        actions = next_actions(self.task, self.rng)
+        scored = [
+            ScoredSpline(one.spline, one.end, one.success_rate, self.clearance(one.ends, actions))
+            for one in finalists
+        ]
+        return max(scored, key=lambda one: one.score, default=None)
+
+    def clearance(self, ends: Floats, actions: Sequence[Action]) -> float:
+        """Success rate of heuristic splines for the next actions from ropes (E, V, 3), 0 to 1.
+
+        The geometric mean over the actions of Laplace's (successes + 1) / (trials + 2), of
+        `room_guesses` trials each, which are shared out among the ropes.
+        """
+        trials, state = self.config.room_guesses, self.task.goal_state
+        ropes = ends[np.arange(trials) % len(ends)]
+        shares = []
+        for action in actions:
+            splines = [heuristic_splines(points, action, 1, self.rng) for points in ropes]
+            tried = attempt(
+                self.simulator, ropes, np.concatenate(splines), action, state, self.observe
+            )
+            shares.append((tried.success.sum() + 1) / (trials + 2))
+        return float(np.exp(np.mean(np.log(shares))))
 
 
-def _starts(
-    task: Task,
-    count: int,
-    simulator: RopeSimulator,
-    rng: np.random.Generator,
-    starts: StartsConfig,
-    observe: Observer | None,
-) -> Iterator[Floats]:
-    """Start shapes (V, 3), made `count` at a time."""
-    while True:
-        if not task.start_actions:
-            yield straight(simulator.config.rope)
-        else:
-            yield from reach_starts(
-                task.start_actions, count, simulator, heuristic_splines, rng, starts, observe
-            ).points
+def next_actions(task: Task, rng: np.random.Generator) -> tuple[Action, ...]:
+    """The actions of `TASKS` from the state a task reaches; without any, random legal Crosses."""
+    state = task.goal_state
+    if known := tuple(one.action for one in TASKS if one.start_state == state):
+        return known
+    legal = [action for action, _ in state.actions() if isinstance(action, Cross)]
+    drawn = rng.choice(len(legal), min(MOST_ACTIONS, len(legal)), replace=False)
+    return tuple(legal[i] for i in drawn)
 
 
-def demonstrate(
-    points: Floats,
-    task: Task,
-    simulator: RopeSimulator,
-    rng: np.random.Generator,
-    config: DemonstratorConfig | None = None,
-    observe: Observer | None = None,
-) -> ScoredSpline | None:
-    """The spline with the best score found for a task on a rope.
+def loop_size(points: Floats, rope: RopeConfig) -> float:
+    """Length of the shortest segment between crossings of a rope (V, 3), metres.
 
-    The search follows the half of the successes with the larger loops; the clearance of its most
-    promising candidates is measured.
-
-    Args:
-        points: (V, 3) rope vertices in the task's start state, metres.
-        task: the action to demonstrate.
-        simulator: decides which splines succeed.
-        rng: everything random comes from it.
-        config: the effort to spend.
-        observe: is shown every attempt.
-
-    Returns:
-        None where no spline succeeds with `least_share` of its noisy copies.
+    An end counts twice: it is led through once, where a loop's strand goes there and back.
     """
-    config = config or DemonstratorConfig()
-
-    def execute(splines: Floats) -> Attempts:
-        return attempt(simulator, points, splines, task.action, task.start_state, observe)
-
-    first, first_ends = _heuristic_successes(points, task, rng, config, execute)
-    if not len(first):
-        return None
-    rope = simulator.config.rope
-    mean, spread = _fit(_larger_loops(first, first_ends, rope), config.noise)
-    candidates = []
-    for _ in range(config.iterations):
-        spline = np.round(clip_splines(mean), 6)  # as a file holds it
-        copies = noisy_copies(spline, config.samples, rng, config.noise)
-        wide = clip_splines(rng.normal(mean, spread, (config.wide, 6)))
-        tried = execute(np.concatenate([spline[None], copies, wide]))
-        success, ends = tried.success, tried.rollouts.end_points
-        of_copies = 1 + np.flatnonzero(success[1 : 1 + config.samples])
-        if success[0] and len(of_copies):
-            rate = len(of_copies) / config.samples
-            size = float(np.mean([loop_size(end, rope) for end in ends[of_copies]]))
-            candidates.append(_Candidate(spline, ends[0], rate, ends[of_copies], size))
-        if not success.any():
-            # The successes form several clusters; continue from one of them.
-            mean = first[rng.integers(len(first))]
-            continue
-        elites = _larger_loops(tried.splines[success], ends[success], rope)
-        mean, spread = _fit(elites, config.noise)
-    robust = [one for one in candidates if one.success_rate >= config.least_share]
-    robust.sort(key=lambda one: one.success_rate * one.loop_size, reverse=True)
-    return _best(robust[: config.finalists], task, simulator, rng, config, observe)
+    lengths = segment_lengths(points) * rope.length
+    lengths[[0, -1]] *= 2
+    return float(lengths.min())
 
 
-def succeed(
-    points: Floats,
-    splines: Floats,
-    task: Task,
-    simulator: RopeSimulator,
-    observe: Observer | None = None,
-) -> NDArray[np.bool_]:
-    """Which splines (N, 6) bring the rope (V, 3) to the task's goal state, as (N,) bool."""
-    return attempt(simulator, points, splines, task.action, task.start_state, observe).success
-
-
-def _heuristic_successes(
-    points: Floats,
-    task: Task,
-    rng: np.random.Generator,
-    config: DemonstratorConfig,
-    execute: Callable[[Floats], Attempts],
-) -> tuple[Floats, Floats]:
-    """Heuristic splines (N, 6) that succeed and their ends (N, V, 3)."""
-    splines, ends = [np.empty((0, 6))], [np.empty((0, *points.shape))]
-    for begun in range(0, config.guesses, BATCH):
-        count = min(BATCH, config.guesses - begun)
-        tried = execute(heuristic_splines(points, task.action, count, rng))
-        splines.append(tried.splines[tried.success])
-        ends.append(tried.rollouts.end_points[tried.success])
-        if sum(map(len, splines)) >= config.hits:
-            break
-    return np.concatenate(splines), np.concatenate(ends)
-
-
-def _best(
-    finalists: Sequence[_Candidate],
-    task: Task,
-    simulator: RopeSimulator,
-    rng: np.random.Generator,
-    config: DemonstratorConfig,
-    observe: Observer | None,
-) -> ScoredSpline | None:
-    """The finalist with the best score, None of none; clearance is measured by the same actions."""
-    actions, state = next_actions(task, rng), task.goal_state
-    scored = [
-        ScoredSpline(
-            one.spline,
-            one.end,
-            one.success_rate,
-            clearance(one.ends, state, actions, config.room_guesses, simulator, rng, observe),
-        )
-        for one in finalists
-    ]
-    return max(scored, key=lambda one: one.score, default=None)
-
-
-def _larger_loops(splines: Floats, ends: Floats, rope: RopeConfig) -> Floats:
+def larger_loops(splines: Floats, ends: Floats, rope: RopeConfig) -> Floats:
     """Half of the splines (N, 6), at least four: those whose ends (N, V, 3) have larger loops."""
     keep = max(4, (len(splines) + 1) // 2)
     order = np.argsort([-loop_size(end, rope) for end in ends], kind="stable")[:keep]

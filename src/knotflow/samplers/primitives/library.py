@@ -91,10 +91,7 @@ class PrimitiveLibrary:
         return cls(primitives, trained_on, libraries[0].rope)
 
     def warn_if_unlike(self, rope: RopeConfig) -> None:
-        """Warn (`UnlikeRopeWarning`) of a rope of another size than the one trained with.
-
-        Proposals for it are still made; how often they succeed was not measured.
-        """
+        """Warn (`UnlikeRopeWarning`) of a rope of another size than the one trained with."""
         unlike = []
         for name, unit in (("length", " m"), ("radius", " m"), ("links", "")):
             now, trained = getattr(rope, name), getattr(self.rope, name)
@@ -120,16 +117,14 @@ class PrimitiveLibrary:
             ValueError: there is no primitive for the action in this library.
             IllegalActionError: the action names a segment that the rope does not have.
         """
-        (splines,) = self.propose(np.asarray(points)[None], [action], count, rng)
-        return np.asarray(splines)
+        return self.propose(np.asarray(points)[None], [action], count, rng).squeeze(0)
 
     def sample_for_next(
         self, points: Floats, action: Action, count: int, rng: np.random.Generator
     ) -> Floats:
         """As `sample`, for success times the value of the next state."""
         ropes = np.asarray(points)[None]
-        (splines,) = self.propose(ropes, [action], count, rng, use_next_value=True)
-        return np.asarray(splines)
+        return self.propose(ropes, [action], count, rng, use_next_value=True).squeeze(0)
 
     def arrange(
         self, points: Floats, action: Action, count: int, rng: np.random.Generator
@@ -141,19 +136,16 @@ class PrimitiveLibrary:
             IllegalActionError: the action names a segment that the rope does not have.
         """
         ropes = np.asarray(points)[None]
-        (splines,) = self.propose(ropes, [action], count, rng, use_next_value=True, arranging=True)
-        return np.asarray(splines)
+        splines = self.propose(ropes, [action], count, rng, use_next_value=True, arranging=True)
+        return splines.squeeze(0)
 
     @property
     def capabilities(self) -> frozenset[str]:
-        """Optional methods that this library has networks for, see `samplers.sampler`.
-
-        Next values are learned by self-play, as arranging is.
-        """
+        """Optional methods that this library has networks for, see `samplers.sampler`."""
         known = {"values", "success_probability", "sample_for_next", "arrange", "arranged_values"}
         if any(primitive.critic is None for primitive in self.primitives.values()):
             known -= {"values", "success_probability"}
-        if ARRANGE not in self.primitives:
+        if ARRANGE not in self.primitives:  # next values are learned with it, by self-play
             known -= {"sample_for_next", "arrange", "arranged_values"}
         return frozenset(known | ({"undo"} if UNDO in self.primitives else set()))
 
@@ -169,13 +161,8 @@ class PrimitiveLibrary:
     ) -> Floats:
         """Splines (S, count, 6) for ropes (S, V, 3) with an action each; one batch a primitive.
 
-        Args:
-            points: (S, V, 3) metres.
-            actions: one a rope.
-            count: splines for each.
-            rng: everything random comes from it.
-            use_next_value: search for success times the value of the next state.
-            arranging: splines that arrange the rope for its action.
+        With `use_next_value` they are searched for success times the value of the next state, and
+        with `arranging` to arrange the rope for its action.
         """
         out = np.empty((len(actions), count, 6))
         for number, rows, encoded in self._encoded(points, actions, arranging):
@@ -184,28 +171,15 @@ class PrimitiveLibrary:
         return out
 
     @one_thread()
-    def sample_with_values(
-        self, points: Floats, action: Action, count: int, rng: np.random.Generator
-    ) -> tuple[Floats, Floats]:
-        """`sample` and the critic's value (count,) of each spline; NaN without a critic."""
-        ropes = np.asarray(points)[None]
-        ((number, _, encoded),) = self._encoded(ropes, [action], arranging=False)
-        found, values = self.primitives[number].search(encoded, count, rng)
-        of_splines = np.full(count, np.nan) if values is None else values[0].double().numpy()
-        return encoded.frames.to_world(found.numpy())[0], of_splines
-
-    @one_thread()
     def success_probability(self, points: Floats, action: Action, splines: Floats) -> Floats:
         """The critic's probability (N,) that splines (N, 6) do an action on a rope (V, 3).
 
         Raises:
             ValueError: the primitive has no critic, or there is none for the action.
         """
-        ropes = np.asarray(points)[None]
-        ((number, _, encoded),) = self._encoded(ropes, [action], arranging=False)
+        ((number, _, encoded),) = self._encoded(np.asarray(points)[None], [action], arranging=False)
         of_rope = np.asarray(splines)[None]
-        (probability,) = self.primitives[number].success_probability(encoded, of_rope)
-        return np.asarray(probability)
+        return self.primitives[number].success_probability(encoded, of_rope).squeeze(0)
 
     def value(self, points: Floats, action: Action, rng: np.random.Generator) -> float:
         """Max Q of a rope (V, 3): success probability of the best spline found (Sec. V-B c).
@@ -319,15 +293,13 @@ class PrimitiveLibrary:
             raise LibraryError(f"{path}: its metadata are damaged: {error!r}") from None
         if digest != _digest(weights):
             raise LibraryError(f"{path} is damaged: its weights do not have the digest it names")
-        if rope is not None:
-            different = {
-                name: (value, getattr(rope, name))
-                for name, value in asdict(trained_rope).items()
-                if value != getattr(rope, name)
-            }
-            named = ", ".join(f"{key} {was}, not {now}" for key, (was, now) in different.items())
-            if named:
-                raise LibraryError(f"{path} was trained with another rope: {named}")
+        if rope is not None and rope != trained_rope:
+            differences = ", ".join(
+                f"{name} {was}, not {getattr(rope, name)}"
+                for name, was in asdict(trained_rope).items()
+                if was != getattr(rope, name)
+            )
+            raise LibraryError(f"{path} was trained with another rope: {differences}")
         primitives = {
             int(number): _primitive(path, number, entry["config"], weights)
             for number, entry in entries.items()
@@ -342,20 +314,17 @@ class PrimitiveLibrary:
 def _primitive(
     path: Path, number: str, config: dict[str, Any], weights: Mapping[str, Tensor]
 ) -> Primitive:
+    prefix = f"{number}."
+    own = {
+        name.removeprefix(prefix): value.float()
+        for name, value in weights.items()
+        if name.startswith(prefix)
+    }
     try:
-        parts = {
-            "network": NetworkConfig(**config.get("network", {})),
-            "cem": CemConfig(**config.get("cem", {})),
-        }
-        primitive = Primitive(PrimitiveConfig(**config | parts))
-        prefix = f"{number}."
-        primitive.load_state_dict(
-            {
-                name.removeprefix(prefix): value.float()
-                for name, value in weights.items()
-                if name.startswith(prefix)
-            }
-        )
+        network = NetworkConfig(**config.get("network", {}))
+        cem = CemConfig(**config.get("cem", {}))
+        primitive = Primitive(PrimitiveConfig(**config | {"network": network, "cem": cem}))
+        primitive.load_state_dict(own)
     except (AttributeError, TypeError, ValueError, RuntimeError) as error:
         raise LibraryError(
             f"{path}: primitive {number} does not fit these networks: {error}"

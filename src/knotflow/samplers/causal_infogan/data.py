@@ -1,13 +1,8 @@
-"""The frame of a rollout's start shape, in which the networks see its rope shapes.
-
-The origin is on the table below the start's centroid; the x axis is the direction in which a
-straight rope would lie to come closest to the start (vertex by vertex, head at the negative end).
-Shapes are then invariant to where on the table a rope lies.
-"""
+"""What Causal InfoGAN learns from, rope shapes in the frames of their starts, and its settings."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,9 +11,57 @@ from numpy.typing import ArrayLike, NDArray
 from knotflow.topology.polyline import Floats
 
 
+@dataclass
+class CausalInfoGanConfig:
+    """Networks, training and planning of one model; values of its authors where known."""
+
+    code_dim: int = 7
+    """Dimensions of the latent code, each uniform on [-1, 1]."""
+    noise_dim: int = 2
+    """Dimensions of the generator's further noise, standard normal."""
+    transition_hidden: list[int] = field(default_factory=lambda: [64, 64])
+    """Widths of the transition network's hidden layers."""
+    width: int = 64
+    """Channels of the generator's first layer; the others' layers are as wide or half of it."""
+    learning_rate: float = 2e-4
+    """Adam's, for all networks."""
+    beta1: float = 0.5
+    """Adam's first moment."""
+    beta2: float = 0.999
+    """Adam's second moment."""
+    information_weight: float = 0.1
+    """Weight of the mutual information between codes and shapes."""
+    variance_weight: float = 0.1
+    """Weight of the transition's squared variance, which keeps steps of a plan small."""
+    batch: int = 100
+    """Pairs of a gradient step."""
+    steps: int = 9000
+    """Gradient steps."""
+    check_every: int = 500
+    """Steps between two points of the training curves."""
+    frame_rate: float = 5.0
+    """Frames per second of the training trajectories; a pair is two neighbouring frames."""
+    plan_steps: int = 10
+    """Steps of a plan through the latent space for each topological action."""
+    candidates: int = 100
+    """Noises tried for a plan; the one the discriminator believes most is kept."""
+    prior_samples: int = 4000
+    """Generated shapes among which a projection looks for its first guesses."""
+    restarts: int = 8
+    """First guesses that a projection refines."""
+    projection_steps: int = 300
+    """Adam steps of a projection."""
+    projection_rate: float = 0.02
+    """Adam's rate in a projection."""
+
+
 @dataclass(frozen=True)
 class StartFrame:
-    """A frame on the table for each of B ropes."""
+    """A frame on the table for each of B ropes, in which shapes do not depend on where it lies.
+
+    The origin is below the start's centroid; the x axis is the direction of the straight rope, head
+    at the negative end, that comes closest to the start vertex by vertex.
+    """
 
     origin: Floats
     """(B, 3) metres, world frame; z is 0."""
