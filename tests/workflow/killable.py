@@ -13,16 +13,15 @@ from knotflow.workflow import StageRun, WorkersConfig, read_workflow, run_workfl
 def toy_slow(run: StageRun, *, shards: int) -> None:
     """Each shard takes a few milliseconds, half of them with half a file on the disk."""
     names = [f"{index:03d}" for index in range(shards)]
+
+    def write_slowly(name: str) -> None:
+        with run.atomic(f"{name}.txt") as path, path.open("w") as file:
+            for half in ("begin", "end"):
+                file.write(f"{half} {name}\n")
+                file.flush()
+                time.sleep(0.002)
+
     run.each(write_slowly, run.pending(names, ".txt"), "shards")
-
-
-def write_slowly(run: StageRun, name: str) -> None:
-    """Make a shard's file."""
-    with run.atomic(f"{name}.txt") as path, path.open("w") as file:
-        for half in ("begin", "end"):
-            file.write(f"{half} {name}\n")
-            file.flush()
-            time.sleep(0.002)
 
 
 if __name__ == "__main__":

@@ -7,21 +7,15 @@ import pytest
 from knotflow.workflow import StageRun, WorkersConfig
 
 
-def rows(run, name):
+def rows(name):
     """A row a shard, in a process of its own."""
     return pd.DataFrame([{"name": name, "square": int(name) ** 2, "pid": os.getpid()}])
 
 
-def fail(run, name):
+def fail(name):
     """Fails on one of the shards."""
     if name == "1":
         raise ValueError("shard 1")
-
-
-def slow(run, name):
-    """Says by which process it is made."""
-    (run.out / f"{name}.pid").write_text(str(os.getpid()))
-    time.sleep(0.05)
 
 
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
@@ -45,6 +39,11 @@ def test_the_first_failure_is_raised(tmp_path, jobs):
 def test_shards_run_on_ray(tmp_path):
     ray = pytest.importorskip("ray")
     run = StageRun(tmp_path, workers=WorkersConfig("ray", 2))
+
+    def slow(name):
+        (run.out / f"{name}.pid").write_text(str(os.getpid()))
+        time.sleep(0.05)
+
     try:
         run.each(slow, ["a", "b"], "on Ray")
     finally:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from knotflow.experiments.common import sampler_of
 from knotflow.planning import Goal, PlannerConfig, attempt_arranged, plan_knot
-from knotflow.samplers import Sampler, SamplerConfig
+from knotflow.samplers import SamplerConfig
 from knotflow.samplers.primitives import primitive_of
 from knotflow.seeding import rng_of
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, attempt, random_curve
@@ -45,68 +44,40 @@ def actions(
     `count` start shapes in each state, and trials of each action; at most `arranging` splines of a
     trial make room before the one that acts.
     """
-    names = [str(state) for state in start_states(most_crossings)]
-    build = partial(sampler_of, sampler, primitives=primitives)
-    work = partial(
-        _try_actions, names, simulation, starts, build, planner, most_crossings, count, arranging,
-        seed,
-    )  # fmt: skip
-    run.table("actions.csv", work, names, "actions")
+    states = [state for crossings in range(most_crossings) for state in all_states(crossings)]
+    names = [str(state) for state in states if representative(state)[0] == state]
+    rope = simulation.rope
 
+    def start_shapes(
+        state: TopologicalState, simulator: RopeSimulator, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Ropes (N, V, 3) in a state; fewer than wanted where searches for it give up."""
+        tying, found = sampler_of(sampler, primitives=primitives), []
+        for _ in range(count):
+            start = random_curve(rope, rng, starts)
+            if not state.num_crossings:
+                found.append(start)
+                continue
+            plan = plan_knot(start, Goal.state(state), tying, simulator, rng, planner)
+            if plan.solved:
+                found.append(plan.shapes[-1])
+        return np.array(found).reshape(-1, rope.num_vertices, 3)
 
-def start_states(most_crossings: int) -> list[TopologicalState]:
-    """A state of each class under Mirror and Reverse that allows an action within the limit."""
-    found = [state for count in range(most_crossings) for state in all_states(count)]
-    return [state for state in found if representative(state)[0] == state]
+    def try_actions(name: str) -> pd.DataFrame:
+        state, rng = TopologicalState.parse(name), rng_of(seed, names.index(name))
+        simulator, tried = RopeSimulator(simulation), sampler_of(sampler, primitives=primitives)
+        points = start_shapes(state, simulator, rng)
+        rows = []
+        for action, end in distinct_actions(state):
+            if end.num_crossings > most_crossings or not len(points):
+                continue
+            splines = np.concatenate([tried.sample(shape, action, 1, rng) for shape in points])
+            single = attempt(simulator, points, splines, action, state)
+            several = attempt_arranged(points, action, state, tried, simulator, rng, arranging)
+            kind = CLASSES[primitive_of(action, state.num_segments)]
+            for most, success in ((0, single.success), (arranging, several.success)):
+                rows.append((name, str(action), kind, most, len(points), int(success.sum())))
+        columns = ["start", "action", "class", "arranging", "trials", "successes"]
+        return pd.DataFrame(rows, columns=columns)
 
-
-def _try_actions(
-    names: list[str],
-    simulation: SimulationConfig,
-    starts: StartsConfig,
-    build: partial[Sampler],
-    planner: PlannerConfig,
-    most_crossings: int,
-    count: int,
-    arranging: int,
-    seed: int,
-    run: StageRun,
-    name: str,
-) -> pd.DataFrame:
-    state, rng = TopologicalState.parse(name), rng_of(seed, names.index(name))
-    simulator, sampler = RopeSimulator(simulation), build()
-    points = _start_shapes(state, count, simulator, starts, build(), planner, rng)
-    rows = []
-    for action, end in distinct_actions(state):
-        if end.num_crossings > most_crossings or not len(points):
-            continue
-        splines = np.concatenate([sampler.sample(rope, action, 1, rng) for rope in points])
-        single = attempt(simulator, points, splines, action, state)
-        several = attempt_arranged(points, action, state, sampler, simulator, rng, arranging)
-        kind = CLASSES[primitive_of(action, state.num_segments)]
-        for most, success in ((0, single.success), (arranging, several.success)):
-            rows.append((name, str(action), kind, most, len(points), int(success.sum())))
-    columns = ["start", "action", "class", "arranging", "trials", "successes"]
-    return pd.DataFrame(rows, columns=columns)
-
-
-def _start_shapes(
-    state: TopologicalState,
-    count: int,
-    simulator: RopeSimulator,
-    starts: StartsConfig,
-    sampler: Sampler,
-    planner: PlannerConfig,
-    rng: np.random.Generator,
-) -> NDArray[np.float64]:
-    """Ropes (N, V, 3) in a state; fewer than wanted where searches for it give up."""
-    rope, found = simulator.config.rope, []
-    for _ in range(count):
-        start = random_curve(rope, rng, starts)
-        if not state.num_crossings:
-            found.append(start)
-            continue
-        plan = plan_knot(start, Goal.state(state), sampler, simulator, rng, planner)
-        if plan.solved:
-            found.append(plan.shapes[-1])
-    return np.array(found).reshape(-1, rope.num_vertices, 3)
+    run.table("actions.csv", try_actions, names, "actions")

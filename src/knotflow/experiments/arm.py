@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ import pandas as pd
 from knotflow.execution import Arm, Export, export_plan, panda
 from knotflow.experiments.common import sampler_of
 from knotflow.planning import PlannerConfig, parse_goal, plan_knot
-from knotflow.samplers import Sampler, SamplerConfig
+from knotflow.samplers import SamplerConfig
 from knotflow.seeding import rng_of
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, random_curve
 from knotflow.workflow import StageRun, stage
@@ -43,31 +42,20 @@ def arm(
 
     `max_speed` is of the tip, metres per second.
     """
-    build = partial(sampler_of, sampler, primitives=primitives)
-    work = partial(_follow, build, simulation, starts, planner, knot, max_speed, seed)
-    run.table("trajectories.csv", work, [f"{number:03d}" for number in range(plans)], "plans")
+    rope = simulation.rope
 
+    def follow(name: str) -> pd.DataFrame:
+        number, simulator = int(name), RopeSimulator(simulation)
+        points = random_curve(rope, rng_of(seed, number, 0), starts)
+        proposer, rng = sampler_of(sampler, primitives=primitives), rng_of(seed, number, 1)
+        plan = plan_knot(points, parse_goal(knot, rope), proposer, simulator, rng, planner)
+        row: dict[str, Any] = {"plan": number, "knot": knot, "solved": plan.solved}
+        if plan.solved:
+            follower = panda()
+            row |= check(follower, export_plan(plan, follower, max_speed=max_speed))
+        return pd.DataFrame([row], columns=COLUMNS)
 
-def _follow(
-    build: partial[Sampler],
-    simulation: SimulationConfig,
-    starts: StartsConfig,
-    planner: PlannerConfig,
-    knot: str,
-    max_speed: float,
-    seed: int,
-    run: StageRun,
-    name: str,
-) -> pd.DataFrame:
-    number, rope = int(name), simulation.rope
-    points = random_curve(rope, rng_of(seed, number, 0), starts)
-    simulator, rng = RopeSimulator(simulation), rng_of(seed, number, 1)
-    plan = plan_knot(points, parse_goal(knot, rope), build(), simulator, rng, planner)
-    row: dict[str, Any] = {"plan": number, "knot": knot, "solved": plan.solved}
-    if plan.solved:
-        follower = panda()
-        row |= check(follower, export_plan(plan, follower, max_speed=max_speed))
-    return pd.DataFrame([row], columns=COLUMNS)
+    run.table("trajectories.csv", follow, [f"{number:03d}" for number in range(plans)], "plans")
 
 
 def check(arm: Arm, export: Export) -> dict[str, float]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -50,48 +49,36 @@ def causal_infogan(
 
     Makes models/<seed>.pt, training.csv (the curves) and seeds.csv (which have collapsed).
     """
-    names = [str(seed) for seed in range(seeds)]
-    pending = run.pending([f"models/{name}" for name in names], ".pt")
-    chosen = [str(task(one).action) for one in actions] or [str(one.action) for one in TASKS]
-    work = partial(_train, demonstrations, infogan, chosen)
-    run.each(work, [int(Path(shard).name) for shard in pending], "causal_infogan")
-    curves = [_curve(run, seed) for seed in range(seeds)]
-    run.save_table("training.csv", pd.concat(curves))
-    run.save_table("seeds.csv", pd.concat([curve.tail(1) for curve in curves]))
-
-
-def _train(
-    demonstrations: Path,
-    infogan: CausalInfoGanConfig,
-    actions: list[str],
-    run: StageRun,
-    seed: int,
-) -> None:
-    from knotflow.samplers.causal_infogan.networks import save_model
+    from knotflow.samplers.causal_infogan.networks import Health, save_model
     from knotflow.training.causal_infogan import CausalInfoGanTrainer
 
-    rollouts = load_rollouts(demonstrations, actions, infogan.frame_rate)
-    trainer = CausalInfoGanTrainer(rollouts.in_start_frames(), rollouts.starts, infogan, seed)
+    chosen = [str(task(one).action) for one in actions] or [str(one.action) for one in TASKS]
 
-    def finish() -> None:
-        with run.atomic(f"models/{seed}.pt") as path:
-            save_model(path, trainer.model, actions)
+    def train(shard: str) -> None:
+        seed = int(Path(shard).name)
+        rollouts = load_rollouts(demonstrations, chosen, infogan.frame_rate)
+        trainer = CausalInfoGanTrainer(rollouts.in_start_frames(), rollouts.starts, infogan, seed)
 
-    run_training(
-        trainer, run.out / f"seed-{seed}", name=f"causal_infogan, seed {seed}",
-        progress=run.progress, finish=finish,
-    )  # fmt: skip
+        def finish() -> None:
+            with run.atomic(f"{shard}.pt") as path:
+                save_model(path, trainer.model, chosen)
 
+        run_training(
+            trainer, run.out / f"seed-{seed}", name=f"causal_infogan, seed {seed}",
+            progress=run.progress, finish=finish,
+        )  # fmt: skip
 
-def _curve(run: StageRun, seed: int) -> pd.DataFrame:
-    """The curves of a seed, and by which measures its model has collapsed."""
-    from knotflow.samplers.causal_infogan.networks import Health
-
-    curve = pd.read_csv(run.out / f"seed-{seed}" / CURVES)
-    curve.insert(0, "seed", seed)
-    health = curve[[one.name for one in fields(Health)]].to_dict("records")
-    curve["collapsed"] = [" ".join(Health(**row).collapsed) for row in health]
-    return curve
+    pending = run.pending([f"models/{seed}" for seed in range(seeds)], ".pt")
+    run.each(train, pending, "causal_infogan")
+    curves = []
+    for seed in range(seeds):
+        curve = pd.read_csv(run.out / f"seed-{seed}" / CURVES)
+        curve.insert(0, "seed", seed)
+        health = curve[[one.name for one in fields(Health)]].to_dict("records")
+        curve["collapsed"] = [" ".join(Health(**row).collapsed) for row in health]
+        curves.append(curve)
+    run.save_table("training.csv", pd.concat(curves))
+    run.save_table("seeds.csv", pd.concat([curve.tail(1) for curve in curves]))
 
 
 def load_rollouts(
@@ -153,48 +140,38 @@ def causal_infogan_ends(
     most = {goal.name: starts_other for goal in GOALS}
     most |= {FOCUS: starts_focus, OVERHAND: starts_overhand}
     names = [goal.file for goal in GOALS]
-    work = partial(_seek, evaluation_starts, simulation, most, guesses, rounds, seed)
-    run.each(work, run.pending(names, ".npz"), "reachable ends")
+
+    def seek(name: str) -> None:
+        number = names.index(name)
+        goal, rng = GOALS[number], rng_of(seed, number)
+        starts = load_starts(evaluation_starts, task(goal.first).name)[: most[goal.name]]
+        # Numbers are unique in the stage: leave room for all guesses of the goals before.
+        each = [most[one.name] * guesses * rounds * len(one.actions) for one in GOALS]
+        recorder = Recorder(run, "aim", simulation.rope, sum(each[:number]))
+        propose = guess(RopeSimulator(simulation), guesses, rng, recorder)
+        found = {}
+        for start, points in enumerate(starts):
+            recorder.extra = {"start": str(start), "goal": goal.name}
+            end = reachable_end(points, goal, propose, rounds)
+            if end is not None:
+                found[start] = (points, end)
+        recorder.save(f"recordings/{name}.mcap")
+        shape = (len(found), *starts.shape[1:])
+        with run.atomic(f"{name}.npz") as path:
+            np.savez_compressed(
+                path,
+                tried=len(starts),
+                start=np.array(list(found), dtype=np.intp),
+                points=np.array([one for one, _ in found.values()]).reshape(shape),
+                ends=np.array([end for _, end in found.values()]).reshape(shape),
+            )
+
+    run.each(seek, run.pending(names, ".npz"), "reachable ends")
     rows = []
     for goal in GOALS:
         with np.load(run.out / f"{goal.file}.npz") as file:
             rows.append((goal.name, int(file["tried"]), len(file["start"])))
     run.save_table("ends.csv", pd.DataFrame(rows, columns=["goal", "starts", "reached"]))
-
-
-def _seek(
-    evaluation_starts: Path,
-    simulation: SimulationConfig,
-    most: Mapping[str, int],
-    guesses: int,
-    rounds: int,
-    seed: int,
-    run: StageRun,
-    name: str,
-) -> None:
-    number = [goal.file for goal in GOALS].index(name)
-    goal, rng = GOALS[number], rng_of(seed, number)
-    starts = load_starts(evaluation_starts, task(goal.first))[: most[goal.name]]
-    # Numbers are unique in the stage: leave room for all guesses of the goals before.
-    each = [most[one.name] * guesses * rounds * len(one.actions) for one in GOALS]
-    recorder = Recorder(run, "aim", simulation.rope, sum(each[:number]))
-    propose = guess(RopeSimulator(simulation), guesses, rng, recorder)
-    found = {}
-    for start, points in enumerate(starts):
-        recorder.extra = {"start": str(start), "goal": goal.name}
-        end = reachable_end(points, goal, propose, rounds)
-        if end is not None:
-            found[start] = (points, end)
-    recorder.save(f"recordings/{name}.mcap")
-    shape = (len(found), *starts.shape[1:])
-    with run.atomic(f"{name}.npz") as path:
-        np.savez_compressed(
-            path,
-            tried=len(starts),
-            start=np.array(list(found), dtype=np.intp),
-            points=np.array([one for one, _ in found.values()]).reshape(shape),
-            ends=np.array([end for _, end in found.values()]).reshape(shape),
-        )
 
 
 @dataclass(frozen=True)
@@ -228,13 +205,35 @@ def causal_infogan_plans(
     `evaluations` are the methods of the comparison; `training_rows` plans between shapes of the
     training data, for each model.
     """
+    from knotflow.samplers.causal_infogan.networks import load_model
+    from knotflow.samplers.causal_infogan.planning import Planner
+
     shards = [
         f"plans/{name}-{number}"
         for name, folder in models.items()
         for number in sorted(int(path.stem) for path in (folder / "models").glob("*.pt"))
     ]
-    work = partial(_plan, demonstrations, causal_infogan_ends, models, training_rows, seed)
-    run.each(work, run.pending(shards, ".csv"), "plans")
+
+    def plan(shard: str) -> None:
+        name, _, number = Path(shard).name.rpartition("-")
+        model, actions = load_model(models[name] / "models" / f"{number}.pt")
+        planner, rows, shapes = Planner(model, seed), [], []
+        given = (actions, model.config.frame_rate, training_rows)
+        for query in _queries(demonstrations, causal_infogan_ends, *given):
+            steps = model.config.plan_steps * query.actions
+            plans = planner.plan(query.starts, query.ends, steps)
+            for i, start in enumerate(query.number):
+                drawn = (plans.projected_start[i], plans.way_points[i], plans.projected_end[i])
+                found = asdict(measure(query.starts[i], *drawn, query.ends[i]))
+                found = {key: int(v) if isinstance(v, bool) else v for key, v in found.items()}
+                head = {"model": name, "seed": int(number), "goal": query.goal}
+                rows.append(head | {"shapes": query.shapes, "start": start} | found)
+                if query.goal in (FOCUS, OVERHAND) and i in (0, len(query.number) // 2):
+                    shapes.append(panel_rows(rows[-1], query.starts[i], *drawn, query.ends[i]))
+        run.save_table(f"panel/{name}-{number}.csv", pd.concat(shapes), "%.4f")
+        run.save_table(f"{shard}.csv", pd.DataFrame(rows), "%.6g")
+
+    run.each(plan, run.pending(shards, ".csv"), "plans")
     plans = pd.concat([pd.read_csv(run.out / f"{shard}.csv") for shard in shards])
     outcomes = {name: pd.read_csv(one / "outcomes.csv") for name, one in evaluations.items()}
     tables = {
@@ -254,43 +253,6 @@ def _of_models(models: Mapping[str, Path], table: str) -> pd.DataFrame:
         pd.read_csv(folder / f"{table}.csv", keep_default_na=False).assign(model=name)
         for name, folder in models.items()
     )
-
-
-def _plan(
-    demonstrations: Path,
-    ends: Path,
-    models: Mapping[str, Path],
-    training_rows: int,
-    seed: int,
-    run: StageRun,
-    shard: str,
-) -> None:
-    from knotflow.samplers.causal_infogan.networks import load_model
-    from knotflow.samplers.causal_infogan.planning import Planner
-
-    name, _, number = Path(shard).name.rpartition("-")
-    model, actions = load_model(models[name] / "models" / f"{number}.pt")
-    planner, rows, shapes = Planner(model, seed), [], []
-    for query in _queries(demonstrations, ends, actions, model.config.frame_rate, training_rows):
-        steps = model.config.plan_steps * query.actions
-        plans = planner.plan(query.starts, query.ends, steps)
-        for i, start in enumerate(query.number):
-            drawn = (plans.projected_start[i], plans.way_points[i], plans.projected_end[i])
-            measures = asdict(measure(query.starts[i], *drawn, query.ends[i]))
-            rows.append(
-                {
-                    "model": name,
-                    "seed": int(number),
-                    "goal": query.goal,
-                    "shapes": query.shapes,
-                    "start": start,
-                    **{key: int(v) if isinstance(v, bool) else v for key, v in measures.items()},
-                }
-            )
-            if query.goal in (FOCUS, OVERHAND) and i in (0, len(query.number) // 2):
-                shapes.append(panel_rows(rows[-1], query.starts[i], *drawn, query.ends[i]))
-    run.save_table(f"panel/{name}-{number}.csv", pd.concat(shapes), "%.4f")
-    run.save_table(f"{shard}.csv", pd.DataFrame(rows), "%.6g")
 
 
 def _queries(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -28,11 +28,12 @@ from knotflow.execution import (
     encode_jpeg,
     run_trial,
 )
+from knotflow.execution.control.trial import Trial
 from knotflow.experiments.common import sampler_of
 from knotflow.perception import Camera, load_if_present
-from knotflow.planning import Goal, KnotPlan, PlannerConfig, parse_goal, plan_knot
+from knotflow.planning import KnotPlan, PlannerConfig, parse_goal, plan_knot
 from knotflow.recording import RecordedRollout, RolloutImages, write_recording
-from knotflow.samplers import Sampler, SamplerConfig
+from knotflow.samplers import SamplerConfig
 from knotflow.seeding import rng_of
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, random_curve
 from knotflow.workflow import StageRun, stage
@@ -63,19 +64,6 @@ class ExecutionCase:
                 raise ValueError(f"there is no {value!r}; there are {', '.join(known)}")
 
 
-@dataclass(frozen=True)
-class _Setup:
-    build: partial[Sampler]
-    dynamics_weights: Path
-    network: Path
-    simulation: SimulationConfig
-    starts: StartsConfig
-    planner: PlannerConfig
-    execution: ExecutionConfig
-    cases: list[ExecutionCase]
-    seed: int
-
-
 @stage
 def closed_loop(
     run: StageRun,
@@ -95,88 +83,75 @@ def closed_loop(
 
     Makes executions.csv, a row an execution, and film-<knot>-<level>/ of those recorded.
     """
-    build = partial(sampler_of, sampler, primitives=primitives)
-    setup = _Setup(
-        build, dynamics_weights, network, simulation, starts, planner, execution, cases, seed
-    )
+    rope = simulation.rope
     shards = {
         f"{one.knot}-{one.level}-{twin:03d}": (one.knot, one.level, twin)
         for one in cases
         for twin in range(one.twins)
     }
-    run.table("executions.csv", partial(_execute_all, setup, shards), [*shards], "twins")
+
+    def execute_all(name: str) -> pd.DataFrame:
+        knot, level, number = shards[name]
+        goal, seconds = parse_goal(knot, rope), [0.0]
+        proposer, simulator = sampler_of(sampler, primitives=primitives), RopeSimulator(simulation)
+
+        def plan_from(rng: np.random.Generator, points: NDArray[np.float64]) -> KnotPlan:
+            """A plan from a rope (V, 3), which may undo what went wrong; notes its time."""
+            began = time.perf_counter()
+            plan = plan_knot(points, goal, proposer, simulator, rng, planner)
+            seconds.append(time.perf_counter() - began)
+            return plan
+
+        points = random_curve(rope, rng_of(seed, number, 0), starts)
+        plan = plan_from(rng_of(seed, number, 1), points)
+        rows = []
+        for case in cases:
+            if (case.knot, case.level) != (knot, level) or number >= case.twins:
+                continue
+            controller = CONTROLLERS[case.controller]
+            camera = Camera.overhead() if controller.state == "vision" else None
+            config = TwinConfig(level=level, rope=rope)
+            twin = Twin(plan.start, config, rng_of(seed, number, 2, level), camera)
+            seconds[:] = [plan.seconds]
+            replan = partial(plan_from, rng_of(seed, number, 3, level))
+            sight = None if camera is None else load_if_present(network)
+            robot = FAULTS[case.fault](twin.robot())
+            recorded = (case.controller, case.fault, number) == RECORDED
+            film = ImageRecorder(robot) if recorded else None
+            trial = run_trial(
+                plan, goal, twin, controller, execution, replan, camera, dynamics_weights, sight,
+                film or robot,
+            )  # fmt: skip
+            if film is not None and camera is not None:
+                _record(run, f"film-{knot}-{level}", trial.execution, twin, camera, film)
+            rows.append(
+                {"controller": case.controller, "level": level, "twin": number, "knot": knot}
+                | {"fault": case.fault}
+                | _outcome(trial, sum(seconds))
+                | {
+                    "cause": trial.cause if plan.solved or controller.replans else "no plan",
+                    "reason": trial.execution.reason,
+                }
+            )
+        return pd.DataFrame(rows)
+
+    run.table("executions.csv", execute_all, [*shards], "twins")
 
 
-def _execute_all(
-    setup: _Setup, shards: Mapping[str, tuple[str, int, int]], run: StageRun, name: str
-) -> pd.DataFrame:
-    knot, level, number = shards[name]
-    planner = _Planner(setup, parse_goal(knot, setup.simulation.rope))
-    points = random_curve(setup.simulation.rope, rng_of(setup.seed, number, 0), setup.starts)
-    plan = planner.plan(rng_of(setup.seed, number, 1), points)
-    rows = [
-        {"controller": one.controller, "level": level, "twin": number, "knot": knot}
-        | {"fault": one.fault}
-        | _execute(setup, plan, one, number, planner, run)
-        for one in setup.cases
-        if (one.knot, one.level) == (knot, level) and number < one.twins
-    ]
-    return pd.DataFrame(rows)
-
-
-class _Planner:
-    """Plans before an execution and during it."""
-
-    def __init__(self, setup: _Setup, goal: Goal) -> None:
-        self.goal, self.config, self.seconds = goal, setup.planner, 0.0
-        self.sampler, self.simulator = setup.build(), RopeSimulator(setup.simulation)
-
-    def plan(self, rng: np.random.Generator, points: NDArray[np.float64]) -> KnotPlan:
-        """A plan from a rope (V, 3), which may undo what went wrong."""
-        began = time.perf_counter()
-        plan = plan_knot(points, self.goal, self.sampler, self.simulator, rng, self.config)
-        self.seconds += time.perf_counter() - began
-        return plan
-
-
-def _execute(
-    setup: _Setup,
-    plan: KnotPlan,
-    case: ExecutionCase,
-    number: int,
-    planner: _Planner,
-    run: StageRun,
-) -> dict[str, object]:
-    """The outcome of one execution."""
-    controller, level = CONTROLLERS[case.controller], case.level
-    camera = Camera.overhead() if controller.state == "vision" else None
-    config = TwinConfig(level=level, rope=setup.simulation.rope)
-    twin = Twin(plan.start, config, rng_of(setup.seed, number, 2, level), camera)
-    planner.seconds = plan.seconds
-    replan = partial(planner.plan, rng_of(setup.seed, number, 3, level))
-    network = None if camera is None else load_if_present(setup.network)
-    robot = FAULTS[case.fault](twin.robot())
-    film = ImageRecorder(robot) if (case.controller, case.fault, number) == RECORDED else None
-    trial = run_trial(
-        plan, planner.goal, twin, controller, setup.execution, replan, camera,
-        setup.dynamics_weights, network, film or robot,
-    )  # fmt: skip
+def _outcome(trial: Trial, planning_seconds: float) -> dict[str, object]:
+    """What an execution came to, and the time that it took."""
     execution = trial.execution
-    if film is not None and camera is not None:
-        _record(run, f"film-{case.knot}-{level}", execution, twin, camera, film)
     return {
         "tied": trial.tied,
         "reported": {None: "", True: "yes", False: "no"}[execution.tied],
         "actions_done": len(execution.outcomes),
         "mean_deviation_mm": "" if math.isnan(trial.deviation) else round(1e3 * trial.deviation, 1),
         "seconds": round(float(execution.times[-1]), 1) if len(execution.times) else 0.0,
-        "planning_seconds": round(planner.seconds, 1),
+        "planning_seconds": round(planning_seconds, 1),
         "image_ms": _milliseconds([tick.image for tick in execution.ticks]),
         "track_ms": _milliseconds([tick.track for tick in execution.ticks]),
         "mppi_ms": _milliseconds([tick.control for tick in execution.ticks]),
         "tick_ms": _milliseconds([tick.track + tick.control for tick in execution.ticks]),
-        "cause": trial.cause if plan.solved or controller.replans else "no plan",
-        "reason": execution.reason,
     }
 
 

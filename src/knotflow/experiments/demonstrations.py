@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +11,8 @@ from numpy.typing import NDArray
 from knotflow.experiments.common import Recorder, point_rows
 from knotflow.samplers.demonstrations import (
     TASKS,
-    Demonstration,
     DemonstratorConfig,
     NoiseConfig,
-    Task,
     heuristic_splines,
     load_demonstrations,
     noisy_copies,
@@ -34,7 +31,6 @@ from knotflow.simulation import (
     reach_starts,
     resample,
 )
-from knotflow.topology import Action
 from knotflow.workflow import StageRun, stage
 
 POOL_CHUNK = 32
@@ -62,38 +58,30 @@ def demonstrations(
     `copies` are of a demonstration from a tangled start.
     """
     shown = load_demonstrations(demonstrations_file)
-    named = {f"{number:03d}-{one.task.name}": one for number, one in enumerate(shown)}
+    names = [f"{number:03d}-{one.task.name}" for number, one in enumerate(shown)]
     counts = [copies if one.task.start_actions else copies_untangled for one in shown]
-    work = partial(_simulate_copies, named, counts, simulation, noise, seed)
-    shards = run.pending([f"recordings/{name}" for name in named], ".mcap")
-    run.each(work, [Path(shard).name for shard in shards], "demonstrations")
+
+    def simulate_copies(name: str) -> None:
+        number = names.index(name)
+        one = shown[number]
+        splines = noisy_copies(one.spline, counts[number], rng_of(seed, number), noise)
+        points = resample(one.points, simulation.rope)
+        recorder = Recorder(run, one.source, simulation.rope, sum(counts[:number]))
+        recorder.extra = {"start": str(number)}
+        simulator = RopeSimulator(simulation)
+        tried = attempt(simulator, points, splines, one.task.action, one.task.start_state, recorder)
+        with run.atomic(f"trials/{name}.npz") as path:
+            tried.save(path)
+        recorder.save(f"recordings/{name}.mcap")
+
+    shards = run.pending([f"recordings/{name}" for name in names], ".mcap")
+    run.each(simulate_copies, [Path(shard).name for shard in shards], "demonstrations")
     rows = []
-    for name, one in named.items():
+    for name, one in zip(names, shown, strict=True):
         success = Trials.load(run.out / "trials" / f"{name}.npz").success
         rows.append((str(one.task.action), one.source, len(success), int(success.sum())))
     columns = ["action", "source", "trials", "successes"]
     run.save_table("success.csv", pd.DataFrame(rows, columns=columns))
-
-
-def _simulate_copies(
-    named: dict[str, Demonstration],
-    counts: list[int],
-    simulation: SimulationConfig,
-    noise: NoiseConfig,
-    seed: int,
-    run: StageRun,
-    name: str,
-) -> None:
-    number, one = list(named).index(name), named[name]
-    splines = noisy_copies(one.spline, counts[number], rng_of(seed, number), noise)
-    points = resample(one.points, simulation.rope)
-    recorder = Recorder(run, one.source, simulation.rope, sum(counts[:number]))
-    recorder.extra = {"start": str(number)}
-    simulator = RopeSimulator(simulation)
-    tried = attempt(simulator, points, splines, one.task.action, one.task.start_state, recorder)
-    with run.atomic(f"trials/{name}.npz") as path:
-        tried.save(path)
-    recorder.save(f"recordings/{name}.mcap")
 
 
 @stage
@@ -112,42 +100,35 @@ def demonstrator(
     """
     wanted = [task for task in TASKS if demonstrator.starts_per_task or not task.start_actions]
     names = [task.name for task in wanted]
-    work = partial(_demonstrate, simulation, starts, demonstrator)
-    run.each(work, run.pending(names, ".jsonl"), "demonstrations")
+
+    def demonstrate(name: str) -> None:
+        number, task = next((i, one) for i, one in enumerate(TASKS) if one.name == name)
+        simulator, rng = RopeSimulator(simulation), rng_of(demonstrator.seed, number)
+        recorder = Recorder(run, "scripted", simulation.rope)
+        found = Demonstrator(task, simulator, rng, demonstrator, starts, recorder).demonstrations()
+        recorder.save(f"recordings/{name}.mcap")
+        rows = [
+            {
+                "action": str(task.action),
+                "share": one.scored.success_rate,
+                "room": one.scored.clearance,
+                "starts_left_out": one.starts_left_out,
+            }
+            for one in found
+        ]
+        run.save_table(f"{name}.shares.csv", pd.DataFrame(rows), "%.3f")
+        shapes = [_shapes(start, one, simulation.rope) for start, one in enumerate(found)]
+        run.save_table(f"{name}.shapes.csv", pd.concat(shapes), "%.3f")
+        with run.atomic(f"{name}.jsonl") as path:  # the last, by which a task counts as done
+            save_demonstrations(path, [one.demonstration for one in found])
+
+    run.each(demonstrate, run.pending(names, ".jsonl"), "demonstrations")
     for name in ("shares.csv", "shapes.csv"):
         parts = [pd.read_csv(run.out / f"{task}.{name}", dtype=str) for task in names]
         run.save_table(name, pd.concat(parts))
     with run.atomic("scripted.jsonl") as path:
         paths = [run.out / f"{name}.jsonl" for name in names]
         save_demonstrations(path, [shape for one in paths for shape in load_demonstrations(one)])
-
-
-def _demonstrate(
-    simulation: SimulationConfig,
-    starts: StartsConfig,
-    demonstrator: DemonstratorConfig,
-    run: StageRun,
-    name: str,
-) -> None:
-    number, task = next((i, one) for i, one in enumerate(TASKS) if one.name == name)
-    simulator, rng = RopeSimulator(simulation), rng_of(demonstrator.seed, number)
-    recorder = Recorder(run, "scripted", simulation.rope)
-    found = Demonstrator(task, simulator, rng, demonstrator, starts, recorder).demonstrations()
-    recorder.save(f"recordings/{name}.mcap")
-    rows = [
-        {
-            "action": str(task.action),
-            "share": one.scored.success_rate,
-            "room": one.scored.clearance,
-            "starts_left_out": one.starts_left_out,
-        }
-        for one in found
-    ]
-    run.save_table(f"{name}.shares.csv", pd.DataFrame(rows), "%.3f")
-    shapes = [_shapes(start, one, simulation.rope) for start, one in enumerate(found)]
-    run.save_table(f"{name}.shapes.csv", pd.concat(shapes), "%.3f")
-    with run.atomic(f"{name}.jsonl") as path:  # the last, by which a task counts as done
-        save_demonstrations(path, [one.demonstration for one in found])
 
 
 def _shapes(start: int, one: Demonstrated, rope: RopeConfig) -> pd.DataFrame:
@@ -175,8 +156,19 @@ def evaluation_starts(
     `count` starts of each task; `seed` is used for nothing else.
     """
     names = [task.name for task in TASKS]
-    work = partial(_reach_starts, simulation, starts, count, seed)
-    run.each(work, run.pending(names, ".npz"), "starts")
+
+    def reach(name: str) -> None:
+        number = names.index(name)
+        recorder, rng = Recorder(run, "aim", simulation.rope), rng_of(seed, number)
+        simulator, actions = RopeSimulator(simulation), TASKS[number].start_actions
+        found = reach_starts(actions, count, simulator, heuristic_splines, rng, starts, recorder)
+        recorder.save(f"recordings/{name}.mcap")
+        with run.atomic(f"{name}.npz") as path:
+            np.savez_compressed(
+                path, points=found.points, reached=found.reached, too_tight=found.too_tight
+            )
+
+    run.each(reach, run.pending(names, ".npz"), "starts")
     rows = []
     for task in TASKS:
         with np.load(run.out / f"{task.name}.npz") as file:
@@ -184,29 +176,9 @@ def evaluation_starts(
     run.save_table("starts.csv", pd.DataFrame(rows, columns=["action", "reached", "too_tight"]))
 
 
-def _reach_starts(
-    simulation: SimulationConfig,
-    starts: StartsConfig,
-    count: int,
-    seed: int,
-    run: StageRun,
-    name: str,
-) -> None:
-    number = [task.name for task in TASKS].index(name)
-    recorder = Recorder(run, "aim", simulation.rope)
-    simulator, actions = RopeSimulator(simulation), TASKS[number].start_actions
-    rng = rng_of(seed, number)
-    found = reach_starts(actions, count, simulator, heuristic_splines, rng, starts, recorder)
-    recorder.save(f"recordings/{name}.mcap")
-    with run.atomic(f"{name}.npz") as path:
-        np.savez_compressed(
-            path, points=found.points, reached=found.reached, too_tight=found.too_tight
-        )
-
-
-def load_starts(folder: Path, task: Task) -> NDArray[np.float64]:
-    """The starts (N, V, 3) of a task from the output of `evaluation_starts`, metres."""
-    with np.load(folder / f"{task.name}.npz") as file:
+def load_starts(folder: Path, name: str) -> NDArray[np.float64]:
+    """The ropes (N, V, 3), metres, of a task of `evaluation_starts` or a start state of `pools`."""
+    with np.load(folder / f"{name}.npz") as file:
         return np.asarray(file["points"])
 
 
@@ -228,37 +200,21 @@ def pools(
     of the evaluation starts.
     """
     actions = {str(task.start_state): task.start_actions for task in TASKS}
-    work = partial(_fill_pool, actions, simulation, starts, count, attempts, seed)
-    run.each(work, run.pending([*actions], ".npz"), "pools")
 
+    def fill(name: str) -> None:
+        simulator, rng = RopeSimulator(simulation), rng_of(seed, list(actions).index(name))
+        recorder = Recorder(run, "aim", simulation.rope)
+        found: list[NDArray[np.float64]] = []
+        with run.progress(total=count, desc=f"pool of {name}") as bar:
+            while len(found) < count and len(recorder) < attempts:
+                more = min(POOL_CHUNK, count - len(found))
+                some = reach_starts(
+                    actions[name], more, simulator, heuristic_splines, rng, starts, recorder
+                )
+                found.extend(some.points)
+                bar.update(more)
+        recorder.save(f"recordings/{name}.mcap")
+        with run.atomic(f"{name}.npz") as path:
+            np.savez_compressed(path, points=np.stack(found))
 
-def _fill_pool(
-    actions: dict[str, tuple[Action, ...]],
-    simulation: SimulationConfig,
-    starts: StartsConfig,
-    count: int,
-    attempts: int,
-    seed: int,
-    run: StageRun,
-    name: str,
-) -> None:
-    simulator, rng = RopeSimulator(simulation), rng_of(seed, list(actions).index(name))
-    recorder = Recorder(run, "aim", simulation.rope)
-    found: list[NDArray[np.float64]] = []
-    with run.progress(total=count, desc=f"pool of {name}") as bar:
-        while len(found) < count and len(recorder) < attempts:
-            more = min(POOL_CHUNK, count - len(found))
-            some = reach_starts(
-                actions[name], more, simulator, heuristic_splines, rng, starts, recorder
-            )
-            found.extend(some.points)
-            bar.update(more)
-    recorder.save(f"recordings/{name}.mcap")
-    with run.atomic(f"{name}.npz") as path:
-        np.savez_compressed(path, points=np.stack(found))
-
-
-def load_pool(folder: Path, state: str) -> NDArray[np.float64]:
-    """The starts (N, V, 3) in a state from the output of `pools`, metres."""
-    with np.load(folder / f"{state}.npz") as file:
-        return np.asarray(file["points"])
+    run.each(fill, run.pending([*actions], ".npz"), "pools")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 from knotflow.execution import (
@@ -40,22 +39,20 @@ def motions(
     Makes motions.npz, see `execution.Motions`; one shard a rope.
     """
     shards = [f"shard-{number:04d}.npz" for number in range(ropes)]
-    work = partial(_drag, demonstrations_file, simulation, per_rope, seed)
-    run.each(work, run.pending(shards), "ropes")
+    demonstrations = load_demonstrations(demonstrations_file)
+
+    def drag(shard: str) -> None:
+        number = shards.index(shard)
+        level, rng = LEVELS[number % len(LEVELS)], rng_of(seed, number)
+        drawn = draw_motions(demonstrations, simulation, level, per_rope, rng)
+        with run.atomic(shard) as path:
+            drawn.save(path)
+
+    run.each(drag, run.pending(shards), "ropes")
     with run.atomic(MOTIONS) as path:
         Motions.join([Motions.load(run.out / shard) for shard in shards]).save(path)
     for shard in shards:
         (run.out / shard).unlink()
-
-
-def _drag(
-    file: Path, simulation: SimulationConfig, per_rope: int, seed: int, run: StageRun, shard: str
-) -> None:
-    number = int(Path(shard).stem.rpartition("-")[2])
-    level, rng = LEVELS[number % len(LEVELS)], rng_of(seed, number)
-    drawn = draw_motions(load_demonstrations(file), simulation, level, per_rope, rng)
-    with run.atomic(shard) as path:
-        drawn.save(path)
 
 
 @stage

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +21,7 @@ from knotflow.perception import (
     EstimateConfig,
     Network,
     RgbdImage,
+    RopeEstimate,
     SelfSupervisionConfig,
     SimulatedCamera,
     StrandTrainer,
@@ -45,7 +44,7 @@ from knotflow.perception.methods import (
     noisy_image,
 )
 from knotflow.planning import KnotPlan, PlannerConfig, UnreachableGoalError, parse_goal, plan_knot
-from knotflow.samplers import Sampler, SamplerConfig
+from knotflow.samplers import SamplerConfig
 from knotflow.samplers.demonstrations import heuristic_any_action
 from knotflow.seeding import rng_of
 from knotflow.simulation import (
@@ -93,49 +92,40 @@ def ropes(
     every shape with at most `most_crossings` is kept.
     """
     names = [f"shard-{number:04d}" for number in range(shards)]
-    work = partial(_move, simulation, starts, rounds, random_share, most_crossings, seed)
-    run.each(work, run.pending(names, ".npz"), "ropes")
+
+    def move(shard: str) -> None:
+        rng, simulator = rng_of(seed, names.index(shard)), RopeSimulator(simulation)
+        current = np.stack([random_curve(simulation.rope, rng, starts) for _ in range(SHARD_ROPES)])
+        states = [TopologicalState.trivial()] * SHARD_ROPES
+        points, crossings = [*current.copy()], [0] * SHARD_ROPES
+        for _ in range(rounds):
+            splines = np.stack(
+                [
+                    heuristic_any_action(one, state, rng, random_share, most_crossings)
+                    for one, state in zip(current, states, strict=True)
+                ]
+            )
+            rollouts = simulator.execute(current, splines)
+            ends = zip(rollouts.end_points, rollouts.diverged, strict=True)
+            for index, (end, diverged) in enumerate(ends):
+                state = None if diverged else state_or_none(end)
+                if state is None or state.num_crossings > most_crossings:
+                    continue
+                middle = 0.5 * (end[:, :2].max(0) + end[:, :2].min(0))
+                current[index], states[index] = end - [*middle, 0.0], state
+                points.append(current[index].copy())
+                crossings.append(state.num_crossings)
+        with run.atomic(f"{shard}.npz") as path:
+            kept = np.stack(points).astype(np.float32)
+            np.savez(path, points=kept, crossings=np.array(crossings))
+
+    run.each(move, run.pending(names, ".npz"), "ropes")
     parts = [np.load(run.out / f"{name}.npz") for name in names]
     joined = {key: np.concatenate([part[key] for part in parts]) for key in ("points", "crossings")}
     with run.atomic(ROPES) as path:
         np.savez(path, points=joined["points"], crossings=joined["crossings"])
     for name in names:
         (run.out / f"{name}.npz").unlink()
-
-
-def _move(
-    simulation: SimulationConfig,
-    starts: StartsConfig,
-    rounds: int,
-    random_share: float,
-    most_crossings: int,
-    seed: int,
-    run: StageRun,
-    shard: str,
-) -> None:
-    rng, simulator = rng_of(seed, int(shard.rpartition("-")[2])), RopeSimulator(simulation)
-    current = np.stack([random_curve(simulation.rope, rng, starts) for _ in range(SHARD_ROPES)])
-    states = [TopologicalState.trivial()] * SHARD_ROPES
-    points, crossings = [*current.copy()], [0] * SHARD_ROPES
-    for _ in range(rounds):
-        splines = np.stack(
-            [
-                heuristic_any_action(one, state, rng, random_share, most_crossings)
-                for one, state in zip(current, states, strict=True)
-            ]
-        )
-        rollouts = simulator.execute(current, splines)
-        ends = zip(rollouts.end_points, rollouts.diverged, strict=True)
-        for index, (end, diverged) in enumerate(ends):
-            state = None if diverged else state_or_none(end)
-            if state is None or state.num_crossings > most_crossings:
-                continue
-            middle = 0.5 * (end[:, :2].max(0) + end[:, :2].min(0))
-            current[index], states[index] = end - [*middle, 0.0], state
-            points.append(current[index].copy())
-            crossings.append(state.num_crossings)
-    with run.atomic(f"{shard}.npz") as path:
-        np.savez(path, points=np.stack(points).astype(np.float32), crossings=np.array(crossings))
 
 
 @stage
@@ -203,18 +193,29 @@ def perception_networks(
     """
     with run.atomic(f"{SUPERVISED}.safetensors") as path:
         shutil.copyfile(network, path)
-    shapes = _balanced(ropes / ROPES, images, rope, rng_of(seed))
-    picture = partial(_image, shapes, rope, camera_noise, seed)
+    shapes, camera = _balanced(ropes / ROPES, images, rope, rng_of(seed)), Camera.overhead()
     names = [f"shapes/{number}" for number in range(len(shapes))]
-    work = partial(_estimate_image, picture, rope, estimate, network)
-    run.each(work, run.pending(names, ".npy"), "estimates")
+
+    def picture(number: int) -> RgbdImage:
+        """The image of a rope, which has a light and noise of its own."""
+        rng = rng_of(seed, number)
+        look = Appearance.draw(rng, camera_noise)
+        return SimulatedCamera(camera, rope, camera_noise, look).capture(shapes[number], rng)
+
+    def see(name: str) -> None:
+        image = picture(names.index(name))
+        found = _estimated(image, camera, rope, estimate, Network.load(network))
+        shape = np.empty((0, 3)) if found is None or found.ambiguous else found.points
+        with run.atomic(f"{name}.npy") as path, open(path, "wb") as file:
+            np.save(file, shape)  # given a path, it would append an ending
+
+    run.each(see, run.pending(names, ".npy"), "estimates")
     found = {number: np.load(run.out / f"{name}.npy") for number, name in enumerate(names)}
     sure = [number for number, shape in found.items() if len(shape)]
     print(f"{len(sure)} of {len(shapes)} images are unambiguous", flush=True)
     learned, losses = Network.load(network), []
     if sure:
         pictures, targets = [picture(one) for one in sure], [found[one] for one in sure]
-        camera = Camera.overhead()
         supervision = self_supervise(learned, pictures, targets, camera, rope, learning, seed)
         losses = [*run.progress(supervision, total=learning.steps, desc="self-supervision")]
     table = pd.DataFrame({"loss": losses}).rename_axis("step").reset_index()
@@ -241,35 +242,14 @@ def _balanced(
     return [resample(points[row], rope) for row in rows]
 
 
-def _image(
-    shapes: list[NDArray[np.float64]],
-    rope: RopeConfig,
-    noise: CameraNoiseConfig,
-    seed: int,
-    number: int,
-) -> RgbdImage:
-    """The image of a rope, which has a light and noise of its own."""
-    rng = rng_of(seed, number)
-    camera = SimulatedCamera(Camera.overhead(), rope, noise, Appearance.draw(rng, noise))
-    return camera.capture(shapes[number], rng)
-
-
-def _estimate_image(
-    picture: partial[RgbdImage],
-    rope: RopeConfig,
-    config: EstimateConfig,
-    network: Path,
-    run: StageRun,
-    name: str,
-) -> None:
-    image, learned = picture(int(Path(name).name)), Network.load(network)
+def _estimated(
+    image: RgbdImage, camera: Camera, rope: RopeConfig, config: EstimateConfig, network: Network
+) -> RopeEstimate | None:
+    """The rope in an image; None where none can be traced."""
     try:
-        found = estimate(image, Camera.overhead(), rope, config=config, network=learned)
+        return estimate(image, camera, rope, config=config, network=network)
     except TraceError:
-        found = None
-    shape = np.empty((0, 3)) if found is None or found.ambiguous else found.points
-    with run.atomic(f"{name}.npy") as path, open(path, "wb") as file:
-        np.save(file, shape)  # given a path, it would append an ending
+        return None
 
 
 @stage
@@ -301,10 +281,44 @@ def perception(
         raise ValueError(f"unknown methods {unknown}; methods are: {', '.join(METHODS)}")
     chosen = choose_ropes(ropes / ROPES, crossings, per_crossings, rope, seed)
     shapes = {f"{count}-{number}": shape for (count, number), shape in chosen.items()}
-    work = partial(
-        _estimate_rope, shapes, networks, rope, estimate, camera_noise, methods, levels, seed
-    )
-    run.table("estimates.csv", work, [*shapes], "perception")
+
+    def estimate_rope(name: str) -> pd.DataFrame:
+        truth, trained = shapes[name], load_networks(networks)
+        count, number = map(int, name.split("-"))
+        rows = []
+        for level in levels:
+            rng = rng_of(seed, 1, count, number, round(100 * level))
+            noise = replace(camera_noise, level=level)
+            appearance = Appearance.draw(rng, noise)
+            compared = [one for one in methods if level == NOMINAL or not METHODS[one].nominal]
+            looks = {MARKED: appearance, PLAIN: replace(appearance, head=None), FINE: appearance}
+            images = {
+                view: noisy_image(SimulatedCamera(CAMERAS[view], rope, noise, look), truth, rng)
+                for view, look in looks.items()
+                if any(METHODS[one].view == view for one in compared)
+            }
+            for method in compared:
+                how = METHODS[method]
+                image, rope_iou = images[how.view]
+                began = time.process_time()
+                try:
+                    camera = CAMERAS[how.view]
+                    found = how.estimate(image, camera, rope, estimate, trained, truth, rng)
+                except TraceError:
+                    found = None
+                seconds = time.process_time() - began
+                rows.append(
+                    {"method": method, "noise": level, "crossings": count, "rope": number}
+                    | metrics(found, truth)
+                    | {"rope_iou": round(rope_iou, 4), "seconds": round(seconds, 3)}
+                )
+                if found is not None and (method, level, number) == (DRAWN, NOMINAL, 0):
+                    with run.atomic(f"drawn/{count}.npz") as path:
+                        points, visible = found.points, found.visible
+                        np.savez(path, rgb=image.rgb, found=points, visible=visible, truth=truth)
+        return pd.DataFrame(rows)
+
+    run.table("estimates.csv", estimate_rope, [*shapes], "perception")
     drawn = []
     for path in sorted((run.out / "drawn").glob("*.npz")):
         with np.load(path) as file:
@@ -312,53 +326,6 @@ def perception(
     if drawn:
         with run.atomic("estimates.png") as path:
             draw_estimates(path, drawn, Camera.overhead(), rope)
-
-
-def _estimate_rope(
-    shapes: Mapping[str, NDArray[np.float64]],
-    weights: Path,
-    rope: RopeConfig,
-    config: EstimateConfig,
-    camera_noise: CameraNoiseConfig,
-    methods: list[str],
-    levels: list[float],
-    seed: int,
-    run: StageRun,
-    name: str,
-) -> pd.DataFrame:
-    truth, networks = shapes[name], load_networks(weights)
-    crossings, number = map(int, name.split("-"))
-    rows = []
-    for level in levels:
-        rng = rng_of(seed, 1, crossings, number, round(100 * level))
-        noise = replace(camera_noise, level=level)
-        appearance = Appearance.draw(rng, noise)
-        compared = [one for one in methods if level == NOMINAL or not METHODS[one].nominal]
-        looks = {MARKED: appearance, PLAIN: replace(appearance, head=None), FINE: appearance}
-        images = {
-            view: noisy_image(SimulatedCamera(CAMERAS[view], rope, noise, look), truth, rng)
-            for view, look in looks.items()
-            if any(METHODS[one].view == view for one in compared)
-        }
-        for method in compared:
-            how = METHODS[method]
-            image, rope_iou = images[how.view]
-            began = time.process_time()
-            try:
-                found = how.estimate(image, CAMERAS[how.view], rope, config, networks, truth, rng)
-            except TraceError:
-                found = None
-            seconds = time.process_time() - began
-            rows.append(
-                {"method": method, "noise": level, "crossings": crossings, "rope": number}
-                | metrics(found, truth)
-                | {"rope_iou": round(rope_iou, 4), "seconds": round(seconds, 3)}
-            )
-            if found is not None and (method, level, number) == (DRAWN, NOMINAL, 0):
-                with run.atomic(f"drawn/{crossings}.npz") as path:
-                    points, visible = found.points, found.visible
-                    np.savez(path, rgb=image.rgb, found=points, visible=visible, truth=truth)
-    return pd.DataFrame(rows)
 
 
 @stage
@@ -381,66 +348,43 @@ def perceived_plans(
     Both plans are executed open loop on the true rope in the planner's simulator. Makes plans.csv,
     a row a rope and shape planned from (true or estimated).
     """
-    build = partial(sampler_of, sampler, primitives=primitives)
-    plan = partial(_plan_and_execute, simulation, build, planner, seed)
-    work = partial(
-        _plan_both, networks, simulation.rope, starts, camera_noise, estimate, plan, seed
-    )
-    run.table("plans.csv", work, [f"{number:03d}" for number in range(ropes)], "perceived plans")
+    camera, rope = Camera.overhead(), simulation.rope
 
+    def plan_and_execute(
+        points: NDArray[np.float64] | None, truth: NDArray[np.float64], number: int
+    ) -> dict[str, Any]:
+        """Outcome of a plan from a shape (V, 3), metres, executed on the true one; a shape that
+        was not found, or from which no actions lead to the knot, has none."""
+        row: dict[str, Any] = {"planned": 0, "tied": 0, "branches": 0, "seconds": 0.0}
+        if points is None:
+            return row | {"mean_error_mm": np.nan}
+        error = 1e3 * np.linalg.norm(points - truth, axis=1).mean()
+        row["mean_error_mm"] = round(float(error), 3)
+        simulator, rng = RopeSimulator(simulation), rng_of(seed, number, 1)
+        goal, proposer = parse_goal(KNOT, rope), sampler_of(sampler, primitives=primitives)
+        try:
+            plan = plan_knot(points, goal, proposer, simulator, rng, planner)
+        except (UnreachableGoalError, DegenerateCurveError):
+            return row
+        row |= {"branches": plan.branches, "seconds": round(plan.seconds, 3)}
+        tied = plan.solved and _ties(plan, truth, simulator)
+        return row | {"planned": int(plan.solved), "tied": int(tied)}
 
-def _plan_both(
-    networks: Path,
-    rope: RopeConfig,
-    starts: StartsConfig,
-    noise: CameraNoiseConfig,
-    config: EstimateConfig,
-    plan: partial[dict[str, Any]],
-    seed: int,
-    run: StageRun,
-    name: str,
-) -> pd.DataFrame:
-    rng, camera = rng_of(seed, int(name)), Camera.overhead()
-    truth = random_curve(rope, rng, starts)
-    simulated = SimulatedCamera(camera, rope, noise, Appearance.draw(rng, noise))
-    network = load_networks(networks)[SELF_SUPERVISED]
-    try:
-        image = simulated.capture(truth, rng)
-        seen = estimate(image, camera, rope, config=config, network=network).points
-    except TraceError:
-        seen = None
-    rows = [
-        {"rope": name, "planned_from": planned_from} | plan(points, truth, name)
-        for planned_from, points in (("true", truth), ("estimated", seen))
-    ]
-    return pd.DataFrame(rows)
+    def plan_both(name: str) -> pd.DataFrame:
+        rng = rng_of(seed, int(name))
+        truth = random_curve(rope, rng, starts)
+        simulated = SimulatedCamera(camera, rope, camera_noise, Appearance.draw(rng, camera_noise))
+        network = load_networks(networks)[SELF_SUPERVISED]
+        found = _estimated(simulated.capture(truth, rng), camera, rope, estimate, network)
+        seen = None if found is None else found.points
+        rows = [
+            {"rope": name, "planned_from": planned_from}
+            | plan_and_execute(points, truth, int(name))
+            for planned_from, points in (("true", truth), ("estimated", seen))
+        ]
+        return pd.DataFrame(rows)
 
-
-def _plan_and_execute(
-    simulation: SimulationConfig,
-    build: partial[Sampler],
-    planner: PlannerConfig,
-    seed: int,
-    points: NDArray[np.float64] | None,
-    truth: NDArray[np.float64],
-    name: str,
-) -> dict[str, Any]:
-    """Outcome of a plan from a shape (V, 3), metres, executed on the true one; a shape that was not
-    found, or from which no actions lead to the knot, has none."""
-    row: dict[str, Any] = {"planned": 0, "tied": 0, "branches": 0, "seconds": 0.0}
-    if points is None:
-        return row | {"mean_error_mm": np.nan}
-    error = 1e3 * np.linalg.norm(points - truth, axis=1).mean()
-    row["mean_error_mm"] = round(float(error), 3)
-    simulator, rng = RopeSimulator(simulation), rng_of(seed, int(name), 1)
-    goal = parse_goal(KNOT, simulation.rope)
-    try:
-        plan = plan_knot(points, goal, build(), simulator, rng, planner)
-    except (UnreachableGoalError, DegenerateCurveError):
-        return row
-    row |= {"branches": plan.branches, "seconds": round(plan.seconds, 3)}
-    tied = plan.solved and _ties(plan, truth, simulator)
-    return row | {"planned": int(plan.solved), "tied": int(tied)}
+    run.table("plans.csv", plan_both, [f"{one:03d}" for one in range(ropes)], "perceived plans")
 
 
 def _ties(plan: KnotPlan, truth: NDArray[np.float64], simulator: RopeSimulator) -> bool:

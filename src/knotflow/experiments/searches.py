@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -75,25 +75,26 @@ class GoalSet:
 
 @dataclass(frozen=True)
 class Search:
-    """What searches of a stage have in common; `run` is one of them."""
+    """What searches of a stage have in common; called, it is one of them."""
 
+    run: StageRun
     simulation: SimulationConfig
     planner: PlannerConfig
     source: str
-    build: partial[Sampler]
+    build: Callable[[], Sampler]
 
-    def run(
-        self, run: StageRun, name: str, number: int, points: NDArray[np.float64], goal: Goal,
+    def __call__(
+        self, name: str, number: int, points: NDArray[np.float64], goal: Goal,
         rng: np.random.Generator,
     ) -> KnotPlan:  # fmt: skip
         """Search from a rope (V, 3); write plans/<name>.json and recordings/<name>.mcap."""
         first = number * self.planner.max_branches
-        recorder = Recorder(run, self.source, self.simulation.rope, first)
+        recorder = Recorder(self.run, self.source, self.simulation.rope, first)
         recorder.extra = {"plan": name}
         simulator = RopeSimulator(self.simulation)
         plan = plan_knot(points, goal, self.build(), simulator, rng, self.planner, observe=recorder)
         recorder.save(f"recordings/{name}.mcap")
-        with run.atomic(f"plans/{name}.json") as path:
+        with self.run.atomic(f"plans/{name}.json") as path:
             path.write_text(plan.to_json(trajectories=False), "utf-8")
         return plan
 
@@ -120,8 +121,9 @@ def searches(
 
     `pulled` holds a start.npy, for cases that start there. `seed` is of everything random.
     """
+    rope = simulation.rope
     for case in cases:
-        parse_goal(case.goal, simulation.rope)
+        parse_goal(case.goal, rope)
         _check_start(case.start, simulation, pulled)
     names = {
         f"{number:02d}-{one:03d}": (number, one)
@@ -129,28 +131,34 @@ def searches(
         for one in range(seeds)
     }
     build = partial(sampler_of, sampler, demonstrations=demonstrations, primitives=primitives)
-    search = Search(simulation, planner, sampler.name, build)
-    work = partial(_search, search, names, cases, starts, seed, pulled)
-    (run.alone() if planner.batch > 1 else run).table("searches.csv", work, [*names], "searches")
+    searched = Search(run, simulation, planner, sampler.name, build)
 
+    def start_of(case: SearchCase, rng: np.random.Generator) -> NDArray[np.float64]:
+        """The rope (V, 3) of a seed, metres."""
+        if case.start in ROPE_NAMES:
+            return parse_rope(case.start, rope, rng, starts)
+        simulator = RopeSimulator(simulation)
+        if case.start == TANGLED:
+            dag = parse_goal(case.goal, rope).dag
+            return random_tangle(
+                lambda state: state not in dag, simulator, heuristic_splines, rng, starts
+            )
+        if "(" in case.start:
+            tying = PlannerConfig()
+            tying.batch = planner.batch
+            return tie(parse_goal(case.start, rope), build(), simulator, rng, tying)
+        assert pulled is not None
+        return np.asarray(np.load(pulled / START_FILE, allow_pickle=False))
 
-def _search(
-    search: Search,
-    names: Mapping[str, tuple[int, int]],
-    cases: list[SearchCase],
-    starts: StartsConfig,
-    seed: int,
-    pulled: Path | None,
-    run: StageRun,
-    name: str,
-) -> pd.DataFrame:
-    number, own_seed = names[name]
-    case, rope = cases[number], search.simulation.rope
-    points = _start(case, search, starts, rng_of(seed, own_seed, 0), pulled)
-    goal, place = parse_goal(case.goal, rope), [*names].index(name)
-    plan = search.run(run, name, place, points, goal, rng_of(seed, own_seed, 1))
-    row = search_row(plan, case.goal, case.start, own_seed)
-    return pd.DataFrame([{"plan": name} | row])
+    def search(name: str) -> pd.DataFrame:
+        number, own_seed = names[name]
+        case = cases[number]
+        points = start_of(case, rng_of(seed, own_seed, 0))
+        goal, place = parse_goal(case.goal, rope), [*names].index(name)
+        plan = searched(name, place, points, goal, rng_of(seed, own_seed, 1))
+        return pd.DataFrame([{"plan": name} | search_row(plan, case.goal, case.start, own_seed)])
+
+    (run.alone() if planner.batch > 1 else run).table("searches.csv", search, [*names], "searches")
 
 
 def search_row(plan: KnotPlan, goal: str, start: str, seed: int) -> dict[str, Any]:
@@ -184,31 +192,6 @@ def _check_start(start: str, simulation: SimulationConfig, pulled: Path | None) 
         )
 
 
-def _start(
-    case: SearchCase,
-    search: Search,
-    starts: StartsConfig,
-    rng: np.random.Generator,
-    pulled: Path | None,
-) -> NDArray[np.float64]:
-    """The rope (V, 3) of a seed, metres."""
-    rope = search.simulation.rope
-    if case.start in ROPE_NAMES:
-        return parse_rope(case.start, rope, rng, starts)
-    if case.start == TANGLED:
-        dag = parse_goal(case.goal, rope).dag
-        simulator = RopeSimulator(search.simulation)
-        return random_tangle(
-            lambda state: state not in dag, simulator, heuristic_splines, rng, starts
-        )
-    if "(" in case.start:
-        simulator, planner = RopeSimulator(search.simulation), PlannerConfig()
-        planner.batch = search.planner.batch
-        return tie(parse_goal(case.start, rope), search.build(), simulator, rng, planner)
-    assert pulled is not None
-    return np.asarray(np.load(pulled / START_FILE, allow_pickle=False))
-
-
 @stage
 def goals(
     run: StageRun,
@@ -225,42 +208,26 @@ def goals(
 
     Makes goals.csv, plans/*.json and recordings/*.mcap; one shard a goal, one after the other.
     """
-    drawn = drawn_goals(sets, seed)
-    build = partial(sampler_of, sampler, primitives=primitives)
-    work = partial(
-        _search_goal, Search(simulation, planner, sampler.name, build), drawn, starts, seed
-    )
-    run.alone().table("goals.csv", work, [*drawn], "goals")
-
-
-def drawn_goals(sets: list[GoalSet], seed: int) -> dict[str, tuple[str, int, TopologicalState]]:
-    """Of each search, by its name, the set, the seed of its rope, and its goal."""
     drawn = {}
     for one in sets:
         states = all_states(one.crossings)
         rows = rng_of(seed, one.crossings).permutation(len(states))[: one.count]
         for number, row in enumerate(rows):
             drawn[f"{one.name}-{number:03d}"] = (one.name, number, states[row])
-    return drawn
+    build = partial(sampler_of, sampler, primitives=primitives)
+    searched = Search(run, simulation, planner, sampler.name, build)
 
+    def search(name: str) -> pd.DataFrame:
+        chosen, number, state = drawn[name]
+        of_rope, of_search = (rng_of(seed, state.num_crossings, number, part) for part in (0, 1))
+        points = random_curve(simulation.rope, of_rope, starts)
+        plan = searched(name, [*drawn].index(name), points, Goal.state(state), of_search)
+        row = search_row(plan, str(state), "random", number)
+        columns = ["solved", "branches", "seconds", "nodes", "path", "reason"]
+        facts = {"set": chosen, "goal": str(state), "rope_seed": number}
+        return pd.DataFrame([facts | {column: row[column] for column in columns}])
 
-def _search_goal(
-    search: Search,
-    drawn: Mapping[str, tuple[str, int, TopologicalState]],
-    starts: StartsConfig,
-    seed: int,
-    run: StageRun,
-    name: str,
-) -> pd.DataFrame:
-    chosen, number, state = drawn[name]
-    of_rope, of_search = (rng_of(seed, state.num_crossings, number, part) for part in (0, 1))
-    points = random_curve(search.simulation.rope, of_rope, starts)
-    place = [*drawn].index(name)
-    plan = search.run(run, name, place, points, Goal.state(state), of_search)
-    row = search_row(plan, str(state), "random", number)
-    columns = ["solved", "branches", "seconds", "nodes", "path", "reason"]
-    facts = {"set": chosen, "goal": str(state), "rope_seed": number}
-    return pd.DataFrame([facts | {column: row[column] for column in columns}])
+    run.alone().table("goals.csv", search, [*drawn], "goals")
 
 
 @stage
@@ -336,17 +303,16 @@ def checks(run: StageRun, *, searches: Mapping[str, Path], simulation: Simulatio
     """
     rows = []
     for name, folder in run.progress(searches.items(), desc="steps simulated again"):
-        plans = {one.stem: read_plan(folder, one.stem) for one in sorted(folder.glob("plans/*"))}
         steps = [
-            (plan, number, step)
-            for plan, found in plans.items()
-            if found.solved
-            for number, step in enumerate(found.steps)
+            (file.stem, number, step)
+            for file in sorted(folder.glob("plans/*"))
+            if (plan := read_plan(folder, file.stem)).solved
+            for number, step in enumerate(plan.steps)
         ]
         checked = check_steps([step for *_, step in steps], simulation)
-        for (plan, number, step), outcome in zip(steps, checked, strict=True):
+        for (name_of_plan, number, step), outcome in zip(steps, checked, strict=True):
             facts = (len(outcome.penetrations), outcome.reproduced, outcome.steady)
-            rows.append((name, plan, number, str(step.action), *facts))
+            rows.append((name, name_of_plan, number, str(step.action), *facts))
     columns = ["searches", "plan", "step", "action", "passages", "reproduced", "steady"]
     run.save_table("checks.csv", pd.DataFrame(rows, columns=columns))
 
@@ -360,15 +326,15 @@ def exemplar_plan(
     Makes plan/, see `write_plan_folder`.
     """
     plans = {name: read_plan(searches, name) for name in read_searches(searches)["plan"]}
-    best = min(plans, key=lambda name: (not plans[name].solved, _effort(plans[name]), name))
+    efforts = {
+        name: (not plan.solved, plan.branches if plan.solved else -len(plan.steps), name)
+        for name, plan in plans.items()
+    }
+    best = min(efforts, key=lambda name: efforts[name])
     with run.atomic("plan") as folder:
         folder.mkdir()
         plan = replay(plans[best], simulation)
         write_plan_folder(folder, plan, sampler.name, simulation.rope, signature=run.key)
-
-
-def _effort(plan: KnotPlan) -> int:
-    return plan.branches if plan.solved else -len(plan.steps)
 
 
 @stage
@@ -412,41 +378,29 @@ def path_steps(
     `splines` splines each; the first from `ropes`: straight, arc or random.
     """
     parse_goal(path, simulation.rope)
-    build = partial(sampler_of, sampler, demonstrations=demonstrations, primitives=primitives)
-    search = Search(simulation, PlannerConfig(), sampler.name, build)
-    work = partial(_try_path, search, starts, path, ropes, shapes, splines, seed)
-    run.table("steps.csv", work, ropes, "path_steps")
+    rope = simulation.rope
 
+    def try_path(name: str) -> pd.DataFrame:
+        rng, simulator = rng_of(seed, ropes.index(name)), RopeSimulator(simulation)
+        tried_by = sampler_of(sampler, demonstrations=demonstrations, primitives=primitives)
+        current = np.repeat(parse_rope(name, rope, rng, starts)[None], shapes, axis=0)
+        state = TopologicalState.from_curve(current[0])
+        recorder, rows = Recorder(run, sampler.name, rope), []
+        for action in map(parse_action, path.split()):
+            ends: list[NDArray[np.float64]] = []
+            for shape, points in enumerate(run.progress(current, desc=f"{action} from {name}")):
+                proposed = tried_by.sample(points, action, splines, rng)
+                tried = attempt(simulator, points, proposed, action, state, recorder)
+                ends += list(tried.rollouts.end_points[tried.success])
+                rows.append((name, str(action), shape, splines, int(tried.success.sum())))
+            if not ends:
+                break
+            current = np.stack(ends)[rng.permutation(len(ends))[:shapes]]
+            state = tried.goal
+        recorder.save(f"recordings/{name}.mcap")
+        return pd.DataFrame(rows, columns=["start", "action", "shape", "splines", "successes"])
 
-def _try_path(
-    search: Search,
-    starts: StartsConfig,
-    path: str,
-    ropes: list[str],
-    shapes: int,
-    splines: int,
-    seed: int,
-    run: StageRun,
-    name: str,
-) -> pd.DataFrame:
-    rng, rope = rng_of(seed, ropes.index(name)), search.simulation.rope
-    sampler, simulator = search.build(), RopeSimulator(search.simulation)
-    current = np.repeat(parse_rope(name, rope, rng, starts)[None], shapes, axis=0)
-    state = TopologicalState.from_curve(current[0])
-    recorder, rows = Recorder(run, search.source, rope), []
-    for action in map(parse_action, path.split()):
-        ends: list[NDArray[np.float64]] = []
-        for shape, points in enumerate(run.progress(current, desc=f"{action} from {name}")):
-            proposed = sampler.sample(points, action, splines, rng)
-            tried = attempt(simulator, points, proposed, action, state, recorder)
-            ends += list(tried.rollouts.end_points[tried.success])
-            rows.append((name, str(action), shape, splines, int(tried.success.sum())))
-        if not ends:
-            break
-        current = np.stack(ends)[rng.permutation(len(ends))[:shapes]]
-        state = tried.goal
-    recorder.save(f"recordings/{name}.mcap")
-    return pd.DataFrame(rows, columns=["start", "action", "shape", "splines", "successes"])
+    run.table("steps.csv", try_path, ropes, "path_steps")
 
 
 @stage

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from knotflow.experiments.common import Recorder, point_rows, sampler_of
 from knotflow.experiments.demonstrations import (
@@ -21,10 +19,10 @@ from knotflow.experiments.demonstrations import (
 )
 from knotflow.planning import attempt_arranged
 from knotflow.recording import load, recorded, write_recording
-from knotflow.samplers import Sampler, SamplerConfig
-from knotflow.samplers.demonstrations import TASKS, Task
+from knotflow.samplers import SamplerConfig
+from knotflow.samplers.demonstrations import TASKS
 from knotflow.seeding import rng_of
-from knotflow.simulation import Observer, RopeSimulator, SimulationConfig, attempt
+from knotflow.simulation import RopeSimulator, SimulationConfig, attempt
 from knotflow.statistics import rate_columns
 from knotflow.workflow import StageRun, stage
 
@@ -48,59 +46,32 @@ def evaluation(
 
     At most `arranging` splines of a trial make room before the one that acts; none in the paper.
     """
-    propose = partial(sampler_of, sampler, demonstrations=demonstrations, primitives=primitives)
-    work = partial(
-        _evaluate, evaluation_starts, propose, simulation, trials_per_start, arranging, seed,
-        sampler.name,
-    )  # fmt: skip
-    run.table("outcomes.csv", work, [task.name for task in TASKS], "evaluation")
+    names = [task.name for task in TASKS]
 
+    def evaluate(name: str) -> pd.DataFrame:
+        simulator = RopeSimulator(simulation)
+        tried = sampler_of(sampler, demonstrations=demonstrations, primitives=primitives)
+        number = names.index(name)
+        task = TASKS[number]
+        starts, rng = load_starts(evaluation_starts, task.name), rng_of(seed, number)
+        first = number * len(starts) * trials_per_start * (1 + arranging)
+        recorder = Recorder(run, sampler.name, simulation.rope, first)
+        rows = []
+        for start, points in enumerate(run.progress(starts, desc=f"evaluation of {task.action}")):
+            recorder.extra = {"start": str(start)}
+            way = (task.action, task.start_state)
+            if arranging:
+                ropes = np.repeat(points[None], trials_per_start, axis=0)
+                done = attempt_arranged(ropes, *way, tried, simulator, rng, arranging, recorder)
+                hits = done.success
+            else:
+                splines = tried.sample(points, task.action, trials_per_start, rng)
+                hits = attempt(simulator, points, splines, *way, recorder).success
+            rows += [(str(task.action), start, int(hit)) for hit in hits]
+        recorder.save(f"recordings/{name}.mcap")
+        return pd.DataFrame(rows, columns=["action", "start", "success"])
 
-def _evaluate(
-    starts_folder: Path,
-    build: partial[Sampler],
-    simulation: SimulationConfig,
-    trials: int,
-    arranging: int,
-    seed: int,
-    source: str,
-    run: StageRun,
-    name: str,
-) -> pd.DataFrame:
-    simulator, sampler = RopeSimulator(simulation), build()
-    number = [task.name for task in TASKS].index(name)
-    task = TASKS[number]
-    starts, rng = load_starts(starts_folder, task), rng_of(seed, number)
-    first = number * len(starts) * trials * (1 + arranging)
-    recorder = Recorder(run, source, simulation.rope, first)
-    rows = []
-    for start, points in enumerate(run.progress(starts, desc=f"evaluation of {task.action}")):
-        recorder.extra = {"start": str(start)}
-        success = _try(points, task, trials, arranging, sampler, simulator, rng, recorder)
-        rows += [(str(task.action), start, int(hit)) for hit in success]
-    recorder.save(f"recordings/{name}.mcap")
-    return pd.DataFrame(rows, columns=["action", "start", "success"])
-
-
-def _try(
-    points: NDArray[np.float64],
-    task: Task,
-    trials: int,
-    arranging: int,
-    sampler: Sampler,
-    simulator: RopeSimulator,
-    rng: np.random.Generator,
-    observe: Observer,
-) -> NDArray[np.bool_]:
-    """The outcomes (trials,) of one start."""
-    state = task.start_state
-    if not arranging:
-        splines = sampler.sample(points, task.action, trials, rng)
-        return attempt(simulator, points, splines, task.action, state, observe).success
-    ropes = np.repeat(points[None], trials, axis=0)
-    return attempt_arranged(
-        ropes, task.action, state, sampler, simulator, rng, arranging, observe
-    ).success
+    run.table("outcomes.csv", evaluate, names, "evaluation")
 
 
 @stage
@@ -145,7 +116,7 @@ def exemplars(
         best = own.assign(hit=own["outcome"] == "success")
         row = best.sort_values(["hit", "number"], ascending=[False, True]).iloc[0]
         spline = row[[name for name in row.index if name.startswith("spline_")]]
-        points = load_starts(evaluation_starts, task)[int(row["extra"]["start"])]
+        points = load_starts(evaluation_starts, task.name)[int(row["extra"]["start"])]
         splines = np.array([spline], dtype=float)
         tried = attempt(simulator, points, splines, task.action, task.start_state)
         with run.atomic(f"recordings/{task.name}.mcap") as path:
@@ -167,7 +138,7 @@ def proposals(
     """
     tables = []
     for task in run.progress(TASKS, desc="proposals"):
-        starts = load_starts(evaluation_starts, task)
+        starts = load_starts(evaluation_starts, task.name)
         file = evaluation / "recordings" / f"{task.name}.mcap"
         rollouts = load(file, trajectories=True).sort_values("number")
         owner = np.array([int(extra["start"]) for extra in rollouts["extra"]])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,6 @@ from knotflow.perception import (
     CameraNoiseConfig,
     CpdConfig,
     CpdTracker,
-    RgbdImage,
     Tracker,
     TrackerConfig,
     load_if_present,
@@ -39,8 +38,6 @@ from knotflow.recording import RolloutImages, recorded, write_recording
 from knotflow.samplers.demonstrations import TASKS, load_demonstrations
 from knotflow.seeding import rng_of
 from knotflow.simulation import (
-    Attempts,
-    RopeConfig,
     SimulationConfig,
     grasped_link,
     perturb_rope,
@@ -57,18 +54,6 @@ COLUMNS = [
     *("method", "level", "action", "rollout", "frame", "mean_error_mm", "visible_share"),
     *("state_correct", "lost", "moving", "seconds"),
 ]
-
-
-@dataclass(frozen=True)
-class _Setup:
-    demonstrations_file: Path
-    dynamics_weights: Path
-    network: Path
-    simulation: SimulationConfig
-    noise: CameraNoiseConfig
-    tracker: TrackerConfig
-    drift: CpdConfig
-    seed: int
 
 
 @stage
@@ -90,91 +75,78 @@ def tracking(
 
     The record rate of `simulation` is the camera's; noise is nominal at every level.
     """
-    setup = _Setup(
-        demonstrations_file,
-        dynamics_weights,
-        network,
-        simulation,
-        camera_noise,
-        tracker,
-        drift,
-        seed,
-    )
     names = [
         f"{level}-{task.name}-{number}"
         for level in levels
         for task in TASKS
         for number in range(rollouts)
     ]
-    run.table("tracks.csv", partial(_track, setup, names[0]), names, "tracking")
+    believed, camera = simulation.rope, Camera.overhead()
 
+    def trackers(start: NDArray[np.float64]) -> dict[str, Callable[[], Tracker | CpdTracker]]:
+        """What makes each tracker, by method, from the rope (V, 3) at the start."""
+        seen = load_if_present(network)
+        predictions = {
+            "rendering": None,
+            "rendering_lstm": ModelPrediction(LstmDynamics.load(dynamics_weights)),
+            TRACKER: ModelPrediction(MujocoDynamics(replace(simulation, threads=1))),
+        }
+        drifts = {"point_drift": drift, "point_drift_predicted": replace(drift, predict=True)}
+        return {
+            method: partial(Tracker, camera, believed, start, tracker, prediction, seen)
+            for method, prediction in predictions.items()
+        } | {
+            method: partial(CpdTracker, camera, believed, start, config)
+            for method, config in drifts.items()
+        }
 
-def _track(setup: _Setup, recorded_name: str, run: StageRun, name: str) -> pd.DataFrame:
-    """One rollout; the one of the name `recorded_name` is recorded with its images."""
-    level, action, number = name.split("-")
-    rng = rng_of(setup.seed, int(level), *map(ord, action), int(number))
-    believed = setup.simulation.rope
-    rope = perturb_rope(believed, int(level), rng)
-    demonstrations = load_demonstrations(setup.demonstrations_file)
-    own = [one for one in demonstrations if one.task.name == action]
-    film = film_rollout(own, rope, int(level), setup.simulation, setup.noise, rng)
-    attempts, (*images, at_rest), (*shows, rest_shows) = film.attempts, film.images, film.visible
-    truth = attempts.rollouts.trajectory[0].astype(np.float64)
-    held = attempts.rollouts.times < setup.simulation.move_time - 1e-6
-    held[0] = False
-    link = int(grasped_link(attempts.splines[0], rope.links))
-    rows: list[dict[str, Any]] = []
-    for method, make in _trackers(setup, truth[0]).items():
-        tracker, found = make(), []
-        for frame, image in enumerate(images):
-            began = time.process_time()
-            gripper = attempts.rollouts.gripper[0, frame].astype(np.float64)
-            found.append(tracker.update(image, gripper, link if held[frame] else None))
-            rows.append(
-                _row(method, frame, found[-1], truth[frame])
-                | {"visible_share": shows[frame].mean(), "moving": int(held[frame])}
-                | {"seconds": time.process_time() - began}
-            )
-        if method == TRACKER and isinstance(tracker, Tracker):
-            began = time.process_time()
-            rest = _row(AT_REST, len(images), tracker.look(at_rest), truth[-1])
-            rest |= {"visible_share": rest_shows.mean(), "moving": 0}
-            rows.append(rest | {"seconds": time.process_time() - began})
-            if name == recorded_name:
-                points = np.stack([one.points for one in found]).astype(np.float32)
-                _record(run, rope, attempts, images, points)
-    pixels = film.camera.project(truth[-1])
-    moved = Observation.of(Camera.overhead().unproject(pixels[:, :2], pixels[:, 2]))
-    rows.append(
-        _row(MISPLACED, len(images), moved, truth[-1])
-        | {"visible_share": 1.0, "moving": 0, "seconds": 0.0}
-    )
-    table = pd.DataFrame(rows).assign(level=int(level), action=action, rollout=name)
-    return table[COLUMNS].round({"mean_error_mm": 3, "visible_share": 3, "seconds": 4})
+    def track(name: str) -> pd.DataFrame:
+        """One rollout; the first of all is recorded with its images."""
+        level, action, number = name.split("-")
+        rng = rng_of(seed, int(level), *map(ord, action), int(number))
+        rope = perturb_rope(believed, int(level), rng)
+        own = [one for one in load_demonstrations(demonstrations_file) if one.task.name == action]
+        film = film_rollout(own, rope, int(level), simulation, camera_noise, rng)
+        (*images, at_rest), (*shows, rest_shows) = film.images, film.visible
+        moves = film.attempts.rollouts
+        truth = moves.trajectory[0].astype(np.float64)
+        held = moves.times < simulation.move_time - 1e-6
+        held[0] = False
+        link = int(grasped_link(film.attempts.splines[0], rope.links))
+        rows: list[dict[str, Any]] = []
+        for method, make in trackers(truth[0]).items():
+            follower, found = make(), []
+            for frame, image in enumerate(images):
+                began = time.process_time()
+                gripper = moves.gripper[0, frame].astype(np.float64)
+                found.append(follower.update(image, gripper, link if held[frame] else None))
+                rows.append(
+                    _row(method, frame, found[-1], truth[frame])
+                    | {"visible_share": shows[frame].mean(), "moving": int(held[frame])}
+                    | {"seconds": time.process_time() - began}
+                )
+            if method == TRACKER and isinstance(follower, Tracker):
+                began = time.process_time()
+                rest = _row(AT_REST, len(images), follower.look(at_rest), truth[-1])
+                rest |= {"visible_share": rest_shows.mean(), "moving": 0}
+                rows.append(rest | {"seconds": time.process_time() - began})
+                if name == names[0]:
+                    points = np.stack([one.points for one in found]).astype(np.float32)
+                    (rollout,) = recorded(film.attempts, rope, "tracking", run.key)
+                    pictures = RolloutImages(tuple(map(encode_jpeg, images)), points)
+                    with run.atomic("recordings/tracked.mcap") as path:
+                        facts = {"source": "tracking", "signature": run.key}
+                        write_recording(path, [replace(rollout, camera=pictures)], facts)
+        pixels = film.camera.project(truth[-1])
+        moved = Observation.of(camera.unproject(pixels[:, :2], pixels[:, 2]))
+        rows.append(
+            _row(MISPLACED, len(images), moved, truth[-1])
+            | {"visible_share": 1.0, "moving": 0, "seconds": 0.0}
+        )
+        table = pd.DataFrame(rows).assign(level=int(level), action=action, rollout=name)
+        return table[COLUMNS].round({"mean_error_mm": 3, "visible_share": 3, "seconds": 4})
 
-
-def _trackers(
-    setup: _Setup, start: NDArray[np.float64]
-) -> dict[str, Callable[[], Tracker | CpdTracker]]:
-    """What makes each tracker, by method, from the rope (V, 3) at the start."""
-    camera, rope = Camera.overhead(), setup.simulation.rope
-    network = load_if_present(setup.network)
-    predictions = {
-        "rendering": None,
-        "rendering_lstm": ModelPrediction(LstmDynamics.load(setup.dynamics_weights)),
-        TRACKER: ModelPrediction(MujocoDynamics(replace(setup.simulation, threads=1))),
-    }
-    drifts = {
-        "point_drift": setup.drift,
-        "point_drift_predicted": replace(setup.drift, predict=True),
-    }
-    return {
-        method: partial(Tracker, camera, rope, start, setup.tracker, prediction, network)
-        for method, prediction in predictions.items()
-    } | {
-        method: partial(CpdTracker, camera, rope, start, config)
-        for method, config in drifts.items()
-    }
+    run.table("tracks.csv", track, names, "tracking")
 
 
 def _row(method: str, frame: int, found: Any, truth: NDArray[np.float64]) -> dict[str, Any]:
@@ -186,17 +158,3 @@ def _row(method: str, frame: int, found: Any, truth: NDArray[np.float64]) -> dic
         "state_correct": int(state is not None and found.state == state),
         "lost": int(any("lost" in one for one in found.ambiguities)),
     }
-
-
-def _record(
-    run: StageRun,
-    rope: RopeConfig,
-    attempts: Attempts,
-    images: list[RgbdImage],
-    points: NDArray[np.float32],
-) -> None:
-    (rollout,) = recorded(attempts, rope, "tracking", run.key)
-    camera = RolloutImages(tuple(map(encode_jpeg, images)), points)
-    with run.atomic("recordings/tracked.mcap") as path:
-        facts = {"source": "tracking", "signature": run.key}
-        write_recording(path, [replace(rollout, camera=camera)], facts)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from knotflow.experiments.common import Recorder
-from knotflow.experiments.demonstrations import load_pool
+from knotflow.experiments.demonstrations import load_starts
 from knotflow.recording import load
 from knotflow.samplers.demonstrations import SHIPPED, TASKS, Task, load_trials
 from knotflow.samplers.primitives import (
@@ -60,32 +59,23 @@ def imitation(
 
     Makes primitives.safetensors and curves.csv.
     """
-    work = partial(_imitate, demonstrations, rope, primitive, imitation, training_seed)
-    run.each(work, run.pending([*PARTS], ".safetensors"), "imitation")
+
+    def imitate(part: str) -> None:
+        number = PARTS[part]
+        trials = demonstrated(number, load_trials(demonstrations))
+        trainer = Imitation([*trials.values()], primitive, imitation, training_seed + number)
+
+        def finish() -> None:
+            with run.atomic(f"{part}.safetensors") as path:
+                PrimitiveLibrary({number: trainer.primitive}, {number: [*trials]}, rope).save(path)
+
+        run_training(
+            trainer, run.out / part, name=f"imitation {number}", progress=run.progress,
+            save_every=10, finish=finish,
+        )  # fmt: skip
+
+    run.each(imitate, run.pending([*PARTS], ".safetensors"), "imitation")
     _merge(run)
-
-
-def _imitate(
-    demonstrations: Path,
-    rope: RopeConfig,
-    primitive: PrimitiveConfig,
-    imitation: ImitationConfig,
-    seed: int,
-    run: StageRun,
-    part: str,
-) -> None:
-    number = PARTS[part]
-    trials = demonstrated(number, load_trials(demonstrations))
-    trainer = Imitation([*trials.values()], primitive, imitation, seed + number)
-
-    def finish() -> None:
-        with run.atomic(f"{part}.safetensors") as path:
-            PrimitiveLibrary({number: trainer.primitive}, {number: [*trials]}, rope).save(path)
-
-    run_training(
-        trainer, run.out / part, name=f"imitation {number}", progress=run.progress,
-        save_every=10, finish=finish,
-    )  # fmt: skip
 
 
 def demonstrated(
@@ -135,55 +125,42 @@ def reinforcement(
 
     Makes primitives.safetensors, curves.csv and recordings/*.mcap, one a primitive and round.
     """
-    work = partial(
-        _reinforce, demonstrations, imitation, pools, simulation, starts, reinforcement,
-        training_seed,
-    )  # fmt: skip
-    run.each(work, run.pending([*PARTS], ".safetensors"), "reinforcement")
+    rope = simulation.rope
+
+    def reinforce(part: str) -> None:
+        number = PARTS[part]
+        tasks, trials = tasks_of(number), load_trials(demonstrations)
+
+        def record(index: int, attempts: Sequence[Attempts]) -> None:
+            first = number * 1_000_000 + index * sum(map(len, attempts))
+            recorder = Recorder(run, "reinforcement", rope, first)
+            for some in attempts:
+                recorder(some)
+            recorder.save(f"recordings/{part}-{index:03d}.mcap")
+
+        trainer = Reinforcement(
+            PrimitiveLibrary.load(imitation / FILE, rope).primitives[number],
+            [one for task in tasks for one in trials[task.action]],
+            {task: load_starts(pools, str(task.start_state)) for task in tasks},
+            RopeSimulator(simulation),
+            reinforcement,
+            training_seed + number,
+            starts,
+            record,
+        )
+
+        def finish() -> None:
+            actions = {number: [task.action for task in tasks]}
+            with run.atomic(f"{part}.safetensors") as path:
+                PrimitiveLibrary({number: trainer.primitive}, actions, rope).save(path)
+
+        run_training(
+            trainer, run.out / part, name=f"reinforcement {number}", progress=run.progress,
+            save_every=4, finish=finish,
+        )  # fmt: skip
+
+    run.each(reinforce, run.pending([*PARTS], ".safetensors"), "reinforcement")
     _merge(run)
-
-
-def _reinforce(
-    demonstrations: Path,
-    imitation: Path,
-    pools: Path,
-    simulation: SimulationConfig,
-    starts: StartsConfig,
-    reinforcement: ReinforcementConfig,
-    seed: int,
-    run: StageRun,
-    part: str,
-) -> None:
-    number, rope = PARTS[part], simulation.rope
-    tasks, trials = tasks_of(number), load_trials(demonstrations)
-
-    def record(index: int, attempts: Sequence[Attempts]) -> None:
-        first = number * 1_000_000 + index * sum(map(len, attempts))
-        recorder = Recorder(run, "reinforcement", rope, first)
-        for some in attempts:
-            recorder(some)
-        recorder.save(f"recordings/{part}-{index:03d}.mcap")
-
-    trainer = Reinforcement(
-        PrimitiveLibrary.load(imitation / FILE, rope).primitives[number],
-        [one for task in tasks for one in trials[task.action]],
-        {task: load_pool(pools, str(task.start_state)) for task in tasks},
-        RopeSimulator(simulation),
-        reinforcement,
-        seed + number,
-        starts,
-        record,
-    )
-
-    def finish() -> None:
-        actions = {number: [task.action for task in tasks]}
-        with run.atomic(f"{part}.safetensors") as path:
-            PrimitiveLibrary({number: trainer.primitive}, actions, rope).save(path)
-
-    run_training(
-        trainer, run.out / part, name=f"reinforcement {number}", progress=run.progress,
-        save_every=4, finish=finish,
-    )  # fmt: skip
 
 
 def _merge(run: StageRun) -> None:
@@ -229,22 +206,18 @@ def self_play(
     def finish() -> None:
         with run.atomic(FILE) as path:
             trainer.library.save(path)
-        run.save_table("trials.csv", trials_table(trainer))
+        rows = [
+            (str(state), str(action), pair.trials, pair.successes, pair.rate)
+            for (state, action), pair in trainer.curriculum.stats.items()
+        ]
+        columns = ["start", "action", "trials", "successes", "recent_rate"]
+        table = pd.DataFrame(rows, columns=columns).sort_values(["start", "action"])
+        run.save_table("trials.csv", table)
         run.save_table(CURVES, merge_curves({1: part / CURVES}), "%.6g")
 
     run_training(
         trainer, part, name="self-play", progress=run.progress, save_every=25, finish=finish
     )
-
-
-def trials_table(trainer: SelfPlay) -> pd.DataFrame:
-    """The trials of every pair of state and action, and how many of them succeeded."""
-    rows = [
-        (str(state), str(action), pair.trials, pair.successes, pair.rate)
-        for (state, action), pair in trainer.curriculum.stats.items()
-    ]
-    columns = ["start", "action", "trials", "successes", "recent_rate"]
-    return pd.DataFrame(rows, columns=columns).sort_values(["start", "action"])
 
 
 def earlier_attempts(folder: Path, count: int) -> list[Attempts]:

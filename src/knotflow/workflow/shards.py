@@ -14,7 +14,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -92,18 +91,17 @@ class StageRun:
             raise ValueError(f"shard names must differ; these occur more than once: {doubled}")
         return [name for name in names if not (self.out / f"{name}{suffix}").exists()]
 
-    def each(self, work: Callable[[StageRun, Any], None], shards: Sequence[Any], desc: str) -> None:
-        """Run `work(run, shard)` for every shard, on the workers; `work` can be pickled."""
+    def each(self, work: Callable[[Any], Any], shards: Sequence[Any], desc: str) -> None:
+        """Run `work(shard)` for every shard, on the workers; `work` may be a nested function."""
         with self.progress(total=len(shards), desc=desc) as bar:
-            for _ in _side_by_side(partial(_call, work, self), shards, self.workers):
+            for _ in _side_by_side(work, shards, self.workers):
                 bar.update()
                 self.save_seconds()
 
     def table(
-        self, file: str, work: Callable[[StageRun, str], pd.DataFrame], names: Sequence[str],
-        desc: str,
-    ) -> None:  # fmt: skip
-        """Make a table of the rows that `work(run, name)` returns for every name, each a shard.
+        self, file: str, work: Callable[[str], pd.DataFrame], names: Sequence[str], desc: str
+    ) -> None:
+        """Make a table of the rows that `work(name)` returns for every name, each a shard.
 
         Rows are kept in rows/NAME.csv as soon as they are made, and join the table as they are
         written there.
@@ -113,12 +111,12 @@ class StageRun:
         """
         import pandas as pd  # takes half a second
 
-        parts = [f"rows/{name}" for name in names]
-        pending = [one.removeprefix("rows/") for one in self.pending(parts, ".csv")]
-        self.each(partial(_keep_rows, work), pending, desc)
+        files = {f"rows/{name}": name for name in names}
+        pending = self.pending([f"rows/{name}" for name in names], ".csv")
+        self.each(lambda part: self.save_table(f"{part}.csv", work(files[part])), pending, desc)
         rows = [
             pd.read_csv(self.out / f"{part}.csv", dtype=str, keep_default_na=False)
-            for part in parts
+            for part in files
         ]
         self.save_table(file, pd.concat(rows))
 
@@ -154,23 +152,14 @@ class StageRun:
         self._before = float(file.read_text("utf-8")) if file.is_file() else 0.0
 
 
-def _keep_rows(work: Callable[[StageRun, str], pd.DataFrame], run: StageRun, name: str) -> None:
-    run.save_table(f"rows/{name}.csv", work(run, name))
-
-
-def _call(work: Callable[[StageRun, Any], None], run: StageRun, shard: Any) -> None:
-    with one_thread():
-        work(run, shard)
-
-
 def _side_by_side(
-    work: Callable[[Any], None], shards: Sequence[Any], config: WorkersConfig
+    work: Callable[[Any], Any], shards: Sequence[Any], config: WorkersConfig
 ) -> Iterator[None]:
     """Run `work(shard)` for every shard; yields for each that is finished, on Ray for all at the
     end. The first exception gives up the others."""
     if config.jobs == 1 or len(shards) <= 1:
         for shard in shards:
-            work(shard)
+            _call(work, shard, 0)
             yield
         return
     how, watched = "generator_unordered", os.getpid()
@@ -182,13 +171,13 @@ def _side_by_side(
 
     with joblib.parallel_config(backend=config.backend, n_jobs=jobs):
         parallel = joblib.Parallel(return_as=how, batch_size=1, pre_dispatch="all")
-        for _ in parallel(joblib.delayed(_watched)(work, shard, watched) for shard in shards):
+        for _ in parallel(joblib.delayed(_call)(work, shard, watched) for shard in shards):
             yield
 
 
-def _watched(work: Callable[[Any], None], shard: Any, parent: int) -> None:
-    """In the worker: it ends with the process `parent` that started it, even one that was killed;
-    else it would go on with its queue beside the workers of the same command called again."""
+def _call(work: Callable[[Any], Any], shard: Any, parent: int) -> None:
+    """Run a shard on one thread; a worker ends with the process `parent` that started it, even a
+    killed one, else it would go on beside the workers of the same command called again."""
     done = threading.Event()
 
     def watch() -> None:
@@ -200,7 +189,8 @@ def _watched(work: Callable[[Any], None], shard: Any, parent: int) -> None:
     if parent not in (0, os.getpid()):
         threading.Thread(target=watch, daemon=True).start()
     try:
-        work(shard)
+        with one_thread():
+            work(shard)
     finally:
         done.set()
 
