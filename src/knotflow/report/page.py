@@ -8,30 +8,31 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
 from knotflow.report import (
-    ablation_actor_critic,
     actions,
+    branches,
     causal_infogan,
     execution,
-    goals,
-    joint_finetuning,
     knots,
     perception,
     ropes,
     single_stage,
-    timing,
     tracking,
     training,
-    tree_size,
 )
 from knotflow.report import markdown as md
-from knotflow.report.results import Results, read_table
-from knotflow.report.section import Figures, Section, Verdict
+from knotflow.report.results import Results, StageRun, read_table
+from knotflow.report.section import COLOURS, Figures, Section, Verdict, bare_axis
 from knotflow.statistics import RESAMPLES
+from knotflow.viz.style import INK
 
 TEMPLATE = Path(__file__).with_name("report.md")
 ROWS_SHOWN = 20
 """Of the tables of an experiment without a body of its own."""
+STAGES_DRAWN = 15
+"""The longest, in the figure of run times."""
 
 
 def plain(experiment: str) -> Callable[[Results, Figures], str | None]:
@@ -53,10 +54,10 @@ def plain(experiment: str) -> Callable[[Results, Figures], str | None]:
 PAPER: tuple[Section, ...] = (
     knots.OVERHAND,
     ropes.DEMONSTRATIONS,
-    single_stage.SECTION,
-    tree_size.SECTION,
-    ablation_actor_critic.SECTION,
-    joint_finetuning.SECTION,
+    single_stage.SINGLE_STAGE,
+    branches.TREE_SIZE,
+    single_stage.ACTOR_CRITIC,
+    branches.JOINT_FINETUNING,
     causal_infogan.SECTION,
     knots.PENTAGRAM,
 )
@@ -65,8 +66,8 @@ if the paper lacks it."""
 FURTHER: tuple[Section, ...] = (
     training.LIBRARY,
     knots.KNOTS,
-    goals.GOALS,
-    goals.ABLATION,
+    knots.GOALS,
+    knots.ABLATION,
     actions.SECTION,
     perception.SECTION,
     training.PERCEPTION,
@@ -147,7 +148,7 @@ def compose(results: Results, figures: Figures) -> str:
         overview=_overview(results, sections),
         paper=md.join(*(_section(section, results, figures) for section in PAPER)),
         further=md.join(*(_section(section, results, figures) for section in further)),
-        timing=timing.timing(results, figures),
+        timing=timing(results, figures),
         rope=f"{rope['length']:g} m long, {1000 * rope['radius']:g} mm in radius, "
         f"{rope['links']} links",
         bias=f"{bias:g} times likelier" if bias else "likelier",
@@ -258,3 +259,63 @@ def _others(results: Results) -> list[Section]:
         and name not in known
         and (found.run.get("workflow") or found.config.get("workflow")) not in known
     ]
+
+
+def timing(results: Results, figures: Figures) -> str:
+    """The time and memory of each experiment, every stage counted once; the longest stages."""
+    once: dict[str, StageRun] = {}
+    for found in results.experiments.values():
+        for stage in found.stages:
+            known = once.setdefault(stage.identity, stage)
+            if (stage.seconds or 0.0) > (known.seconds or 0.0):  # the others found it there
+                once[stage.identity] = stage
+    timed = [stage for stage in once.values() if stage.seconds is not None]
+    if not timed:
+        return "No run has recorded its stages yet."
+    rows = []
+    for name in dict.fromkeys(stage.experiment for stage in timed):
+        own = [stage for stage in timed if stage.experiment == name]
+        memory = max(stage.memory_mb or 0.0 for stage in own)
+        rows.append(
+            {
+                "experiment": f"`{name}`",
+                "stages": str(len(own)),
+                "time": md.duration(_total(own)),
+                "most memory": f"{memory:,.0f} MB" if memory else md.NOTHING,
+            }
+        )
+    longest = sorted(timed, key=lambda stage: -(stage.seconds or 0.0))[:STAGES_DRAWN]
+    return md.join(
+        f"All experiments took {md.duration(_total(timed))} in {len(timed)} stages. Times are "
+        "wall-clock; a stage that several experiments share is counted once. Memory is the most "
+        "that a process and its workers held at once.",
+        md.table(rows),
+        figures.draw(
+            "stages",
+            f"Wall-clock time of the {len(longest)} longest stages.",
+            0.7 + 0.25 * len(longest),
+            lambda figure: _plot(figure, longest),
+        ),
+    )
+
+
+def _total(stages: Sequence[StageRun]) -> float:
+    return sum(stage.seconds or 0.0 for stage in stages)
+
+
+def _plot(figure: Figure, stages: Sequence[StageRun]) -> None:
+    axes = figure.add_subplot()
+    labels = [f"{stage.experiment}: {stage.node}".replace("_", " ") for stage in stages]
+    minutes = [(stage.seconds or 0.0) / 60 for stage in stages]
+    axes.barh(range(len(stages)), minutes, 0.62, color=COLOURS[0])
+    for y, stage in enumerate(stages):
+        place = (minutes[y], y)
+        axes.annotate(
+            md.duration(stage.seconds), place, (5, 0), textcoords="offset points", va="center"
+        )
+    axes.set_yticks(range(len(stages)), labels)
+    axes.tick_params(axis="y", labelcolor=INK)
+    axes.set_ylim(len(stages) - 0.4, -0.6)
+    axes.set_xlim(0, max([*minutes, 1e-9]) * 1.22)
+    axes.set_xlabel("minutes")
+    bare_axis(axes, "x")

@@ -1,8 +1,10 @@
-"""Success rates of the eight topological actions by method (Sec. VII-A3, Fig. 6)."""
+"""Success rates of the eight topological actions by method (Sec. VII-A3, Fig. 6), and of actor and
+critic alone and together (Sec. VII-B1, Fig. 7)."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from knotflow.report import markdown as md
 from knotflow.report.rates import (
@@ -12,6 +14,7 @@ from knotflow.report.rates import (
     IMITATION,
     RANDOM,
     REINFORCEMENT,
+    Method,
     Rates,
     complete_rates,
     read_rates,
@@ -23,7 +26,7 @@ from knotflow.report.section import Claim, Figures, Judgement, NotMeasured, Sect
 from knotflow.report.training import imitation, reinforcement
 from knotflow.statistics import Interval
 
-EXPERIMENT = "single_stage"
+SINGLE, ABLATION = "single_stage", "ablation_actor_critic"
 PAIRS = (
     (ICP, RANDOM),
     (IMITATION, RANDOM),
@@ -36,30 +39,58 @@ AIM = 0.90
 """Success rate after reinforcement that is aimed at on every action."""
 
 
-def body(results: Results, figures: Figures) -> str | None:
+PARTS = (
+    Method("actor_only", "actor only", "#e69f00"),
+    Method("critic_only", "critic only", "#009e73"),
+    Method("actor_critic", "actor and critic", "#0072b2"),
+)
+PART_NAMES = tuple(method.name for method in PARTS)
+PAPER_WIDEST = ("C(2,0,1)", "C(2,4,1)")
+"""Where the paper's gap to the critic alone is largest."""
+
+
+def single_stage(results: Results, figures: Figures) -> str | None:
     """The figure, the tables behind it, how near to feasible, examples, learning, and cost."""
-    rates = read_rates(results, EXPERIMENT)
-    if rates is None:
-        return None
-    methods = with_extras((RANDOM, ICP, IMITATION, REINFORCEMENT), rates.methods)
+    rates = read_rates(results, SINGLE)
+    methods = (RANDOM, ICP, IMITATION, REINFORCEMENT)
+    return rates and md.join(
+        compared(rates, figures, methods, PAIRS, SINGLE, "Fig. 6 reproduced"),
+        aims(results, rates),
+        _examples(results, figures),
+        imitation(results, figures, SINGLE),
+        reinforcement(results, figures, SINGLE),
+    )
+
+
+def ablation(results: Results, figures: Figures) -> str | None:
+    """The figure and its tables."""
+    rates, pairs = read_rates(results, ABLATION), [(PARTS[2], part) for part in PARTS[:2]]
+    return rates and compared(rates, figures, PARTS, pairs, ABLATION, "Fig. 7 reproduced")
+
+
+def compared(
+    rates: Rates,
+    figures: Figures,
+    methods: Sequence[Method],
+    pairs: Sequence[tuple[Method, Method]],
+    name: str,
+    of: str,
+) -> str:
+    """The rates in a figure and a table, the ratios of those `pairs` that were run."""
+    methods = with_extras(methods, rates.methods)
     run = [method for method in methods if method.name in rates.methods]
-    pairs = [pair for pair in PAIRS if all(method in run for method in pair)]
     missing = md.listed([method.label for method in methods if method not in run])
     return md.join(
         f"Not run: {missing}." if missing else "",
-        rates.figure(figures, methods, EXPERIMENT, "Fig. 6 reproduced"),
+        rates.figure(figures, methods, name, of),
         rates.table(run),
-        rates.ratio_table(pairs),
-        aims(results, rates),
-        _examples(results, figures),
-        imitation(results, figures, EXPERIMENT),
-        reinforcement(results, figures, EXPERIMENT),
+        rates.ratio_table([pair for pair in pairs if {*pair} <= {*run}]),
     )
 
 
 def aims(results: Results, rates: Rates) -> str:
     """Which actions reach the aim by one spline, and with arranging; '' where not measured."""
-    most = results.setting(EXPERIMENT, "arranging", ARRANGED.name)
+    most = results.setting(SINGLE, "arranging", ARRANGED.name)
     parts = []
     for method, how in (
         (REINFORCEMENT, "After reinforcement, by one spline,"),
@@ -86,7 +117,7 @@ def aims(results: Results, rates: Rates) -> str:
 
 def _examples(results: Results, figures: Figures) -> str:
     """The first unseen ropes of each action with what is proposed for them; '' without."""
-    ropes = read_ropes(results, EXPERIMENT, "proposals.csv")
+    ropes = read_ropes(results, SINGLE, "proposals.csv")
     hits = [[succeeded for _, succeeded in rope.splines] for rope in ropes]
     caption = (
         f"Splines proposed after reinforcement for {len(ropes)} unseen ropes, the first of the "
@@ -146,7 +177,7 @@ def reinforcement_over_imitation(results: Results) -> Judgement:
 
 def _ratios(results: Results, method: str, base: str) -> dict[str, Interval]:
     """Ratio of the two methods' rates on each of the eight actions, nan where both are 0."""
-    rates = complete_rates(results, EXPERIMENT, (method, base))
+    rates = complete_rates(results, SINGLE, (method, base))
     return {action: rates.ratio(method, base, action) for action in ACTIONS}
 
 
@@ -163,13 +194,54 @@ def _extremes(ratios: dict[str, Interval]) -> tuple[str, str]:
     return ordered[0], ordered[-1]
 
 
-SECTION = Section(
-    EXPERIMENT,
+def together_best(results: Results) -> Judgement:
+    """Together best on 7 of 8, the gap to the critic alone largest on two of them."""
+    rates = complete_rates(results, ABLATION, PART_NAMES)
+    best, clear, gaps = 0, 0, {}
+    for action in ACTIONS:
+        actor, critic, both = (rates.interval(method, action).estimate for method in PART_NAMES)
+        gaps[action] = both - critic
+        best += both >= max(actor, critic)
+        clear += all(
+            rates.ratio(PART_NAMES[2], alone, action).lies_above(1) for alone in PART_NAMES[:2]
+        )
+    widest = sorted(gaps, key=lambda action: -gaps[action])[: len(PAPER_WIDEST)]
+    widest_gaps = md.listed([f"`{action}` ({100 * gaps[action]:+.0f} points)" for action in widest])
+    return Judgement(
+        f"best on {best} of {len(ACTIONS)}, significantly better than both alone on {clear}; "
+        f"the gap to the critic alone is largest on {widest_gaps}",
+        Verdict.of_two(best >= 7, set(widest) == set(PAPER_WIDEST)),
+    )
+
+
+def where_the_critic_fails(results: Results) -> str:
+    """From how many starts each finds a success, where the critic alone does from the fewest, and
+    where the paper's gaps are; '' where starts are not known."""
+    rates = complete_rates(results, ABLATION, PART_NAMES)
+    solved = {
+        action: [one[0] for name in PART_NAMES if (one := rates.solved(name, action))]
+        for action in ACTIONS
+    }
+    if any(len(own) < len(PART_NAMES) for own in solved.values()):
+        return ""
+    least = min(ACTIONS, key=lambda action: solved[action][1])
+    parts = [
+        f"{' / '.join(map(str, solved[action]))} on `{action}`"
+        for action in dict.fromkeys([least, *PAPER_WIDEST])
+    ]
+    return (
+        "the actor helps most where a search by the critic alone finds no success. Starts with a "
+        f"success, actor only / critic only / both: {md.listed(parts)}"
+    )
+
+
+SINGLE_STAGE = Section(
+    SINGLE,
     "Single-stage success rates",
     "Sec. VII-A3, Fig. 6",
     "How often one sampled spline performs the topological action it was sampled for, from unseen "
     "rope shapes.",
-    body,
+    single_stage,
     claims=(
         Claim(
             "Imitation against random sampling, success rate",
@@ -190,6 +262,24 @@ SECTION = Section(
             "every action is compatible with 1.14× or more and more than half are significantly "
             "better; partly if better on more than half",
             reinforcement_over_imitation,
+        ),
+    ),
+)
+ACTOR_CRITIC = Section(
+    ABLATION,
+    "Actor-critic ablation",
+    "Sec. VII-B1, Fig. 7",
+    "The same actions and rope shapes, with samples of the actor alone, of the cross-entropy "
+    "method on the critic alone, and of the critic started from the actor.",
+    ablation,
+    claims=(
+        Claim(
+            "Actor and critic together are best",
+            "on 7 of 8 actions; the gap is largest on C(2,0,1) and C(2,4,1)",
+            "best on at least 7, and the two largest gaps to the critic alone are on these; partly "
+            "if one of the two",
+            together_best,
+            where_the_critic_fails,
         ),
     ),
 )
