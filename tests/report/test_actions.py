@@ -3,7 +3,8 @@
 import pandas as pd
 import pytest
 
-from knotflow.report.actions import SECTION, arranging, success_rates
+from knotflow.report.actions import arranging, success_rates
+from knotflow.report.page import SECTIONS
 from knotflow.report.results import Results, ResultsError
 from knotflow.report.section import Figures
 
@@ -20,7 +21,7 @@ ROWS = [
 
 def body(write):
     results = Results(write.root)
-    return SECTION.body(results, Figures(results))
+    return SECTIONS["actions"].body(results, Figures(results))
 
 
 def test_rates_have_the_crossings_of_their_start():

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from knotflow.report.causal_infogan import SECTION, far_projections
+from knotflow.report.causal_infogan import far_projections
+from knotflow.report.page import SECTIONS
 from knotflow.report.results import Results
 from knotflow.report.section import Figures, Verdict
 
@@ -59,7 +60,7 @@ def fill(write, rows, collapsed=("", "", "")):
 def body(write):
     results = Results(write.root)
     figures = Figures(results)
-    return SECTION.body(results, figures), figures
+    return SECTIONS["causal_infogan"].body(results, figures), figures
 
 
 @pytest.mark.slow
@@ -100,7 +101,7 @@ def test_collapsed_trainings_and_training_shapes_decide_nothing(write):
 
 
 def test_the_claim_is_open_until_it_was_run(write):
-    (claim,) = SECTION.claims
+    (claim,) = SECTIONS["causal_infogan"].claims
     assert claim.judgement(Results(write.root)).verdict is Verdict.NOT_RUN
     write.table(EXPERIMENT, "plans.csv", PLANS, plans([0.04]))
     assert "seeds.csv" in claim.judgement(Results(write.root)).ours

@@ -2,7 +2,7 @@
 
 import pytest
 
-from knotflow.report import execution
+from knotflow.report.page import SECTIONS
 from knotflow.report.results import Results, ResultsError
 from knotflow.report.section import Figures
 
@@ -34,9 +34,9 @@ def executions_of_parts():
     yield row("replan", 1, 1, False, "rope not seen", reported="no", fault="rope dropped")
 
 
-def body(write, section=execution.SECTION):
+def body(write, section="closed_loop"):
     results = Results(write.root)
-    return section.body(results, Figures(results))
+    return SECTIONS[section].body(results, Figures(results))
 
 
 def test_difference_is_of_the_same_twins(write):
@@ -51,10 +51,10 @@ def test_difference_is_of_the_same_twins(write):
 
 
 def test_ablation_is_compared_with_closed_loop(write):
-    assert body(write, execution.PARTS) is None
+    assert body(write, "closed_loop_ablation") is None
     write.table("closed_loop", "executions.csv", COLUMNS, executions())
     write.table("closed_loop_ablation", "executions.csv", COLUMNS, executions_of_parts())
-    text = body(write, execution.PARTS)
+    text = body(write, "closed_loop_ablation")
     assert "| MPPI, true state | – | – | 52 ms | 52 ms |" in text
     (line,) = [one for one in text.splitlines() if "| replanning, true state |" in one]
     assert "| 100 |" in line  # twin 0, which vision did not tie
@@ -86,9 +86,9 @@ PLANS = [
 
 def test_arm_trajectories_are_of_the_plans_that_were_found(write):
     write.table("arm", "trajectories.csv", ARM, PLANS)
-    text = body(write, execution.ARM)
+    text = body(write, "arm")
     assert "Of 3 searches, 2 found a plan" in text
     for part in ("1 of 2", "99.40 %", "0.70 mm", "0.250 m/s", "2.0°", "90 %", "50 s", "3.5 times"):
         assert part in text
     write.table("arm", "trajectories.csv", ARM, PLANS[2:])
-    assert body(write, execution.ARM) == "None of 1 searches found a plan."
+    assert body(write, "arm") == "None of 1 searches found a plan."

@@ -3,13 +3,13 @@
 import pandas as pd
 import pytest
 
-from knotflow.report import perception, tracking
+from knotflow.report.page import SECTIONS
 from knotflow.report.results import Results
 from knotflow.report.section import Figures
 
 
 def body(section, results):
-    return section.body(results, Figures(results))
+    return SECTIONS[section].body(results, Figures(results))
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def results(tmp_path):
 
 
 def test_estimates_by_method_noise_and_crossings(results):
-    text = body(perception.SECTION, results)
+    text = body("perception", results)
     lines = [line for line in text.splitlines() if line.startswith("| ")][2:]
     assert len(lines) == 2 * 2 * 2
     assert "| skeleton + rendering | 0 | 0 to 3 | 6 | 3.0" in lines[0]
@@ -54,7 +54,7 @@ def test_accuracy_of_unambiguous_estimates(results):
     table = pd.read_csv(path)
     table.loc[(table["rope"] == 1) & (table["noise"] == 1), "state_correct"] = 0
     table.to_csv(path, index=False)
-    text = body(perception.SECTION, Results(results.root))
+    text = body("perception", Results(results.root))
     assert "at noise 0 (6 of 9 ropes) and 50.0 % (" in text
     assert "by skeleton + rendering is 100.0 % (" in text
 
@@ -67,9 +67,9 @@ def test_plans_from_estimates_and_from_true_ropes(results):
         }
         for rope in range(4) for planned_from in ("true", "estimated")
     ]  # fmt: skip
-    assert "Plans for the overhand" not in body(perception.SECTION, results)
+    assert "Plans for the overhand" not in body("perception", results)
     pd.DataFrame(rows).to_csv(results.root / "perception" / "plans.csv", index=False)
-    text = body(perception.SECTION, Results(results.root))
+    text = body("perception", Results(results.root))
     assert "from estimated shapes, 100.0 % (51.0 to 100.0) of 4 random ropes" in text
     assert "a plan and 75.0 % (" in text
 
@@ -85,7 +85,7 @@ def test_plans_from_estimates_and_from_true_ropes(results):
 def test_methods_have_labels(results, method, label):
     path = results.root / "perception" / "estimates.csv"
     pd.read_csv(path).replace("rendering_poor_start", method).to_csv(path, index=False)
-    assert f"| {label} | 1 | 0 to 3 |" in body(perception.SECTION, Results(results.root))
+    assert f"| {label} | 1 | 0 to 3 |" in body("perception", Results(results.root))
 
 
 def test_rope_that_was_not_found_has_no_error(results):
@@ -93,11 +93,11 @@ def test_rope_that_was_not_found_has_no_error(results):
     table = pd.read_csv(path)
     table.loc[0, ["mean_error_mm", "p95_error_mm", "off_curve_error_mm"]] = None
     table.to_csv(path, index=False)
-    assert body(perception.SECTION, results)
+    assert body("perception", results)
 
 
 def test_tracks_by_method_and_level_against_the_baseline(results):
-    text = body(tracking.TRACKING, results)
+    text = body("tracking", results)
     assert "minus that of point drift is −4.0" in text
     (line,) = (one for one in text.splitlines() if one.startswith("| rendering, MuJoCo | 0 |"))
     assert "| 3 | 3.0" in line and "66.7 %" in line and "100 ms" in line
@@ -105,14 +105,14 @@ def test_tracks_by_method_and_level_against_the_baseline(results):
 
 
 def test_calibration_error_is_a_line_without_motion_or_time(results):
-    assert "no tracker" not in body(tracking.TRACKING, results)
+    assert "no tracker" not in body("tracking", results)
     path = results.root / "tracking" / "tracks.csv"
     tracks = pd.read_csv(path)
     alone = tracks.iloc[:1].assign(
         method="camera_misplaced", frame=9, mean_error_mm=3.5, moving=0, seconds=0.0
     )
     pd.concat([tracks, alone]).to_csv(path, index=False)
-    text = body(tracking.TRACKING, Results(results.root))
+    text = body("tracking", Results(results.root))
     (line,) = (one for one in text.splitlines() if "| calibration error" in one)
     assert "no tracker" in text and "| – | 3.5" in line and line.endswith("– |")
 
@@ -126,7 +126,7 @@ def test_models_of_the_dynamics_stand_side_by_side(write):
         for steps in (1, 10)
     ]
     write.table("dynamics", "errors.csv", columns, rows)
-    lines = body(tracking.DYNAMICS, Results(write.root)).splitlines()
+    lines = body("dynamics", Results(write.root)).splitlines()
     assert lines[0] == "| level | model | after 0.1 s, mm | after 1 s, mm |"
     assert lines[2] == "| 0 | static | 1.0 | 10.0 |"
     assert lines[3] == "| 0 | bidirectional LSTM | – | – |"
@@ -134,5 +134,5 @@ def test_models_of_the_dynamics_stand_side_by_side(write):
 
 
 def test_nothing_run_is_nothing_shown(tmp_path):
-    for section in (perception.SECTION, tracking.TRACKING, tracking.DYNAMICS):
+    for section in ("perception", "tracking", "dynamics"):
         assert body(section, Results(tmp_path)) is None

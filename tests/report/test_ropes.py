@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from knotflow.report.page import SECTIONS
 from knotflow.report.results import Results, ResultsError
-from knotflow.report.ropes import DEMONSTRATIONS, read_ropes, sheet
+from knotflow.report.ropes import read_ropes, sheet
 from knotflow.report.section import Figures
 
 COLUMNS = ("action", "start", "what", "proposal", "outcome", "point", "x", "y", "z")
@@ -63,6 +64,6 @@ def test_demonstrations_have_one_line_an_action(write):
     shares = [("C(0,1,1)", 0.5, 0.1, 2), ("C(0,1,1)", 0.9, 0.3, 1), ("R1(0,1,1)", 1.0, 0.25, 0)]
     write.table("demonstrator", "shares.csv", SHARES, shares)
     results = Results(write.root)
-    text = DEMONSTRATIONS.body(results, Figures(results))
+    text = SECTIONS["demonstrator"].body(results, Figures(results))
     assert "| `C(0,1,1)` | 2 | 0.70 | 0.50 | 0.20 | 3 |" in text
     assert "| `R1(0,1,1)` | 1 | 1.00" in text and "![" not in text

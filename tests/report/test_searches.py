@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from knotflow.report import goals, joint_finetuning, knots, tree_size
+from knotflow.report import branches, knots
+from knotflow.report.page import SECTIONS
 from knotflow.report.rates import ICP, IMITATION, REINFORCEMENT
 from knotflow.report.results import Results, ResultsError
 from knotflow.report.searches import branches_figure, branches_spent, checks, read_searches, sizes
@@ -18,7 +19,7 @@ R1, CROSS = "R1(0,1,1)", "C(0,1,1)"
 
 def body(write, section):
     results = Results(write.root)
-    return section.body(results, Figures(results))
+    return SECTIONS[section].body(results, Figures(results))
 
 
 def read(write, *rows):
@@ -86,7 +87,7 @@ def test_branches_spent_by_method_the_most_first(write):
 def test_knot_type_columns_are_not_needed(write):
     path = write.searches("tree_size", "method", [("icp", "arc", 0, 17, True, 1.0)])
     assert "knot_type" not in path.read_text() and "confirmed" not in path.read_text()
-    assert "| arc | ICP | 1 | 17 |" in body(write, tree_size.SECTION)
+    assert "| arc | ICP | 1 | 17 |" in body(write, "tree_size")
 
 
 def test_step_table_names_ropes_without_success(write):
@@ -95,13 +96,13 @@ def test_step_table_names_ropes_without_success(write):
     write.table("tree_size", "imitation_steps.csv", STEPS, rows)
     write.table("tree_size", "icp_steps.csv", STEPS, [("arc", R1, 0, 8, 0)])
     results = Results(write.root)
-    lines = tree_size.step_table(results, METHODS).splitlines()[2:]
+    lines = branches.step_table(results, METHODS).splitlines()[2:]
     assert lines[0].split("|")[3:5] == [f" `{R1}` ", f" `{CROSS}` "]
     icp, imitation = lines[2:]
     assert "none from 1 of 1 ropes" in icp and icp.rstrip().endswith("– |")
     assert "25.0 % (" in imitation and "none from 1 of 2 ropes" in imitation
-    assert f"`{CROSS}` from the arc rope, 25.0 %" in tree_size.hardest_steps("imitation")(results)
-    assert tree_size.hardest_steps("reinforcement")(results) == ""
+    assert f"`{CROSS}` from the arc rope, 25.0 %" in branches.hardest_steps("imitation")(results)
+    assert branches.hardest_steps("reinforcement")(results) == ""
 
 
 @pytest.mark.slow
@@ -115,7 +116,7 @@ def test_joint_finetuning_shows_searches_and_single_actions(write):
     starts = [(*rate[:2], start, 8, 8 * start) for rate in rates for start in (0, 1)]
     columns = ("method", "action", "start", "trials", "successes")
     write.table("joint_finetuning", "single_actions_per_start.csv", columns, starts)
-    text = body(write, joint_finetuning.SECTION)
+    text = body(write, "joint_finetuning")
     assert "| finetuned jointly | 2 | 3 |" in text
     assert "with the starts resampled" in text and "8 of 16<br>1 of 2 starts" in text
 
@@ -123,13 +124,11 @@ def test_joint_finetuning_shows_searches_and_single_actions(write):
 def test_plan_is_shown_with_its_own_pictures(write):
     knot_searches(write, "overhand", [("overhand", "random", 0, 5, True)])
     (write.root / "overhand" / "plan.png").touch()
-    text = body(write, knots.OVERHAND)
+    text = body(write, "overhand")
     assert "tied the knot from the start `random` (seed 0) by `C(0,1,1)`, after 5 branches" in text
     assert "(../results/overhand/plan.png)" in text and "dag.png" not in text
     knot_searches(write, "overhand", [("overhand", "arc", 2, 9, False)])
-    assert "did not tie the knot from the start `arc` (seed 2): gave up." in body(
-        write, knots.OVERHAND
-    )
+    assert "did not tie the knot from the start `arc` (seed 2): gave up." in body(write, "overhand")
 
 
 def pentagrams(write, pulled, straight=(), unsolved=()):
@@ -146,7 +145,7 @@ def pentagrams(write, pulled, straight=(), unsolved=()):
 
 def test_pentagram_has_a_line_a_start(write):
     pentagrams(write, (2, 5, 13), (30, 90), unsolved={("straight", 1)})
-    text = body(write, knots.PENTAGRAM)
+    text = body(write, "pentagram")
     assert "| overhand with its head pulled out | 3 | 2 |" in text
     assert "| straight rope | 2 | 30 |" in text
 
@@ -187,24 +186,24 @@ def test_knots_have_their_rates(write):
     rows = [("4o1+2o5+6o3+", "random", seed, 12, seed > 0) for seed in range(20)]
     rows += [("figure_eight", "random", 0, 900, False)]
     knot_searches(write, "knots", rows)
-    text = body(write, knots.KNOTS)
+    text = body(write, "knots")
     assert "19 of 20 | 12 | 1.2 s |" in text and "0 of 1 | – | – |" in text
 
 
 def test_goals_have_shares_and_medians_and_missed_ones_their_reason(write):
     write.goals([*TIED, MISSED, ("four", "1o2-", True, 0.5)])
-    text = body(write, goals.GOALS)
+    text = body(write, "goals")
     assert "3 of 4 | 120 | 3.0 s |" in text and "1 of 1 | 20 | 0.5 s |" in text
     assert "Goals that were not tied, 1 in all." in text
     assert "| three | `4o3-2o1-` | 3 | 2,404 | 60 s passed |" in text
     write.goals(TIED)
-    assert "not tied" not in body(write, goals.GOALS)
+    assert "not tied" not in body(write, "goals")
 
 
 @pytest.mark.parametrize("rows", [TIED[:1], [MISSED]])
 def test_single_search_is_drawn_whether_it_tied_or_not(write, rows):
     write.goals(rows)
-    assert "![Share of goals tied" in body(write, goals.GOALS)
+    assert "![Share of goals tied" in body(write, "goals")
 
 
 def write_variant(write, name, tied, order=1):
@@ -213,23 +212,23 @@ def write_variant(write, name, tied, order=1):
 
 
 def test_planner_ablation_is_paired_by_goal_whatever_the_order(write):
-    assert goals.ablation(Results(write.root), None) is None
+    assert knots.ablation(Results(write.root), None) is None
     write_variant(write, "complete", [1, 1, 1, 1, 0, 0])
     write_variant(write, "without_arranging", [1, 1, 1, 1, 0, 0], order=-1)
-    text = body(write, goals.ABLATION)
+    text = body(write, "goals_ablation")
     complete, without = [line for line in text.splitlines() if "4 of 6" in line]
     assert complete.endswith("| – |") and without.endswith("| 0.0 |")
 
 
 def test_planner_ablation_without_the_complete_planner_has_no_difference(write):
     write_variant(write, "without_arranging", [1, 0, 1, 0])
-    (line,) = [line for line in body(write, goals.ABLATION).splitlines() if "2 of 4" in line]
+    (line,) = [line for line in body(write, "goals_ablation").splitlines() if "2 of 4" in line]
     assert line.endswith("| – |")
 
 
 def test_nothing_run_is_nothing_shown(write):
     write.run("tree_size", {})
-    sections = (tree_size.SECTION, joint_finetuning.SECTION, knots.OVERHAND, knots.PENTAGRAM)
-    for section in (*sections, knots.KNOTS, goals.GOALS, goals.ABLATION):
+    sections = ("tree_size", "joint_finetuning", "overhand", "pentagram")
+    for section in (*sections, "knots", "goals", "goals_ablation"):
         assert body(write, section) is None
     assert np.isinf(sizes(read_searches(Results(write.root), "tree_size"))).sum() == 0

@@ -1,8 +1,8 @@
 """Where the time went."""
 
+from knotflow.report.page import timing
 from knotflow.report.results import Results
 from knotflow.report.section import Figures
-from knotflow.report.timing import timing
 
 
 def text_of(write):

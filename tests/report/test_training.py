@@ -3,6 +3,7 @@
 import pytest
 
 from knotflow.report import training
+from knotflow.report.page import SECTIONS
 from knotflow.report.results import Results, ResultsError
 from knotflow.report.section import Figures
 
@@ -70,7 +71,7 @@ def test_self_play_counts_its_trials(write, figures):
     rows = [("trivial", "R1(0,1,1)", 1000, 900, 0.9), ("2o1+", "C(0,1,1)", 500, 20, 0.1)]
     write.table("library_training", "trials.csv", columns, [*rows, ("2o1+", "C(0,2,1)", 9, 0, 0)])
     results = Results(write.root)
-    text = training.LIBRARY.body(results, Figures(results))
+    text = SECTIONS["library_training"].body(results, Figures(results))
     assert "spent 1,509 trials on 3 pairs" in text and "; 2 succeeded at least once, and 1 " in text
     assert "(figures/library_training.png)" in text
 
@@ -80,7 +81,7 @@ def test_networks_end_where_the_last_validation_was_whatever_the_order(write):
     rows = [(400, 6.8, 5.9, 0.849), (200, 9.0, 8.5, 0.55)]
     write.table("perception_training", "curves.csv", columns, rows)
     results = Results(write.root)
-    text = training.PERCEPTION.body(results, Figures(results))
+    text = SECTIONS["perception_training"].body(results, Figures(results))
     assert "| gradient steps | loss, held out | crossings, held out |" in text
     assert "| 400 | 5.90 | 0.85 |" in text and "(figures/perception_training.png)" in text
-    assert training.STRANDS.body(results, Figures(results)) is None
+    assert SECTIONS["strand_training"].body(results, Figures(results)) is None

@@ -10,7 +10,7 @@ from matplotlib.ticker import PercentFormatter
 from knotflow.report import markdown as md
 from knotflow.report.rates import check_counts
 from knotflow.report.results import Results
-from knotflow.report.section import COLOURS, Figures, Section, bare_axis
+from knotflow.report.section import COLOURS, Figures, Parts, bare_axis
 from knotflow.topology import TopologicalState, parse_action
 
 EXPERIMENT = "actions"
@@ -19,7 +19,7 @@ COLUMNS |= {"successes": int}
 OFTEN = 0.7
 
 
-def body(results: Results, figures: Figures) -> str | None:
+def actions(results: Results, figures: Figures) -> Parts | None:
     """Totals, a figure by class and crossings, and the effect of touching an end."""
     table = results.table(EXPERIMENT, "actions.csv", COLUMNS, ("start", "action", "arranging"))
     if table is None:
@@ -32,20 +32,18 @@ def body(results: Results, figures: Figures) -> str | None:
         f"{100 * rates[most].mean():.1f} %)"
         for most in arranging(rates)
     ]
-    return md.join(
-        f"Of {len(rates)} actions up to Mirror and Reverse, {md.listed(totals)}.",
-        figures.draw(
+    return {
+        "count": str(len(rates)),
+        "totals": md.listed(totals),
+        "figure": figures.draw(
             EXPERIMENT,
             f"Share of {len(rates)} actions whose success rate is at least that on the x axis, "
             "with and without arranging.",
             2.6,
             lambda figure: _plot(figure, rates),
         ),
-        "Actions that touch *an end* (the rope before its first crossing or after its last), "
-        "beside those that touch *none*. Means are over the actions of a line; *never* is neither "
-        "with nor without arranging.",
-        _by_segments(rates),
-    )
+        "segments": _by_segments(rates),
+    }
 
 
 def success_rates(table: pd.DataFrame) -> pd.DataFrame:
@@ -102,13 +100,3 @@ def _plot(figure: Figure, rates: pd.DataFrame) -> None:
     axes.set(xlabel="success rate", ylabel="actions", xlim=(0, 1), ylim=(0, 1))
     bare_axis(axes, "both")
     axes.legend(frameon=False)
-
-
-SECTION = Section(
-    EXPERIMENT,
-    "All actions",
-    "beyond the paper",
-    "Which actions the primitives can do, among all that lead to at most three crossings, from "
-    "ropes that searches brought into the start state.",
-    body,
-)

@@ -22,7 +22,7 @@ from knotflow.report.searches import (
     select,
     sizes,
 )
-from knotflow.report.section import Claim, Figures, Judgement, NotMeasured, Section, Verdict
+from knotflow.report.section import Claim, Figures, Judgement, NotMeasured, Parts, Verdict
 from knotflow.report.training import self_play
 from knotflow.statistics import Interval, bootstrap, clustered_rate, mean_difference
 
@@ -50,7 +50,7 @@ PAPER_LARGEST: dict[tuple[str, str], float] = {
 """The largest trees that the paper reports, by start and method; "below 5" is drawn at 4."""
 
 
-def tree_size(results: Results, figures: Figures) -> str | None:
+def tree_size(results: Results, figures: Figures) -> Parts | None:
     """The branches of every method and start, and where they went."""
     searches = read_searches(results, SIZE, "method")
     if searches.empty:
@@ -62,21 +62,19 @@ def tree_size(results: Results, figures: Figures) -> str | None:
         for start in starts
         for method in methods
     }
-    return md.join(
-        branches_figure(figures, SIZE, searches, methods, starts, PAPER_LARGEST),
-        search_table(("start", "method"), groups),
-        "Seeds vary the search, not the training: all trees of a method are grown with the same "
-        "primitives.",
-        checks(results, SIZE),
-        branches_spent(results, SIZE, "method"),
-        step_table(results, methods),
-        figures.own(
+    return {
+        "figure": branches_figure(figures, SIZE, searches, methods, starts, PAPER_LARGEST),
+        "searches": search_table(("start", "method"), groups),
+        "checks": checks(results, SIZE),
+        "spent": branches_spent(results, SIZE, "method"),
+        "steps": step_table(results, methods),
+        "dag": figures.own(
             SIZE,
             "dag.png",
             "The solution DAG of this overhand (Fig. 1, top): every sequence of actions that leads "
             "to it. The searches follow the path in green.",
         ),
-    )
+    }
 
 
 def _read_steps(results: Results, method: str) -> pd.DataFrame | None:
@@ -187,7 +185,7 @@ def hardest_steps(method: str) -> Callable[[Results], str]:
     return reason
 
 
-def joint_finetuning(results: Results, figures: Figures) -> str | None:
+def joint_finetuning(results: Results, figures: Figures) -> Parts | None:
     """The branches by kind of training, self-play, and the success of single actions after it."""
     searches = read_searches(results, JOINT, "primitives", with_start=False)
     if searches.empty:
@@ -196,28 +194,20 @@ def joint_finetuning(results: Results, figures: Figures) -> str | None:
     shown = [*TRAINED, *(method for method in BY_POSTERIOR if method.name in names)]
     methods = with_extras(shown, list(searches["method"]))
     single = read_rates(results, JOINT, "single_actions.csv", "single_actions_per_start.csv")
-    return md.join(
-        "Before joint finetuning, each primitive was trained on its own actions among the eight. "
-        "After it, all were trained together by self-play: they try every action from ropes that "
-        "they brought into its start state themselves, and a success is worth what the critics "
-        "expect of the rope it leaves. Each search starts from one of the same random ropes and "
-        "may tie any of the overhand's four states along any path of its DAG. The claim is judged "
-        "by trees grown by the paper's rule, which draws a node at random. The posterior rule, "
-        "this library's own, expands where it expects the fewest further branches, and arranges "
-        "the rope. Intervals are over starts; each kind was trained once, so they leave out how "
-        "trainings differ.",
-        branches_figure(figures, JOINT, searches, methods, [""], {}),
-        search_table(
-            ("primitives",), {(method.label,): select(searches, method.name) for method in methods}
-        ),
-        checks(results, JOINT),
-        branches_spent(results, JOINT, "primitives"),
-        self_play(results, figures, JOINT, "curves_joint.csv", "self_play"),
-        f"Single actions before and after, by one spline on the unseen starts of Fig. 6, with "
-        f"{single.intervals}:\n\n{single.table(TRAINED)}"
+    groups: dict[tuple[str, ...], pd.DataFrame] = {
+        (method.label,): select(searches, method.name) for method in methods
+    }
+    return {
+        "figure": branches_figure(figures, JOINT, searches, methods, [""], {}),
+        "searches": search_table(("primitives",), groups),
+        "checks": checks(results, JOINT),
+        "spent": branches_spent(results, JOINT, "primitives"),
+        "self_play": self_play(results, figures, JOINT, "curves_joint.csv", "self_play"),
+        "single_actions": "Single actions before and after, by one spline on the unseen starts of "
+        f"Fig. 6, with {single.intervals}:\n\n{single.table(TRAINED)}"
         if single
         else "",
-    )
+    }
 
 
 def fewer_branches(results: Results) -> Judgement:
@@ -288,52 +278,37 @@ def _mean_spread(counts: NDArray[np.float64]) -> str:
     return f"{md.tenths(float(np.mean(counts)))} ± {spread}"
 
 
-TREE_SIZE = Section(
-    SIZE,
-    "Tree size",
-    "Sec. VII-A4",
-    "Branches of the search tree until an overhand is tied along the path R1(0,1,1), C(0,1,1), "
-    "C(2,0,1), from a straight rope and from an arc.",
-    tree_size,
-    claims=(
-        Claim(
-            "Branches to the overhand, ICP",
-            "10 seeds: 3 to 190 (straight), up to 1,428 (arc)",
-            "from both starts the largest tree has at least 10 times the branches of the smallest; "
-            "partly if from one",
-            judge_icp,
-            hardest_steps("icp"),
-        ),
-        Claim(
-            "Branches to the overhand, imitation only",
-            "10 seeds: up to 43 (straight), 9 (arc)",
-            "no tree is larger than these; partly if from one of the starts",
-            judge_imitation,
-            hardest_steps("imitation"),
-        ),
-        Claim(
-            "Branches to the overhand, imitation + RL",
-            "below 5 in all 10 seeds, 3 (the limit) in more than half",
-            "both are so from both starts; partly if one of the two",
-            judge_reinforcement,
-            hardest_steps("reinforcement"),
-        ),
+SIZE_CLAIMS = (
+    Claim(
+        "Branches to the overhand, ICP",
+        "10 seeds: 3 to 190 (straight), up to 1,428 (arc)",
+        "from both starts the largest tree has at least 10 times the branches of the smallest; "
+        "partly if from one",
+        judge_icp,
+        hardest_steps("icp"),
+    ),
+    Claim(
+        "Branches to the overhand, imitation only",
+        "10 seeds: up to 43 (straight), 9 (arc)",
+        "no tree is larger than these; partly if from one of the starts",
+        judge_imitation,
+        hardest_steps("imitation"),
+    ),
+    Claim(
+        "Branches to the overhand, imitation + RL",
+        "below 5 in all 10 seeds, 3 (the limit) in more than half",
+        "both are so from both starts; partly if one of the two",
+        judge_reinforcement,
+        hardest_steps("reinforcement"),
     ),
 )
-JOINT_FINETUNING = Section(
-    JOINT,
-    "Joint finetuning",
-    "Sec. VII-B2",
-    "Branches until an overhand is tied from randomly lying ropes, with primitives trained "
-    "independently and after joint finetuning.",
-    joint_finetuning,
-    claims=(
-        Claim(
-            "Branches from random starts, independently / jointly finetuned",
-            "4.3 ± 2.6 / 3.4 ± 0.6 over 50 starts",
-            "the mean significantly falls and so does the spread; partly if the mean falls",
-            fewer_branches,
-            few_large_trees,
-        ),
+
+JOINT_CLAIMS = (
+    Claim(
+        "Branches from random starts, independently / jointly finetuned",
+        "4.3 ± 2.6 / 3.4 ± 0.6 over 50 starts",
+        "the mean significantly falls and so does the spread; partly if the mean falls",
+        fewer_branches,
+        few_large_trees,
     ),
 )

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from knotflow.report import markdown as md
 from knotflow.report.rates import ICP, IMITATION, RANDOM, REINFORCEMENT, check_counts
 from knotflow.report.results import Results
-from knotflow.report.section import Claim, Figures, Judgement, NotMeasured, Section, Verdict
+from knotflow.report.section import Claim, Figures, Judgement, NotMeasured, Parts, Verdict
 from knotflow.report.training import Line, draw_curves
 from knotflow.statistics import bootstrap, wilson
 from knotflow.viz.rope import draw_rope
@@ -42,7 +42,7 @@ PANEL = MODEL | {"goal": str, "shapes": str, "start": str, "column": int, "role"
 PANEL |= {"vertex": int} | dict.fromkeys("xyz", float)
 
 
-def body(results: Results, figures: Figures) -> str | None:
+def causal_infogan(results: Results, figures: Figures) -> Parts | None:
     """The panels, the plans, our samplers beside them, and the trainings."""
     plans = results.table(EXPERIMENT, "plans.csv", PLANS)
     training = results.table(EXPERIMENT, "training.csv", TRAINING)
@@ -55,23 +55,13 @@ def body(results: Results, figures: Figures) -> str | None:
         name: f"{len(sound_seeds(seeds, model))} of {sum(seeds['model'] == model)}"
         for model, name in MODELS.items()
     }
-    return md.join(
-        " and ".join(f"{count} trainings on {name}" for name, count in sound.items())
-        + " did not collapse.",
-        _panels(results, figures),
-        "The models learn from successful demonstrated rollouts only, a few frames per second, "
-        "each rollout turned and shifted so that its start lies at the origin along x. Distances "
-        "are means over the rope's vertices. Unevenness is the standard deviation of the steps "
-        "between neighbouring shapes of a plan over their mean, 0 where progress is even. The "
-        "generator adds up links of the right length, so it cannot stretch the rope; a shape in "
-        "which strands pass through each other has no state.",
-        _plan_table(plans),
-        "Our samplers on the same starts, without those for which no reachable end shape was "
-        "found. The columns measure different things: Causal InfoGAN is given the end and succeeds "
-        "if it generates shapes of the given topology; a sampler has to move the rope there.",
-        _method_table(methods),
-        _curves(figures, training),
-    )
+    return {
+        "sound": " and ".join(f"{count} trainings on {name}" for name, count in sound.items()),
+        "panels": _panels(results, figures),
+        "plans": _plan_table(plans),
+        "methods": _method_table(methods),
+        "curves": _curves(figures, training),
+    }
 
 
 def _panels(results: Results, figures: Figures) -> str:
@@ -206,20 +196,12 @@ def far_projections(results: Results) -> Judgement:
     return Judgement(ours, Verdict.of_two(far, other > 0))
 
 
-SECTION = Section(
-    EXPERIMENT,
-    "Causal InfoGAN",
-    "Sec. VII-C, Fig. 8",
-    "Plans of rope shapes through a latent space, from a given start to a given end shape that is "
-    "known to be reachable. *Projected* is the generated shape nearest to a given one.",
-    body,
-    claims=(
-        Claim(
-            "Causal InfoGAN",
-            "given and projected end shapes are far apart, sometimes of another topology",
-            "models of C(0,1,1) that did not collapse project unseen ends significantly more than "
-            "a rope's diameter away, and at least one to another state; partly if one of the two",
-            far_projections,
-        ),
+CLAIMS = (
+    Claim(
+        "Causal InfoGAN",
+        "given and projected end shapes are far apart, sometimes of another topology",
+        "models of C(0,1,1) that did not collapse project unseen ends significantly more than "
+        "a rope's diameter away, and at least one to another state; partly if one of the two",
+        far_projections,
     ),
 )

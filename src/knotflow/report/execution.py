@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from knotflow.report import markdown as md
 from knotflow.report.results import Results, refuse
-from knotflow.report.section import Figures, Section, bare_axis
+from knotflow.report.section import Figures, Parts, bare_axis
 from knotflow.statistics import mean_difference, wilson
 from knotflow.viz.style import INK
 
@@ -38,7 +38,7 @@ Groups = dict[tuple[str, int, str], pd.DataFrame]
 """Executions by knot, level and controller."""
 
 
-def closed_loop(results: Results, figures: Figures) -> str | None:
+def closed_loop(results: Results, figures: Figures) -> Parts | None:
     """The figure, a line a controller, knot and level, the failures by cause, and the time."""
     runs = read_executions(results, CLOSED_LOOP)
     if runs is None:
@@ -46,36 +46,30 @@ def closed_loop(results: Results, figures: Figures) -> str | None:
     looked = runs[runs["reported"] != ""]
     false = (looked["reported"] == "yes") & ~looked["tied"]
     groups = _groups(runs)
-    return md.join(
-        figures.draw(
+    return {
+        "figure": figures.draw(
             "executions",
             "Share of twins on which the overhand was tied, by level and controller, with 95 % "
             "Wilson intervals.",
             3.2,
             lambda figure: _plot(figure, runs),
         ),
-        _table(groups, groups),
-        "Differences are on the same twins, in percentage points, with a 95 % bootstrap interval "
-        "over twins. Planning time counts the first plan and all replanning. A rope is tied if its "
-        "true final shape is in a goal state, whatever was seen. "
-        f"{false.sum() or 'None'} of {len(looked)} executions that ended with a look at the rope "
-        "reported a knot that is not there.",
-        figures.own(
+        "controllers": _table(groups, groups),
+        "false": str(false.sum() or "None"),
+        "looked": str(len(looked)),
+        "film": figures.own(
             CLOSED_LOOP,
             "execution/execution.png",
             "The first execution by MPPI and replanning at level 1: the camera's image in the "
             "middle of each drag, and the end. White is the tracked rope; the other line is the "
             "planned one.",
         ),
-        _causes(groups),
-        _ticks(groups),
-        "A real arm also fails in ways that no twin draws: its fingers deform the rope and may "
-        "take two strands at once, its wrist and cables touch what lies in their way, real ropes "
-        "twist and remember how they were wound, and real light casts shadows and glare.",
-    )
+        "causes": _causes(groups),
+        "ticks": _ticks(groups),
+    }
 
 
-def ablation(results: Results, _: Figures) -> str | None:
+def ablation(results: Results, _: Figures) -> Parts | None:
     """Controllers without one part, beside their counterparts, and executions with faults."""
     runs = read_executions(results, ABLATION)
     if runs is None:
@@ -83,14 +77,12 @@ def ablation(results: Results, _: Figures) -> str | None:
     base = read_executions(results, CLOSED_LOOP)
     every = pd.concat([one for one in (base, runs) if one is not None])
     groups = _groups(runs)
-    return md.join(
-        "The twins are those of [closed-loop execution](#closed-loop-execution), and so are the "
-        "controllers that the differences refer to.",
-        _table(groups, _groups(every)),
-        _causes(groups),
-        _ticks(groups),
-        _faults(runs[runs["fault"] != ""]),
-    )
+    return {
+        "controllers": _table(groups, _groups(every)),
+        "causes": _causes(groups),
+        "ticks": _ticks(groups),
+        "faults": _faults(runs[runs["fault"] != ""]),
+    }
 
 
 def read_executions(results: Results, experiment: str) -> pd.DataFrame | None:
@@ -251,14 +243,14 @@ TRAJECTORIES = {"plan": int, "solved": bool} | dict.fromkeys(
 )
 
 
-def arm(results: Results, _: Figures) -> str | None:
+def arm(results: Results, _: Figures) -> Parts | None:
     """A line for each property of the trajectories that was checked."""
     plans = results.table("arm", "trajectories.csv", TRAJECTORIES, ("plan",))
     if plans is None:
         return None
     found = plans[plans["solved"]]
     if found.empty:
-        return f"None of {len(plans)} searches found a plan."
+        return {"plans": f"None of {len(plans)} searches found a plan."}
     reachable = found["unreached"] == 0
     reached = 1 - found["unreached"].sum() / found["waypoints"].sum()
     measured = {
@@ -273,7 +265,7 @@ def arm(results: Results, _: Figures) -> str | None:
             f"{found['slowed'].median():.1f} times"
         ),
     }
-    return md.join(
+    checked = md.join(
         f"Of {len(plans)} searches, {len(found)} found a plan. Each plan became a joint "
         "trajectory, moves between the splines included, and was checked with the arm's forward "
         "kinematics at and between its waypoints.",
@@ -282,29 +274,4 @@ def arm(results: Results, _: Figures) -> str | None:
         "across the strand and tilts no more than allowed. A real arm also has to hold the rope; "
         "see [closed-loop execution](#closed-loop-execution).",
     )
-
-
-SECTION = Section(
-    CLOSED_LOOP,
-    "Closed-loop execution",
-    "Sec. VI and VII-D",
-    "Plans executed on simulated ropes (twins) that differ from the nominal one in friction, "
-    "stiffness, damping, density and radius, by a gripper that errs: not at level 0, slightly at "
-    "level 1, twice as much at level 2. All controllers meet the same twins.",
-    closed_loop,
-)
-PARTS = Section(
-    ABLATION,
-    "Closed-loop ablation",
-    "beyond the paper",
-    "The same twins with the rope's true state in place of vision, without MPPI, and with faults "
-    "of robot and camera.",
-    ablation,
-)
-ARM = Section(
-    "arm",
-    "Arm trajectories",
-    "Sec. VI",
-    "Joint trajectories of plans from random ropes, for a Panda in its default place.",
-    arm,
-)
+    return {"plans": checked}

@@ -19,7 +19,7 @@ from knotflow.report.searches import (
     tied_columns,
     tied_over_time,
 )
-from knotflow.report.section import Claim, Figures, Judgement, NotMeasured, Section, Verdict
+from knotflow.report.section import Claim, Figures, Judgement, NotMeasured, Parts, Verdict
 from knotflow.statistics import mean_difference
 
 PULLED, ARRANGING = "pulled_overhand", "pulled_overhand_arranging"
@@ -51,37 +51,35 @@ VARIANTS = {
 """Methods of the ablation, by their tables; all others lack a part that the first has."""
 
 
-def overhand(results: Results, figures: Figures) -> str | None:
+def overhand(results: Results, figures: Figures) -> Parts | None:
     """The plan's picture, its solution DAG, and what the search took."""
     searches = read_searches(results, "overhand")
     if searches.empty:
         return None
     search = next(searches.itertuples())
     start = f"from the start `{search.start}` (seed {search.seed})"
-    return md.join(
-        f"The search tied the knot {start} by `{search.path}`, after {search.branches} branches "
-        f"and {md.duration(search.seconds)}."
+    return {
+        "search": f"The search tied the knot {start} by `{search.path}`, after {search.branches} "
+        f"branches and {md.duration(search.seconds)}."
         if search.solved
         else f"The search did not tie the knot {start}: {search.reason}.",
-        figures.own(
+        "plan": figures.own(
             "overhand",
             "plan.png",
             "The plan. Each rope is shown with the spline that is executed next: a dot where it is "
             "grasped, a square at the middle control point with its height, an arrow where it is "
             "released. The head is blue, the tail orange.",
         ),
-        "The results folder also has the plan (`plan.json`), the timed gripper waypoints that a "
-        "robot executes (`waypoints.csv`, metres and seconds) and the recording.",
-        figures.own(
+        "dag": figures.own(
             "overhand",
             "dag.png",
             "The solution DAG: every sequence of actions that leads to this knot, the plan's in "
             "green.",
         ),
-    )
+    }
 
 
-def pentagram(results: Results, figures: Figures) -> str | None:
+def pentagram(results: Results, figures: Figures) -> Parts | None:
     """A line for each start, and the plan of fewest branches from each."""
     searches = read_searches(results, "pentagram")
     if searches.empty:
@@ -90,22 +88,16 @@ def pentagram(results: Results, figures: Figures) -> str | None:
     groups: dict[tuple[str, ...], pd.DataFrame] = {
         (name,): searches[searches["start"] == start] for start, name in STARTS.items()
     }
-    return md.join(
-        "The paper pulled the head of an overhand out by hand, because no primitive had learned "
-        f"to, and found a plan with {PAPER_BRANCHES} branches. Here a script draws the head of an "
-        "overhand, tied by our planner, over the table"
-        + (f" until {100 * head:g} cm of rope lie before the first crossing" if head else "")
-        + ". The searches from it follow the paper's rule and end after a number of branches. "
-        "Those that arrange may also make room and take crossings back; they run in batches and "
-        "have a time limit. So do the searches from overhands as the planner leaves them, another "
-        "for each seed, and from the straight rope, where no hand helps.",
-        search_table(("start",), groups),
-        checks(results, "pentagram"),
-        *(
-            figures.own("pentagram", f"{folder}/plan.png", caption)
-            for folder, caption in PENTAGRAM_PLANS.items()
-        ),
+    shown = (
+        figures.own("pentagram", f"{folder}/plan.png", caption)
+        for folder, caption in PENTAGRAM_PLANS.items()
     )
+    return {
+        "head": f" until {100 * head:g} cm of rope lie before the first crossing" if head else "",
+        "searches": search_table(("start",), groups),
+        "checks": checks(results, "pentagram"),
+        "plans": md.join(*shown),
+    }
 
 
 def judge_pentagram(results: Results) -> Judgement:
@@ -145,7 +137,7 @@ def arranging_helps(results: Results) -> str:
     )
 
 
-def knots(results: Results, _: Figures) -> str | None:
+def knots(results: Results, _: Figures) -> Parts | None:
     """Which knots are tied, and with what effort."""
     searches = read_searches(results, "knots")
     if searches.empty:
@@ -154,14 +146,14 @@ def knots(results: Results, _: Figures) -> str | None:
         {"knot": f"`{goal}`", "start": str(start)} | tied_columns(own)
         for (goal, start), own in searches.groupby(["goal", "start"], sort=False)
     ]
-    return md.join(
-        md.table(rows),
-        "Limits are 95 % Wilson; medians are over the searches that tied the knot. "
-        f"{STATE_NOTATION} {checks(results, 'knots')}",
-    )
+    return {
+        "knots": md.table(rows),
+        "notation": STATE_NOTATION,
+        "checks": checks(results, "knots"),
+    }
 
 
-def goals(results: Results, figures: Figures) -> str | None:
+def goals(results: Results, figures: Figures) -> Parts | None:
     """A line for each number of crossings, the share over time, and every goal not tied."""
     table = results.table("goals", "goals.csv", GOAL_SEARCHES, GOAL)
     if table is None:
@@ -178,15 +170,17 @@ def goals(results: Results, figures: Figures) -> str | None:
         for one in table[~table["solved"]].itertuples()
     ]
     groups = {f"{name} crossings": own for name, own in sets.items()}
-    return md.join(
-        tied_over_time(figures, "goals", groups, "number of crossings"),
-        md.table([{"crossings": name} | tied_columns(own) for name, own in sets.items()]),
-        f"Medians are over the searches that tied their goal. {checks(results, 'goals')}",
-        md.table(missed, f"Goals that were not tied, {len(missed)} in all. {STATE_NOTATION}"),
-    )
+    return {
+        "figure": tied_over_time(figures, "goals", groups, "number of crossings"),
+        "sets": md.table([{"crossings": name} | tied_columns(own) for name, own in sets.items()]),
+        "checks": checks(results, "goals"),
+        "missed": md.table(
+            missed, f"Goals that were not tied, {len(missed)} in all. {STATE_NOTATION}"
+        ),
+    }
 
 
-def ablation(results: Results, figures: Figures) -> str | None:
+def ablation(results: Results, figures: Figures) -> Parts | None:
     """A line a method, with the difference from the complete planner, paired by goal."""
     experiment = "goals_ablation"
     found = {
@@ -203,16 +197,10 @@ def ablation(results: Results, figures: Figures) -> str | None:
         for name, table in tables.items()
     ]
     groups = {VARIANTS[name]: table for name, table in tables.items()}
-    return md.join(
-        "All variants search with the shipped primitives: the complete planner, one without "
-        "splines that make room before an action, one that judges a spline by its own success and "
-        "not by the state it leaves, and the paper's search, which grows the tree at random and "
-        "has none of these nor scripted guesses.",
-        tied_over_time(figures, experiment, groups, "planner"),
-        md.table(rows),
-        "Differences are from the complete planner, paired by goal, with 95 % intervals over "
-        "goals.",
-    )
+    return {
+        "figure": tied_over_time(figures, experiment, groups, "planner"),
+        "variants": md.table(rows),
+    }
 
 
 def _difference(tables: Mapping[str, pd.DataFrame], name: str) -> str:
@@ -225,54 +213,10 @@ def _difference(tables: Mapping[str, pd.DataFrame], name: str) -> str:
     return md.estimate(mean_difference(tied, base, paired=True))
 
 
-OVERHAND = Section(
-    "overhand",
-    "A plan for the overhand",
-    "Fig. 1",
-    "From a randomly lying rope to an overhand knot, with the primitives that come with the "
-    "package.",
-    overhand,
-)
-PENTAGRAM = Section(
-    "pentagram",
-    "The pentagram",
-    "Sec. VII-E, Fig. 9",
-    "A knot more complex than any in training, from an overhand whose head was pulled out, from "
-    "one as the planner leaves it, and from a straight rope.",
-    pentagram,
-    claims=(
-        Claim(
-            "Pentagram from an overhand whose head was pulled out by hand",
-            "12 branches",
-            "from there the median search ties it with at most 12 branches; partly if the best "
-            "one does",
-            judge_pentagram,
-            arranging_helps,
-        ),
-    ),
-)
-KNOTS = Section(
-    "knots",
-    "Knots from random ropes",
-    "beyond the paper",
-    "How often a knot is tied within the time limit: from randomly lying ropes the overhand in "
-    "its four states (handedness, and which end goes over first) and larger knots, and the "
-    "overhand from tangled ropes.",
-    knots,
-)
-GOALS = Section(
-    "goals",
-    "Random goals",
-    "beyond the paper",
-    "How many of all states a rope can be brought into: goals drawn at random among all states "
-    "with three and with four crossings, each from a random rope of its own. No primitive was "
-    "trained on them as a set.",
-    goals,
-)
-ABLATION = Section(
-    "goals_ablation",
-    "Planner ablation",
-    "beyond the paper",
-    "The first of the random goals, searched for without one part of the planner at a time.",
-    ablation,
+PENTAGRAM_CLAIM = Claim(
+    "Pentagram from an overhand whose head was pulled out by hand",
+    "12 branches",
+    "from there the median search ties it with at most 12 branches; partly if the best one does",
+    judge_pentagram,
+    arranging_helps,
 )

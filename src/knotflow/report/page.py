@@ -24,7 +24,7 @@ from knotflow.report import (
 )
 from knotflow.report import markdown as md
 from knotflow.report.results import Results, StageRun, read_table
-from knotflow.report.section import COLOURS, Figures, Section, Verdict, bare_axis
+from knotflow.report.section import COLOURS, Figures, Parts, Section, Verdict, bare_axis
 from knotflow.statistics import RESAMPLES
 from knotflow.viz.style import INK
 
@@ -35,59 +35,54 @@ STAGES_DRAWN = 15
 """The longest, in the figure of run times."""
 
 
-def plain(experiment: str) -> Callable[[Results, Figures], str | None]:
-    """The body of a section that shows every table of an experiment."""
+def plain(experiment: str) -> Callable[[Results, Figures], Parts | None]:
+    """The section that shows every table of an experiment."""
 
-    def body(results: Results, _: Figures) -> str | None:
+    def parts(results: Results, _: Figures) -> Parts | None:
         found = results.measured(experiment)
-        parts = []
-        for path in found.tables if found else ():
+        if not found:
+            return None
+        tables = []
+        for path in found.tables:
             table = read_table(path)
             rows = table.head(ROWS_SHOWN).to_dict("records")
             more = f", the first {len(rows)} of {len(table)} rows" if len(table) > len(rows) else ""
-            parts.append(md.table(rows, f"**{path.name}**{more}:"))
-        return md.join(*parts) or None
+            tables.append(md.table(rows, f"**{path.name}**{more}:"))
+        return {"tables": md.join(*tables)}
 
-    return body
+    return parts
 
 
-PAPER: tuple[Section, ...] = (
-    knots.OVERHAND,
-    ropes.DEMONSTRATIONS,
-    single_stage.SINGLE_STAGE,
-    branches.TREE_SIZE,
-    single_stage.ACTOR_CRITIC,
-    branches.JOINT_FINETUNING,
-    causal_infogan.SECTION,
-    knots.PENTAGRAM,
+PAPER = (
+    Section("overhand", knots.overhand),
+    Section("demonstrator", ropes.demonstrations),
+    Section("single_stage", single_stage.single_stage, single_stage.SINGLE_STAGE_CLAIMS),
+    Section("tree_size", branches.tree_size, branches.SIZE_CLAIMS),
+    Section("ablation_actor_critic", single_stage.ablation, single_stage.ABLATION_CLAIMS),
+    Section("joint_finetuning", branches.joint_finetuning, branches.JOINT_CLAIMS),
+    Section("causal_infogan", causal_infogan.causal_infogan, causal_infogan.CLAIMS),
+    Section("pentagram", knots.pentagram, (knots.PENTAGRAM_CLAIM,)),
 )
-"""In the order of the paper. To add one: write a module with a `Section`, and put it here, or below
-if the paper lacks it."""
-FURTHER: tuple[Section, ...] = (
-    training.LIBRARY,
-    knots.KNOTS,
-    knots.GOALS,
-    knots.ABLATION,
-    actions.SECTION,
-    perception.SECTION,
-    training.PERCEPTION,
-    training.STRANDS,
-    tracking.TRACKING,
-    tracking.DYNAMICS,
-    training.DYNAMICS,
-    execution.SECTION,
-    execution.PARTS,
-    execution.ARM,
-    Section(
-        "benchmark",
-        "Simulator throughput",
-        "beyond the paper",
-        "Splines executed per second, from start to finish, and the memory it takes.",
-        plain("benchmark"),
-    ),
+"""In the order of the paper. To add one: write its parts, and its words in sections.md."""
+FURTHER = (
+    Section("library_training", training.library),
+    Section("knots", knots.knots),
+    Section("goals", knots.goals),
+    Section("goals_ablation", knots.ablation),
+    Section("actions", actions.actions),
+    Section("perception", perception.perception),
+    Section("perception_training", training.network("perception_training")),
+    Section("strand_training", training.network("strand_training")),
+    Section("tracking", tracking.tracking),
+    Section("dynamics", tracking.dynamics),
+    Section("dynamics_training", training.network("dynamics_training")),
+    Section("closed_loop", execution.closed_loop),
+    Section("closed_loop_ablation", execution.ablation),
+    Section("arm", execution.arm),
+    Section("benchmark", plain("benchmark")),
 )
-SECTIONS = PAPER + FURTHER
-CLAIMS = [(section, claim) for section in SECTIONS for claim in section.claims]
+SECTIONS = {section.experiment: section for section in PAPER + FURTHER}
+CLAIMS = [(section, claim) for section in SECTIONS.values() for claim in section.claims]
 PLURAL = dict(zip(Verdict, ("hold", "hold partly", "do not hold", "were not run"), strict=True))
 
 NOT_RUN = """
@@ -129,7 +124,7 @@ def compose(results: Results, figures: Figures) -> str:
     """The whole report as Markdown; its figures are kept in `figures`."""
     further = [*FURTHER, *_others(results)]
     sections = [*PAPER, *further]
-    found = {section.title: results.measured(section.experiment) for section in sections}
+    found = {section.text.title: results.measured(section.experiment) for section in sections}
     smaller = [title for title, one in found.items() if one and one.budget != "paper"]
     rope = results.setting("single_stage", "rope") or {"length": 1.0, "radius": 0.008, "links": 40}
     bias = results.setting("tree_size", "bias")
@@ -179,7 +174,7 @@ def _claims(results: Results) -> str:
         rows.append(
             {
                 "claim": claim.statement,
-                "where": section.paper,
+                "where": section.text.paper,
                 "paper": claim.paper,
                 "ours, 95 % intervals": outcome.ours,
                 "verdict": verdict,
@@ -187,7 +182,7 @@ def _claims(results: Results) -> str:
         )
         unclear = outcome.verdict in (Verdict.PARTLY, Verdict.FAILS) or outcome.size
         if unclear and (reason := claim.reason(results)):
-            reasons.append(f"- [{claim.statement}](#{md.slug(section.title)}): {reason}.")
+            reasons.append(f"- [{claim.statement}](#{md.slug(section.text.title)}): {reason}.")
     counts = md.listed([f"{tally[one]} {PLURAL[one]}" for one in Verdict if tally[one]])
     size = f" For {direction_only} the direction holds and the size does not."
     return md.join(
@@ -208,9 +203,9 @@ def _overview(results: Results, sections: Sequence[Section]) -> str:
         stale = found and found.stale
         rows.append(
             {
-                "section": f"[{section.title}](#{md.slug(section.title)})",
+                "section": f"[{section.text.title}](#{md.slug(section.text.title)})",
                 "experiment": f"`{section.experiment}`",
-                "paper": section.paper,
+                "paper": section.text.paper,
                 "state": f"stale: {stale}" if stale else "current" if found else Verdict.NOT_RUN,
                 "budget": found.budget if found else md.NOTHING,
                 "commits": found.commits if found else md.NOTHING,
@@ -221,12 +216,12 @@ def _overview(results: Results, sections: Sequence[Section]) -> str:
 
 def _section(section: Section, results: Results, figures: Figures) -> str:
     body = section.body(results, figures)
-    title = f"### {section.title}"
+    title = f"### {section.text.title}"
     if body is None:
         return md.join(
             title,
-            section.about,
-            f"**Not run** ({section.paper}; its experiment is `{section.experiment}`).",
+            section.text.about,
+            f"**Not run** ({section.text.paper}; its experiment is `{section.experiment}`).",
         )
     found = results.experiments[section.experiment]
     recordings = [
@@ -236,8 +231,8 @@ def _section(section: Section, results: Results, figures: Figures) -> str:
     ]
     return md.join(
         title,
-        section.about,
-        f"{section.paper} · `+experiment={section.experiment}` · budget `{found.budget}` · "
+        section.text.about,
+        f"{section.text.paper} · `+experiment={section.experiment}` · budget `{found.budget}` · "
         f"[tables and configuration]({figures.link}/{section.experiment})"
         + (" · stale" if found.stale else ""),
         ""
@@ -251,13 +246,12 @@ def _section(section: Section, results: Results, figures: Figures) -> str:
 def _others(results: Results) -> list[Section]:
     """Experiments of one's own: measured, and neither of the paper's nor another run of one that
     has a section, such as a plan for another knot."""
-    known = {section.experiment for section in SECTIONS}
     return [
-        Section(name, name.replace("_", " ").capitalize(), "beyond the paper", "", plain(name))
+        Section(name, plain(name))
         for name, found in results.experiments.items()
         if found.tables
-        and name not in known
-        and (found.run.get("workflow") or found.config.get("workflow")) not in known
+        and name not in SECTIONS
+        and (found.run.get("workflow") or found.config.get("workflow")) not in SECTIONS
     ]
 
 

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from knotflow.report import markdown as md
 from knotflow.report.results import Results
-from knotflow.report.section import COLOURS, Figures, Section, bare_axis
+from knotflow.report.section import COLOURS, Figures, Parts, bare_axis
 from knotflow.statistics import bootstrap
 
 EXPERIMENT = "perception"
@@ -32,7 +32,7 @@ SHOWN = ("network_tracing_rendering", "rendering")
 """The figure's method is the first of these that was run."""
 
 
-def body(results: Results, figures: Figures) -> str | None:
+def perception(results: Results, figures: Figures) -> Parts | None:
     """Accuracy by crossings, the table of methods, ambiguity, and plans from estimates."""
     table = results.table(EXPERIMENT, "estimates.csv", COLUMNS, KEY)
     if table is None:
@@ -43,36 +43,24 @@ def body(results: Results, figures: Figures) -> str | None:
     label = _label(shown)
     images = table.drop_duplicates(["noise", "crossings", "rope"]).groupby("noise")
     overlap = [f"{one['rope_iou'].mean():.2f} at noise {noise:g}" for noise, one in images]
-    return md.join(
-        "All methods see the same images; noise 1 is a Kinect's, and light and colours are drawn "
-        "anew for each image. A first shape follows the skeleton of the rope's pixels or is "
-        "proposed by networks, of which one sees the rope as a whole and one traces its strands. "
-        "Gradient steps then fit the rendered rope to the image. Where several shapes explain it, "
-        "strands are reconnected where they meet, and the shape that explains the image best is "
-        "kept. The ablations leave out one of these steps, depth, strand tracing or "
-        "self-supervision, begin from the true shape with noise, or do not colour the head.",
-        figures.draw(
+    return {
+        "figure": figures.draw(
             EXPERIMENT,
             f"State accuracy and vertex error by number of crossings, {label}.",
             2.6,
             lambda figure: _plot(figure, own),
         ),
-        _method_table(table),
-        "Errors are means over ropes with 95 % bootstrap limits, shares have 95 % Wilson limits. "
-        "*Vertex error* is the distance of a vertex from its true position, *curve error* its "
-        "distance from the rope. *Flagged* counts the wrong states that the estimate itself marked "
-        "as ambiguous.",
-        _unambiguous(own, label),
-        figures.own(
+        "methods": _method_table(table),
+        "unambiguous": _unambiguous(own, label),
+        "examples": figures.own(
             EXPERIMENT,
             "estimates.png",
             "Estimates at noise 1, a row a number of crossings: the image, the estimate over it, "
             "and its error along the rope. Vertices that the image does not show are ringed.",
         ),
-        f"The segmented rope pixels have an intersection over union with the true ones of "
-        f"{md.listed(overlap)}; a pixel without depth counts as missed.",
-        _plans(results),
-    )
+        "overlap": md.listed(overlap),
+        "plans": _plans(results),
+    }
 
 
 def _label(method: str) -> str:
@@ -155,13 +143,3 @@ def _plot(figure: Figure, shown: pd.DataFrame) -> None:
         axes.set_xticks(sorted(shown["crossings"].unique()))
         bare_axis(axes, "y")
     accuracy.legend(frameon=False, loc="lower left")
-
-
-SECTION = Section(
-    EXPERIMENT,
-    "Rope estimation",
-    "Sec. VI",
-    "The shape and the topological state of ropes at rest, estimated from one simulated RGB-D "
-    "image.",
-    body,
-)

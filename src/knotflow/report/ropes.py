@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from knotflow.report import markdown as md
 from knotflow.report.results import Results, ResultsError
-from knotflow.report.section import Figures, Section
+from knotflow.report.section import Figures, Parts
 from knotflow.viz.rope import draw_rope
 from knotflow.viz.spline import draw_spline, spline_bounds
 from knotflow.viz.style import BAD, GOOD, INK, MUTED
@@ -131,7 +131,7 @@ def _draw_rope(
         )  # fmt: skip
 
 
-def demonstrations(results: Results, figures: Figures) -> str | None:
+def demonstrations(results: Results, figures: Figures) -> Parts | None:
     """A line an action, and all demonstrations in a figure."""
     shares = results.table("demonstrator", "shares.csv", SHARES)
     if shares is None:
@@ -147,15 +147,9 @@ def demonstrations(results: Results, figures: Figures) -> str | None:
         }
         for action, own in shares.groupby("action", sort=False)
     ]
-    return md.join(
-        "The demonstrations are scripted: for each start, a script searches in the simulator for a "
-        "spline whose noisy copies succeed (*robustness*, the share that does) and leave room for "
-        "the next action (*room*, how often a first aimed guess at a following action succeeds "
-        "from where the copies end). It keeps the spline with the largest product of the two. Both "
-        "are estimated from a few dozen splines, and those of the winner are slightly optimistic. "
-        "Starts for which no spline is robust enough are skipped.",
-        md.table(rows),
-        sheet(
+    return {
+        "actions": md.table(rows),
+        "sheet": sheet(
             figures,
             "demonstrator",
             "All demonstrations, seen from above: each rope with its spline (green, from dot to "
@@ -165,13 +159,4 @@ def demonstrations(results: Results, figures: Figures) -> str | None:
             [f"{one.share:.2f} / {one.room:.2f}" for one in shares.itertuples()],
             columns=8,
         ),
-    )
-
-
-DEMONSTRATIONS = Section(
-    "demonstrator",
-    "Demonstrations",
-    "Sec. V-B a",
-    "One spline for each start shape, from which all primitives learn.",
-    demonstrations,
-)
+    }

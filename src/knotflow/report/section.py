@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
+from knotflow.report import markdown as md
 from knotflow.report.results import Results
 from knotflow.viz.style import PNG_DPI, WIDTH, styled
 
@@ -129,13 +133,47 @@ def bare_axis(axes: Axes, grid: str) -> None:
         spine.set_visible(False)
 
 
-@dataclass(frozen=True)
-class Section:
-    """One experiment's part of the report; `body` is None where it was not run."""
+Parts = Mapping[str, str]
+"""What the text of a section has slots for: tables, figures, numbers."""
 
-    experiment: str
+
+class Text(NamedTuple):
+    """The words of a section."""
+
     title: str
     paper: str
+    """Where in the paper."""
     about: str
-    body: Callable[[Results, Figures], str | None]
+    results: str
+    """What stands there once the experiment was run, with slots for the parts."""
+
+
+@cache
+def texts() -> dict[str, Text]:
+    """The text of each section in sections.md, by experiment."""
+    pattern = r"^### ([^\n]+)\n`(\w+)`, ([^\n]+)\n(.*?)^---\n(.*?)(?=^### |\Z)"
+    whole = Path(__file__).with_name("sections.md").read_text("utf-8")
+    return {
+        experiment: Text(title, paper, about.strip(), text.strip())
+        for title, experiment, paper, about, text in re.findall(pattern, whole, re.M | re.S)
+    }
+
+
+@dataclass(frozen=True)
+class Section:
+    """One experiment's part of the report; `parts` is None where it was not run."""
+
+    experiment: str
+    parts: Callable[[Results, Figures], Parts | None]
     claims: tuple[Claim, ...] = ()
+
+    @property
+    def text(self) -> Text:
+        """Its words; of an experiment of one's own, its name."""
+        title = self.experiment.replace("_", " ").capitalize()
+        return texts().get(self.experiment, Text(title, "beyond the paper", "", "{tables}"))
+
+    def body(self, results: Results, figures: Figures) -> str | None:
+        """The text of its results, its slots filled; None where it was not run."""
+        parts = self.parts(results, figures)
+        return None if parts is None else md.join(*self.text.results.format(**parts).split("\n\n"))

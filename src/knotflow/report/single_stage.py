@@ -22,7 +22,7 @@ from knotflow.report.rates import (
 )
 from knotflow.report.results import Results
 from knotflow.report.ropes import read_ropes, sheet
-from knotflow.report.section import Claim, Figures, Judgement, NotMeasured, Section, Verdict
+from knotflow.report.section import Claim, Figures, Judgement, NotMeasured, Parts, Verdict
 from knotflow.report.training import imitation, reinforcement
 from knotflow.statistics import Interval
 
@@ -49,23 +49,27 @@ PAPER_WIDEST = ("C(2,0,1)", "C(2,4,1)")
 """Where the paper's gap to the critic alone is largest."""
 
 
-def single_stage(results: Results, figures: Figures) -> str | None:
+def single_stage(results: Results, figures: Figures) -> Parts | None:
     """The figure, the tables behind it, how near to feasible, examples, learning, and cost."""
     rates = read_rates(results, SINGLE)
     methods = (RANDOM, ICP, IMITATION, REINFORCEMENT)
-    return rates and md.join(
-        compared(rates, figures, methods, PAIRS, SINGLE, "Fig. 6 reproduced"),
-        aims(results, rates),
-        _examples(results, figures),
-        imitation(results, figures, SINGLE),
-        reinforcement(results, figures, SINGLE),
-    )
+    if rates is None:
+        return None
+    return {
+        "rates": compared(rates, figures, methods, PAIRS, SINGLE, "Fig. 6 reproduced"),
+        "aims": aims(results, rates),
+        "examples": _examples(results, figures),
+        "imitation": imitation(results, figures, SINGLE),
+        "reinforcement": reinforcement(results, figures, SINGLE),
+    }
 
 
-def ablation(results: Results, figures: Figures) -> str | None:
+def ablation(results: Results, figures: Figures) -> Parts | None:
     """The figure and its tables."""
     rates, pairs = read_rates(results, ABLATION), [(PARTS[2], part) for part in PARTS[:2]]
-    return rates and compared(rates, figures, PARTS, pairs, ABLATION, "Fig. 7 reproduced")
+    if rates is None:
+        return None
+    return {"rates": compared(rates, figures, PARTS, pairs, ABLATION, "Fig. 7 reproduced")}
 
 
 def compared(
@@ -235,51 +239,36 @@ def where_the_critic_fails(results: Results) -> str:
     )
 
 
-SINGLE_STAGE = Section(
-    SINGLE,
-    "Single-stage success rates",
-    "Sec. VII-A3, Fig. 6",
-    "How often one sampled spline performs the topological action it was sampled for, from unseen "
-    "rope shapes.",
-    single_stage,
-    claims=(
-        Claim(
-            "Imitation against random sampling, success rate",
-            "up to 100×",
-            "better on every action, and on one of them significantly above 10× and compatible "
-            "with 100×; partly if significantly better on more than half",
-            imitation_over_random,
-        ),
-        Claim(
-            "Imitation against ICP interpolation",
-            "higher on most actions, above all R1(0,1,1) and R2(0,0,1,1)",
-            "higher on more than half, and on both of these; partly if one of the two",
-            imitation_over_icp,
-        ),
-        Claim(
-            "Imitation + RL against imitation only",
-            "1.14× to 2.33×",
-            "every action is compatible with 1.14× or more and more than half are significantly "
-            "better; partly if better on more than half",
-            reinforcement_over_imitation,
-        ),
+SINGLE_STAGE_CLAIMS = (
+    Claim(
+        "Imitation against random sampling, success rate",
+        "up to 100×",
+        "better on every action, and on one of them significantly above 10× and compatible "
+        "with 100×; partly if significantly better on more than half",
+        imitation_over_random,
+    ),
+    Claim(
+        "Imitation against ICP interpolation",
+        "higher on most actions, above all R1(0,1,1) and R2(0,0,1,1)",
+        "higher on more than half, and on both of these; partly if one of the two",
+        imitation_over_icp,
+    ),
+    Claim(
+        "Imitation + RL against imitation only",
+        "1.14× to 2.33×",
+        "every action is compatible with 1.14× or more and more than half are significantly "
+        "better; partly if better on more than half",
+        reinforcement_over_imitation,
     ),
 )
-ACTOR_CRITIC = Section(
-    ABLATION,
-    "Actor-critic ablation",
-    "Sec. VII-B1, Fig. 7",
-    "The same actions and rope shapes, with samples of the actor alone, of the cross-entropy "
-    "method on the critic alone, and of the critic started from the actor.",
-    ablation,
-    claims=(
-        Claim(
-            "Actor and critic together are best",
-            "on 7 of 8 actions; the gap is largest on C(2,0,1) and C(2,4,1)",
-            "best on at least 7, and the two largest gaps to the critic alone are on these; partly "
-            "if one of the two",
-            together_best,
-            where_the_critic_fails,
-        ),
+
+ABLATION_CLAIMS = (
+    Claim(
+        "Actor and critic together are best",
+        "on 7 of 8 actions; the gap is largest on C(2,0,1) and C(2,4,1)",
+        "best on at least 7, and the two largest gaps to the critic alone are on these; partly "
+        "if one of the two",
+        together_best,
+        where_the_critic_fails,
     ),
 )

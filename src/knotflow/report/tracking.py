@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from knotflow.report import markdown as md
 from knotflow.report.results import Results
-from knotflow.report.section import COLOURS, Figures, Section, bare_axis
+from knotflow.report.section import COLOURS, Figures, Parts, bare_axis
 from knotflow.statistics import bootstrap, mean_difference
 
 COLUMNS = {"method": str, "level": int, "action": str, "rollout": str, "frame": int}
@@ -30,7 +30,7 @@ STEP = 0.1  # s
 ERRORS = {"model": str, "level": int, "steps": int, "motions": int, "mean_error_mm": float}
 
 
-def tracking(results: Results, figures: Figures) -> str | None:
+def tracking(results: Results, figures: Figures) -> Parts | None:
     """The error in motion and at rest by method and level."""
     tracks = results.table("tracking", "tracks.csv", COLUMNS, ("method", "rollout", "frame"))
     if tracks is None:
@@ -39,33 +39,20 @@ def tracking(results: Results, figures: Figures) -> str | None:
         {"method": METHODS.get(method, method), "level": str(level)} | _line(own)
         for (method, level), own in tracks.groupby(["method", "level"], sort=False)
     ]
-    return md.join(
-        "Splines of all eight actions move ropes that differ from the nominal one: not at level 0, "
-        "slightly at level 1, strongly at level 2. A camera with a Kinect's noise sees them ten "
-        "times a second; at levels 1 and 2 its calibration is slightly off. All trackers begin "
-        "with the true shape. *Rendering* predicts the next shape from constant velocity and the "
-        "gripper's motion, *rendering, LSTM* by the learned dynamics, and *rendering, MuJoCo* by "
-        "simulating the nominal rope. *Point drift* is coherent point drift with preserved length "
-        "and hidden vertices that follow their neighbours, as in TrackDLO; *predicted* adds the "
-        "prediction of *rendering*. *Refined at rest* estimates the tracked rope once more when it "
-        "has come to rest and the gripper has left the image."
-        + (
-            " *Calibration error alone* is no tracker: the true rope at rest, moved as far as the "
-            "camera is from where it is believed to be."
-            if CALIBRATION in set(tracks["method"])
-            else ""
-        ),
-        _against_baseline(tracks),
-        figures.draw(
+    return {
+        "calibration": " *Calibration error alone* is no tracker: the true rope at rest, moved as "
+        "far as the camera is from where it is believed to be."
+        if CALIBRATION in set(tracks["method"])
+        else "",
+        "difference": _against_baseline(tracks),
+        "figure": figures.draw(
             "tracking",
             "Mean vertex error from image to image, by method and level.",
             2.8,
             lambda figure: _plot(figure, tracks),
         ),
-        md.table(rows),
-        "Limits are 95 %, rollouts resampled (Wilson for states). An image is lost if the tracker "
-        "says so. Times are of one core and include reading the state.",
-    )
+        "methods": md.table(rows),
+    }
 
 
 def _against_baseline(tracks: pd.DataFrame) -> str:
@@ -115,7 +102,7 @@ def _plot(figure: Figure, tracks: pd.DataFrame) -> None:
     figure.legend(lines, labels, loc="outside upper left", ncols=len(labels), frameon=False)
 
 
-def dynamics(results: Results, _: Figures) -> str | None:
+def dynamics(results: Results, _: Figures) -> Parts | None:
     """A line a model and level, a column a number of steps."""
     errors = results.table("dynamics", "errors.csv", ERRORS, ("model", "level", "steps"))
     if errors is None:
@@ -129,26 +116,4 @@ def dynamics(results: Results, _: Figures) -> str | None:
         for name in [*MODELS, *sorted({*errors["model"]} - MODELS.keys())]
     ]
     motions = errors.groupby("level")["motions"].max().sum()
-    return md.join(
-        md.table(rows),
-        f"Mean distance of predicted from simulated vertices over {motions} motions of ropes that "
-        "differ from the nominal one by level, as in [rope tracking](#rope-tracking). The LSTM was "
-        "trained on ropes of all levels, but on none of these.",
-    )
-
-
-TRACKING = Section(
-    "tracking",
-    "Rope tracking",
-    "Sec. VI",
-    "Ropes tracked from image to image while a gripper drags them, against a classical tracker.",
-    tracking,
-)
-DYNAMICS = Section(
-    "dynamics",
-    "Learned rope dynamics",
-    "Sec. VI",
-    "The rope's vertices some steps ahead, predicted from its first shape and the gripper's path "
-    "alone.",
-    dynamics,
-)
+    return {"models": md.table(rows), "motions": str(motions)}

@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 from knotflow.report import markdown as md
 from knotflow.report.rates import PRIMITIVES, check_counts, in_order
 from knotflow.report.results import Results
-from knotflow.report.section import COLOURS, Figures, Section, bare_axis
+from knotflow.report.section import COLOURS, Figures, Parts, bare_axis
 from knotflow.viz.style import INK
 
 NAMES = {number: name for number, name in enumerate(PRIMITIVES, 1)}
@@ -192,21 +192,18 @@ def _trials(results: Results, experiment: str) -> str:
     )
 
 
-def library(results: Results, figures: Figures) -> str | None:
+def library(results: Results, figures: Figures) -> Parts | None:
     """The self-play of the shipped primitives."""
     if not results.measured("library_training"):
         return None
-    return md.join(
-        "Self-play continues where [joint finetuning](#joint-finetuning) ended, with an empty "
-        "replay buffer, for more rounds, and with more trials from one crossing.",
-        self_play(results, figures, "library_training", "curves.csv", "library_training"),
-    )
+    own = self_play(results, figures, "library_training", "curves.csv", "library_training")
+    return {"self_play": own}
 
 
-def network(experiment: str) -> Callable[[Results, Figures], str | None]:
-    """The body of a network's training: its curves, and where they ended."""
+def network(experiment: str) -> Callable[[Results, Figures], Parts | None]:
+    """The section of a network's training: its curves, and where they ended."""
 
-    def body(results: Results, figures: Figures) -> str | None:
+    def parts(results: Results, figures: Figures) -> Parts | None:
         table = results.table(experiment, "curves.csv", {"step": int}, key=("step",))
         if table is None:
             return None
@@ -223,39 +220,7 @@ def network(experiment: str) -> Callable[[Results, Figures], str | None]:
             for title, lines in panels.items()
         }
         caption = "Learning curves, in training (pale) and held out. The last weights are kept."
-        return md.join(
-            draw_curves(figures, experiment, caption, panels, "gradient step"), md.table([last])
-        )
+        drawn = draw_curves(figures, experiment, caption, panels, "gradient step")
+        return {"curves": md.join(drawn, md.table([last]))}
 
-    return body
-
-
-LIBRARY = Section(
-    "library_training",
-    "Training: shipped primitives",
-    "Sec. V-B c",
-    "The primitives that come with the package learn all actions by longer self-play.",
-    library,
-)
-PERCEPTION = Section(
-    "perception_training",
-    "Training: rope estimation",
-    "Sec. VI",
-    "The network that proposes a first shape of a rope in an image, trained on simulated ropes.",
-    network("perception_training"),
-)
-STRANDS = Section(
-    "strand_training",
-    "Training: strand tracing",
-    "Sec. VI",
-    "The network that follows strands, trained on windows along simulated ropes.",
-    network("strand_training"),
-)
-DYNAMICS = Section(
-    "dynamics_training",
-    "Training: rope dynamics",
-    "Sec. VI",
-    "The network that predicts dragged ropes, trained on perturbed ones: error over growing "
-    "horizons in training, and after 1, 10 and 25 steps of 0.1 s on held-out motions.",
-    network("dynamics_training"),
-)
+    return parts
