@@ -28,7 +28,7 @@ from knotflow.execution import (
     encode_jpeg,
     run_trial,
 )
-from knotflow.execution.control.trial import Trial
+from knotflow.execution.closed_loop import Trial
 from knotflow.experiments.common import sampler_of
 from knotflow.perception import Camera, load_if_present
 from knotflow.planning import KnotPlan, PlannerConfig, parse_goal, plan_knot
