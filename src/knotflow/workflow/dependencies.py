@@ -156,14 +156,17 @@ def definer(module: str, name: str) -> tuple[str, str]:
 
 def _imports(tree: ast.AST, module: str, file: Path) -> list[tuple[str, str]]:
     """What is imported below a node: (module, name there), the name "" for a whole module."""
-    found = []
-    for node in _run(tree):
-        if isinstance(node, ast.Import):
-            found += [(alias.name, "") for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            base = _absolute(node, module, file)
-            found += [definer(base, alias.name) for alias in node.names]
-    return found
+    return [origin for node in _run(tree) for origin in _imported(node, module, file).values()]
+
+
+def _imported(node: ast.AST, module: str, file: Path) -> dict[str, tuple[str, str]]:
+    """What an import statement takes, as in `_imports`, by the names it gives it."""
+    if isinstance(node, ast.Import):
+        return {one.asname or one.name.partition(".")[0]: (one.name, "") for one in node.names}
+    if isinstance(node, ast.ImportFrom):
+        base = _absolute(node, module, file)
+        return {one.asname or one.name: definer(base, one.name) for one in node.names}
+    return {}
 
 
 @cache
@@ -172,19 +175,13 @@ def _top_level(module: str, file: Path) -> tuple[dict[str, ast.stmt], dict[str, 
     definitions: dict[str, ast.stmt] = {}
     imports: dict[str, tuple[str, str]] = {}
     for node in _parse(file).body:
+        imports |= _imported(node, module, file)
         if isinstance(node, _DEFINITIONS):
             definitions[node.name] = node
         elif isinstance(node, ast.Assign | ast.AnnAssign):
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
             names = (one for target in targets for one in ast.walk(target))
             definitions |= {one.id: node for one in names if isinstance(one, ast.Name)}
-        elif isinstance(node, ast.Import):
-            for alias in node.names:
-                imports[alias.asname or alias.name.partition(".")[0]] = (alias.name, "")
-        elif isinstance(node, ast.ImportFrom):
-            base = _absolute(node, module, file)
-            for alias in node.names:
-                imports[alias.asname or alias.name] = definer(base, alias.name)
     return definitions, imports
 
 

@@ -20,9 +20,9 @@ from typing import Any
 import yaml
 
 from knotflow.threads import one_thread
-from knotflow.workflow.errors import WorkflowError
 from knotflow.workflow.key import digest, plain
 from knotflow.workflow.shards import StageRun, WorkersConfig
+from knotflow.workflow.stage import WorkflowError
 from knotflow.workflow.store import (
     StageFolder,
     atomic,
@@ -36,6 +36,11 @@ from knotflow.workflow.workflow import Node, Workflow
 
 CONFIG, RUN = "config.yaml", "run.json"
 GENERATED = ("results", "reports")  # made by runs themselves: they do not make the code dirty
+PUBLISHED = (
+    *("key", "code", "components", "libraries", "inputs", "seconds", "cpus"),
+    *("commit", "dirty", "versions"),
+)
+"""What run.json keeps of the record of a stage."""
 log = logging.getLogger(__name__)
 
 
@@ -69,9 +74,9 @@ def run_workflow(
         log.info("  %-7s %-32s %s", one.state(), node_name, one.relative)
     code = code_state(source or Path(__file__).parent)
     workers = workers or WorkersConfig(jobs=1)
-    records = {}
-    for node in workflow.nodes.values():
-        records[node.name] = _make(node, workflow, folders, workers, code)
+    records = {
+        node.name: _make(node, workflow, folders, workers, code) for node in workflow.nodes.values()
+    }
     folder = results_dir / name
     with locked(results_dir / "stages" / f"{name}.lock", f"it publishes {name}"):
         publish(workflow, folder, folders, records, {"experiment": name, "budget": budget})
@@ -149,14 +154,15 @@ def publish(
         remove(folder / name)
     for target, (node, path) in workflow.results.items():
         _copy(_existing(folders[node].final / path, node), folder / target)
-    stages: dict[str, Any] = {}
-    config: dict[str, Any] = {}
-    for node_name, record in records.items():
-        kept = ("key", "code", "components", "libraries", "inputs", "seconds", "cpus")
-        made = {part: record[part] for part in (*kept, "commit", "dirty", "versions")}
-        caption = workflow.nodes[node_name].caption
-        stages[node_name] = {"stage": record["stage"], "caption": caption, **made}
-        config[node_name] = {"stage": record["stage"], "config": record["arguments"]}
+    stages = {
+        node: {"stage": record["stage"], "caption": workflow.nodes[node].caption}
+        | {part: record[part] for part in PUBLISHED}
+        for node, record in records.items()
+    }
+    config = {
+        node: {"stage": record["stage"], "config": record["arguments"]}
+        for node, record in records.items()
+    }
     with atomic(folder / CONFIG) as file:
         text = yaml.safe_dump({"workflow": workflow.name, "stages": config}, sort_keys=False)
         file.write_text(text, "utf-8")

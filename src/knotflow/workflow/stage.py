@@ -33,11 +33,14 @@ from knotflow.workflow.dependencies import (
     library_versions,
     stage_code,
 )
-from knotflow.workflow.errors import WorkflowError
 from knotflow.workflow.key import plain
 
 Function = TypeVar("Function", bound=Callable[..., None])
 OPTIONAL, SEVERAL = Path | None, Mapping[str, Path]
+
+
+class WorkflowError(ValueError):
+    """A workflow that cannot be run as it is described."""
 
 
 @dataclass(frozen=True)
@@ -97,12 +100,9 @@ class Stage:
         Raises:
             WorkflowError: a value is missing, of the wrong type, or has an unknown key.
         """
-        layers = [OmegaConf.structured(self._schema)]
-        layers += [{name: one} for name, several in values.items() for one in several]
+        layers = [{name: one} for name, several in values.items() for one in several]
         try:
-            merged = layers[0]
-            for layer in layers[1:]:
-                merged = OmegaConf.merge(merged, layer)
+            merged = OmegaConf.merge(OmegaConf.structured(self._schema), *layers)
             bound = OmegaConf.to_object(merged)
         except (OmegaConfBaseException, TypeError, ValueError) as error:
             raise WorkflowError(_explain(error)) from error
@@ -120,7 +120,7 @@ class Stage:
             arguments: typed, as `bind` gives them.
             inputs: the key or digest of each input that is there; of several, by name.
         """
-        loaded = {name for value in arguments.values() for name in _modules(value)}
+        loaded = {name for value in arguments.values() for name in named_by(value, "modules")}
         modules = self.code.modules | loaded
         return {
             "stage": self.name,
@@ -162,14 +162,9 @@ def get_stage(name: str) -> Stage:
     return STAGES[name]
 
 
-def inputs_of(value: Any) -> tuple[str, ...]:
-    """The optional inputs that an argument's value asks for."""
-    named = getattr(value, "inputs", None)
-    return tuple(named()) if callable(named) else ()
-
-
-def _modules(value: Any) -> tuple[str, ...]:
-    named = getattr(value, "modules", None)
+def named_by(value: Any, method: str) -> tuple[str, ...]:
+    """The modules that an argument's value loads (`modules`), the inputs it needs (`inputs`)."""
+    named = getattr(value, method, None)
     return tuple(named()) if callable(named) else ()
 
 

@@ -22,11 +22,13 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from knotflow.workflow.errors import DamagedStageError
-
 RECORD = "stage.json"
 CLOCK = ".seconds"  # of earlier attempts; only in partial folders
 TEMPORARY = ".tmp-"
+
+
+class DamagedStageError(RuntimeError):
+    """The finished output of a stage was changed."""
 
 
 @contextmanager

@@ -15,7 +15,7 @@
 
 A node is called like its stage unless it says otherwise, and lists deviations only. Its inputs are
 the nodes of the same names, or those it names, or a path of the root configuration; one that may
-be absent is there if the node names it or an argument asks for it (`inputs_of`). Along an axis
+be absent is there if the node names it or an argument asks for it (`inputs()`). Along an axis
 of the matrix there is a node for each value; axes that two nodes share are matched, and a node
 without an axis gets all nodes along it by name. An argument takes, each merged over the one before:
 the stage's default, the root configuration's value of that name, that in the section of the
@@ -35,9 +35,8 @@ from typing import Any
 
 import yaml
 
-from knotflow.workflow.errors import WorkflowError
 from knotflow.workflow.key import digest, key_of
-from knotflow.workflow.stage import OPTIONAL, SEVERAL, Stage, get_stage, inputs_of
+from knotflow.workflow.stage import OPTIONAL, SEVERAL, Stage, WorkflowError, get_stage, named_by
 from knotflow.workflow.store import StageFolder
 
 Source = str | Path
@@ -188,7 +187,7 @@ class _Reader:
             arguments = stage.bind(layers)
         except WorkflowError as error:
             raise self._error(name, str(error)) from error
-        asked = {one for value in arguments.values() for one in inputs_of(value)}
+        asked = {one for value in arguments.values() for one in named_by(value, "inputs")}
         inputs = {
             parameter: self._input(base, parameter, kind, own, variant)
             for parameter, kind in stage.inputs.items()
@@ -256,18 +255,16 @@ class _Reader:
 
     def _one_of(self, base: str, node: str, variant: Mapping[str, str]) -> str:
         """A node by its name, or that variant of it which shares all axes."""
-        if "[" in node:
-            node, _, rest = node.partition("[")
-            given = rest.rstrip("]").split(".")
-            self._check_node(base, node)
-            return _variant_name(node, given)
+        node, named, values = node.partition("[")
         self._check_node(base, node)
-        missing = [axis for axis in self.axes_of[node] if axis not in variant]
-        if missing:
+        if named:
+            return _variant_name(node, values.rstrip("]").split("."))
+        axes = self.axes_of[node]
+        if missing := [axis for axis in axes if axis not in variant]:
             raise self._error(
                 base, f"{node!r} is made along {missing[0]!r}: name one, {node}[...], or vary too"
             )
-        return _variant_name(node, [variant[axis] for axis in self.axes_of[node]])
+        return _variant_name(node, [variant[axis] for axis in axes])
 
     def _all_of(self, base: str, node: str, variant: Mapping[str, str]) -> dict[str, str]:
         """All variants of a node along axes that are not shared, by the values on these."""
