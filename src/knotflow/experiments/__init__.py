@@ -1,4 +1,1 @@
-"""The stages of every experiment, a module a section of the paper or of the report.
-
-Importing `stages` registers them all.
-"""
+"""The stages of every experiment, a module a section of the paper or of the report."""

@@ -11,7 +11,21 @@ from typing import Any
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
-import knotflow.experiments.stages  # noqa: F401  registers them
+from knotflow.experiments import (  # noqa: F401  registers their stages
+    actions,
+    arm,
+    benchmark,
+    causal_infogan,
+    closed_loop,
+    demonstrations,
+    dynamics,
+    overhand,
+    perception,
+    searches,
+    single_stage,
+    tracking,
+    training,
+)
 from knotflow.experiments.config import HOME, PACKAGE, experiments, register
 from knotflow.workflow import WorkersConfig, Workflow, read_workflow, run_workflow
 from knotflow.workflow.key import digest

@@ -19,7 +19,6 @@ from knotflow.report import (
     perception,
     ropes,
     single_stage,
-    tracking,
     training,
 )
 from knotflow.report import markdown as md
@@ -73,8 +72,8 @@ FURTHER = (
     Section("perception", perception.perception),
     Section("perception_training", training.network("perception_training")),
     Section("strand_training", training.network("strand_training")),
-    Section("tracking", tracking.tracking),
-    Section("dynamics", tracking.dynamics),
+    Section("tracking", perception.tracking),
+    Section("dynamics", perception.dynamics),
     Section("dynamics_training", training.network("dynamics_training")),
     Section("closed_loop", execution.closed_loop),
     Section("closed_loop_ablation", execution.ablation),

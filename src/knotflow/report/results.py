@@ -99,7 +99,7 @@ class StageRun:
     """The same for a stage that several experiments share."""
     seconds: float | None
     memory_mb: float | None
-    commits: tuple[str, ...]
+    commit: str
     dirty: bool
     components: Mapping[str, int]
     """Versions of the parts of knotflow that it computed with."""
@@ -138,7 +138,7 @@ class Experiment:
                 identity=made.get("key") or made.get("signature") or f"{self.name}/{node}",
                 seconds=made.get("seconds"),
                 memory_mb=made.get("memory_mb"),
-                commits=tuple(filter(None, made.get("commits") or [made.get("commit")])),
+                commit=made.get("commit") or "",
                 dirty=bool(made.get("dirty")),
                 components=made.get("components") or made.get("packages") or {},
             )
@@ -148,7 +148,7 @@ class Experiment:
     @property
     def commits(self) -> str:
         """The commits that its stages were made with."""
-        found = dict.fromkeys(commit[:10] for stage in self.stages for commit in stage.commits)
+        found = dict.fromkeys(stage.commit[:10] for stage in self.stages if stage.commit)
         words = ", ".join(f"`{commit}`" for commit in found) or "unknown"
         dirty = any(stage.dirty for stage in self.stages)
         return f"{words} with uncommitted changes" if dirty else words
@@ -211,13 +211,6 @@ class Results:
             for value in _values(stage.get("config"), name):
                 return value
         return None
-
-    def keys(self) -> dict[str, dict[str, str]]:
-        """The key of each stage, by experiment and node; '' where it has none."""
-        return {
-            name: {stage.node: stage.key for stage in found.stages}
-            for name, found in self.experiments.items()
-        }
 
 
 def _values(config: Any, name: str) -> Iterator[Any]:
