@@ -60,6 +60,9 @@ class RopeConfig:
     rope_friction: float = 0.3
     """Sliding friction between rope and rope."""
 
+    keeps_bends: bool = False
+    """Whether a bend at rest stays one: rest angles are those of the shape a spline begins with."""
+
     def __post_init__(self) -> None:
         for one in fields(self):
             value = getattr(self, one.name)

@@ -11,13 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from knotflow.simulation.rope import Floats, RopeConfig, build_model, check_points, pose
-from knotflow.simulation.spline import check_splines, control_points, grasped_link, spline_path
+from knotflow.simulation.spline import check_splines, control_points, grasped_link, path_length, polyline, spline_path
 
 MOST_STEPS = 100_000
 """Time steps of one spline."""
-CHUNK = 64
+SLOTS = 64
 """Ropes simulated at once: enough for every thread, small enough to bound memory."""
-PER_ROPE = ("trajectory", "gripper", "end_points", "diverged")
+CHECK_TIME = 0.1
+"""Seconds between two looks whether a rope is at rest."""
+PER_ROPE = ("trajectory", "gripper", "frames", "release_times", "end_points", "diverged")
 """Fields of `Rollouts` with a row a rope."""
 
 
@@ -31,34 +33,26 @@ class SimulationConfig:
     """Simulation time step, seconds."""
     contact_time: float = 0.02
     """Time constant of contacts and grasp, seconds; at least two time steps."""
-    move_time: float = 1.8
-    """Time from grasp to release, seconds."""
+    pace: float = 0.25
+    """Speed of the gripper along the spline, metres per second."""
     ramp_time: float = 0.2
-    """Time over which the gripper gains and loses its speed, seconds."""
-    settle_time: float = 0.7
-    """Time after release in which the rope comes to rest, seconds."""
+    """Time over which the gripper gains and loses its pace, seconds."""
+    rest_speed: float = 0.005
+    """The rope is at rest when no vertex is faster than this, metres per second."""
+    settle_time: float = 1.0
+    """Longest time after release in which the rope comes to rest, seconds."""
     record_rate: float = 10.0
     """Frames of a trajectory per second."""
     threads: int = field(default=0, metadata={"affects_result": False})
     """Threads to simulate on; 0 takes OMP_NUM_THREADS, or else every CPU."""
 
     def __post_init__(self) -> None:
-        for name in ("timestep", "contact_time", "move_time", "ramp_time", "record_rate"):
+        for name in ("timestep", "contact_time", "pace", "ramp_time", "rest_speed", "record_rate"):
             if not 0 < getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
         for name in ("settle_time", "threads"):
             if not 0 <= getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be 0 or more, got {getattr(self, name)}")
-        if self.ramp_time > self.move_time / 2:
-            raise ValueError(
-                f"ramp_time is half of move_time at most, got {self.ramp_time} of {self.move_time}"
-            )
-        steps = (self.move_time + self.settle_time) / self.timestep
-        if not 1 <= steps <= MOST_STEPS:
-            raise ValueError(
-                f"a spline takes 1 to {MOST_STEPS} time steps; {self.move_time} s and "
-                f"{self.settle_time} s to settle take {steps:.3g} of {self.timestep} s"
-            )
 
 
 @dataclass(frozen=True)
@@ -71,6 +65,10 @@ class Rollouts:
     """(B, T, V, 3) rope vertices; after the first frame, those of a time step before its time."""
     gripper: NDArray[np.float32]
     """(B, T, 3) gripper positions."""
+    frames: NDArray[np.int64]
+    """(B,) frames until a rope is at rest; the later ones repeat it."""
+    release_times: Floats
+    """(B,) seconds from grasp to release."""
     end_points: Floats
     """(B, V, 3) rope vertices of the last frame, at rest; the start's where it diverged."""
     diverged: NDArray[np.bool_]
@@ -103,12 +101,11 @@ class RopeSimulator:
         self._vertex_sites = np.array(
             [self.model.site(f"vertex_{i}").id for i in range(config.rope.num_vertices)]
         )
-        self._moving = round(config.move_time / config.timestep)
-        self._steps = self._moving + round(config.settle_time / config.timestep)
-        stride = max(1, round(1 / config.record_rate / config.timestep))
-        # Frames count steps back from the end, so that the last one is the rope at rest.
-        self._frames = np.unique(np.r_[0, np.arange(self._steps, 0, -stride)])
-        self._batch = Batch(self.model, CHUNK, config.threads or _default_threads())
+        self._stride = max(1, round(1 / config.record_rate / config.timestep))
+        frames = max(1, round(CHECK_TIME / config.timestep / self._stride))
+        self._segment = self._stride * frames
+        self._batch = Batch(self.model, SLOTS, config.threads or _default_threads())
+        self._rest_angles = self._batch.expand("qpos_spring") if config.rope.keeps_bends else None
 
     def execute(self, points: ArrayLike, splines: ArrayLike) -> Rollouts:
         """Simulate each spline (B, 6) on its rope (B, V, 3), metres, world frame, rest to rest.
@@ -124,58 +121,116 @@ class RopeSimulator:
                 f"execute() takes points (B, V, 3) and splines (B, 6), got {points.shape} and "
                 f"{splines.shape}"
             )
-        link = grasped_link(splines, rope.links)
-        gripper = self._gripper_path(control_points(points, splines, rope.radius))
-        parts = [
-            self._execute(points[rows], gripper[rows], link[rows])
-            for rows in np.array_split(np.arange(len(points)), -(-len(points) // CHUNK) or 1)
+        moves = [
+            Move(shape, control_points(shape, spline, rope.radius), link, self.config)
+            for shape, spline, link in zip(
+                points, splines, grasped_link(splines, rope.links), strict=True
+            )
         ]
-        vertices = np.concatenate([part[0] for part in parts])
-        diverged = np.concatenate([part[1] for part in parts])
-        end_points = vertices[:, -1].astype(np.float64)
-        end_points[diverged] = points[diverged]
-        frames = self._frames
+        self._run(moves)
+        frames = np.array([len(move.frames) for move in moves], dtype=np.int64)
+        last = int(frames.max(initial=1))
+        count, stride = len(moves), self._stride
+        trajectory = np.empty((count, last, rope.num_vertices, 3), np.float32)
+        for row, move in zip(trajectory, moves, strict=True):
+            row[: len(move.frames)] = move.frames
+            row[len(move.frames) :] = move.frames[-1]
+        step = np.maximum(np.arange(last) * stride - 1, 0)
+        gripper = [move.gripper[np.minimum(step, len(move.gripper) - 1)] for move in moves]
         return Rollouts(
-            times=frames * self.config.timestep,
-            trajectory=np.concatenate([points[:, None], vertices], 1).astype(np.float32),
-            gripper=gripper[:, np.maximum(frames - 1, 0)].astype(np.float32),
-            end_points=end_points,
-            diverged=diverged,
+            times=np.arange(last) * stride * self.config.timestep,
+            trajectory=trajectory,
+            gripper=np.array(gripper, np.float32).reshape(count, last, 3),
+            frames=frames,
+            release_times=np.array([len(m.gripper) for m in moves]) * self.config.timestep,
+            end_points=np.array(
+                [m.start if m.diverged else m.frames[-1] for m in moves], np.float64
+            ).reshape(points.shape),
+            diverged=np.array([move.diverged for move in moves], dtype=bool),
         )
 
-    def _execute(
-        self, points: Floats, gripper: Floats, link: NDArray[np.intp]
-    ) -> tuple[Floats, NDArray[np.bool_]]:
-        """Vertices (B, T - 1, V, 3) at the frames after the first, and divergence (B,)."""
+    def _run(self, moves: Sequence[Move]) -> None:
+        """Simulate moves; a slot of the batch takes the next one as soon as its rope rests."""
         import mujoco
 
-        count, links = len(points), self.config.rope.links
-        if count == 0:
-            return np.zeros((0, len(self._frames) - 1, links + 1, 3)), np.zeros(0, bool)
-        control = np.zeros((count, self._steps, links + 3))
-        control[np.arange(count), : self._moving, link] = 1.0
-        control[:, :, links:] = gripper
-        batch, ids = self._batch, np.arange(count)
-        batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE)
-        batch.qpos[:count] = pose(points, self.config.rope)
-        recorded = batch.rollout(
-            self._steps,
-            control,
-            int(mujoco.mjtState.mjSTATE_EQ_ACTIVE | mujoco.mjtState.mjSTATE_MOCAP_POS),
-            record=["site_xpos"],
-            ids=ids,
-        )["site_xpos"].reshape(count, self._steps, -1, 3)
-        vertices = recorded[:, self._frames[1:, None] - 1, self._vertex_sites]
-        # A simulation that blows up stops and counts a warning; `status` stays 0.
-        warned = np.asarray(batch.warning)[:count, :, 1].any(axis=1)
-        diverged = warned | ~np.isfinite(vertices).all(axis=(1, 2, 3))
-        return vertices, diverged
+        links, batch = self.config.rope.links, self._batch
+        control = int(mujoco.mjtState.mjSTATE_EQ_ACTIVE | mujoco.mjtState.mjSTATE_MOCAP_POS)
+        # Long moves first, so that the last ones end together.
+        waiting = sorted(range(len(moves)), key=lambda i: len(moves[i].gripper))
+        poses = pose(np.array([move.start for move in moves]), self.config.rope) if moves else ()
+        slots: dict[int, Move] = {}
+        while waiting or slots:
+            free = [slot for slot in range(SLOTS) if slot not in slots][: len(waiting)]
+            if free:
+                batch.reset(ids=free, stage=mujoco.mjtStage.mjSTAGE_NONE)
+                for slot in free:
+                    index = waiting.pop()
+                    slots[slot] = moves[index]
+                    batch.qpos[slot] = poses[index]
+                    if self._rest_angles is not None:
+                        self._rest_angles[slot] = poses[index]
+            ids = sorted(slots)
+            inputs = np.zeros((len(ids), self._segment, links + 3))
+            for row, slot in zip(inputs, ids, strict=True):
+                slots[slot].control(row)
+            recorded = batch.rollout(
+                self._segment, inputs, control, record=["site_xpos"], ids=ids
+            )["site_xpos"].reshape(len(ids), self._segment, -1, 3)
+            # A simulation that blows up stops and counts a warning; `status` stays 0.
+            warned = np.asarray(batch.warning)[ids, :, 1].any(axis=1)
+            vertices = recorded[:, self._stride - 1 :: self._stride][:, :, self._vertex_sites]
+            for slot, shapes, blown_up in zip(ids, vertices, warned, strict=True):
+                if slots[slot].advance(shapes, bool(blown_up), self._segment):
+                    del slots[slot]
 
-    def _gripper_path(self, controls: Floats) -> Floats:
-        """Gripper positions (B, steps, 3) along splines with control points (B, 3, 3)."""
-        ramp = self.config.ramp_time / self.config.move_time
-        time = np.minimum(np.arange(1, self._steps + 1) / self._moving, 1.0)
-        return spline_path(controls, _progress(time, ramp))
+
+class Move:
+    """A rope on its way along a spline."""
+
+    def __init__(
+        self, start: Floats, controls: Floats, link: int, config: SimulationConfig
+    ) -> None:
+        """A rope (V, 3) at rest, whose `link` follows control points (3, 3)."""
+        self.start, self.link, self.config = start, link, config
+        self.gripper = gripper_path(controls, config)
+        self.frames = [start]
+        self.diverged = False
+        self.step = 0
+
+    def control(self, out: Floats) -> None:
+        """Write the inputs (steps, links + 3) of the next steps: grasps, then the gripper."""
+        steps = np.arange(self.step, self.step + len(out))
+        out[steps < len(self.gripper), self.link] = 1.0
+        out[:, -3:] = self.gripper[np.minimum(steps, len(self.gripper) - 1)]
+
+    def advance(self, shapes: Floats, blown_up: bool, steps: int) -> bool:
+        """Add frames (F, V, 3), the last of them after `steps`; returns whether it is over."""
+        self.diverged = blown_up or not np.isfinite(shapes).all()
+        if self.diverged:
+            return True
+        travelled = float(np.linalg.norm(shapes[-1] - self.frames[-1], axis=-1).max())
+        self.frames.extend(shapes)
+        self.step += steps
+        still = travelled < self.config.rest_speed * steps * self.config.timestep
+        settled = (self.step - len(self.gripper)) * self.config.timestep
+        return settled >= self.config.settle_time or (still and settled >= CHECK_TIME)
+
+
+def gripper_path(controls: Floats, config: SimulationConfig) -> Floats:
+    """Gripper positions (steps, 3) at each time step of a move along control points (3, 3).
+
+    The pace is constant but for `ramp_time` at either end; a way too short to reach it is taken
+    with the same acceleration.
+    """
+    length = float(path_length(polyline(controls)))
+    ramp = min(config.ramp_time, float(np.sqrt(length * config.ramp_time / config.pace)))
+    # Share of the way at full pace: none for a short way.
+    duration = length / config.pace + config.ramp_time
+    if length < config.pace * config.ramp_time:
+        duration = 2 * ramp
+    steps = max(2, int(np.ceil(duration / config.timestep - 1e-9)))
+    time = np.arange(1, steps + 1) / steps
+    return spline_path(controls, _progress(time, ramp / duration))
 
 
 def _progress(time: Floats, ramp: float) -> Floats:

@@ -3,12 +3,13 @@
 | number | name                              | unit                | range         |
 |--------|-----------------------------------|---------------------|---------------|
 | 0      | grasp position along the rope     | fraction from head  | 0 to 1        |
-| 1, 2   | middle control point, x and y     | m, world frame      | -0.6 to 0.6   |
-| 3      | middle control point, z           | m above the table   | 0.02 to 0.30  |
-| 4, 5   | end point on the table, x and y   | m, world frame      | -0.6 to 0.6   |
+| 1, 2   | middle control point, x and y     | m, world frame      | -0.5 to 0.5   |
+| 3      | height at which the rope is moved | m above the table   | 0.02 to 0.20  |
+| 4, 5   | end point on the table, x and y   | m, world frame      | -0.5 to 0.5   |
 
-The first control point is the grasped point of the rope, the last lies on the table. The clamped
-quadratic B-spline of three control points is their quadratic Bezier curve.
+Seen from above, the path is a cubic B-spline whose control points are the grasped point of the rope
+three times, the middle one once, and the end three times. The gripper rises along it at 45 degrees
+to the height, stays level, and comes down at 45 degrees.
 """
 
 from __future__ import annotations
@@ -20,9 +21,11 @@ from knotflow.arrays import floats
 
 Floats = NDArray[np.float64]
 
-SPLINE_NAMES = ("grasp", "mid_x", "mid_y", "mid_z", "end_x", "end_y")
-SPLINE_LOW = np.array([0.0, -0.6, -0.6, 0.02, -0.6, -0.6])
-SPLINE_HIGH = np.array([1.0, 0.6, 0.6, 0.30, 0.6, 0.6])
+SPLINE_NAMES = ("grasp", "mid_x", "mid_y", "height", "end_x", "end_y")
+SPLINE_LOW = np.array([0.0, -0.5, -0.5, 0.02, -0.5, -0.5])
+SPLINE_HIGH = np.array([1.0, 0.5, 0.5, 0.20, 0.5, 0.5])
+SAMPLES = 129
+"""Points of the polyline that stands for a path."""
 
 
 class SplineError(ValueError):
@@ -71,7 +74,8 @@ def grasped_link(splines: ArrayLike, links: int) -> NDArray[np.intp]:
 def control_points(points: ArrayLike, splines: ArrayLike, radius: float) -> Floats:
     """Control points (..., 3, 3) of splines (..., 6) on ropes (..., V, 3) or one (V, 3), metres.
 
-    The first is the centre of the grasped link, the last is `radius` above the table.
+    The first is the centre of the grasped link, the last is `radius` above the table. The z of the
+    middle one is the height.
     """
     points, splines = np.asarray(points, float), np.asarray(splines, float)
     points = np.broadcast_to(points, (*splines.shape[:-1], *points.shape[-2:]))
@@ -83,16 +87,64 @@ def control_points(points: ArrayLike, splines: ArrayLike, radius: float) -> Floa
     return np.stack([first, splines[..., 1:4], last], axis=-2)
 
 
-def spline_path(controls: ArrayLike, parameters: ArrayLike) -> Floats:
-    """Positions (..., N, 3) on clamped quadratic B-splines with control points (..., 3, 3).
-
-    `parameters` (N,) run from 0 (grasp) to 1 (release).
-    """
-    path: Floats = spline_basis(parameters) @ np.asarray(controls)
-    return path
-
-
 def spline_basis(parameters: ArrayLike) -> Floats:
-    """Weights (N, 3) of the control points at parameters (N,), 0 (grasp) to 1 (release)."""
-    t = np.asarray(parameters)
-    return np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2], axis=-1)
+    """Weights (N, 3) of grasp, middle and end in the plane, at parameters (N,) from 0 to 1."""
+    t = 4 * np.asarray(parameters, float)[:, None]
+    # The middle control point's uniform cubic B-spline, on its four segments.
+    one, two, three, four = t[:, 0], t[:, 0] - 1, t[:, 0] - 2, 4 - t[:, 0]
+    middle = np.select(
+        [one < 1, one < 2, one < 3],
+        [one**3, 1 + 3 * two + 3 * two**2 - 3 * two**3, 4 - 6 * three**2 + 3 * three**3],
+        four**3,
+    ) / 6
+    # Those of the grasp add up to one minus the rest, and mirror those of the end.
+    end = np.select(
+        [one < 1, one < 2, one < 3],
+        [0 * one, two**3 / 6, (1 + 3 * three + 3 * three**2 - 2 * three**3) / 6],
+        1 - four**3 / 6,
+    )
+    return np.stack([1 - middle - end, middle, end], axis=-1)
+
+
+def polyline(controls: ArrayLike) -> Floats:
+    """Paths (..., SAMPLES, 3), metres, of splines with control points (..., 3, 3)."""
+    controls = np.asarray(controls, float)
+    plane = spline_basis(np.linspace(0, 1, SAMPLES)) @ controls[..., :2]
+    steps = np.linalg.norm(np.diff(plane, axis=-2), axis=-1)
+    along = np.concatenate([np.zeros_like(steps[..., :1]), np.cumsum(steps, axis=-1)], axis=-1)
+    first, height, last = (controls[..., i, 2, None] for i in range(3))
+    left = along[..., -1:] - along
+    rising = np.minimum(first + along, last + left)
+    level = np.maximum(height, np.maximum(first, last))
+    # A drop that is steeper than 45 degrees, from a rope that lies high, is a straight one.
+    straight = first + (last - first) * along / np.maximum(along[..., -1:], 1e-9)
+    z = np.maximum(np.minimum(rising, level), straight)
+    return np.concatenate([plane, z[..., None]], axis=-1)
+
+
+def path_length(path: ArrayLike) -> Floats:
+    """Lengths (...,) of polylines (..., N, 3), metres."""
+    steps: Floats = np.linalg.norm(np.diff(np.asarray(path), axis=-2), axis=-1).sum(axis=-1)
+    return steps
+
+
+def spline_path(controls: ArrayLike, shares: ArrayLike) -> Floats:
+    """Positions (..., N, 3) at shares (N,) or (..., N) of the length of paths, 0 to 1.
+
+    `controls` (..., 3, 3) are control points.
+    """
+    path = polyline(controls)
+    steps = np.linalg.norm(np.diff(path, axis=-2), axis=-1)
+    along = np.concatenate([np.zeros_like(steps[..., :1]), np.cumsum(steps, axis=-1)], axis=-1)
+    along /= np.maximum(along[..., -1:], 1e-12)
+    at = np.broadcast_to(shares, (*path.shape[:-2], np.shape(shares)[-1]))
+    rows = [
+        np.stack([np.interp(t, s, p[:, k]) for k in range(3)], axis=-1)
+        for t, s, p in zip(
+            at.reshape(-1, at.shape[-1]),
+            along.reshape(-1, SAMPLES),
+            path.reshape(-1, SAMPLES, 3),
+            strict=True,
+        )
+    ]
+    return np.reshape(rows, (*at.shape, 3))

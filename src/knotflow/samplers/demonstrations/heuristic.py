@@ -71,7 +71,7 @@ def heuristic_splines(
     end = passed + rng.uniform(0.02, 0.12, (count, 1)) * toward
     # The last leg of a clamped quadratic spline points from the middle control point to the end.
     mid = end - rng.uniform(0.05, 0.4, (count, 1)) * toward + rng.normal(0, 0.03, (count, 2))
-    height = rng.uniform(0.06, 0.25, count)
+    height = rng.uniform(0.03, 0.12, count)
     return clip_splines(np.column_stack([grasp, mid, height, end]))
 
 
