@@ -239,7 +239,7 @@ def export_plan(
     trajectory = time_joints(arm, waypoints, ik, max_speed)
     dragging = np.array(waypoints.phases) == "drag"
     seconds = float(np.diff(trajectory.times, prepend=0.0)[dragging].sum())
-    slowed = max(1.0, seconds / (plan.move_time * (waypoints.step[-1] + 1)))
+    slowed = max(1.0, seconds / (sum(step.release_time for step in plan.steps)))
     text = (_csv if format == "csv" else _ros2)(trajectory, space)
     return Export(text, trajectory, slowed)
 

@@ -233,7 +233,7 @@ def film_rollout(
         [*rollouts.gripper[0], None],
         strict=True,
     ):
-        closed = 0 < seconds < simulation.move_time
+        closed = 0 < seconds < rollouts.release_times[0]
         view = simulated.view(points, gripper, bool(closed), float(seconds))
         images.append(add_noise(view.image, camera, noise, rng))
         visible.append(

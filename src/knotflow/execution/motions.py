@@ -136,7 +136,7 @@ def _execute(
     config = simulator.config
     rollouts = simulator.execute(points, splines)
     frames = np.arange(0, len(rollouts.times), round(STEP / config.timestep))
-    held = rollouts.times[frames] < config.move_time - 1e-6
+    held = rollouts.times[frames] < rollouts.release_times[:, None] - 1e-6
     link = grasped_link(splines, config.rope.links)
     grasped = np.where(held, link[:, None], FREE)
     kept = np.flatnonzero(~rollouts.diverged)

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from knotflow.execution.motions import STEP
 from knotflow.execution.robot import CameraTimer, Observation, Robot, RopeSource, StateEstimator
 from knotflow.planning import GripperConfig, KnotPlan, PlanStep
-from knotflow.planning.waypoints import trace_waypoints
-from knotflow.simulation import grasped_link, spline_basis
+from knotflow.planning.waypoints import Drag, trace_waypoints
+from knotflow.simulation import grasped_link
 from knotflow.topology import Action, TopologicalState, project
 
 MAX_CORRECTION = 0.03
@@ -142,12 +142,11 @@ class StepExecutor:
         self._track()
         rope = step.start if self.points is None else self.points
         link = int(grasped_link(step.spline, len(rope) - 1))
-        path = path_from_grasp(step, (rope[link] + rope[link + 1]) / 2, plan.move_time)
+        path = path_from_grasp(step, (rope[link] + rope[link + 1]) / 2)
         waypoints = trace_waypoints(
-            [(step.times, path, str(step.action))],
+            [Drag(step.times, path, step.release_time, str(step.action))],
             np.stack([step.start, step.end]),
             plan.radius,
-            plan.move_time,
             1 / STEP,
             self.config.gripper,
         )
@@ -301,14 +300,13 @@ class StepExecutor:
         return image, time.perf_counter() - began - image
 
 
-def path_from_grasp(step: PlanStep, grasp: NDArray, move_time: float) -> NDArray[np.float64]:
+def path_from_grasp(step: PlanStep, grasp: NDArray) -> NDArray[np.float64]:
     """The gripper's path (T, 3) of a step from another grasp (3,), metres.
 
-    The offset fades as the first control point's weight does.
+    The offset fades until the release.
     """
-    share = np.clip(step.times / move_time, 0.0, 1.0)
-    weight = spline_basis(share)[:, :1]
-    return step.gripper + weight * (grasp - step.gripper[0])
+    left = 1 - np.clip(step.times / step.release_time, 0.0, 1.0)
+    return step.gripper + left[:, None] * (grasp - step.gripper[0])
 
 
 def interpolate_rope(step: PlanStep, times: NDArray) -> NDArray[np.float64]:

@@ -110,7 +110,7 @@ def tracking(
         (*images, at_rest), (*shows, rest_shows) = film.images, film.visible
         moves = film.attempts.rollouts
         truth = moves.trajectory[0].astype(np.float64)
-        held = moves.times < simulation.move_time - 1e-6
+        held = moves.times < moves.release_times[0] - 1e-6
         held[0] = False
         link = int(grasped_link(film.attempts.splines[0], rope.links))
         rows: list[dict[str, Any]] = []

@@ -262,7 +262,16 @@ def _first_and_last(points: NDArray[np.float64], ends: NDArray[np.float64]) -> R
     """Rollouts of which only the first and the last frame are known."""
     frames = np.stack([points, ends], axis=1).astype(np.float32)
     unknown = np.full((len(points), 2, 3), np.nan, np.float32)
-    return Rollouts(np.array([0.0, 1.0]), frames, unknown, ends, np.zeros(len(points), bool))
+    count = len(points)
+    return Rollouts(
+        times=np.array([0.0, 1.0]),
+        trajectory=frames,
+        gripper=unknown,
+        frames=np.full(count, 2),
+        release_times=np.full(count, np.nan),
+        end_points=ends,
+        diverged=np.zeros(count, bool),
+    )
 
 
 @stage

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.planning.waypoints import GripperConfig, Waypoints, trace_waypoints
+from knotflow.planning.waypoints import Drag, GripperConfig, Waypoints, trace_waypoints
 from knotflow.simulation import control_points
 from knotflow.topology import Action, Arrange, TopologicalState, parse_action
 
 FORMAT = "knotflow.plan"
-VERSION = 1
+VERSION = 2
 
 _PLAIN = ("goal", "solved", "reason", "branches", "nodes")
-_SECONDS = ("seconds", "sampling_seconds", "simulation_seconds", "move_time")
+_SECONDS = ("seconds", "sampling_seconds", "simulation_seconds")
 _DECIMALS = 6  # of trajectories: micrometres
 
 Floats = NDArray[np.float64]
@@ -41,7 +41,8 @@ class PlanStep:
         end_state: its topological state, the one the action leads to.
         times: (T,) of the frames; the first is 0, at the grasp.
         trajectory: (T, V, 3) the rope in simulation; (0, V, 3) if it was not stored.
-        gripper: (T, 3) the gripper; it holds the rope for the plan's `move_time`.
+        gripper: (T, 3) the gripper.
+        release_time: from grasp to release.
     """
 
     action: Action
@@ -53,6 +54,7 @@ class PlanStep:
     times: Floats
     trajectory: NDArray[np.float32]
     gripper: NDArray[np.float32]
+    release_time: float
 
     def controls(self, radius: float) -> Floats:
         """(3, 3) the control points of the spline on a rope of that radius, metres."""
@@ -93,7 +95,6 @@ class KnotPlan:
         sampling_seconds: in the sampler, while the simulator may run as well, and
         simulation_seconds: in the simulator after it.
         radius: of the rope, metres.
-        move_time: from grasp to release of each spline, seconds.
     """
 
     goal: str
@@ -110,7 +111,6 @@ class KnotPlan:
     sampling_seconds: float
     simulation_seconds: float
     radius: float
-    move_time: float
 
     @property
     def actions(self) -> tuple[Action, ...]:
@@ -164,10 +164,11 @@ class KnotPlan:
 
     def waypoints(self, rate_hz: float = 20.0, config: GripperConfig | None = None) -> Waypoints:
         """Timed gripper waypoints with open and close; errors as of `trace_waypoints`."""
-        grippers = [(step.times, step.gripper, str(step.action)) for step in self.steps]
-        return trace_waypoints(
-            grippers, self.shapes, self.radius, self.move_time, rate_hz, config or GripperConfig()
-        )
+        drags = [
+            Drag(step.times, step.gripper, step.release_time, str(step.action))
+            for step in self.steps
+        ]
+        return trace_waypoints(drags, self.shapes, self.radius, rate_hz, config or GripperConfig())
 
     def to_json(self, trajectories: bool = True) -> str:
         """The plan as JSON text, trajectories rounded to micrometres; `from_json` reads it back.
@@ -191,6 +192,7 @@ class KnotPlan:
                     "control_points_m": step.controls(self.radius).tolist(),
                     "end_m": step.end.tolist(),
                     "times_s": step.times.tolist(),
+                    "release_time_s": step.release_time,
                     "gripper_m": _rounded(step.gripper),
                     "trajectory_m": _rounded(step.trajectory) if trajectories else [],
                 }
@@ -247,6 +249,7 @@ class KnotPlan:
                     times=np.array(step["times_s"], np.float64),
                     trajectory=trajectory.reshape(-1, len(start), 3),
                     gripper=np.array(step["gripper_m"], np.float32).reshape(-1, 3),
+                    release_time=step["release_time_s"],
                 )
             )
             shape = steps[-1].end

@@ -207,9 +207,7 @@ class TreeSearch:
             start_state=node.state,
             end=end,
             end_state=state,
-            times=rollouts.times,
-            trajectory=rollouts.trajectory[row].copy(),
-            gripper=rollouts.gripper[row].copy(),
+            **vars(rollouts.motion(row)),
         )
         return self._node(end, state, node, step)
 
@@ -270,7 +268,6 @@ class TreeSearch:
             sampling_seconds=self._seconds["sampling"],
             simulation_seconds=self._seconds["simulation"],
             radius=simulation.rope.radius,
-            move_time=simulation.move_time,
         )
 
 

@@ -62,8 +62,12 @@ def check_steps(steps: Sequence[PlanStep], simulation: SimulationConfig) -> list
 
 def are_robust(steps: Sequence[PlanStep], simulation: SimulationConfig) -> list[bool]:
     """Whether steps reach their states at half the time step and keep them for `HOLD_TIME`."""
-    settle_time = simulation.settle_time + HOLD_TIME
-    finer = replace(simulation, timestep=simulation.timestep / 2, settle_time=settle_time)
+    finer = replace(
+        simulation,
+        timestep=simulation.timestep / 2,
+        rest_speed=0.0,
+        settle_time=simulation.settle_time + HOLD_TIME,
+    )
     rollouts = RopeSimulator(finer).execute(*_inputs(steps))
     return [end == step.end_state for end, step in zip(end_states(rollouts), steps, strict=True)]
 
@@ -78,8 +82,7 @@ def replay(plan: KnotPlan, simulation: SimulationConfig) -> KnotPlan:
     steps = []
     for step in plan.steps:
         rollouts = simulator.execute(step.start[None], step.spline[None])
-        frames = {"trajectory": rollouts.trajectory[0], "gripper": rollouts.gripper[0]}
-        steps.append(replace(step, times=rollouts.times, **frames))
+        steps.append(replace(step, **vars(rollouts.motion(0))))
     return replace(plan, steps=tuple(steps))
 
 

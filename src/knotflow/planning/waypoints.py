@@ -19,6 +19,7 @@ import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,22 +93,31 @@ class Waypoints:
                 writer.writerow((*(f"{number:.6f}" for number in (time, *position)), *row))
 
 
+class Drag(NamedTuple):
+    """The gripper along a spline."""
+
+    times: Floats
+    """(T,) of the frames, seconds from the grasp."""
+    gripper: NDArray[np.floating]
+    """(T, 3) metres."""
+    release_time: float
+    """Seconds from the grasp."""
+    action: str
+
+
 def trace_waypoints(
-    grippers: Sequence[tuple[Floats, NDArray[np.floating], str]],
+    drags: Sequence[Drag],
     shapes: Floats,
     radius: float,
-    move_time: float,
     rate_hz: float,
     config: GripperConfig,
 ) -> Waypoints:
     """The waypoints of a plan.
 
     Args:
-        grippers: for each of n steps the frames' times (T,) in seconds, the gripper (T, 3) in
-            metres, and the action.
+        drags: one for each of n steps.
         shapes: (n + 1, V, 3) the rope at rest before, between and after, metres.
         radius: of the rope, metres.
-        move_time: from grasp to release, seconds.
         rate_hz: waypoints per second.
         config: heights and speeds.
 
@@ -119,11 +129,10 @@ def trace_waypoints(
     _check_heights(shapes, radius, config)
     rows: list[tuple[Floats, bool, int, str, str]] = []
     here: Floats | None = None
-    for step, (times, gripper, action) in enumerate(grippers):
-        path = np.asarray(gripper, np.float64)
-        drag = _drag(np.asarray(times), path, move_time, rate_hz, config.drag_speed)
-        for phase, closed, positions in _phases(here, drag, rate_hz, config):
-            rows.extend((position, closed, step, action, phase) for position in positions)
+    for step, drag in enumerate(drags):
+        path = _drag(drag, rate_hz, config.drag_speed)
+        for phase, closed, positions in _phases(here, path, rate_hz, config):
+            rows.extend((position, closed, step, drag.action, phase) for position in positions)
         here = rows[-1][0]
     return Waypoints(
         times=np.arange(len(rows)) / rate_hz,
@@ -153,12 +162,13 @@ def _phases(
     ]
 
 
-def _drag(times: Floats, gripper: Floats, move_time: float, rate_hz: float, speed: float) -> Floats:
+def _drag(drag: Drag, rate_hz: float, speed: float) -> Floats:
     """The gripper path (T, 3) at n + 1 even times, slowed as a whole to `speed` at most."""
-    seconds = move_time
+    times, gripper = np.asarray(drag.times), np.asarray(drag.gripper, np.float64)
+    seconds = drag.release_time
     for _ in range(3):  # a finer look may find a slightly higher peak
         count = _intervals(seconds, rate_hz)
-        path = _interpolate(times, gripper, np.linspace(0.0, move_time, count + 1))
+        path = _interpolate(times, gripper, np.linspace(0.0, drag.release_time, count + 1))
         path[-1] = gripper[-1]  # where it lets go, whether or not a frame falls on that moment
         peak = float(np.linalg.norm(np.diff(path, axis=0), axis=1).max()) * rate_hz
         if peak <= speed:

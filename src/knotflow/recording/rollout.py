@@ -74,7 +74,7 @@ class RecordedRollout:
         times: (T,) s float64, strictly increasing, rounded to whole nanoseconds.
         points: (T, V, 3) m float32, rope vertices, head first.
         gripper: (T, 3) m float32.
-        control_points: (3, 3) m float64, of the clamped quadratic B-spline the gripper follows.
+        control_points: (3, 3) m float64, of the spline the gripper follows.
         spline: (6,) float64, the action's parameters (Sec. V).
         action: topological action as compact text, e.g. ``"C(2,0,1)"``.
         start_state: topological state before, as compact text.
@@ -164,10 +164,11 @@ def recorded(
     rollouts, success, goal = attempts.rollouts, attempts.success, str(attempts.goal)
     for i, end in enumerate(attempts.ends):
         outcome: Outcome = "success" if success[i] else "failure"
+        motion = rollouts.motion(i)
         yield RecordedRollout(
-            times=rollouts.times,
-            points=rollouts.trajectory[i],
-            gripper=rollouts.gripper[i],
+            times=motion.times,
+            points=motion.trajectory,
+            gripper=motion.gripper,
             control_points=controls[i],
             spline=attempts.splines[i],
             action=str(attempts.action),

@@ -22,7 +22,7 @@ from knotflow.simulation.rope import (
     check_points,
     pose,
 )
-from knotflow.simulation.simulator import Rollouts, RopeSimulator, SimulationConfig
+from knotflow.simulation.simulator import Motion, Rollouts, RopeSimulator, SimulationConfig
 from knotflow.simulation.spline import (
     SPLINE_HIGH,
     SPLINE_LOW,
@@ -54,6 +54,7 @@ __all__ = [
     "SPLINE_HIGH",
     "SPLINE_LOW",
     "Attempts",
+    "Motion",
     "Observer",
     "Rollouts",
     "RopeConfig",

@@ -41,21 +41,21 @@ class RopeConfig:
 
     length: float = 1.0
     """Length from head to tail, metres."""
-    radius: float = 0.008
+    radius: float = 0.005
     """Radius of the rope, metres."""
     links: int = 40
     """Number of rigid links; the rope has `links + 1` vertices."""
-    density: float = 500.0
+    density: float = 800.0
     """Density of the rope, kg/m^3."""
-    joint_damping: float = 3e-3
+    joint_damping: float = 3e-4
     """Viscous damping of each hinge, N m s/rad."""
-    joint_armature: float = 2e-4
+    joint_armature: float = 2e-5
     """Inertia added to each hinge, kg m^2; keeps light links stable at the time step used."""
     joint_stiffness: float = 2e-3
     """Bending stiffness of each hinge, N m/rad."""
     max_bend: float = 1.2
     """Largest bend between neighbouring links about one hinge, radians."""
-    table_friction: float = 1.0
+    table_friction: float = 0.5
     """Sliding friction between rope and table."""
     rope_friction: float = 0.3
     """Sliding friction between rope and rope."""

@@ -11,7 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from knotflow.simulation.rope import Floats, RopeConfig, build_model, check_points, pose
-from knotflow.simulation.spline import check_splines, control_points, grasped_link, path_length, polyline, spline_path
+from knotflow.simulation.spline import (
+    check_splines,
+    control_points,
+    grasped_link,
+    path_length,
+    polyline,
+    spline_path,
+)
 
 MOST_STEPS = 100_000
 """Time steps of one spline."""
@@ -29,15 +36,15 @@ class SimulationConfig:
 
     rope: RopeConfig = field(default_factory=RopeConfig)
     """The rope and its table."""
-    timestep: float = 0.01
+    timestep: float = 0.02
     """Simulation time step, seconds."""
-    contact_time: float = 0.02
+    contact_time: float = 0.04
     """Time constant of contacts and grasp, seconds; at least two time steps."""
     pace: float = 0.25
     """Speed of the gripper along the spline, metres per second."""
     ramp_time: float = 0.2
     """Time over which the gripper gains and loses its pace, seconds."""
-    rest_speed: float = 0.005
+    rest_speed: float = 0.01
     """The rope is at rest when no vertex is faster than this, metres per second."""
     settle_time: float = 1.0
     """Longest time after release in which the rope comes to rest, seconds."""
@@ -47,12 +54,26 @@ class SimulationConfig:
     """Threads to simulate on; 0 takes OMP_NUM_THREADS, or else every CPU."""
 
     def __post_init__(self) -> None:
-        for name in ("timestep", "contact_time", "pace", "ramp_time", "rest_speed", "record_rate"):
+        for name in ("timestep", "contact_time", "pace", "ramp_time", "record_rate"):
             if not 0 < getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
-        for name in ("settle_time", "threads"):
+        for name in ("rest_speed", "settle_time", "threads"):
             if not 0 <= getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be 0 or more, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """The motion of one rope along a spline; metres and seconds, world frame."""
+
+    times: Floats
+    """(T,) time of each frame; the first is 0, before the grasp."""
+    trajectory: NDArray[np.float32]
+    """(T, V, 3) rope vertices."""
+    gripper: NDArray[np.float32]
+    """(T, 3) gripper positions."""
+    release_time: float
+    """From grasp to release."""
 
 
 @dataclass(frozen=True)
@@ -80,10 +101,27 @@ class Rollouts:
     @classmethod
     def concatenate(cls, parts: Sequence[Rollouts]) -> Rollouts:
         """Batches of one simulator as one."""
-        arrays = {
-            name: np.concatenate([getattr(part, name) for part in parts]) for name in PER_ROPE
-        }
-        return replace(parts[0], **arrays)
+        longest: Floats = max((part.times for part in parts), key=len)
+
+        def padded(part: Rollouts, name: str) -> NDArray[Any]:
+            rows = getattr(part, name)
+            if name not in ("trajectory", "gripper"):
+                return np.asarray(rows)
+            missing = len(longest) - rows.shape[1]
+            return np.pad(rows, [(0, 0), (0, missing)] + [(0, 0)] * (rows.ndim - 2), "edge")
+
+        arrays = {name: np.concatenate([padded(part, name) for part in parts]) for name in PER_ROPE}
+        return cls(times=longest, **arrays)
+
+    def motion(self, row: int) -> Motion:
+        """The frames of one rope, without the repeated ones."""
+        frames = int(self.frames[row])
+        return Motion(
+            self.times[:frames],
+            self.trajectory[row, :frames].copy(),
+            self.gripper[row, :frames].copy(),
+            float(self.release_times[row]),
+        )
 
     def __getitem__(self, rows: slice | NDArray[Any] | list[int]) -> Rollouts:
         """Some of the ropes, as a slice, a mask (B,) or indices select them."""
@@ -138,7 +176,7 @@ class RopeSimulator:
         step = np.maximum(np.arange(last) * stride - 1, 0)
         gripper = [move.gripper[np.minimum(step, len(move.gripper) - 1)] for move in moves]
         return Rollouts(
-            times=np.arange(last) * stride * self.config.timestep,
+            times=stride * self.config.timestep * np.arange(last, dtype=np.float64),
             trajectory=trajectory,
             gripper=np.array(gripper, np.float32).reshape(count, last, 3),
             frames=frames,
@@ -173,11 +211,11 @@ class RopeSimulator:
             inputs = np.zeros((len(ids), self._segment, links + 3))
             for row, slot in zip(inputs, ids, strict=True):
                 slots[slot].control(row)
-            recorded = batch.rollout(
-                self._segment, inputs, control, record=["site_xpos"], ids=ids
-            )["site_xpos"].reshape(len(ids), self._segment, -1, 3)
+            recorded = batch.rollout(self._segment, inputs, control, record=["site_xpos"], ids=ids)[
+                "site_xpos"
+            ].reshape(len(ids), self._segment, -1, 3)
             # A simulation that blows up stops and counts a warning; `status` stays 0.
-            warned = np.asarray(batch.warning)[ids, :, 1].any(axis=1)
+            warned: NDArray[np.bool_] = np.any(np.asarray(batch.warning)[ids, :, 1], axis=-1)
             vertices = recorded[:, self._stride - 1 :: self._stride][:, :, self._vertex_sites]
             for slot, shapes, blown_up in zip(ids, vertices, warned, strict=True):
                 if slots[slot].advance(shapes, bool(blown_up), self._segment):

@@ -92,11 +92,14 @@ def spline_basis(parameters: ArrayLike) -> Floats:
     t = 4 * np.asarray(parameters, float)[:, None]
     # The middle control point's uniform cubic B-spline, on its four segments.
     one, two, three, four = t[:, 0], t[:, 0] - 1, t[:, 0] - 2, 4 - t[:, 0]
-    middle = np.select(
-        [one < 1, one < 2, one < 3],
-        [one**3, 1 + 3 * two + 3 * two**2 - 3 * two**3, 4 - 6 * three**2 + 3 * three**3],
-        four**3,
-    ) / 6
+    middle = (
+        np.select(
+            [one < 1, one < 2, one < 3],
+            [one**3, 1 + 3 * two + 3 * two**2 - 3 * two**3, 4 - 6 * three**2 + 3 * three**3],
+            four**3,
+        )
+        / 6
+    )
     # Those of the grasp add up to one minus the rest, and mirror those of the end.
     end = np.select(
         [one < 1, one < 2, one < 3],

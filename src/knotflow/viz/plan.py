@@ -156,7 +156,7 @@ def animate_plan(plan: KnotPlan, path: Path, width: int = 600, speed: float = 1.
         view = _View(plan, np.concatenate((step.trajectory.reshape(-1, 3), spline)), width)
         texts = f"{number}/{len(plan.steps)}  {step.action}", str(step.start_state)
         for time, points, gripper in zip(step.times, step.trajectory, step.gripper, strict=True):
-            frames.append(view.frame(*texts, points, spline, gripper, time <= plan.move_time))
+            frames.append(view.frame(*texts, points, spline, gripper, time <= step.release_time))
         seconds += [_PAUSE, *np.diff(step.times)]
     title = "tied" if plan.solved else "search stopped here"
     last = plan.shapes[-1]

@@ -124,7 +124,9 @@ def _attempts(step: PlanStep) -> Attempts:
         step.times,
         step.trajectory[None],
         step.gripper[None],
-        step.end[None],
+        frames=np.array([len(step.times)]),
+        release_times=np.array([step.release_time]),
+        end_points=step.end[None],
         diverged=np.zeros(1, bool),
     )
     start, spline = step.start[None], step.spline[None]

@@ -69,14 +69,13 @@ class Playback:
     @classmethod
     def of_attempt(cls, attempts: Attempts, row: int, radius: float) -> Playback:
         """One spline of a batch, on a rope of that radius in metres."""
-        rollouts = attempts.rollouts
-        end = attempts.ends[row]
+        motion, end = attempts.rollouts.motion(row), attempts.ends[row]
         outcome = "unreadable" if end is None else str(end)
         return cls(
-            times=rollouts.times,
-            ropes=rollouts.trajectory[row],
-            grippers=rollouts.gripper[row],
-            step=np.zeros(len(rollouts.times), np.intp),
+            times=motion.times,
+            ropes=motion.trajectory,
+            grippers=motion.gripper,
+            step=np.zeros(len(motion.times), np.intp),
             captions=(f"{attempts.action}, ends in {outcome}",),
             controls=control_points(attempts.points[row], attempts.splines[row], radius)[None],
         )

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.samplers.demonstrations.heuristic import arranging_splines, heuristic_splines
-from knotflow.simulation import control_points, spline_basis, state_or_none
+from knotflow.simulation import control_points, spline_path, state_or_none
 from knotflow.topology import (
     Action,
     DegenerateCurveError,
@@ -45,7 +45,7 @@ def predict_shapes(points: Floats, splines: Floats) -> Floats:
     vertices, count = len(points), len(splines)
     link = np.linalg.norm(np.diff(points, axis=0), axis=1).mean()
     floor = points[:, 2].min()
-    path = spline_basis(np.linspace(0, 1, STEPS + 1)[1:]) @ control_points(points, splines, floor)
+    path = spline_path(control_points(points, splines, floor), np.linspace(0, 1, STEPS + 1)[1:])
     path = np.concatenate([path, path]).transpose(1, 2, 0)  # (STEPS, 3, 2 N)
     # From the grasped vertex outward, towards the tail and towards the head; beyond either end
     # comes what is not of the rope.

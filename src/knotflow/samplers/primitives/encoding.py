@@ -58,8 +58,8 @@ KINDS = UNDO + 1
 
 PLANE_SCALE = 0.2
 """Metres a unit of x and y in network space."""
-HEIGHT_CENTRE, HEIGHT_SCALE = 0.14, 0.07
-"""Height of the middle control point that is 0 in network space, and metres a unit."""
+HEIGHT_CENTRE, HEIGHT_SCALE = 0.07, 0.035
+"""Height that is 0 in network space, and metres a unit."""
 POINT_HEIGHT_SCALE = 0.02
 """Metres a unit of a rope point's z; about the thickness of the rope."""
 

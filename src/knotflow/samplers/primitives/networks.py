@@ -115,12 +115,11 @@ class SplineRopeAttention(nn.Module):
 
     def forward(self, of_points: Tensor, streams: Tensor, controls: Tensor) -> Tensor:
         """Splines (S, n, 12) as `control_features` makes them, n on each rope -> (S, n, head)."""
-        held = controls.new_zeros(controls.shape[:-1])
         x = torch.stack([controls[..., 7], controls[..., 1], controls[..., 4]], dim=-1)
         y = torch.stack([controls[..., 8], controls[..., 2], controls[..., 5]], dim=-1)
-        z = torch.stack([held, controls[..., 3], held], dim=-1)
-        path = self._weights @ torch.stack([x, y, z], dim=-1)  # (S, n, sites, 3)
-        site = torch.cat([path, self._t.expand(*path.shape[:-1], 1)], dim=-1)
+        path = self._weights @ torch.stack([x, y], dim=-1)  # (S, n, sites, 2)
+        height = controls[..., None, 3:4].expand(*path.shape[:-1], 1)
+        site = torch.cat([path, height, self._t.expand(*path.shape[:-1], 1)], dim=-1)
         size = self.query.out_features
         by_lookup = (self.lookups, -1)
         query = torch.unflatten(self.query(site).flatten(1, 2), -1, by_lookup).transpose(1, 2)
