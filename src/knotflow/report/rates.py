@@ -22,8 +22,8 @@ from knotflow.viz.style import INK, MUTED
 PRIMITIVES = {
     "1: R1": ("R1(0,1,1)",),
     "2: R2": ("R2(0,0,1,1)",),
-    "3: Cross, end over": ("C(0,1,1)", "C(0,2,1)", "C(4,2,1)"),
-    "4: other Cross": ("C(1,2,1)", "C(2,0,1)", "C(2,4,1)"),
+    "3: Cross, end over": ("C(0,1,1)", "C(0,2,1)", "C(2,1,-1)", "C(2,0,-1)"),
+    "4: other Cross": ("C(2,0,1)", "C(2,4,1)"),
 }
 """The four motion primitives (Sec. V-A) and the actions that each serves."""
 ACTIONS = tuple(action for actions in PRIMITIVES.values() for action in actions)

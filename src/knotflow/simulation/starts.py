@@ -18,18 +18,22 @@ Propose = Callable[[Floats, Action, int, np.random.Generator], Floats]
 """Splines (count, 6) for a rope (V, 3) and an action: the `sample` of every sampler."""
 
 
+MEMORY = 0.31
+"""Share of the rope's length over which a random curve's heading forgets a wiggle."""
+
+
 @dataclass
 class StartsConfig:
     """Parameters of start shapes."""
 
-    bend: float = 2.0
-    """Typical turning of a random curve, radians a metre for each of its harmonics."""
-    harmonics: int = 3
-    """Number of harmonics of a random curve's curvature."""
-    clearance: float = 0.06
-    """Least distance between strands of a random curve, metres."""
-    reach: float = 0.5
-    """Every vertex of a random curve lies within this distance of the origin in x and y, metres."""
+    bend: float = 2.5
+    """Standard deviation of a random curve's mean curvature, radians a rope's length."""
+    most_bend: float = 4.4
+    """Its largest value, radians a rope's length."""
+    wiggle: float = 0.3
+    """Standard deviation of the heading around that arc, radians."""
+    shift: float = 0.1
+    """Largest distance of a random curve's middle from the origin in x and y, metres."""
     shortest_segment: float = 0.01
     """Least length between neighbouring crossings, and from an end to the next crossing, of a
     start reached by actions, metres. Tighter loops leave no room for a spline."""
@@ -37,12 +41,11 @@ class StartsConfig:
     """Splines tried on a start before it is replaced by another."""
 
     def __post_init__(self) -> None:
-        for name in ("bend", "clearance", "reach", "shortest_segment"):
+        for name in ("bend", "most_bend", "wiggle", "shift", "shortest_segment"):
             if not 0 <= getattr(self, name) < np.inf:
                 raise ValueError(f"starts.{name} must be 0 or more, got {getattr(self, name)}")
-        for name in ("harmonics", "rounds"):
-            if not 1 <= getattr(self, name) <= 1000:
-                raise ValueError(f"starts.{name} must be 1 to 1000, got {getattr(self, name)}")
+        if not 1 <= self.rounds <= 1000:
+            raise ValueError(f"starts.rounds must be 1 to 1000, got {self.rounds}")
 
 
 def straight(rope: RopeConfig) -> Floats:
@@ -58,26 +61,28 @@ def arc(rope: RopeConfig, angle: float = np.pi) -> Floats:
 def random_curve(
     rope: RopeConfig, rng: np.random.Generator, config: StartsConfig | None = None
 ) -> Floats:
-    """A smooth random rope (V, 3) without crossings, metres.
+    """A random rope (V, 3) without crossings, metres: a wiggling arc near the origin.
 
-    The heading along the rope is a random Fourier series; curves without the configured clearance
-    and reach are drawn again.
+    The heading is an arc's plus an Ornstein-Uhlenbeck walk that forgets in `MEMORY` of the rope's
+    length; curves that cross or touch themselves are drawn again.
     """
     config = config or StartsConfig()
     along = (np.arange(rope.links) + 0.5) / rope.links
-    order = np.arange(1, config.harmonics + 1)
+    keep = np.exp(-1 / (MEMORY * rope.links))
     for _ in range(10_000):
-        amplitude = rng.normal(0, config.bend, (2, config.harmonics)) * rope.length / order
-        phase = np.pi * order[:, None] * along
-        heading = amplitude[0] @ np.sin(phase) + amplitude[1] @ np.cos(phase)
-        points = _from_headings(heading + rng.uniform(-np.pi, np.pi), rope)
-        if np.abs(points[:, :2]).max() > config.reach:
+        bend = rng.normal(0, config.bend)
+        steps = rng.normal(0, config.wiggle * np.sqrt(1 - keep**2), rope.links)
+        shift, heading = rng.uniform(-config.shift, config.shift, 2), rng.uniform(-np.pi, np.pi)
+        if abs(bend) > config.most_bend:
             continue
-        if _strand_distance(points, rope) >= config.clearance:
+        for i in range(1, rope.links):
+            steps[i] += keep * steps[i - 1]
+        points = _from_headings(heading + bend * along + steps, rope)
+        points[:, :2] += shift
+        if _strand_distance(points, rope) >= 2 * rope.radius:
             return points
     raise RuntimeError(
-        f"no random curve within {config.reach} m with {config.clearance} m between strands was "
-        "found in 10000 draws; lower starts.clearance or raise starts.reach"
+        "no random curve without crossings was found in 10000 draws; lower starts.bend"
     )
 
 
