@@ -302,7 +302,15 @@ class Obedient:
         )
         frames = np.stack([points, ends], 1).astype(np.float32)
         unharmed = np.zeros(len(ends), bool)
-        return Rollouts(np.array([0.0, 1.0]), frames, frames[:, :, 0], ends, unharmed)
+        return Rollouts(
+            np.array([0.0, 1.0]),
+            frames,
+            frames[:, :, 0],
+            np.full(len(ends), 2),
+            np.ones(len(ends)),
+            ends,
+            unharmed,
+        )
 
 
 def searched(rule: str, state: TopologicalState | None = None) -> list[Any]:
@@ -384,7 +392,15 @@ def recording() -> dict[str, Any]:
     action, before = parse_action("C(0,1,1)"), TopologicalState.from_curve(loop())
     frames = np.linspace(loop(), loop() + [0.1, 0.0, 0.0], 3, dtype=np.float32)[None]
     gripper, ends = frames[:, :, 5] + np.float32(0.01), frames[:, -1].astype(float)
-    rollouts = Rollouts(np.array([0.0, 0.1, 0.25]), frames, gripper, ends, np.zeros(1, bool))
+    rollouts = Rollouts(
+        np.array([0.0, 0.1, 0.25]),
+        frames,
+        gripper,
+        np.array([3]),
+        np.array([0.2]),
+        ends,
+        np.zeros(1, bool),
+    )
     attempts = Attempts.of(action, before, loop()[None], SPLINES[:1], rollouts)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "one.mcap"

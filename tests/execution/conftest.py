@@ -73,6 +73,7 @@ def plan_of(splines) -> KnotPlan:
                 times=times,
                 trajectory=np.repeat(points[None], len(times), axis=0).astype(np.float32),
                 gripper=spline_path(controls, u**2 * (3 - 2 * u)).astype(np.float32),
+                release_time=MOVE_TIME,
             )
         )
     return KnotPlan(
@@ -90,7 +91,6 @@ def plan_of(splines) -> KnotPlan:
         sampling_seconds=0.0,
         simulation_seconds=0.0,
         radius=ROPE.radius,
-        move_time=MOVE_TIME,
     )
 
 
@@ -119,9 +119,7 @@ def plan(simulator):
         start_state=shown.task.start_state,
         end=end,
         end_state=state_or_none(end),
-        times=rollouts.times,
-        trajectory=rollouts.trajectory[0],
-        gripper=rollouts.gripper[0],
+        **vars(rollouts.motion(0)),
     )
     return KnotPlan(
         goal="a loop",
@@ -138,7 +136,6 @@ def plan(simulator):
         sampling_seconds=0.0,
         simulation_seconds=0.0,
         radius=simulator.config.rope.radius,
-        move_time=simulator.config.move_time,
     )
 
 

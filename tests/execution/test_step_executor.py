@@ -35,7 +35,7 @@ def test_pull_preserves_the_state(plan):
 
 def test_path_from_another_grasp_ends_as_planned(plan):
     step = plan.steps[0]
-    path = path_from_grasp(step, step.gripper[0] + [0.0, 0.02, 0.0], plan.move_time)
+    path = path_from_grasp(step, step.gripper[0] + [0.0, 0.02, 0.0])
     np.testing.assert_allclose(path[0] - step.gripper[0], [0.0, 0.02, 0.0], atol=1e-6)
     np.testing.assert_allclose(path[-1], step.gripper[-1], atol=1e-6)
 

@@ -39,6 +39,10 @@ def shape(state: TopologicalState) -> np.ndarray:
     return points
 
 
+RELEASE = 1.8
+"""Seconds from grasp to release."""
+
+
 class World:
     """Sampler and simulator in one: a spline succeeds with a given chance, else nothing moves."""
 
@@ -69,7 +73,7 @@ class World:
     def execute(self, points, splines):
         self.batches.append(len(points))
         times = np.linspace(0.0, 2.5, 26)
-        done = np.minimum(times / self.config.move_time, 1.0)
+        done = np.minimum(times / RELEASE, 1.0)
         ends = np.stack(
             [
                 self.ends.get(spline.tobytes(), start)  # a guess moves nothing
@@ -84,6 +88,8 @@ class World:
             times=times,
             trajectory=moved.astype(np.float32),
             gripper=spline_path(controls, ease).astype(np.float32),
+            frames=np.full(len(points), len(times)),
+            release_times=np.full(len(points), RELEASE),
             end_points=ends,
             diverged=np.full(len(points), self.diverges),
         )

@@ -43,11 +43,8 @@ class Lifted:
         after = points + np.where(arranging, 0.01, 0.0)[:, None, None] * [0, 0, 1]
         if self.loses:
             after[arranging] = points[arranging] + [0, 0, np.nan]
-        count = len(points)
-        return Rollouts(
-            np.zeros(1), points[:, None].astype(np.float32), np.zeros((count, 1, 3), np.float32),
-            np.nan_to_num(after), np.isnan(after).any(axis=(1, 2)),
-        )  # fmt: skip
+        diverged = np.isnan(after).any(axis=(1, 2))
+        return Rollouts.between(points, np.nan_to_num(after), diverged)
 
 
 def attempts(sampler, most, observe=None):

@@ -34,7 +34,7 @@ def step_of(shown: Demonstration) -> PlanStep:
     rollouts = tried.rollouts
     return PlanStep(
         task.action, shown.spline, shown.points, task.start_state, rollouts.end_points[0],
-        tried.ends[0], rollouts.times, rollouts.trajectory[0], rollouts.gripper[0],
+        tried.ends[0], **vars(rollouts.motion(0)),
     )  # fmt: skip
 
 

@@ -29,10 +29,10 @@ def test_shapes_and_times(simulator, rng):
     points, splines = random_batch(simulator, rng, 3)
     rollouts = simulator.execute(points, splines)
     frames = len(rollouts.times)
-    config = simulator.config
     assert rollouts.times[0] == 0
-    assert rollouts.times[-1] == pytest.approx(config.move_time + config.settle_time)
-    assert frames == 26
+    assert frames == rollouts.frames.max()
+    rest = rollouts.times[rollouts.frames - 1] - rollouts.release_times
+    assert (rest >= 0.1).all() and (rest < simulator.config.settle_time + 0.1).all()
     assert rollouts.trajectory.shape == (3, frames, 41, 3)
     assert rollouts.gripper.shape == (3, frames, 3)
     assert rollouts.end_points.shape == points.shape
@@ -53,7 +53,7 @@ def test_random_splines_are_stable(simulator, rng):
     assert rollouts.trajectory[..., 2].min() > -radius
     assert rollouts.end_points[..., 2].min() > 0.9 * radius
     speed = np.linalg.norm(np.diff(rollouts.trajectory, axis=1), axis=-1) / 0.1
-    assert speed.max() < 4.0  # the gripper itself moves at up to 1 m/s
+    assert speed.max() < 4.0  # a strand that falls or springs back is faster than the gripper
 
 
 @pytest.mark.slow
@@ -74,7 +74,7 @@ def test_rope_is_at_rest_before_and_after(simulator, rng):
 def test_gripper_moves_grasped_link_to_end_point(simulator, rng):
     points, splines = random_batch(simulator, rng, 32)
     rollouts = simulator.execute(points, splines)
-    released = np.searchsorted(rollouts.times, simulator.config.move_time)
+    released = np.searchsorted(rollouts.times, rollouts.release_times) - 1
     link = np.minimum((splines[:, 0] * 40).astype(int), 39)
     rows = np.arange(32)
     centre = (
@@ -91,7 +91,7 @@ def test_results_are_independent_of_threads_and_batches(simulator, rng):
     single = RopeSimulator(replace(simulator.config, threads=1))
     for i in range(5):
         alone = single.execute(points[i : i + 1], splines[i : i + 1])
-        assert np.array_equal(alone.trajectory[0], together.trajectory[i])
+        assert np.array_equal(alone.motion(0).trajectory, together.motion(i).trajectory)
         assert np.array_equal(alone.end_points[0], together.end_points[i])
 
 

@@ -44,7 +44,7 @@ CONFIG = ReinforcementConfig(
 @pytest.fixture(scope="module")
 def simulator():
     return RopeSimulator(
-        SimulationConfig(rope=RopeConfig(), move_time=0.3, ramp_time=0.1, settle_time=0.1)
+        SimulationConfig(rope=RopeConfig(), pace=2.0, ramp_time=0.1, settle_time=0.1)
     )
 
 

@@ -37,13 +37,21 @@ class ObedientWorld:
 
     def execute(self, points, splines):
         times = np.linspace(0.0, 2.5, 26)
-        done = np.minimum(times / self.config.move_time, 1.0)
+        done = np.minimum(times / 1.8, 1.0)
         ends = np.stack([self.ends.get(spline.tobytes(), rope)
                          for rope, spline in zip(points, splines, strict=True)])  # fmt: skip
         moved = points[:, None] + done[:, None, None] * (ends - points)[:, None]
         controls = control_points(points, splines, self.config.rope.radius)
         gripper = spline_path(controls, done).astype(np.float32)
-        return Rollouts(times, moved.astype(np.float32), gripper, ends, np.zeros(len(ends), bool))
+        return Rollouts(
+            times=times,
+            trajectory=moved.astype(np.float32),
+            gripper=gripper,
+            frames=np.full(len(ends), len(times)),
+            release_times=np.full(len(ends), 1.8),
+            end_points=ends,
+            diverged=np.zeros(len(ends), bool),
+        )
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from knotflow.experiments.common import Recorder
 from knotflow.experiments.demonstrations import load_starts
@@ -251,27 +250,11 @@ def earlier_attempts(folder: Path, count: int) -> list[Attempts]:
                 before,
                 points[legible],
                 own[splines].to_numpy(np.float64)[legible],
-                _first_and_last(points[legible], ends[legible]),
+                Rollouts.between(points[legible], ends[legible]),
                 [after if hit else None for hit in success[legible]],
             )
         )
     return found
-
-
-def _first_and_last(points: NDArray[np.float64], ends: NDArray[np.float64]) -> Rollouts:
-    """Rollouts of which only the first and the last frame are known."""
-    frames = np.stack([points, ends], axis=1).astype(np.float32)
-    unknown = np.full((len(points), 2, 3), np.nan, np.float32)
-    count = len(points)
-    return Rollouts(
-        times=np.array([0.0, 1.0]),
-        trajectory=frames,
-        gripper=unknown,
-        frames=np.full(count, 2),
-        release_times=np.full(count, np.nan),
-        end_points=ends,
-        diverged=np.zeros(count, bool),
-    )
 
 
 @stage

@@ -113,6 +113,22 @@ class Rollouts:
         arrays = {name: np.concatenate([padded(part, name) for part in parts]) for name in PER_ROPE}
         return cls(times=longest, **arrays)
 
+    @classmethod
+    def between(
+        cls, points: Floats, ends: Floats, diverged: NDArray[np.bool_] | None = None
+    ) -> Rollouts:
+        """Rollouts of which only the first and the last shape (B, V, 3) are known."""
+        count = len(points)
+        return cls(
+            times=np.array([0.0, 1.0]),
+            trajectory=np.stack([points, ends], axis=1).astype(np.float32),
+            gripper=np.full((count, 2, 3), np.nan, np.float32),
+            frames=np.full(count, 2),
+            release_times=np.full(count, np.nan),
+            end_points=ends,
+            diverged=np.zeros(count, bool) if diverged is None else diverged,
+        )
+
     def motion(self, row: int) -> Motion:
         """The frames of one rope, without the repeated ones."""
         frames = int(self.frames[row])

@@ -3,9 +3,9 @@
 | number | name                              | unit                | range         |
 |--------|-----------------------------------|---------------------|---------------|
 | 0      | grasp position along the rope     | fraction from head  | 0 to 1        |
-| 1, 2   | middle control point, x and y     | m, world frame      | -0.5 to 0.5   |
+| 1, 2   | middle control point, x and y     | m, world frame      | -0.6 to 0.6   |
 | 3      | height at which the rope is moved | m above the table   | 0.02 to 0.20  |
-| 4, 5   | end point on the table, x and y   | m, world frame      | -0.5 to 0.5   |
+| 4, 5   | end point on the table, x and y   | m, world frame      | -0.6 to 0.6   |
 
 Seen from above, the path is a cubic B-spline whose control points are the grasped point of the rope
 three times, the middle one once, and the end three times. The gripper rises along it at 45 degrees
@@ -22,8 +22,8 @@ from knotflow.arrays import floats
 Floats = NDArray[np.float64]
 
 SPLINE_NAMES = ("grasp", "mid_x", "mid_y", "height", "end_x", "end_y")
-SPLINE_LOW = np.array([0.0, -0.5, -0.5, 0.02, -0.5, -0.5])
-SPLINE_HIGH = np.array([1.0, 0.5, 0.5, 0.20, 0.5, 0.5])
+SPLINE_LOW = np.array([0.0, -0.6, -0.6, 0.02, -0.6, -0.6])
+SPLINE_HIGH = np.array([1.0, 0.6, 0.6, 0.20, 0.6, 0.6])
 SAMPLES = 129
 """Points of the polyline that stands for a path."""
 

@@ -16,13 +16,7 @@ def attempts():
     """Two splines that did nothing, in four frames each."""
     one = load_demonstrations()[0]
     points = np.broadcast_to(straight(ROPE), (2, 41, 3))
-    rollouts = Rollouts(
-        np.arange(4) / 10,
-        np.broadcast_to(points[:, None], (2, 4, 41, 3)).astype(np.float32),
-        np.zeros((2, 4, 3), np.float32),
-        points,
-        np.array([False, True]),
-    )
+    rollouts = Rollouts.between(points, points, np.array([False, True]))
     splines = np.stack([one.spline, one.spline])
     return Attempts.of(one.task.action, one.task.start_state, points, splines, rollouts)
 

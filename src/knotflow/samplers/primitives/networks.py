@@ -106,7 +106,7 @@ class SplineRopeAttention(nn.Module):
         )
         self.out = nn.Linear(config.sites * config.stream, config.head)
         t = torch.linspace(0, 1, config.sites)
-        weights = torch.from_numpy(spline_basis(t.numpy()))
+        weights = torch.from_numpy(spline_basis(t.numpy())).float()
         self.register_buffer("_weights", weights, persistent=False)  # (sites, 3)
         self.register_buffer("_t", t[:, None], persistent=False)
 
