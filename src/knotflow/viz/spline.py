@@ -1,4 +1,4 @@
-"""The gripper's path over the table: a quadratic Bezier curve, as SVG and PDF know it."""
+"""The gripper's path over the table: four cubic Bezier curves, as SVG and PDF know them."""
 
 from __future__ import annotations
 
@@ -90,4 +90,10 @@ def draw_spline(
 def _curve(controls: NDArray) -> Path:
     from matplotlib.path import Path
 
-    return Path(np.asarray(controls)[:, :2], [Path.MOVETO, Path.CURVE3, Path.CURVE3])
+    grasp, middle, end = np.asarray(controls)[:, :2]
+    knots = np.array([grasp, grasp, grasp, middle, end, end, end])
+    # A segment of the uniform cubic B-spline through four control points, as a Bezier curve.
+    first, second = (2 * knots[1:-2] + knots[2:-1]) / 3, (knots[1:-2] + 2 * knots[2:-1]) / 3
+    last = (knots[1:-2] + 4 * knots[2:-1] + knots[3:]) / 6
+    vertices = np.concatenate([[grasp], np.stack([first, second, last], axis=1).reshape(-1, 2)])
+    return Path(vertices, [Path.MOVETO] + [Path.CURVE4] * 12)
