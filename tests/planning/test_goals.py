@@ -72,7 +72,7 @@ def test_a_goal_has_to_fit_the_rope():
 
 
 def test_a_path_has_to_fit_too():
-    short = RopeConfig(length=0.15, links=20)
+    short = RopeConfig(length=0.1, links=20)
     with pytest.raises(NoRoomError, match="longer or thinner"):
         parse_goal("R1(0,1,1) C(0,1,1) C(2,0,1)", short)
     with pytest.raises(NoRoomError):

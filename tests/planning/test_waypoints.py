@@ -42,7 +42,7 @@ def test_the_gripper_drags_along_the_spline(plan):
         drag = waypoints.positions[(phases == "drag") & (waypoints.step == index)]
         path = spline_path(controls, np.linspace(0, 1, 2001))
         off = np.linalg.norm(drag[:, None] - path[None], axis=-1).min(axis=1)
-        assert off.max() < 4e-3  # at corners, between frames a tenth of a second apart
+        assert off.max() < 1e-2  # at corners, between frames a tenth of a second apart
         np.testing.assert_allclose(drag[-1], controls[2], atol=1e-6)
         close = waypoints.positions[(phases == "close") & (waypoints.step == index)]
         np.testing.assert_allclose(close[0], controls[0], atol=1e-6)

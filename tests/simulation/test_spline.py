@@ -58,7 +58,7 @@ def test_gripper_rises_and_falls_at_45_degrees_and_is_level_between():
     path = spline_path(controls, np.linspace(0, 1, 401))
     steps = np.diff(path, axis=0)
     slope = steps[:, 2] / np.linalg.norm(steps[:, :2], axis=1)
-    rising, level, falling = slope[5:80], slope[150:250], slope[-80:-5]
+    rising, level, falling = slope[5:70], slope[150:250], slope[-70:-5]
     np.testing.assert_allclose(rising, 1, atol=1e-2)
     np.testing.assert_allclose(level, 0, atol=1e-9)
     np.testing.assert_allclose(falling, -1, atol=1e-2)
