@@ -32,8 +32,8 @@ class Task:
 
     @property
     def name(self) -> str:
-        """The action as a file name, such as "C_2_0_1"."""
-        return re.sub(r"\W+", "_", str(self.action)).strip("_")
+        """The action as a file name: C(2,0,-1) is "C_2_0_m1"."""
+        return re.sub(r"\W+", "_", str(self.action).replace("-", "m")).strip("_")
 
     @property
     def start_state(self) -> TopologicalState:
