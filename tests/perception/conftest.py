@@ -12,7 +12,7 @@ def camera() -> Camera:
 
 @pytest.fixture
 def simulated(camera) -> SimulatedCamera:
-    return SimulatedCamera(camera, RopeConfig())
+    return SimulatedCamera(camera, RopeConfig(radius=0.008))
 
 
 @pytest.fixture(scope="session")

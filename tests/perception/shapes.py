@@ -7,7 +7,7 @@ from knotflow.perception.camera.pinhole import Camera
 from knotflow.perception.estimation.evidence import Target
 from knotflow.simulation import RopeConfig, resample
 
-ROPE = RopeConfig()
+ROPE = RopeConfig(radius=0.008)
 CAMERA = Camera.overhead()
 
 

@@ -25,7 +25,7 @@ from knotflow.perception.camera.simulated import TAPE
 from knotflow.perception.estimation.segmentation import pixel_coverage
 from knotflow.simulation import RopeConfig, straight
 
-ROPE = RopeConfig()
+ROPE = RopeConfig(radius=0.008)
 
 
 def iou(one, other):

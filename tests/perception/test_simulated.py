@@ -12,7 +12,7 @@ from knotflow.perception import Appearance, Camera, CameraNoiseConfig, Label, Si
 from knotflow.perception.camera.simulated import TAPE
 from knotflow.simulation import RopeConfig, ShapeError, random_curve, straight
 
-ROPE = RopeConfig()
+ROPE = RopeConfig(radius=0.008)
 
 
 def test_a_flat_table_has_the_depth_of_its_plane(camera, simulated):

@@ -52,7 +52,7 @@ _CURVE = np.linspace(0.0, 1.0, 33)
 
 TEXTS = ("action", "start_state", "goal_state", "end_state", "outcome", "signature", "source")
 SPLINE_COLUMNS = (
-    *("spline_grasp", "spline_mid_x", "spline_mid_y", "spline_mid_z"),
+    *("spline_grasp", "spline_mid_x", "spline_mid_y", "spline_height"),
     *("spline_end_x", "spline_end_y"),
 )
 _Field = descriptor_pb2.FieldDescriptorProto

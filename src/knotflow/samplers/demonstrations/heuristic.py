@@ -69,7 +69,7 @@ def heuristic_splines(
         [cos * toward[:, 0] - sin * toward[:, 1], sin * toward[:, 0] + cos * toward[:, 1]], axis=1
     )
     end = passed + rng.uniform(0.02, 0.12, (count, 1)) * toward
-    # The last leg of a clamped quadratic spline points from the middle control point to the end.
+    # The path arrives from the middle control point.
     mid = end - rng.uniform(0.05, 0.4, (count, 1)) * toward + rng.normal(0, 0.03, (count, 2))
     height = rng.uniform(0.03, 0.12, count)
     return clip_splines(np.column_stack([grasp, mid, height, end]))
