@@ -241,7 +241,7 @@ def explain(
     if out is not None and not overwrite:
         _check_free(path)
     if what in KNOT_NAMES:
-        from knotflow.planning.dag import SolutionDag
+        from knotflow.planning.goals import SolutionDag
         from knotflow.viz.dag import draw_dag
 
         states = sorted(knot(what))

@@ -7,17 +7,15 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from tensordict import TensorDict
 from torch import Tensor
 from torch.nn.functional import pad
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
 from knotflow.topology import TopologicalState
+from knotflow.topology.polyline import Floats
 from knotflow.topology.symmetry import Symmetry, representative
 from knotflow.training.config import AugmentationConfig
-
-Floats = NDArray[np.float64]
 
 
 class ReplayBuffer:

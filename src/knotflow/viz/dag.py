@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from numpy.typing import NDArray
 
-from knotflow.planning.dag import SolutionDag
+from knotflow.planning.goals import SolutionDag
 from knotflow.topology import Action, TopologicalState
 from knotflow.viz.notation import draw_diagram
 from knotflow.viz.style import INK, MUTED, RULE, SPLINE, save_figure, styled

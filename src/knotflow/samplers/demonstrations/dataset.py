@@ -63,9 +63,8 @@ TASKS: tuple[Task, ...] = (
     _task("C(2,0,1)", "R1(0,1,1)", "C(0,1,1)"),
     _task("C(2,4,1)", "R1(0,1,1)", "C(0,1,1)"),
 )
-"""In the order of Fig. 6. The paper's text names five of them; its figure, which we do not have,
-names the rest, for which C(1,2,1) and C(4,2,1) (Fig. 1's second overhand path) and C(0,2,1) stand.
-"""
+"""In the order of Fig. 6. The paper's text names five of them; C(1,2,1) and C(4,2,1) (Fig. 1's
+second overhand path) and C(0,2,1) stand for the rest."""
 
 
 def task(action: str) -> Task:
@@ -74,11 +73,11 @@ def task(action: str) -> Task:
     Raises:
         ValueError: for an action that is not one of the eight, naming those.
     """
-    for candidate in TASKS:
-        if str(candidate.action) == action:
-            return candidate
-    names = ", ".join(str(candidate.action) for candidate in TASKS)
-    raise ValueError(f"no demonstrated action is called {action!r}; the eight are {names}")
+    tasks = {str(one.action): one for one in TASKS}
+    if action not in tasks:
+        names = ", ".join(tasks)
+        raise ValueError(f"no demonstrated action is called {action!r}; the eight are {names}")
+    return tasks[action]
 
 
 def task_at(state: TopologicalState, action: Action) -> Task:
