@@ -20,18 +20,12 @@ from knotflow.simulation import grasped_link
 if TYPE_CHECKING:
     import mink
 
-TOLERANCE = 1e-3
-"""Distance of the tip from its waypoint that counts as reached, metres."""
-MAX_TILT = np.deg2rad(30.0)
-"""Largest tilt of the gripper from pointing down, radians."""
-MAX_TURN = np.deg2rad(15.0)
-"""Largest angle of the closing fingers from across the strand, radians."""
-GRASPING = ("descend", "close")
-"""Phases in which the fingers must close across the strand."""
-ALIGNED = ("travel", *GRASPING)
-"""Phases in which the gripper may not turn freely about the vertical."""
-CLEARANCE = 1e-3
-"""Least distance between arm and table, and between links that are not neighbours, metres."""
+TOLERANCE = 1e-3  # of a reached waypoint, metres
+MAX_TILT = np.deg2rad(30.0)  # of the gripper from pointing down
+MAX_TURN = np.deg2rad(15.0)  # of the closing fingers from across the strand
+GRASPING = ("descend", "close")  # phases in which the fingers must close across the strand
+ALIGNED = ("travel", *GRASPING)  # in which the gripper may not turn freely about the vertical
+CLEARANCE = 1e-3  # of arm and table, and of links that are not neighbours, metres
 
 # Costs of a metre missed and of a radian tilted, turned or away from home.
 POSITION_COST, TILT_COST, TURN_COST, HOME_COST = 200.0, 2.0, 4.0, 0.05
@@ -104,10 +98,10 @@ def follow_waypoints(
 
 
 class _Segment(NamedTuple):
-    """One step: joints (n, J), the desired yaws (n,), and the number of missed waypoints."""
+    """One step of a plan: n waypoints."""
 
-    joints: NDArray[np.float64]
-    yaws: NDArray[np.float64]
+    joints: NDArray[np.float64]  # (n, J)
+    yaws: NDArray[np.float64]  # (n,) desired
     missed: int
 
 
@@ -281,12 +275,12 @@ class _Solver:
         """The whole model's configuration at the home in which the gripper points down most."""
         homes = np.repeat(self.model.qpos0[None], len(arm.homes), axis=0)
         homes[:, self.columns] = arm.homes
-        upward = []
-        for home in homes:
+
+        def upward(home: NDArray[np.float64]) -> float:
             self.configuration.update(home)
-            upward.append(self._tip()[1][2, 2])
-        lowest: NDArray[np.float64] = homes[int(np.argmin(upward))]
-        return lowest
+            return float(self._tip()[1][2, 2])
+
+        return min(homes, key=upward)
 
     def _home_towards(self, position: NDArray) -> NDArray[np.float64]:
         """Home, turned by the first joint to face a position."""

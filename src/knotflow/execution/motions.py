@@ -31,14 +31,9 @@ STEP = 0.1
 FREE = -1
 """The index of the grasped link where none is grasped."""
 
-ACTIONS_PER_CURVE = 4
-"""Consecutive splines that move a random curve."""
-
-MAX_CROSSINGS = 4
-"""A rope with more is replaced by another curve."""
-
-RANDOM_SHARE = 0.25
-"""Share of random splines among those that move random curves."""
+ACTIONS_PER_CURVE = 4  # consecutive splines that move a random curve
+MAX_CROSSINGS = 4  # a rope with more is replaced by another curve
+RANDOM_SHARE = 0.25  # of random splines among those that move random curves
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,13 +64,11 @@ class Motions:
 
     @classmethod
     def load(cls, path: Path) -> Motions:
-        """Read what `save` wrote."""
         with np.load(path) as file:
             return cls(**file)
 
     @classmethod
     def join(cls, parts: Sequence[Motions]) -> Motions:
-        """All motions of several sets."""
         columns = zip(*(vars(part).values() for part in parts), strict=True)
         return cls(*(np.concatenate(column) for column in columns))
 

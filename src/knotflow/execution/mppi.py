@@ -30,28 +30,18 @@ BOUNDARY_COST = 100.0
 class MppiConfig:
     """Sampling and costs."""
 
-    samples: int = 64
-    """Action sequences of a tick."""
-    horizon: int = 6
-    """Ticks looked ahead."""
-    knots: int = 2
-    """Ticks among them at which actions are drawn."""
+    samples: int = 64  # action sequences of a tick
+    horizon: int = 6  # ticks looked ahead
+    knots: int = 2  # ticks among them at which actions are drawn
     spread: tuple[float, float, float] = (0.003, 0.003, 0.001)
     """Standard deviation of the actions in x, y and z, metres a tick."""
-    bound: float = 0.015
-    """Largest action along each axis, metres a tick."""
-    temperature: float = 1.0
-    """Of the weights; costs are in square centimetres, summed over the horizon."""
-    effort: float = 0.02
-    """Cost of an action, relative to the same deviation of the rope."""
-    terminal: float = 2.0
-    """Relative cost of the last tick's deviation."""
-    reach: float = 0.65
-    """The gripper stays within this distance of the middle along x and y, metres."""
-    table: float = 0.008
-    """The gripper stays above this height, metres."""
-    seed: int = 0
-    """Of the sampled actions."""
+    bound: float = 0.015  # of an action along each axis, metres a tick
+    temperature: float = 1.0  # of the weights; costs in square centimetres sum over the horizon
+    effort: float = 0.02  # cost of an action, relative to the same deviation of the rope
+    terminal: float = 2.0  # relative cost of the last tick's deviation
+    reach: float = 0.65  # of the gripper from the middle along x and y, metres
+    table: float = 0.008  # least height of the gripper, metres
+    seed: int = 0  # of the sampled actions
 
 
 class Mppi:

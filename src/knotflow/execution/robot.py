@@ -24,8 +24,7 @@ class Robot(Protocol):
     origin), of the point between the fingertips that lies on a held rope's centre line. Yaw across
     the strand, joints and the avoidance of collisions are left to the implementation.
 
-    Every method blocks until it is done. A command that cannot be carried out raises; any exception
-    ends the execution after a `release()`.
+    Methods block until they are done; an exception ends the execution after a `release()`.
     """
 
     def observe(self) -> RgbdImage:
@@ -141,7 +140,6 @@ class Observation:
         ambiguities: tuple[str, ...] = (),
         ambiguous_ends: tuple[int, ...] = (),
     ) -> Observation:
-        """Of a shape (V, 3)."""
         state = state_or_none(points)
         if state is None:
             ambiguities += ("the shape's projection does not determine its state",)
@@ -149,7 +147,6 @@ class Observation:
 
     @classmethod
     def no_rope(cls, reason: str) -> Observation:
-        """No rope was seen."""
         return cls(None, None, (reason,))
 
     @property
@@ -166,9 +163,7 @@ class StateEstimator(Protocol):
     def estimate(self, robot: Robot, likely: Sequence[NDArray] = ()) -> Observation | None:
         """What is seen now; None while there is no new image.
 
-        Args:
-            robot: whose camera sees the rope.
-            likely: expected shapes (V, 3), metres; the last seen or tracked one first.
+        `likely` are expected shapes (V, 3), metres, the last seen or tracked one first.
         """
         ...
 
@@ -226,7 +221,7 @@ class ImageStateEstimator:
 
 
 class CameraTimer(RobotWrapper):
-    """Sums up the `seconds` that images took."""
+    """Adds up the `seconds` that images took."""
 
     seconds = 0.0
 
@@ -258,7 +253,6 @@ class FaultyRobot(RobotWrapper):
 
     @property
     def failing(self) -> bool:
-        """Whether it fails now."""
         return -self.duration < round(self._remaining, 6) <= 0
 
 
