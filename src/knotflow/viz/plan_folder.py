@@ -44,10 +44,9 @@ def write_plan_folder(
         plan: solved or not, with trajectories at `planning.RECORD_RATE`.
         source: who proposed the splines.
         rope: the one it was planned with.
-        last_tried: attempts of a search that found no step: they are the recording then. Without
-            steps and attempts there is no plan.mcap.
+        last_tried: the recording of a search that found no step, if it made any attempts.
         signature: key of the stage that made it; empty outside a workflow.
-        request: what was asked for, as request.json; None writes no such file.
+        request: what was asked for, as request.json.
     """
     # Here, as matplotlib is slow to import and most stages draw nothing.
     from PIL import Image
@@ -88,14 +87,8 @@ def subsample(plan: KnotPlan) -> KnotPlan:
     steps = []
     for step in plan.steps:
         kept = [*range(len(step.times) - 1, 0, -STRIDE), 0][::-1]
-        steps.append(
-            replace(
-                step,
-                times=step.times[kept],
-                trajectory=step.trajectory[kept],
-                gripper=step.gripper[kept],
-            )
-        )
+        frames = {name: getattr(step, name)[kept] for name in ("times", "trajectory", "gripper")}
+        steps.append(replace(step, **frames))
     return replace(plan, steps=tuple(steps))
 
 
@@ -120,13 +113,8 @@ def drawn_dag(plan: KnotPlan) -> SolutionDag:
 
 def _attempts(step: PlanStep) -> Attempts:
     """A step as the batch of one attempt that a recording is made of."""
-    rollouts = Rollouts(
-        step.times,
-        step.trajectory[None],
-        step.gripper[None],
-        step.end[None],
-        diverged=np.zeros(1, bool),
-    )
+    moved, diverged = (step.trajectory[None], step.gripper[None], step.end[None]), np.zeros(1, bool)
+    rollouts = Rollouts(step.times, *moved, diverged)
     start, spline = step.start[None], step.spline[None]
     return Attempts.of(step.action, step.start_state, start, spline, rollouts, [step.end_state])
 
