@@ -23,11 +23,8 @@ from knotflow.simulation import (
 from knotflow.topology import Action, TopologicalState
 
 CLICKS = ("grasp", "middle", "end")
-CLICK_RADIUS = 0.03
-"""Metres from the rope's centre line within which a click grasps it."""
-HEIGHTS = (float(SPLINE_LOW[3]), float(SPLINE_HIGH[3]))
-"""Lowest and highest middle control point, metres above the table."""
-
+CLICK_RADIUS = 0.03  # metres from the rope's centre line within which a click grasps it
+HEIGHTS = (float(SPLINE_LOW[3]), float(SPLINE_HIGH[3]))  # of the middle control point, metres
 _FINENESS = 0.001  # of the rope's length: resolution of a grasp
 _SLOPE = 0.1  # rise per length of a drawn rope, so that a later strand is over an earlier one
 _SMOOTHING = 4  # rounds of corner cutting: bends of a polyline become those of a rope
@@ -43,9 +40,7 @@ class Draft:
 
     Attributes:
         points: (V, 3) the rope at rest, metres.
-        state: its topological state.
         action: legal in the state.
-        rope: its radius.
         height: of the middle control point, metres above the table.
         clicks: (grasp,), (x, y), (x, y), metres.
     """
@@ -107,7 +102,6 @@ class Draft:
         self.clicks.append((x, y))
 
     def undo(self) -> None:
-        """Take the last click back, if there is one."""
         del self.clicks[-1:]
 
 

@@ -20,10 +20,8 @@ if TYPE_CHECKING:
 
 Colour = tuple[int, int, int]
 
-CAMERA = (0.0, -0.55, 1.05)
-"""The first camera position, metres: almost from above, as on the paper's images."""
-FIELD_OF_VIEW = float(np.deg2rad(75.0))
-"""Vertical, radians."""
+CAMERA = (0.0, -0.55, 1.05)  # metres, at first: almost from above, as on the paper's images
+FIELD_OF_VIEW = float(np.deg2rad(75.0))  # vertical
 _FADED = 0.75  # towards paper: the segments that an action does not name
 _POINT = 0.012  # metres, radius of a control point
 _CURVE = np.linspace(0.0, 1.0, 33)
@@ -72,7 +70,7 @@ class Scene:
 
     @_exclusive
     def rope(self, points: NDArray, action: Action | None = None) -> None:
-        """A rope (V, 3), metres; an action's segments stand out, numbered, if it is given."""
+        """A rope (V, 3), metres; an action's segments stand out, numbered."""
         points = np.asarray(points, float)
         self._capsules(points, _colours(points, action))
         labels = [("head", points[0]), ("tail", points[-1])]
@@ -101,11 +99,7 @@ class Scene:
         self._clear("spline")
         nodes: list[viser.SceneNodeHandle] = []
         for name, place in zip(CLICKS, np.asarray(controls, float), strict=False):
-            nodes.append(
-                self._scene.add_icosphere(
-                    f"/spline/{name}", radius=_POINT, color=rgb(SPLINE), position=place
-                )
-            )
+            nodes.append(self._ball(f"/spline/{name}", _POINT, SPLINE, place))
         if len(controls) > 1:  # how high the middle is
             foot = controls[1] * (1.0, 1.0, 0.0)
             nodes.append(self._line("/spline/stem", np.stack([foot, controls[1]]), MUTED, 2.0))
@@ -122,10 +116,7 @@ class Scene:
         elif "gripper" in self._handles:
             self._handles["gripper"][0].position = np.asarray(place, float)
         else:
-            ball = self._scene.add_icosphere(
-                "/gripper", radius=0.018, color=rgb("#d4a72c"), position=place, opacity=0.8
-            )
-            self._handles["gripper"] = [ball]
+            self._handles["gripper"] = [self._ball("/gripper", 0.018, "#d4a72c", place, 0.8)]
 
     @_exclusive
     def polyline(self, corners: NDArray) -> None:
@@ -133,8 +124,7 @@ class Scene:
         self._clear("polyline")
         flat = np.column_stack([corners, np.full(len(corners), self._rope.radius)])
         nodes: list[viser.SceneNodeHandle] = [
-            self._scene.add_icosphere(f"/drawn/{n}", radius=0.006, color=rgb(INK), position=place)
-            for n, place in enumerate(flat)
+            self._ball(f"/drawn/{n}", 0.006, INK, place) for n, place in enumerate(flat)
         ]
         if len(flat) > 1:
             nodes.append(self._line("/drawn/line", flat, INK, 3.0))
@@ -171,6 +161,11 @@ class Scene:
             batched_colors=_linear(_colours(points, None) if colours is None else colours),
             lod="off",
         )
+
+    def _ball(
+        self, name: str, radius: float, colour: str, place: NDArray, opacity: float | None = None
+    ) -> viser.IcosphereHandle:
+        return self._scene.add_icosphere(name, radius, rgb(colour), opacity=opacity, position=place)
 
     def _line(self, name: str, places: NDArray, colour: str, width: float) -> viser.SceneNodeHandle:
         pieces = np.stack([places[:-1], places[1:]], axis=1)

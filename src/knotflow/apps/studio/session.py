@@ -61,9 +61,7 @@ class Session:
 
     Attributes:
         file: of the kept demonstrations (JSON lines).
-        simulation: how splines are executed.
         points: (V, 3) the rope at rest, metres.
-        state: its topological state.
         plan: the last one for this rope, if any.
         draft: the demonstration in the making, if any.
         simulated: the draft's simulation, if any.
@@ -88,7 +86,6 @@ class Session:
 
     @cached_property
     def simulator(self) -> RopeSimulator:
-        """Executes splines."""
         return RopeSimulator(self.simulation)
 
     @cached_property
@@ -130,11 +127,7 @@ class Session:
             self.lay(parse_rope(name, rope, self._rng))
 
     def lay_file(self, path: Path) -> None:
-        """Lay the rope of a CSV or NPY file.
-
-        Raises:
-            RopeInputError: see `planning.read_rope`.
-        """
+        """Lay the rope of a CSV or NPY file; see `planning.read_rope` for its errors."""
         self.lay(parse_rope(str(path), self.simulation.rope, self._rng))
 
     def lay_upload(self, name: str, content: bytes) -> None:
@@ -162,13 +155,11 @@ class Session:
         from knotflow.perception import Camera, RgbdImage, estimate
 
         with tempfile.TemporaryDirectory() as folder:
-            paths = {"rgb": "rgb.png", "depth": "depth.png", "camera": "camera.yaml"}
-            for name, file in paths.items():
-                (Path(folder) / file).write_bytes(files[name])
-            camera = Camera.load(Path(folder) / paths["camera"])
-            image = RgbdImage.read(
-                Path(folder) / paths["rgb"], Path(folder) / paths["depth"], camera
-            )
+            rgb, depth, pose = (Path(folder) / n for n in ("rgb.png", "depth.png", "camera.yaml"))
+            for name, path in (("rgb", rgb), ("depth", depth), ("camera", pose)):
+                path.write_bytes(files[name])
+            camera = Camera.load(pose)
+            image = RgbdImage.read(rgb, depth, camera)
         with self._busy, one_thread():
             found = estimate(image, camera, self.simulation.rope)
         self.lay(found.points)
@@ -232,12 +223,11 @@ class Session:
         """
         if self.draft is None:
             raise StudioError("choose an action to demonstrate first")
-        splines, draft = self.draft.spline[None], self.draft
+        draft, spline = self.draft, self.draft.spline[None]
         with self._busy:
-            self.simulated = attempt(
-                self.simulator, draft.points, splines, draft.action, draft.state
-            )
-        return self.simulated
+            found = attempt(self.simulator, draft.points, spline, draft.action, draft.state)
+        self.simulated = found
+        return found
 
     def keep(self, who: str) -> Demonstration:
         """Append the simulated draft to `file`, signed, and end it.
@@ -253,14 +243,9 @@ class Session:
             raise StudioError("it did not reach its state, so nothing can be learned from it: redo")
         if not who.strip():
             raise StudioError("write your name first: who demonstrated is kept, too")
-        demonstration = Demonstration(
-            task_at(self.draft.state, self.draft.action),
-            self.draft.points,
-            self.draft.spline,
-            "human",
-            who.strip(),
-            datetime.now(UTC).astimezone().isoformat(timespec="seconds"),
-        )
+        draft, when = self.draft, datetime.now(UTC).astimezone().isoformat(timespec="seconds")
+        of = task_at(draft.state, draft.action)
+        demonstration = Demonstration(of, draft.points, draft.spline, "human", who.strip(), when)
         add_demonstration(self.file, demonstration)
         self.draft = self.simulated = None
         return demonstration
