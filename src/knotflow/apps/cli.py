@@ -73,8 +73,7 @@ Seed = Annotated[int, Parameter(validator=Number(gte=0))]
 Seconds = Annotated[float, Parameter(validator=Number(gt=0))]
 Margin = Annotated[float, Parameter(validator=Number(gte=0))]
 
-REPEATS = 32
-"""Disturbed repetitions from which `next` estimates the success probability."""
+REPEATS = 32  # disturbed, from which `next` estimates the success probability
 
 
 @app.command
@@ -93,8 +92,7 @@ def plan(
     """Plan how to tie a knot into a rope as it lies.
 
     Args:
-        knot: overhand, figure_eight, ...; crossings (4o1+2o5+6o3+); or actions ("R1(0,1,1)
-            C(0,1,1)").
+        knot: overhand, figure_eight, ...; crossings (4o1+2o5+6o3+); actions ("R1(0,1,1) C(0,1,1)").
         rope_unit: Of the rope file; by default the one in its header ("x [mm]"), else metres.
         out: Folder for pictures, recording and waypoints; plans/KNOT-ROPE-SEED by default.
         seed: Of the random rope and of the search.
@@ -442,7 +440,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _read_rope(rope: str, unit: Unit | None, seed: int) -> NDArray[np.float64]:
-    """The rope (V, 3) that --rope names, metres."""
     from knotflow.planning import parse_rope
     from knotflow.seeding import rng_of
     from knotflow.simulation import RopeConfig

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from knotflow.execution.dynamics import SHIPPED_DYNAMICS, ModelPrediction, MujocoDynamics
 from knotflow.execution.motions import STEP
-from knotflow.execution.mppi import Mppi
 from knotflow.execution.robot import (
     ImageStateEstimator,
     Observation,
@@ -295,6 +294,7 @@ def run_trial(
         estimator = ImageStateEstimator(camera, simulation.rope, network=network, tracker=tracker)
     if spec.tracks:
         from knotflow.execution.lstm_dynamics import LstmDynamics
+        from knotflow.execution.mppi import Mppi
 
         mujoco = spec.model == "mujoco"
         controller = Mppi(MujocoDynamics(simulation) if mujoco else LstmDynamics.load(weights))

@@ -25,8 +25,7 @@ from knotflow.apps.studio.session import Session
 from knotflow.apps.studio.tabs import AppState, DemonstrateTab, PlanTab, RopeTab
 from knotflow.viz.style import rope_colour
 
-PANEL_WIDTH = 330
-"""Pixels: leaves at least half of a tablet's screen to the scene."""
+PANEL_WIDTH = 330  # pixels: leaves at least half of a tablet's screen to the scene
 LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 
 
@@ -66,7 +65,6 @@ class Page:
         self.server.sleep_forever()
 
     def close(self) -> None:
-        """End the server."""
         self.server.stop()
 
 

@@ -18,8 +18,6 @@ from knotflow.viz.style import INK, MUTED, OVER, PAPER, RULE, SPLINE, UNDER, rop
 if TYPE_CHECKING:
     import viser
 
-Colour = tuple[int, int, int]
-
 CAMERA = (0.0, -0.55, 1.05)  # metres, at first: almost from above, as on the paper's images
 FIELD_OF_VIEW = float(np.deg2rad(75.0))  # vertical
 _FADED = 0.75  # towards paper: the segments that an action does not name
@@ -29,9 +27,10 @@ _CURVE = np.linspace(0.0, 1.0, 33)
 P = ParamSpec("P")
 
 
-def _exclusive(
-    draw: Callable[Concatenate[Scene, P], None],
-) -> Callable[Concatenate[Scene, P], None]:
+Drawing = Callable[Concatenate["Scene", P], None]
+
+
+def _exclusive(draw: Drawing[P]) -> Drawing[P]:
     """One drawing at a time: viser handles events on several threads."""
 
     @wraps(draw)
@@ -55,14 +54,8 @@ class Scene:
         server.initial_camera.look_at = (0.0, 0.0, 0.0)
         server.initial_camera.fov = FIELD_OF_VIEW
         reach = 2 * float(SPLINE_HIGH[-1])
-        self._scene.add_box(
-            "/table",
-            color=rgb("#f6f8fa"),
-            dimensions=(reach, reach, 0.01),
-            position=(0.0, 0.0, -0.0065),
-            cast_shadow=False,
-        )
-        colour = rgb(RULE)
+        size, place, colour = (reach, reach, 0.01), (0.0, 0.0, -0.0065), rgb(RULE)
+        self._scene.add_box("/table", rgb("#f6f8fa"), size, position=place, cast_shadow=False)
         self._scene.add_grid(
             "/grid", width=reach, height=reach, plane="xy", cell_size=0.1, section_size=0.1,
             cell_color=colour, section_color=colour,
@@ -174,15 +167,11 @@ class Scene:
         )
 
     def _labels(self, name: str, labels: list[tuple[str, NDArray]]) -> list[viser.SceneNodeHandle]:
-        return [
-            self._scene.add_label(
-                f"/labels/{name}/{n}",
-                text,
-                position=np.asarray(place) + (0.0, 0.0, 0.03),
-                anchor="bottom-center",
-            )
-            for n, (text, place) in enumerate(labels)
-        ]
+        nodes: list[viser.SceneNodeHandle] = []
+        for n, (text, place) in enumerate(labels):
+            above, path = np.asarray(place) + (0.0, 0.0, 0.03), f"/labels/{name}/{n}"
+            nodes.append(self._scene.add_label(path, text, position=above, anchor="bottom-center"))
+        return nodes
 
     def _clear(self, name: str) -> None:
         for handle in self._handles.pop(name, []):
@@ -221,7 +210,7 @@ def _linear(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.rint(255.0 * light).astype(np.uint8)
 
 
-def rgb(colour: str) -> Colour:
+def rgb(colour: str) -> tuple[int, int, int]:
     """'#rrggbb' as three numbers, 0 to 255."""
     red, green, blue = bytes.fromhex(colour[1:])
     return red, green, blue
