@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -14,7 +14,7 @@ from knotflow.simulation import RopeConfig, resample, state_or_none
 from knotflow.topology import TopologicalState
 
 if TYPE_CHECKING:
-    from knotflow.perception import Camera, EstimateConfig, Network, RgbdImage, Tracker
+    from knotflow.perception import Camera, Network, RgbdImage, Tracker
 
 
 class Robot(Protocol):
@@ -170,7 +170,7 @@ class StateEstimator(Protocol):
 
 @dataclass
 class ImageStateEstimator:
-    """A `StateEstimator` by `perception.estimate`.
+    """A `StateEstimator` by `perception.estimate`; a wider search follows an ambiguous image.
 
     The first image, which may show the gripper, only tells the camera's time; a later one is read.
     """
@@ -178,8 +178,6 @@ class ImageStateEstimator:
     camera: Camera
     """At its nominal pose."""
     rope: RopeConfig = field(default_factory=RopeConfig)
-    config: EstimateConfig | None = None
-    """Its slow wider search is used only after an ambiguous image."""
     network: Network | None = None
     """Proposes further first guesses; the shipped one by default."""
     tracker: Tracker | None = None
@@ -198,16 +196,12 @@ class ImageStateEstimator:
             self._previous_time = image.time
             return None
         self._previous_time = None
-        config = self.config or EstimateConfig()
+        config = EstimateConfig() if self._search_wider else EstimateConfig(fallback_search=None)
+        camera, rope, net = self.camera, self.rope, self.network
+        first = likely[0] if likely else None
         try:
             found = estimate(
-                image,
-                self.camera,
-                self.rope,
-                config=config if self._search_wider else replace(config, fallback_search=None),
-                earlier=likely[0] if likely else None,
-                network=self.network,
-                likely=likely,
+                image, camera, rope, config=config, earlier=first, network=net, likely=likely
             )
         except TraceError as error:
             return Observation.no_rope(str(error))
@@ -215,9 +209,8 @@ class ImageStateEstimator:
         if self.tracker is not None:
             self.tracker.restart(found, image.time)
         unknown = () if found.head_known else ("head and tail look alike",)
-        return Observation.of(
-            resample(found.points, self.rope), found.ambiguities + unknown, found.ambiguous_ends
-        )
+        points, ambiguities = resample(found.points, self.rope), found.ambiguities + unknown
+        return Observation.of(points, ambiguities, found.ambiguous_ends)
 
 
 class CameraTimer(RobotWrapper):
