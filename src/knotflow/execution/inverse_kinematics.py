@@ -40,23 +40,14 @@ RESTARTS = 12
 
 @dataclass(frozen=True, eq=False)
 class IkSolution:
-    """An arm following N waypoints as closely as it can.
+    """An arm following N waypoints as closely as it can; world frame, metres, radians."""
 
-    Attributes:
-        joints: (N, n) configurations, radians (metres for slides).
-        positions: (N, 3) of the tip by forward kinematics, metres, world frame.
-        quaternions: (N, 4) of the tip, w x y z.
-        error: (N,) distance from the waypoints, metres.
-        tilt: (N,) of the gripper from pointing down, radians.
-        turn: (N,) of the grasping fingers from across the strand, radians; else 0.
-    """
-
-    joints: NDArray[np.float64]
-    positions: NDArray[np.float64]
-    quaternions: NDArray[np.float64]
-    error: NDArray[np.float64]
-    tilt: NDArray[np.float64]
-    turn: NDArray[np.float64]
+    joints: NDArray[np.float64]  # (N, n)
+    positions: NDArray[np.float64]  # (N, 3) of the tip by forward kinematics
+    quaternions: NDArray[np.float64]  # (N, 4) of the tip, w x y z
+    error: NDArray[np.float64]  # (N,) distance from the waypoints
+    tilt: NDArray[np.float64]  # (N,) of the gripper from pointing down
+    turn: NDArray[np.float64]  # (N,) of the grasping fingers from across the strand; else 0
 
     @property
     def ok(self) -> NDArray[np.bool_]:
@@ -72,26 +63,23 @@ def follow_waypoints(
     Of each step's two grasps, half a turn apart, the one nearer to the arm's home is taken, or the
     other where that reaches more waypoints.
     """
-    solver = _Solver(arm, base or arm.base)
+    solver, phases = _Solver(arm, base or arm.base), np.array(waypoints.phases)
     joints: NDArray | None = None
     yaw: float | None = None
     segments: list[_Segment] = []
-    phases = np.array(waypoints.phases)
     for step, plan_step in enumerate(plan.steps):
         rows = np.flatnonzero(waypoints.step == step)
         positions, aligned = waypoints.positions[rows], np.isin(phases[rows], ALIGNED)
         link = int(grasped_link(plan_step.spline, len(plan_step.start) - 1))
         x, y, _ = plan_step.start[link + 1] - plan_step.start[link]
         nearer = solver.nearest_yaw(float(np.arctan2(y, x)), positions[-1])
-        best: _Segment | None = None
+        found: list[_Segment] = []
         for goal in (nearer, nearer + np.pi):
             yaws = _interpolate_yaw(yaw, goal, phases[rows] == "travel")
-            segment = solver.follow(joints, positions, yaws, aligned)
-            if best is None or segment.missed < best.missed:
-                best = segment
-            if not best.missed:
+            found.append(solver.follow(joints, positions, yaws, aligned))
+            if not found[-1].missed:
                 break
-        assert best is not None
+        best = min(found, key=lambda segment: segment.missed)
         segments.append(best)
         joints, yaw = best.joints[-1], solver.yaw(best.joints[-1], near=float(best.yaws[-1]))
     return solver.solution(segments, waypoints)

@@ -87,14 +87,7 @@ class TwinConfig:
 
 
 class Twin:
-    """A simulated robot and rope, with randomly drawn parameters.
-
-    Attributes:
-        rope: what was drawn.
-        times: (N,) seconds at the end of each move.
-        trajectory: (N, V, 3) the rope then, metres.
-        missed_grasps: number of grasps that caught nothing.
-    """
+    """A simulated robot and rope, with randomly drawn parameters."""
 
     def __init__(
         self,
@@ -133,9 +126,9 @@ class Twin:
         self._commanded = np.array(config.home)
         self._grasp_offset: NDArray | None = None  # from the gripper to the held link's centre
         self._closed = False
-        self.missed_grasps = 0
-        self.times: list[float] = []
-        self.trajectory: list[NDArray[np.float64]] = []
+        self.missed_grasps = 0  # grasps that caught nothing
+        self.times: list[float] = []  # (N,) seconds at the end of each move
+        self.trajectory: list[NDArray[np.float64]] = []  # (N, V, 3) metres, the rope then
         self._time, self._settle_time = 0.0, MIN_SETTLE_TIME
         while self._time < MAX_SETTLE_TIME and not self._at_rest():
             self._advance(self._commanded, MIN_SETTLE_TIME)
