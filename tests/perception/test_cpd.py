@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from knotflow.perception.tracking.cpd import CpdConfig, CpdTracker, drift
+from knotflow.perception.tracking import CpdConfig, CpdTracker, drift
 
 from .shapes import CAMERA, ROPE, image, s_curve
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from knotflow.perception import Camera, CameraNoiseConfig, RgbdImage, add_noise
-from knotflow.perception.camera.noise import shadow
+from knotflow.perception.camera.image import shadow
 
 ONLY_DEPTH = dict(lateral_std=0, baseline=0, edge_loss=0, loss=0, colour_std=0, blur=0)
 

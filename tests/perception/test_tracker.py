@@ -13,10 +13,10 @@ from knotflow.perception import (
     TraceError,
     Tracker,
     TrackerConfig,
+    tracking,
 )
-from knotflow.perception.estimation.chain import project_lengths
-from knotflow.perception.tracking import tracker as tracking
-from knotflow.perception.tracking.tracker import constant_velocity
+from knotflow.perception.estimation.fitting import project_lengths
+from knotflow.perception.tracking import constant_velocity
 
 from .shapes import CAMERA, ROPE, image, s_curve
 

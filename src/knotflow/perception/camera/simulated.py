@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knotflow.perception.camera.image import Label, RgbdImage
-from knotflow.perception.camera.noise import CameraNoiseConfig, add_noise
+from knotflow.perception.camera.image import CameraNoiseConfig, Label, RgbdImage, add_noise
 from knotflow.perception.camera.pinhole import Camera
 from knotflow.simulation import RopeConfig, check_points
 
@@ -18,10 +17,15 @@ if TYPE_CHECKING:
 
 Colour = tuple[float, float, float]
 
-HEAD_LENGTH = 0.05
-"""Length of the coloured head, metres: two turns of tape."""
 TAPE: Colour = (0.85, 0.10, 0.12)
 """Red tape around the rope's head."""
+_HEAD_LENGTH = 0.05  # metres: two turns of tape
+_FINGER = (0.014, 0.008, 0.060)  # size, metres: along the rope it holds, across, and upwards
+_PALM = (0.030, 0.090, 0.050)  # size of the palm that carries the fingers, metres
+_WRIST = (0.025, 0.120)  # radius and length above the palm, metres
+_OPEN = 0.050  # metres between the open fingers; closed they touch the rope
+
+_Bare = tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32]]  # labels, rgb, depth
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,7 @@ class Appearance:
     table: Colour = (0.28, 0.36, 0.38)
     gripper: Colour = (0.12, 0.12, 0.13)
     head: Colour | None = None
-    """Colour of the rope's first `HEAD_LENGTH`; None is a rope whose ends look alike."""
+    """Colour of the rope's first 50 mm; None is a rope whose ends look alike."""
     light: tuple[float, float, float] = (0.2, -0.3, 1.0)
     """Direction towards the light."""
     ambient: float = 0.5
@@ -112,18 +116,6 @@ def _colour(values: NDArray) -> Colour:
     return red, green, blue
 
 
-FINGER = (0.014, 0.008, 0.060)
-"""Size of a finger, metres: along the rope it holds, across, and upwards."""
-PALM = (0.030, 0.090, 0.050)
-"""Size of the palm that carries the fingers, metres."""
-WRIST = (0.025, 0.120)
-"""Radius and length of the wrist above the palm, metres."""
-OPEN = 0.050
-"""Distance between the open fingers, metres; closed they touch the rope."""
-
-_Bare = tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32]]  # labels, rgb, depth
-
-
 @dataclass(frozen=True, eq=False)
 class View:
     """An image without noise, and the `Label` (H, W) of each pixel."""
@@ -156,7 +148,7 @@ class SimulatedCamera:
         links = np.arange(self._model.ngeom) - 1  # geom 0 is the table
         self._labels = np.where(links < rope.links, Label.ROPE, Label.GRIPPER).astype(np.uint8)
         self._labels[0] = Label.TABLE
-        self._head = (links >= 0) & (links < round(HEAD_LENGTH / rope.link_length))
+        self._head = (links >= 0) & (links < round(_HEAD_LENGTH / rope.link_length))
         self._table: tuple[Appearance, _Bare] | None = None
 
     def capture(
@@ -284,8 +276,8 @@ class SimulatedCamera:
             nearest = int(np.linalg.norm(position[:links] - at, axis=1).argmin())
             yaw = np.arctan2(direction[nearest, 1], direction[nearest, 0])
             across = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
-            gap = 2 * self.rope.radius if closed else OPEN
-            side = 0.5 * (gap + FINGER[1]) * across
+            gap = 2 * self.rope.radius if closed else _OPEN
+            side = 0.5 * (gap + _FINGER[1]) * across
             position[links:] = at, at + side, at - side
             quaternion[links:] = np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)
         mujoco.mj_kinematics(self._model, self._data)
@@ -302,18 +294,18 @@ def _scene(rope: RopeConfig) -> mujoco.MjModel:
         spec.worldbody.add_body(mocap=True).add_geom(
             type=capsule, size=[rope.radius, rope.link_length / 2, 0]
         )
-    bottom = FINGER[2] - rope.radius  # of the palm; the fingertips reach the table
+    bottom = _FINGER[2] - rope.radius  # of the palm; the fingertips reach the table
     palm = spec.worldbody.add_body(mocap=True)
-    palm.add_geom(type=box, size=np.array(PALM) / 2, pos=[0, 0, bottom + PALM[2] / 2], group=1)
+    palm.add_geom(type=box, size=np.array(_PALM) / 2, pos=[0, 0, bottom + _PALM[2] / 2], group=1)
     palm.add_geom(
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        size=[WRIST[0], WRIST[1] / 2, 0],
-        pos=[0, 0, bottom + PALM[2] + WRIST[1] / 2],
+        size=[_WRIST[0], _WRIST[1] / 2, 0],
+        pos=[0, 0, bottom + _PALM[2] + _WRIST[1] / 2],
         group=1,
     )
     for _ in range(2):
         spec.worldbody.add_body(mocap=True).add_geom(
-            type=box, size=np.array(FINGER) / 2, pos=[0, 0, bottom - FINGER[2] / 2], group=1
+            type=box, size=np.array(_FINGER) / 2, pos=[0, 0, bottom - _FINGER[2] / 2], group=1
         )
     return spec.compile()
 

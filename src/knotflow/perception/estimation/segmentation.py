@@ -11,21 +11,14 @@ from numpy.typing import NDArray
 from knotflow.perception.camera.image import Label, RgbdImage
 from knotflow.perception.camera.pinhole import Camera
 
-HIGH = 0.05
-"""Height above the table, metres, from which something wider than a rope is the gripper."""
-REACH = 0.06
-"""Fingers are seen within this distance of the gripper's high and wide part, metres."""
-SHORTEST = 0.05
-"""Rope of which less than this length is seen is noise, metres."""
-BINS = 16
-"""Bins of a colour histogram along each of red, green and blue."""
-HEIGHT_LIMIT, COLOUR_LIMIT = 2.0, 6.0
-"""Largest evidence of one pixel's height and of its colour, log of a likelihood ratio."""
-ENOUGH = 1.0
-"""Evidence from which a pixel is rope: far more of the image is table."""
-SURE = 1.3
-"""Evidence of the smoothed height alone for the first histograms; a rope between two rows of pixels
-has 1.32."""
+_HIGH = 0.05  # metres above the table, from where something wider than a rope is the gripper
+_REACH = 0.06  # metres from the gripper's high and wide part, within which fingers are seen
+_SHORTEST = 0.05  # metres: less rope than this is noise
+_BINS = 16  # of a colour histogram along each of red, green and blue
+# Evidence is the logarithm of a likelihood ratio of rope against table.
+_HEIGHT_LIMIT, _COLOUR_LIMIT = 2.0, 6.0  # largest evidence of one pixel's height and of its colour
+_ENOUGH = 1.0  # from which a pixel is rope: far more of the image is table
+_SURE = 1.3  # of the smoothed height alone; a rope between two rows of pixels has 1.32
 _SMOOTH = 0.6  # pixels, standard deviation
 _CONTRAST = 5.0  # standard deviations of the table's colour, by which the rope's must differ
 _ALIEN = 0.5  # of the contrast: a colour so far off the line between both is neither's
@@ -65,7 +58,7 @@ def segment(image: RgbdImage, camera: Camera, radius: float) -> Segmentation:
     height = height.astype(np.float32)
     known = np.isfinite(height)
     pixel = float(np.nanmedian(image.depth)) / camera.fx  # metres
-    solid, near = _gripper(height, radius / pixel, REACH / pixel)
+    solid, near = _gripper(height, radius / pixel, _REACH / pixel)
     bins = _bins(image.rgb)
 
     by_height = _height_evidence(height, radius)
@@ -75,10 +68,10 @@ def segment(image: RgbdImage, camera: Camera, radius: float) -> Segmentation:
         """Averages (H, W) over known neighbours."""
         return _blurred(np.where(known, evidence, np.float32(0.0))) / weight
 
-    standing = smooth(by_height) > SURE
+    standing = smooth(by_height) > _SURE
     for _ in range(2):
         by_colour = _colour_evidence(bins, standing & known & ~near, ~standing & known & ~near)
-        standing = smooth(by_height + by_colour) > ENOUGH
+        standing = smooth(by_height + by_colour) > _ENOUGH
     labels = np.where(standing, Label.ROPE, Label.TABLE).astype(np.uint8)
     if solid.any():
         by_colour = _colour_evidence(bins, standing & known & ~near, solid)
@@ -86,8 +79,8 @@ def segment(image: RgbdImage, camera: Camera, radius: float) -> Segmentation:
         standing |= height > 3 * radius  # a gripper of the table's colour
         labels[near & standing & unlike_rope] = Label.GRIPPER
         labels[solid] = Label.GRIPPER
-    labels[~known | (height < -HIGH)] = Label.UNKNOWN
-    _remove_specks(labels, radius / pixel, SHORTEST / pixel)
+    labels[~known | (height < -_HIGH)] = Label.UNKNOWN
+    _remove_specks(labels, radius / pixel, _SHORTEST / pixel)
     return Segmentation(labels, height)
 
 
@@ -129,13 +122,12 @@ def _height_evidence(height: NDArray[np.float32], radius: float) -> NDArray[np.f
     table = np.maximum(height, 0.0) / table_std
     rope = np.minimum(height - rope_mean, 0.0) / rope_std
     evidence = 0.5 * (table**2 - rope**2) + np.log(table_std / rope_std)
-    return np.clip(np.nan_to_num(evidence), -HEIGHT_LIMIT, HEIGHT_LIMIT)
+    return np.clip(np.nan_to_num(evidence), -_HEIGHT_LIMIT, _HEIGHT_LIMIT)
 
 
 def _bins(rgb: NDArray[np.uint8]) -> NDArray[np.intp]:
-    """The bin (H, W) of each pixel in a flat colour histogram."""
-    red, green, blue = np.moveaxis((rgb // (256 // BINS)).astype(np.intp), -1, 0)
-    return (red * BINS + green) * BINS + blue
+    red, green, blue = np.moveaxis((rgb // (256 // _BINS)).astype(np.intp), -1, 0)
+    return (red * _BINS + green) * _BINS + blue
 
 
 def _colour_evidence(
@@ -146,11 +138,11 @@ def _colour_evidence(
 
     logs = []
     for pixels in (these, those):
-        counts = np.bincount(bins[pixels], minlength=BINS**3).astype(np.float32)
-        smooth = ndimage.gaussian_filter(counts.reshape(BINS, BINS, BINS), 0.7).ravel()
+        counts = np.bincount(bins[pixels], minlength=_BINS**3).astype(np.float32)
+        smooth = ndimage.gaussian_filter(counts.reshape(_BINS, _BINS, _BINS), 0.7).ravel()
         # An even share keeps colours that were not met from deciding.
-        logs.append(np.log(0.98 * smooth / max(counts.sum(), 1.0) + 0.02 / BINS**3))
-    return np.clip(logs[0] - logs[1], -COLOUR_LIMIT, COLOUR_LIMIT)[bins]
+        logs.append(np.log(0.98 * smooth / max(counts.sum(), 1.0) + 0.02 / _BINS**3))
+    return np.clip(logs[0] - logs[1], -_COLOUR_LIMIT, _COLOUR_LIMIT)[bins]
 
 
 def _gripper(
@@ -160,7 +152,7 @@ def _gripper(
     most `reach` pixels from there."""
     from scipy import ndimage
 
-    high = (np.nan_to_num(height) > HIGH).astype(np.float32)
+    high = (np.nan_to_num(height) > _HIGH).astype(np.float32)
     high = ndimage.uniform_filter(high, 3) > 0.5  # five of nine: the median is high
     if not high.any():
         return high, high
@@ -204,11 +196,9 @@ def _remove_specks(labels: NDArray[np.uint8], radius: float, shortest: float) ->
 
 
 def pixel_coverage(image: RgbdImage, segmentation: Segmentation) -> NDArray[np.float64]:
-    """Share (H, W) of each pixel that the rope covers, 0..1, by where the pixel's colour lies
-    between the table's and the rope's.
-
-    The segmentation decides where both look alike, and where a colour is neither's (a marked head).
-    """
+    """Share (H, W) of each pixel that the rope covers, 0..1, by where its colour lies between the
+    table's and the rope's; the segmentation decides where both look alike, and where a colour is
+    neither's (a marked head)."""
     from scipy.ndimage import binary_dilation, uniform_filter
 
     mask, labels = segmentation.rope, segmentation.labels

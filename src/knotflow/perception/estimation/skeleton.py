@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.perception.camera.pinhole import Camera
-from knotflow.perception.estimation.fitting import project_lengths
+from knotflow.perception.estimation.fitting import interpolate, project_lengths
 from knotflow.simulation import RopeConfig
 from knotflow.topology.polyline import DegenerateCurveError, planar_crossings
 
@@ -216,11 +216,8 @@ def _follow(walk: tuple[ArmEnd, ...], arms: list[Floats], covered: float) -> Tra
 
 def _apart(one: Trace, other: Trace) -> float:
     """Mean distance of two paths, pixels, in whichever direction they are nearer."""
-    even = np.linspace(0, 1, 60)
     first, second = (
-        np.stack(
-            [np.interp(even, np.linspace(0, 1, len(path)), path[:, k]) for k in (0, 1)], axis=1
-        )
+        interpolate(np.linspace(0, 1, 60), np.linspace(0, 1, len(path)), path)
         for path in (one.pixels, other.pixels)
     )
     return float(
@@ -242,7 +239,7 @@ def lift(
     even = np.linspace(0.0, along[-1], rope.num_vertices)
     width = max(1, round(2 * rope.radius / (along[-1] / len(along))))  # path steps in a width
     smooth = _running_mean(axis, width)
-    shape = np.stack([np.interp(even, along, smooth[:, k]) for k in range(3)], axis=1)
+    shape = interpolate(even, along, smooth)
     shape[:, 2] = np.maximum(shape[:, 2], rope.radius)
     shape = _part_strands(shape, rope)
     return project_lengths(shape, rope.link_length)
