@@ -1,4 +1,4 @@
-"""From one image to shape, state and doubts."""
+"""From one image to shape, state and ambiguities."""
 
 from dataclasses import replace
 

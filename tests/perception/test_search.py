@@ -1,4 +1,4 @@
-"""Where gradient steps cannot go, a shape is propose_rewirings."""
+"""Where gradient steps cannot go, a shape is rewired."""
 
 import numpy as np
 import pytest

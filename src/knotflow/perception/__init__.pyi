@@ -1,13 +1,6 @@
 import pathlib
 
-from .camera.image import (
-    SAMPLE,
-    CameraNoiseConfig,
-    ImageError,
-    Label,
-    RgbdImage,
-    add_noise,
-)
+from .camera.image import SAMPLE, CameraNoiseConfig, ImageError, Label, RgbdImage, add_noise
 from .camera.pinhole import Camera, CameraError
 from .camera.rendering import render
 from .camera.simulated import Appearance, SimulatedCamera

@@ -90,10 +90,8 @@ class Tracker:
     ) -> None:
         """Take up a rope from an estimate or its true points (V, 3), metres, head first.
 
-        Args:
-            camera, rope, initial, config: of all images, and the rope at first.
-            predict: the rope before it is seen; `constant_velocity` by default.
-            network: proposes guesses where a lost rope is looked for; the shipped one by default.
+        `predict` is `constant_velocity` by default; a `network`, by default the shipped one,
+        proposes guesses where a lost rope is looked for.
 
         Raises:
             ValueError: points of another rope.

@@ -73,17 +73,15 @@ class Appearance:
             ]
         )
         return cls(
-            rope=_colour(rope),
-            table=_colour(table),
-            gripper=_colour(rng.uniform(0.05, 0.25) + rng.uniform(-0.03, 0.03, 3)),
+            rope=_triple(rope),
+            table=_triple(table),
+            gripper=_triple(rng.uniform(0.05, 0.25) + rng.uniform(-0.03, 0.03, 3)),
             head=head,
-            light=(
-                float(np.sin(tilt) * np.cos(azimuth)),
-                float(np.sin(tilt) * np.sin(azimuth)),
-                float(np.cos(tilt)),
+            light=_triple(
+                [np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)]
             ),
             ambient=float(rng.uniform(0.35, 0.65)),
-            brightness=_colour(
+            brightness=_triple(
                 rng.uniform(0.75, 1.0) + level * rng.normal(0.0, noise.white_balance, 3)
             ),
             grain=tuple((float(x), float(y), float(phase), float(a)) for x, y, phase, a in grain),
@@ -94,11 +92,8 @@ class Appearance:
     ) -> NDArray[np.uint8]:
         """The colours (H, W, 3), by Lambert's law, of `labels` (H, W), of the rope's head (H, W),
         at `points` (H, W, 3), metres, with unit `normals` (H, W, 3), world frame."""
-        colours = np.zeros((len(Label), 3))
-        colours[Label.TABLE] = self.table
-        colours[Label.ROPE] = self.rope
-        colours[Label.GRIPPER] = self.gripper
-        rgb = colours[labels]
+        black = (0.0, 0.0, 0.0)
+        rgb = np.array([black, self.table, self.rope, self.gripper])[labels]  # as in `Label`
         if self.head is not None:
             rgb[head] = self.head
         light = np.array(self.light) / np.linalg.norm(self.light)
@@ -111,9 +106,9 @@ class Appearance:
         return np.rint(255.0 * rgb.clip(0.0, 1.0)).astype(np.uint8)
 
 
-def _colour(values: NDArray) -> Colour:
-    red, green, blue = (float(value) for value in values)
-    return red, green, blue
+def _triple(values: ArrayLike) -> tuple[float, float, float]:
+    one, two, three = (float(value) for value in np.asarray(values))
+    return one, two, three
 
 
 @dataclass(frozen=True, eq=False)

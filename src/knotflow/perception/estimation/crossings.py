@@ -20,10 +20,7 @@ from knotflow.topology import DegenerateCurveError, project
 
 Floats = NDArray[np.float64]
 
-END_AMBIGUITIES = {
-    0: "the head ends at another strand",
-    -1: "the tail ends at another strand",
-}
+END_AMBIGUITIES = {0: "the head ends at another strand", -1: "the tail ends at another strand"}
 """What is said of an end that may or may not cross a strand."""
 _EXCHANGED = 5.0  # radii along each strand on either side of a crossing
 _STEPS = 25

@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+from scipy.spatial import cKDTree
 from torch import Tensor
 
 from knotflow.perception.camera.image import RgbdImage
@@ -161,9 +163,6 @@ def coverage_fraction(shape: NDArray, target: Target) -> float:
 def measure_radius(shape: NDArray, target: Target) -> float:
     """The radius, metres, at which a shape (V, 3) looks as thick as the rope in the image, measured
     where the shape is on the rope; the rope's own where it never is."""
-    from scipy.optimize import minimize_scalar
-    from scipy.spatial import cKDTree
-
     camera, radius = target.camera, target.rope.radius
     points = torch.as_tensor(shape)
     at = np.linspace(0, len(shape) - 1, 5 * len(shape))

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from knotflow.perception.estimation.crossings import exchange_heights
 from knotflow.perception.estimation.evidence import Target, coverage_fraction
@@ -191,8 +192,6 @@ def propose_rewirings(shape: Floats, rope: RopeConfig, contacts: int) -> list[Fl
 
 def extend_to_missed(shape: Floats, target: Target) -> list[Floats]:
     """Shapes (V, 3), metres, of which an end reaches rope that one (V, 3) leaves out."""
-    from scipy import ndimage
-
     rope, left_out = target.rope, target.coverage - target.occupancy(shape)
     missed = ((left_out > _MISSED) & target.known).numpy()
     parts, count = ndimage.label(missed, np.ones((3, 3)))

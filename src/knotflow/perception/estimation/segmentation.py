@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from knotflow.perception.camera.image import Label, RgbdImage
 from knotflow.perception.camera.pinhole import Camera
@@ -134,8 +135,6 @@ def _colour_evidence(
     bins: NDArray[np.intp], these: NDArray[np.bool_], those: NDArray[np.bool_]
 ) -> NDArray[np.float32]:
     """Log likelihood ratio of a pixel's colour (H, W) among `these` pixels against `those`."""
-    from scipy import ndimage  # slow to import
-
     logs = []
     for pixels in (these, those):
         counts = np.bincount(bins[pixels], minlength=_BINS**3).astype(np.float32)
@@ -150,8 +149,6 @@ def _gripper(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Where (H, W) something high is wider than a rope of radius `rope` pixels, and where it is at
     most `reach` pixels from there."""
-    from scipy import ndimage
-
     high = (np.nan_to_num(height) > _HIGH).astype(np.float32)
     high = ndimage.uniform_filter(high, 3) > 0.5  # five of nine: the median is high
     if not high.any():
@@ -164,8 +161,6 @@ def _gripper(
 
 def _within(mask: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
     """Where (H, W) a pixel of the mask (H, W) is less than `reach` pixels away."""
-    from scipy import ndimage
-
     near = np.zeros_like(mask)
     if mask.any():
         around = tuple(
@@ -176,16 +171,12 @@ def _within(mask: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
 
 
 def _blurred(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    from scipy import ndimage
-
     return np.asarray(ndimage.gaussian_filter(image, _SMOOTH))
 
 
 def _remove_specks(labels: NDArray[np.uint8], radius: float, shortest: float) -> None:
     """Label rope (H, W) unknown in place where it is a speck less long than wide, or all of it if
     it is shorter than `shortest`, pixels, as the `radius`."""
-    from scipy import ndimage
-
     parts, _ = ndimage.label(labels == Label.ROPE, structure=np.ones((3, 3)))
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
@@ -199,13 +190,11 @@ def pixel_coverage(image: RgbdImage, segmentation: Segmentation) -> NDArray[np.f
     """Share (H, W) of each pixel that the rope covers, 0..1, by where its colour lies between the
     table's and the rope's; the segmentation decides where both look alike, and where a colour is
     neither's (a marked head)."""
-    from scipy.ndimage import binary_dilation, uniform_filter
-
     mask, labels = segmentation.rope, segmentation.labels
     table, unknown = labels == Label.TABLE, labels == Label.UNKNOWN
     # Pixels without depth within the rope are rope, unless their colour says otherwise.
-    share = uniform_filter(mask.astype(float), 3) / np.maximum(
-        uniform_filter(1.0 - unknown, 3), 0.1
+    share = ndimage.uniform_filter(mask.astype(float), 3) / np.maximum(
+        ndimage.uniform_filter(1.0 - unknown, 3), 0.1
     )
     whole = np.where(unknown, share > 0.5, mask).astype(float)
     if not mask.any() or not table.any():
@@ -218,7 +207,7 @@ def pixel_coverage(image: RgbdImage, segmentation: Segmentation) -> NDArray[np.f
     grain = float(np.median(np.abs((bare - background) @ line))) / max(contrast, 1e-9)
     if contrast < _CONTRAST * 1.5 * grain or contrast < 20:
         return whole
-    near = binary_dilation(mask, iterations=1)
+    near = ndimage.binary_dilation(mask, iterations=1)
     colours = image.rgb[near] - background  # (N, 3)
     along = colours @ line / contrast**2
     off = np.linalg.norm(colours - along[:, None] * line, axis=1)

@@ -9,8 +9,11 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass, replace
 
+import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
+from skimage.morphology import remove_small_objects, skeletonize
 
 from knotflow.perception.camera.pinhole import Camera
 from knotflow.perception.estimation.fitting import interpolate, project_lengths
@@ -95,9 +98,6 @@ def trace(mask: NDArray, width: float, length: float | None = None) -> list[Trac
 
 def _skeleton(mask: NDArray, width: float) -> tuple[list[Floats], list[list[ArmEnd]]]:
     """Arms (N, 2) of rows and columns on the finer grid, and the arm ends at each junction."""
-    from scipy import ndimage
-    from skimage.morphology import remove_small_objects, skeletonize
-
     fine = ndimage.zoom(mask.astype(float), _ZOOM, order=1, grid_mode=True, mode="grid-constant")
     fine = ndimage.gaussian_filter(fine, _SMOOTH * _ZOOM) > 0.5
     fine = remove_small_objects(fine, max_size=int(width**2), connectivity=2)
@@ -129,8 +129,6 @@ def _skeleton(mask: NDArray, width: float) -> tuple[list[Floats], list[list[ArmE
 
 def _ordered(pixels: NDArray[np.intp]) -> NDArray[np.intp]:
     """Pixels (N, 2) of a path, from one end to the other."""
-    import networkx as nx
-
     apart = np.abs(pixels[:, None] - pixels[None]).max(axis=2) == 1
     graph = nx.from_numpy_array(apart)
     ends = [node for node, degree in graph.degree if degree <= 1] or [0]
@@ -316,8 +314,8 @@ def _arc_length(curve: Floats) -> Floats:
 
 def _running_mean(curve: Floats, width: int) -> Floats:
     """A curve (N, 3) averaged over `width` points; its ends stay where they are."""
-    from scipy.ndimage import uniform_filter1d
-
     ends = 2 * curve[0] - curve[width:0:-1], 2 * curve[-1] - curve[-2 : -width - 2 : -1]
     padded = np.concatenate([ends[0], curve, ends[1]])
-    return uniform_filter1d(padded, 2 * (width // 2) + 1, axis=0)[len(ends[0]) :][: len(curve)]
+    return ndimage.uniform_filter1d(padded, 2 * (width // 2) + 1, axis=0)[len(ends[0]) :][
+        : len(curve)
+    ]

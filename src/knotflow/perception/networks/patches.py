@@ -16,6 +16,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
@@ -84,8 +85,6 @@ class Patch:
             (3, size, size), rows along the patch's second axis: the rope's share of each pixel, its
             height there in radii (0 where there is no rope), and how much is known.
         """
-        from scipy.ndimage import map_coordinates
-
         seen, share = target.known.numpy(), target.coverage.numpy()
         deep = seen & np.isfinite(target.height.numpy())
         height = np.where(deep, target.height, 0.0) / self.radius

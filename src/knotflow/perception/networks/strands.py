@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy import ndimage
 from torch import Tensor, nn
 from torch.nn.functional import grid_sample
 
@@ -222,8 +223,6 @@ def trace_strands(network: StrandNetwork, seen: Tensor, length: float) -> list[S
 
 def _seeds(seen: Tensor) -> list[tuple[Floats, float]]:
     """Places (2,), radii, far apart, where one strand is seen alone, and its direction."""
-    from scipy import ndimage
-
     covered, raised = seen[0].numpy(), seen[1].numpy()
     flat = (covered > 0.5) & (raised < 2.8)
     size = len(covered)
