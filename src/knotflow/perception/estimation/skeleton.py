@@ -316,6 +316,5 @@ def _running_mean(curve: Floats, width: int) -> Floats:
     """A curve (N, 3) averaged over `width` points; its ends stay where they are."""
     ends = 2 * curve[0] - curve[width:0:-1], 2 * curve[-1] - curve[-2 : -width - 2 : -1]
     padded = np.concatenate([ends[0], curve, ends[1]])
-    return ndimage.uniform_filter1d(padded, 2 * (width // 2) + 1, axis=0)[len(ends[0]) :][
-        : len(curve)
-    ]
+    smooth = ndimage.uniform_filter1d(padded, 2 * (width // 2) + 1, axis=0)
+    return smooth[len(ends[0]) :][: len(curve)]
