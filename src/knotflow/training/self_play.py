@@ -40,7 +40,7 @@ from knotflow.threads import one_thread
 from knotflow.topology import Action, TopologicalState
 from knotflow.topology.polyline import Floats
 from knotflow.topology.symmetry import representative
-from knotflow.training.buffers import StateBuffer, TransitionBuffer, transformed
+from knotflow.training.buffers import StateBuffer, TransitionBuffer
 from knotflow.training.config import SelfPlayConfig
 from knotflow.training.curriculum import (
     Curriculum,
@@ -228,7 +228,7 @@ class SelfPlay(Trainer):
     def _keep(self, points: Floats, state: TopologicalState) -> None:
         """Keep a shape, if its mirror image reads as the representative state does."""
         first, symmetry = representative(state)
-        if state_or_none(transformed(points, symmetry)) == first:
+        if state_or_none(symmetry.of_points(points)) == first:
             self.shapes.add(points, state, self._rng)
 
     def _store(self, learned: Sequence[Sample]) -> None:

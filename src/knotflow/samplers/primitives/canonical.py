@@ -124,11 +124,8 @@ def canonicalise(points: Floats, action: Action) -> Canonical:
     points = np.asarray(points, dtype=np.float64)
     segments = _segments(points.tobytes())
     symmetry = canonical_symmetry(action, len(segments))
-    if symmetry.mirror:
-        points = points * [1, -1, 1]
-    if symmetry.reverse:
-        points = points[::-1]
     if symmetry.mirror or symmetry.reverse:
+        points = symmetry.of_points(points)
         # Read again, not transformed: rounding would break the exact symmetry.
         segments = _segments(points.tobytes())
     action = symmetry.of_action(action, len(segments))
