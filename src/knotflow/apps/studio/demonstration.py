@@ -64,11 +64,7 @@ class Draft:
 
     @property
     def spline(self) -> NDArray[np.float64]:
-        """(6,) the demonstrated spline.
-
-        Raises:
-            ClickError: there are fewer than three clicks.
-        """
+        """(6,) the demonstrated spline, after three clicks."""
         if self.next_click is not None:
             raise ClickError(f"the spline is not complete: click the {self.next_click} first")
         (grasp,), middle, end = self.clicks
@@ -82,11 +78,7 @@ class Draft:
         return control_points(self.points, spline, self.rope.radius)[: len(self.clicks)]
 
     def click(self, origin: ArrayLike, direction: ArrayLike) -> None:
-        """Take the next click: a ray from `origin` (3,), metres, world frame, along a direction.
-
-        Raises:
-            ClickError: it misses the rope or the reachable table, or is the fourth.
-        """
+        """Take the next click: a ray from `origin` (3,), metres, world frame, along a direction."""
         if self.next_click is None:
             raise ClickError("all three points are set: simulate them, or undo one")
         if self.next_click == "grasp":
@@ -106,11 +98,7 @@ class Draft:
 
 
 def grasp_at(points: NDArray, origin: ArrayLike, direction: ArrayLike) -> float:
-    """Where on a rope (V, 3) a ray hits first, as a fraction of its length from the head.
-
-    Raises:
-        ClickError: the ray passes the rope by more than `CLICK_RADIUS`.
-    """
+    """Where on a rope (V, 3) a ray hits first, as a fraction of its length from the head."""
     origin, along = np.asarray(origin, float), _unit(direction)
     fractions = np.arange(0.0, 1.0 + _FINENESS / 2, _FINENESS).clip(0.0, 1.0)
     links = np.linspace(0.0, 1.0, len(points))
@@ -132,11 +120,7 @@ def grasp_at(points: NDArray, origin: ArrayLike, direction: ArrayLike) -> float:
 def table_point(
     origin: ArrayLike, direction: ArrayLike, height: float = 0.0
 ) -> tuple[float, float]:
-    """Where a ray meets the plane at a height above the table, metres (x, y).
-
-    Raises:
-        ClickError: it does not.
-    """
+    """Where a ray meets the plane at a height above the table, metres (x, y)."""
     origin, along = np.asarray(origin, float), _unit(direction)
     reach = (height - origin[2]) / along[2] if along[2] else -1.0
     if reach <= 0.0:

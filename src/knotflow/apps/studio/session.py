@@ -111,11 +111,7 @@ class Session:
         self.simulated: Attempts | None = None
 
     def lay_named(self, name: str) -> None:
-        """Lay one of `ROPES`.
-
-        Raises:
-            StudioError: another name, such as the path of a file.
-        """
+        """Lay one of `ROPES`."""
         if name not in ROPES:
             raise StudioError(f"there is no rope {name!r}; choose one of {', '.join(ROPES)}")
         rope = self.simulation.rope
@@ -131,7 +127,7 @@ class Session:
         self.lay(parse_rope(str(path), self.simulation.rope, self._rng))
 
     def lay_upload(self, name: str, content: bytes) -> None:
-        """Lay the rope of a file that came through the browser; see `lay_file`."""
+        """Lay the rope of a file that came through the browser."""
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / Path(name).name
             path.write_bytes(content)
@@ -172,12 +168,7 @@ class Session:
         stop: threading.Event | None = None,
         max_seconds: float = 60.0,
     ) -> KnotPlan:
-        """Plan a knot for the rope, see `planning.plan_rope`.
-
-        Raises:
-            ValueError: no such knot, or no way to it from this rope.
-            SearchStopped: `stop` was set.
-        """
+        """Plan a knot for the rope, see `planning.plan_rope`, until `stop` is set."""
 
         def report(update: SearchUpdate) -> None:
             progress(update)
@@ -185,15 +176,11 @@ class Session:
                 raise SearchStopped
 
         with self._busy:
+            config = replace(FAST_SEARCH, max_seconds=max_seconds)
             plan = plan_rope(
-                self.points,
-                knot,
-                self._rng,
-                sampler=self.library,
-                simulation=self.simulation,
-                config=replace(FAST_SEARCH, max_seconds=max_seconds),
-                progress=report,
-            )
+                self.points, knot, self._rng,
+                sampler=self.library, simulation=self.simulation, config=config, progress=report,
+            )  # fmt: skip
         self.plan = subsample(plan)
         return self.plan
 
@@ -204,11 +191,7 @@ class Session:
         return sorted(legal, key=lambda action: (action not in common, str(action)))
 
     def begin(self, action: Action) -> Draft:
-        """Begin a demonstration of a legal action, in place of the one before.
-
-        Raises:
-            IllegalActionError: the rope's state does not allow it.
-        """
+        """Begin a demonstration of a legal action, in place of the one before."""
         self.state.apply(action)
         height = self.draft.height if self.draft else Draft.height
         self.draft = Draft(self.points, self.state, action, self.simulation.rope, height)
@@ -216,11 +199,7 @@ class Session:
         return self.draft
 
     def simulate(self) -> Attempts:
-        """Simulate the draft; `success[0]` says whether the state was reached.
-
-        Raises:
-            StudioError, ClickError: there is no draft, or it lacks clicks.
-        """
+        """Simulate the draft; `success[0]` says whether the state was reached."""
         if self.draft is None:
             raise StudioError("choose an action to demonstrate first")
         draft, spline = self.draft, self.draft.spline[None]
@@ -230,11 +209,7 @@ class Session:
         return found
 
     def keep(self, who: str) -> Demonstration:
-        """Append the simulated draft to `file`, signed, and end it.
-
-        Raises:
-            StudioError: nothing was simulated, it did not reach its state, or nobody signs it.
-        """
+        """Append the simulated draft to `file`, signed, and end it."""
         if self.draft is None or self.simulated is None:
             raise StudioError("simulate a demonstration before you keep it")
         if not np.array_equal(self.simulated.splines[0], self.draft.spline):
@@ -251,5 +226,5 @@ class Session:
         return demonstration
 
     def kept(self) -> list[Demonstration]:
-        """The demonstrations of `file`; see `load_demonstrations` for its errors."""
+        """The demonstrations of `file`."""
         return load_demonstrations(self.file) if self.file.exists() else []
