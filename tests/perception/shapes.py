@@ -1,6 +1,9 @@
 """Rope shapes for tests of perception, and images of them without a simulator's noise."""
 
+from dataclasses import replace
+
 import numpy as np
+import torch
 
 from knotflow.perception.camera.image import RgbdImage
 from knotflow.perception.camera.pinhole import Camera
@@ -56,7 +59,15 @@ def seen_exactly(
 def target(points: np.ndarray) -> Target:
     """What a perfect image says of a rope."""
     depth, mask = seen_exactly(points)
-    return Target.of(mask, np.ones_like(mask), depth)
+    height = (CAMERA.position[2] - depth).astype(np.float32)
+    seen = (mask, np.ones_like(mask), depth, height, mask.astype(float))
+    return Target(CAMERA, ROPE, *(torch.as_tensor(one) for one in seen))
+
+
+def bare() -> Target:
+    """What an image of the table alone says."""
+    seen = target(s_curve())
+    return replace(seen, mask=seen.mask & False, coverage=0 * seen.coverage)
 
 
 def image(points: np.ndarray, head: bool = False, radius: float = ROPE.radius) -> RgbdImage:

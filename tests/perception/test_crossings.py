@@ -1,4 +1,4 @@
-"""What images say of a crossing is gathered, and outlasts an image that says nothing."""
+"""Evidence of crossings is gathered from image to image; ends near strands are ambiguous."""
 
 from dataclasses import replace
 
@@ -7,13 +7,14 @@ import pytest
 
 from knotflow.perception.estimation.crossings import (
     CrossingMemory,
+    ambiguous_ends,
     crossing_fractions,
     exchange_heights,
 )
 from knotflow.perception.estimation.fitting import FitConfig
 from knotflow.topology import TopologicalState
 
-from .shapes import CAMERA, ROPE, loop, target
+from .shapes import ROPE, loop, target
 
 CONFIG = FitConfig(softness=(3e-3, 3e-3))
 
@@ -25,7 +26,7 @@ def blind(points):
 
 
 def update(memory, shape, seen):
-    return memory.update(shape, seen, CAMERA, ROPE, CONFIG)
+    return memory.update(shape, seen, CONFIG)
 
 
 def test_certainty_grows_from_image_to_image():
@@ -71,3 +72,30 @@ def test_crossing_evidence_reversed():
     assert turned.fractions == (1 - one.fractions[1], 1 - one.fractions[0])
     assert turned.first_over != one.first_over
     assert turned.reversed().fractions == pytest.approx(one.fractions)
+
+
+def ending_at(beyond):
+    """A rope whose tail ends so far beyond a strand of its own, metres."""
+    corners = np.array([[0.0, 0.0], [0.4, 0.0], [0.4, 0.2 - beyond / 2], [0.2, 0.2 - beyond / 2]])
+    corners = np.vstack([corners, [0.2, -beyond]])
+    at = np.insert(np.linalg.norm(np.diff(corners, axis=0), axis=1).cumsum(), 0, 0.0)
+    along = np.linspace(0, at[-1], ROPE.num_vertices)
+    flat = np.stack([np.interp(along, at, one) for one in corners.T], axis=1)
+    return np.column_stack([flat, np.full(len(flat), ROPE.radius)])
+
+
+@pytest.mark.parametrize(
+    ("beyond", "doubted"), [(0.03, False), (0.006, True), (-0.006, True), (-0.03, False)]
+)
+def test_end_near_a_strand_is_ambiguous(beyond, doubted):
+    points = ending_at(beyond)
+    assert ambiguous_ends(points, ROPE) == ((-1,) if doubted else ())
+    assert ambiguous_ends(points[::-1], ROPE) == ((0,) if doubted else ())
+
+
+def test_tight_bend_is_not_an_ambiguous_end():
+    tight = np.arange(ROPE.num_vertices) * ROPE.max_bend  # a helix as tight as joints allow
+    radius = ROPE.link_length / (2 * np.sin(ROPE.max_bend / 2))
+    helix = np.stack([radius * np.cos(tight), radius * np.sin(tight), 0.01 * tight], axis=1)
+    assert ambiguous_ends(helix[:4], ROPE) == ()
+    assert ambiguous_ends(helix, ROPE) == (0, -1)

@@ -1,4 +1,4 @@
-"""From one image to shape, state and doubts."""
+"""From one image to shape, state and ambiguities."""
 
 from dataclasses import replace
 
@@ -7,8 +7,8 @@ import pytest
 
 from knotflow.perception.camera.image import ImageError, RgbdImage
 from knotflow.perception.estimation import estimate as estimation
-from knotflow.perception.estimation.crossings import score_crossings
-from knotflow.perception.estimation.estimate import EstimateConfig, estimate
+from knotflow.perception.estimation.crossings import CrossingEvidence, score_crossings
+from knotflow.perception.estimation.estimate import EstimateConfig, estimate, list_ambiguities
 from knotflow.perception.estimation.fitting import FitConfig
 from knotflow.perception.estimation.search import SearchConfig, SearchResult
 from knotflow.perception.estimation.skeleton import TraceError
@@ -75,7 +75,7 @@ def test_fallback_search_runs_while_ambiguous(monkeypatch, first, efforts):
     truth, wrong = loop(1), s_curve()
     tried = []
 
-    def search(guesses, near, eye, rope, effort, fine, before, progress):
+    def search(guesses, near, effort, fine, before, progress):
         tried.append((effort, before))
         return SearchResult([wrong if first == "wrong" and len(tried) == 1 else truth], [])
 
@@ -104,7 +104,7 @@ def test_expected_state_yields_to_much_likelier_state(monkeypatch, credit, kept)
     likely, other = loop(1), s_curve()
     lead = 1.0 if kept or credit == 0 else 3.0
 
-    def losses(shapes, target, camera, rope, config):
+    def losses(shapes, target, config):
         return np.array([0.0, lead]) / target.independent_pixels
 
     monkeypatch.setattr(estimation, "is_plausible", lambda *_: False)
@@ -141,7 +141,7 @@ def test_likely_shape_on_bare_table_raises():
 def test_wrong_crossing_is_corrected():
     truth, wrong = loop(1), loop(-1)
     wrong[:, :2] = truth[:, :2]
-    shape, (crossing,) = score_crossings(wrong, target(truth), CAMERA, ROPE)
+    shape, (crossing,) = score_crossings(wrong, target(truth))
     assert not crossing.first_over and crossing.certainty > 0.95
     assert crossing.gap > ROPE.radius
     assert TopologicalState.from_curve(shape) == TopologicalState.from_curve(truth)
@@ -151,7 +151,7 @@ def test_wrong_crossing_is_corrected():
 def test_undetermined_crossing_is_ambiguous():
     points = loop(1)
     blind = replace(target(points), depth=target(points).depth * np.nan)
-    _, (crossing,) = score_crossings(points, blind, CAMERA, ROPE)
+    _, (crossing,) = score_crossings(points, blind)
     assert crossing.certainty < 0.95
 
 
@@ -209,3 +209,18 @@ def test_image_of_wrong_size_raises():
     small = image(s_curve())
     with pytest.raises(ImageError, match="the camera's are"):
         estimate(RgbdImage(small.rgb[::2], small.depth[::2]), CAMERA, ROPE)
+
+
+def test_list_ambiguities():
+    seen, state, config = target(s_curve()), TopologicalState.trivial(), EstimateConfig()
+    sure, unsure = (CrossingEvidence((0.2, 0.7), True, 0.016, share) for share in (0.99, 0.7))
+    assert list_ambiguities(state, (sure,), 1.0, seen, config) == []
+    assert list_ambiguities(state, (sure, unsure), 0.5, seen, config) == [
+        "the shape accounts for 50% of the rope in the image",
+        "crossing 2 is this way round with 70% certainty",
+    ]
+    (unread,) = list_ambiguities(None, (), 1.0, seen, config)
+    assert unread == "the shape's projection does not determine its state"
+    gone = target(s_curve() + [0.75, 0, 0])
+    assert gone.leaves_image and not seen.leaves_image
+    assert list_ambiguities(None, (), 1.0, gone, config) == ["the rope leaves the image"]

@@ -1,19 +1,20 @@
 """The network's proposals: they turn with the image, and outlive a file."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
-from knotflow.perception.camera.image import Label, RgbdImage
-from knotflow.perception.estimation.segmentation import Segmentation
+from knotflow.perception.camera.image import RgbdImage
+from knotflow.perception.estimation.evidence import observe
 from knotflow.perception.estimation.skeleton import TraceError
-from knotflow.perception.networks.models import CoarseToFine
-from knotflow.perception.networks.network import Network, NetworkError
+from knotflow.perception.networks.network import CoarseToFine, Network, NetworkError
+from knotflow.perception.networks.patches import crop_rope
 from knotflow.perception.networks.training import SelfSupervisionConfig, self_supervise
 from knotflow.simulation import RopeConfig
 
-from .shapes import CAMERA, ROPE, image, loop, s_curve
-from .test_patches import crop_rope, exact
+from .shapes import CAMERA, ROPE, bare, image, loop, s_curve, target
 from .test_training import TINY
 
 
@@ -23,7 +24,7 @@ def knowing(points: np.ndarray, off: float = 0.0, looks: bool = False) -> Networ
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
         network = Network(CoarseToFine(TINY))
-    patch, _ = crop_rope(*exact(points), CAMERA, ROPE, TINY.size)
+    patch, _ = crop_rope(target(points), TINY.size)
     nodes = torch.as_tensor(patch.from_world(points, CAMERA), dtype=torch.float32)
     nodes[:, 1] += off / patch.half
     nodes[:, 2] -= 1
@@ -51,28 +52,22 @@ def network() -> Network:
     ids=["half a turn", "mirrored", "upside down"],
 )
 def test_guess_is_equivariant(network, turn, world):
-    seen, _ = exact(loop(1) + [0.1, 0.05, 0])
     picture = image(loop(1) + [0.1, 0.05, 0])
-    points = network.guesses(picture, CAMERA, ROPE, seen)[0]
-    other = network.guesses(
-        RgbdImage(picture.rgb[turn].copy(), picture.depth[turn].copy()),
-        CAMERA,
-        ROPE,
-        Segmentation(seen.labels[turn].copy(), seen.height[turn].copy()),
-    )[0]
+    turned = RgbdImage(picture.rgb[turn].copy(), picture.depth[turn].copy())
+    points, other = (network.guesses(observe(one, CAMERA, ROPE))[0] for one in (picture, turned))
     assert other == pytest.approx(points * world, abs=1e-3)
 
 
 def test_guess_has_the_rope_length(network):
     rope = RopeConfig(links=30)
-    points = network.guesses(image(loop(1)), CAMERA, rope, exact(loop(1))[0])[0]
+    points = network.guesses(replace(target(loop(1)), rope=rope))[0]
     assert points.shape == (31, 3)
     assert np.linalg.norm(np.diff(points, axis=0), axis=1) == pytest.approx(rope.link_length)
 
 
 def test_best_mirror_image_comes_first():
     points = s_curve()
-    guesses = knowing(points * [1, -1, 1]).guesses(image(points), CAMERA, ROPE, exact(points)[0])
+    guesses = knowing(points * [1, -1, 1]).guesses(target(points))
     assert len(guesses) == 4
     assert shape_error(guesses[0], points) < 0.02
     assert shape_error(guesses[0] * [1, -1, 1], points) > 0.05
@@ -82,8 +77,8 @@ def test_best_mirror_image_comes_first():
 def test_save_load_round_trip(network, tmp_path, half):
     network.save(tmp_path / "network.safetensors", half)
     loaded = Network.load(tmp_path / "network.safetensors")
-    asked = image(s_curve()), CAMERA, ROPE, exact(s_curve())[0]
-    for one, other in zip(network.guesses(*asked), loaded.guesses(*asked), strict=True):
+    asked = target(s_curve())
+    for one, other in zip(network.guesses(asked), loaded.guesses(asked), strict=True):
         assert one == pytest.approx(other, abs=5e-3 if half else 1e-9)
 
 
@@ -103,23 +98,21 @@ def test_invalid_network_files_raise(tmp_path):
 
 
 def test_guesses_without_rope_raise(network):
-    bare, _ = exact(s_curve())
-    bare.labels[:] = Label.TABLE
     with pytest.raises(TraceError):
-        network.guesses(image(s_curve()), CAMERA, ROPE, bare)
+        network.guesses(bare())
 
 
 @pytest.mark.slow
 def test_self_supervision_reduces_error():
     network = knowing(s_curve(), off=0.03)
-    asked = image(s_curve()), CAMERA, ROPE, exact(s_curve())[0]
+    picture = image(s_curve())
 
     def error() -> float:
-        return shape_error(network.guesses(*asked)[0], s_curve())
+        return shape_error(network.guesses(target(s_curve()))[0], s_curve())
 
     before = error()
     config = SelfSupervisionConfig(steps=50, batch=4, learning_rate=3e-3)
     for shape in (s_curve(), s_curve()[::-1]):
-        losses = list(self_supervise(network, [asked[0]], [shape], CAMERA, ROPE, config))
+        losses = list(self_supervise(network, [picture], [shape], CAMERA, ROPE, config))
         assert len(losses) == 50 and losses[-1] < losses[0]
     assert error() < 0.5 * before

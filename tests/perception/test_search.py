@@ -1,4 +1,4 @@
-"""Where gradient steps cannot go, a shape is propose_rewirings."""
+"""Where gradient steps cannot go, a shape is rewired."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ from knotflow.simulation import resample, state_or_none
 from knotflow.topology import TopologicalState
 from knotflow.topology.polyline import DegenerateCurveError, planar_crossings
 
-from .shapes import CAMERA, ROPE, loop, s_curve, target
+from .shapes import ROPE, loop, s_curve, target
 
 
 def hairpin(gap: float) -> np.ndarray:
@@ -50,13 +50,13 @@ def test_extend_to_missed():
     points = s_curve()
     short = points.copy()
     short[-5:] = points[-6] + np.linspace(0, 1, 5)[:, None] * [0, 0.1, 0]
-    led = extend_to_missed(short, target(points), CAMERA, ROPE)
+    led = extend_to_missed(short, target(points))
     assert min(np.linalg.norm(one[-1, :2] - points[-1, :2]) for one in led) < 0.02
 
 
 @pytest.mark.slow
 def test_search_corrects_crossing():
-    found = search([loop(-1)], target(loop(1)), CAMERA, ROPE).shapes[0]
+    found = search([loop(-1)], target(loop(1))).shapes[0]
     assert TopologicalState.from_curve(found) == TopologicalState.from_curve(loop(1))
 
 
@@ -69,11 +69,11 @@ def test_search_continues_from_result(monkeypatch):
     seen, brief = target(done), FitConfig(steps=1, step_size=1e-9)
     config = SearchConfig(coarse=brief, rounds=2)
     before, rounds = SearchResult([done, other], [done]), []
-    found = search([], seen, CAMERA, ROPE, config, brief, before, lambda: rounds.append(1))
+    found = search([], seen, config, brief, before, lambda: rounds.append(1))
     assert len(rounds) == 1
     np.testing.assert_array_equal(asked, [other])
     assert len(found.done) == 2 and len(found.shapes) == 2
-    found = search([done], seen, CAMERA, ROPE, config, brief, SearchResult([other], [other]))
+    found = search([done], seen, config, brief, SearchResult([other], [other]))
     assert len(asked) == 2 and len(found.shapes) == 2
     np.testing.assert_allclose(found.shapes[0], done, atol=1e-4)
 

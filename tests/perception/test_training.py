@@ -4,14 +4,19 @@ import numpy as np
 import pytest
 import torch
 
-from knotflow.perception.networks.examples import ExamplesConfig, draw_patches, find_crossings
-from knotflow.perception.networks.models import (
+from knotflow.perception.networks.network import (
     CoarseToFine,
     CoarseToFineConfig,
     Nodes,
-    StrandNetworkConfig,
     resample_nodes,
 )
+from knotflow.perception.networks.patches import (
+    ExamplesConfig,
+    crop_rope,
+    draw_patches,
+    find_crossings,
+)
+from knotflow.perception.networks.strands import StrandNetworkConfig
 from knotflow.perception.networks.training import (
     CoarseToFineTrainer,
     StrandTrainer,
@@ -23,8 +28,7 @@ from knotflow.perception.networks.training import (
 )
 from knotflow.topology import TopologicalState
 
-from .shapes import CAMERA, ROPE, loop, s_curve
-from .test_patches import crop_rope, exact
+from .shapes import CAMERA, ROPE, loop, s_curve, target
 
 TINY = CoarseToFineConfig(size=32, channels=(8, 16, 16), nodes=(5, 9, 41), width=16, layers=1)
 SHAPES = np.stack([s_curve(), loop(1), loop(-1)] * 4)
@@ -84,7 +88,7 @@ def test_invalid_shapes_raise(shapes):
 
 
 def nodes_of(points):
-    patch, _ = crop_rope(*exact(points), CAMERA, ROPE, 32)
+    patch, _ = crop_rope(target(points), 32)
     return torch.as_tensor(patch.from_world(points, CAMERA))[None]
 
 

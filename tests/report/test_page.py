@@ -4,13 +4,16 @@ import re
 import shutil
 import subprocess
 import sys
+from string import Formatter
 
 import pytest
 
 from knotflow.report import ResultsError, make
 from knotflow.report.__main__ import main
 from knotflow.report.markdown import slug
-from knotflow.report.page import SECTIONS
+from knotflow.report.page import SECTIONS, timing
+from knotflow.report.results import Results
+from knotflow.report.section import Figures, texts
 
 
 @pytest.fixture(scope="module")
@@ -150,3 +153,32 @@ def test_report_imports_nothing_that_simulates():
     assert "knotflow.report.page" in ours
     packages = {m.split(".")[1] for m in ours if m != "knotflow"}
     assert packages <= {"report", "viz", "topology", "arrays", "statistics", "versions"}
+
+
+def test_each_section_has_its_words_and_the_slots_of_its_parts(everything):
+    assert texts().keys() == SECTIONS.keys()
+    results = Results(everything)
+    for section in SECTIONS.values():
+        parts = section.parts(results, Figures(results))
+        slots = {slot for _, slot, _, _ in Formatter().parse(section.text.results) if slot}
+        assert parts is None or parts.keys() == slots
+
+
+def run_times(write):
+    results = Results(write.root)
+    return timing(results, Figures(results))
+
+
+def test_nothing_recorded_is_said(write):
+    write.run("goals", {})
+    assert run_times(write) == "No run has recorded its stages yet."
+
+
+def test_time_and_memory_by_experiment_and_shared_stages_once(write):
+    write.run("goals", {"goals": {"key": "g", "seconds": 90.0, "memory_mb": 1234}})
+    write.run("knots", {"again": {"key": "g", "seconds": 0.1}, "knots": {"seconds": 30.0}})
+    text = run_times(write)
+    assert "took 2 min 0 s in 2 stages" in text
+    assert "| `goals` | 1 | 1 min 30 s | 1,234 MB |" in text
+    assert "| `knots` | 1 | 30 s | – |" in text
+    assert "(figures/stages.png)" in text

@@ -20,7 +20,6 @@ from knotflow.training.buffers import (
     TrialBuffer,
     augment,
     mix,
-    transformed,
 )
 from knotflow.training.config import AugmentationConfig
 from knotflow.training.learner import demonstration_buffer
@@ -202,10 +201,8 @@ def test_shapes_are_transformed_as_states_are(symmetry):
     for state in all_states(2)[::7]:
         points = resample(draw(state, samples=40), RopeConfig())
         if state_or_none(points) == state:  # resampling may cut a corner
-            assert state_or_none(transformed(points, symmetry)) == symmetry.of_state(state)
-            np.testing.assert_array_equal(
-                transformed(transformed(points, symmetry), symmetry), points
-            )
+            assert state_or_none(symmetry.of_points(points)) == symmetry.of_state(state)
+            np.testing.assert_array_equal(symmetry.of_points(symmetry.of_points(points)), points)
 
 
 def test_state_buffer_keeps_shapes_of_representatives_up_to_its_capacity():

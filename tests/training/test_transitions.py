@@ -11,8 +11,14 @@ from knotflow.simulation import SimulationConfig, resample, straight
 from knotflow.topology import TopologicalState, parse_action
 from knotflow.topology.draw import draw
 from knotflow.training import SelfPlayConfig
-from knotflow.training.curriculum import Curriculum
-from knotflow.training.transitions import Query, Sample, Transition, encode_samples, samples
+from knotflow.training.curriculum import (
+    Curriculum,
+    Query,
+    Sample,
+    Transition,
+    encode_samples,
+    samples,
+)
 
 ROPE = SimulationConfig().rope
 TRIVIAL = TopologicalState.trivial()

@@ -73,8 +73,7 @@ Seed = Annotated[int, Parameter(validator=Number(gte=0))]
 Seconds = Annotated[float, Parameter(validator=Number(gt=0))]
 Margin = Annotated[float, Parameter(validator=Number(gte=0))]
 
-REPEATS = 32
-"""Disturbed repetitions from which `next` estimates the success probability."""
+REPEATS = 32  # disturbed, from which `next` estimates the success probability
 
 
 @app.command
@@ -92,33 +91,22 @@ def plan(
 ) -> int:
     """Plan how to tie a knot into a rope as it lies.
 
-    Parameters
-    ----------
-    knot
-        overhand, figure_eight, ...; crossings (4o1+2o5+6o3+); or actions ("R1(0,1,1) C(0,1,1)").
-    rope_unit
-        Unit of the rope file; by default the one in its header, such as "x [mm]", else metres.
-    out
-        Folder for pictures, recording and waypoints; plans/KNOT-ROPE-SEED by default.
-    seed
-        Of the random rope and of the search.
-    max_seconds
-        Time limit of the search.
-    margin
-        Metres of rope that every step leaves between crossings; use 0.05 for a real rope.
-    overwrite
-        Replace the plan in that folder; other files there are kept.
+    Args:
+        knot: overhand, figure_eight, ...; crossings (4o1+2o5+6o3+); actions ("R1(0,1,1) C(0,1,1)").
+        rope_unit: Of the rope file; by default the one in its header ("x [mm]"), else metres.
+        out: Folder for pictures, recording and waypoints; plans/KNOT-ROPE-SEED by default.
+        seed: Of the random rope and of the search.
+        max_seconds: Time limit of the search.
+        margin: Metres of rope that every step leaves between crossings; use 0.05 for a real rope.
+        overwrite: Replace the plan in that folder; other files there are kept.
     """
     from knotflow.planning import plan_name
 
     points = _read_rope(rope, rope_unit, seed)
     folder = out if out is not None else Path("plans") / plan_name(knot, rope, seed)
-    request: dict[str, Any] = {
-        "knot": knot,
-        "rope": _digest(Path(rope)) if Path(rope).is_file() else rope,
-    }
-    request |= {"rope_unit": rope_unit, "seed": seed, "max_seconds": max_seconds, "margin": margin}
-    request |= _provenance()
+    what = _digest(Path(rope)) if Path(rope).is_file() else rope
+    request: dict[str, Any] = {"knot": knot, "rope": what, "rope_unit": rope_unit, "seed": seed}
+    request |= {"max_seconds": max_seconds, "margin": margin} | _provenance()
     stored = None if overwrite else _stored_outcome(folder, request)
     if stored is not None:
         print(f"{stored['text']}\n{folder}: already planned; --overwrite plans again")
@@ -148,24 +136,15 @@ def next_step(
 ) -> int:
     """Plan only the next action, with its success probability and what to check.
 
-    Parameters
-    ----------
-    knot
-        As in `knotflow plan`.
-    rope_unit
-        As in `knotflow plan`.
-    image
-        Colour and depth image in place of a rope: as in `knotflow see`.
-    camera
-        Of the image: as in `knotflow see`.
-    out
-        CSV file for the gripper's waypoints of this action alone.
-    seed
-        Of the search.
-    max_seconds
-        Time limit of the search.
-    margin
-        Metres of rope that every step leaves between crossings.
+    Args:
+        knot: As in `knotflow plan`.
+        rope_unit: As in `knotflow plan`.
+        image: Colour and depth image in place of a rope: as in `knotflow see`.
+        camera: Of the image: as in `knotflow see`.
+        out: CSV file for the gripper's waypoints of this action alone.
+        seed: Of the search.
+        max_seconds: Time limit of the search.
+        margin: Metres of rope that every step leaves between crossings.
     """
     if out is not None:
         _check_free(out)
@@ -219,20 +198,15 @@ def explain(
 ) -> int:
     """Draw an action, a state, or the paths to a knot.
 
-    Parameters
-    ----------
-    what
-        An action such as "C(0,2,-1)", a state such as 4o1+2o5+6o3+, or a knot's name; by default
-        one action of each kind.
-    state
-        The state before the action.
-    out
-        PNG, SVG or PDF; explain-WHAT.png here by default.
-    overwrite
-        Replace an existing file.
+    Args:
+        what: An action "C(0,2,-1)", a state 4o1+2o5+6o3+ or a knot; by default each kind of action.
+        state: The state before the action.
+        out: PNG, SVG or PDF; explain-WHAT.png here by default.
+        overwrite: Replace an existing file.
     """
     from knotflow.topology import KNOT_NAMES, TopologicalState, knot, parse_action
     from knotflow.topology.action_text import describe
+    from knotflow.viz.notation import draw_action, draw_notation, draw_state
 
     name = what if state == "trivial" else f"{what} after {state}"
     path = out if out is not None else Path(f"explain-{_word(name) or 'all'}.png")
@@ -241,26 +215,20 @@ def explain(
     if out is not None and not overwrite:
         _check_free(path)
     if what in KNOT_NAMES:
-        from knotflow.planning.dag import SolutionDag
+        from knotflow.planning.goals import SolutionDag
         from knotflow.viz.dag import draw_dag
 
         states = sorted(knot(what))
         draw_dag(SolutionDag.to(states[-1]), [path])
         print(f"every path to {states[-1]}, one of {len(states)} states of {what}")
     elif not what:
-        from knotflow.viz.notation import draw_notation
-
         draw_notation(path)
     elif "(" in what:
         action, before = parse_action(what), TopologicalState.parse(state)
         print(describe(action, before))
-        from knotflow.viz.notation import draw_action
-
         draw_action(action, before, path)
     elif what[0].isdigit() or what == "trivial":
         shown = TopologicalState.parse(what)
-        from knotflow.viz.notation import draw_state
-
         draw_state(shown, path)
         print(f"{shown}: {shown.num_crossings} crossings, segments 0 to {shown.num_segments - 1}")
     else:
@@ -284,18 +252,12 @@ def view(
 ) -> int:
     """Show recorded rollouts in Rerun.
 
-    Parameters
-    ----------
-    recording
-        An .mcap file, or a folder of them.
-    number
-        Show only the rollout of this number.
-    save
-        Write a Rerun file (.rrd) instead of opening it.
-    headless_check
-        Open it without a window, report problems, and save a screenshot (PNG).
-    web
-        Serve it to web browsers until Ctrl-C instead of opening a window; prints the address.
+    Args:
+        recording: An .mcap file, or a folder of them.
+        number: Show only the rollout of this number.
+        save: Write a Rerun file (.rrd) instead of opening it.
+        headless_check: Open it without a window, report problems, and save a screenshot (PNG).
+        web: Serve it to web browsers until Ctrl-C instead of opening a window; prints the address.
     """
     from knotflow.viz.viewer import ViewerError, show
 
@@ -321,25 +283,15 @@ def export(
 ) -> int:
     """Export a plan as a trajectory for an arm.
 
-    Parameters
-    ----------
-    plan
-        A plan's folder or its plan.json.
-    arm
-        panda or an MJCF file.
-    base
-        YAML file with position (metres) and rpy_deg of the arm's base in the rope's frame.
-
-    Tip:
-        Name of the site between the fingers, for an MJCF file.
-    max_speed
-        Highest speed of the tip, metres per second.
-    format
-        csv, or a ROS 2 trajectory_msgs message as YAML.
-    space
-        Trajectory of the joints or of the tip.
-    out
-        File to write; next to the plan by default.
+    Args:
+        plan: A plan's folder or its plan.json.
+        arm: panda or an MJCF file.
+        base: YAML file with position (metres) and rpy_deg of the arm's base in the rope's frame.
+        tip: Name of the site between the fingers, for an MJCF file.
+        max_speed: Highest speed of the tip, metres per second.
+        format: csv, or a ROS 2 trajectory_msgs message as YAML.
+        space: Trajectory of the joints or of the tip.
+        out: File to write; next to the plan by default.
     """
     from knotflow.execution import export_plan
     from knotflow.planning import KnotPlan
@@ -365,16 +317,11 @@ def studio(
 ) -> int:
     """Place ropes, plan, watch and demonstrate in the browser.
 
-    Parameters
-    ----------
-    rope
-        The rope on the table at first.
-    demonstrations
-        File to which demonstrations are appended.
-    host
-        Address to listen on; 0.0.0.0 lets other machines in that know the token in the URL.
-    port
-        Port of the page, or the next free one. Over ssh: ssh -L 8080:localhost:8080 MACHINE.
+    Args:
+        rope: The rope on the table at first.
+        demonstrations: File to which demonstrations are appended.
+        host: Address to listen on; 0.0.0.0 lets other machines in that know the token in the URL.
+        port: Port of the page, or the next free one. Over ssh: ssh -L 8080:localhost:8080 MACHINE.
     """
     _check_writable(demonstrations)
     try:
@@ -398,12 +345,9 @@ def studio(
 def merge(files: list[Path], /, *, out: Path) -> int:
     """Merge demonstration files into one.
 
-    Parameters
-    ----------
-    files
-        JSON lines files, as the studio writes them, without duplicates.
-    out
-        File to write.
+    Args:
+        files: JSON lines files, as the studio writes them, without duplicates.
+        out: File to write.
     """
     from knotflow.samplers.demonstrations import merge_demonstrations, save_demonstrations
 
@@ -430,24 +374,15 @@ def see(
 ) -> int:
     """Estimate the rope in an RGB-D image and write a file for `--rope`.
 
-    Parameters
-    ----------
-    image
-        Colour image (PNG).
-    depth
-        Registered depth: 16-bit PNG in millimetres or NPY in metres.
-    camera
-        YAML file with intrinsics and pose; the table is at z = 0.
-    out
-        CSV file for the rope's points, head first.
-    picture
-        Picture of the image with the estimate; next to the CSV file by default.
-    length
-        Of the rope, metres.
-    radius
-        Of the rope, metres.
-    overwrite
-        Replace existing files.
+    Args:
+        image: Colour image (PNG).
+        depth: Registered depth: 16-bit PNG in millimetres or NPY in metres.
+        camera: YAML file with intrinsics and pose; the table is at z = 0.
+        out: CSV file for the rope's points, head first.
+        picture: Picture of the image with the estimate; next to the CSV file by default.
+        length: Of the rope, metres.
+        radius: Of the rope, metres.
+        overwrite: Replace existing files.
     """
     drawing = picture if picture is not None else out.with_suffix(".png")
     for path in (out, drawing):
@@ -471,14 +406,10 @@ def report(
 ) -> int:
     """Make the report from the results folder.
 
-    Parameters
-    ----------
-    results
-        Folder with one folder per experiment.
-    out
-        Folder for report.md and figures/.
-    check
-        Make nothing; list committed results and shipped weights that today's code would not make.
+    Args:
+        results: Folder with one folder per experiment.
+        out: Folder for report.md and figures/.
+        check: Make nothing; list committed results and weights that today's code would not make.
     """
     if check:
         from knotflow.experiments.run import stale
@@ -509,7 +440,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _read_rope(rope: str, unit: Unit | None, seed: int) -> NDArray[np.float64]:
-    """The rope (V, 3) that --rope names, metres."""
     from knotflow.planning import parse_rope
     from knotflow.seeding import rng_of
     from knotflow.simulation import RopeConfig
@@ -520,7 +450,7 @@ def _read_rope(rope: str, unit: Unit | None, seed: int) -> NDArray[np.float64]:
 def _search(
     knot: str, points: NDArray[np.float64], seed: int, max_seconds: float, margin: float
 ) -> tuple[KnotPlan, Attempts | None]:
-    """The plan, solved or not, and the last attempts; None if time was up before any."""
+    """The plan, solved or not, and the last attempts, if any."""
     from tqdm import tqdm
 
     from knotflow.planning import FAST_SEARCH, SearchUpdate, parse_goal, plan_rope
@@ -537,11 +467,10 @@ def _search(
         nonlocal last
         last = attempts
 
+    def show(update: SearchUpdate) -> None:
+        bar.update(update.branches - bar.n)
+
     with tqdm(desc="simulated", unit=" branches", disable=None) as bar:
-
-        def show(update: SearchUpdate) -> None:
-            bar.update(update.branches - bar.n)
-
         found = plan_rope(
             points, knot, rng_of(seed, 1),
             sampler=library, config=config, progress=show, observe=observe,
@@ -557,28 +486,16 @@ def _provenance() -> dict[str, str]:
     source = Path(knotflow.__file__).parent
     packages = ("topology", "simulation", "samplers", "planning")
     code = sorted(path for name in packages for path in (source / name).rglob("*.py"))
-    weights = sorted(Path(SHIPPED_PRIMITIVES).iterdir())
-    return {
-        "knotflow": _version().removeprefix("knotflow "),
-        "code": _digest(*code),
-        "primitives": _digest(*weights),
-    }
+    found = {"knotflow": _version().removeprefix("knotflow "), "code": _digest(*code)}
+    return found | {"primitives": _digest(*sorted(Path(SHIPPED_PRIMITIVES).iterdir()))}
 
 
 def _digest(*files: Path) -> str:
-    """Hash of the files' contents, 16 hex digits."""
-    found = hashlib.sha256()
-    for path in files:
-        found.update(path.read_bytes())
-    return found.hexdigest()[:16]
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:16]
 
 
 def _stored_outcome(folder: Path, request: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The outcome of the same request, made by the same code and weights; None if there is none.
-
-    Raises:
-        ValueError: the folder holds another plan.
-    """
+    """The outcome of the same request; a ValueError if the folder holds another plan."""
     from knotflow.viz.plan_folder import OUTCOME, REQUEST
 
     if not (folder / REQUEST).is_file() or not (folder / OUTCOME).is_file():
@@ -598,7 +515,6 @@ def _stored_outcome(folder: Path, request: Mapping[str, Any]) -> dict[str, Any] 
 
 
 def _check_plan_folder(folder: Path) -> None:
-    """Refuse a folder to which a plan cannot be written."""
     from knotflow.viz.plan_folder import REQUEST
 
     if folder.is_file():
@@ -611,10 +527,7 @@ def _check_plan_folder(folder: Path) -> None:
 def _write_plan(
     folder: Path, found: KnotPlan, last: Attempts | None, request: Mapping[str, Any]
 ) -> list[str]:
-    """Write a plan's folder and return the names of other files in it.
-
-    The outcome is moved there last: a folder without it is planned again.
-    """
+    """Write a plan's folder, its outcome last; the names of other files in it."""
     from knotflow.simulation import RopeConfig
     from knotflow.viz.plan_folder import OUTCOME, PLAN_FILES, write_plan_folder
 

@@ -15,11 +15,8 @@ from scipy.spatial.transform import Rotation
 if TYPE_CHECKING:
     import mujoco
 
-TABLE = "table"
-"""The geom that no part of the arm may touch."""
-
-PREFIX = "arm/"
-"""Before the names of the arm's own elements where it stands at a table."""
+TABLE = "table"  # the geom that no part of the arm may touch
+PREFIX = "arm/"  # before the names of the arm's own elements
 
 
 class ArmError(ValueError):
@@ -72,7 +69,6 @@ class Arm:
     """An arm: its MuJoCo model, and what that does not say.
 
     Attributes:
-        name: of the arm.
         spec: makes its model, base frame at the origin.
         tip: site between the fingers, on a held rope's centre line; its z axis points out of the
             gripper, the fingers close along its y axis.
@@ -81,7 +77,6 @@ class Arm:
             in which the gripper points down most.
         max_speed: (n,) of each joint, rad/s (m/s).
         max_acceleration: (n,) of each joint, rad/s^2 (m/s^2).
-        base: its default pose.
         gripper: name of the gripper's joint in trajectories.
         opening: its position when open and when closed.
     """
@@ -149,8 +144,7 @@ class Arm:
 
 def panda() -> Arm:
     """The Panda hanging 0.9 m above the table, 0.3 m beside the rope's middle and facing away from
-    it: its elbow is behind it. Limits are Franka's, see panda.xml.
-    """
+    it: its elbow is behind it. Limits are Franka's, see panda.xml."""
     arm = load_arm(
         Path(__file__).parent / "data" / "panda.xml",
         base=Base([-0.3, 0.0, 0.9], [180.0, 0.0, 180.0]),
@@ -167,17 +161,10 @@ def load_arm(
     max_speed: float | Sequence[float] = 1.0,
     max_acceleration: float | Sequence[float] = 5.0,
 ) -> Arm:
-    """Any arm from an MJCF file, which says nothing of speeds.
+    """Any arm from an MJCF file, at home in the model's keyframes or amid its joints' ranges.
 
-    Args:
-        path: the MJCF file.
-        tip: a site, see `Arm.tip`; not needed where the model has a single one.
-        base: its pose.
-        max_speed: of every joint or of each, rad/s (m/s for slides).
-        max_acceleration: of every joint or of each, rad/s^2 (m/s^2).
-
-    Returns:
-        The arm; its homes are the model's keyframes, or the middle of every joint's range.
+    Not in the file are the limits of every joint or of each, rad/s and rad/s^2 (m/s and m/s^2 for
+    slides), and which site is the `tip`, see `Arm`, where there are several.
 
     Raises:
         ArmError: no such file, model or site, or nothing that moves it.
@@ -225,8 +212,8 @@ def _joints_to(model: mujoco.MjModel, body: int) -> list[int]:
 
     found: list[int] = []
     while body:
-        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
-        found = [*range(first, first + count), *found]
+        first = int(model.body_jntadr[body])
+        found = [*range(first, first + int(model.body_jntnum[body])), *found]
         body = int(model.body_parentid[body])
     moving = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
     return [joint for joint in found if int(model.jnt_type[joint]) in moving]

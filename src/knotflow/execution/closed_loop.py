@@ -27,7 +27,7 @@ from knotflow.execution.step_executor import (
     TickTiming,
 )
 from knotflow.execution.twin import TrueState, Twin
-from knotflow.perception import Camera, Network
+from knotflow.perception import Camera, Network, Tracker
 from knotflow.planning import Goal, KnotPlan, PlanStep, UnreachableGoalError
 from knotflow.simulation import ShapeError, SimulationConfig, state_or_none
 from knotflow.topology import DegenerateCurveError
@@ -47,9 +47,9 @@ class Execution:
         step: (N,) index of the action.
         reference: (N, V, 3) the planned rope, metres; NaN where the gripper does not drag.
         points: (N, V, 3) the tracked rope, metres; NaN where it was not tracked.
-        ticks: timing of each controlled move.
+        ticks: of each controlled move.
         outcomes: of each step, in the order executed.
-        observation: the last one of the rope; None without any.
+        observation: the last one of the rope.
         tied: whether it shows a goal state unambiguously; None without an observation.
         reason: why the execution ended.
     """
@@ -78,16 +78,10 @@ def execute(
 ) -> Execution:
     """Tie the plan's knot.
 
-    Args:
-        plan: with the trajectories of its steps.
-        robot: used by the methods of `Robot` alone.
-        config: heights, speeds, weights, and when to give up.
-        source: tracks the rope while it is dragged. Without a controller, the spline begins at the
-            tracked rope and is then followed blindly.
-        controller: corrects the drag.
-        estimator: reads the rope's state at the end, and with `replan` after each action.
-        replan: plans the rest after each action; the first step of each plan is executed, solved
-            or not.
+    The `source` tracks the rope while it is dragged; without a `controller`, which corrects the
+    drag, a spline begins at the tracked rope and is then followed blindly. The `estimator` reads
+    the state at the end, and after each action if `replan` plans the rest anew: the first step of
+    each plan is executed, solved or not.
 
     Raises:
         ValueError: a controller without a source, `replan` without an estimator, or a plan without
@@ -120,7 +114,7 @@ class _KnotExecution:
     observation: Observation | None = None
 
     def execute_steps(self) -> str:
-        """Execute every step of the plan; why it ended."""
+        """Why the execution of all steps ended."""
         attempts = self.executor.config.attempts
         for number, step in enumerate(self.plan.steps):
             if not any(self._execute_step(step, self.plan) for _ in range(attempts)):
@@ -212,15 +206,18 @@ class _KnotExecution:
     def record(self, reason: str) -> Execution:
         """The moves so far, as arrays."""
         moves, unknown = self.executor.moves, np.full(self.plan.start.shape, np.nan)
-        references = [unknown if one.reference is None else one.reference for one in moves]
-        points = [unknown if one.points is None else one.points for one in moves]
+        gripper, closed, step, references, points = zip(*moves, strict=True) if moves else [()] * 5
+        shapes = [
+            [unknown if one is None else one for one in part] for part in (references, points)
+        ]
+        reference, tracked = (np.reshape(part, (-1, *unknown.shape)) for part in shapes)
         return Execution(
             times=STEP * np.arange(1, len(moves) + 1, dtype=np.float64),
-            gripper=np.reshape([one.gripper for one in moves], (-1, 3)),
-            closed=np.array([one.closed for one in moves], bool),
-            step=np.array([one.step for one in moves], np.int64),
-            reference=np.reshape(references, (-1, *unknown.shape)),
-            points=np.reshape(points, (-1, *unknown.shape)),
+            gripper=np.reshape(gripper, (-1, 3)),
+            closed=np.array(closed, bool),
+            step=np.array(step, np.int64),
+            reference=reference,
+            points=tracked,
             ticks=tuple(self.executor.ticks),
             outcomes=tuple(self.outcomes),
             observation=self.observation,
@@ -233,14 +230,10 @@ class _KnotExecution:
 class ControllerSpec:
     """One way to execute a plan."""
 
-    state: str = ""
-    """Source of the rope's state: true, vision, or none."""
-    tracks: bool = False
-    """Whether MPPI corrects the drag."""
-    replans: bool = False
-    """Whether it is replanned after each action."""
-    model: str = "lstm"
-    """What MPPI predicts by: lstm, which is learned, or mujoco, the planner's simulator."""
+    state: str = ""  # where the rope's state is from: true, vision, or none
+    tracks: bool = False  # whether MPPI corrects the drag
+    replans: bool = False  # after each action
+    model: str = "lstm"  # that MPPI predicts by: lstm, or mujoco, the planner's simulator
 
 
 CONTROLLERS = {
@@ -258,19 +251,15 @@ CONTROLLERS = {
 
 @dataclass(frozen=True)
 class Trial:
-    """An execution judged by the truth.
-
-    Attributes:
-        execution: what was done and observed.
-        tied: whether the rope truly lies in a goal state.
-        cause: why not, see `failure_cause`; empty where it is tied.
-        deviation: mean distance of the dragged rope's vertices from the plan's, metres, or NaN.
-    """
+    """An execution judged by the truth."""
 
     execution: Execution
     tied: bool
+    """Whether the rope truly lies in a goal state."""
     cause: str
+    """See `failure_cause`."""
     deviation: float
+    """Mean distance of the dragged rope's vertices from the plan's, metres, or NaN."""
 
 
 def run_trial(
@@ -285,19 +274,11 @@ def run_trial(
     network: Network | None = None,
     robot: Robot | None = None,
 ) -> Trial:
-    """Execute a plan on a twin, which is then used up.
+    """Execute a plan from a twin's first rope on the twin, which is then used up.
 
-    Args:
-        plan: for the goal, from the twin's first rope.
-        goal: what is tied.
-        twin: with a camera if the state comes from vision.
-        spec: one of `CONTROLLERS`.
-        config: heights, speeds, and when to give up.
-        replan: used if the controller replans.
-        camera: the twin's, at its nominal pose.
-        weights: file of the learned dynamics.
-        network: proposes first guesses at the rope in an image.
-        robot: the twin's, or a wrapper of it, such as one of `FAULTS`.
+    With vision the twin has a camera, here at its nominal pose; `weights` are of the learned
+    dynamics, `network` proposes first guesses at the rope in an image, and `robot` is the twin's or
+    a wrapper of it, such as one of `FAULTS`.
     """
     simulation = SimulationConfig(rope=twin.config.rope, threads=1)
     source: RopeSource | None = None
@@ -307,8 +288,6 @@ def run_trial(
         source = estimator = TrueState(twin)
     elif spec.state == "vision":
         assert camera is not None
-        from knotflow.perception import Tracker
-
         prediction = ModelPrediction(MujocoDynamics(simulation))
         tracker = Tracker(camera, simulation.rope, plan.start, predict=prediction, network=network)
         source = TrackedRope(tracker)
@@ -319,30 +298,18 @@ def run_trial(
 
         mujoco = spec.model == "mujoco"
         controller = Mppi(MujocoDynamics(simulation) if mujoco else LstmDynamics.load(weights))
-    execution = execute(
-        plan,
-        robot or twin.robot(),
-        config,
-        source,
-        controller,
-        estimator,
-        replan if spec.replans else None,
-    )
+    replan, robot = replan if spec.replans else None, robot or twin.robot()
+    execution = execute(plan, robot, config, source, controller, estimator, replan)
     truth = np.reshape(twin.trajectory, execution.reference.shape)
     away = np.linalg.norm(execution.reference - truth, axis=-1)
     dragged = away[np.isfinite(away).all(axis=1)]
-    return Trial(
-        execution,
-        tied=state_or_none(twin.points) in goal.states,
-        cause=failure_cause(execution, goal, twin),
-        deviation=float(dragged.mean()) if len(dragged) else float("nan"),
-    )
+    cause = failure_cause(execution, goal, twin)
+    return Trial(execution, not cause, cause, float(dragged.mean()) if len(dragged) else np.nan)
 
 
 def failure_cause(execution: Execution, goal: Goal, twin: Twin) -> str:
     """Why a knot is not tied: the first of these causes that applies; empty where it is tied."""
-    truth, seen = state_or_none(twin.points), execution.observation
-    lost = any(not one.held for one in execution.outcomes[-1:])
+    truth, seen, last = state_or_none(twin.points), execution.observation, execution.outcomes[-1:]
     if truth in goal.states:
         return ""
     if seen is not None and seen.points is None:
@@ -351,9 +318,9 @@ def failure_cause(execution: Execution, goal: Goal, twin: Twin) -> str:
         return "state misread"
     if seen is not None and seen.ambiguities:
         return "state in doubt"
-    if any(not one.tracked for one in execution.outcomes[-1:]):
+    if any(not one.tracked for one in last):
         return "track lost"
-    if lost if seen is not None else twin.missed_grasps:
+    if twin.missed_grasps if seen is None else any(not one.held for one in last):
         return "grasp missed"
     if truth is None or truth not in goal.dag:
         return "out of the DAG"

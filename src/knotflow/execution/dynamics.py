@@ -23,29 +23,20 @@ SHIPPED_DYNAMICS = Path(__file__).parent / "data" / "dynamics.safetensors"
 JUDGED_STEPS = (1, 10, 25)
 """Steps after which predictions are judged; 25 are a whole motion."""
 
-CHUNK = 64
-"""Ropes simulated at once."""
-
-RIDGE = 1e-6
-"""Weight of the coordinates' velocities beside the vertices', square metres."""
+CHUNK = 64  # ropes simulated at once
+RIDGE = 1e-6  # weight of the coordinates' velocities beside the vertices', square metres
 
 
 @dataclass
 class LstmConfig:
     """The network, and the rope it is for."""
 
-    hidden: int = 128
-    """Size of each direction's state."""
+    hidden: int = 128  # size of each direction's state
     layers: int = 1
-    """LSTMs on top of each other."""
-    group: int = 4
-    """Neighbouring vertices that are read at a time."""
-    links: int = 40
-    """Of the rope."""
-    length: float = 1.0
-    """Of the rope, metres."""
-    straightening: int = 4
-    """Passes over the links that bring them back towards their length."""
+    group: int = 4  # neighbouring vertices that are read at a time
+    links: int = 40  # of the rope
+    length: float = 1.0  # of the rope, metres
+    straightening: int = 4  # passes over the links that bring them back towards their length
 
 
 @dataclass
@@ -53,24 +44,15 @@ class DynamicsTrainingConfig:
     """Training of the learned dynamics."""
 
     network: LstmConfig = field(default_factory=LstmConfig)
-    validations: int = 120
-    """Validations, and checkpoints, until the end."""
-    steps: int = 200
-    """Gradient steps between two of them."""
-    batch: int = 48
-    """Parts of motions in a gradient step."""
-    horizon: int = 10
-    """Longest rollout that is learned from, in steps; training begins with one of 2."""
-    learning_rate: float = 3e-3
-    """At first; it falls to a hundredth along a cosine."""
-    weight_decay: float = 1e-4
-    """AdamW's."""
-    gradient_norm: float = 0.1
-    """Gradients are cut to this length."""
-    noise: float = 0.0003
-    """Standard deviation of the noise on the first vertices, metres."""
-    held_out: float = 0.05
-    """Share of the motions, the last ones, for validation."""
+    validations: int = 120  # and checkpoints, until the end
+    steps: int = 200  # gradient steps between two of them
+    batch: int = 48  # parts of motions in a gradient step
+    horizon: int = 10  # steps of the longest rollouts; training begins with 2
+    learning_rate: float = 3e-3  # at first; it falls to a hundredth along a cosine
+    weight_decay: float = 1e-4  # of AdamW
+    gradient_norm: float = 0.1  # to which gradients are cut
+    noise: float = 0.0003  # standard deviation on the first vertices, metres
+    held_out: float = 0.05  # share of the motions, the last ones, for validation
 
 
 class RopeDynamics(Protocol):
@@ -79,16 +61,10 @@ class RopeDynamics(Protocol):
     def predict(
         self, points: Tensor, velocities: Tensor, grasped: Tensor, gripper: Tensor
     ) -> Tensor:
-        """The rope at the end of each of H steps.
+        """Vertices (B, H, V, 3) float32 at the end of each of H steps.
 
-        Args:
-            points: (B, V, 3) vertices now.
-            velocities: (B, V, 3) of the vertices.
-            grasped: (B,) or (B, H) index of the dragged link, or `FREE`.
-            gripper: (B, H, 3) the gripper at the end of each step.
-
-        Returns:
-            (B, H, V, 3) float32 vertices.
+        From vertices and their velocities (B, V, 3), the index (B,) or (B, H) of the dragged link
+        or `FREE`, and the gripper (B, H, 3) at the end of each step.
         """
         ...
 
@@ -149,12 +125,9 @@ class MujocoDynamics:
         batch.qvel[:count] = [
             self._hinge_velocities(*one) for one in zip(qpos, velocities, strict=True)
         ]
+        controlled = int(mujoco.mjtState.mjSTATE_EQ_ACTIVE | mujoco.mjtState.mjSTATE_MOCAP_POS)
         recorded = batch.rollout(
-            total,
-            control,
-            int(mujoco.mjtState.mjSTATE_EQ_ACTIVE | mujoco.mjtState.mjSTATE_MOCAP_POS),
-            record=["site_xpos"],
-            ids=np.arange(count),
+            total, control, controlled, record=["site_xpos"], ids=np.arange(count)
         )["site_xpos"].reshape(count, total, -1, 3)[:, :, self._vertices]
         # MuJoCo places sites before it integrates: a step's end is read in the next step.
         ahead = recorded[:, np.arange(substeps, total, substeps)]

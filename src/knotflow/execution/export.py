@@ -29,19 +29,14 @@ SUBDIVISIONS = 8  # between two waypoints, to measure the tip's speed
 
 @dataclass(frozen=True, eq=False)
 class JointTrajectory:
-    """N configurations in time, at rest between phases.
-
-    Attributes:
-        arm: which moves.
-        waypoints: which it follows, with their original times.
-        ik: the configurations and their errors.
-        times: (N,) seconds, increasing.
-    """
+    """N configurations in time, at rest between phases."""
 
     arm: Arm
     waypoints: Waypoints
+    """With their original times."""
     ik: IkSolution
     times: NDArray[np.float64]
+    """(N,) seconds, increasing."""
 
     @property
     def unreachable(self) -> NDArray[np.intp]:
@@ -60,20 +55,19 @@ class JointTrajectory:
 
     def peaks(self) -> dict[str, float]:
         """Peak tip speed (m/s) and acceleration (m/s^2), and joints' as shares of their limits."""
-        found = []
+        peaks: dict[str, float] = {}
         for rows in _phases(self.waypoints):
             seconds = float(self.times[rows[1]] - self.times[rows[0]]) if len(rows) > 1 else 1.0
             tip = _differences(self.ik.positions[rows], seconds)
-            joints = _differences(self.ik.joints[rows], seconds)
-            found.append(
-                {
-                    "tip_speed": np.linalg.norm(tip[0], axis=1).max(initial=0.0),
-                    "tip_acceleration": np.linalg.norm(tip[1], axis=1).max(initial=0.0),
-                    "joint_speed": _share(joints[0], self.arm.max_speed),
-                    "joint_acceleration": _share(joints[1], self.arm.max_acceleration),
-                }
-            )
-        return {name: float(max(one[name] for one in found)) for name in found[0]}
+            speed, acceleration = _differences(self.ik.joints[rows], seconds)
+            of_phase = {
+                "tip_speed": float(np.linalg.norm(tip[0], axis=1).max(initial=0.0)),
+                "tip_acceleration": float(np.linalg.norm(tip[1], axis=1).max(initial=0.0)),
+                "joint_speed": _share(speed, self.arm.max_speed),
+                "joint_acceleration": _share(acceleration, self.arm.max_acceleration),
+            }
+            peaks = {name: max(peaks.get(name, 0.0), peak) for name, peak in of_phase.items()}
+        return peaks
 
     def _rates(self, values: NDArray) -> NDArray[np.float64]:
         if len(values) < 2:
@@ -86,13 +80,9 @@ class JointTrajectory:
 def time_joints(
     arm: Arm, waypoints: Waypoints, ik: IkSolution, max_speed: float
 ) -> JointTrajectory:
-    """Slow each phase, from rest to rest, as a whole until tip and joints keep their limits.
+    """Slow each phase, from rest to rest, as a whole until tip (m/s) and joints keep their limits.
 
-    Args:
-        arm: whose limits hold.
-        waypoints: evenly spaced in time.
-        ik: the arm's configurations at them.
-        max_speed: of the tip, m/s.
+    The waypoints are evenly spaced in time.
     """
     even = float(waypoints.times[1] - waypoints.times[0]) if len(waypoints) > 1 else 0.0
     intervals = np.full(len(waypoints), even)
@@ -141,17 +131,13 @@ def _share(values: NDArray, limits: NDArray) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Export:
-    """An exported plan.
-
-    Attributes:
-        text: the file's contents.
-        trajectory: its data.
-        slowed: duration of the drags relative to the simulated ones, 1 or more.
-    """
+    """An exported plan."""
 
     text: str
+    """The file's contents."""
     trajectory: JointTrajectory
     slowed: float
+    """Duration of the drags relative to the simulated ones, 1 or more."""
 
     @property
     def reachable(self) -> bool:
@@ -280,7 +266,7 @@ def _csv(trajectory: JointTrajectory, space: str) -> str:
 
 def _ros2(trajectory: JointTrajectory, space: str) -> str:
     arm, ik, times = trajectory.arm, trajectory.ik, trajectory.times
-    points: list[dict[str, Any]]
+    points: list[dict[str, Any]] = []
     if space == "joint":
         kind, names, frame = "JointTrajectory", [*arm.joints, arm.gripper], ""
         gripper = _gripper_positions(trajectory)
@@ -292,20 +278,12 @@ def _ros2(trajectory: JointTrajectory, space: str) -> str:
         ]
     else:
         kind, names, frame = "MultiDOFJointTrajectory", [arm.tip], "world"
-        points = [
-            {
-                "transforms": [
-                    {
-                        "translation": dict(zip("xyz", position, strict=True)),
-                        "rotation": dict(zip("xyzw", (x, y, z, w), strict=True)),
-                    }
-                ],
-                "velocities": [{"linear": dict(zip("xyz", speed, strict=True))}],
-            }
-            for position, (w, x, y, z), speed in zip(
-                *map(_rounded, (ik.positions, ik.quaternions, trajectory.tip_speeds)), strict=True
-            )
-        ]
+        columns = map(_rounded, (ik.positions, ik.quaternions, trajectory.tip_speeds))
+        for position, (w, x, y, z), speed in zip(*columns, strict=True):
+            turn = {"x": x, "y": y, "z": z, "w": w}
+            pose = {"translation": dict(zip("xyz", position, strict=True)), "rotation": turn}
+            velocity = {"linear": dict(zip("xyz", speed, strict=True))}
+            points.append({"transforms": [pose], "velocities": [velocity]})
     for point, time in zip(points, times, strict=True):
         seconds, nanoseconds = divmod(round(float(time) * 1e9), 10**9)
         point["time_from_start"] = {"sec": seconds, "nanosec": nanoseconds}
@@ -317,15 +295,10 @@ def _ros2(trajectory: JointTrajectory, space: str) -> str:
     comments = "".join(f"# {time:9.3f} s: {phase} the gripper\n" for time, phase in events)
     header = {"header": {"frame_id": frame}, "joint_names": names}
     head = yaml.safe_dump(header, sort_keys=False, default_flow_style=None, width=1000)
-    style: dict[str, Any] = {
-        "sort_keys": False,
-        "default_flow_style": True,
-        "width": 10**6,
-    }  # a line a point
-    body = "".join(f"- {yaml.safe_dump(point, **style)}" for point in points)
+    line: dict[str, Any] = {"sort_keys": False, "default_flow_style": True, "width": 10**6}
+    body = "".join(f"- {yaml.safe_dump(point, **line)}" for point in points)
     return f"# trajectory_msgs/msg/{kind}\n{comments}{head}points:\n{body}"
 
 
-def _rounded(values: NDArray) -> list[list[float]]:
-    rows: list[list[float]] = np.round(values, 6).tolist()
-    return rows
+def _rounded(values: NDArray) -> Any:
+    return np.round(values, 6).tolist()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,11 +26,9 @@ if TYPE_CHECKING:
     from knotflow.execution.twin import Twin
     from knotflow.perception import Camera, CameraNoiseConfig, RgbdImage
 
-FRAME_STRIDE = 2
-"""Of so many images one is kept."""
+FRAME_STRIDE = 2  # of so many images one is kept
 JPEG_QUALITY = 60
-REFERENCE_COLOUR, TRACKED_COLOUR = "#ffd33d", "#ffffff"
-"""Of the rope."""
+REFERENCE_COLOUR, TRACKED_COLOUR = "#ffd33d", "#ffffff"  # of the rope
 MARGIN = 0.15  # of what is drawn, around the ropes
 GIF_SIZE, GIF_COLOURS = (320, 240), 64  # pixels, palette
 
@@ -51,21 +50,15 @@ class ImageRecorder(RobotWrapper):
 
 @dataclass(frozen=True, eq=False)
 class DragFrame:
-    """A moment of a drag.
+    """A moment of a drag."""
 
-    Attributes:
-        number: of the robot's moves before.
-        step: of the actions before.
-        image: what the camera saw.
-    """
-
-    number: int
-    step: int
+    number: int  # of the robot's moves before
+    step: int  # of the actions before
     image: RgbdImage
 
 
 def drag_frames(execution: Execution, twin: Twin, images: Sequence[RgbdImage]) -> list[DragFrame]:
-    """Every second moment at which a rope was dragged, tracked and imaged."""
+    """One in `FRAME_STRIDE` of the moments at which a rope was dragged, tracked and imaged."""
     by_time = {round(image.time, 6): image for image in images}
     dragged = np.isfinite(execution.reference[:, 0, 0]) & np.isfinite(execution.points[:, 0, 0])
     frames = [
@@ -84,26 +77,14 @@ def encode_jpeg(image: RgbdImage) -> bytes:
 
 
 def draw_execution(
-    path: Path,
-    execution: Execution,
-    camera: Camera,
-    frames: Sequence[DragFrame],
-    last: RgbdImage,
+    path: Path, execution: Execution, camera: Camera, frames: Sequence[DragFrame], last: RgbdImage
 ) -> None:
-    """Draw the images around the ropes: one from the middle of each drag, and the last.
-
-    Args:
-        path: of the picture.
-        execution: what was planned and tracked.
-        camera: of the images.
-        frames: of the drags.
-        last: image of the last observation.
-    """
+    """Draw the images around the ropes: one amid each drag, and the last observation's."""
     from matplotlib.figure import Figure
 
     left, top, right, bottom = _window(execution, camera, frames)
-    drags = [[one for one in frames if one.step == n] for n in range(len(execution.outcomes))]
-    middles = [drag[len(drag) // 2] for drag in drags if drag]
+    drags = [[*drag] for _, drag in groupby(frames, key=lambda frame: frame.step)]
+    middles = [drag[len(drag) // 2] for drag in drags]
     columns = min(4, len(middles) + 1)
     lines = -(-(len(middles) + 1) // columns)
     with styled():
@@ -167,26 +148,20 @@ def _window(execution: Execution, camera: Camera, frames: Sequence[DragFrame]) -
 
 
 def _draw_tracked(axes: Axes, camera: Camera, points: NDArray[np.float64]) -> None:
-    """A rope (V, 3) in a panel, as dots."""
     pixels = camera.project(points)[:, :2].T
     axes.plot(*pixels, "o", markersize=2.2, color=TRACKED_COLOUR, mec=INK, mew=0.4)
 
 
 @dataclass(frozen=True, eq=False)
 class FilmedRollout:
-    """A rollout and its images: one a frame, and one of the end without the gripper.
-
-    Attributes:
-        attempts: the one rollout.
-        images: T + 1 images.
-        visible: (T + 1, V) whether an image shows a vertex.
-        camera: at its true pose.
-    """
+    """A rollout and its T + 1 images: one a frame, and one of the end without the gripper."""
 
     attempts: Attempts
     images: tuple[RgbdImage, ...]
     visible: NDArray[np.bool_]
+    """(T + 1, V) whether an image shows a vertex."""
     camera: Camera
+    """At its true pose."""
 
 
 def film_rollout(
@@ -197,15 +172,9 @@ def film_rollout(
     noise: CameraNoiseConfig,
     rng: np.random.Generator,
 ) -> FilmedRollout:
-    """A randomly drawn demonstration on another rope.
+    """One of an action's demonstrations, on a `rope` other than that of the `simulation`.
 
-    Args:
-        demonstrations: of one action.
-        rope: that is dragged.
-        level: of the camera's pose error, see `ERROR_LEVELS`.
-        simulation: of the demonstrated rope; its record rate is the camera's.
-        noise: of the camera.
-        rng: draws all else.
+    The simulation's record rate is the camera's; `level` is of its pose error (`ERROR_LEVELS`).
     """
     from knotflow.perception import (
         Appearance,
@@ -225,14 +194,11 @@ def film_rollout(
     rollouts = attempts.rollouts
     camera = displace_camera(Camera.overhead(), ERROR_LEVELS[level], rng)
     simulated = SimulatedCamera(camera, rope, noise, Appearance.draw(rng, noise))
-    after = rollouts.times[-1:] + 1 / simulation.record_rate
+    times = [*rollouts.times, rollouts.times[-1] + 1 / simulation.record_rate]
+    ropes = rollouts.trajectory[0].astype(np.float64)
+    ropes, grippers = [*ropes, ropes[-1]], [*rollouts.gripper[0], None]
     images, visible = [], []
-    for seconds, points, gripper in zip(
-        np.concatenate([rollouts.times, after]),
-        np.concatenate([rollouts.trajectory[0], rollouts.trajectory[0, -1:]]).astype(np.float64),
-        [*rollouts.gripper[0], None],
-        strict=True,
-    ):
+    for seconds, points, gripper in zip(times, ropes, grippers, strict=True):
         closed = 0 < seconds < rollouts.release_times[0]
         view = simulated.view(points, gripper, bool(closed), float(seconds))
         images.append(add_noise(view.image, camera, noise, rng))

@@ -20,18 +20,12 @@ from knotflow.simulation import grasped_link
 if TYPE_CHECKING:
     import mink
 
-TOLERANCE = 1e-3
-"""Distance of the tip from its waypoint that counts as reached, metres."""
-MAX_TILT = np.deg2rad(30.0)
-"""Largest tilt of the gripper from pointing down, radians."""
-MAX_TURN = np.deg2rad(15.0)
-"""Largest angle of the closing fingers from across the strand, radians."""
-GRASPING = ("descend", "close")
-"""Phases in which the fingers must close across the strand."""
-ALIGNED = ("travel", *GRASPING)
-"""Phases in which the gripper may not turn freely about the vertical."""
-CLEARANCE = 1e-3
-"""Least distance between arm and table, and between links that are not neighbours, metres."""
+TOLERANCE = 1e-3  # of a reached waypoint, metres
+MAX_TILT = np.deg2rad(30.0)  # of the gripper from pointing down
+MAX_TURN = np.deg2rad(15.0)  # of the closing fingers from across the strand
+GRASPING = ("descend", "close")  # phases in which the fingers must close across the strand
+ALIGNED = ("travel", *GRASPING)  # in which the gripper may not turn freely about the vertical
+CLEARANCE = 1e-3  # of arm and table, and of links that are not neighbours, metres
 
 # Costs of a metre missed and of a radian tilted, turned or away from home.
 POSITION_COST, TILT_COST, TURN_COST, HOME_COST = 200.0, 2.0, 4.0, 0.05
@@ -46,23 +40,14 @@ RESTARTS = 12
 
 @dataclass(frozen=True, eq=False)
 class IkSolution:
-    """An arm following N waypoints as closely as it can.
+    """An arm following N waypoints as closely as it can; world frame, metres, radians."""
 
-    Attributes:
-        joints: (N, n) configurations, radians (metres for slides).
-        positions: (N, 3) of the tip by forward kinematics, metres, world frame.
-        quaternions: (N, 4) of the tip, w x y z.
-        error: (N,) distance from the waypoints, metres.
-        tilt: (N,) of the gripper from pointing down, radians.
-        turn: (N,) of the grasping fingers from across the strand, radians; else 0.
-    """
-
-    joints: NDArray[np.float64]
-    positions: NDArray[np.float64]
-    quaternions: NDArray[np.float64]
-    error: NDArray[np.float64]
-    tilt: NDArray[np.float64]
-    turn: NDArray[np.float64]
+    joints: NDArray[np.float64]  # (N, n)
+    positions: NDArray[np.float64]  # (N, 3) of the tip by forward kinematics
+    quaternions: NDArray[np.float64]  # (N, 4) of the tip, w x y z
+    error: NDArray[np.float64]  # (N,) distance from the waypoints
+    tilt: NDArray[np.float64]  # (N,) of the gripper from pointing down
+    turn: NDArray[np.float64]  # (N,) of the grasping fingers from across the strand; else 0
 
     @property
     def ok(self) -> NDArray[np.bool_]:
@@ -78,36 +63,33 @@ def follow_waypoints(
     Of each step's two grasps, half a turn apart, the one nearer to the arm's home is taken, or the
     other where that reaches more waypoints.
     """
-    solver = _Solver(arm, base or arm.base)
+    solver, phases = _Solver(arm, base or arm.base), np.array(waypoints.phases)
     joints: NDArray | None = None
     yaw: float | None = None
     segments: list[_Segment] = []
-    phases = np.array(waypoints.phases)
     for step, plan_step in enumerate(plan.steps):
         rows = np.flatnonzero(waypoints.step == step)
         positions, aligned = waypoints.positions[rows], np.isin(phases[rows], ALIGNED)
         link = int(grasped_link(plan_step.spline, len(plan_step.start) - 1))
         x, y, _ = plan_step.start[link + 1] - plan_step.start[link]
         nearer = solver.nearest_yaw(float(np.arctan2(y, x)), positions[-1])
-        best: _Segment | None = None
+        found: list[_Segment] = []
         for goal in (nearer, nearer + np.pi):
             yaws = _interpolate_yaw(yaw, goal, phases[rows] == "travel")
-            segment = solver.follow(joints, positions, yaws, aligned)
-            if best is None or segment.missed < best.missed:
-                best = segment
-            if not best.missed:
+            found.append(solver.follow(joints, positions, yaws, aligned))
+            if not found[-1].missed:
                 break
-        assert best is not None
+        best = min(found, key=lambda segment: segment.missed)
         segments.append(best)
         joints, yaw = best.joints[-1], solver.yaw(best.joints[-1], near=float(best.yaws[-1]))
     return solver.solution(segments, waypoints)
 
 
 class _Segment(NamedTuple):
-    """One step: joints (n, J), the desired yaws (n,), and the number of missed waypoints."""
+    """One step of a plan: n waypoints."""
 
-    joints: NDArray[np.float64]
-    yaws: NDArray[np.float64]
+    joints: NDArray[np.float64]  # (n, J)
+    yaws: NDArray[np.float64]  # (n,) desired
     missed: int
 
 
@@ -281,12 +263,12 @@ class _Solver:
         """The whole model's configuration at the home in which the gripper points down most."""
         homes = np.repeat(self.model.qpos0[None], len(arm.homes), axis=0)
         homes[:, self.columns] = arm.homes
-        upward = []
-        for home in homes:
+
+        def upward(home: NDArray[np.float64]) -> float:
             self.configuration.update(home)
-            upward.append(self._tip()[1][2, 2])
-        lowest: NDArray[np.float64] = homes[int(np.argmin(upward))]
-        return lowest
+            return float(self._tip()[1][2, 2])
+
+        return min(homes, key=upward)
 
     def _home_towards(self, position: NDArray) -> NDArray[np.float64]:
         """Home, turned by the first joint to face a position."""

@@ -25,37 +25,21 @@ from knotflow.simulation import (
 )
 from knotflow.topology import TopologicalState
 
-STEP = 0.1
-"""Seconds from one frame to the next; a step of all dynamics."""
-
-FREE = -1
-"""The index of the grasped link where none is grasped."""
-
-ACTIONS_PER_CURVE = 4
-"""Consecutive splines that move a random curve."""
-
-MAX_CROSSINGS = 4
-"""A rope with more is replaced by another curve."""
-
-RANDOM_SHARE = 0.25
-"""Share of random splines among those that move random curves."""
+STEP = 0.1  # seconds from one frame to the next; a step of all dynamics
+FREE = -1  # the index of the grasped link where none is grasped
+ACTIONS_PER_CURVE = 4  # consecutive splines that move a random curve
+MAX_CROSSINGS = 4  # a rope with more is replaced by another curve
+RANDOM_SHARE = 0.25  # of random splines among those that move random curves
 
 
 @dataclass(frozen=True, eq=False)
 class Motions:
-    """Ropes dragged by a gripper and let go; metres, world frame, frames `STEP` apart.
+    """Ropes dragged by a gripper and let go; metres, world frame, frames `STEP` apart."""
 
-    Attributes:
-        points: (N, T, V, 3) rope vertices.
-        gripper: (N, T, 3) gripper positions.
-        grasped: (N, T) index of the link that is held until the next frame, or `FREE`.
-        level: (N,) how far the rope may be from the planner's.
-    """
-
-    points: NDArray[np.float32]
-    gripper: NDArray[np.float32]
-    grasped: NDArray[np.int64]
-    level: NDArray[np.int64]
+    points: NDArray[np.float32]  # (N, T, V, 3)
+    gripper: NDArray[np.float32]  # (N, T, 3)
+    grasped: NDArray[np.int64]  # (N, T) link that is held until the next frame, or `FREE`
+    level: NDArray[np.int64]  # (N,) how far the rope may be from the planner's
 
     def __len__(self) -> int:
         return len(self.points)
@@ -69,13 +53,11 @@ class Motions:
 
     @classmethod
     def load(cls, path: Path) -> Motions:
-        """Read what `save` wrote."""
         with np.load(path) as file:
             return cls(**file)
 
     @classmethod
     def join(cls, parts: Sequence[Motions]) -> Motions:
-        """All motions of several sets."""
         columns = zip(*(vars(part).values() for part in parts), strict=True)
         return cls(*(np.concatenate(column) for column in columns))
 
@@ -150,7 +132,7 @@ def _execute(
 
 
 def simulated_frames(steps: NDArray[np.intp], frames: int) -> NDArray[np.intp]:
-    """Indices of a simulator's frames, one a time step, that show ropes after so many steps.
+    """Indices of a simulator's frames that show ropes after so many time steps.
 
     Frames come a time step early (see `Rollouts.trajectory`) but for the first and the last.
     """

@@ -9,18 +9,16 @@ the model's own error is not corrected for.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from pytorch_mppi.mppi import KMPPI, RBFKernel
+from torch import Tensor
 
+from knotflow.execution.dynamics import RopeDynamics
 from knotflow.execution.motions import STEP
 from knotflow.threads import one_thread
-
-if TYPE_CHECKING:
-    from torch import Tensor
-
-    from knotflow.execution.dynamics import RopeDynamics
 
 CM2 = 1e4  # square centimetres of a square metre
 BOUNDARY_COST = 100.0
@@ -30,28 +28,18 @@ BOUNDARY_COST = 100.0
 class MppiConfig:
     """Sampling and costs."""
 
-    samples: int = 64
-    """Action sequences of a tick."""
-    horizon: int = 6
-    """Ticks looked ahead."""
-    knots: int = 2
-    """Ticks among them at which actions are drawn."""
+    samples: int = 64  # action sequences of a tick
+    horizon: int = 6  # ticks looked ahead
+    knots: int = 2  # ticks among them at which actions are drawn
     spread: tuple[float, float, float] = (0.003, 0.003, 0.001)
     """Standard deviation of the actions in x, y and z, metres a tick."""
-    bound: float = 0.015
-    """Largest action along each axis, metres a tick."""
-    temperature: float = 1.0
-    """Of the weights; costs are in square centimetres, summed over the horizon."""
-    effort: float = 0.02
-    """Cost of an action, relative to the same deviation of the rope."""
-    terminal: float = 2.0
-    """Relative cost of the last tick's deviation."""
-    reach: float = 0.65
-    """The gripper stays within this distance of the middle along x and y, metres."""
-    table: float = 0.008
-    """The gripper stays above this height, metres."""
-    seed: int = 0
-    """Of the sampled actions."""
+    bound: float = 0.015  # of an action along each axis, metres a tick
+    temperature: float = 1.0  # of the weights; costs in square centimetres sum over the horizon
+    effort: float = 0.02  # cost of an action, relative to the same deviation of the rope
+    terminal: float = 2.0  # relative cost of the last tick's deviation
+    reach: float = 0.65  # of the gripper from the middle along x and y, metres
+    table: float = 0.008  # least height of the gripper, metres
+    seed: int = 0  # of the sampled actions
 
 
 class Mppi:
@@ -61,9 +49,6 @@ class Mppi:
         self.dynamics, self.config = dynamics, config or MppiConfig()
 
     def begin(self, reference: NDArray, path: NDArray, weights: NDArray, grasped: int) -> None:
-        import torch
-        from pytorch_mppi.mppi import KMPPI, RBFKernel
-
         config = self.config
         planned = torch.from_numpy(np.asarray(path, np.float32))
         self._steps = torch.diff(planned, dim=0, append=planned[-1:])  # at its end it stays
@@ -91,8 +76,6 @@ class Mppi:
 
     @one_thread()
     def act(self, points: NDArray, velocities: NDArray, gripper: NDArray) -> NDArray:
-        import torch
-
         # The rope hangs where it was caught: what is dragged is the link, not the fingertips.
         centre = (points[self._grasped] + points[self._grasped + 1]) / 2
         state = torch.from_numpy(np.concatenate([points.ravel(), velocities.ravel(), centre]))
@@ -110,8 +93,6 @@ class Mppi:
     def _predict_plan(self, points: Tensor) -> Tensor:
         """(T, horizon + 1, V, 3) metres: predictions from each frame of the planned rope (T, V, 3)
         under the planned motion."""
-        import torch
-
         with torch.no_grad():
             velocities = torch.diff(points, dim=0, prepend=points[:1]) / STEP
             gripper = (points[:, self._grasped] + points[:, self._grasped + 1]) / 2
@@ -126,8 +107,6 @@ class Mppi:
         self, points: Tensor, velocities: Tensor, gripper: Tensor
     ) -> tuple[Tensor, Tensor]:
         """The rope's vertices and velocities (K, V, 3) when the gripper is at (K, 3), a tick on."""
-        import torch
-
         held = torch.full((len(points),), self._grasped)
         moved = self.dynamics.predict(points, velocities, held, gripper[:, None])[:, 0]
         return moved, (moved - points) / STEP
@@ -137,8 +116,6 @@ class Mppi:
         return min(self._tick + ahead, len(self._steps) - 1)
 
     def _next(self, states: Tensor, actions: Tensor, step: int) -> Tensor:
-        import torch
-
         points, velocities, gripper = self._split(states)
         gripper = gripper + self._steps[self._frame(step)] + actions
         points, velocities = self._predict(points, velocities, gripper)

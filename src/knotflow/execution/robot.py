@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -14,7 +14,7 @@ from knotflow.simulation import RopeConfig, resample, state_or_none
 from knotflow.topology import TopologicalState
 
 if TYPE_CHECKING:
-    from knotflow.perception import Camera, EstimateConfig, Network, RgbdImage, Tracker
+    from knotflow.perception import Camera, Network, RgbdImage, Tracker
 
 
 class Robot(Protocol):
@@ -24,8 +24,7 @@ class Robot(Protocol):
     origin), of the point between the fingertips that lies on a held rope's centre line. Yaw across
     the strand, joints and the avoidance of collisions are left to the implementation.
 
-    Every method blocks until it is done. A command that cannot be carried out raises; any exception
-    ends the execution after a `release()`.
+    Methods block until they are done; an exception ends the execution after a `release()`.
     """
 
     def observe(self) -> RgbdImage:
@@ -141,7 +140,6 @@ class Observation:
         ambiguities: tuple[str, ...] = (),
         ambiguous_ends: tuple[int, ...] = (),
     ) -> Observation:
-        """Of a shape (V, 3)."""
         state = state_or_none(points)
         if state is None:
             ambiguities += ("the shape's projection does not determine its state",)
@@ -149,7 +147,6 @@ class Observation:
 
     @classmethod
     def no_rope(cls, reason: str) -> Observation:
-        """No rope was seen."""
         return cls(None, None, (reason,))
 
     @property
@@ -166,16 +163,14 @@ class StateEstimator(Protocol):
     def estimate(self, robot: Robot, likely: Sequence[NDArray] = ()) -> Observation | None:
         """What is seen now; None while there is no new image.
 
-        Args:
-            robot: whose camera sees the rope.
-            likely: expected shapes (V, 3), metres; the last seen or tracked one first.
+        `likely` are expected shapes (V, 3), metres, the last seen or tracked one first.
         """
         ...
 
 
 @dataclass
 class ImageStateEstimator:
-    """A `StateEstimator` by `perception.estimate`.
+    """A `StateEstimator` by `perception.estimate`; a wider search follows an ambiguous image.
 
     The first image, which may show the gripper, only tells the camera's time; a later one is read.
     """
@@ -183,8 +178,6 @@ class ImageStateEstimator:
     camera: Camera
     """At its nominal pose."""
     rope: RopeConfig = field(default_factory=RopeConfig)
-    config: EstimateConfig | None = None
-    """Its slow wider search is used only after an ambiguous image."""
     network: Network | None = None
     """Proposes further first guesses; the shipped one by default."""
     tracker: Tracker | None = None
@@ -203,16 +196,12 @@ class ImageStateEstimator:
             self._previous_time = image.time
             return None
         self._previous_time = None
-        config = self.config or EstimateConfig()
+        config = EstimateConfig() if self._search_wider else EstimateConfig(fallback_search=None)
+        camera, rope, net = self.camera, self.rope, self.network
+        first = likely[0] if likely else None
         try:
             found = estimate(
-                image,
-                self.camera,
-                self.rope,
-                config=config if self._search_wider else replace(config, fallback_search=None),
-                earlier=likely[0] if likely else None,
-                network=self.network,
-                likely=likely,
+                image, camera, rope, config=config, earlier=first, network=net, likely=likely
             )
         except TraceError as error:
             return Observation.no_rope(str(error))
@@ -220,13 +209,12 @@ class ImageStateEstimator:
         if self.tracker is not None:
             self.tracker.restart(found, image.time)
         unknown = () if found.head_known else ("head and tail look alike",)
-        return Observation.of(
-            resample(found.points, self.rope), found.ambiguities + unknown, found.ambiguous_ends
-        )
+        points, ambiguities = resample(found.points, self.rope), found.ambiguities + unknown
+        return Observation.of(points, ambiguities, found.ambiguous_ends)
 
 
 class CameraTimer(RobotWrapper):
-    """Sums up the `seconds` that images took."""
+    """Adds up the `seconds` that images took."""
 
     seconds = 0.0
 
@@ -258,7 +246,6 @@ class FaultyRobot(RobotWrapper):
 
     @property
     def failing(self) -> bool:
-        """Whether it fails now."""
         return -self.duration < round(self._remaining, 6) <= 0
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,8 +70,7 @@ class ExecutionConfig:
     """Actions before giving up, with replanning."""
 
 
-@dataclass(frozen=True, eq=False)
-class Move:
+class Move(NamedTuple):
     """One move of the robot; see `Execution` for units."""
 
     gripper: NDArray[np.float64]
@@ -92,19 +91,16 @@ class TickTiming:
 
 @dataclass(frozen=True)
 class StepOutcome:
-    """Outcome of one executed step.
-
-    Attributes:
-        step: as it was planned.
-        observed_state: after it; None where it was not observed, or cannot be read.
-        held: whether the rope was held until its release, as far as it was tracked.
-        tracked: whether the track was not lost.
-    """
+    """Outcome of one executed step."""
 
     step: PlanStep
+    """As it was planned."""
     observed_state: TopologicalState | None
+    """After it; None where it was not observed, or cannot be read."""
     held: bool
+    """Whether the rope was held until its release, as far as it was tracked."""
     tracked: bool
+    """Whether the track was not lost."""
 
     @property
     def action(self) -> Action:
@@ -138,7 +134,7 @@ class StepExecutor:
         self._camera = CameraTimer(self.robot)
 
     def execute(self, step: PlanStep, plan: KnotPlan, number: int) -> StepOutcome:
-        """Grasp, drag, let go and rise; the rope is tracked from the grasp to the release."""
+        """Grasp, drag, let go and rise."""
         self._track()
         rope = step.start if self.points is None else self.points
         link = int(grasped_link(step.spline, len(rope) - 1))
@@ -155,13 +151,11 @@ class StepExecutor:
         self._travel(before[0], number)
         for position, phase in zip(before, waypoints.phases, strict=False):
             if phase == "close" and not self.closed:
-                self.robot.grasp()
-                self.closed = True
+                self._grasp()
             self._move(position, number, track=self.closed)
         planned = np.concatenate([before[-1:], waypoints.positions[drag]])
         held = self._drag(step, planned, number)
-        self.robot.release()
-        self.closed = False
+        self._release()
         positions = after + self.commanded - planned[-1]
         positions[:, 2] = np.maximum(positions[:, 2], planned[-1, 2])
         for position, phase in zip(positions, waypoints.phases[drag[-1] + 1 :], strict=True):
@@ -171,10 +165,7 @@ class StepExecutor:
     def observe(
         self, estimator: StateEstimator, number: int, likely: Sequence[NDArray] = ()
     ) -> Observation:
-        """Go out of the way and observe, and again from the other side if it is ambiguous.
-
-        `likely` are shapes (V, 3) for the estimator.
-        """
+        """Go out of the way and observe, and again from the other side if it is ambiguous."""
         timeout = self.config.image_timeout
         observation = Observation.no_rope(f"no new image came for {timeout:g} s")
         for turn in range(self.config.max_observations):
@@ -210,14 +201,20 @@ class StepExecutor:
         speed = gripper.vertical_speed
         self._travel(above, number)
         self._line(above, begin, speed, number)
-        self.robot.grasp()
-        self.closed = True
+        self._grasp()
         for _ in range(round(gripper.close_time / STEP)):
             self._move(begin, number, track=True)
         self._line(begin, end, speed, number, track=True)
+        self._release()
+        self._line(end, raised, speed, number, track=True)
+
+    def _grasp(self) -> None:
+        self.robot.grasp()
+        self.closed = True
+
+    def _release(self) -> None:
         self.robot.release()
         self.closed = False
-        self._line(end, raised, speed, number, track=True)
 
     def _travel(self, position: NDArray, number: int) -> None:
         self._line(self.robot.position, position, self.config.gripper.travel_speed, number)
@@ -262,7 +259,7 @@ class StepExecutor:
         return np.linalg.norm(centres - self.robot.position, axis=1)
 
     def _weights(self, step: PlanStep) -> NDArray[np.float64]:
-        """(V,) with the strands at the crossings of the step's end weighing most."""
+        """(V,) of the vertices: most at the crossings of the step's end."""
         along = np.linspace(0.0, 1.0, len(step.end))
         weights = np.ones(len(along))
         for fraction in project(step.end).fractions:
@@ -271,11 +268,7 @@ class StepExecutor:
         return weights / weights.mean()
 
     def _move(
-        self,
-        position: NDArray,
-        number: int,
-        reference: NDArray | None = None,
-        track: bool = False,
+        self, position: NDArray, number: int, reference: NDArray | None = None, track: bool = False
     ) -> tuple[float, float]:
         """Move for a tick; seconds that the image and the tracker took."""
         self.commanded = position

@@ -7,8 +7,10 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from knotflow.execution.robot import Observation, Robot
 from knotflow.simulation import (
@@ -28,8 +30,8 @@ MIN_SETTLE_TIME, MAX_SETTLE_TIME = 0.1, 2.0
 """Seconds for which a rope is simulated after it was laid down, at least and at most."""
 
 RELEASE_SETTLE_TIME = 0.7
-"""Seconds for which it is simulated at least after its release. Once slow it is frozen until the
-next grasp: with MuJoCo's friction a bent rope would creep by centimetres."""
+"""Seconds at least after its release. Once slow it is frozen until the next grasp: with MuJoCo's
+friction a bent rope would creep by centimetres."""
 
 REST_SPEED = 0.004
 """Root mean square speed of the rope below which it comes to rest, metres per second."""
@@ -61,8 +63,6 @@ ERROR_LEVELS = (
 
 def displace_camera(camera: Camera, errors: ErrorLevel, rng: np.random.Generator) -> Camera:
     """The camera with errors in its pose."""
-    from scipy.spatial.transform import Rotation
-
     shift = rng.uniform(-1, 1, 3) * errors.camera_shift
     turn = Rotation.from_rotvec(rng.uniform(-1, 1, 3) * errors.camera_turn).as_matrix()
     return replace(camera, position=camera.position + shift, rotation=turn @ camera.rotation)
@@ -87,16 +87,7 @@ class TwinConfig:
 
 
 class Twin:
-    """A simulated robot and rope, with randomly drawn parameters.
-
-    The truth is `points`; a plan is executed by `robot()`, which has the `Robot` protocol alone.
-
-    Attributes:
-        rope: what was drawn.
-        times: (N,) seconds at the end of each move.
-        trajectory: (N, V, 3) the rope then.
-        missed_grasps: number of grasps that caught nothing.
-    """
+    """A simulated robot and rope, with randomly drawn parameters."""
 
     def __init__(
         self,
@@ -105,19 +96,13 @@ class Twin:
         rng: np.random.Generator,
         camera: Camera | None = None,
     ) -> None:
-        """Lay the rope down and let it come to rest.
+        """Lay down a rope (V, 3), metres, of the nominal size, and let it come to rest.
 
-        Args:
-            points: (V, 3) a shape of the nominal rope, metres.
-            config: the level, and what is not drawn.
-            rng: draws the rope and all errors; the same seed gives the same errors.
-            camera: the nominal one; without it there are no images.
+        Without the nominal `camera` there are no images.
 
         Raises:
             ShapeError: for points that are not a shape of the rope.
         """
-        import mujoco
-
         drawn, swaying, grasping, seeing = rng.spawn(4)
         self.config = config
         self.rope = perturb_rope(config.rope, config.level, drawn)
@@ -141,9 +126,9 @@ class Twin:
         self._commanded = np.array(config.home)
         self._grasp_offset: NDArray | None = None  # from the gripper to the held link's centre
         self._closed = False
-        self.missed_grasps = 0
-        self.times: list[float] = []
-        self.trajectory: list[NDArray[np.float64]] = []
+        self.missed_grasps = 0  # grasps that caught nothing
+        self.times: list[float] = []  # (N,) seconds at the end of each move
+        self.trajectory: list[NDArray[np.float64]] = []  # (N, V, 3) metres, the rope then
         self._time, self._settle_time = 0.0, MIN_SETTLE_TIME
         while self._time < MAX_SETTLE_TIME and not self._at_rest():
             self._advance(self._commanded, MIN_SETTLE_TIME)
@@ -165,12 +150,10 @@ class Twin:
         return handle
 
     def observe(self) -> RgbdImage:
-        """See `Robot`."""
         if self._camera is None:
             raise RuntimeError("this twin has no camera: give Twin(..., camera=) one")
-        return self._camera.capture(
-            self.points, self._seeing, self.position, self._closed, self._time
-        )
+        place, closed = self.position, self._closed
+        return self._camera.capture(self.points, self._seeing, place, closed, self._time)
 
     def move_to(self, position: NDArray, seconds: float) -> None:
         position = np.asarray(position, np.float64)
@@ -181,7 +164,7 @@ class Twin:
         self.trajectory.append(self.points)
 
     def grasp(self) -> None:
-        """See `Robot`; the fingers hold the rope where they caught it."""
+        """The fingers hold the rope where they caught it."""
         points, fingers = self.points, self.position
         fingers[:2] += self._grasping.normal(0.0, self._errors.grasp, 2)
         along = np.diff(points, axis=0)
@@ -204,13 +187,11 @@ class Twin:
 
     @property
     def position(self) -> NDArray[np.float64]:
-        """See `Robot`; errors included."""
+        """(3,) metres, errors included."""
         return self._commanded + self._sway.at(self._time)
 
     def _advance(self, target: NDArray, seconds: float) -> None:
         """Simulate a straight move of the command to `target` (3,)."""
-        import mujoco
-
         begin, steps = self._commanded, max(1, round(seconds / self.config.timestep))
         offset = np.zeros(3) if self._grasp_offset is None else self._grasp_offset
         for step in range(1, steps + 1):
@@ -225,8 +206,6 @@ class Twin:
 
     def _at_rest(self) -> bool:
         """Whether the free rope hardly moves; then it is stopped."""
-        import mujoco
-
         if self.grasped or self._settle_time > 0:
             return False
         if self._data.qvel.any():

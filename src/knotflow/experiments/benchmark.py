@@ -74,10 +74,10 @@ def gradient_steps(run: StageRun, *, rope: RopeConfig, steps: int = 80, repeat: 
     target, once = observe(image, camera, rope), FitConfig(steps=1)
     rows = []
     for grid in (1, 2):
-        coarse, eye = target.binned(grid), camera.binned(grid)
-        fit(points, coarse, eye, rope, once)  # caches are warm
+        coarse = target.binned(grid)
+        fit(points, coarse, once)  # caches are warm
         began = time.process_time()
-        fit(points, coarse, eye, rope, replace(once, steps=steps))
+        fit(points, coarse, replace(once, steps=steps))
         seconds = time.process_time() - began
         rows.append({"grid": grid, "milliseconds": round(1e3 * seconds / steps, 2)})
     run.save_table("gradient_steps.csv", pd.DataFrame(rows))

@@ -1,12 +1,10 @@
 import pathlib
 
-from .camera.image import SAMPLE, ImageError, Label, RgbdImage
-from .camera.noise import CameraNoiseConfig, add_noise
+from .camera.image import SAMPLE, CameraNoiseConfig, ImageError, Label, RgbdImage, add_noise
 from .camera.pinhole import Camera, CameraError
 from .camera.rendering import render
-from .camera.simulated import Appearance, SimulatedCamera, View
-from .estimation.ambiguity import END_AMBIGUITIES
-from .estimation.crossings import CrossingEvidence, score_crossings
+from .camera.simulated import Appearance, SimulatedCamera
+from .estimation.crossings import END_AMBIGUITIES, CrossingEvidence
 from .estimation.estimate import EstimateConfig, RopeEstimate, estimate
 from .estimation.evidence import Target, coverage_fraction, observe, visible_vertices
 from .estimation.fitting import FitConfig, fit
@@ -14,7 +12,6 @@ from .estimation.search import SearchConfig
 from .estimation.segmentation import Segmentation, pixel_coverage, segment
 from .estimation.skeleton import TraceError
 from .io import see
-from .networks.models import StrandNetworkConfig
 from .networks.network import Network, NetworkError, load_if_present
 from .networks.training import (
     CoarseToFineTrainer,
@@ -24,8 +21,7 @@ from .networks.training import (
     TrainingConfig,
     self_supervise,
 )
-from .tracking.cpd import CpdConfig, CpdTracker
-from .tracking.tracker import Tracker, TrackerConfig, constant_velocity
+from .tracking import CpdConfig, CpdTracker, Tracker, TrackerConfig
 
 SHIPPED_NETWORK: pathlib.Path
 
@@ -53,7 +49,6 @@ __all__ = [
     "Segmentation",
     "SelfSupervisionConfig",
     "SimulatedCamera",
-    "StrandNetworkConfig",
     "StrandTrainer",
     "StrandTrainingConfig",
     "Target",
@@ -61,9 +56,7 @@ __all__ = [
     "Tracker",
     "TrackerConfig",
     "TrainingConfig",
-    "View",
     "add_noise",
-    "constant_velocity",
     "coverage_fraction",
     "estimate",
     "fit",
@@ -71,7 +64,6 @@ __all__ = [
     "observe",
     "pixel_coverage",
     "render",
-    "score_crossings",
     "see",
     "segment",
     "self_supervise",

@@ -28,12 +28,8 @@ MAX_OFFSET, MAX_TILT = 0.05, 0.1
 def see(
     rgb: Path, depth: Path, camera: Path, rope: RopeConfig | None = None
 ) -> tuple[RopeEstimate, RgbdImage, Camera]:
-    """The rope in the files of an image, and what was read to find it; a terminal shows progress.
-
-    Args:
-        rgb, depth: files of colour and depth, see `RgbdImage.read`.
-        camera: file of the camera, see `Camera.load`.
-        rope: that is in the image; the default rope without.
+    """The rope in the files of an image (see `RgbdImage.read`) of a camera (see `Camera.load`), and
+    what was read to find it; a terminal shows progress. Without a `rope` it is the default one.
 
     Raises:
         CameraError: a camera file that cannot be used, or whose pose is far off the table.

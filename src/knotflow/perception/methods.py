@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.perception.camera.image import Label, RgbdImage
-from knotflow.perception.camera.noise import add_noise
+from knotflow.perception.camera.image import Label, RgbdImage, add_noise
 from knotflow.perception.camera.pinhole import Camera
 from knotflow.perception.camera.simulated import SimulatedCamera
-from knotflow.perception.estimation.chain import nearest_on_chain
 from knotflow.perception.estimation.estimate import EstimateConfig, RopeEstimate, estimate, propose
+from knotflow.perception.estimation.evidence import observe
+from knotflow.perception.estimation.fitting import nearest_on_chain
 from knotflow.perception.estimation.segmentation import segment
 from knotflow.perception.networks.network import Network
 from knotflow.seeding import rng_of
@@ -81,8 +81,8 @@ class EstimationMethod:
             return estimate(image, camera, rope, _moved(truth, rope, rng), config)
         if not self.rendering:
             return propose(image, camera, rope, network, config)
-        guesses = network.guesses(image, camera, rope, segment(image, camera, rope.radius))
-        return estimate(image, camera, rope, guesses[0], config)
+        guess = network.guesses(observe(image, camera, rope))[0]
+        return estimate(image, camera, rope, guess, config)
 
 
 METHODS = {

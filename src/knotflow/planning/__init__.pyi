@@ -1,9 +1,16 @@
-from .arranging import attempt_arranged
 from .config import FAST_SEARCH, PlannerConfig, plan_name
-from .dag import SearchGraph, SolutionDag, UnreachableGoalError
-from .goals import Goal, NoRoomError, most_crossings, parse_goal
+from .goals import (
+    Goal,
+    NoRoomError,
+    SearchGraph,
+    SolutionDag,
+    UnreachableGoalError,
+    most_crossings,
+    parse_goal,
+)
 from .nodes import SearchUpdate
 from .plan import KnotPlan, PlanFormatError, PlanStep
+from .proposals import attempt_arranged
 from .ropes import ROPE_NAMES, RopeInputError, lay_down, parse_rope, read_rope
 from .tree import AlreadyTiedError, TreeSearch, plan_knot, plan_rope
 from .validation import (

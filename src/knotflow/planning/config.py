@@ -52,13 +52,10 @@ class PlannerConfig:
     def __post_init__(self) -> None:
         if self.rule not in RULES:
             raise ValueError(f"unknown planner.rule {self.rule!r}; it is one of {', '.join(RULES)}")
-        for name, least in (
-            *(("arranging", 0), ("value_bias", 0), ("margin", 0)),
-            *(("bias", 1), ("batch", 1), ("max_branches", 1)),
-        ):
-            if not getattr(self, name) >= least:
-                value = getattr(self, name)
-                raise ValueError(f"planner.{name} must be {least} or more, got {value}")
+        least = {"arranging": 0, "value_bias": 0, "margin": 0, "bias": 1, "batch": 1}
+        for name, low in (least | {"max_branches": 1}).items():
+            if not (value := getattr(self, name)) >= low:
+                raise ValueError(f"planner.{name} must be {low} or more, got {value}")
         if not self.max_seconds > 0.0:
             raise ValueError(f"planner.max_seconds must be above 0, got {self.max_seconds}")
         discount = self.failure_discount

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal, parse_goal
@@ -16,8 +15,7 @@ from knotflow.samplers.demonstrations import heuristic_splines
 from knotflow.samplers.sampler import Sampler
 from knotflow.simulation import Observer, RopeSimulator, attempt, clip_splines, straight
 from knotflow.topology import Arrange, TopologicalState, parse_action, segment_lengths
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats
 
 
 @dataclass
@@ -44,10 +42,9 @@ class PullConfig:
 
 @dataclass(frozen=True)
 class PulledRope:
-    """A tied rope whose head was pulled out far enough."""
+    """A tied rope (V, 3), metres, whose head was pulled out far enough."""
 
     points: Floats
-    """(V, 3) metres."""
     successes: int
     """Aimed guesses at the next action that succeeded."""
 
@@ -86,14 +83,8 @@ class HeadPuller:
         for _ in range(config.rounds):
             if self._head_length(points) >= config.head:
                 break
-            pulls = attempt(
-                simulator,
-                points,
-                random_pulls(points, config.pulls, rng),
-                Arrange(self._next_action),
-                state,
-                self._observe_pulls,
-            )
+            splines, action = random_pulls(points, config.pulls, rng), Arrange(self._next_action)
+            pulls = attempt(simulator, points, splines, action, state, self._observe_pulls)
             # The present rope comes first, and so is kept where no pull improves it.
             ropes = [points, *pulls.rollouts.end_points[pulls.success]]
             points = max(ropes, key=self._head_length)
@@ -141,7 +132,7 @@ def random_pulls(points: Floats, count: int, rng: np.random.Generator) -> Floats
 
 
 def select_best_pull(ropes: Sequence[PulledRope | None], head: float) -> Floats:
-    """The rope (V, 3), metres, with the most successes at the next action; the first of equals.
+    """The rope (V, 3) with the most successes at the next action; the first of equals.
 
     `ropes` are None where the head did not come out to `head` metres.
 

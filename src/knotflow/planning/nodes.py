@@ -7,14 +7,12 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from knotflow.planning.dag import Edge
+from knotflow.planning.goals import Edge
 from knotflow.planning.plan import PlanStep
 from knotflow.simulation import Attempts, Rollouts, SimulationConfig
 from knotflow.topology import Action, Arrange, TopologicalState
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats
 
 ACT, ARRANGE = 0, 1
 """The two kinds of expansions: for the action of an edge, or to make room for it."""
@@ -31,15 +29,13 @@ class Simulator(Protocol):
 
 @dataclass(eq=False)
 class Node:
-    """A rope at rest in the tree.
+    """A rope (V, 3), metres, at rest in the tree.
 
     Attributes:
-        points: (V, 3) metres.
         state: its topological state, one of the solution DAG.
         distance: edges from its state to the goal.
         edges: the E outgoing edges of its state in the solution DAG; none at the goal.
-        parent: the node it was reached from; None for the root.
-        step: what was executed there; None for the root.
+        parent: the node it was reached from by `step`; None for the root.
         steady: its step was simulated again and is reliable (`validation.are_robust`).
         failures: expansions of this node that did not become nodes.
         values: (E,) probability of success along each edge; 1 where unknown.
@@ -108,19 +104,16 @@ class Expansion:
 
 @dataclass(frozen=True)
 class SearchUpdate:
-    """What a search reports after each batch.
-
-    Attributes:
-        branches: splines simulated so far.
-        nodes: nodes of the tree, including the root.
-        distance: edges from the nearest node to the goal; 0 when solved.
-        seconds: wall time so far.
-    """
+    """What a search reports after each batch."""
 
     branches: int
+    """Splines simulated so far."""
     nodes: int
+    """Nodes of the tree, including the root."""
     distance: int
+    """Edges from the nearest node to the goal; 0 when solved."""
     seconds: float
+    """Wall time so far."""
 
 
 Progress = Callable[[SearchUpdate], None]

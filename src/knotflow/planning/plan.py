@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from knotflow.planning.waypoints import Drag, GripperConfig, Waypoints, trace_waypoints
 from knotflow.simulation import control_points
 from knotflow.topology import Action, Arrange, TopologicalState, parse_action
+from knotflow.topology.polyline import Floats
 
 FORMAT = "knotflow.plan"
 VERSION = 2
@@ -21,8 +22,6 @@ _PLAIN = ("goal", "solved", "reason", "branches", "nodes")
 _SECONDS = ("seconds", "sampling_seconds", "simulation_seconds")
 _DECIMALS = 6  # of trajectories: micrometres
 
-Floats = NDArray[np.float64]
-
 
 class PlanFormatError(ValueError):
     """A text that is not a plan, or not one that this version reads."""
@@ -30,15 +29,12 @@ class PlanFormatError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class PlanStep:
-    """One executed spline; metres and seconds, world frame.
+    """One executed spline (6,), see `simulation.spline`; metres and seconds, world frame.
 
     Attributes:
         action: the topological action it instantiates, or `Arrange`, which keeps the state.
-        spline: (6,) see `simulation.spline`.
-        start: (V, 3) the rope at rest before.
-        start_state: its topological state.
-        end: (V, 3) the rope at rest after.
-        end_state: its topological state, the one the action leads to.
+        start: (V, 3) the rope at rest before, in `start_state`.
+        end: (V, 3) the rope at rest after, in `end_state`, to which the action leads.
         times: (T,) of the frames; the first is 0, at the grasp.
         trajectory: (T, V, 3) the rope in simulation; (0, V, 3) if it was not stored.
         gripper: (T, 3) the gripper.
@@ -85,15 +81,14 @@ class KnotPlan:
         goal_states: the states in which that knot is tied.
         solved: whether the last step ends in one of them.
         reason: why the search stopped.
-        start: (V, 3) the rope at rest before the first step, metres.
-        start_state: its topological state.
+        start: (V, 3) the rope at rest before the first step, metres, in `start_state`.
         steps: to the goal or, not solved, to the node of the tree nearest to it; maybe none.
         tried: a summary of all branches.
         branches: simulated splines, the paper's measure of a search.
         nodes: nodes of the search tree, including the root.
-        seconds: wall time of the search, of which
-        sampling_seconds: in the sampler, while the simulator may run as well, and
-        simulation_seconds: in the simulator after it.
+        seconds: wall time of the search.
+        sampling_seconds: of these in the sampler, while the simulator may run as well.
+        simulation_seconds: of these in the simulator after it.
         radius: of the rope, metres.
     """
 

@@ -13,7 +13,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotflow.arrays import read_npy
 from knotflow.simulation import (
@@ -26,8 +25,7 @@ from knotflow.simulation import (
     straight,
 )
 from knotflow.topology import DegenerateCurveError, TopologicalState, project
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats
 
 MIN_VERTICES = 5
 """Least number of points in a file."""
@@ -90,9 +88,7 @@ def read_rope(path: Path, rope: RopeConfig, unit: str | None = None) -> Floats:
     At crossings z says which strand is on top.
 
     Raises:
-        RopeInputError: an unreadable file, another length than the model's rope, out of the
-            splines' reach, bent sharper than the model can, or crossings that cannot be read or are
-            lost between the model's links.
+        RopeInputError: an unreadable file, or a rope that the model cannot be or splines not reach.
     """
     curve = read_points(path, unit)
     steps = np.diff(curve, axis=0)
@@ -147,11 +143,10 @@ def read_rope(path: Path, rope: RopeConfig, unit: str | None = None) -> Floats:
 
 
 def lay_down(curve: Floats, rope: RopeConfig) -> Floats:
-    """A curve as the model's rope at rest on the table (z = 0).
+    """A curve (N, 3), metres, head first, as the model's rope (V, 3) at rest on the table (z = 0).
 
-    The curve is (N, 3) metres, head first, and the result (V, 3). Without crossings it lies flat.
     Crossings that already have the heights of a rope at rest, about a diameter apart, keep them;
-    else every over strand is lifted.
+    else every over strand is lifted. Without crossings it lies flat.
     """
     curve = np.array(curve, np.float64)
     curve[:, 2] += rope.radius - curve[:, 2].min()

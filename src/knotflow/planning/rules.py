@@ -7,14 +7,12 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotflow.planning.config import PlannerConfig
-from knotflow.planning.dag import Edge, SolutionDag
+from knotflow.planning.goals import Edge, SolutionDag
 from knotflow.planning.nodes import ACT, ARRANGE, Expansion, Node
 from knotflow.topology import TopologicalState
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats
 
 VALUE_OFFSET = 0.02
 """Added to every value by the paper's rule: critics err, and no branch must be excluded."""
@@ -125,11 +123,9 @@ def _posterior(prior: Floats | float, tries: Floats, successes: Floats) -> Float
 
 @dataclass(eq=False)
 class StateStatistics:
-    """All shapes of one state, and what is known of its E edges.
+    """All N shapes of one state, and what is known of its E edges in the solution DAG.
 
     Attributes:
-        edges: of the state in the solution DAG.
-        nodes: N shapes.
         gains: ratios of values after arranging to the predicted ones, where the state was kept.
         tries: (2, E) expansions of all of them; see `nodes.ACT` and `ARRANGE`.
         successes: (2, E) those that succeeded.

@@ -1,13 +1,11 @@
 """Tree search over rope shapes and their topological states (paper Sec. V-B d).
 
-At each expansion a node of the tree is chosen, leaf or not, and an outgoing edge of its state in
-the solution DAG. The sampler proposes a spline for the edge's action, the simulator executes it,
-and the end shape becomes a node if it has exactly the state that the action leads to. The search
-ends when a goal state is reached. What is expanded is chosen by a rule (`planning.rules`).
+A rule (`planning.rules`) chooses a node of the tree, leaf or not, and an outgoing edge of its state
+in the solution DAG. The sampler proposes a spline for the edge's action, the simulator executes it,
+and the end shape becomes a node if it has exactly the state that the action leads to.
 
 Beyond the paper, a spline may also keep the state and make room for the edge's action (Sec. VIII),
-the end of a failed expansion is kept where it is of use, and `batch` expansions are simulated at
-once.
+and the end of a failed expansion is kept where it is of use.
 """
 
 from __future__ import annotations
@@ -20,11 +18,9 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotflow.planning.config import FAST_SEARCH, PlannerConfig
-from knotflow.planning.dag import SearchGraph
-from knotflow.planning.goals import Goal, parse_goal
+from knotflow.planning.goals import Goal, SearchGraph, parse_goal
 from knotflow.planning.nodes import (
     Expansion,
     Node,
@@ -49,8 +45,7 @@ from knotflow.simulation import (
 )
 from knotflow.threads import one_thread
 from knotflow.topology import Action, Arrange, TopologicalState, segment_lengths
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats
 
 DIVERGED, UNREADABLE = "diverged", "unreadable"
 """Outcomes without a state: the simulation diverged, or the projection is degenerate."""
@@ -105,12 +100,12 @@ class TreeSearch:
             for row, expansion in enumerate(chosen)
         ]
         for row, (expansion, child, end) in enumerate(zip(chosen, children, ends, strict=True)):
-            success = end == expansion.goal and child is not None
-            outcome = str(end)
+            reached, outcome = end == expansion.goal, str(end)
             if end is None:
                 outcome = DIVERGED if rollouts.diverged[row] else UNREADABLE
-            elif end == expansion.goal and child is None:
+            elif reached and child is None:
                 outcome = FRAGILE
+            success = reached and child is not None
             self.tried[expansion.node.state, expansion.action, outcome, success] += 1
         new = [child for child in children if child is not None]
         with self._timed("sampling"):
@@ -136,17 +131,17 @@ class TreeSearch:
         self._rule.add(self.nodes[0])
         while not self._is_tied():
             if self.branches >= config.max_branches:
-                reason = f"{config.max_branches} branches were simulated"
-            elif self._elapsed() >= config.max_seconds:
-                reason = f"{config.max_seconds:g} s passed"
-            else:
-                update = self.expand(min(config.batch, config.max_branches - self.branches))
-                if progress is not None:
-                    progress(update)
-                continue
-            return self._plan(solved=False, reason=f"{reason} without reaching the goal")
+                return self._failed(f"{config.max_branches} branches were simulated")
+            if self._elapsed() >= config.max_seconds:
+                return self._failed(f"{config.max_seconds:g} s passed")
+            update = self.expand(min(config.batch, config.max_branches - self.branches))
+            if progress is not None:
+                progress(update)
         reason = "the goal was reached" if self.branches else "the rope was tied already"
         return self._plan(solved=True, reason=reason)
+
+    def _failed(self, why: str) -> KnotPlan:
+        return self._plan(solved=False, reason=f"{why} without reaching the goal")
 
     def _elapsed(self) -> float:
         return time.perf_counter() - self._began
@@ -281,19 +276,11 @@ def plan_knot(
     progress: Progress | None = None,
     observe: Observer | None = None,
 ) -> KnotPlan:
-    """Plan how to tie a knot into a rope as it lies (Sec. V-B d).
+    """Plan how to tie a knot into a rope (V, 3), metres, at rest in any state (Sec. V-B d).
 
     The same rng gives the same plan for the same batch size, unless `max_seconds` ends it.
-
-    Args:
-        points: (V, 3) the rope at rest, metres, in any state.
-        goal: what to tie.
-        sampler: proposes splines.
-        simulator: executes them.
-        rng: everything random comes from it.
-        config: rule, batch size and budgets.
-        progress: called after every batch.
-        observe: called with every batch's attempts, one action and start state at a time.
+    `progress` is called after every batch, and `observe` with its attempts, one action and start
+    state at a time.
 
     Raises:
         UnreachableGoalError: no actions lead from the rope's state to the goal.
@@ -329,8 +316,8 @@ def plan_rope(
         sampler: proposes splines.
         simulation: rope and simulator, recorded at `RECORD_RATE`.
         config: the search; `FAST_SEARCH` if None.
-        progress: called after every batch.
-        observe: called with every batch's attempts.
+        progress: see `plan_knot`.
+        observe: see `plan_knot`.
 
     Raises:
         AlreadyTiedError: the rope is in a goal state.

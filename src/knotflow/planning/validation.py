@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from knotflow.planning.plan import KnotPlan, PlanStep
 from knotflow.simulation import RopeSimulator, SimulationConfig, attempt, end_states
 from knotflow.topology import DegenerateCurveError
-from knotflow.topology.polyline import planar_crossings
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats, planar_crossings
 
 RECORD_RATE = 50.0
 """Frames per second of a plan's trajectories; no shape depends on it."""
@@ -43,7 +41,7 @@ class StepCheck:
     reproduced: bool
     """Whether it reached its state again, at the same time step."""
     steady: bool
-    """Whether it is robust, see `are_robust`."""
+    """See `are_robust`."""
 
 
 def check_steps(steps: Sequence[PlanStep], simulation: SimulationConfig) -> list[StepCheck]:
@@ -94,7 +92,7 @@ def estimate_success(
 ) -> float:
     """The share of disturbed repetitions of a step that reach its state.
 
-    Standard deviations are 5 mm of the grasp along the rope and 5 mm per axis of control points.
+    Deviations are 5 mm, of the grasp along the rope and per axis of the control points.
     """
     from knotflow.samplers.demonstrations import NoiseConfig, noisy_copies
 
@@ -107,11 +105,11 @@ def estimate_success(
 
 
 def find_penetrations(trajectory: NDArray[np.float32]) -> list[Penetration]:
-    """Every crossing whose strands exchange their order from one frame to the next.
+    """Every crossing of a trajectory (T, V, 3), metres, whose strands pass through each other.
 
-    Over and under can be exchanged only around an end of the rope, which removes the crossing. So a
-    crossing of a trajectory (T, V, 3), metres, found again nearby, with the same turn and its
-    strands in the other order, is a penetration. Degenerate frames are skipped.
+    Over and under can be exchanged only around an end of the rope, which removes the crossing. So
+    one that is found again nearby, with the same turn and its strands in the other order, is a
+    penetration. Degenerate frames are skipped.
     """
     found = []
     before: Floats | None = None

@@ -6,14 +6,8 @@ is, and one ``knotflow.Rollout`` message a rollout with its action, spline and o
 
 from __future__ import annotations
 
-from .reader import (
-    DamagedRecordingError,
-    NotARecordingError,
-    read_metadata,
-    read_recording,
-)
+from .reader import DamagedRecordingError, NotARecordingError, load, read_metadata, read_recording
 from .rollout import OUTCOMES, Outcome, RecordedRollout, RolloutImages, recorded
-from .table import load
 from .writer import write_recording
 
 __all__ = [

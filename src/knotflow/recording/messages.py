@@ -79,17 +79,12 @@ def _rollout_class() -> Any:
         message.field.add(name=name, number=number, type=kind, label=label)
     entry = message.nested_type.add(name="ExtraEntry")  # a protobuf map is a list of these
     entry.options.map_entry = True
+    text: dict[str, Any] = {"type": _Field.TYPE_STRING, "label": _Field.LABEL_OPTIONAL}
     for number, name in enumerate(("key", "value"), start=1):
-        entry.field.add(
-            name=name, number=number, type=_Field.TYPE_STRING, label=_Field.LABEL_OPTIONAL
-        )
-    message.field.add(
-        name="extra",
-        number=len(_FIELDS) + 1,
-        type=_Field.TYPE_MESSAGE,
-        label=_Field.LABEL_REPEATED,
-        type_name=".knotflow.Rollout.ExtraEntry",
-    )
+        entry.field.add(name=name, number=number, **text)
+    extra = message.field.add(name="extra", number=len(_FIELDS) + 1)
+    extra.type, extra.label = _Field.TYPE_MESSAGE, _Field.LABEL_REPEATED
+    extra.type_name = ".knotflow.Rollout.ExtraEntry"
     pool = descriptor_pool.DescriptorPool()
     return message_factory.GetMessageClass(pool.Add(file).message_types_by_name["Rollout"])
 
@@ -155,7 +150,7 @@ def gradient(count: int) -> NDArray[np.uint8]:
 
 
 def rope_radius(control_points: NDArray[np.float64]) -> float:
-    """Radius of the rope, m: a spline's control points (3, 3) m end at its height."""
+    """Of the rope, m: a spline's control points (3, 3) m end at its height."""
     return max(float(control_points[2, 2]), MIN_RADIUS)
 
 
@@ -200,10 +195,7 @@ class RopeLine:
         cuts = np.linspace(0, vertices - 1, min(LINE_PIECES, vertices - 1) + 1).astype(int)
         self._points: list[tuple[int, Any]] = []
         for first, last, rgb in zip(cuts, cuts[1:], gradient(len(cuts) - 1), strict=False):
-            line = entity.lines.add(
-                type=LinePrimitive.LINE_STRIP, thickness=2 * radius, color=_color(rgb)
-            )
-            line.pose.orientation.w = 1.0
+            line = _add_line(entity, 2 * radius, rgb)
             self._points += [(vertex, line.points.add()) for vertex in range(first, last + 1)]
 
     def frame(self, log_time: int, points: NDArray[np.float32]) -> bytes:
@@ -255,14 +247,9 @@ def spline_message(log_time: int, control_points: NDArray[np.float64]) -> bytes:
         sphere.pose.orientation.w = 1.0
         sphere.size.x = sphere.size.y = sphere.size.z = 0.02
     curve = np.rint(spline_path(control_points, _CURVE) / LINE_STEP) * LINE_STEP
-    for points, thickness, rgb in (
-        (curve, 0.005, SPLINE_RGB),
-        (control_points, 0.002, CONTROL_RGB),
-    ):
-        line = entity.lines.add(
-            type=LinePrimitive.LINE_STRIP, thickness=thickness, color=_color(rgb)
-        )
-        line.pose.orientation.w = 1.0
+    lines = ((curve, 0.005, SPLINE_RGB), (control_points, 0.002, CONTROL_RGB))
+    for points, thickness, rgb in lines:
+        line = _add_line(entity, thickness, rgb)
         for x, y, z in points.tolist():
             line.points.add(x=x, y=y, z=z)
     return message.SerializeToString()
@@ -270,12 +257,8 @@ def spline_message(log_time: int, control_points: NDArray[np.float64]) -> bytes:
 
 def start_message(log_time: int, rollout: RecordedRollout) -> bytes:
     """Action, start and goal state, as a log entry."""
-    return _log(
-        log_time,
-        Log.INFO,
-        f"#{rollout.number} {rollout.action} by {rollout.source}: "
-        f"{rollout.start_state} -> goal {rollout.goal_state}",
-    )
+    what = f"#{rollout.number} {rollout.action} by {rollout.source}"
+    return _log(log_time, Log.INFO, f"{what}: {rollout.start_state} -> goal {rollout.goal_state}")
 
 
 def end_message(log_time: int, rollout: RecordedRollout) -> bytes:
@@ -299,6 +282,13 @@ def _log(log_time: int, level: Any, text: str) -> bytes:
     message = Log(level=level, message=text, name="topology")
     _stamp(message.timestamp, log_time)
     return message.SerializeToString()
+
+
+def _add_line(entity: Any, thickness: float, rgb: Any) -> Any:
+    strip = LinePrimitive.LINE_STRIP
+    line = entity.lines.add(type=strip, thickness=thickness, color=_color(rgb))
+    line.pose.orientation.w = 1.0
+    return line
 
 
 def _stamp(timestamp: Any, log_time: int) -> None:

@@ -68,7 +68,7 @@ class RolloutImages:
 class RecordedRollout:
     """A recorded rollout; what is read equals what was written bit for bit.
 
-    Lengths are metres in the world frame, z up.
+    Lengths are metres in the world frame, z up; states and action are compact texts.
 
     Attributes:
         times: (T,) s float64, strictly increasing, rounded to whole nanoseconds.
@@ -76,16 +76,13 @@ class RecordedRollout:
         gripper: (T, 3) m float32.
         control_points: (3, 3) m float64, of the spline the gripper follows.
         spline: (6,) float64, the action's parameters (Sec. V).
-        action: topological action as compact text, e.g. ``"C(2,0,1)"``.
-        start_state: topological state before, as compact text.
         goal_state: state the action should lead to.
         end_state: state reached; "" when it could not be read from the rope.
-        outcome: "success", "failure" or "diverged" (the simulation blew up).
         signature: config signature of the stage that made it.
         source: who proposed the spline, e.g. "scripted", "random", "icp", "plan".
         number: unique inside a stage.
         extra: further facts, as text.
-        camera: its images, one for each of `times`; None where there was no camera.
+        camera: its images, one for each of `times`.
 
     Raises:
         ValueError: a shape is wrong, times do not increase, the outcome is unknown, or a number
@@ -137,10 +134,9 @@ class RecordedRollout:
                 )
         if sizes["V"] < 2:
             raise ValueError(f"{this}: points has {sizes['V']} vertex, a rope has 2 or more")
-        if self.camera is not None and len(self.camera.images) != sizes["T"]:
-            raise ValueError(
-                f"{this}: a camera saw {len(self.camera.images)} of {sizes['T']} frames"
-            )
+        seen = sizes["T"] if self.camera is None else len(self.camera.images)
+        if seen != sizes["T"]:
+            raise ValueError(f"{this}: a camera saw {seen} of {sizes['T']} frames")
         if np.any(np.diff(self.times_ns) <= 0):
             raise ValueError(f"{this}: times must increase by at least 1 ns a frame")
         object.__setattr__(self, "times", self.times_ns / NANOSECONDS)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
+from functools import cache
 from itertools import islice
 from pathlib import Path
 from typing import IO, Any
@@ -51,14 +52,9 @@ def write_recording(
 ) -> None:
     """Write rollouts to one MCAP file, all or nothing: under another name, renamed when complete.
 
-    Rollouts are taken ``BATCH`` at a time, so a generator of thousands needs little memory.
-
-    Args:
-        path: the file to make, by custom ``*.mcap``, and its folder; an older one is replaced.
-        rollouts: at least one, with different numbers.
-        metadata: text facts about the whole file, such as its config.
-        rope_line: also draw the rope as a thick line, a quarter of the file; by default only in
-            files of up to ``BATCH`` rollouts.
+    The rollouts, at least one and with different numbers, are taken ``BATCH`` at a time; `metadata`
+    are facts about the whole file. With `rope_line`, by default in files of up to ``BATCH``
+    rollouts, the rope is also drawn as a thick line, a quarter of the file.
 
     Raises:
         ValueError: no rollout, two of the same number, or metadata that is not text.
@@ -110,8 +106,8 @@ class _Timeline:
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         self._register(_TYPES)
-        self._clouds: dict[int, messages.RopeCloud] = {}  # by vertex count
-        self._lines: dict[tuple[int, float], messages.RopeLine] = {}  # and radius
+        self._cloud = cache(messages.RopeCloud)
+        self._line = cache(messages.RopeLine)
         self._rope_line = rope_line
         self._now = 0
         self._log(messages.FRAMES, 0, messages.root_frame(0))
@@ -139,10 +135,8 @@ class _Timeline:
 
     def _trajectory(self, start: int, rollout: RecordedRollout) -> None:
         vertices = rollout.points.shape[1]
-        radius = messages.rope_radius(rollout.control_points)
-        if (vertices, radius) not in self._lines:
-            self._lines[vertices, radius] = messages.RopeLine(vertices, radius)
-        cloud, line = self._cloud(vertices), self._lines[vertices, radius]
+        cloud = self._cloud(vertices)
+        line = self._line(vertices, messages.rope_radius(rollout.control_points))
         self._log(messages.SPLINE, start, messages.spline_message(start, rollout.control_points))
         self._log(messages.TOPOLOGY, start, messages.start_message(start, rollout))
         log_times = (rollout.times_ns - rollout.times_ns[0] + start).tolist()
@@ -168,11 +162,6 @@ class _Timeline:
         if camera.reference is not None:
             reference = cloud.frame(log_time, camera.reference[frame])
             self._log(messages.REFERENCE, log_time, reference)
-
-    def _cloud(self, vertices: int) -> messages.RopeCloud:
-        if vertices not in self._clouds:
-            self._clouds[vertices] = messages.RopeCloud(vertices)
-        return self._clouds[vertices]
 
     def _log(self, topic: str, log_time: int, data: bytes) -> None:
         self.writer.add_message(self._channels[topic], log_time, data, publish_time=log_time)

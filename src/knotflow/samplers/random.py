@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from knotflow.samplers.sampler import sampler
+from knotflow.samplers.sampler import NoSettings, sampler
 from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW
 from knotflow.topology import Action
 from knotflow.topology.polyline import Floats
-
-
-@dataclass
-class RandomConfig:
-    """Random sampling has no settings."""
 
 
 class RandomSampler:
@@ -30,6 +24,6 @@ class RandomSampler:
 
 
 @sampler("random")
-def build(config: RandomConfig, inputs: Mapping[str, Path]) -> RandomSampler:
+def build(config: NoSettings, inputs: Mapping[str, Path]) -> RandomSampler:
     """Requires no input."""
     return RandomSampler()

@@ -99,6 +99,11 @@ class SamplerConfig:
         return _REQUIRED_INPUTS[self.name]
 
 
+@dataclass
+class NoSettings:
+    """The configuration of a sampler without settings."""
+
+
 Factory = Callable[[Any, Mapping[str, Path]], Sampler]
 Function = TypeVar("Function", bound=Callable[..., Any])
 _FACTORIES: dict[str, Factory] = {}

@@ -55,11 +55,8 @@ class Action(ABC):
     def reversed(self, num_segments: int) -> Self:
         """The action read from the tail: `left` and `over_first` negated (Sec. V-A).
 
-        Args:
-            num_segments: of the state before the action, 2c + 1.
-
         Raises:
-            IllegalActionError: the action names a segment beyond the last.
+            IllegalActionError: the action names a segment beyond the last of those before it.
         """
 
 
@@ -150,18 +147,11 @@ class ForwardAction(Action):
 
 @dataclass(frozen=True)
 class Undo(Action):
-    """The inverse of an R1, R2 or Cross.
+    """The inverse of an R1, R2 or Cross, whose segments are those of the state after the undo.
 
-    `segments`, `over_segment` and `under_segment` are of the state before the undo:
-
-    * R1: the loop, which is both;
-    * R2: the two sides of the bigon: the tip of the finger and the strand it lies on;
-    * Cross: the segments before the first and behind the second passage of the crossing, one of
-      which is the end that crosses.
-
-    Attributes:
-        action: the action to undo. Its segments are those of the state after the undo, which has
-            fewer of them.
+    `segments` are of the state before the undo: of R1 the loop; of R2 the tip of the finger and the
+    strand it lies on; of Cross those before the first and behind the second passage of the
+    crossing, one of which is the end that crosses.
 
     Raises:
         IllegalActionError: the action does not add crossings.
@@ -216,12 +206,9 @@ class Undo(Action):
 
 @dataclass(frozen=True)
 class Arrange(Action):
-    """Keep the state and make room for an action that is not done yet (Sec. VIII).
+    """Keep the state and make room for the wanted action, wherever that is legal (Sec. VIII).
 
-    Legal wherever the wanted action is. `TopologicalState.actions` does not list it.
-
-    Attributes:
-        wanted: the action to make room for.
+    `TopologicalState.actions` does not list it.
 
     Raises:
         IllegalActionError: the wanted action is itself an Arrange.

@@ -5,10 +5,9 @@ order in which it meets its crossings, their signs and which strand is higher ar
 code.
 
 A degenerate projection (a vertex on another strand, strands on top of each other, three strands
-through one point, upright links) is perturbed: upright links are laid down along the rope, and the
-vertices are moved by 1e-7 of the rope's length in fixed pseudo-random directions and their
-opposites. Where all these neighbours have the same crossings, they are the answer; otherwise, and
-where the strands of a crossing are too close in height, DegenerateCurveError names the place.
+through one point, upright links) is perturbed: upright links are laid down, and the vertices moved
+by 1e-7 of the rope's length in fixed pseudo-random directions and their opposites. Where all these
+neighbours have the same crossings, they are the answer.
 """
 
 from __future__ import annotations
@@ -41,11 +40,9 @@ _PARTING = 1e-5  # of the rope's length: well above the nudges
 
 @dataclass(frozen=True, eq=False)
 class CurveCrossings:
-    """The crossings of a projected rope, in the order met from head to tail.
+    """The crossings of a projected rope, as of a `TopologicalState`, and their 2c positions.
 
     Attributes:
-        crossings: c triples (over, under, sign), positions 1..2c from head to tail, ordered by
-            the first position at which each crossing is met.
         fractions: (2c,) where each position is met, as a fraction (0 head, 1 tail) of the rope's
             length in space; ascending.
         xy: (2c, 2) world frame, metres; the two positions of a crossing share their xy.
@@ -77,7 +74,8 @@ def project(points: ArrayLike, min_gap: float = DEFAULT_MIN_GAP) -> CurveCrossin
         min_gap: metres; least difference in height between the strands of a crossing.
 
     Raises:
-        DegenerateCurveError: the projection does not determine the state; says where on the rope.
+        DegenerateCurveError: the projection does not determine the state, or strands are closer in
+            height; says where on the rope.
         ValueError: not finite (V, 3) numbers.
     """
     rope = _as_rope(points)
@@ -109,18 +107,12 @@ def project(points: ArrayLike, min_gap: float = DEFAULT_MIN_GAP) -> CurveCrossin
 
 
 def segment_intervals(points: ArrayLike, min_gap: float = DEFAULT_MIN_GAP) -> Floats:
-    """Begin and end of each segment of a rope shape: (num_segments, 2) fractions of its length.
-
-    Arguments and errors are those of `project`.
-    """
+    """Begin and end of each segment, (num_segments, 2) fractions of the length; see `project`."""
     return project(points, min_gap).segment_intervals
 
 
 def segment_lengths(points: ArrayLike, min_gap: float = DEFAULT_MIN_GAP) -> Floats:
-    """Length of each segment of a rope shape: (num_segments,) fractions of its length.
-
-    Arguments and errors are those of `project`.
-    """
+    """Length of each segment, (num_segments,) fractions of the rope's length; see `project`."""
     return project(points, min_gap).segment_lengths
 
 

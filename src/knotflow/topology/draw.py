@@ -39,7 +39,7 @@ def draw(
     gap: float = ROPE_GAP,
     samples: int = 8,
 ) -> Floats:
-    """A rounded rope shape with the given state.
+    """A rounded rope shape with the given state, always the same.
 
     Args:
         state: any state.
@@ -49,9 +49,7 @@ def draw(
         samples: points for each of the 4 pieces of a segment.
 
     Returns:
-        (V, 3) metres, head first, centred at the origin, V = 4 * samples * (2c + 1) + 1. The points
-        are closer together where the drawing is dense; `TopologicalState.from_curve` gives the
-        state back. The same state always gives the same shape.
+        (V, 3) metres, head first, centred at the origin, V = 4 * samples * (2c + 1) + 1.
 
     Raises:
         ValueError: length or gap is not above 0, or there is no sample.

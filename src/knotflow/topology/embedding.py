@@ -2,9 +2,8 @@
 
 The map is thickened to a triangulated disc: every segment gets inner nodes, every face a ring of
 nodes along its walls and a node in its middle; the outer face gets a frame far out, the rim of
-the disc. Tutte's theorem: with the rim on a circle and every other node at a weighted mean of its
-neighbours (positive weights), all triangles keep their orientation, so no two edges meet. This
-first drawing is valid but cramped; `draw.relax` evens it out.
+the disc. By Tutte's theorem no two edges meet where the rim is on a circle and every other node at
+a weighted mean of its neighbours. `draw.relax` evens this cramped drawing out.
 """
 
 from __future__ import annotations
@@ -24,7 +23,6 @@ _FRAME = 3.0  # radius of the frame in radii of the drawing
 _FRAME_WEIGHT = 0.02  # the frame only keeps far parts of the drawing from sliding over each other
 _LEAST_WEIGHT = 0.05  # of an edge, beside about 1.2 between equilateral triangles
 
-
 Point = tuple[float, float]
 
 
@@ -40,8 +38,7 @@ class Mesh:
             the walls of its face as sides of length 1.
         weights: (T,) weight of each triangle's energy.
         rim: (R,) the nodes of the outer boundary, counter-clockwise.
-        rim_radius: of the circle they are fixed on, in wall lengths; several times the size that
-            the rope should take.
+        rim_radius: of the circle they are fixed on, in wall lengths.
     """
 
     path: Ints

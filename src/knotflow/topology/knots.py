@@ -47,7 +47,6 @@ def knot(name: str) -> frozenset[TopologicalState]:
 def _cuts(state: TopologicalState) -> set[TopologicalState]:
     """The states of the same closed diagram cut at each of its segments."""
     count = 2 * state.num_crossings
-
     return {
         TopologicalState.from_crossings(
             ((over - 1 + shift) % count + 1, (under - 1 + shift) % count + 1, sign)
@@ -60,7 +59,7 @@ def _cuts(state: TopologicalState) -> set[TopologicalState]:
 def solution_graph(*goals: TopologicalState) -> nx.MultiDiGraph:
     """Every action path from the trivial state to the goal (or to any of several goals).
 
-    Undoing removes crossings, so a search backward from the goal meets few states.
+    It is searched for backward from the goal: few states are met.
 
     Returns:
         A directed acyclic multigraph. Its nodes are the TopologicalStates on some path; an edge

@@ -27,12 +27,9 @@ from knotflow.topology.planar_map import LEFT, Crossing, PlanarMap
 
 @dataclass(frozen=True, order=True)
 class R1(ForwardAction):
-    """Reidemeister I: twist a loop into one segment.
+    """Reidemeister I: twist a loop into the segment `index`, with a crossing of this `sign`.
 
-    Attributes:
-        index: the segment.
-        left: +1 when the new face (the loop) is on the left of the rope, -1 on the right.
-        sign: sign of the new crossing.
+    `left` is +1 when the new face (the loop) is on the left of the rope, -1 on the right.
     """
 
     symbol = "R1"
@@ -79,11 +76,9 @@ class R1(ForwardAction):
 
 @dataclass(frozen=True, order=True)
 class R2(ForwardAction):
-    """Reidemeister II: lay a finger of one segment over another segment.
+    """Reidemeister II: lay a finger of the segment `over` over the segment `under`.
 
     Attributes:
-        over: the segment that is pulled over.
-        under: the segment that lies under.
         left: +1 when the finger leaves the over segment on its left, -1 on its right.
         over_first: where over == under, +1 when the half closer to the head is over, else -1.
             Ignored where over != under; canonical is then +1 exactly if over < under.
@@ -178,10 +173,7 @@ class R2(ForwardAction):
 class Cross(ForwardAction):
     """Cross: lead the rope's head or tail over or under another segment.
 
-    Attributes:
-        over: the segment that will be over the new crossing.
-        under: the segment that will be under it. One of the two is the head or tail segment.
-        sign: sign of the new crossing.
+    Of `over` and `under`, the segments at the new crossing of this `sign`, one is head or tail.
     """
 
     symbol = "C"

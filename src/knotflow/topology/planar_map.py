@@ -22,11 +22,9 @@ Side = tuple[int, int]
 
 @dataclass(frozen=True)
 class PlanarMap:
-    """Which face lies on which side of every segment.
+    """Which face lies on the `left` and on the `right` of every segment.
 
     Attributes:
-        left: the face on the left of each segment, indexed by segment.
-        right: the face on the right of each segment.
         faces: the sides that bound each face, in the order of a walk round it with the face on
             the left hand. A left side is walked forward, a right side backward.
     """
@@ -78,13 +76,10 @@ def trace_faces(crossings: Sequence[Crossing]) -> PlanarMap:
     def following(side: Side) -> Side:
         segment, direction = side
         if direction == LEFT:
-            if segment == num_segments - 1:
-                return (segment, RIGHT)
-            return left_turn[segment + 1]
-        if segment == 0:
-            return (0, LEFT)
+            last = segment == num_segments - 1
+            return (segment, RIGHT) if last else left_turn[segment + 1]
         # Walking backward along the rope, the left hand is the rope's right.
-        return right_turn[segment]
+        return right_turn[segment] if segment else (0, LEFT)
 
     sides: dict[int, list[int]] = {LEFT: [-1] * num_segments, RIGHT: [-1] * num_segments}
     faces: list[tuple[Side, ...]] = []

@@ -24,13 +24,11 @@ class PlanarCrossings:
     """The n proper self-crossings of a polyline in the plane, of links `first` < `second`.
 
     Attributes:
-        first: (n,) link index; link i runs from vertex i to vertex i + 1.
-        second: (n,) link index.
-        first_along: (n,) place on that link, 0..1.
-        second_along: (n,) place on that link, 0..1.
+        first, second: (n,) link indices; link i runs from vertex i to vertex i + 1.
+        first_along, second_along: (n,) places on these links, 0..1.
         turn: (n,) sign of (direction of first x direction of second) . z.
         passed: (2n,) length of the polyline up to each passage, first[0..n) then second[0..n).
-        order: (2n,) the passages, first[0..n) then second[0..n), in the order met from vertex 0.
+        order: (2n,) the same passages, in the order met from vertex 0.
         degenerate: what makes these crossings unreliable; empty if nothing does.
     """
 

@@ -10,14 +10,7 @@ from operator import index
 
 from numpy.typing import ArrayLike
 
-from knotflow.topology.action import (
-    Action,
-    Arrange,
-    ForwardAction,
-    IllegalActionError,
-    NewPoint,
-    Undo,
-)
+from knotflow.topology.action import Action, Arrange, ForwardAction, IllegalActionError, Undo
 from knotflow.topology.curve import project
 from knotflow.topology.moves import ACTION_KINDS
 from knotflow.topology.planar_map import Crossing, PlanarMap, trace_faces
@@ -34,12 +27,9 @@ class InvalidStateError(ValueError):
 class TopologicalState:
     """A rope's crossings, as (over, under, sign) with positions 1..2c from head to tail.
 
-    The sign is that of (over direction x under direction) . z (Eq. 1). Two states are equal when
-    their signed Gauss codes are; which face of the projection is the outer one does not matter.
-
-    Attributes:
-        crossings: the triples, ordered by the first position at which each crossing is met.
-            Given in another order they are sorted.
+    The sign is that of (over direction x under direction) . z (Eq. 1). The triples are sorted by
+    the first position at which each crossing is met. Which face of the projection is the outer one
+    does not matter.
 
     Raises:
         InvalidStateError: the triples contradict each other or cannot be drawn in the plane.
@@ -154,13 +144,12 @@ class TopologicalState:
             for position in range(segment + 1, self.num_segments):
                 shift[position] += 1
 
-        def position_of(point: NewPoint) -> int:
+        def position_of(segment: int, rank: int) -> int:
             # `segment` old points precede it, and the new ones of lower segment and rank.
-            segment, rank = point
             return segment + split.index(segment) + rank + 1
 
         old = ((o + shift[o], u + shift[u], sign) for o, u, sign in self.crossings)
-        new = ((position_of(o), position_of(u), sign) for o, u, sign in added)
+        new = ((position_of(*o), position_of(*u), sign) for o, u, sign in added)
         return TopologicalState._trusted((*old, *new))
 
     def undo(self, action: Action) -> TopologicalState:

@@ -9,7 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 
+import numpy as np
+
 from knotflow.topology.action import Action
+from knotflow.topology.polyline import Floats
 from knotflow.topology.state import TopologicalState
 
 
@@ -30,6 +33,12 @@ class Symmetry:
         if self.mirror:
             state = state.mirrored()
         return state.reversed() if self.reverse else state
+
+    def of_points(self, points: Floats) -> Floats:
+        """Ropes (..., V, 3) mirrored at the x axis and read from the other end."""
+        if self.mirror:
+            points = points * [1, -1, 1]
+        return np.ascontiguousarray(points[..., ::-1, :]) if self.reverse else points
 
     def of_action(self, action: Action, num_segments: int) -> Action:
         """The transformed action; `num_segments` is that of the state before it."""

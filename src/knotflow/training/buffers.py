@@ -7,17 +7,15 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from tensordict import TensorDict
 from torch import Tensor
 from torch.nn.functional import pad
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
 from knotflow.topology import TopologicalState
-from knotflow.topology.symmetry import Symmetry, representative
+from knotflow.topology.polyline import Floats
+from knotflow.topology.symmetry import representative
 from knotflow.training.config import AugmentationConfig
-
-Floats = NDArray[np.float64]
 
 
 class ReplayBuffer:
@@ -189,14 +187,6 @@ def augment(
     return out
 
 
-def transformed(points: Floats, symmetry: Symmetry) -> Floats:
-    """Ropes (..., V, 3) under a symmetry: mirrored at the x axis, read from the other end."""
-    points = np.asarray(points, dtype=np.float64)
-    if symmetry.mirror:
-        points = points * [1, -1, 1]
-    return np.ascontiguousarray(points[..., ::-1, :]) if symmetry.reverse else points
-
-
 class StateBuffer:
     """At most `capacity` rope shapes in each topological state; a full state forgets random ones.
 
@@ -217,7 +207,7 @@ class StateBuffer:
         """Keep a rope (V, 3), metres, at rest in a state."""
         state, symmetry = representative(state)
         shapes = self._shapes.setdefault(state, [])
-        shape = transformed(points, symmetry)
+        shape = symmetry.of_points(np.asarray(points, dtype=np.float64))
         if len(shapes) < self.capacity:
             shapes.append(shape)
         else:

@@ -80,20 +80,10 @@ class CausalInfoGanTrainer(Trainer):
     def validate(self) -> Metrics:
         return asdict(self._checkup(self.model))
 
-    def state_dict(self) -> dict[str, Any]:
-        return super().state_dict() | {
-            "model": self.model.state_dict(),
-            "critic": self._critic.state_dict(),
-            "maker": self._maker.state_dict(),
-            "rng": self._rng.get_state(),
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        super().load_state_dict(state)
-        self.model.load_state_dict(state["model"])
-        self._critic.load_state_dict(state["critic"])
-        self._maker.load_state_dict(state["maker"])
-        self._rng.set_state(state["rng"])
+    @property
+    def parts(self) -> dict[str, Any]:
+        optimizers = {"critic": self._critic, "maker": self._maker}
+        return {"model": self.model, **optimizers, "rng": self._rng}
 
     def _update(self) -> dict[str, float]:
         config, model = self.config, self.model

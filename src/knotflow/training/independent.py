@@ -16,8 +16,14 @@ from knotflow.samplers.primitives.primitive import Primitive
 from knotflow.simulation import Attempts, RopeSimulator, StartsConfig, Trials, is_roomy
 from knotflow.training.buffers import InitialStateBuffer, TrialBuffer
 from knotflow.training.config import ImitationConfig, ReinforcementConfig
-from knotflow.training.exploration import POLICY, SPREAD, explore
-from knotflow.training.learner import Learner, demonstration_buffer, is_reset_round
+from knotflow.training.learner import (
+    POLICY,
+    SPREAD,
+    Learner,
+    demonstration_buffer,
+    explore,
+    is_reset_round,
+)
 from knotflow.training.trainer import Metrics, Trainer
 
 FEW_STARTS = 4
@@ -69,12 +75,9 @@ class Imitation(Trainer):
         measured = self.learner.measure(self._validation)
         return {f"validation_{key}": float(value) for key, value in measured.items()}
 
-    def state_dict(self) -> dict[str, Any]:
-        return super().state_dict() | {"learner": self.learner.state_dict()}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        super().load_state_dict(state)
-        self.learner.load_state_dict(state["learner"])
+    @property
+    def parts(self) -> dict[str, Any]:
+        return {"learner": self.learner}
 
 
 def _held_out(trials: Sequence[Trials], share: float, rng: np.random.Generator) -> list[np.ndarray]:
@@ -200,16 +203,6 @@ class Reinforcement(Trainer):
             ]
             buffer.recycle(end_points[rows])
 
-    def state_dict(self) -> dict[str, Any]:
-        return super().state_dict() | {
-            "learner": self.learner.state_dict(),
-            "initial": {str(state): one.state_dict() for state, one in self._initial.items()},
-            "rng": self._rng.bit_generator.state,
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        super().load_state_dict(state)
-        self.learner.load_state_dict(state["learner"])
-        for name, buffer in self._initial.items():
-            buffer.load_state_dict(state["initial"][str(name)])
-        self._rng.bit_generator.state = state["rng"]
+    @property
+    def parts(self) -> dict[str, Any]:
+        return {"learner": self.learner, "initial": self._initial, "rng": self._rng}

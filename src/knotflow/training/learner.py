@@ -1,17 +1,14 @@
-"""Losses and gradient steps of adapted QT-Opt (Sec. V-B b; Fig. 5, green arrows).
+"""Adapted QT-Opt (Sec. V-B b, Fig. 5): behaviour policy, losses and gradient steps.
 
 The losses read a batch of S ropes and N trials; many splines may share a rope:
 
-| key                   | shape          | what                                                |
-|-----------------------|----------------|-----------------------------------------------------|
-| states                | TensorDict [S] | encoded ropes, see `primitives.encoding`            |
-| owner                 | (N,) int64     | the rope of each trial                              |
-| spline                | (N, 6)         | in network space                                    |
-| reward                | (N,)           | 1 where the trial succeeded, else 0                 |
-| baseline              | (N,)           | mean return of the trials known from the same rope  |
-| weight                | (N,)           | of the trial in the batch, of mean 1                |
-| next_value (optional) | (N,)           | max Q of a next action at the end shape; NaN where  |
-|                       |                | none was valued                                     |
+* states, TensorDict [S]: encoded ropes, see `primitives.encoding`;
+* owner, (N,) int64: the rope of each trial;
+* spline, (N, 6): in network space;
+* reward, (N,): 1 where the trial succeeded, else 0;
+* baseline, (N,): mean return of the trials known from the same rope;
+* weight, (N,): of the trial in the batch, of mean 1;
+* next_value, (N,), optional: max Q of a next action at the end shape, NaN where none was valued.
 
 Beyond the paper, critics are reset now and then (Nikishin et al., "The Primacy Bias in Deep
 Reinforcement Learning", ICML 2022).
@@ -27,23 +24,82 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from tensordict import TensorDict
 from torch import Tensor
 from torch.distributions import MultivariateNormal
 from torch.nn.functional import binary_cross_entropy_with_logits
 
-from knotflow.samplers.primitives.encoding import encode
-from knotflow.samplers.primitives.networks import Actor, Critic
-from knotflow.samplers.primitives.primitive import Primitive
+from knotflow.samplers.primitives.encoding import Encoded, encode
+from knotflow.samplers.primitives.networks import SPLINE, Actor, Critic
+from knotflow.samplers.primitives.primitive import Primitive, standard_normal
 from knotflow.simulation import Trials
 from knotflow.threads import one_thread
 from knotflow.training.buffers import TransitionBuffer, TrialBuffer, augment, mix
-from knotflow.training.config import LearnerConfig
+from knotflow.training.config import ExplorationConfig, LearnerConfig
 
 REACH = 3.0
 """How far below an actor's typical log density failures still count, nats."""
 _GLOBAL_GENERATOR = Lock()
 """Held while new weights are drawn from PyTorch's one global generator."""
+
+POLICY, SEARCH, SPREAD = 0, 1, 2
+"""The three ways in which a spline is proposed."""
+
+
+@torch.no_grad()
+def explore(
+    primitive: Primitive,
+    encoded: Encoded,
+    count: int,
+    config: ExplorationConfig,
+    progress: float,
+    rng: np.random.Generator,
+    use_next_value: bool = False,
+) -> tuple[Tensor, NDArray[np.int64]]:
+    """Splines (S, count, 6) in network space to try on S ropes, and the way (S,) of each rope's.
+
+    They are the policy's, the critic's best from a widened Gaussian of the actor, or drawn from it.
+
+    `progress` is 0 in the first round and 1 in the last; with `use_next_value` searches are for the
+    next action's value as well.
+    """
+    left = 1 + progress * (config.last - 1)
+    search = left * config.search if primitive.critic is not None else 0.0
+    spread = left * config.spread
+    ways = rng.choice(3, len(encoded.frames), p=[1 - search - spread, search, spread])
+    splines = torch.empty(len(ways), count, SPLINE)
+    for way in (POLICY, SEARCH, SPREAD):
+        if not len(rows := np.flatnonzero(ways == way)):
+            continue
+        some = Encoded(encoded.states[torch.from_numpy(rows)], encoded.frames[rows])
+        if way == POLICY:
+            found = primitive.search(some, count, rng, use_next_value)[0]
+        elif way == SEARCH:
+            first = _widened(primitive, some, config)
+            found = primitive.search(some, count, rng, use_next_value, first, config.iterations)[0]
+        else:
+            noise = standard_normal(rng, (len(rows), count, SPLINE))
+            if primitive.actor is None:
+                # A critic's wide Gaussian hardly ever succeeds: stay near its choice.
+                best = primitive.search(some, count, rng, use_next_value)[0]
+                found = best + config.floor * noise
+            else:
+                mean, factor = _widened(primitive, some, config)
+                found = mean[:, None] + noise @ factor.mT
+        splines[torch.from_numpy(rows)] = found
+    return splines, ways
+
+
+def _widened(
+    primitive: Primitive, encoded: Encoded, config: ExplorationConfig
+) -> tuple[Tensor, Tensor]:
+    """The actor's Gaussian, widened; that of a critic-only policy is wide enough."""
+    mean, factor = primitive.gaussian(encoded.states)
+    if primitive.actor is None:
+        return mean, factor
+    floor = config.floor**2 * torch.eye(SPLINE)
+    return mean, torch.linalg.cholesky(config.widening**2 * factor @ factor.mT + floor)
 
 
 def returns(batch: TensorDict, success_share: float) -> Tensor:

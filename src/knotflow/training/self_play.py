@@ -38,14 +38,12 @@ from knotflow.simulation import (
 )
 from knotflow.threads import one_thread
 from knotflow.topology import Action, TopologicalState
+from knotflow.topology.polyline import Floats
 from knotflow.topology.symmetry import representative
-from knotflow.training.buffers import StateBuffer, TransitionBuffer, transformed
+from knotflow.training.buffers import StateBuffer, TransitionBuffer
 from knotflow.training.config import SelfPlayConfig
-from knotflow.training.curriculum import Curriculum, sampling_priority
-from knotflow.training.exploration import POLICY, explore
-from knotflow.training.learner import Learner, demonstration_buffer, fit_each, is_reset_round
-from knotflow.training.trainer import Metrics, Trainer
-from knotflow.training.transitions import (
+from knotflow.training.curriculum import (
+    Curriculum,
     Query,
     Sample,
     Transition,
@@ -53,9 +51,17 @@ from knotflow.training.transitions import (
     canonical_or_none,
     encode_samples,
     samples,
+    sampling_priority,
 )
-
-Floats = NDArray[np.float64]
+from knotflow.training.learner import (
+    POLICY,
+    Learner,
+    demonstration_buffer,
+    explore,
+    fit_each,
+    is_reset_round,
+)
+from knotflow.training.trainer import Metrics, Trainer
 
 HEURISTIC = -1
 """A way in which a spline is proposed, beside those of `exploration`."""
@@ -80,7 +86,7 @@ class SelfPlay(Trainer):
         seed: int,
         starts: StartsConfig | None = None,
     ) -> None:
-        """Trains a copy of the library's primitives, and those that it lacks from scratch.
+        """Trains the library's primitives, and those that it lacks from scratch.
 
         Args:
             library: after independent training, with actor and critic.
@@ -222,7 +228,7 @@ class SelfPlay(Trainer):
     def _keep(self, points: Floats, state: TopologicalState) -> None:
         """Keep a shape, if its mirror image reads as the representative state does."""
         first, symmetry = representative(state)
-        if state_or_none(transformed(points, symmetry)) == first:
+        if state_or_none(symmetry.of_points(points)) == first:
             self.shapes.add(points, state, self._rng)
 
     def _store(self, learned: Sequence[Sample]) -> None:
@@ -305,21 +311,10 @@ class SelfPlay(Trainer):
         self.buffers[number] = learner.rollouts
         return learner
 
-    def state_dict(self) -> dict[str, Any]:
-        return super().state_dict() | {
-            "learners": {str(n): learner.state_dict() for n, learner in self._learners.items()},
-            "shapes": self.shapes.state_dict(),
-            "curriculum": self.curriculum.state_dict(),
-            "rng": self._rng.bit_generator.state,
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        super().load_state_dict(state)
-        for number, learner in self._learners.items():
-            learner.load_state_dict(state["learners"][str(number)])
-        self.shapes.load_state_dict(state["shapes"])
-        self.curriculum.load_state_dict(state["curriculum"])
-        self._rng.bit_generator.state = state["rng"]
+    @property
+    def parts(self) -> dict[str, Any]:
+        learned = {"learners": self._learners, "shapes": self.shapes}
+        return {**learned, "curriculum": self.curriculum, "rng": self._rng}
 
 
 def best_values(primitive: Primitive, states: TensorDict, rng: np.random.Generator) -> Tensor:

@@ -45,19 +45,49 @@ class Trainer(ABC):
         """Metrics on what is held out."""
         return {}
 
+    @property
+    def parts(self) -> dict[str, Any]:
+        """All that changes in training: random generators, what has a `state_dict`, and dicts."""
+        return {}
+
     def state_dict(self) -> dict[str, Any]:
-        """All that changes in training: tensors, numbers, texts, lists and dicts of them."""
-        return {"history": self.history}
+        """Tensors, numbers, texts, lists and dicts of them."""
+        return {"history": self.history, **_state_of(self.parts)}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Continue from the `state_dict` of a training with the same arguments."""
         self.history = list(state["history"])
+        _restore(self.parts, state)
 
     def save(self, path: Path) -> None:
         torch.save(self.state_dict(), path)
 
     def load(self, path: Path) -> None:
         self.load_state_dict(torch.load(path, weights_only=True))
+
+
+def _state_of(part: Any) -> Any:
+    match part:
+        case dict():
+            return {str(name): _state_of(one) for name, one in part.items()}
+        case np.random.Generator():
+            return part.bit_generator.state
+        case torch.Generator():
+            return part.get_state()
+    return part.state_dict()
+
+
+def _restore(part: Any, state: Any) -> None:
+    match part:
+        case dict():
+            for name, one in part.items():
+                _restore(one, state[str(name)])
+        case np.random.Generator():
+            part.bit_generator.state = state
+        case torch.Generator():
+            part.set_state(state)
+        case _:
+            part.load_state_dict(state)
 
 
 class Effort(Protocol):
@@ -109,18 +139,9 @@ class SupervisedTrainer(Trainer):
         torch.nn.utils.clip_grad_norm_(self.model.parameters(), self.effort.gradient_norm)
         self.optimizer.step()
 
-    def state_dict(self) -> dict[str, Any]:
-        return super().state_dict() | {
-            "model": self.model.state_dict(),
-            "optimizer": self.optimizer.state_dict(),
-            "generator": self.generator.get_state(),
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        super().load_state_dict(state)
-        self.model.load_state_dict(state["model"])
-        self.optimizer.load_state_dict(state["optimizer"])
-        self.generator.set_state(state["generator"])
+    @property
+    def parts(self) -> dict[str, Any]:
+        return {"model": self.model, "optimizer": self.optimizer, "generator": self.generator}
 
 
 def run_training(

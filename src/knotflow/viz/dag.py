@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import networkx as nx
 import numpy as np
@@ -12,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from numpy.typing import NDArray
 
-from knotflow.planning.dag import SolutionDag
+from knotflow.planning.goals import SolutionDag
 from knotflow.topology import Action, TopologicalState
 from knotflow.viz.notation import draw_diagram
 from knotflow.viz.style import INK, MUTED, RULE, SPLINE, save_figure, styled
@@ -37,13 +38,9 @@ def draw_dag(
 ) -> None:
     """Draw every state of a solution DAG as a knot diagram, and its actions on the edges.
 
-    A row has the states with one number of crossings; the goals are framed in green.
-
-    Args:
-        dag: what to draw; `dag.after(state)` is the part that is reachable from a tangled rope.
-        paths: the pictures to write; each suffix (svg, png, pdf) sets its format.
-        highlight: a path of actions to draw in green, such as a plan's.
-        start: where that path begins; the trivial state if None.
+    A row has the states with one number of crossings. Green are the frames of the goals and the
+    actions of `highlight`, a path from `start` (the trivial state if None), such as a plan's. The
+    suffix of a path (svg, png, pdf) sets a picture's format.
 
     Raises:
         ValueError: `highlight` leaves the DAG.
@@ -120,59 +117,31 @@ def _draw_edge(
     tail, head = begin + (spread + side, gaps[0]), end + (side - spread, gaps[1])
     passes_row = begin[1] - end[1] > 1.5 * _CELL[1]
     colour, width = (SPLINE, 2.0) if lit else (_EDGE, 1.0)
-    canvas.add_patch(
-        FancyArrowPatch(
-            tuple(tail),
-            tuple(head),
-            arrowstyle="-|>",
-            mutation_scale=9,
-            linewidth=width,
-            color=colour,
-            connectionstyle=f"arc3,rad={0.25 if passes_row else 0.0}",
-            zorder=width,
-        )
-    )
+    bend = f"arc3,rad={0.25 if passes_row else 0.0}"
+    arrow: dict[str, Any] = {"arrowstyle": "-|>", "mutation_scale": 9, "connectionstyle": bend}
+    arrow |= {"linewidth": width, "color": colour, "zorder": width}
+    canvas.add_patch(FancyArrowPatch(tuple(tail), tuple(head), **arrow))
     x, y = tail + _LABEL_AT * (head - tail)
-    canvas.text(
-        x,
-        y,
-        "\n".join(actions),
-        ha="center",
-        va="center",
-        fontsize=7,
-        color=SPLINE if lit else INK,
-        weight="bold" if lit else "normal",
-        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8, "alpha": 0.9},
-        zorder=3,
-    )
+    style: dict[str, Any] = {"color": INK, "fontsize": 7, "ha": "center", "va": "center"}
+    if lit:
+        style |= {"color": SPLINE, "weight": "bold"}
+    box = {"facecolor": "white", "edgecolor": "none", "pad": 0.8, "alpha": 0.9}
+    name = "\n".join(actions)
+    canvas.text(x, y, name, bbox=box, zorder=3, **style)
 
 
 def _draw_state(canvas: Axes, state: TopologicalState, centre: NDArray, goal: bool) -> None:
     """The state's diagram in a box, with its name below."""
     x, y = centre - _BOX / 2
-    canvas.add_patch(
-        FancyBboxPatch(
-            (x, y),
-            _BOX,
-            _BOX,
-            boxstyle="round,pad=0,rounding_size=0.08",
-            facecolor="white",
-            edgecolor=SPLINE if goal else RULE,
-            linewidth=2.0 if goal else 1.0,
-            zorder=4,
-        )
-    )
-    canvas.text(
-        centre[0],
-        y - 0.03,
-        str(state),
-        ha="center",
-        va="top",
-        fontsize=7 if len(str(state)) < 20 else 5.5,
-        color=MUTED,
-        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6},
-        zorder=3.5,
-    )
+    frame: dict[str, Any] = {"edgecolor": RULE, "linewidth": 1.0, "facecolor": "white"}
+    if goal:
+        frame |= {"edgecolor": SPLINE, "linewidth": 2.0}
+    shape = "round,pad=0,rounding_size=0.08"
+    canvas.add_patch(FancyBboxPatch((x, y), _BOX, _BOX, boxstyle=shape, zorder=4, **frame))
+    size, name = 7 if len(str(state)) < 20 else 5.5, str(state)
+    style: dict[str, Any] = {"ha": "center", "va": "top", "fontsize": size, "color": MUTED}
+    box = {"facecolor": "white", "edgecolor": "none", "pad": 0.6}
+    canvas.text(centre[0], y - 0.03, name, bbox=box, zorder=3.5, **style)
     inset = (x + 0.07, y + 0.07, _BOX - 0.14, _BOX - 0.14)
     axes = canvas.inset_axes(inset, transform=canvas.transData)
     draw_diagram(axes, state, strand=0.05, padding=0.15, samples=3)

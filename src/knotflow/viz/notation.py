@@ -71,12 +71,8 @@ def draw_diagram(
 ) -> tuple[NDArray[np.float64], float]:
     """Draw a state as a rope in a square window of `axes`.
 
-    Args:
-        axes: to draw in.
-        state: what to draw.
-        strand: width of the rope, as a fraction of the window's side.
-        padding: of the window beyond the rope, as a fraction of the rope's extent.
-        samples: smoothness, see `topology.draw.draw`.
+    The width of the `strand` is a fraction of the window's side, its `padding` one of the rope's
+    extent; `samples` is the smoothness, see `topology.draw.draw`.
 
     Returns:
         The rope (V, 3) and the window's side, in the units of the axes.

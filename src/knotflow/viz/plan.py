@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -114,31 +115,17 @@ def _draw_height(axes: Axes, controls: NDArray) -> None:
     highest = path[path[:, 2].argmax()]
     outward = controls[1, :2] - (controls[0, :2] + controls[2, :2]) / 2
     outward /= max(float(np.linalg.norm(outward)), 1e-9)
-    axes.annotate(
-        f"{highest[2] * 100:.0f} cm",
-        xy=tuple(highest[:2]),
-        xytext=(20 * outward[0], 11 * outward[1]),
-        textcoords="offset points",
-        ha="center",
-        va="center",
-        color=SPLINE,
-        fontsize=7,
-        zorder=5,
-        path_effects=[withStroke(linewidth=2.5, foreground=PAPER)],
-    )
+    label, place = f"{highest[2] * 100:.0f} cm", (20 * outward[0], 11 * outward[1])
+    style: dict[str, Any] = {"ha": "center", "va": "center", "color": SPLINE, "fontsize": 7}
+    style |= {"zorder": 5, "path_effects": [withStroke(linewidth=2.5, foreground=PAPER)]}
+    axes.annotate(label, tuple(highest[:2]), place, textcoords="offset points", **style)
 
 
-def animate_plan(plan: KnotPlan, path: Path, width: int = 600, speed: float = 1.0) -> None:
-    """Write the plan as a GIF that runs in a loop.
+def animate_plan(plan: KnotPlan, path: Path, width: int = 600) -> None:
+    """Write the plan as a GIF that runs in a loop, `width` pixels wide.
 
     Each step fills the view: the knot is small where the rope was long. The gripper is a filled
     circle while it holds the rope, and larger the higher it is.
-
-    Args:
-        plan: with its trajectories.
-        path: of the GIF.
-        width: pixels.
-        speed: 2.0 plays twice as fast as it was simulated.
 
     Raises:
         ValueError: a plan without steps, or one that was saved without trajectories.
@@ -163,18 +150,11 @@ def animate_plan(plan: KnotPlan, path: Path, width: int = 600, speed: float = 1.
     frames.append(_View(plan, last, width).frame(title, str(plan.states[-1]), last))
     seconds.append(_END)
     # A GIF counts in hundredths of a second, and viewers slow down what is below two of them.
-    milliseconds = [max(20, round(second * 100 / speed) * 10) for second in seconds]
+    milliseconds = [max(20, round(second * 100) * 10) for second in seconds]
     palette = frames[-2].quantize(_COLOURS, dither=Image.Dither.NONE)
     images = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    images[0].save(
-        path,
-        format="GIF",
-        save_all=True,
-        append_images=images[1:],
-        duration=milliseconds,
-        loop=0,
-        optimize=True,
-    )
+    rest: dict[str, Any] = {"append_images": images[1:], "duration": milliseconds}
+    images[0].save(path, format="GIF", save_all=True, loop=0, optimize=True, **rest)
 
 
 class _View:

@@ -44,10 +44,9 @@ def write_plan_folder(
         plan: solved or not, with trajectories at `planning.RECORD_RATE`.
         source: who proposed the splines.
         rope: the one it was planned with.
-        last_tried: attempts of a search that found no step: they are the recording then. Without
-            steps and attempts there is no plan.mcap.
+        last_tried: the recording of a search that found no step, if it made any attempts.
         signature: key of the stage that made it; empty outside a workflow.
-        request: what was asked for, as request.json; None writes no such file.
+        request: what was asked for, as request.json.
     """
     # Here, as matplotlib is slow to import and most stages draw nothing.
     from PIL import Image
@@ -88,14 +87,8 @@ def subsample(plan: KnotPlan) -> KnotPlan:
     steps = []
     for step in plan.steps:
         kept = [*range(len(step.times) - 1, 0, -STRIDE), 0][::-1]
-        steps.append(
-            replace(
-                step,
-                times=step.times[kept],
-                trajectory=step.trajectory[kept],
-                gripper=step.gripper[kept],
-            )
-        )
+        frames = {name: getattr(step, name)[kept] for name in ("times", "trajectory", "gripper")}
+        steps.append(replace(step, **frames))
     return replace(plan, steps=tuple(steps))
 
 

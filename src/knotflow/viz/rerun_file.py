@@ -44,15 +44,8 @@ def save_rerun(
 ) -> Path:
     """Write a recording and our blueprint as one ``.rrd`` that ``rerun`` opens as it is.
 
-    The rollouts are read and written again on the way, so that bulk data get their rope line.
-
-    Args:
-        path: of the recording.
-        target: of the file to write.
-        number: of the one rollout to keep; all if None.
-
-    Returns:
-        The file written.
+    The rollouts, or the one of a number, are read and written again on the way, so that bulk data
+    get their rope line.
 
     Raises:
         FileNotFoundError: the recording is not there.
@@ -78,17 +71,13 @@ def save_rerun(
 
 
 def no_such_number(path: Path, number: int | None, numbers: list[int]) -> str:
-    """What to say about a rollout that is not among those of a recording."""
+    """That a recording has no such rollout, in words."""
     there = f"{len(numbers)} rollouts from {min(numbers)} to {max(numbers)}" if numbers else "none"
     return f"{path} has no rollout number {number}; there are {there}"
 
 
 def rerun_program() -> str:
-    """Path of Rerun's command, which need not be on PATH: it lies beside our Python.
-
-    Raises:
-        ViewerError: Rerun is not installed.
-    """
+    """Path of Rerun's command, which need not be on PATH: it lies beside our Python."""
     program = shutil.which("rerun", path=sysconfig.get_path("scripts")) or shutil.which("rerun")
     if program is None:
         raise ViewerError("the Rerun viewer is not installed; pip install rerun-sdk brings it")
@@ -96,11 +85,7 @@ def rerun_program() -> str:
 
 
 def run_rerun(*arguments: str) -> None:
-    """Run Rerun's command line and wait for it.
-
-    Raises:
-        ViewerError: it failed; quotes the line that names the error.
-    """
+    """Run Rerun's command line and wait; a ViewerError quotes the line that names the error."""
     done = subprocess.run(
         [rerun_program(), *arguments], capture_output=True, text=True, check=False
     )
@@ -151,10 +136,8 @@ def blueprint(rope_radius: float, camera: bool = False) -> rrb.Blueprint:
     )
     if camera:
         name += ", estimate (white), reference (violet)"
-        for topic, rgb in (
-            (messages.ESTIMATE, _ESTIMATE_RGB),
-            (messages.REFERENCE, _REFERENCE_RGB),
-        ):
+        ropes = {messages.ESTIMATE: _ESTIMATE_RGB, messages.REFERENCE: _REFERENCE_RGB}
+        for topic, rgb in ropes.items():
             points = rr.Points3D.from_fields(radii=0.004, colors=[(*rgb, 255)])
             overrides[topic] = [points.visualizer()]
     scene = rrb.Spatial3DView(

@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,17 +34,11 @@ Edges = tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A part of a rope in one colour.
+    """A part of a rope in one colour."""
 
-    Attributes:
-        outline: (P, 2) metres, a polygon seen from above.
-        colour: '#rrggbb'.
-        height: metres; higher pieces are drawn later.
-    """
-
-    outline: Floats
-    colour: str
-    height: float
+    outline: Floats  # (P, 2) metres, a polygon seen from above
+    colour: str  # '#rrggbb'
+    height: float  # metres; higher pieces are drawn later
 
 
 def draw_rope(
@@ -54,18 +48,13 @@ def draw_rope(
     from matplotlib.collections import PolyCollection
 
     pieces = rope_pieces(points, width, bands)
-    colours = [piece.colour for piece in pieces]
-    axes.add_collection(
-        PolyCollection(
-            [piece.outline for piece in pieces],
-            facecolors=colours,
-            edgecolors=colours,  # hides the seams between neighbours
-            linewidths=0.3,
-            clip_on=False,
-            zorder=zorder,
-        ),
-        autolim=False,
-    )
+    outlines, colours = zip(*((piece.outline, piece.colour) for piece in pieces), strict=True)
+    seams: dict[str, Any] = {
+        "edgecolors": colours,
+        "linewidths": 0.3,
+    }  # hides those between neighbours
+    drawn = PolyCollection(outlines, facecolors=colours, clip_on=False, zorder=zorder, **seams)
+    axes.add_collection(drawn, autolim=False)
 
 
 def rope_image(
@@ -109,11 +98,8 @@ def rope_pieces(points: NDArray, width: float, bands: int = _BANDS) -> list[Piec
     # Rounded: the last digits differ from one processor to the next.
     pieces.sort(key=lambda piece: round(piece.height, 5))
     # The ring comes last: it must not disappear under the rope that it ends.
-    return [
-        *pieces,
-        _disc(curve[0], 0.72 * width, rope_colour(0.0)),
-        _disc(curve[0], 0.4 * width, PAPER),
-    ]
+    ring = _disc(curve[0], 0.72 * width, rope_colour(0.0)), _disc(curve[0], 0.4 * width, PAPER)
+    return [*pieces, *ring]
 
 
 def _gaps(points: Floats, curve: Floats, edges: Floats, width: float) -> list[tuple[Edges, Edges]]:
@@ -196,7 +182,7 @@ def _disc(centre: Floats, radius: float, colour: str) -> Piece:
 
 
 def _arc_length(curve: Floats) -> Floats:
-    """(N,) metres of a curve up to each of its points."""
+    """(N,) metres up to each point."""
     return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))]
 
 

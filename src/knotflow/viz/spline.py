@@ -34,57 +34,30 @@ def draw_spline(
 ) -> None:
     """Draw the spline with control points (3, 2 or 3), metres: a dot at the grasp, then the curve.
 
-    Args:
-        axes: to draw in.
-        controls: grasp, middle control point, release.
-        colour: of the curve and its marks.
-        linewidth: points; the marks grow with it.
-        dashed: whether the curve is.
-        release: the mark at its end.
-        zorder: of the curve; its marks are above.
+    The marks grow with the `linewidth`, points; `release` is the one at the end.
     """
     from matplotlib.patches import FancyArrowPatch, PathPatch
     from matplotlib.patheffects import Normal, withStroke
 
-    casing = [withStroke(linewidth=linewidth + 1.4, foreground=PAPER, alpha=0.75), Normal()]
-    axes.add_patch(
-        PathPatch(
-            _curve(controls),
-            fill=False,
-            edgecolor=colour,
-            linewidth=linewidth,
-            linestyle=_DASHES if dashed else "-",
-            path_effects=casing if release == "arrow" else None,
-            capstyle="butt",
-            clip_on=False,
-            zorder=zorder,
-        )
-    )
+    line: dict[str, Any] = {"edgecolor": colour, "linewidth": linewidth, "capstyle": "butt"}
+    if dashed:
+        line["linestyle"] = _DASHES
+    if release == "arrow":
+        casing = withStroke(linewidth=linewidth + 1.4, foreground=PAPER, alpha=0.75)
+        line["path_effects"] = [casing, Normal()]
+    axes.add_patch(PathPatch(_curve(controls), fill=False, clip_on=False, zorder=zorder, **line))
     grasp, middle, end = np.asarray(controls)[:, :2]
     marks: dict[str, Any] = {"color": colour, "clip_on": False, "zorder": zorder + 0.1}
     if release == "arrow":
         axes.plot(*grasp, "o", markersize=3.6 * linewidth, markeredgecolor=PAPER, **marks)
         tail = end - 1e-3 * (end - middle)  # the curve ends in the direction of its last leg
-        arrow = FancyArrowPatch(
-            tuple(tail),
-            tuple(end),
-            arrowstyle="-|>,head_width=2.1,head_length=4.2",
-            mutation_scale=linewidth,
-            shrinkA=0,
-            shrinkB=0,
-            **marks,
-        )
+        marks |= {"arrowstyle": "-|>,head_width=2.1,head_length=4.2", "shrinkA": 0, "shrinkB": 0}
+        arrow = FancyArrowPatch(tuple(tail), tuple(end), mutation_scale=linewidth, **marks)
         axes.add_patch(arrow)
         return
     axes.plot(*grasp, "o", markersize=1.4 + 0.75 * linewidth, **marks)
-    axes.plot(
-        *end,
-        release,
-        markerfacecolor="none",
-        markersize=1.2 + 1.9 * linewidth,
-        markeredgewidth=0.35 + 0.47 * linewidth,
-        **marks,
-    )
+    marks |= {"markerfacecolor": "none", "markeredgewidth": 0.35 + 0.47 * linewidth}
+    axes.plot(*end, release, markersize=1.2 + 1.9 * linewidth, **marks)
 
 
 def _curve(controls: NDArray) -> Path:

@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from knotflow.recording import load, messages
-from knotflow.recording.reader import existing_recording
+from knotflow.recording.reader import existing_recording, recordings_in
 from knotflow.recording.rollout import NANOSECONDS
-from knotflow.recording.table import recordings_in
 from knotflow.viz.rerun_file import (
     TIMELINE,
     ViewerError,
@@ -34,13 +33,8 @@ if TYPE_CHECKING:
     from rerun.experimental import ViewerClient, ViewerState
 
 _VIEWS = ("3D", "TextLog")
-_TOPICS = (
-    messages.ROPE,
-    messages.ROPE_LINE,
-    messages.GRIPPER,
-    messages.SPLINE,
-    messages.TOPOLOGY,
-)
+_SCENE = (messages.ROPE, messages.ROPE_LINE, messages.GRIPPER, messages.SPLINE)
+_TOPICS = (*_SCENE, messages.TOPOLOGY)
 _TIMEOUT = 20.0  # seconds for a headless viewer to show a recording
 _GREETING = 6.0  # seconds until Rerun's notices are gone from the screenshot
 _REPORT_LENGTH = 300  # letters: Rerun spells out whole Arrow types
@@ -108,12 +102,7 @@ def find_recording(path: str | os.PathLike[str], number: int | None = None) -> P
 
 
 def open_recording(path: Path, *, number: int | None = None) -> None:
-    """Show a recording, or one of its rollouts, in a Rerun window; returns when it is closed.
-
-    Raises:
-        FileNotFoundError, ValueError: as for ``save_rerun``.
-        ViewerError: the window could not be opened.
-    """
+    """Show a recording, or one of its rollouts, in a Rerun window; returns when it is closed."""
     with tempfile.TemporaryDirectory(prefix="knotflow-view-") as folder:
         rrd = save_rerun(path, Path(folder) / "recording.rrd", number=number)
         try:
@@ -127,12 +116,7 @@ def open_recording(path: Path, *, number: int | None = None) -> None:
 def serve_recording(path: Path, *, number: int | None = None, port: int = 9090) -> None:
     """Serve a recording to web browsers with Rerun's web viewer, until interrupted.
 
-    The address is printed. Over ssh two ports are to be forwarded: `port`, where the page is, and
-    the next one, from which it takes the data.
-
-    Raises:
-        FileNotFoundError, ValueError: as for ``save_rerun``.
-        ViewerError: it could not be served, such as on a port that is taken.
+    The page, whose address is printed, is on `port` and takes the data from the next one.
     """
     with tempfile.TemporaryDirectory(prefix="knotflow-view-") as folder:
         rrd = save_rerun(path, Path(folder) / "recording.rrd", number=number)
@@ -147,19 +131,14 @@ def serve_recording(path: Path, *, number: int | None = None, port: int = 9090) 
 
 @dataclass(frozen=True)
 class HeadlessReport:
-    """What Rerun reports about a recording.
-
-    Attributes:
-        problems: one line each; none means that everything is shown.
-        entities: paths of what the recording holds.
-        screenshot: the whole viewer in the middle of the recording, PNG.
-        scene: its 3-D view alone, PNG.
-    """
+    """What Rerun reports about a recording."""
 
     problems: tuple[str, ...]
     entities: tuple[str, ...]
     screenshot: bytes
+    """Of the whole viewer, PNG."""
     scene: bytes
+    """Its 3-D view alone, PNG."""
 
 
 def why_not_headless() -> str:
@@ -179,14 +158,9 @@ def check_recording(
 ) -> HeadlessReport:
     """Open a recording without a window and collect what Rerun reports.
 
-    Args:
-        path: of the recording.
-        number: check only the rollout of this number.
-        at: the moment of the screenshots, as a fraction of the recording's duration.
-        delay: seconds before the screenshots.
+    The screenshots are taken after a `delay`, seconds, at a fraction `at` of the recording.
 
     Raises:
-        FileNotFoundError, ValueError: as for ``save_rerun``.
         ViewerError: no headless viewer can run here, or it did not answer.
     """
     if missing := why_not_headless():

@@ -23,11 +23,8 @@ from knotflow.simulation import (
 from knotflow.topology import Action, TopologicalState
 
 CLICKS = ("grasp", "middle", "end")
-CLICK_RADIUS = 0.03
-"""Metres from the rope's centre line within which a click grasps it."""
-HEIGHTS = (float(SPLINE_LOW[3]), float(SPLINE_HIGH[3]))
-"""Lowest and highest middle control point, metres above the table."""
-
+CLICK_RADIUS = 0.03  # metres from the rope's centre line within which a click grasps it
+HEIGHTS = (float(SPLINE_LOW[3]), float(SPLINE_HIGH[3]))  # of the middle control point, metres
 _FINENESS = 0.001  # of the rope's length: resolution of a grasp
 _SLOPE = 0.1  # rise per length of a drawn rope, so that a later strand is over an earlier one
 _SMOOTHING = 4  # rounds of corner cutting: bends of a polyline become those of a rope
@@ -43,9 +40,7 @@ class Draft:
 
     Attributes:
         points: (V, 3) the rope at rest, metres.
-        state: its topological state.
         action: legal in the state.
-        rope: its radius.
         height: of the middle control point, metres above the table.
         clicks: (grasp,), (x, y), (x, y), metres.
     """
@@ -69,11 +64,7 @@ class Draft:
 
     @property
     def spline(self) -> NDArray[np.float64]:
-        """(6,) the demonstrated spline.
-
-        Raises:
-            ClickError: there are fewer than three clicks.
-        """
+        """(6,) the demonstrated spline, after three clicks."""
         if self.next_click is not None:
             raise ClickError(f"the spline is not complete: click the {self.next_click} first")
         (grasp,), middle, end = self.clicks
@@ -87,11 +78,7 @@ class Draft:
         return control_points(self.points, spline, self.rope.radius)[: len(self.clicks)]
 
     def click(self, origin: ArrayLike, direction: ArrayLike) -> None:
-        """Take the next click: a ray from `origin` (3,), metres, world frame, along a direction.
-
-        Raises:
-            ClickError: it misses the rope or the reachable table, or is the fourth.
-        """
+        """Take the next click: a ray from `origin` (3,), metres, world frame, along a direction."""
         if self.next_click is None:
             raise ClickError("all three points are set: simulate them, or undo one")
         if self.next_click == "grasp":
@@ -107,16 +94,11 @@ class Draft:
         self.clicks.append((x, y))
 
     def undo(self) -> None:
-        """Take the last click back, if there is one."""
         del self.clicks[-1:]
 
 
 def grasp_at(points: NDArray, origin: ArrayLike, direction: ArrayLike) -> float:
-    """Where on a rope (V, 3) a ray hits first, as a fraction of its length from the head.
-
-    Raises:
-        ClickError: the ray passes the rope by more than `CLICK_RADIUS`.
-    """
+    """Where on a rope (V, 3) a ray hits first, as a fraction of its length from the head."""
     origin, along = np.asarray(origin, float), _unit(direction)
     fractions = np.arange(0.0, 1.0 + _FINENESS / 2, _FINENESS).clip(0.0, 1.0)
     links = np.linspace(0.0, 1.0, len(points))
@@ -138,11 +120,7 @@ def grasp_at(points: NDArray, origin: ArrayLike, direction: ArrayLike) -> float:
 def table_point(
     origin: ArrayLike, direction: ArrayLike, height: float = 0.0
 ) -> tuple[float, float]:
-    """Where a ray meets the plane at a height above the table, metres (x, y).
-
-    Raises:
-        ClickError: it does not.
-    """
+    """Where a ray meets the plane at a height above the table, metres (x, y)."""
     origin, along = np.asarray(origin, float), _unit(direction)
     reach = (height - origin[2]) / along[2] if along[2] else -1.0
     if reach <= 0.0:

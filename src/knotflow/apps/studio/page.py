@@ -20,16 +20,12 @@ import viser
 import websockets.asyncio.server
 from websockets.asyncio.server import Request, Response, ServerConnection
 
-from knotflow.apps.studio.app_state import AppState
-from knotflow.apps.studio.demonstrate_tab import DemonstrateTab
-from knotflow.apps.studio.plan_tab import PlanTab
-from knotflow.apps.studio.rope_tab import RopeTab
 from knotflow.apps.studio.scene import camera_position, rgb
 from knotflow.apps.studio.session import Session
+from knotflow.apps.studio.tabs import AppState, DemonstrateTab, PlanTab, RopeTab
 from knotflow.viz.style import rope_colour
 
-PANEL_WIDTH = 330
-"""Pixels: leaves at least half of a tablet's screen to the scene."""
+PANEL_WIDTH = 330  # pixels: leaves at least half of a tablet's screen to the scene
 LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 
 
@@ -69,7 +65,6 @@ class Page:
         self.server.sleep_forever()
 
     def close(self) -> None:
-        """End the server."""
         self.server.stop()
 
 

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,23 +25,14 @@ _FRAME_SECONDS = 0.08
 
 @dataclass(frozen=True, eq=False)
 class Playback:
-    """Frames in a row, metres and seconds.
+    """Frames in a row, metres and seconds."""
 
-    Attributes:
-        times: (T,) of the frames; a step begins where the one before has ended.
-        ropes: (T, V, 3) the rope.
-        grippers: (T, 3) the gripper.
-        step: (T,) index of the step that a frame belongs to.
-        captions: of each step.
-        controls: (n, 3, 3) the control points of each step's spline.
-    """
-
-    times: NDArray[np.float64]
-    ropes: NDArray[np.float32]
-    grippers: NDArray[np.float32]
-    step: NDArray[np.intp]
-    captions: tuple[str, ...]
-    controls: NDArray[np.float64]
+    times: NDArray[np.float64]  # (T,); a step begins where the one before has ended
+    ropes: NDArray[np.float32]  # (T, V, 3)
+    grippers: NDArray[np.float32]  # (T, 3)
+    step: NDArray[np.intp]  # (T,) index of the step that a frame belongs to
+    captions: tuple[str, ...]  # of each step
+    controls: NDArray[np.float64]  # (n, 3, 3) of each step's spline
 
     def __len__(self) -> int:
         return len(self.times)
@@ -69,8 +60,8 @@ class Playback:
     @classmethod
     def of_attempt(cls, attempts: Attempts, row: int, radius: float) -> Playback:
         """One spline of a batch, on a rope of that radius in metres."""
-        motion, end = attempts.rollouts.motion(row), attempts.ends[row]
-        outcome = "unreadable" if end is None else str(end)
+        motion = attempts.rollouts.motion(row)
+        outcome = attempts.ends[row] or "unreadable"
         return cls(
             times=motion.times,
             ropes=motion.trajectory,
@@ -84,12 +75,7 @@ class Playback:
 class Player:
     """Plays frames in the scene, with a button and a slider; hidden while there are none."""
 
-    def __init__(
-        self,
-        gui: viser.GuiApi,
-        scene: Scene,
-        guarded: Callable[[Callable[..., None]], Callable[..., None]],
-    ) -> None:
+    def __init__(self, gui: viser.GuiApi, scene: Scene, guarded: Callable[[Any], Any]) -> None:
         """At the end of the panel; `guarded` wraps its handlers."""
         self._gui, self._scene, self._guarded = gui, scene, guarded
         self._playback: Playback | None = None
@@ -114,7 +100,6 @@ class Player:
         self._draw(last)
 
     def hide(self) -> None:
-        """Forget the frames."""
         self._playback, self._folder.visible = None, False
 
     def _draw(self, frame: int) -> None:

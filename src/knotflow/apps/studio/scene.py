@@ -18,12 +18,8 @@ from knotflow.viz.style import INK, MUTED, OVER, PAPER, RULE, SPLINE, UNDER, rop
 if TYPE_CHECKING:
     import viser
 
-Colour = tuple[int, int, int]
-
-CAMERA = (0.0, -0.55, 1.05)
-"""The first camera position, metres: almost from above, as on the paper's images."""
-FIELD_OF_VIEW = float(np.deg2rad(75.0))
-"""Vertical, radians."""
+CAMERA = (0.0, -0.55, 1.05)  # metres, at first: almost from above, as on the paper's images
+FIELD_OF_VIEW = float(np.deg2rad(75.0))  # vertical
 _FADED = 0.75  # towards paper: the segments that an action does not name
 _POINT = 0.012  # metres, radius of a control point
 _CURVE = np.linspace(0.0, 1.0, 33)
@@ -31,9 +27,10 @@ _CURVE = np.linspace(0.0, 1.0, 33)
 P = ParamSpec("P")
 
 
-def _exclusive(
-    draw: Callable[Concatenate[Scene, P], None],
-) -> Callable[Concatenate[Scene, P], None]:
+Drawing = Callable[Concatenate["Scene", P], None]
+
+
+def _exclusive(draw: Drawing[P]) -> Drawing[P]:
     """One drawing at a time: viser handles events on several threads."""
 
     @wraps(draw)
@@ -57,14 +54,8 @@ class Scene:
         server.initial_camera.look_at = (0.0, 0.0, 0.0)
         server.initial_camera.fov = FIELD_OF_VIEW
         reach = 2 * float(SPLINE_HIGH[-1])
-        self._scene.add_box(
-            "/table",
-            color=rgb("#f6f8fa"),
-            dimensions=(reach, reach, 0.01),
-            position=(0.0, 0.0, -0.0065),
-            cast_shadow=False,
-        )
-        colour = rgb(RULE)
+        size, place, colour = (reach, reach, 0.01), (0.0, 0.0, -0.0065), rgb(RULE)
+        self._scene.add_box("/table", rgb("#f6f8fa"), size, position=place, cast_shadow=False)
         self._scene.add_grid(
             "/grid", width=reach, height=reach, plane="xy", cell_size=0.1, section_size=0.1,
             cell_color=colour, section_color=colour,
@@ -72,7 +63,7 @@ class Scene:
 
     @_exclusive
     def rope(self, points: NDArray, action: Action | None = None) -> None:
-        """A rope (V, 3), metres; an action's segments stand out, numbered, if it is given."""
+        """A rope (V, 3), metres; an action's segments stand out, numbered."""
         points = np.asarray(points, float)
         self._capsules(points, _colours(points, action))
         labels = [("head", points[0]), ("tail", points[-1])]
@@ -101,11 +92,7 @@ class Scene:
         self._clear("spline")
         nodes: list[viser.SceneNodeHandle] = []
         for name, place in zip(CLICKS, np.asarray(controls, float), strict=False):
-            nodes.append(
-                self._scene.add_icosphere(
-                    f"/spline/{name}", radius=_POINT, color=rgb(SPLINE), position=place
-                )
-            )
+            nodes.append(self._ball(f"/spline/{name}", _POINT, SPLINE, place))
         if len(controls) > 1:  # how high the middle is
             foot = controls[1] * (1.0, 1.0, 0.0)
             nodes.append(self._line("/spline/stem", np.stack([foot, controls[1]]), MUTED, 2.0))
@@ -122,10 +109,7 @@ class Scene:
         elif "gripper" in self._handles:
             self._handles["gripper"][0].position = np.asarray(place, float)
         else:
-            ball = self._scene.add_icosphere(
-                "/gripper", radius=0.018, color=rgb("#d4a72c"), position=place, opacity=0.8
-            )
-            self._handles["gripper"] = [ball]
+            self._handles["gripper"] = [self._ball("/gripper", 0.018, "#d4a72c", place, 0.8)]
 
     @_exclusive
     def polyline(self, corners: NDArray) -> None:
@@ -133,8 +117,7 @@ class Scene:
         self._clear("polyline")
         flat = np.column_stack([corners, np.full(len(corners), self._rope.radius)])
         nodes: list[viser.SceneNodeHandle] = [
-            self._scene.add_icosphere(f"/drawn/{n}", radius=0.006, color=rgb(INK), position=place)
-            for n, place in enumerate(flat)
+            self._ball(f"/drawn/{n}", 0.006, INK, place) for n, place in enumerate(flat)
         ]
         if len(flat) > 1:
             nodes.append(self._line("/drawn/line", flat, INK, 3.0))
@@ -172,6 +155,11 @@ class Scene:
             lod="off",
         )
 
+    def _ball(
+        self, name: str, radius: float, colour: str, place: NDArray, opacity: float | None = None
+    ) -> viser.IcosphereHandle:
+        return self._scene.add_icosphere(name, radius, rgb(colour), opacity=opacity, position=place)
+
     def _line(self, name: str, places: NDArray, colour: str, width: float) -> viser.SceneNodeHandle:
         pieces = np.stack([places[:-1], places[1:]], axis=1)
         return self._scene.add_line_segments(
@@ -179,15 +167,11 @@ class Scene:
         )
 
     def _labels(self, name: str, labels: list[tuple[str, NDArray]]) -> list[viser.SceneNodeHandle]:
-        return [
-            self._scene.add_label(
-                f"/labels/{name}/{n}",
-                text,
-                position=np.asarray(place) + (0.0, 0.0, 0.03),
-                anchor="bottom-center",
-            )
-            for n, (text, place) in enumerate(labels)
-        ]
+        nodes: list[viser.SceneNodeHandle] = []
+        for n, (text, place) in enumerate(labels):
+            above, path = np.asarray(place) + (0.0, 0.0, 0.03), f"/labels/{name}/{n}"
+            nodes.append(self._scene.add_label(path, text, position=above, anchor="bottom-center"))
+        return nodes
 
     def _clear(self, name: str) -> None:
         for handle in self._handles.pop(name, []):
@@ -226,7 +210,7 @@ def _linear(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.rint(255.0 * light).astype(np.uint8)
 
 
-def rgb(colour: str) -> Colour:
+def rgb(colour: str) -> tuple[int, int, int]:
     """'#rrggbb' as three numbers, 0 to 255."""
     red, green, blue = bytes.fromhex(colour[1:])
     return red, green, blue

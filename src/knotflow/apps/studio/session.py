@@ -61,9 +61,7 @@ class Session:
 
     Attributes:
         file: of the kept demonstrations (JSON lines).
-        simulation: how splines are executed.
         points: (V, 3) the rope at rest, metres.
-        state: its topological state.
         plan: the last one for this rope, if any.
         draft: the demonstration in the making, if any.
         simulated: the draft's simulation, if any.
@@ -88,7 +86,6 @@ class Session:
 
     @cached_property
     def simulator(self) -> RopeSimulator:
-        """Executes splines."""
         return RopeSimulator(self.simulation)
 
     @cached_property
@@ -114,11 +111,7 @@ class Session:
         self.simulated: Attempts | None = None
 
     def lay_named(self, name: str) -> None:
-        """Lay one of `ROPES`.
-
-        Raises:
-            StudioError: another name, such as the path of a file.
-        """
+        """Lay one of `ROPES`."""
         if name not in ROPES:
             raise StudioError(f"there is no rope {name!r}; choose one of {', '.join(ROPES)}")
         rope = self.simulation.rope
@@ -130,15 +123,11 @@ class Session:
             self.lay(parse_rope(name, rope, self._rng))
 
     def lay_file(self, path: Path) -> None:
-        """Lay the rope of a CSV or NPY file.
-
-        Raises:
-            RopeInputError: see `planning.read_rope`.
-        """
+        """Lay the rope of a CSV or NPY file; see `planning.read_rope` for its errors."""
         self.lay(parse_rope(str(path), self.simulation.rope, self._rng))
 
     def lay_upload(self, name: str, content: bytes) -> None:
-        """Lay the rope of a file that came through the browser; see `lay_file`."""
+        """Lay the rope of a file that came through the browser."""
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / Path(name).name
             path.write_bytes(content)
@@ -162,13 +151,11 @@ class Session:
         from knotflow.perception import Camera, RgbdImage, estimate
 
         with tempfile.TemporaryDirectory() as folder:
-            paths = {"rgb": "rgb.png", "depth": "depth.png", "camera": "camera.yaml"}
-            for name, file in paths.items():
-                (Path(folder) / file).write_bytes(files[name])
-            camera = Camera.load(Path(folder) / paths["camera"])
-            image = RgbdImage.read(
-                Path(folder) / paths["rgb"], Path(folder) / paths["depth"], camera
-            )
+            rgb, depth, pose = (Path(folder) / n for n in ("rgb.png", "depth.png", "camera.yaml"))
+            for name, path in (("rgb", rgb), ("depth", depth), ("camera", pose)):
+                path.write_bytes(files[name])
+            camera = Camera.load(pose)
+            image = RgbdImage.read(rgb, depth, camera)
         with self._busy, one_thread():
             found = estimate(image, camera, self.simulation.rope)
         self.lay(found.points)
@@ -181,12 +168,7 @@ class Session:
         stop: threading.Event | None = None,
         max_seconds: float = 60.0,
     ) -> KnotPlan:
-        """Plan a knot for the rope, see `planning.plan_rope`.
-
-        Raises:
-            ValueError: no such knot, or no way to it from this rope.
-            SearchStopped: `stop` was set.
-        """
+        """Plan a knot for the rope, see `planning.plan_rope`, until `stop` is set."""
 
         def report(update: SearchUpdate) -> None:
             progress(update)
@@ -194,15 +176,11 @@ class Session:
                 raise SearchStopped
 
         with self._busy:
+            config = replace(FAST_SEARCH, max_seconds=max_seconds)
             plan = plan_rope(
-                self.points,
-                knot,
-                self._rng,
-                sampler=self.library,
-                simulation=self.simulation,
-                config=replace(FAST_SEARCH, max_seconds=max_seconds),
-                progress=report,
-            )
+                self.points, knot, self._rng,
+                sampler=self.library, simulation=self.simulation, config=config, progress=report,
+            )  # fmt: skip
         self.plan = subsample(plan)
         return self.plan
 
@@ -213,11 +191,7 @@ class Session:
         return sorted(legal, key=lambda action: (action not in common, str(action)))
 
     def begin(self, action: Action) -> Draft:
-        """Begin a demonstration of a legal action, in place of the one before.
-
-        Raises:
-            IllegalActionError: the rope's state does not allow it.
-        """
+        """Begin a demonstration of a legal action, in place of the one before."""
         self.state.apply(action)
         height = self.draft.height if self.draft else Draft.height
         self.draft = Draft(self.points, self.state, action, self.simulation.rope, height)
@@ -225,26 +199,17 @@ class Session:
         return self.draft
 
     def simulate(self) -> Attempts:
-        """Simulate the draft; `success[0]` says whether the state was reached.
-
-        Raises:
-            StudioError, ClickError: there is no draft, or it lacks clicks.
-        """
+        """Simulate the draft; `success[0]` says whether the state was reached."""
         if self.draft is None:
             raise StudioError("choose an action to demonstrate first")
-        splines, draft = self.draft.spline[None], self.draft
+        draft, spline = self.draft, self.draft.spline[None]
         with self._busy:
-            self.simulated = attempt(
-                self.simulator, draft.points, splines, draft.action, draft.state
-            )
-        return self.simulated
+            found = attempt(self.simulator, draft.points, spline, draft.action, draft.state)
+        self.simulated = found
+        return found
 
     def keep(self, who: str) -> Demonstration:
-        """Append the simulated draft to `file`, signed, and end it.
-
-        Raises:
-            StudioError: nothing was simulated, it did not reach its state, or nobody signs it.
-        """
+        """Append the simulated draft to `file`, signed, and end it."""
         if self.draft is None or self.simulated is None:
             raise StudioError("simulate a demonstration before you keep it")
         if not np.array_equal(self.simulated.splines[0], self.draft.spline):
@@ -253,18 +218,13 @@ class Session:
             raise StudioError("it did not reach its state, so nothing can be learned from it: redo")
         if not who.strip():
             raise StudioError("write your name first: who demonstrated is kept, too")
-        demonstration = Demonstration(
-            task_at(self.draft.state, self.draft.action),
-            self.draft.points,
-            self.draft.spline,
-            "human",
-            who.strip(),
-            datetime.now(UTC).astimezone().isoformat(timespec="seconds"),
-        )
+        draft, when = self.draft, datetime.now(UTC).astimezone().isoformat(timespec="seconds")
+        of = task_at(draft.state, draft.action)
+        demonstration = Demonstration(of, draft.points, draft.spline, "human", who.strip(), when)
         add_demonstration(self.file, demonstration)
         self.draft = self.simulated = None
         return demonstration
 
     def kept(self) -> list[Demonstration]:
-        """The demonstrations of `file`; see `load_demonstrations` for its errors."""
+        """The demonstrations of `file`."""
         return load_demonstrations(self.file) if self.file.exists() else []

@@ -113,13 +113,8 @@ class TieVectorEnv(VectorEnv[dict[str, Any], NDArray, NDArray]):
             for flags in vars(outcome).values():
                 flags[row] = False
         self._ended = outcome.terminated | outcome.truncated
-        return (
-            self._observation(),
-            outcome.success.astype(np.float64),
-            outcome.terminated,
-            outcome.truncated,
-            self._info(outcome),
-        )
+        reward, ends = outcome.success.astype(float), (outcome.terminated, outcome.truncated)
+        return self._observation(), reward, *ends, self._info(outcome)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Each rope from above as an image (480, 480, 3), if the render mode is "rgb_array"."""
@@ -128,9 +123,8 @@ class TieVectorEnv(VectorEnv[dict[str, Any], NDArray, NDArray]):
         from knotflow.viz.rope import rope_image
 
         width, window = 2 * self.episodes.simulator.config.rope.radius, (-0.7, 0.7)
-        return tuple(
-            rope_image(points, width, window, window, (480, 480)) for points in self.episodes.points
-        )
+        ropes = self.episodes.points
+        return tuple(rope_image(rope, width, window, window, (480, 480)) for rope in ropes)
 
     def _observation(self) -> dict[str, NDArray]:
         points = self.episodes.points.astype(np.float32)

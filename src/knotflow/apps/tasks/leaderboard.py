@@ -30,10 +30,8 @@ TRACKS = ("actions", "knots")
 KNOTS = ("overhand", "figure_eight")
 SPLINES = 10
 COLUMNS = ("method", "track", "task", "start", "success", "splines")
-COPIES = 12
-"""Noisy copies of each shipped demonstration that ICP interpolates here; the paper has 320."""
-REST_SPLINE = np.array([0.5, 0.0, 0.0, 0.02, 0.0, 0.0])
-"""Moves ropes whose episode is over; they no longer count."""
+COPIES = 12  # noisy, of each shipped demonstration, that ICP interpolates; the paper has 320
+REST_SPLINE = np.array([0.5, 0.0, 0.0, 0.02, 0.0, 0.0])  # for ropes whose episode is over
 _DATA = Path(__file__).parent / "data"
 
 
@@ -68,18 +66,9 @@ def evaluate(
 ) -> pd.DataFrame:
     """Every start of the tasks once, without simulating a spline before it is executed.
 
-    Of the actions that lead on from a rope's state, one is drawn that the sampler serves, and the
-    sampler's first spline for it is executed.
-
-    Args:
-        sampler: proposes the splines. A ValueError says that it does not serve an action.
-        method: its name in the table.
-        tasks: all public ones if None.
-        simulation: how splines are executed.
-        seed: of all that is random.
-
-    Returns:
-        A row an episode with the columns of `COLUMNS`; `splines` counts those it took.
+    Of the actions that lead on from a rope's state, one is drawn that the sampler serves (it raises
+    a ValueError otherwise), and the sampler's first spline for it is executed. A row is an episode
+    of the method, with the columns of `COLUMNS`; `splines` counts those it took.
     """
     simulator = RopeSimulator(simulation or SimulationConfig())
     rows: list[tuple[Any, ...]] = []
@@ -178,11 +167,7 @@ def _by_task(rows: pd.DataFrame) -> str:
 
 
 def known_sampler(name: str) -> Sampler:
-    """A sampler of knotflow: `primitives` those shipped, `icp` with demonstrations copied here.
-
-    Raises:
-        ValueError: an unknown name.
-    """
+    """A sampler of knotflow: `primitives` those shipped, `icp` with demonstrations copied here."""
     if name == "icp":
         return _icp()
     settings = {"file": str(SHIPPED_PRIMITIVES)} if name == "primitives" else {}

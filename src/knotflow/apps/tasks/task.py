@@ -27,18 +27,13 @@ from knotflow.simulation import (
 )
 from knotflow.topology import R1, R2, Action, Cross, TopologicalState, parse_action
 
-KINDS = (R1, R2, Cross)
-"""Kinds of actions; in an action's code counted from 1, and 0 for any action."""
-ACTION_SIZE = 5
-"""The kind, and as many parameters as an R2 has."""
+KINDS = (R1, R2, Cross)  # of actions; in an action's code counted from 1, and 0 for any action
+ACTION_SIZE = 5  # the kind, and as many parameters as an R2 has
 
 
 @dataclass(frozen=True)
 class TieTask:
-    """A goal, the ropes it is to be reached from, and how many splines that may take.
-
-    Made by `TieTask.tie` or `TieTask.single`.
-    """
+    """A goal, the ropes it is to be reached from, and how many splines that may take."""
 
     goal: Goal
     """The states that count as success, and the solution DAG that leads there."""
@@ -61,12 +56,9 @@ class TieTask:
 
     @classmethod
     def tie(cls, goal: str, starts: NDArray | None = None, splines: int = 10) -> TieTask:
-        """Tie a goal, by any path of its solution DAG.
+        """Tie a goal, see `planning.parse_goal`, by any path of its solution DAG.
 
-        Args:
-            goal: see `planning.parse_goal`.
-            starts: (N, V, 3) metres, each in some state of the DAG; None for random curves.
-            splines: in an episode, at most.
+        The starts (N, V, 3), metres, are each in some state of the DAG; None for random curves.
 
         Raises:
             ValueError: a text that names no goal, fewer than one spline, or unfit starts.
@@ -75,11 +67,9 @@ class TieTask:
 
     @classmethod
     def single(cls, action: str | Action, starts: NDArray | None = None) -> TieTask:
-        """Reach the state after one given action, with one spline.
+        """Reach the state after one given action, such as "C(2,0,1)", with one spline.
 
-        Args:
-            action: such as "C(2,0,1)".
-            starts: (N, V, 3) metres, all in one state; None for random curves.
+        The starts (N, V, 3), metres, are all in one state; None for random curves.
 
         Raises:
             IllegalActionError: the state of the starts does not allow the action.
@@ -109,9 +99,8 @@ class TieTask:
             raise ValueError(f"there is no start {index}: the task {has}")
         if self.starts is None:
             return random_curve(rope, rng, StartsConfig())
-        return check_points(
-            self.starts[rng.integers(len(self.starts)) if index is None else index], rope
-        )
+        index = int(rng.integers(len(self.starts))) if index is None else index
+        return check_points(self.starts[index], rope)
 
     def actions(self, state: TopologicalState | None) -> tuple[Action, ...]:
         """The actions of the DAG in a state; none in a goal state or off the DAG."""

@@ -1,4 +1,5 @@
-"""RGB-D images, of a real camera's files or simulated."""
+"""RGB-D images: their files, and a Kinect's noise on perfect ones: errors and steps even in inverse
+depth, shadows of the projector without depth."""
 
 from __future__ import annotations
 
@@ -14,10 +15,8 @@ from knotflow.perception.camera.pinhole import Camera
 
 SAMPLE = Path(__file__).parents[1] / "data"
 """A sample: overhand.png, overhand-depth.png, camera.yaml, and the true rope, overhand.csv."""
-MAX_DEPTH = 20.0
-"""A median depth beyond this, metres, is in another unit."""
-MAX_PIXELS = 2**25
-"""Of an image from a file."""
+_MAX_DEPTH = 20.0  # metres: a median depth beyond is in another unit
+_MAX_PIXELS = 2**25  # of an image from a file
 _PILLOW_ERRORS = (OSError, ValueError, SyntaxError, EOFError, MemoryError)
 
 
@@ -70,12 +69,9 @@ class RgbdImage:
 
     @classmethod
     def read(cls, rgb: Path | str, depth: Path | str, camera: Camera | None = None) -> RgbdImage:
-        """The image of two files, of the camera's size if one is given.
-
-        Args:
-            rgb: PNG (or another format that Pillow reads).
-            depth: PNG of 16 bits, or NPY. Whole numbers are millimetres, floats are metres; 0 and
-                what is not finite is unknown.
+        """The image of two files, of the camera's size if one is given: colour as PNG (or in
+        another format that Pillow reads), depth as PNG of 16 bits or NPY, in which whole numbers
+        are millimetres, floats metres, and 0 and what is not finite unknown.
 
         Raises:
             ImageError: naming the file and what is wrong with it.
@@ -108,10 +104,10 @@ def _read_pixels(path: Path, kind: str, mode: str | None = None) -> NDArray:
 
     try:
         with Image.open(path) as image:
-            if image.width * image.height > MAX_PIXELS:
+            if image.width * image.height > _MAX_PIXELS:
                 raise ImageError(
                     f"{path}: {image.width}x{image.height} pixels are too many for a {kind} image; "
-                    f"give it with {MAX_PIXELS / 1e6:.0f} million at most"
+                    f"give it with {_MAX_PIXELS / 1e6:.0f} million at most"
                 )
             return np.asarray(image.convert(mode) if mode else image)
     except ImageError:
@@ -137,7 +133,7 @@ def _read_depth(path: Path) -> NDArray[np.float32]:
     metres = raw.astype(np.float32) * (1.0 if raw.dtype.kind == "f" else 1e-3)
     metres[~np.isfinite(metres) | (metres <= 0)] = np.nan
     known = metres[np.isfinite(metres)]
-    if known.size and np.median(known) > MAX_DEPTH:
+    if known.size and np.median(known) > _MAX_DEPTH:
         raise ImageError(
             f"{path}: the median depth is {np.median(known):.0f} m; depth as floats must be in "
             "metres, in millimetres they must be whole numbers (uint16)"
@@ -147,3 +143,88 @@ def _read_depth(path: Path) -> NDArray[np.float32]:
 
 def _size(pixels: NDArray) -> str:
     return f"{pixels.shape[1]}x{pixels.shape[0]}"
+
+
+@dataclass
+class CameraNoiseConfig:
+    """Noise of the simulated camera; every part grows with `level`."""
+
+    level: float = 1.0
+    """Factor on all that follows: 0 is a perfect image in fixed colours, 1 nominal, 2 poor."""
+    depth_std: float = 1.425e-3
+    """Standard deviation of inverse depth, 1/m: 2 mm at 1.2 m. Half a step (Khoshelham and
+    Elberink, Accuracy and resolution of Kinect depth data, Sensors 12, 2012, Eq. 10)."""
+    depth_step: float = 2.85e-3
+    """Steps of inverse depth, 1/m: 4 mm at 1.2 m (same source)."""
+    lateral_std: float = 0.5
+    """Standard deviation of where a depth is read, pixels (Handa et al., ICRA 2014)."""
+    baseline: float = 0.075
+    """Distance of the projector to the camera's right, metres; it casts shadows without depth."""
+    edge_jump: float = 0.03
+    """Differences of depth between neighbouring pixels from here on are edges, metres."""
+    edge_loss: float = 0.4
+    """Probability that a pixel at an edge has no depth."""
+    loss: float = 0.005
+    """Probability that any other pixel has no depth."""
+    colour_std: float = 0.015
+    """Standard deviation of red, green and blue, share of the full scale."""
+    blur: float = 0.5
+    """Standard deviation of the colour image's blur, pixels."""
+    contrast: float = 0.4
+    """Least distance at level 1 between the colours of rope, table and head, Euclidean in sRGB."""
+    light_tilt: float = 0.6
+    """Largest tilt of the light at level 1, radians from the vertical."""
+    white_balance: float = 0.03
+    """Standard deviation of the light's strength in red, green and blue."""
+    grain: float = 0.03
+    """Largest amplitude of the waves in the table's brightness, share."""
+    coloured_head: bool = True
+    """Whether the rope's head is marked with tape."""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not value >= 0:
+                raise ValueError(f"noise.{name} must be 0 or more, got {value}")
+
+
+def add_noise(
+    image: RgbdImage, camera: Camera, config: CameraNoiseConfig, rng: np.random.Generator
+) -> RgbdImage:
+    """The image as a Kinect would have taken it; the same for equal `rng`."""
+    from scipy import ndimage  # slow to import
+
+    level, true = config.level, image.depth
+    if level == 0:
+        return image
+    sigma = level * config.blur
+    rgb = ndimage.gaussian_filter(image.rgb.astype(np.float32), (sigma, sigma, 0))
+    rgb += 255.0 * level * config.colour_std * rng.standard_normal(rgb.shape, dtype=np.float32)
+
+    height, width = true.shape
+    shift = np.rint(level * config.lateral_std * rng.standard_normal((2, height, width)))
+    row = np.clip(np.arange(height)[:, None] + shift[0], 0, height - 1).astype(int)
+    column = np.clip(np.arange(width) + shift[1], 0, width - 1).astype(int)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = 1.0 / true[row, column]
+        inverse += level * config.depth_std * rng.standard_normal(true.shape)
+        step = level * config.depth_step
+        if step:
+            inverse = step * np.rint(inverse / step)
+        depth = np.where(inverse > 0, 1.0 / inverse, np.nan)
+    neighbours = np.nan_to_num(true, nan=1e3)  # filters do not know NaN
+    jump = ndimage.maximum_filter(neighbours, 3) - ndimage.minimum_filter(neighbours, 3)
+    chance = np.where(jump > config.edge_jump, config.edge_loss, config.loss)
+    lost = rng.random(true.shape) < level * chance
+    depth[lost | shadow(true, camera.fx * level * config.baseline)] = np.nan
+    colours = np.rint(rgb).clip(0, 255).astype(np.uint8)
+    return RgbdImage(colours, depth.astype(np.float32), image.time)
+
+
+def shadow(depth: NDArray[np.float32], focal_baseline: float) -> NDArray[np.bool_]:
+    """Where (H, W) something nearer hides a pixel of a depth (H, W), metres, from a projector to
+    the camera's right; `focal_baseline` is focal length times its distance, pixels times metres."""
+    place = np.arange(depth.shape[1]) - focal_baseline / depth  # in the projector's image
+    leftmost = np.full_like(place, np.inf)  # of the pixels to the right of each
+    places = np.where(np.isnan(place), np.inf, place)[:, :0:-1]
+    leftmost[:, :-1] = np.minimum.accumulate(places, axis=1)[:, ::-1]
+    return place > leftmost - 0.5

@@ -14,9 +14,7 @@ from knotflow.arrays import floats
 
 Floats = NDArray[np.float64]
 
-MIN_BINNED_SIZE = 16
-"""Rows and columns left after binning, least."""
-
+_MIN_BINNED = 16  # rows and columns left after binning, least
 _SHAPES = {"position": (3,), "rotation": (3, 3)}
 _HEADER = """\
 # A pinhole camera. Sizes, focal lengths (fx, fy) and principal point (cx, cy) in pixels, of images
@@ -35,9 +33,7 @@ class Camera:
 
     Pixel (u, v) counts columns from the left and rows from the top, pixel centres at whole numbers.
     The camera's axes are OpenCV's: x right, y down in the image, z forward along the optical axis.
-
-    Size `width` by `height`, focal lengths fx, fy and principal point cx, cy are in pixels,
-    `position` (3,) in metres, world frame; `rotation` (3, 3) is world from camera.
+    `position` (3,) is in metres, world frame, `rotation` (3, 3) world from camera, all else pixels.
 
     Raises:
         CameraError: values that are of another shape, not finite or impossible.
@@ -94,9 +90,8 @@ class Camera:
 
     def rays(self) -> Floats:
         """Unit directions (height, width, 3) of the pixels' rays, world frame."""
-        return self._pixel_directions / np.linalg.norm(
-            self._pixel_directions, axis=-1, keepdims=True
-        )
+        rays = self._pixel_directions
+        return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
 
     def points(self, depth: ArrayLike) -> Floats:
         """Points (height, width, 3), metres, of a depth image (height, width), metres."""
@@ -140,7 +135,7 @@ class Camera:
         if not distance > 0:
             return 1
         wanted = round(size * max(self.fx, self.fy) / distance / pixels)
-        return max(1, min(wanted, min(self.width, self.height) // MIN_BINNED_SIZE))
+        return max(1, min(wanted, min(self.width, self.height) // _MIN_BINNED))
 
     def cropped(self, rows: slice, columns: slice) -> Camera:
         """The camera whose image is these rows and columns of this one's."""
@@ -153,11 +148,8 @@ class Camera:
     def overhead(
         cls, width: int = 320, height: int = 240, distance: float = 1.2, field_of_view: float = 60.0
     ) -> Camera:
-        """A camera `distance` metres above the middle of the table, the image's top towards +y.
-
-        The `field_of_view`, from top to bottom, is in degrees; the default is a Kinect v2's, which
-        sees all that a spline reaches, with pixels of 5.8 mm on the table.
-        """
+        """A camera `distance` metres above the middle of the table, the image's top towards +y; the
+        `field_of_view`, degrees from top to bottom, is by default a Kinect v2's."""
         focal = float(0.5 * height / np.tan(np.deg2rad(field_of_view) / 2))
         centre = (width - 1) / 2, (height - 1) / 2
         position, rotation = np.array([0.0, 0.0, distance]), np.diag([1.0, -1.0, -1.0])

@@ -282,14 +282,11 @@ def render(
     softness: float = 1e-3,
     seen_radius: float | None = None,
 ) -> tuple[Tensor, Tensor]:
-    """Depth and occupancy of the image of a rope, or of many, each in an image of its own.
+    """Depth and occupancy of the image of a rope (..., V, 3), metres, world frame, or of many, each
+    in an image of its own.
 
-    Args:
-        points: (..., V, 3) vertices, metres, world frame.
-        radius: of the rope, metres.
-        camera: that looks at it.
-        softness: distance over which the rope's edge fades, metres.
-        seen_radius: of the rope's silhouette, metres, where it differs from `radius`, see `Target`.
+    Over `softness`, metres, the rope's edge fades; `seen_radius` is that of its silhouette, metres,
+    where it differs from the `radius`, see `Target`.
 
     Returns:
         depth (..., H, W): of the rope's surface along the optical axis, metres; NaN where no link

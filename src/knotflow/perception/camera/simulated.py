@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knotflow.perception.camera.image import Label, RgbdImage
-from knotflow.perception.camera.noise import CameraNoiseConfig, add_noise
+from knotflow.perception.camera.image import CameraNoiseConfig, Label, RgbdImage, add_noise
 from knotflow.perception.camera.pinhole import Camera
 from knotflow.simulation import RopeConfig, check_points
 
@@ -18,10 +17,15 @@ if TYPE_CHECKING:
 
 Colour = tuple[float, float, float]
 
-HEAD_LENGTH = 0.05
-"""Length of the coloured head, metres: two turns of tape."""
 TAPE: Colour = (0.85, 0.10, 0.12)
 """Red tape around the rope's head."""
+_HEAD_LENGTH = 0.05  # metres: two turns of tape
+_FINGER = (0.014, 0.008, 0.060)  # size, metres: along the rope it holds, across, and upwards
+_PALM = (0.030, 0.090, 0.050)  # size of the palm that carries the fingers, metres
+_WRIST = (0.025, 0.120)  # radius and length above the palm, metres
+_OPEN = 0.050  # metres between the open fingers; closed they touch the rope
+
+_Bare = tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32]]  # labels, rgb, depth
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,7 @@ class Appearance:
     table: Colour = (0.28, 0.36, 0.38)
     gripper: Colour = (0.12, 0.12, 0.13)
     head: Colour | None = None
-    """Colour of the rope's first `HEAD_LENGTH`; None is a rope whose ends look alike."""
+    """Colour of the rope's first 50 mm; None is a rope whose ends look alike."""
     light: tuple[float, float, float] = (0.2, -0.3, 1.0)
     """Direction towards the light."""
     ambient: float = 0.5
@@ -69,17 +73,15 @@ class Appearance:
             ]
         )
         return cls(
-            rope=_colour(rope),
-            table=_colour(table),
-            gripper=_colour(rng.uniform(0.05, 0.25) + rng.uniform(-0.03, 0.03, 3)),
+            rope=_triple(rope),
+            table=_triple(table),
+            gripper=_triple(rng.uniform(0.05, 0.25) + rng.uniform(-0.03, 0.03, 3)),
             head=head,
-            light=(
-                float(np.sin(tilt) * np.cos(azimuth)),
-                float(np.sin(tilt) * np.sin(azimuth)),
-                float(np.cos(tilt)),
+            light=_triple(
+                [np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)]
             ),
             ambient=float(rng.uniform(0.35, 0.65)),
-            brightness=_colour(
+            brightness=_triple(
                 rng.uniform(0.75, 1.0) + level * rng.normal(0.0, noise.white_balance, 3)
             ),
             grain=tuple((float(x), float(y), float(phase), float(a)) for x, y, phase, a in grain),
@@ -90,11 +92,8 @@ class Appearance:
     ) -> NDArray[np.uint8]:
         """The colours (H, W, 3), by Lambert's law, of `labels` (H, W), of the rope's head (H, W),
         at `points` (H, W, 3), metres, with unit `normals` (H, W, 3), world frame."""
-        colours = np.zeros((len(Label), 3))
-        colours[Label.TABLE] = self.table
-        colours[Label.ROPE] = self.rope
-        colours[Label.GRIPPER] = self.gripper
-        rgb = colours[labels]
+        black = (0.0, 0.0, 0.0)
+        rgb = np.array([black, self.table, self.rope, self.gripper])[labels]  # as in `Label`
         if self.head is not None:
             rgb[head] = self.head
         light = np.array(self.light) / np.linalg.norm(self.light)
@@ -107,21 +106,9 @@ class Appearance:
         return np.rint(255.0 * rgb.clip(0.0, 1.0)).astype(np.uint8)
 
 
-def _colour(values: NDArray) -> Colour:
-    red, green, blue = (float(value) for value in values)
-    return red, green, blue
-
-
-FINGER = (0.014, 0.008, 0.060)
-"""Size of a finger, metres: along the rope it holds, across, and upwards."""
-PALM = (0.030, 0.090, 0.050)
-"""Size of the palm that carries the fingers, metres."""
-WRIST = (0.025, 0.120)
-"""Radius and length of the wrist above the palm, metres."""
-OPEN = 0.050
-"""Distance between the open fingers, metres; closed they touch the rope."""
-
-_Bare = tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32]]  # labels, rgb, depth
+def _triple(values: ArrayLike) -> tuple[float, float, float]:
+    one, two, three = (float(value) for value in np.asarray(values))
+    return one, two, three
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +143,7 @@ class SimulatedCamera:
         links = np.arange(self._model.ngeom) - 1  # geom 0 is the table
         self._labels = np.where(links < rope.links, Label.ROPE, Label.GRIPPER).astype(np.uint8)
         self._labels[0] = Label.TABLE
-        self._head = (links >= 0) & (links < round(HEAD_LENGTH / rope.link_length))
+        self._head = (links >= 0) & (links < round(_HEAD_LENGTH / rope.link_length))
         self._table: tuple[Appearance, _Bare] | None = None
 
     def capture(
@@ -284,8 +271,8 @@ class SimulatedCamera:
             nearest = int(np.linalg.norm(position[:links] - at, axis=1).argmin())
             yaw = np.arctan2(direction[nearest, 1], direction[nearest, 0])
             across = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
-            gap = 2 * self.rope.radius if closed else OPEN
-            side = 0.5 * (gap + FINGER[1]) * across
+            gap = 2 * self.rope.radius if closed else _OPEN
+            side = 0.5 * (gap + _FINGER[1]) * across
             position[links:] = at, at + side, at - side
             quaternion[links:] = np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)
         mujoco.mj_kinematics(self._model, self._data)
@@ -302,18 +289,18 @@ def _scene(rope: RopeConfig) -> mujoco.MjModel:
         spec.worldbody.add_body(mocap=True).add_geom(
             type=capsule, size=[rope.radius, rope.link_length / 2, 0]
         )
-    bottom = FINGER[2] - rope.radius  # of the palm; the fingertips reach the table
+    bottom = _FINGER[2] - rope.radius  # of the palm; the fingertips reach the table
     palm = spec.worldbody.add_body(mocap=True)
-    palm.add_geom(type=box, size=np.array(PALM) / 2, pos=[0, 0, bottom + PALM[2] / 2], group=1)
+    palm.add_geom(type=box, size=np.array(_PALM) / 2, pos=[0, 0, bottom + _PALM[2] / 2], group=1)
     palm.add_geom(
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        size=[WRIST[0], WRIST[1] / 2, 0],
-        pos=[0, 0, bottom + PALM[2] + WRIST[1] / 2],
+        size=[_WRIST[0], _WRIST[1] / 2, 0],
+        pos=[0, 0, bottom + _PALM[2] + _WRIST[1] / 2],
         group=1,
     )
     for _ in range(2):
         spec.worldbody.add_body(mocap=True).add_geom(
-            type=box, size=np.array(FINGER) / 2, pos=[0, 0, bottom - FINGER[2] / 2], group=1
+            type=box, size=np.array(_FINGER) / 2, pos=[0, 0, bottom - _FINGER[2] / 2], group=1
         )
     return spec.compile()
 

@@ -1,24 +1,27 @@
-"""Over and under at the crossings of an estimated rope, and how certain each is.
+"""Over and under at the crossings of an estimated rope, how certain each is, and ends that may or
+may not cross a strand.
 
-The log odds are how much worse the shape accounts for the image with the heights of the strands
-exchanged, after a few gradient steps. Of a tracked rope they are gathered from image to image.
+The log odds of a crossing are how much worse the shape accounts for the image with the heights of
+the strands exchanged. Of a tracked rope they are gathered from image to image.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.perception.camera.pinhole import Camera
 from knotflow.perception.estimation.evidence import Target
-from knotflow.perception.estimation.fitting import FitConfig, fit, misfit
+from knotflow.perception.estimation.fitting import FitConfig, fit, misfit, nearest_on_chain
 from knotflow.simulation import RopeConfig
 from knotflow.topology import DegenerateCurveError, project
 
 Floats = NDArray[np.float64]
 
+END_AMBIGUITIES = {0: "the head ends at another strand", -1: "the tail ends at another strand"}
+"""What is said of an end that may or may not cross a strand."""
 _EXCHANGED = 5.0  # radii along each strand on either side of a crossing
 _STEPS = 25
 _SAME = 0.12  # of the length, both passages together, by which a crossing moves between images
@@ -45,12 +48,22 @@ class CrossingEvidence:
         return replace(self, fractions=(1 - second, 1 - first), first_over=not self.first_over)
 
 
+def ambiguous_ends(shape: NDArray, rope: RopeConfig) -> tuple[int, ...]:
+    """The ends, 0 for the head and -1 for the tail, of a shape (V, 3) that may or may not cross a
+    strand: those within a radius of another strand's centre line, seen from above."""
+    own = math.ceil(math.pi / rope.max_bend)  # links of the tightest half turn
+    ends = []
+    for end, from_end in ((0, shape[:, :2]), (-1, shape[::-1, :2])):
+        others = from_end[own:]
+        if len(others) > 1:
+            *_, off = nearest_on_chain(from_end[:1], others)
+            if np.linalg.norm(off) < rope.radius:
+                ends.append(end)
+    return tuple(ends)
+
+
 def score_crossings(
-    points: NDArray,
-    target: Target,
-    camera: Camera,
-    rope: RopeConfig,
-    config: FitConfig | None = None,
+    points: NDArray, target: Target, config: FitConfig | None = None
 ) -> tuple[Floats, tuple[CrossingEvidence, ...]]:
     """A fitted shape (V, 3), metres, each crossing turned the way that the image makes likelier,
     and its crossings in the order met, none where its projection cannot be read."""
@@ -60,13 +73,13 @@ def score_crossings(
     )
     shape = np.asarray(points, np.float64)
     certainty: dict[int, float] = {}
-    loss = misfit(shape, target, camera, rope, config)
+    loss = misfit(shape, target, config)
     for index in range(len(crossing_fractions(shape))):
         pairs = crossing_fractions(shape)
         if index >= len(pairs):
             break
-        other = fit(exchange_heights(shape, *pairs[index], rope), target, camera, rope, brief)
-        worse = misfit(other, target, camera, rope, config) - loss
+        other = fit(exchange_heights(shape, *pairs[index], target.rope), target, brief)
+        worse = misfit(other, target, config) - loss
         if worse < 0 and len(crossing_fractions(other)) == len(pairs):
             shape, loss, worse = other, loss + worse, -worse
         certainty[index] = _probability(min(abs(worse), 50.0))
@@ -120,23 +133,22 @@ class CrossingMemory:
         """From a shape (V, 3) that is known to be right."""
         memory = cls()
         for pair in crossing_fractions(shape):
-            memory._odds[pair] = _MOST if _is_first_over(shape, pair) else -_MOST
+            memory._odds[pair] = _MOST if _evidence(shape, pair, 1.0).first_over else -_MOST
         return memory
 
     def update(
-        self, shape: Floats, target: Target, camera: Camera, rope: RopeConfig, config: FitConfig
+        self, shape: Floats, target: Target, config: FitConfig
     ) -> tuple[Floats, tuple[CrossingEvidence, ...]]:
         """A shape (V, 3) fitted to the next image, its strands as all the images have them, and
         its crossings in the order met."""
-        image = target, camera, rope, config
         pairs = crossing_fractions(shape)
-        loss = misfit(shape, *image) if pairs else 0.0
+        loss = misfit(shape, target, config) if pairs else 0.0
         known: dict[tuple[float, float], float] = {}
         evidence = []
         for pair in pairs:
-            first_over = _is_first_over(shape, pair)
-            other = exchange_heights(shape, *pair, rope)
-            worse = misfit(other, *image) - loss
+            first_over = _evidence(shape, pair, 1.0).first_over
+            other = exchange_heights(shape, *pair, target.rope)
+            worse = misfit(other, target, config) - loss
             favours = float(np.clip(worse, -_MOST_EACH, _MOST_EACH))
             odds = _FADING * self._earlier(pair) + (1 if first_over else -1) * favours
             known[pair] = odds = float(np.clip(odds, -_MOST, _MOST))
@@ -156,17 +168,8 @@ class CrossingMemory:
         return list(self._odds.values())[nearest] if apart[nearest] < _SAME else 0.0
 
 
-def _heights(shape: Floats, pair: tuple[float, float]) -> Floats:
-    return np.interp(pair, np.linspace(0, 1, len(shape)), shape[:, 2])
-
-
-def _is_first_over(shape: Floats, pair: tuple[float, float]) -> bool:
-    first, second = _heights(shape, pair)
-    return bool(first > second)
-
-
 def _evidence(shape: Floats, pair: tuple[float, float], certainty: float) -> CrossingEvidence:
-    first, second = _heights(shape, pair)
+    first, second = np.interp(pair, np.linspace(0, 1, len(shape)), shape[:, 2])
     return CrossingEvidence(pair, bool(first > second), float(abs(first - second)), certainty)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence, Set
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 
 from knotflow.perception.camera.image import RgbdImage
 from knotflow.perception.camera.pinhole import Camera
-from knotflow.perception.estimation.ambiguity import (
+from knotflow.perception.estimation.crossings import (
     END_AMBIGUITIES,
+    CrossingEvidence,
     ambiguous_ends,
-    find_head,
-    head_contrast,
-    is_head_inside,
-    list_ambiguities,
+    score_crossings,
 )
-from knotflow.perception.estimation.crossings import CrossingEvidence, score_crossings
 from knotflow.perception.estimation.evidence import (
     Target,
     coverage_fraction,
+    find_head,
+    head_contrast,
+    is_head_inside,
     measure_radius,
     observe,
     pixels_per_metre,
@@ -37,15 +37,12 @@ from knotflow.perception.estimation.search import (
     search,
     total_loss,
 )
-from knotflow.perception.estimation.segmentation import segment
 from knotflow.perception.estimation.skeleton import TraceError, lift, trace
 from knotflow.perception.networks.network import Network, shipped_network
 from knotflow.simulation import RopeConfig, state_or_none
 from knotflow.topology import TopologicalState
 
 Floats = NDArray[np.float64]
-
-_MARGIN = 10  # pixels around what is seen of a rope, that a fit looks at
 
 
 @dataclass
@@ -142,95 +139,38 @@ def estimate(
     """
     config = config or EstimateConfig()
     target = observe(image, camera, rope)
-    mask = target.rope.numpy()
-
-    def head_inside(shape: Floats) -> bool:
-        return is_head_inside(head_contrast(shape, mask, image, camera), config.head_contrast)
-
     if initial is not None:
-        target = _with_radius(initial, target, camera, rope, config)
-        near, eye = _crop([initial], target, camera)
-        shape = fit(initial, near, eye, rope, config.fit)
-        best = _select([shape], near, eye, rope, config, head_inside)
+        target = _with_radius(initial, target, config)
+        near = target.around([initial])
+        best = _select([fit(initial, near, config.fit)], near, target, image, config)
     else:
-        best, target = _search_all(
-            target, image, camera, rope, config, head_inside, network, likely, progress
-        )
-    head = find_head(head_contrast(best.shape, mask, image, camera), config.head_contrast)
-    if head is None and earlier is not None:
-        closer = mean_distance(best.shape[::-1], earlier) < mean_distance(best.shape, earlier)
-        head = -1 if closer else 0
-    if head == -1:
-        best = best.reversed()
-    return RopeEstimate(
-        best.shape,
-        visible_vertices(best.shape, mask, image, camera, rope),
-        best.state(target),
-        best.crossings,
-        best.fraction,
-        head is not None,
-        best.ambiguities(target, config),
-        target.seen_radius,
-        ambiguous_ends(best.shape, rope),
-    )
+        best, target = _search_all(target, image, config, network, likely, progress)
+    return _head_first(best, target, image, config, earlier)
 
 
-def _search_all(
-    target: Target,
+def propose(
     image: RgbdImage,
     camera: Camera,
     rope: RopeConfig,
-    config: EstimateConfig,
-    head_inside: Callable[[Floats], bool],
-    network: Network | None,
-    likely: Sequence[NDArray],
-    progress: Progress | None,
-) -> tuple[_Candidate, Target]:
-    """The likeliest shape of all guesses, see `estimate`, and the target with its seen radius."""
-    if not bool(target.rope.any()):
-        raise TraceError("nothing in the image is taken for rope")
-    if len(likely):
-        target = _with_radius(likely[0], target, camera, rope, config)
-    near, eye = _crop(likely, target, camera)
-    settled = config.settled_coverage, config.search, config.fit
-    shapes: list[Floats] = []
-    for guess in likely:
-        shapes.append(fit(guess, near, eye, rope, config.fit))
-        if is_plausible(shapes[-1], near, eye, rope, *settled):
-            return _select(shapes, near, eye, rope, config, head_inside), target
-    expected = {state_or_none(one) for fitted in shapes for one in (fitted, fitted[::-1])} - {None}
-    efforts = [one for one in (config.search, config.fallback_search) if one is not None]
-    paths = _trace_paths(target, image, camera, rope, max(effort.paths for effort in efforts))
-    proposed: list[Floats] = []
-    if config.propose and (network := network or shipped_network()) is not None:
-        proposed = network.guesses(image, camera, rope, segment(image, camera, rope.radius))
-    guesses = [*paths, *proposed, *shapes]
-    target = _with_radius(guesses[0], target, camera, rope, config)
-    near, eye = _crop(guesses, target, camera)
-    found: SearchResult | None = None
-    for effort in efforts:  # the second goes on from what the first has found
-        tried = 0 if found is None else config.search.paths
-        fresh = [*paths[tried : effort.paths], *(() if found else [*proposed, *shapes])]
-        found = search(fresh, near, eye, rope, effort, config.fit, found, progress)
-        best = _select(found.shapes, near, eye, rope, config, head_inside, expected)
-        if target.leaves_image or (
-            is_plausible(best.shape, near, eye, rope, *settled)
-            and not best.ambiguities(target, config)
-        ):
-            break
-    return best, target
+    network: Network,
+    config: EstimateConfig | None = None,
+) -> RopeEstimate:
+    """A network's likeliest guess at the rope of an image, without gradient steps and comparing of
+    crossings; raises as `estimate`."""
+    target = observe(image, camera, rope)
+    shape = network.guesses(target)[0]
+    best = _Candidate(shape, (), coverage_fraction(shape, target))
+    return _head_first(best, target, image, config or EstimateConfig())
 
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """The likeliest of several shapes and its coverage `fraction`; `rivalled` where one with other
-    crossings is hardly less likely, `head_inside` where a head is seen away from its ends."""
+    """The likeliest of several shapes, its coverage `fraction`, and `reasons` to doubt it."""
 
     shape: Floats
     crossings: tuple[CrossingEvidence, ...]
     fraction: float
-    rivalled: bool
-    head_inside: bool
+    reasons: tuple[str, ...] = ()
 
     def reversed(self) -> _Candidate:
         crossings = (one.reversed() for one in self.crossings)
@@ -241,112 +181,156 @@ class _Candidate:
         """Its state, where the image shows all of the rope and its projection can be read."""
         return None if target.leaves_image else state_or_none(self.shape)
 
-    def ambiguities(self, target: Target, config: EstimateConfig) -> tuple[str, ...]:
-        limits = config.min_certainty, config.min_coverage
-        found = list_ambiguities(self.state(target), self.crossings, self.fraction, target, *limits)
-        if self.rivalled:
-            found.append("another path through the image accounts for it as well")
-        if self.head_inside:
-            found.append("the head is seen away from both ends")
-        return tuple(found)
+    def ambiguities(self, target: Target, config: EstimateConfig) -> list[str]:
+        state = self.state(target)
+        found = list_ambiguities(state, self.crossings, self.fraction, target, config)
+        return [*found, *self.reasons]
+
+
+def list_ambiguities(
+    state: TopologicalState | None,
+    crossings: tuple[CrossingEvidence, ...],
+    fraction: float,
+    target: Target,
+    config: EstimateConfig,
+) -> list[str]:
+    """What is ambiguous about a shape that accounts for a `fraction` of the rope's image."""
+    found = []
+    if target.leaves_image:
+        found.append("the rope leaves the image")
+    elif state is None:
+        found.append("the shape's projection does not determine its state")
+    if fraction < target.required_coverage(config.min_coverage):
+        found.append(f"the shape accounts for {fraction:.0%} of the rope in the image")
+    for number, crossing in enumerate(crossings, 1):
+        if crossing.certainty < config.min_certainty:
+            found.append(
+                f"crossing {number} is this way round with {crossing.certainty:.0%} certainty"
+            )
+    return found
+
+
+def _head_first(
+    best: _Candidate,
+    target: Target,
+    image: RgbdImage,
+    config: EstimateConfig,
+    earlier: NDArray | None = None,
+) -> RopeEstimate:
+    """The estimate, its head by colour, or else as in an `earlier` shape (V, 3)."""
+    head = find_head(head_contrast(best.shape, target, image), config.head_contrast)
+    if head is None and earlier is not None:
+        closer = mean_distance(best.shape[::-1], earlier) < mean_distance(best.shape, earlier)
+        head = -1 if closer else 0
+    if head == -1:
+        best = best.reversed()
+    mask, camera, rope = target.mask.numpy(), target.camera, target.rope
+    return RopeEstimate(
+        best.shape,
+        visible_vertices(best.shape, mask, image, camera, rope),
+        best.state(target),
+        best.crossings,
+        best.fraction,
+        head is not None,
+        tuple(best.ambiguities(target, config)),
+        target.seen_radius,
+        ambiguous_ends(best.shape, rope),
+    )
+
+
+def _search_all(
+    target: Target,
+    image: RgbdImage,
+    config: EstimateConfig,
+    network: Network | None,
+    likely: Sequence[NDArray],
+    progress: Progress | None,
+) -> tuple[_Candidate, Target]:
+    """The likeliest shape of all guesses, see `estimate`, and the target with its seen radius."""
+    if not bool(target.mask.any()):
+        raise TraceError("nothing in the image is taken for rope")
+    if len(likely):
+        target = _with_radius(likely[0], target, config)
+    near = target.around(likely)
+    settled = config.settled_coverage, config.search, config.fit
+    shapes: list[Floats] = []
+    for guess in likely:
+        shapes.append(fit(guess, near, config.fit))
+        if is_plausible(shapes[-1], near, *settled):
+            return _select(shapes, near, target, image, config), target
+    expected = {state_or_none(one) for fitted in shapes for one in (fitted, fitted[::-1])} - {None}
+    efforts = [one for one in (config.search, config.fallback_search) if one is not None]
+    paths = _trace_paths(target, image, max(effort.paths for effort in efforts))
+    proposed: list[Floats] = []
+    if config.propose and (network := network or shipped_network()) is not None:
+        proposed = network.guesses(target)
+    guesses = [*paths, *proposed, *shapes]
+    target = _with_radius(guesses[0], target, config)
+    near = target.around(guesses)
+    found: SearchResult | None = None
+    for effort in efforts:  # the second goes on from what the first has found
+        tried = 0 if found is None else config.search.paths
+        fresh = [*paths[tried : effort.paths], *(() if found else [*proposed, *shapes])]
+        found = search(fresh, near, effort, config.fit, found, progress)
+        best = _select(found.shapes, near, target, image, config, expected)
+        if target.leaves_image or (
+            is_plausible(best.shape, near, *settled) and not best.ambiguities(target, config)
+        ):
+            break
+    return best, target
 
 
 def _select(
     shapes: Sequence[Floats],
+    near: Target,
     target: Target,
-    camera: Camera,
-    rope: RopeConfig,
+    image: RgbdImage,
     config: EstimateConfig,
-    head_inside: Callable[[Floats], bool],
     expected: Set[TopologicalState | None] = frozenset(),
 ) -> _Candidate:
-    """The likeliest of fitted shapes (V, 3), those in a state that is `expected` with credit; one
-    with a head inside only where all are."""
-    headed = [one for one in shapes if not head_inside(one)]
+    """The likeliest of shapes (V, 3) fitted to the part of the image `near` them, those in a state
+    that is `expected` with credit; one with a head inside only where all are."""
+    headed = [
+        one
+        for one in shapes
+        if not is_head_inside(head_contrast(one, target, image), config.head_contrast)
+    ]
     shapes = headed or shapes
-    losses = total_loss(np.stack(shapes), target, camera, rope, config.fit)
+    losses = total_loss(np.stack(shapes), near, config.fit)
     if expected:
         credited = [state_or_none(one) in expected for one in shapes]
-        losses[credited] -= config.prior_credit / target.independent_pixels
+        losses[credited] -= config.prior_credit / near.independent_pixels
     likeliest = int(losses.argmin())
-    shape, crossings = score_crossings(shapes[likeliest], target, camera, rope, config.fit)
-    fraction = coverage_fraction(shape, target, camera, rope)
-    less_likely = (losses - losses[likeliest]) * target.independent_pixels
+    shape, crossings = score_crossings(shapes[likeliest], near, config.fit)
+    less_likely = (losses - losses[likeliest]) * near.independent_pixels
     rivals = {
         _unsigned_pairs(one)
         for one, less in zip(shapes, less_likely, strict=True)
         if less < config.rival_margin
     } - {None}
-    return _Candidate(shape, crossings, fraction, len(rivals) > 1, not headed)
+    reasons = []
+    if len(rivals) > 1:
+        reasons.append("another path through the image accounts for it as well")
+    if not headed:
+        reasons.append("the head is seen away from both ends")
+    return _Candidate(shape, crossings, coverage_fraction(shape, near), tuple(reasons))
 
 
-def propose(
-    image: RgbdImage,
-    camera: Camera,
-    rope: RopeConfig,
-    network: Network,
-    config: EstimateConfig | None = None,
-) -> RopeEstimate:
-    """A network's likeliest guess at the rope of an image, without gradient steps and without
-    comparing crossings.
-
-    Raises:
-        ImageError: an image of another size.
-        TraceError: no rope in the image.
-    """
-    config = config or EstimateConfig()
-    target = observe(image, camera, rope)
-    mask = target.rope.numpy()
-    shape = network.guesses(image, camera, rope, segment(image, camera, rope.radius))[0]
-    head = find_head(head_contrast(shape, mask, image, camera), config.head_contrast)
-    if head == -1:
-        shape = shape[::-1].copy()
-    fraction = coverage_fraction(shape, target, camera, rope)
-    best = _Candidate(shape, (), fraction, rivalled=False, head_inside=False)
-    return RopeEstimate(
-        shape,
-        visible_vertices(shape, mask, image, camera, rope),
-        best.state(target),
-        (),
-        fraction,
-        head is not None,
-        best.ambiguities(target, config),
-        ambiguous_ends=ambiguous_ends(shape, rope),
-    )
-
-
-def _trace_paths(
-    target: Target, image: RgbdImage, camera: Camera, rope: RopeConfig, count: int
-) -> list[Floats]:
+def _trace_paths(target: Target, image: RgbdImage, count: int) -> list[Floats]:
     """First shapes (V, 3) along so many paths through the mask, the likeliest first."""
-    mask = target.rope.numpy()
+    mask, camera, rope = target.mask.numpy(), target.camera, target.rope
     pixels = pixels_per_metre(mask, image, camera)
     paths = trace(target.coverage.numpy(), 2 * rope.radius * pixels, rope.length * pixels)
     paths = [path for path in paths if np.ptp(path.pixels, axis=0).any()]  # no single dots
     return [lift(path, mask, image.depth, camera, rope) for path in paths[:count]]
 
 
-def _with_radius(
-    guess: NDArray, target: Target, camera: Camera, rope: RopeConfig, config: EstimateConfig
-) -> Target:
+def _with_radius(guess: NDArray, target: Target, config: EstimateConfig) -> Target:
     """The target with the rope's apparent radius along a first guess (V, 3)."""
-    near, eye = _crop([guess], target, camera)
-    grid = eye.binning(guess, 2 * rope.radius, config.search.pixels_across)
-    shape = fit(guess, near.binned(grid), eye.binned(grid), rope, config.search.coarse)
-    return replace(target, seen_radius=measure_radius(shape, near, eye, rope))
-
-
-def _crop(shapes: Sequence[NDArray], target: Target, camera: Camera) -> tuple[Target, Camera]:
-    """The part of an image around its rope and shapes (V, 3), and the camera of that part."""
-    row, column = np.nonzero(target.rope.numpy())
-    drawn = np.concatenate([*shapes, np.empty((0, 3))])
-    u, v, _ = np.nan_to_num(camera.project(drawn)).round().astype(int).T
-    spans = []
-    for rope, places, size in ((row, v, camera.height), (column, u, camera.width)):
-        inside = np.clip(np.r_[rope, places], 0, size - 1)
-        low, high = int(inside.min()) - _MARGIN, int(inside.max()) + _MARGIN + 1
-        spans.append(slice(max(0, low), min(size, high)))
-    return target.cropped(*spans), camera.cropped(*spans)
+    near = target.around([guess])
+    coarse = near.coarse(guess, config.search.pixels_across)
+    shape = fit(guess, coarse, config.search.coarse)
+    return replace(target, seen_radius=measure_radius(shape, near))
 
 
 def _unsigned_pairs(shape: Floats) -> frozenset[frozenset[tuple[int, int]]] | None:

@@ -14,13 +14,18 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy import ndimage
 
-from knotflow.perception.camera.pinhole import Camera
-from knotflow.perception.camera.rendering import render
-from knotflow.perception.estimation.chain import project_lengths
 from knotflow.perception.estimation.crossings import exchange_heights
 from knotflow.perception.estimation.evidence import Target, coverage_fraction
-from knotflow.perception.estimation.fitting import FitConfig, fit, image_loss, shape_loss
+from knotflow.perception.estimation.fitting import (
+    FitConfig,
+    fit,
+    image_loss,
+    interpolate,
+    project_lengths,
+    shape_loss,
+)
 from knotflow.perception.estimation.skeleton import passages
 from knotflow.simulation import RopeConfig, state_or_none
 from knotflow.topology import TopologicalState
@@ -78,8 +83,6 @@ class SearchResult:
 def search(
     guesses: Sequence[Floats],
     target: Target,
-    camera: Camera,
-    rope: RopeConfig,
     config: SearchConfig | None = None,
     fine: FitConfig | None = None,
     before: SearchResult | None = None,
@@ -88,13 +91,12 @@ def search(
     """Shapes (V, 3), metres, from `guesses` (V, 3) or rewired, fitted as `fine` has it; continues
     the search made `before`. `progress` is called in each round."""
     config, fine = config or SearchConfig(), fine or FitConfig()
-    known = before.shapes if before else guesses
-    grid = camera.binning(known[0], 2 * rope.radius, config.pixels_across)
-    coarse, eye = target.binned(grid), camera.binned(grid)
+    rope, known = target.rope, before.shapes if before else guesses
+    coarse = target.coarse(known[0], config.pixels_across)
 
     def ordered(shapes: Sequence[Floats]) -> list[Floats]:
         """Different shapes, the likeliest first."""
-        losses = total_loss(np.stack(shapes), target, camera, rope, fine)
+        losses = total_loss(np.stack(shapes), target, fine)
         kept: list[Floats] = []
         for one in losses.argsort(kind="stable"):
             if not _is_among(shapes[one], kept):
@@ -102,8 +104,8 @@ def search(
         return kept
 
     def fitted(first: Sequence[Floats], kept: int) -> list[Floats]:
-        rough = ordered([*fit(np.stack(first), coarse, eye, rope, config.coarse)])
-        return [*fit(np.stack(rough[:kept]), target, camera, rope, fine)]
+        rough = ordered([*fit(np.stack(first), coarse, config.coarse)])
+        return [*fit(np.stack(rough[:kept]), target, fine)]
 
     shapes, done = ([*before.shapes], [*before.done]) if before else ([], [])
     if new := _distinct(guesses, rope):
@@ -112,14 +114,14 @@ def search(
         fresh = [one for one in shapes[: config.beam] if not _is_among(one, done)]
         if not fresh or (
             _is_among(shapes[0], done)
-            and is_plausible(shapes[0], target, camera, rope, config.enough, config, fine)
+            and is_plausible(shapes[0], target, config.enough, config, fine)
         ):
             break
         if progress is not None:
             progress()
         done.append(fresh[0])
         others = propose_rewirings(fresh[0], rope, config.contacts)
-        others += extend_to_missed(fresh[0], coarse, eye, rope)
+        others += extend_to_missed(fresh[0], coarse)
         if others:
             shapes = ordered([*shapes, *fitted(others, config.rewirings)])
     return SearchResult(shapes, done)
@@ -153,31 +155,23 @@ def mean_distance(shape: Floats, other: Floats) -> float:
     return float(np.linalg.norm(shape - other, axis=1).mean())
 
 
-def total_loss(
-    shapes: NDArray, target: Target, camera: Camera, rope: RopeConfig, config: FitConfig
-) -> Floats:
+def total_loss(shapes: NDArray, target: Target, config: FitConfig) -> Floats:
     """(N,) how badly shapes (N, V, 3) account for an image, and how unlike a rope they are."""
     points = torch.as_tensor(shapes)
     with torch.no_grad():
-        loss = image_loss(points, target, camera, rope, config) + shape_loss(points, rope, config)
+        loss = image_loss(points, target, config) + shape_loss(points, target.rope, config)
     return loss.numpy()
 
 
 def is_plausible(
-    shape: Floats,
-    target: Target,
-    camera: Camera,
-    rope: RopeConfig,
-    fraction: float,
-    config: SearchConfig,
-    fine: FitConfig,
+    shape: Floats, target: Target, fraction: float, config: SearchConfig, fine: FitConfig
 ) -> bool:
     """Whether a shape (V, 3) accounts for a fraction of the rope's image, and bends as a rope."""
     with torch.no_grad():
-        loss = float(shape_loss(torch.as_tensor(shape), rope, fine))
+        loss = float(shape_loss(torch.as_tensor(shape), target.rope, fine))
     if target.independent_pixels * loss >= config.max_rope_cost:
         return False
-    return coverage_fraction(shape, target, camera, rope) >= target.required_coverage(fraction)
+    return coverage_fraction(shape, target) >= target.required_coverage(fraction)
 
 
 def propose_rewirings(shape: Floats, rope: RopeConfig, contacts: int) -> list[Floats]:
@@ -196,21 +190,15 @@ def propose_rewirings(shape: Floats, rope: RopeConfig, contacts: int) -> list[Fl
     return found
 
 
-def extend_to_missed(
-    shape: Floats, target: Target, camera: Camera, rope: RopeConfig
-) -> list[Floats]:
+def extend_to_missed(shape: Floats, target: Target) -> list[Floats]:
     """Shapes (V, 3), metres, of which an end reaches rope that one (V, 3) leaves out."""
-    from scipy import ndimage
-
-    with torch.no_grad():
-        radius = target.seen_radius or rope.radius
-        _, occupancy = render(torch.as_tensor(shape), radius, camera)
-    missed = ((target.coverage - occupancy > _MISSED) & target.known).numpy()
+    rope, left_out = target.rope, target.coverage - target.occupancy(shape)
+    missed = ((left_out > _MISSED) & target.known).numpy()
     parts, count = ndimage.label(missed, np.ones((3, 3)))
     sizes = np.bincount(parts.ravel(), minlength=count + 1)[1:]
     found = []
     for part in np.argsort(-sizes)[:_PARTS] + 1:
-        places = camera.on_plane(parts == part, rope.radius)
+        places = target.camera.on_plane(parts == part, rope.radius)
         for towards_tail in (True, False):
             ordered = shape if towards_tail else shape[::-1]
             apart = np.hypot(*(places - ordered[-1, :2]).T)
@@ -255,8 +243,7 @@ def _reverse_between(shape: Floats, first: float, second: float, rope: RopeConfi
     inside = (along > first) & (along < second)
     at = along.copy()
     at[inside] = first + second - along[inside]
-    turned = np.stack([np.interp(at, along, shape[:, k]) for k in range(3)], axis=1)
-    return project_lengths(turned, rope.link_length)
+    return project_lengths(interpolate(at, along, shape), rope.link_length)
 
 
 def _twist(
@@ -267,7 +254,7 @@ def _twist(
     along = np.linspace(0, 1, len(shape))
 
     def at(place: float) -> Floats:
-        return np.array([np.interp(place, along, shape[:, k]) for k in range(3)])
+        return interpolate(np.array([place]), along, shape)[0]
 
     step = 2 / (len(shape) - 1)
     ways = [(at(one + step) - at(one - step))[:2] for one in (first, second)]

@@ -7,25 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from knotflow.perception.camera.image import Label, RgbdImage
 from knotflow.perception.camera.pinhole import Camera
 
-HIGH = 0.05
-"""Height above the table, metres, from which something wider than a rope is the gripper."""
-REACH = 0.06
-"""Fingers are seen within this distance of the gripper's high and wide part, metres."""
-SHORTEST = 0.05
-"""Rope of which less than this length is seen is noise, metres."""
-BINS = 16
-"""Bins of a colour histogram along each of red, green and blue."""
-HEIGHT_LIMIT, COLOUR_LIMIT = 2.0, 6.0
-"""Largest evidence of one pixel's height and of its colour, log of a likelihood ratio."""
-ENOUGH = 1.0
-"""Evidence from which a pixel is rope: far more of the image is table."""
-SURE = 1.3
-"""Evidence of the smoothed height alone for the first histograms; a rope between two rows of pixels
-has 1.32."""
+_HIGH = 0.05  # metres above the table, from where something wider than a rope is the gripper
+_REACH = 0.06  # metres from the gripper's high and wide part, within which fingers are seen
+_SHORTEST = 0.05  # metres: less rope than this is noise
+_BINS = 16  # of a colour histogram along each of red, green and blue
+# Evidence is the logarithm of a likelihood ratio of rope against table.
+_HEIGHT_LIMIT, _COLOUR_LIMIT = 2.0, 6.0  # largest evidence of one pixel's height and of its colour
+_ENOUGH = 1.0  # from which a pixel is rope: far more of the image is table
+_SURE = 1.3  # of the smoothed height alone; a rope between two rows of pixels has 1.32
 _SMOOTH = 0.6  # pixels, standard deviation
 _CONTRAST = 5.0  # standard deviations of the table's colour, by which the rope's must differ
 _ALIEN = 0.5  # of the contrast: a colour so far off the line between both is neither's
@@ -65,7 +59,7 @@ def segment(image: RgbdImage, camera: Camera, radius: float) -> Segmentation:
     height = height.astype(np.float32)
     known = np.isfinite(height)
     pixel = float(np.nanmedian(image.depth)) / camera.fx  # metres
-    solid, near = _gripper(height, radius / pixel, REACH / pixel)
+    solid, near = _gripper(height, radius / pixel, _REACH / pixel)
     bins = _bins(image.rgb)
 
     by_height = _height_evidence(height, radius)
@@ -75,10 +69,10 @@ def segment(image: RgbdImage, camera: Camera, radius: float) -> Segmentation:
         """Averages (H, W) over known neighbours."""
         return _blurred(np.where(known, evidence, np.float32(0.0))) / weight
 
-    standing = smooth(by_height) > SURE
+    standing = smooth(by_height) > _SURE
     for _ in range(2):
         by_colour = _colour_evidence(bins, standing & known & ~near, ~standing & known & ~near)
-        standing = smooth(by_height + by_colour) > ENOUGH
+        standing = smooth(by_height + by_colour) > _ENOUGH
     labels = np.where(standing, Label.ROPE, Label.TABLE).astype(np.uint8)
     if solid.any():
         by_colour = _colour_evidence(bins, standing & known & ~near, solid)
@@ -86,8 +80,8 @@ def segment(image: RgbdImage, camera: Camera, radius: float) -> Segmentation:
         standing |= height > 3 * radius  # a gripper of the table's colour
         labels[near & standing & unlike_rope] = Label.GRIPPER
         labels[solid] = Label.GRIPPER
-    labels[~known | (height < -HIGH)] = Label.UNKNOWN
-    _remove_specks(labels, radius / pixel, SHORTEST / pixel)
+    labels[~known | (height < -_HIGH)] = Label.UNKNOWN
+    _remove_specks(labels, radius / pixel, _SHORTEST / pixel)
     return Segmentation(labels, height)
 
 
@@ -129,28 +123,25 @@ def _height_evidence(height: NDArray[np.float32], radius: float) -> NDArray[np.f
     table = np.maximum(height, 0.0) / table_std
     rope = np.minimum(height - rope_mean, 0.0) / rope_std
     evidence = 0.5 * (table**2 - rope**2) + np.log(table_std / rope_std)
-    return np.clip(np.nan_to_num(evidence), -HEIGHT_LIMIT, HEIGHT_LIMIT)
+    return np.clip(np.nan_to_num(evidence), -_HEIGHT_LIMIT, _HEIGHT_LIMIT)
 
 
 def _bins(rgb: NDArray[np.uint8]) -> NDArray[np.intp]:
-    """The bin (H, W) of each pixel in a flat colour histogram."""
-    red, green, blue = np.moveaxis((rgb // (256 // BINS)).astype(np.intp), -1, 0)
-    return (red * BINS + green) * BINS + blue
+    red, green, blue = np.moveaxis((rgb // (256 // _BINS)).astype(np.intp), -1, 0)
+    return (red * _BINS + green) * _BINS + blue
 
 
 def _colour_evidence(
     bins: NDArray[np.intp], these: NDArray[np.bool_], those: NDArray[np.bool_]
 ) -> NDArray[np.float32]:
     """Log likelihood ratio of a pixel's colour (H, W) among `these` pixels against `those`."""
-    from scipy import ndimage  # slow to import
-
     logs = []
     for pixels in (these, those):
-        counts = np.bincount(bins[pixels], minlength=BINS**3).astype(np.float32)
-        smooth = ndimage.gaussian_filter(counts.reshape(BINS, BINS, BINS), 0.7).ravel()
+        counts = np.bincount(bins[pixels], minlength=_BINS**3).astype(np.float32)
+        smooth = ndimage.gaussian_filter(counts.reshape(_BINS, _BINS, _BINS), 0.7).ravel()
         # An even share keeps colours that were not met from deciding.
-        logs.append(np.log(0.98 * smooth / max(counts.sum(), 1.0) + 0.02 / BINS**3))
-    return np.clip(logs[0] - logs[1], -COLOUR_LIMIT, COLOUR_LIMIT)[bins]
+        logs.append(np.log(0.98 * smooth / max(counts.sum(), 1.0) + 0.02 / _BINS**3))
+    return np.clip(logs[0] - logs[1], -_COLOUR_LIMIT, _COLOUR_LIMIT)[bins]
 
 
 def _gripper(
@@ -158,9 +149,7 @@ def _gripper(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Where (H, W) something high is wider than a rope of radius `rope` pixels, and where it is at
     most `reach` pixels from there."""
-    from scipy import ndimage
-
-    high = (np.nan_to_num(height) > HIGH).astype(np.float32)
+    high = (np.nan_to_num(height) > _HIGH).astype(np.float32)
     high = ndimage.uniform_filter(high, 3) > 0.5  # five of nine: the median is high
     if not high.any():
         return high, high
@@ -172,8 +161,6 @@ def _gripper(
 
 def _within(mask: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
     """Where (H, W) a pixel of the mask (H, W) is less than `reach` pixels away."""
-    from scipy import ndimage
-
     near = np.zeros_like(mask)
     if mask.any():
         around = tuple(
@@ -184,16 +171,12 @@ def _within(mask: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
 
 
 def _blurred(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    from scipy import ndimage
-
     return np.asarray(ndimage.gaussian_filter(image, _SMOOTH))
 
 
 def _remove_specks(labels: NDArray[np.uint8], radius: float, shortest: float) -> None:
     """Label rope (H, W) unknown in place where it is a speck less long than wide, or all of it if
     it is shorter than `shortest`, pixels, as the `radius`."""
-    from scipy import ndimage
-
     parts, _ = ndimage.label(labels == Label.ROPE, structure=np.ones((3, 3)))
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
@@ -204,18 +187,14 @@ def _remove_specks(labels: NDArray[np.uint8], radius: float, shortest: float) ->
 
 
 def pixel_coverage(image: RgbdImage, segmentation: Segmentation) -> NDArray[np.float64]:
-    """Share (H, W) of each pixel that the rope covers, 0..1, by where the pixel's colour lies
-    between the table's and the rope's.
-
-    The segmentation decides where both look alike, and where a colour is neither's (a marked head).
-    """
-    from scipy.ndimage import binary_dilation, uniform_filter
-
+    """Share (H, W) of each pixel that the rope covers, 0..1, by where its colour lies between the
+    table's and the rope's; the segmentation decides where both look alike, and where a colour is
+    neither's (a marked head)."""
     mask, labels = segmentation.rope, segmentation.labels
     table, unknown = labels == Label.TABLE, labels == Label.UNKNOWN
     # Pixels without depth within the rope are rope, unless their colour says otherwise.
-    share = uniform_filter(mask.astype(float), 3) / np.maximum(
-        uniform_filter(1.0 - unknown, 3), 0.1
+    share = ndimage.uniform_filter(mask.astype(float), 3) / np.maximum(
+        ndimage.uniform_filter(1.0 - unknown, 3), 0.1
     )
     whole = np.where(unknown, share > 0.5, mask).astype(float)
     if not mask.any() or not table.any():
@@ -228,7 +207,7 @@ def pixel_coverage(image: RgbdImage, segmentation: Segmentation) -> NDArray[np.f
     grain = float(np.median(np.abs((bare - background) @ line))) / max(contrast, 1e-9)
     if contrast < _CONTRAST * 1.5 * grain or contrast < 20:
         return whole
-    near = binary_dilation(mask, iterations=1)
+    near = ndimage.binary_dilation(mask, iterations=1)
     colours = image.rgb[near] - background  # (N, 3)
     along = colours @ line / contrast**2
     off = np.linalg.norm(colours - along[:, None] * line, axis=1)

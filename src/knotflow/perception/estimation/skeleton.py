@@ -9,11 +9,14 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass, replace
 
+import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
+from skimage.morphology import remove_small_objects, skeletonize
 
 from knotflow.perception.camera.pinhole import Camera
-from knotflow.perception.estimation.fitting import project_lengths
+from knotflow.perception.estimation.fitting import interpolate, project_lengths
 from knotflow.simulation import RopeConfig
 from knotflow.topology.polyline import DegenerateCurveError, planar_crossings
 
@@ -95,9 +98,6 @@ def trace(mask: NDArray, width: float, length: float | None = None) -> list[Trac
 
 def _skeleton(mask: NDArray, width: float) -> tuple[list[Floats], list[list[ArmEnd]]]:
     """Arms (N, 2) of rows and columns on the finer grid, and the arm ends at each junction."""
-    from scipy import ndimage
-    from skimage.morphology import remove_small_objects, skeletonize
-
     fine = ndimage.zoom(mask.astype(float), _ZOOM, order=1, grid_mode=True, mode="grid-constant")
     fine = ndimage.gaussian_filter(fine, _SMOOTH * _ZOOM) > 0.5
     fine = remove_small_objects(fine, max_size=int(width**2), connectivity=2)
@@ -129,8 +129,6 @@ def _skeleton(mask: NDArray, width: float) -> tuple[list[Floats], list[list[ArmE
 
 def _ordered(pixels: NDArray[np.intp]) -> NDArray[np.intp]:
     """Pixels (N, 2) of a path, from one end to the other."""
-    import networkx as nx
-
     apart = np.abs(pixels[:, None] - pixels[None]).max(axis=2) == 1
     graph = nx.from_numpy_array(apart)
     ends = [node for node, degree in graph.degree if degree <= 1] or [0]
@@ -216,11 +214,8 @@ def _follow(walk: tuple[ArmEnd, ...], arms: list[Floats], covered: float) -> Tra
 
 def _apart(one: Trace, other: Trace) -> float:
     """Mean distance of two paths, pixels, in whichever direction they are nearer."""
-    even = np.linspace(0, 1, 60)
     first, second = (
-        np.stack(
-            [np.interp(even, np.linspace(0, 1, len(path)), path[:, k]) for k in (0, 1)], axis=1
-        )
+        interpolate(np.linspace(0, 1, 60), np.linspace(0, 1, len(path)), path)
         for path in (one.pixels, other.pixels)
     )
     return float(
@@ -242,7 +237,7 @@ def lift(
     even = np.linspace(0.0, along[-1], rope.num_vertices)
     width = max(1, round(2 * rope.radius / (along[-1] / len(along))))  # path steps in a width
     smooth = _running_mean(axis, width)
-    shape = np.stack([np.interp(even, along, smooth[:, k]) for k in range(3)], axis=1)
+    shape = interpolate(even, along, smooth)
     shape[:, 2] = np.maximum(shape[:, 2], rope.radius)
     shape = _part_strands(shape, rope)
     return project_lengths(shape, rope.link_length)
@@ -319,8 +314,7 @@ def _arc_length(curve: Floats) -> Floats:
 
 def _running_mean(curve: Floats, width: int) -> Floats:
     """A curve (N, 3) averaged over `width` points; its ends stay where they are."""
-    from scipy.ndimage import uniform_filter1d
-
     ends = 2 * curve[0] - curve[width:0:-1], 2 * curve[-1] - curve[-2 : -width - 2 : -1]
     padded = np.concatenate([ends[0], curve, ends[1]])
-    return uniform_filter1d(padded, 2 * (width // 2) + 1, axis=0)[len(ends[0]) :][: len(curve)]
+    smooth = ndimage.uniform_filter1d(padded, 2 * (width // 2) + 1, axis=0)
+    return smooth[len(ends[0]) :][: len(curve)]

@@ -1,41 +1,147 @@
-"""State estimation networks: first guesses at a rope from one RGB-D image (Sec. VI, [15])."""
+"""State estimation networks: first guesses at a rope from one RGB-D image (Sec. VI, [15]).
+
+`CoarseToFine` follows what is known of [15], which is unpublished: each level has more nodes,
+samples the encoder's features where they are, lets them attend to each other, and moves them.
+"""
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn.functional import grid_sample, interpolate
 
 from knotflow.perception import SHIPPED_NETWORK
-from knotflow.perception.camera.image import RgbdImage
-from knotflow.perception.camera.pinhole import Camera
 from knotflow.perception.camera.rendering import render
-from knotflow.perception.estimation.chain import project_lengths
-from knotflow.perception.estimation.segmentation import Segmentation, pixel_coverage
-from knotflow.perception.networks.models import (
-    CoarseToFine,
-    CoarseToFineConfig,
+from knotflow.perception.estimation.evidence import Target
+from knotflow.perception.estimation.fitting import project_lengths
+from knotflow.perception.networks.patches import FLIPS, crop_rope, mirrored
+from knotflow.perception.networks.strands import (
+    Residual,
     StrandNetwork,
     StrandNetworkConfig,
+    halving,
+    trace_rope,
 )
-from knotflow.perception.networks.patches import FLIPS, crop_rope, mirrored
-from knotflow.perception.networks.strand_tracing import trace_rope
-from knotflow.simulation import RopeConfig, resample
+from knotflow.simulation import resample
 from knotflow.threads import one_thread
 
 FORMAT, VERSION = "knotflow state estimation", "1"
 """Of a file; the version is raised when older weights would mean something else."""
-PATHS = 12
-"""Paths along the strands that are guesses, most."""
-SOFTNESS = 4e-3
-"""Softness of the rendering by which guesses are compared, metres."""
+_PATHS = 12  # along the strands that are guesses, most
+_SOFTNESS = 4e-3  # of the rendering by which guesses are compared, metres
 _STRANDS = "strands."  # begins the names of the second network's weights
+
+
+@dataclass
+class CoarseToFineConfig:
+    """Sizes of the network."""
+
+    size: int = 96
+    """Pixels of the patch's side."""
+    channels: tuple[int, ...] = (16, 32, 64, 96)
+    """Features of the encoder, each at half the resolution of the one before."""
+    nodes: tuple[int, ...] = (9, 17, 41)
+    """Nodes of each level."""
+    width: int = 64
+    """Features of a node."""
+    layers: int = 2
+    """Attention layers of each level."""
+
+
+class Nodes(NamedTuple):
+    """Nodes of one level: `places` (N, K, 3), in the patch (-1..1) and height (radii), and
+    `log_scale` (N, K), the logarithm of their typical distance to the truth in half patches."""
+
+    places: Tensor
+    log_scale: Tensor
+
+
+class CoarseToFine(nn.Module):
+    """Patches (N, 3, S, S) to the nodes of each level, coarse first, from either end."""
+
+    def __init__(self, config: CoarseToFineConfig | None = None) -> None:
+        super().__init__()
+        self.config = config = config or CoarseToFineConfig()
+        self.encoder = nn.ModuleList()
+        before = 3
+        for level, channels in enumerate(config.channels):
+            residuals = (Residual(channels) for _ in range(min(level, 2)))
+            self.encoder.append(nn.Sequential(*halving(before, channels), *residuals))
+            before = channels
+        side = config.size // 2 ** len(config.channels)
+        squeezed, self._coarse = config.channels[-1] // 4, config.nodes[0]
+        self.coarse = nn.Sequential(
+            nn.Conv2d(before, squeezed, 1),
+            nn.Flatten(),
+            nn.ReLU(),
+            nn.Linear(squeezed * side**2, 3 * config.width),
+            nn.ReLU(),
+            nn.Linear(3 * config.width, self._coarse * (3 + config.width)),
+        )
+        self.levels = nn.ModuleList(
+            _Level(count, sum(config.channels), config.width, config.layers)
+            for count in config.nodes
+        )
+
+    def forward(self, patches: Tensor) -> list[Nodes]:
+        maps, features = [], patches
+        for stage in self.encoder:
+            features = stage(features)
+            maps.append(features)
+        first = self.coarse(features).unflatten(1, (self._coarse, -1))
+        places, hidden = first[..., :3], first[..., 3:]
+        places = torch.cat([places[..., :2], 1 + places[..., 2:]], dim=-1)  # on the table
+        found = [Nodes(places, places.new_zeros(places.shape[:2]))]
+        for level in self.levels:
+            nodes, hidden = level(maps, found[-1].places, hidden)
+            found.append(nodes)
+        return found
+
+
+class _Level(nn.Module):
+    def __init__(self, count: int, channels: int, width: int, layers: int) -> None:
+        super().__init__()
+        self.count = count
+        self.order = nn.Parameter(0.1 * torch.randn(count, width))
+        self.features = nn.Linear(channels, width)
+        self.where = nn.Linear(9, width)
+        layer = nn.TransformerEncoderLayer(
+            width, 4, 2 * width, dropout=0.0, batch_first=True, norm_first=True
+        )
+        self.attention = nn.TransformerEncoder(layer, layers, enable_nested_tensor=False)
+        self.change = nn.Linear(width, 4)
+        nn.init.zeros_(self.change.weight)
+        nn.init.zeros_(self.change.bias)
+
+    def forward(self, maps: list[Tensor], places: Tensor, hidden: Tensor) -> tuple[Nodes, Tensor]:
+        places = resample_nodes(places, self.count)
+        hidden = resample_nodes(hidden, self.count)
+        grid = places[:, :, None, :2]  # (N, K, 1, 2)
+        sampled = [grid_sample(one, grid, align_corners=False)[..., 0] for one in maps]
+        features = torch.cat(sampled, dim=1).transpose(1, 2)
+        back = places - places.roll(1, dims=1)
+        onward = places.roll(-1, dims=1) - places
+        where = torch.cat([places, back, onward], dim=-1)
+        hidden = hidden + self.order + self.features(features) + self.where(where)
+        hidden = self.attention(hidden)
+        change = self.change(hidden)
+        return Nodes(places + change[..., :3], change[..., 3] - 2.0), hidden
+
+
+def resample_nodes(values: Tensor, count: int) -> Tensor:
+    """Values (N, K, C) along a rope at `count` evenly spaced places, linearly in between."""
+    if values.shape[1] == count:
+        return values
+    along = interpolate(values.transpose(1, 2), count, mode="linear", align_corners=True)
+    return along.transpose(1, 2)
 
 
 class NetworkError(ValueError):
@@ -43,30 +149,24 @@ class NetworkError(ValueError):
 
 
 class Network:
-    """Trained networks that propose ropes for images.
-
-    Attributes:
-        model: sees a whole rope.
-        strands: follows strands; None where only whole ropes are seen.
-    """
+    """Trained networks that propose ropes for images: the `model` sees a whole rope, and `strands`,
+    if there are, follows strands."""
 
     def __init__(self, model: CoarseToFine, strands: StrandNetwork | None = None) -> None:
         self.model, self.strands = model, strands
 
     @one_thread()
     @torch.inference_mode()
-    def guesses(
-        self, image: RgbdImage, camera: Camera, rope: RopeConfig, segmentation: Segmentation
-    ) -> list[NDArray[np.float64]]:
+    def guesses(self, target: Target) -> list[NDArray[np.float64]]:
         """First guesses (V, 3), metres, at the rope of an image, from either end: one from each
-        mirror image of its patch, and the `PATHS` likeliest along its strands. The one that covers
-        the segmentation best comes first.
+        mirror image of its patch, and the likeliest along its strands. The one that covers
+        the rope best comes first.
 
         Raises:
-            TraceError: there is no rope in the segmentation.
+            TraceError: there is no rope in the image.
         """
-        share = pixel_coverage(image, segmentation)
-        patch, crop = crop_rope(segmentation, share, camera, rope, self.model.config.size)
+        camera, rope = target.camera, target.rope
+        patch, crop = crop_rope(target, self.model.config.size)
         self.model.eval()
         nodes = self.model(torch.stack(list(mirrored(torch.as_tensor(crop)))))[-1]
         found: list[NDArray[np.float64]] = []
@@ -74,12 +174,14 @@ class Network:
             shape = patch.flipped(*flip).to_world(places.double().numpy(), camera)
             found.append(resample(project_lengths(shape, rope.length / (len(shape) - 1)), rope))
         if self.strands is not None:
-            found += trace_rope(self.strands, segmentation, share, camera, rope)[:PATHS]
+            found += trace_rope(self.strands, target)[:_PATHS]
+
+        share, known = target.coverage.numpy(), target.known.numpy()
 
         def missed(guess: NDArray) -> float:
             """Mean difference from where rope is seen, over known pixels."""
-            _, occupancy = render(torch.as_tensor(guess), rope.radius, camera, SOFTNESS)
-            return float(np.abs(occupancy.numpy() - share)[segmentation.known].mean())
+            _, occupancy = render(torch.as_tensor(guess), rope.radius, camera, _SOFTNESS)
+            return float(np.abs(occupancy.numpy() - share)[known].mean())
 
         return sorted(found, key=missed)
 
@@ -150,9 +252,5 @@ def shipped_network() -> Network | None:
 
 
 def load_if_present(file: Path) -> Network | None:
-    """The network in a file; None where there is no such file.
-
-    Raises:
-        NetworkError: see `Network.load`.
-    """
+    """The network in a file, see `Network.load`; None where there is no such file."""
     return Network.load(file) if file.is_file() else None

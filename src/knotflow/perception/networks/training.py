@@ -6,6 +6,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import torch
@@ -15,37 +16,35 @@ from torch.nn.functional import binary_cross_entropy_with_logits, nll_loss, smoo
 
 from knotflow.perception.camera.image import RgbdImage
 from knotflow.perception.camera.pinhole import Camera
-from knotflow.perception.estimation.segmentation import pixel_coverage, segment
-from knotflow.perception.networks.examples import (
+from knotflow.perception.estimation.evidence import observe
+from knotflow.perception.networks.network import (
+    CoarseToFine,
+    CoarseToFineConfig,
+    Network,
+    Nodes,
+    resample_nodes,
+)
+from knotflow.perception.networks.patches import (
+    FLIPS,
+    HEADINGS,
+    WIDEST,
     Examples,
     ExamplesConfig,
     Windows,
+    crop_rope,
     draw_patches,
     draw_windows,
     find_crossings,
     heights_at,
+    mirrored,
 )
-from knotflow.perception.networks.models import (
-    HEADINGS,
-    WIDEST,
-    CoarseToFine,
-    CoarseToFineConfig,
-    NextStep,
-    Nodes,
-    StrandNetwork,
-    StrandNetworkConfig,
-    resample_nodes,
-)
-from knotflow.perception.networks.network import Network
-from knotflow.perception.networks.patches import FLIPS, crop_rope, mirrored
+from knotflow.perception.networks.strands import NextStep, StrandNetwork, StrandNetworkConfig
 from knotflow.simulation import RopeConfig
 from knotflow.threads import one_thread
 from knotflow.training.trainer import SupervisedTrainer
 
-VALIDATION = 256
-"""Patches that are held out, most."""
-NEARLY = 0.3
-"""A heading that is no further off is right, radians: strands that meet are further apart."""
+_VALIDATION = 256  # patches that are held out, most
+_NEARLY = 0.3  # radians: a heading no further off is right, as strands that meet are further apart
 
 
 @dataclass
@@ -108,11 +107,9 @@ class StrandTrainingConfig(EffortConfig):
 
 
 def nodes_loss(found: Sequence[Nodes], truth: Tensor, config: LossConfig | None = None) -> Tensor:
-    """Loss (N,) of the nodes of every level, coarse first, against ropes (N, V, 3), from the nearer
-    end. The finest level has V nodes.
-
-    Heights are held to the truth at crossings above all, as a fit can hardly turn these round.
-    """
+    """Loss (N,) of the nodes of every level, coarse first, the finest of V nodes, against ropes
+    (N, V, 3), from the nearer end. Heights are held to the truth at crossings above all, as a fit
+    can hardly turn these round."""
     config = config or LossConfig()
     orders = [_ordered_loss(found, one, config) for one in (truth, truth.flip(1))]
     return torch.minimum(*orders)
@@ -194,17 +191,27 @@ class RopeTrainer(SupervisedTrainer):
         self._shapes, self._unseen = shapes[:-held], shapes[-held:]
         counts = np.bincount(crossings[:-held])
         self._weights = torch.as_tensor(1.0 / counts[crossings[:-held]])
+        generator = torch.Generator().manual_seed(seed + 1)
+        self._validation = self.draw(self.choose_validation(generator), generator)
+
+    def choose_validation(self, generator: torch.Generator) -> Tensor:
+        """Shapes (N, V, 3) for validation, of those that are held out."""
+        return self._unseen
 
     @abstractmethod
-    def loss(self, shapes: Tensor) -> Tensor:
-        """Of a batch of shapes (N, V, 3), metres, seen at random."""
+    def draw(self, shapes: Tensor, generator: torch.Generator) -> Any:
+        """Examples of shapes (N, V, 3), metres, seen at random."""
+
+    @abstractmethod
+    def loss(self, batch: Any) -> Tensor:
+        """Of a batch of examples."""
 
     def update(self, step: int) -> float:
         config = self.config
         chosen = torch.multinomial(
             self._weights, config.batch, replacement=True, generator=self.generator
         )
-        loss = self.loss(self._shapes[chosen])
+        loss = self.loss(self.draw(self._shapes[chosen], self.generator))
         warm = min(1.0, (step + 1) / config.steps)
         cosine = 0.5 * (1 + math.cos(math.pi * self.fraction(step)))
         self.descend(loss, config.learning_rate * warm * cosine)
@@ -218,23 +225,21 @@ class CoarseToFineTrainer(RopeTrainer):
     model: CoarseToFine
     config: TrainingConfig
 
-    def __init__(
-        self,
-        points: NDArray,
-        crossings: NDArray,
-        rope: RopeConfig,
-        config: TrainingConfig,
-        seed: int,
-    ) -> None:
-        if points.shape[1] != config.network.nodes[-1]:
-            raise ValueError(
-                f"the network's finest level has {config.network.nodes[-1]} nodes, so it learns "
-                f"from shapes (N, {config.network.nodes[-1]}, 3); got {points.shape}"
-            )
-        super().__init__(points, crossings, rope, config, seed)
-        generator = torch.Generator().manual_seed(seed + 1)
+    def choose_validation(self, generator: torch.Generator) -> Tensor:
         order = torch.randperm(len(self._unseen), generator=generator)
-        self._validation = self._draw(self._unseen[order[:VALIDATION]], generator)
+        return self._unseen[order[:_VALIDATION]]
+
+    def draw(self, shapes: Tensor, generator: torch.Generator) -> Examples:
+        network, examples = self.config.network, self.config.examples
+        if shapes.shape[1] != network.nodes[-1]:
+            raise ValueError(
+                f"the network's finest level has {network.nodes[-1]} nodes, so it learns from "
+                f"shapes (N, {network.nodes[-1]}, 3); got {tuple(shapes.shape)}"
+            )
+        return draw_patches(shapes, self.rope.radius, network.size, examples, generator)
+
+    def loss(self, batch: Examples) -> Tensor:
+        return nodes_loss(self.model(batch.patches), batch.nodes, self.config.loss).mean()
 
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
@@ -251,14 +256,6 @@ class CoarseToFineTrainer(RopeTrainer):
             "validation_crossings": float(right.sum() / among.sum().clamp(min=1)),
         }
 
-    def loss(self, shapes: Tensor) -> Tensor:
-        batch = self._draw(shapes, self.generator)
-        return nodes_loss(self.model(batch.patches), batch.nodes, self.config.loss).mean()
-
-    def _draw(self, shapes: Tensor, generator: torch.Generator) -> Examples:
-        size, examples = self.config.network.size, self.config.examples
-        return draw_patches(shapes, self.rope.radius, size, examples, generator)
-
 
 class StrandTrainer(RopeTrainer):
     """Training of the network that follows strands."""
@@ -267,16 +264,11 @@ class StrandTrainer(RopeTrainer):
     model: StrandNetwork
     config: StrandTrainingConfig
 
-    def __init__(
-        self,
-        points: NDArray,
-        crossings: NDArray,
-        rope: RopeConfig,
-        config: StrandTrainingConfig,
-        seed: int,
-    ) -> None:
-        super().__init__(points, crossings, rope, config, seed)
-        self._validation = self._draw(self._unseen, torch.Generator().manual_seed(seed + 1))
+    def draw(self, shapes: Tensor, generator: torch.Generator) -> Windows:
+        return draw_windows(shapes, self.rope.radius, self.config.examples, generator)
+
+    def loss(self, batch: Windows) -> Tensor:
+        return next_step_loss(self.model(batch.windows, batch.height), batch)
 
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
@@ -288,17 +280,10 @@ class StrandTrainer(RopeTrainer):
         off = (found.heading[on].argmax(dim=1) - truth.heading[on]).abs() * (2 * WIDEST / HEADINGS)
         return {
             "validation_loss": float(next_step_loss(found, truth)),
-            "validation_headings": float((off <= NEARLY).float().mean()),
+            "validation_headings": float((off <= _NEARLY).float().mean()),
             "validation_height": float((found.height - truth.next_height)[on].abs().mean()),
             "validation_ends": float(((found.end > 0) == truth.end).float().mean()),
         }
-
-    def loss(self, shapes: Tensor) -> Tensor:
-        batch = self._draw(shapes, self.generator)
-        return next_step_loss(self.model(batch.windows, batch.height), batch)
-
-    def _draw(self, shapes: Tensor, generator: torch.Generator) -> Windows:
-        return draw_windows(shapes, self.rope.radius, self.config.examples, generator)
 
 
 @dataclass
@@ -337,9 +322,7 @@ def self_supervise(
     crops: list[Tensor] = []
     targets: list[NDArray] = []
     for image, shape in zip(images, shapes, strict=True):
-        segmentation = segment(image, camera, rope.radius)
-        share = pixel_coverage(image, segmentation)
-        patch, crop = crop_rope(segmentation, share, camera, rope, model.config.size)
+        patch, crop = crop_rope(observe(image, camera, rope), model.config.size)
         crops += mirrored(torch.as_tensor(crop))
         targets += [patch.flipped(*flip).from_world(shape, camera) for flip in FLIPS]
     seen, nodes = torch.stack(crops), torch.as_tensor(np.stack(targets), dtype=torch.float32)

@@ -73,11 +73,11 @@ def task(action: str) -> Task:
     Raises:
         ValueError: for an action that is not one of the eight, naming those.
     """
-    for candidate in TASKS:
-        if str(candidate.action) == action:
-            return candidate
-    names = ", ".join(str(candidate.action) for candidate in TASKS)
-    raise ValueError(f"no demonstrated action is called {action!r}; the eight are {names}")
+    tasks = {str(one.action): one for one in TASKS}
+    if action not in tasks:
+        names = ", ".join(tasks)
+        raise ValueError(f"no demonstrated action is called {action!r}; the eight are {names}")
+    return tasks[action]
 
 
 def task_at(state: TopologicalState, action: Action) -> Task:

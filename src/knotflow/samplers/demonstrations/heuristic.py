@@ -7,12 +7,11 @@ intersection, and move towards the segment that will be underneath." Positions a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from knotflow.samplers.sampler import sampler
+from knotflow.samplers.sampler import NoSettings, sampler
 from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW, clip_splines
 from knotflow.topology import (
     R1,
@@ -36,13 +35,9 @@ UNDO_MARGIN = 0.1
 def heuristic_splines(
     points: Floats, action: Action, count: int, rng: np.random.Generator
 ) -> Floats:
-    """Splines (count, 6) in range that are likely to instantiate an action, as a sampler.
+    """Splines (count, 6) in range that are likely to do an action of a rope (V, 3), metres.
 
-    Args:
-        points: (V, 3) rope vertices, metres.
-        action: legal in the rope's state; for `Arrange` see `small_moves`.
-        count: number of splines.
-        rng: everything random comes from it.
+    For `Arrange` see `small_moves`.
     """
     if isinstance(action, Arrange):
         return small_moves(points, count, rng)
@@ -207,11 +202,6 @@ def arranging_splines(
     return np.concatenate([moves[: count - small], small_moves(points, small, rng)])
 
 
-@dataclass
-class AimedConfig:
-    """The heuristic has no settings."""
-
-
 class AimedSampler:
     """The heuristic as a sampler: the strategy without learning; no baseline of the paper."""
 
@@ -223,6 +213,6 @@ class AimedSampler:
 
 
 @sampler("aimed")
-def build(config: AimedConfig, inputs: Mapping[str, Path]) -> AimedSampler:
+def build(config: NoSettings, inputs: Mapping[str, Path]) -> AimedSampler:
     """Requires no input."""
     return AimedSampler()

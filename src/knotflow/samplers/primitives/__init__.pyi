@@ -9,13 +9,7 @@ from .canonical import (
 )
 from .config import SHIPPED_PRIMITIVES, VARIANTS, CemConfig, NetworkConfig, PrimitiveConfig
 from .encoding import Encoded, Frames, encode
-from .library import (
-    FILE,
-    LibraryError,
-    PrimitiveLibrary,
-    PrimitivesConfig,
-    UnlikeRopeWarning,
-)
+from .library import FILE, LibraryError, PrimitiveLibrary, UnlikeRopeWarning
 from .networks import Actor, Critic
 from .primitive import Primitive, cross_entropy
 
@@ -37,7 +31,6 @@ __all__ = [
     "Primitive",
     "PrimitiveConfig",
     "PrimitiveLibrary",
-    "PrimitivesConfig",
     "UnlikeRopeWarning",
     "canonicalise",
     "cross_entropy",

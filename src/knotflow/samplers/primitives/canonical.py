@@ -12,10 +12,8 @@ each group one action is learned, the canonical one:
 | 5: arranging          | that of the action which is wanted next                         |
 | 6: undoing            | the action that is taken back is canonical                      |
 
-No action is its own counterpart, so the choice is unique, and a rope and action give bit for bit
-the same canonical rope as their mirrored or reversed selves: encoding, networks and random numbers
-come after it, which makes the symmetry of proposals exact. Arranging, which keeps the state and
-makes an action easier, is no topological action.
+No action is its own counterpart, so a rope and action give bit for bit the same canonical rope as
+their mirrored or reversed selves, which makes the symmetry of proposals exact.
 """
 
 from __future__ import annotations
@@ -126,11 +124,8 @@ def canonicalise(points: Floats, action: Action) -> Canonical:
     points = np.asarray(points, dtype=np.float64)
     segments = _segments(points.tobytes())
     symmetry = canonical_symmetry(action, len(segments))
-    if symmetry.mirror:
-        points = points * [1, -1, 1]
-    if symmetry.reverse:
-        points = points[::-1]
     if symmetry.mirror or symmetry.reverse:
+        points = symmetry.of_points(points)
         # Read again, not transformed: rounding would break the exact symmetry.
         segments = _segments(points.tobytes())
     action = symmetry.of_action(action, len(segments))

@@ -1,32 +1,27 @@
 """Encoding of ropes, actions and splines for the networks (Sec. V-A, Fig. 4).
 
-The rope is brought to the canonical action (`canonical`) and into a frame that moves along with it:
-planar motions change neither physics nor topology. The origin is on the under segment, where the
-robot moves to: its midpoint, or the tip of the head where that is covered (primitive 4); where a
-segment is laid over itself (R1, R2(i,i)), the middle of the outer third that will be under. The x
-axis points along the rope there, from head to tail; z is up.
+The rope is brought to the canonical action (`canonical`) and into a frame that moves along with it.
+The origin is on the under segment, where the robot moves to: its midpoint, or the tip of the head
+where that is covered (primitive 4); where a segment is laid over itself (R1, R2(i,i)), the middle
+of the outer third that will be under. The x axis points along the rope there, from head to tail.
 
 Three streams of points, evenly spaced along the rope: the over segment, the under segment, and the
-whole rope. R1 uses one segment for both; the halves of the segment of an R2(i,i) are over and under
-according to `over_first`.
-
-Splines are normalised: x and y lie in this frame, and the grasp counts along the over segment, or
-from its tip where that is the rope's end (primitive 3).
+whole rope. R1 uses one segment for both, R2(i,i) its halves. Splines are normalised: x and y lie in
+this frame, and the grasp counts along the over segment, or from its tip where that is the rope's
+end (primitive 3).
 
 Undoing (primitive 6) pulls a piece of rope off a strand. The first stream is that piece, from
 crossing to crossing or to its tip, the second the strand, from the crossing before those taken back
 to the one after; channels say which is over. The origin is the crossing on the strand (of R2, the
 middle between the two; R1's strand is its under passage), and the x axis runs along the strand. The
-grasp counts from the piece's middle or, where it is the rope's end, from its crossing.
-
-Arranging (primitive 5) is encoded as the action that is wanted next, but its grasp counts along the
-whole rope.
+grasp counts from the piece's middle or, where it is the rope's end, from its crossing. Arranging
+(primitive 5) is encoded as the action wanted next, but its grasp counts along the whole rope.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import torch
@@ -86,10 +81,7 @@ class Frames:
         return len(self.origin)
 
     def __getitem__(self, rows: slice | NDArray[np.intp]) -> Frames:
-        return Frames(
-            self.origin[rows], self.axis[rows], self.grasp[rows], self.mirror[rows],
-            self.reverse[rows],
-        )  # fmt: skip
+        return Frames(*(getattr(self, one.name)[rows] for one in fields(self)))
 
     def to_network(self, splines: Floats) -> Floats:
         """Splines (S, K, 6) of the world, see `simulation.spline`, in network space."""
@@ -161,26 +153,19 @@ def encode_canonical(ropes: Sequence[Canonical], arranging: bool = False) -> Enc
     """Encode ropes that were brought to the learned counterpart; see `encode`."""
     parts = [_encode_one(rope, arranging) for rope in ropes]
     streams, origin, axis, grasp = (np.stack(part) for part in zip(*parts, strict=True))
-    frames = Frames(
-        origin=origin,
-        axis=axis,
-        grasp=grasp,
-        mirror=np.array([rope.symmetry.mirror for rope in ropes]),
-        reverse=np.array([rope.symmetry.reverse for rope in ropes]),
-    )
-    states = TensorDict(
-        {
-            "streams": torch.from_numpy(streams.astype(np.float32)),
-            "grasp": torch.from_numpy(frames.grasp.astype(np.float32)),
-        },
-        batch_size=[len(ropes)],
-    )
+    mirror = np.array([rope.symmetry.mirror for rope in ropes])
+    reverse = np.array([rope.symmetry.reverse for rope in ropes])
+    inputs = {
+        "streams": torch.from_numpy(streams).float(),
+        "grasp": torch.from_numpy(grasp).float(),
+    }
+    states = TensorDict(inputs, batch_size=[len(ropes)])
     if arranging:
         kind = torch.zeros(len(ropes), KINDS)
         for row, rope in enumerate(ropes):
             kind[row, list(kinds_of(rope.action, len(rope.segments)))] = 1
         states["kind"] = kind
-    return Encoded(states, frames)
+    return Encoded(states, Frames(origin, axis, grasp, mirror, reverse))
 
 
 def _encode_one(rope: Canonical, arranging: bool) -> tuple[Floats, Floats, Floats, Floats]:
@@ -190,13 +175,8 @@ def _encode_one(rope: Canonical, arranging: bool) -> tuple[Floats, Floats, Float
     vertices = rope.points
     along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(vertices, axis=0), axis=1))))
     along /= along[-1]
-    ends = [*streams_of(rope), np.array([0.0, 1.0])]
-    at = np.concatenate(
-        [
-            np.linspace(span[0], span[1], count)
-            for span, count in zip(ends, STREAM_POINTS, strict=True)
-        ]
-    )
+    spans = zip([*streams_of(rope), np.array([0.0, 1.0])], STREAM_POINTS, strict=True)
+    at = np.concatenate([np.linspace(begin, end, count) for (begin, end), count in spans])
     low, high = np.clip(at - _TANGENT, 0, 1), np.clip(at + _TANGENT, 0, 1)
     origin_at = np.array([anchor, max(anchor - reach, 0.0), min(anchor + reach, 1.0)])
     sites = np.concatenate([at, low, high, origin_at])

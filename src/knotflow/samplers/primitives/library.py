@@ -10,7 +10,7 @@ import hashlib
 import json
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from knotflow.samplers.primitives.canonical import ALL_PRIMITIVES, ARRANGE, UNDO
 from knotflow.samplers.primitives.config import CemConfig, NetworkConfig, PrimitiveConfig
 from knotflow.samplers.primitives.encoding import Encoded, encode_canonical
 from knotflow.samplers.primitives.primitive import Primitive
-from knotflow.samplers.sampler import sampler
+from knotflow.samplers.sampler import NoSettings, sampler
 from knotflow.simulation import RopeConfig
 from knotflow.threads import one_thread
 from knotflow.topology import Action, parse_action
@@ -340,13 +340,8 @@ def _digest(weights: Mapping[str, Tensor]) -> str:
     return digest.hexdigest()
 
 
-@dataclass
-class PrimitivesConfig:
-    """A library has nothing to set."""
-
-
 @sampler("primitives", needs=("primitives",))
-def build(config: PrimitivesConfig, inputs: Mapping[str, Path]) -> PrimitiveLibrary:
+def build(config: NoSettings, inputs: Mapping[str, Path]) -> PrimitiveLibrary:
     """A library from the input `primitives`: the output of a training stage, or a file or folder
     that `PrimitiveLibrary.load` reads."""
     source = Path(inputs["primitives"])

@@ -2,13 +2,11 @@
 
 Trunk: each of the three streams has an LSTM that reads its points from head to tail. For each
 ordered pair of streams an attention module (scaled dot products, [17]) lets every point of one
-stream query the points of the other. Each stream's MLP turns a point's LSTM state and what its two
-look-ups brought into features, which are pooled over the stream; the three pooled vectors make the
-rope's feature. No weights are shared between streams or pairs. That the MLPs come after the
-attention is our reading.
+stream query the points of the other. Each stream's MLP turns a point's LSTM state and its two
+look-ups into features, which are pooled over the stream; the three pooled vectors make the rope's
+feature. That the MLPs come after the attention is our reading.
 
-Actor and critic each have a trunk of their own, which runs once a rope: the actor predicts one
-Gaussian a rope, and the critic's head scores any number of splines. Beyond the paper, a scored
+Actor and critic each have a trunk of their own, which runs once a rope. Beyond the paper, a scored
 spline also attends to the rope near its path (`SplineRopeAttention`).
 """
 

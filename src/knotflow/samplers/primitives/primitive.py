@@ -1,8 +1,7 @@
 """One topological motion primitive: its networks, and cross-entropy search with its critic.
 
-TorchRL's CEMPlanner returns one elite mean a state, through a one-step environment; here many
-distinct proposals a rope are wanted, so each is a search of its own with its own population, and
-all searches of all ropes run as one batch on features computed once a rope.
+Many distinct proposals a rope are wanted, so each is a search of its own, and all searches of all
+ropes run as one batch; TorchRL's CEMPlanner returns one elite mean a state.
 """
 
 from __future__ import annotations
@@ -85,22 +84,26 @@ class Primitive(nn.Module):
         count: int,
         rng: np.random.Generator,
         use_next_value: bool = False,
+        first: tuple[Tensor, Tensor] | None = None,
+        iterations: int | None = None,
     ) -> tuple[Tensor, Tensor | None]:
         """Splines (S, count, 6) in network space and their values (S, count), if there is a critic.
 
         With a critic every spline is the outcome of a search of its own, for success or, if
-        `use_next_value`, for success times the value of the next state.
+        `use_next_value`, for success times the value of the next state, from the Gaussian `first`,
+        by default `gaussian`.
         """
         cem, ropes = self.config.cem, len(encoded.frames)
-        mean, factor = self.gaussian(encoded.states)
+        mean, factor = first or self.gaussian(encoded.states)
         if self.critic is None:
             noise = standard_normal(rng, (ropes, count, SPLINE))
             return mean[:, None] + noise @ factor.mT, None
+        iterations = self._num_iterations if iterations is None else iterations
         found, log_values = cross_entropy(
             self.scorer(encoded.states, use_next_value),
             mean.repeat_interleave(count, 0),
             factor.repeat_interleave(count, 0),
-            standard_normal(rng, (self._num_iterations, ropes * count, cem.population, SPLINE)),
+            standard_normal(rng, (iterations, ropes * count, cem.population, SPLINE)),
             cem.elites,
         )
         return found.reshape(ropes, count, SPLINE), log_values.exp().reshape(ropes, count)

@@ -1,5 +1,9 @@
 """A rope followed from image to image (Sec. VI): predicted, registered to its points, and fitted by
-a few gradient steps on a grid coarser than the image. A lost rope is estimated from the image."""
+a few gradient steps on a grid coarser than the image. A lost rope is estimated from the image.
+
+The classical baseline is coherent point drift (Myronenko and Song, PAMI 2010) with, as in TrackDLO
+(Xiang et al., RA-L 2023), neighbours along the rope, hidden vertices and its length.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +17,13 @@ from torch import Tensor
 
 from knotflow.perception.camera.image import RgbdImage
 from knotflow.perception.camera.pinhole import Camera
-from knotflow.perception.estimation.ambiguity import ambiguous_ends, list_ambiguities
-from knotflow.perception.estimation.chain import project_lengths, register
-from knotflow.perception.estimation.crossings import CrossingMemory
-from knotflow.perception.estimation.estimate import EstimateConfig, RopeEstimate, estimate
+from knotflow.perception.estimation.crossings import CrossingMemory, ambiguous_ends
+from knotflow.perception.estimation.estimate import (
+    EstimateConfig,
+    RopeEstimate,
+    estimate,
+    list_ambiguities,
+)
 from knotflow.perception.estimation.evidence import (
     Target,
     coverage_fraction,
@@ -25,7 +32,7 @@ from knotflow.perception.estimation.evidence import (
     observe,
     visible_vertices,
 )
-from knotflow.perception.estimation.fitting import FitConfig, fit
+from knotflow.perception.estimation.fitting import FitConfig, fit, project_lengths, register
 from knotflow.perception.estimation.skeleton import TraceError
 from knotflow.perception.networks.network import Network
 from knotflow.simulation import RopeConfig, state_or_none
@@ -69,12 +76,8 @@ class TrackerConfig:
 
 
 class Tracker:
-    """Follows one rope; an image a call.
-
-    Attributes:
-        points: (V, 3) metres, the rope now, head first.
-        velocities: (V, 3) metres a second.
-    """
+    """Follows one rope, an image a call: its `points` (V, 3), metres, head first, and `velocities`
+    (V, 3), metres a second."""
 
     def __init__(
         self,
@@ -85,14 +88,10 @@ class Tracker:
         predict: Predict | None = None,
         network: Network | None = None,
     ) -> None:
-        """Take up a rope.
+        """Take up a rope from an estimate or its true points (V, 3), metres, head first.
 
-        Args:
-            camera, rope: of all images.
-            initial: the rope at first, or its true points (V, 3), metres, head first.
-            config: how.
-            predict: the rope before it is seen; `constant_velocity` by default.
-            network: proposes guesses where a lost rope is looked for; the shipped one by default.
+        `predict` is `constant_velocity` by default; a `network`, by default the shipped one,
+        proposes guesses where a lost rope is looked for.
 
         Raises:
             ValueError: points of another rope.
@@ -119,12 +118,10 @@ class Tracker:
     def update(
         self, image: RgbdImage, gripper: NDArray | None = None, grasped: int | None = None
     ) -> RopeEstimate:
-        """The rope in the next image.
+        """The rope in the next image, of this camera and with its time.
 
-        Args:
-            image: of this camera, with its time.
-            gripper: (3,) metres, where the gripper is.
-            grasped: index of the link whose centre it holds; None holds nothing.
+        The gripper is at `gripper` (3,), metres, and holds the centre of the link of index
+        `grasped`; None holds nothing.
 
         Raises:
             ImageError: an image of another size.
@@ -139,19 +136,18 @@ class Tracker:
         else:  # a model knows how far behind the gripper its link is
             predicted = self._predict(*now, None if grasped is None else gripper, grasped)
         target = replace(observe(image, self.camera, self.rope), seen_radius=self._seen_radius)
-        grid = self.camera.binning(predicted, 2 * self.rope.radius, self.config.pixels_across)
-        coarse, camera = target.binned(grid), self.camera.binned(grid)
+        coarse = target.coarse(predicted, self.config.pixels_across)
         shape = predicted
-        if bool(target.rope.any()):
-            cloud = rope_points(image, target, self.camera, self.rope, self.config.points)
+        if bool(target.mask.any()):
+            cloud = rope_points(image, target, self.config.points)
             registered = register(predicted, cloud, self.rope)
             known = target.known.numpy()[nearest_pixels(registered, self.camera)]
-            shape = self._fit(registered, known, coarse, camera, held, grasped)
-        shape, crossings = self._crossings.update(shape, coarse, camera, self.rope, self.config.fit)
+            shape = self._fit(registered, known, coarse, held, grasped)
+        shape, crossings = self._crossings.update(shape, coarse, self.config.fit)
         if self._seen_radius is None:
-            self._seen_radius = measure_radius(shape, target, self.camera, self.rope)
+            self._seen_radius = measure_radius(shape, target)
             target = replace(target, seen_radius=self._seen_radius)
-        fraction = coverage_fraction(shape, target, self.camera, self.rope)
+        fraction = coverage_fraction(shape, target)
         lost = fraction < self.config.lost
         if lost:
             found = self._reacquire(image, fraction, predicted)
@@ -165,12 +161,11 @@ class Tracker:
         self.points = shape
         if grasped is not None:
             self._trailing = shape[grasped : grasped + 2].mean(axis=0) - np.asarray(gripper)
-        state, config = state_or_none(shape), self.config.estimate
-        limits = config.min_certainty, config.min_coverage
-        ambiguities = list_ambiguities(state, crossings, fraction, target, *limits)
+        state = state_or_none(shape)
+        ambiguities = list_ambiguities(state, crossings, fraction, target, self.config.estimate)
         return RopeEstimate(
             shape.copy(),
-            visible_vertices(shape, target.rope.numpy(), image, self.camera, self.rope),
+            visible_vertices(shape, target.mask.numpy(), image, self.camera, self.rope),
             state,
             crossings,
             fraction,
@@ -187,15 +182,8 @@ class Tracker:
             ImageError: an image of another size.
             TraceError: no rope in the image.
         """
-        found = estimate(
-            image,
-            self.camera,
-            self.rope,
-            config=self.config.estimate,
-            earlier=self.points,
-            network=self._network,
-            likely=[self.points],
-        )
+        config, likely = self.config.estimate, [self.points]
+        found = self._estimate(image, config, self.points, likely)
         self.restart(found, image.time)
         return found
 
@@ -206,17 +194,21 @@ class Tracker:
         self._crossings = CrossingMemory.of(found.crossings)
         self._seen_radius = found.seen_radius
 
+    def _estimate(
+        self, image: RgbdImage, config: EstimateConfig, earlier: Floats, likely: list[Floats]
+    ) -> RopeEstimate:
+        return estimate(image, self.camera, self.rope, None, config, earlier, self._network, likely)
+
     def _fit(
         self,
         predicted: Floats,
         known: NDArray[np.bool_],
         coarse: Target,
-        camera: Camera,
         held: Floats | None,
         grasped: int | None,
     ) -> Floats:
-        """The shape near the prediction that accounts for the coarse image of `camera`, which says
-        something of the vertices that are `known` (V,)."""
+        """The shape near the prediction that accounts for the coarse image, which says something
+        of the vertices that are `known` (V,)."""
         config = self.config
         trust = np.where(known, config.visible, config.hidden)
         weight, expected = torch.as_tensor(trust), torch.as_tensor(predicted)
@@ -229,7 +221,7 @@ class Tracker:
                 loss = loss + config.held / len(points) * apart.square().sum()
             return loss
 
-        return fit(predicted, coarse, camera, self.rope, config.fit, off_prediction)
+        return fit(predicted, coarse, config.fit, off_prediction)
 
     def _reacquire(
         self, image: RgbdImage, fraction: float, predicted: Floats
@@ -241,14 +233,7 @@ class Tracker:
         self._waited = 0
         brief = replace(self.config.estimate, fallback_search=None)
         try:
-            found = estimate(
-                image,
-                self.camera,
-                self.rope,
-                config=brief,
-                earlier=predicted,
-                network=self._network,
-            )
+            found = self._estimate(image, brief, predicted, [])
         except TraceError:
             return None
         if found.coverage_fraction <= fraction:
@@ -292,13 +277,103 @@ def constant_velocity(
     return project_lengths(moved, link, mobility)
 
 
-def rope_points(
-    image: RgbdImage, target: Target, camera: Camera, rope: RopeConfig, count: int
-) -> Floats:
+def rope_points(image: RgbdImage, target: Target, count: int) -> Floats:
     """At most `count` points (N, 3) of the rope's axis, metres: below its surface in the image by
     what the upper half of a round rope is higher than its axis on average."""
-    row, column = np.nonzero(target.rope.numpy() & np.isfinite(image.depth))
+    row, column = np.nonzero(target.mask.numpy() & np.isfinite(image.depth))
     chosen = np.linspace(0, len(row) - 1, min(count, len(row))).astype(int)
     row, column = row[chosen], column[chosen]
-    depth = image.depth[row, column].astype(np.float64) + 0.25 * np.pi * rope.radius
-    return camera.unproject(np.stack([column, row], axis=1), depth)
+    depth = image.depth[row, column].astype(np.float64) + 0.25 * np.pi * target.rope.radius
+    return target.camera.unproject(np.stack([column, row], axis=1), depth)
+
+
+@dataclass
+class CpdConfig:
+    """Coherent point drift."""
+
+    points: int = 400
+    """Points of the rope's image that are registered."""
+    iterations: int = 30
+    """Of expectation and maximisation."""
+    coherence: float = 0.3
+    """Length along the rope over which vertices move together, metres."""
+    stiffness: float = 3000.0
+    """Weight of moving together, 1/m^2: lambda of Myronenko and Song, whose points have unit
+    variance, over the variance of the rope's points."""
+    deviation: float = 0.06
+    """Standard deviation of the points around the vertices at first, metres."""
+    outliers: float = 0.05
+    """Share of points that belong to no vertex."""
+    visible: float = 0.03
+    """A vertex farther than about this from all points is hidden, metres."""
+    predict: bool = False
+    """Whether the rope first moves on as in `Tracker`, with the gripper that holds it."""
+
+
+class CpdTracker:
+    """Follows one rope, with the methods of `Tracker`."""
+
+    def __init__(
+        self, camera: Camera, rope: RopeConfig, initial: NDArray, config: CpdConfig | None = None
+    ) -> None:
+        """Take up a rope (V, 3), metres, head first."""
+        self.camera, self.rope, self.config = camera, rope, config or CpdConfig()
+        self.points = np.array(initial, np.float64)
+        self._velocities = np.zeros_like(self.points)
+        self._time: float | None = None
+
+    def update(
+        self, image: RgbdImage, gripper: NDArray | None = None, grasped: int | None = None
+    ) -> RopeEstimate:
+        """The rope in the next image; see `Tracker.update`. Crossings have no certainty."""
+        seconds = 0.0 if self._time is None else image.time - self._time
+        self._time = image.time
+        start = self.points
+        if self.config.predict:
+            start = constant_velocity(start, self._velocities, seconds, gripper, grasped)
+        target = observe(image, self.camera, self.rope)
+        cloud = rope_points(image, target, self.config.points)
+        shape = drift(start, cloud, self.rope, self.config)
+        if seconds > 0:
+            self._velocities = (shape - self.points) / seconds
+        self.points = shape
+        fraction = coverage_fraction(shape, target)
+        visible = visible_vertices(shape, target.mask.numpy(), image, self.camera, self.rope)
+        return RopeEstimate(shape.copy(), visible, state_or_none(shape), (), fraction, True, ())
+
+
+def drift(start: Floats, cloud: Floats, rope: RopeConfig, config: CpdConfig) -> Floats:
+    """The rope near `start` (V, 3) that points (N, 3) belong to, metres.
+
+    Moves are G W with the kernel G; W solves (P1 G + lambda sigma^2) W = P X - P1 Y0 (Myronenko and
+    Song, Eq. 22), where P (V, N) are the points' shares in each vertex. Without points it stays.
+    """
+    if len(cloud) == 0:
+        return start
+    count = len(start)
+    along = np.arange(count) * rope.link_length
+    kernel = np.exp(-((along[:, None] - along) ** 2) / (2 * config.coherence**2))  # (V, V)
+    near = np.sqrt(_squares(start, cloud).min(axis=1))
+    likely = np.exp(-((near / config.visible) ** 2))
+    likely /= likely.sum()
+    shape, variance = start, config.deviation**2
+    box = float(np.prod(np.ptp(cloud, axis=0) + config.deviation))
+    for _ in range(config.iterations):
+        square = _squares(shape, cloud)
+        density = np.exp(-square / (2 * variance)) / (2 * np.pi * variance) ** 1.5
+        joint = (1 - config.outliers) * likely[:, None] * density
+        share = joint / (joint.sum(axis=0) + config.outliers / box)  # (V, N)
+        mass = share.sum(axis=1)
+        pull = share @ cloud - mass[:, None] * start
+        stiff = config.stiffness * variance * np.eye(count)
+        shape = start + kernel @ np.linalg.solve(mass[:, None] * kernel + stiff, pull)
+        left = (share * _squares(shape, cloud)).sum() / (3 * max(mass.sum(), 1e-9))
+        variance = max(float(left), (0.25 * rope.radius) ** 2)
+    shape = project_lengths(shape, rope.link_length)
+    shape[:, 2] = np.maximum(shape[:, 2], rope.radius)
+    return shape
+
+
+def _squares(points: Floats, cloud: Floats) -> Floats:
+    """Squared distances (V, N)."""
+    return ((points[:, None] - cloud) ** 2).sum(axis=2)

@@ -4,35 +4,35 @@ import numpy as np
 import pytest
 import torch
 
-from knotflow.perception.camera.image import Label
-from knotflow.perception.estimation.segmentation import pixel_coverage
-from knotflow.perception.networks.examples import (
+from knotflow.perception.estimation.evidence import observe
+from knotflow.perception.networks.network import CoarseToFine, Network, shipped_network
+from knotflow.perception.networks.patches import (
+    HALF,
+    HEADINGS,
+    SIDE,
+    STEP,
+    WIDEST,
     ExamplesConfig,
     draw_windows,
     points_at,
     rasterise,
     to_window,
 )
-from knotflow.perception.networks.models import (
-    HALF,
-    HEADINGS,
-    SIDE,
-    STEP,
-    WIDEST,
-    CoarseToFine,
+from knotflow.perception.networks.strands import (
+    PIXEL,
     NextStep,
     StrandNetwork,
     StrandNetworkConfig,
+    StrandPath,
     headings,
+    trace_rope,
+    trace_strands,
 )
-from knotflow.perception.networks.network import Network, shipped_network
-from knotflow.perception.networks.strand_tracing import PIXEL, StrandPath, trace_rope, trace_strands
 from knotflow.perception.networks.training import next_step_loss
 from knotflow.simulation import state_or_none
 
-from .shapes import CAMERA, ROPE, image, loop, s_curve
+from .shapes import CAMERA, ROPE, bare, image, loop, s_curve, target
 from .test_network import knowing, shape_error
-from .test_patches import exact
 from .test_training import TINY as WHOLE
 
 PERFECT = ExamplesConfig(noise=0, blur=0, sharpen=0, lost=0, hidden=0)
@@ -140,10 +140,7 @@ def test_path_does_not_repeat_itself():
 
 def test_an_empty_table_has_no_paths():
     assert trace_strands(Hound(), torch.zeros(3, 120, 120), LENGTH) == []
-    bare, _ = exact(s_curve())
-    bare.labels[:] = Label.TABLE
-    share = np.zeros(bare.labels.shape)
-    assert trace_rope(Hound(), bare, share, CAMERA, ROPE) == []
+    assert trace_rope(Hound(), bare()) == []
 
 
 def test_empty_strand_is_no_path():
@@ -160,8 +157,7 @@ def test_shipped_network_traces_loop(over):
     network = shipped_network()
     assert network is not None and network.strands is not None
     points = loop(over)
-    seen, picture = exact(points)[0], image(points)
-    shape = trace_rope(network.strands, seen, pixel_coverage(picture, seen), CAMERA, ROPE)[0]
+    shape = trace_rope(network.strands, observe(image(points), CAMERA, ROPE))[0]
     assert shape.shape == points.shape
     assert np.linalg.norm(np.diff(shape, axis=0), axis=1) == pytest.approx(ROPE.link_length)
     assert shape_error(shape, points) < 0.012
@@ -181,12 +177,12 @@ def test_save_load_with_strands(tmp_path):
 @pytest.mark.slow
 def test_strand_guess_comes_first_where_best():
     points = loop(1)
-    asked = image(points), CAMERA, ROPE, exact(points)[0]
+    seen = target(points)
     whole = knowing(s_curve())
     both = Network(whole.model, Hound())
-    assert len(both.guesses(*asked)) > len(whole.guesses(*asked)) == 4
-    assert shape_error(whole.guesses(*asked)[0], points) > 0.05
-    assert shape_error(both.guesses(*asked)[0], points) < 0.015
+    assert len(both.guesses(seen)) > len(whole.guesses(seen)) == 4
+    assert shape_error(whole.guesses(seen)[0], points) > 0.05
+    assert shape_error(both.guesses(seen)[0], points) < 0.015
 
 
 @pytest.mark.slow

@@ -1,66 +1,131 @@
-"""Paths along which the rope of an image may run: a beam search over a strand network's steps, from
-places on the rope to its ends and from these ends again (Sec. VI)."""
+"""Paths along which the rope of an image may run: a beam search over a network's steps along a
+strand, from places on the rope to its ends and from these ends again (Sec. VI).
+
+`StrandNetwork` sees a window at the end of a strand, as HANDLOOM (Shivakumar et al., CoRL 2023).
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from scipy import ndimage
+from torch import Tensor, nn
 from torch.nn.functional import grid_sample
 
-from knotflow.perception.camera.pinhole import Camera
-from knotflow.perception.estimation.chain import project_lengths
-from knotflow.perception.estimation.segmentation import Segmentation
-from knotflow.perception.networks.examples import to_window, with_trail
-from knotflow.perception.networks.models import (
+from knotflow.perception.estimation.evidence import Target
+from knotflow.perception.estimation.fitting import interpolate, project_lengths
+from knotflow.perception.networks.patches import (
     HALF,
+    HEADINGS,
     SIDE,
     STEP,
     TRAIL,
-    StrandNetwork,
-    headings,
+    WIDEST,
+    Patch,
+    to_window,
+    with_trail,
 )
-from knotflow.perception.networks.patches import Patch
-from knotflow.simulation import RopeConfig
 from knotflow.threads import one_thread
+
+Floats = NDArray[np.float64]
 
 PIXEL = 2 * HALF / SIDE
 """Side of a map's pixel, radii."""
-BEAM = 16
-"""Paths followed at once from an end of the rope,"""
-HALVES = 8
-"""and from a place between its ends."""
-JOINED = 4
-"""Pairs of these that are paths from end to end, most."""
-ENDS = 4
-"""Ends of such pairs from which the rope is followed again, most."""
-SEEDS = 2
-"""Places on the rope at which it is begun."""
-MODES = 3
-"""Ways on from one place, at most."""
-UNLIKELY = 0.03
-"""A way on is not followed if it is less probable."""
-MODE = 3
-"""Headings to either side that belong to a mode."""
-SHORTEST, LONGEST = 0.85, 1.15
-"""A shorter or longer path is none, rope lengths."""
-ALONG_ITSELF = 4
-"""Steps, one after the other, along which a path may touch itself,"""
-OVERLAP = 0.9
-"""nearer than this in the plane, radii;"""
-APART = 8.0
-"""what is nearer along the path does not count, radii."""
-ALIKE = 0.7
-"""Paths whose last points are nearer to each other are compared, radii; of two that are everywhere
-nearer than this in their mean, one is kept."""
-LENGTH_OFF = 20.0
-"""What is taken from a path's logarithm of probability for each rope length that it is too long or
-too short."""
+_BEAM, _HALVES = 16, 8  # paths followed at once from an end of the rope, and from elsewhere
+_JOINED = 4  # pairs of the latter that are paths from end to end, most
+_ENDS = 4  # ends of such pairs from which the rope is followed again, most
+_SEEDS = 2  # places on the rope at which it is begun
+_MODES, _MODE = 3, 3  # ways on from one place, at most; headings to either side that belong to one
+_UNLIKELY = 0.03  # a way on is not followed if it is less probable
+_SHORTEST, _LONGEST = 0.85, 1.15  # lengths of a path, rope lengths
+_ALONG_ITSELF = 4  # steps, one after the other, along which a path may touch itself,
+_OVERLAP = 0.9  # nearer than this in the plane, radii;
+_APART = 8.0  # what is nearer along the path does not count, radii
+_ALIKE = 0.7  # radii: of two paths whose last points and mean are nearer than this, one is kept
+_LENGTH_OFF = 20.0  # taken from a log likelihood for each rope length too long or too short
 
-Floats = NDArray[np.float64]
+
+@dataclass
+class StrandNetworkConfig:
+    """Sizes of the network that follows strands."""
+
+    channels: tuple[int, ...] = (16, 32, 64)
+    """Features of the encoder, each at half the resolution of the one before."""
+    width: int = 96
+    """Features of what is predicted from them."""
+
+
+class NextStep(NamedTuple):
+    """How strands go on: `heading` (N, HEADINGS) logarithms of probabilities, `height` (N,) of the
+    axis after the step, radii, and `end` (N,), the logit of there being none."""
+
+    heading: Tensor
+    height: Tensor
+    end: Tensor
+
+
+class StrandNetwork(nn.Module):
+    """Windows (N, 5, SIDE, SIDE) and the strand's height there (N,), radii, to its next step.
+
+    A window's channels are those of `Patch.crop`, and the trail's share and height; its first axis
+    is the strand's direction.
+    """
+
+    def __init__(self, config: StrandNetworkConfig | None = None) -> None:
+        super().__init__()
+        self.config = config = config or StrandNetworkConfig()
+        stages: list[nn.Module] = []
+        before = 5
+        for number, count in enumerate(config.channels):
+            stages += [*halving(before, count), *([Residual(count)] if number else [])]
+            before = count
+        self.seen = nn.Sequential(*stages, nn.Flatten())
+        side = SIDE // 2 ** len(config.channels)
+        self.body = nn.Sequential(
+            nn.Linear(before * side**2 + 1, config.width),
+            nn.ReLU(),
+            nn.Linear(config.width, config.width),
+            nn.ReLU(),
+        )
+        self.heads = nn.Linear(config.width, HEADINGS + 2)
+
+    def forward(self, windows: Tensor, height: Tensor) -> NextStep:
+        found = self.heads(self.body(torch.cat([self.seen(windows), height[:, None]], dim=1)))
+        heading = found[:, :HEADINGS].log_softmax(dim=1)
+        return NextStep(heading, height + found[:, HEADINGS], found[:, HEADINGS + 1])
+
+
+def headings() -> Tensor:
+    """The middle (HEADINGS,) of each direction, radians."""
+    return (torch.arange(HEADINGS) + 0.5) * (2 * WIDEST / HEADINGS) - WIDEST
+
+
+def halving(before: int, channels: int) -> list[nn.Module]:
+    """A convolution (N, C, H, W) to half the resolution."""
+    return [
+        nn.Conv2d(before, channels, 4, stride=2, padding=1, bias=False),
+        nn.BatchNorm2d(channels),
+        nn.ReLU(),
+    ]
+
+
+class Residual(nn.Module):
+    """A convolution (N, C, H, W) beside the identity."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.body = nn.Sequential(
+            nn.Conv2d(channels, channels, 3, padding=1, bias=False),
+            nn.BatchNorm2d(channels),
+            nn.ReLU(),
+        )
+
+    def forward(self, features: Tensor) -> Tensor:
+        return features + self.body(features)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,23 +165,18 @@ class StrandPath:
         return replace(other, points=points, probability=probability)
 
 
-def trace_rope(
-    network: StrandNetwork,
-    segmentation: Segmentation,
-    share: NDArray,
-    camera: Camera,
-    rope: RopeConfig,
-) -> list[Floats]:
+def trace_rope(network: StrandNetwork, target: Target) -> list[Floats]:
     """Shapes (V, 3), metres, from either end, that the rope of an image may have, the likeliest
-    first; none where none is found. The rope's `share` (H, W) of each pixel is 0..1."""
-    places = camera.on_plane(segmentation.rope, rope.radius)
+    first; none where none is found."""
+    camera, rope = target.camera, target.rope
+    places = camera.on_plane(target.mask.numpy(), rope.radius)
     if len(places) < 2:
         return []
     low, high = places.min(axis=0), places.max(axis=0)
     size = int(np.ceil((float((high - low).max()) / rope.radius + 2 * HALF) / PIXEL))
     half = size * PIXEL * rope.radius / 2
     patch = Patch(0.5 * (low + high), np.eye(2), half, rope.radius)
-    seen = torch.as_tensor(patch.crop(segmentation, share, camera, size))
+    seen = torch.as_tensor(patch.crop(target, size))
     even = np.linspace(0, 1, rope.num_vertices)
     found = []
     for path in trace_strands(network, seen, rope.length / rope.radius):
@@ -124,8 +184,7 @@ def trace_rope(
         world = patch.to_world(nodes, camera)
         along = np.r_[0.0, np.linalg.norm(np.diff(world, axis=0), axis=1).cumsum()]
         along /= along[-1]
-        shape = np.stack([np.interp(even, along, world[:, k]) for k in range(3)], axis=1)
-        found.append(project_lengths(shape, rope.link_length))
+        found.append(project_lengths(interpolate(even, along, world), rope.link_length))
     return found
 
 
@@ -137,35 +196,33 @@ def trace_strands(network: StrandNetwork, seen: Tensor, length: float) -> list[S
     network.eval()
 
     def badness(path: StrandPath) -> float:
-        return LENGTH_OFF * abs(path.length / length - 1) - path.likelihood
+        return _LENGTH_OFF * abs(path.length / length - 1) - path.likelihood
 
     halves = [
         StrandPath.begun(np.r_[place, 1.0], direction + turn)
         for place, direction in _seeds(seen)
         for turn in (0.0, np.pi)
     ]
-    followed = _follow(network, seen, halves, length, HALVES)
+    followed = _follow(network, seen, halves, length, _HALVES)
     found: list[StrandPath] = []
     for one_way, other_way in zip(followed[::2], followed[1::2], strict=True):
         joined = [one.joined(other) for one in one_way for other in other_way]
-        found += sorted((path for path in joined if path.length), key=badness)[:JOINED]
+        found += sorted((path for path in joined if path.length), key=badness)[:_JOINED]
     ends: list[StrandPath] = []
     for path in sorted(found, key=badness):
         for last, before in (path.points[:2], path.points[:-3:-1]):
             apart = [np.hypot(*(last - other.points[0])[:2]) for other in ends]
-            if len(ends) < ENDS and min(apart, default=np.inf) > 2 * STEP:
+            if len(ends) < _ENDS and min(apart, default=np.inf) > 2 * STEP:
                 back = before - last
                 ends.append(StrandPath.begun(last, float(np.arctan2(back[1], back[0]))))
-    for paths in _follow(network, seen, ends, length, BEAM, SHORTEST * length):
+    for paths in _follow(network, seen, ends, length, _BEAM, _SHORTEST * length):
         found += paths
-    whole = [one for one in found if SHORTEST <= one.length / length <= LONGEST]
+    whole = [one for one in found if _SHORTEST <= one.length / length <= _LONGEST]
     return sorted(whole, key=badness)
 
 
 def _seeds(seen: Tensor) -> list[tuple[Floats, float]]:
     """Places (2,), radii, far apart, where one strand is seen alone, and its direction."""
-    from scipy import ndimage
-
     covered, raised = seen[0].numpy(), seen[1].numpy()
     flat = (covered > 0.5) & (raised < 2.8)
     size = len(covered)
@@ -186,7 +243,7 @@ def _seeds(seen: Tensor) -> list[tuple[Floats, float]]:
                 continue
             _, axes = np.linalg.eigh(np.cov(np.stack([u, v])))
             chosen.append((place, float(np.arctan2(axes[1, 1], axes[0, 1]))))
-        if len(chosen) == SEEDS:
+        if len(chosen) == _SEEDS:
             break
     return chosen
 
@@ -209,7 +266,7 @@ def _follow(
             more = [one for _ in paths for one in next(onward)]
             growing[number] = []
             for one in sorted(more, key=lambda path: -path.likelihood):
-                if one.ended or one.length + STEP > LONGEST * length:
+                if one.ended or one.length + STEP > _LONGEST * length:
                     done[number].append(one)
                 elif len(growing[number]) < beam and not any(
                     _alike(one, other) for other in growing[number]
@@ -230,17 +287,17 @@ def _grown(
         grown.append([])
         if path.length < least:
             end = 0.0
-        if end > UNLIKELY:
+        if end > _UNLIKELY:
             probability = np.append(path.probability[:-1], path.probability[-1] * end)
             grown[-1].append(replace(path, probability=probability, ended=True))
-        for heading, mass in _modes(share, angles) if end < 1 - UNLIKELY else []:
+        for heading, mass in _modes(share, angles) if end < 1 - _UNLIKELY else []:
             direction = path.direction + heading
             step = STEP * np.array([np.cos(direction), np.sin(direction)])
             place = path.points[-1, :2] + step
-            old = path.points[: -round(APART / STEP), :2]
-            touches = len(old) and np.hypot(*(old - place).T).min() < OVERLAP
+            old = path.points[: -round(_APART / STEP), :2]
+            touches = len(old) and np.hypot(*(old - place).T).min() < _OVERLAP
             along = path.along + 1 if touches else 0
-            if along <= ALONG_ITSELF:
+            if along <= _ALONG_ITSELF:
                 points = np.concatenate([path.points, np.append(place, height)[None]])
                 probability = np.append(path.probability, mass * (1 - end))
                 grown[-1].append(StrandPath(points, probability, float(direction), along))
@@ -250,11 +307,11 @@ def _grown(
 def _modes(shares: NDArray, angles: NDArray) -> list[tuple[float, float]]:
     """The likely headings and how likely each is, from probabilities (HEADINGS,)."""
     left, found = shares.copy(), []
-    for _ in range(MODES):
+    for _ in range(_MODES):
         peak = int(left.argmax())
-        part = slice(max(0, peak - MODE), peak + MODE + 1)
+        part = slice(max(0, peak - _MODE), peak + _MODE + 1)
         mass = float(left[part].sum())
-        if mass < UNLIKELY:
+        if mass < _UNLIKELY:
             break
         found.append((float((left[part] * angles[part]).sum() / mass), mass))
         left[part] = 0.0
@@ -283,10 +340,10 @@ def _windows(seen: Tensor, paths: list[StrandPath]) -> Tensor:
 
 def _alike(one: StrandPath, other: StrandPath) -> bool:
     """Whether two paths of the same beginning and number of steps are nearly the same."""
-    if np.hypot(*(one.points[-1] - other.points[-1])[:2]) > ALIKE:
+    if np.hypot(*(one.points[-1] - other.points[-1])[:2]) > _ALIKE:
         return False
     apart = np.abs(one.points - other.points)
-    return bool(np.hypot(*apart[:, :2].T).mean() < ALIKE and apart[:, 2].max() < 1.0)
+    return bool(np.hypot(*apart[:, :2].T).mean() < _ALIKE and apart[:, 2].max() < 1.0)
 
 
 def _tensor(values: object) -> Tensor:

@@ -1,1 +1,0 @@
-"""A rope followed from image to image."""
