@@ -86,7 +86,7 @@ def test_invalid_depth_raises(image, tmp_path):
 def test_shipped_sample_is_reproducible(tmp_path):
     points = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
     look = Appearance(head=TAPE)
-    camera = SimulatedCamera(Camera.overhead(), RopeConfig(), CameraNoiseConfig(), look)
+    camera = SimulatedCamera(Camera.overhead(), RopeConfig(radius=0.008), CameraNoiseConfig(), look)
     image = camera.capture(points, np.random.default_rng(0))
     image.write(tmp_path / "overhand.png", tmp_path / "overhand-depth.png")
     shipped = RgbdImage.read(

@@ -14,7 +14,7 @@ from scipy import stats
 
 ACTIONS = (
     *("R1(0,1,1)", "R2(0,0,1,1)", "C(0,1,1)", "C(0,2,1)"),
-    *("C(4,2,1)", "C(1,2,1)", "C(2,0,1)", "C(2,4,1)"),
+    *("C(2,1,-1)", "C(2,0,-1)", "C(2,0,1)", "C(2,4,1)"),
 )
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
 # Shares of success by method, in the order of ACTIONS: roughly the paper's picture.

@@ -58,8 +58,16 @@ class Motions:
 
     @classmethod
     def join(cls, parts: Sequence[Motions]) -> Motions:
-        columns = zip(*(vars(part).values() for part in parts), strict=True)
+        """Motions of all parts; the last frames of shorter ones are repeated."""
+        longest = max(part.grasped.shape[1] for part in parts)
+        columns = zip(*(vars(part._lasting(longest)).values() for part in parts), strict=True)
         return cls(*(np.concatenate(column) for column in columns))
+
+    def _lasting(self, frames: int) -> Motions:
+        last = np.minimum(np.arange(frames), self.grasped.shape[1] - 1)
+        return Motions(
+            self.points[:, last], self.gripper[:, last], self.grasped[:, last], self.level
+        )
 
 
 def draw_motions(

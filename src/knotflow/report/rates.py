@@ -22,12 +22,13 @@ from knotflow.viz.style import INK, MUTED
 PRIMITIVES = {
     "1: R1": ("R1(0,1,1)",),
     "2: R2": ("R2(0,0,1,1)",),
-    "3: Cross, end over": ("C(0,1,1)", "C(0,2,1)", "C(2,1,-1)", "C(2,0,-1)"),
-    "4: other Cross": ("C(2,0,1)", "C(2,4,1)"),
+    "3: Cross, end over": ("C(0,1,1)", "C(0,2,1)", "C(2,1,-1)", "C(2,0,-1)", "C(4,2,1)"),
+    "4: other Cross": ("C(1,2,1)", "C(2,0,1)", "C(2,4,1)"),
 }
-"""The four motion primitives (Sec. V-A) and the actions that each serves."""
+"""The four motion primitives (Sec. V-A) and the actions that each serves; C(4,2,1) and C(1,2,1) are
+in tables of version 0.2.0 only."""
 ACTIONS = tuple(action for actions in PRIMITIVES.values() for action in actions)
-"""The eight topological actions in the order of Fig. 6."""
+"""All of these, in the order of Fig. 6."""
 
 
 @dataclass(frozen=True)
@@ -265,7 +266,7 @@ def check_counts(table: pd.DataFrame) -> None:
 
 
 def complete_rates(results: Results, experiment: str, methods: Sequence[str]) -> Rates:
-    """The rates of a table that has all of `methods` on all eight actions.
+    """The rates of a table that has all of `methods` on all of its actions.
 
     Raises:
         NotMeasured: one of them is missing.
@@ -275,6 +276,6 @@ def complete_rates(results: Results, experiment: str, methods: Sequence[str]) ->
     if rates is None or missing:
         raise NotMeasured(f"needs {md.listed(missing)} in {experiment}")
     shared = rates.shared_actions(*methods)
-    if missing := [action for action in ACTIONS if action not in shared]:
+    if missing := [action for action in rates.actions if action not in shared]:
         raise NotMeasured(f"needs {md.listed(missing)} of {md.listed(methods)} in {experiment}")
     return rates

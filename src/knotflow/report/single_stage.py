@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 from knotflow.report import markdown as md
 from knotflow.report.rates import (
-    ACTIONS,
     ARRANGED,
     ICP,
     IMITATION,
@@ -182,7 +181,7 @@ def reinforcement_over_imitation(results: Results) -> Judgement:
 def _ratios(results: Results, method: str, base: str) -> dict[str, Interval]:
     """Ratio of the two methods' rates on each of the eight actions, nan where both are 0."""
     rates = complete_rates(results, SINGLE, (method, base))
-    return {action: rates.ratio(method, base, action) for action in ACTIONS}
+    return {action: rates.ratio(method, base, action) for action in rates.actions}
 
 
 def _extremes(ratios: dict[str, Interval]) -> tuple[str, str]:
@@ -202,7 +201,7 @@ def together_best(results: Results) -> Judgement:
     """Together best on 7 of 8, the gap to the critic alone largest on two of them."""
     rates = complete_rates(results, ABLATION, PART_NAMES)
     best, clear, gaps = 0, 0, {}
-    for action in ACTIONS:
+    for action in rates.actions:
         actor, critic, both = (rates.interval(method, action).estimate for method in PART_NAMES)
         gaps[action] = both - critic
         best += both >= max(actor, critic)
@@ -212,7 +211,7 @@ def together_best(results: Results) -> Judgement:
     widest = sorted(gaps, key=lambda action: -gaps[action])[: len(PAPER_WIDEST)]
     widest_gaps = md.listed([f"`{action}` ({100 * gaps[action]:+.0f} points)" for action in widest])
     return Judgement(
-        f"best on {best} of {len(ACTIONS)}, significantly better than both alone on {clear}; "
+        f"best on {best} of {len(rates.actions)}, significantly better than both alone on {clear}; "
         f"the gap to the critic alone is largest on {widest_gaps}",
         Verdict.of_two(best >= 7, set(widest) == set(PAPER_WIDEST)),
     )
@@ -224,11 +223,11 @@ def where_the_critic_fails(results: Results) -> str:
     rates = complete_rates(results, ABLATION, PART_NAMES)
     solved = {
         action: [one[0] for name in PART_NAMES if (one := rates.solved(name, action))]
-        for action in ACTIONS
+        for action in rates.actions
     }
     if any(len(own) < len(PART_NAMES) for own in solved.values()):
         return ""
-    least = min(ACTIONS, key=lambda action: solved[action][1])
+    least = min(rates.actions, key=lambda action: solved[action][1])
     parts = [
         f"{' / '.join(map(str, solved[action]))} on `{action}`"
         for action in dict.fromkeys([least, *PAPER_WIDEST])

@@ -82,7 +82,7 @@ def test_unfit_demonstrations_are_not_kept(session):
     demonstrate(session, SHOWN.spline, "R1(0,1,1)")
     with pytest.raises(StudioError, match="write your name"):
         session.keep("  ")
-    session.draft.height = 0.3
+    session.draft.height = 0.15
     with pytest.raises(StudioError, match="have changed since"):
         session.keep("Ada")
     assert session.kept() == []
