@@ -24,6 +24,7 @@ FORMATS = ("csv", "ros2")
 SPACES = ("joint", "cartesian")
 
 MAX_LISTED = 12  # unreachable ranges of waypoints in a summary
+LOWEST = 0.008  # of the tool point, metres: the Panda's fingers reach 7 mm beyond it
 SUBDIVISIONS = 8  # between two waypoints, to measure the tip's speed
 
 
@@ -219,6 +220,7 @@ def export_plan(
         travel_speed=max_speed,
         vertical_speed=min(GripperConfig().vertical_speed, max_speed),
         drag_speed=max_speed,
+        lowest=LOWEST,
     )
     waypoints = plan.waypoints(rate_hz, moves)
     ik = follow_waypoints(plan, waypoints, arm, base)

@@ -38,7 +38,7 @@ class MppiConfig:
     effort: float = 0.02  # cost of an action, relative to the same deviation of the rope
     terminal: float = 2.0  # relative cost of the last tick's deviation
     reach: float = 0.65  # of the gripper from the middle along x and y, metres
-    table: float = 0.008  # least height of the gripper, metres
+    table: float = 0.005  # least height of the gripper, metres
     seed: int = 0  # of the sampled actions
 
 

@@ -46,6 +46,8 @@ class GripperConfig:
     drag_speed: float = np.inf
     """Highest speed while it holds the rope, metres per second: where the simulated motion is
     faster, it is slowed as a whole. The default keeps the simulated timing."""
+    lowest: float = 0.0
+    """Least height above the table, for fingers that reach beyond their tool point, metres."""
     close_time: float = 0.5
     """Time to close on the rope, seconds."""
     open_time: float = 0.5
@@ -131,6 +133,7 @@ def trace_waypoints(
     here: Floats | None = None
     for step, drag in enumerate(drags):
         path = _drag(drag, rate_hz, config.drag_speed)
+        path[:, 2] = np.maximum(path[:, 2], config.lowest)
         for phase, closed, positions in _phases(here, path, rate_hz, config):
             rows.extend((position, closed, step, drag.action, phase) for position in positions)
         here = rows[-1][0]
