@@ -1,12 +1,17 @@
-"""Arrays from user input, with errors that name what is wrong."""
+"""Arrays from user input, with errors that name what is wrong, and weights to files."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 
 def floats(
@@ -48,3 +53,23 @@ def read_npy(path: Path) -> NDArray[Any]:
         loaded.close()
         raise ValueError("several arrays, in a .npz file")
     return loaded
+
+
+def save_weights(
+    path: Path | str, weights: Mapping[str, Tensor], about: dict[str, str], half: bool = True
+) -> None:
+    """Write weights (by default in half precision) and metadata to a safetensors file, whose bytes
+    depend on these alone."""
+    from safetensors.torch import save
+
+    tensors = {
+        name: (one.half() if half and one.is_floating_point() else one).contiguous()
+        for name, one in weights.items()
+    }
+    written = save(tensors, about)
+    end = 8 + int.from_bytes(written[:8], "little")
+    header = json.loads(written[8:end])
+    header["__metadata__"] = dict(sorted(about.items()))  # the library writes it in any order
+    text = json.dumps(header, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 8)
+    Path(path).write_bytes(len(text).to_bytes(8, "little") + text + written[end:])

@@ -6,11 +6,17 @@ import numpy as np
 import pytest
 import torch
 
+from knotflow.experiments.perception import (
+    METHODS,
+    SELF_SUPERVISED,
+    SUPERVISED,
+    choose_ropes,
+    metrics,
+)
 from knotflow.perception import SAMPLE, RopeEstimate
 from knotflow.perception.estimation.estimate import EstimateConfig, estimate, propose
 from knotflow.perception.estimation.fitting import FitConfig
 from knotflow.perception.estimation.search import SearchConfig
-from knotflow.perception.methods import METHODS, SELF_SUPERVISED, SUPERVISED, choose_ropes, metrics
 from knotflow.perception.networks.network import Network
 from knotflow.simulation import RopeConfig, state_or_none, straight
 from knotflow.topology import TopologicalState

@@ -82,6 +82,13 @@ def test_save_load_round_trip(network, tmp_path, half):
         assert one == pytest.approx(other, abs=5e-3 if half else 1e-9)
 
 
+def test_saved_bytes_depend_on_the_network_alone(network, tmp_path):
+    files = [tmp_path / f"{number}.safetensors" for number in range(5)]
+    for file in files:
+        network.save(file)
+    assert len({file.read_bytes() for file in files}) == 1
+
+
 def test_the_network_is_small(tmp_path):
     Network(CoarseToFine()).save(tmp_path / "network.safetensors")
     assert (tmp_path / "network.safetensors").stat().st_size < 2e6

@@ -70,7 +70,7 @@ def test_symmetries_relate_all_r1_actions():
 
 
 def test_reversing_a_missing_segment_is_rejected():
-    with pytest.raises(IllegalActionError, match="no segment 4 among 3"):
+    with pytest.raises(IllegalActionError, match="no segment 4; this state has segments 0 to 2"):
         Cross(4, 2, 1).reversed(3)
 
 

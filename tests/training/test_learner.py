@@ -87,7 +87,7 @@ def test_learners_in_threads_learn_as_one_by_one(make):
     alone, beside = {n: make(n) for n in (1, 2, 3)}, {n: make(n) for n in (1, 2, 3)}
     for learner in alone.values():
         learner.fit(2, reset=True)
-    fit_each(beside, dict.fromkeys(beside, 2), reset=True, threads=3)
+    fit_each(beside, dict.fromkeys(beside, 2), reset=True)
     for number, learner in alone.items():
         assert torch.equal(weights(learner.primitive), weights(beside[number].primitive))
 

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import pad
 
+from knotflow.arrays import save_weights
 from knotflow.execution.dynamics import (
     JUDGED_STEPS,
     SHIPPED_DYNAMICS,
@@ -116,10 +117,8 @@ class LstmDynamics(nn.Module):
 
     def save(self, path: Path) -> None:
         """Write weights and configuration as safetensors, in half precision."""
-        from safetensors.torch import save_file
-
         config = {name: str(value) for name, value in asdict(self.config).items()}
-        save_file({k: v.half().contiguous() for k, v in self.state_dict().items()}, path, config)
+        save_weights(path, self.state_dict(), config)
 
     @classmethod
     def load(cls, path: Path = SHIPPED_DYNAMICS) -> LstmDynamics:

@@ -8,13 +8,7 @@ hashable. Rope shapes are read by `knotflow.topology.curve` and made by `knotflo
 from knotflow.topology.action import Action, Arrange, ForwardAction, IllegalActionError, Undo
 from knotflow.topology.action_text import parse_action
 from knotflow.topology.curve import CurveCrossings, project, segment_intervals, segment_lengths
-from knotflow.topology.knots import (
-    KNOT_NAMES,
-    all_states,
-    knot,
-    solution_graph,
-    solution_paths,
-)
+from knotflow.topology.knots import KNOT_NAMES, all_states, knot, solution_graph
 from knotflow.topology.moves import R1, R2, Cross
 from knotflow.topology.polyline import DegenerateCurveError
 from knotflow.topology.state import InvalidStateError, TopologicalState
@@ -40,5 +34,4 @@ __all__ = [
     "segment_intervals",
     "segment_lengths",
     "solution_graph",
-    "solution_paths",
 ]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass, fields, replace
 from operator import index
 from typing import ClassVar, Self
 
@@ -69,6 +69,10 @@ class ForwardAction(Action):
 
     symbol: ClassVar[str]
     segment_fields: ClassVar[tuple[str, ...]]
+    mirror_fields: ClassVar[tuple[str, ...]]
+    """What `mirrored` negates."""
+    reverse_fields: ClassVar[tuple[str, ...]]
+    """What `reversed` negates."""
 
     def __post_init__(self) -> None:
         """Convert numpy integers to int and reject parameters that are invalid in every state."""
@@ -125,14 +129,15 @@ class ForwardAction(Action):
             IllegalActionError: the state does not allow the action; says which rule it breaks.
         """
 
-    def _from_tail(self, segment: int, num_segments: int) -> int:
-        """The number of a segment when they are counted from the other end."""
-        if segment >= num_segments:
-            raise IllegalActionError(
-                f"{self}: there is no segment {segment} among {num_segments}, 0 to "
-                f"{num_segments - 1}"
-            )
-        return num_segments - 1 - segment
+    def mirrored(self) -> Self:
+        return replace(self, **{name: -getattr(self, name) for name in self.mirror_fields})
+
+    def reversed(self, num_segments: int) -> Self:
+        self.check_segments(num_segments)
+        changed = {name: -getattr(self, name) for name in self.reverse_fields}
+        for name in self.segment_fields:
+            changed[name] = num_segments - 1 - getattr(self, name)
+        return replace(self, **changed)
 
     @classmethod
     @abstractmethod

@@ -60,11 +60,6 @@ class CurveCrossings:
         bounds = np.concatenate(([0.0], self.fractions, [1.0]))
         return np.stack((bounds[:-1], bounds[1:]), axis=1)
 
-    @property
-    def segment_lengths(self) -> Floats:
-        """(2c + 1,) lengths of the segments, as fractions of the rope's length."""
-        return np.diff(self.segment_intervals, axis=1)[:, 0]
-
 
 def project(points: ArrayLike, min_gap: float = DEFAULT_MIN_GAP) -> CurveCrossings:
     """The crossings of a rope's projection onto the table.
@@ -106,14 +101,14 @@ def project(points: ArrayLike, min_gap: float = DEFAULT_MIN_GAP) -> CurveCrossin
     return results[0]
 
 
-def segment_intervals(points: ArrayLike, min_gap: float = DEFAULT_MIN_GAP) -> Floats:
+def segment_intervals(points: ArrayLike) -> Floats:
     """Begin and end of each segment, (num_segments, 2) fractions of the length; see `project`."""
-    return project(points, min_gap).segment_intervals
+    return project(points).segment_intervals
 
 
-def segment_lengths(points: ArrayLike, min_gap: float = DEFAULT_MIN_GAP) -> Floats:
+def segment_lengths(points: ArrayLike) -> Floats:
     """Length of each segment, (num_segments,) fractions of the rope's length; see `project`."""
-    return project(points, min_gap).segment_lengths
+    return np.diff(segment_intervals(points), axis=1)[:, 0]
 
 
 def _as_rope(points: ArrayLike) -> Floats:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from knotflow.topology.planar_map import LEFT, PlanarMap, Side
+from knotflow.topology.planar_map import LEFT, Side
 from knotflow.topology.polyline import Floats, Ints
 from knotflow.topology.state import TopologicalState
 
@@ -62,19 +62,13 @@ class Mesh:
         return np.unique(np.sort(pairs, axis=1), axis=0)
 
 
-def outer_face(planar_map: PlanarMap) -> int:
-    """The face to draw outside: the one with most sides, of these one that an end lies in."""
-    ends = {planar_map.left[0], planar_map.left[planar_map.tail]}
-    return max(
-        range(len(planar_map.faces)), key=lambda face: (len(planar_map.faces[face]), face in ends)
-    )
-
-
 def build_mesh(state: TopologicalState) -> Mesh:
     """The triangulated disc round a state's projected rope."""
     path = _rope_nodes(state)
     count = max(path) + 1
-    outer = outer_face(state.planar_map)
+    faces, left = state.planar_map.faces, state.planar_map.left
+    # The one with most sides, of these one that an end lies in.
+    outer = max(range(len(faces)), key=lambda face: (len(faces[face]), face in (left[0], left[-1])))
     triangles: list[tuple[int, int, int]] = []
     shapes: list[tuple[Point, Point, Point]] = []
     weights: list[float] = []
@@ -94,7 +88,7 @@ def build_mesh(state: TopologicalState) -> Mesh:
             shapes.extend(((near, far, node), (node, far, next_node)))
             weights.extend((weight, weight))
 
-    for face, sides in enumerate(state.planar_map.faces):
+    for face, sides in enumerate(faces):
         walls = [node for side in sides for node in _along(side, path)]
         number = len(walls)
         ring = list(range(count, count + number))
@@ -116,14 +110,9 @@ def build_mesh(state: TopologicalState) -> Mesh:
                 shapes.append((corner, next_corner, (0.0, 0.0)))
                 weights.append(1.0)
             count += 1
-    return Mesh(
-        np.array(path),
-        np.array(triangles),
-        np.array(shapes),
-        np.array(weights),
-        np.array(rim),
-        rim_radius,
-    )
+    nodes, outside = np.array(path), np.array(rim)
+    disc = np.array(triangles), np.array(shapes), np.array(weights)
+    return Mesh(nodes, *disc, outside, rim_radius)
 
 
 def tutte(mesh: Mesh) -> Floats:

@@ -8,17 +8,12 @@ images and reversals give all states of a name.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from knotflow.topology.action import Action
 from knotflow.topology.state import TopologicalState
 
 if TYPE_CHECKING:
     import networkx as nx
-
-Step = tuple[Action, TopologicalState]
-"""An action and the state it leads to."""
 
 _DIAGRAMS = {
     "unknot": "trivial",
@@ -39,21 +34,17 @@ def knot(name: str) -> frozenset[TopologicalState]:
     """
     if name not in _DIAGRAMS:
         raise ValueError(f"unknown knot {name!r}; valid names: {', '.join(KNOT_NAMES)}")
-    cuts = _cuts(TopologicalState.parse(_DIAGRAMS[name]))
-    mirrors = cuts | {state.mirrored() for state in cuts}
-    return frozenset(mirrors | {state.reversed() for state in mirrors})
-
-
-def _cuts(state: TopologicalState) -> set[TopologicalState]:
-    """The states of the same closed diagram cut at each of its segments."""
-    count = 2 * state.num_crossings
-    return {
+    diagram = TopologicalState.parse(_DIAGRAMS[name])
+    count = 2 * diagram.num_crossings
+    cuts = {
         TopologicalState.from_crossings(
             ((over - 1 + shift) % count + 1, (under - 1 + shift) % count + 1, sign)
-            for over, under, sign in state.crossings
+            for over, under, sign in diagram.crossings
         )
         for shift in range(max(count, 1))
     }
+    mirrors = cuts | {state.mirrored() for state in cuts}
+    return frozenset(mirrors | {state.reversed() for state in mirrors})
 
 
 def solution_graph(*goals: TopologicalState) -> nx.MultiDiGraph:
@@ -88,27 +79,6 @@ def solution_graph(*goals: TopologicalState) -> nx.MultiDiGraph:
                 open_states.append(previous)
             graph.add_edge(previous, state, key=str(action), action=action)
     return graph
-
-
-def solution_paths(graph: nx.MultiDiGraph, goal: TopologicalState) -> Iterator[tuple[Step, ...]]:
-    """The paths of a solution graph from the trivial state to a goal, as (action, state) steps.
-
-    Lazy: their number grows about exponentially with the crossings of the goal.
-
-    Raises:
-        ValueError: the goal is not a node of the graph.
-    """
-    if goal not in graph:
-        raise ValueError(f"the state {goal} is not in this solution graph")
-
-    def paths_to(state: TopologicalState) -> Iterator[tuple[Step, ...]]:
-        if state.num_crossings == 0:
-            yield ()
-        for previous, _, action in graph.in_edges(state, data="action"):
-            for path in paths_to(previous):
-                yield (*path, (action, state))
-
-    return paths_to(goal)
 
 
 def all_states(crossings: int) -> tuple[TopologicalState, ...]:

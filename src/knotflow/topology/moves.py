@@ -19,7 +19,7 @@ Conventions where the geometry of an open curve leaves a choice:
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from knotflow.topology.action import SIGNS, ForwardAction, IllegalActionError, NewPoint
 from knotflow.topology.planar_map import LEFT, Crossing, PlanarMap
@@ -34,6 +34,7 @@ class R1(ForwardAction):
 
     symbol = "R1"
     segment_fields = ("index",)
+    mirror_fields, reverse_fields = ("left", "sign"), ("left",)
 
     index: int
     left: int
@@ -53,12 +54,6 @@ class R1(ForwardAction):
         # A counter-clockwise loop whose second passage is over has sign +1.
         over, under = (second, first) if self.left == self.sign else (first, second)
         return ((over, under, self.sign),)
-
-    def mirrored(self) -> R1:
-        return replace(self, left=-self.left, sign=-self.sign)
-
-    def reversed(self, num_segments: int) -> R1:
-        return replace(self, index=self._from_tail(self.index, num_segments), left=-self.left)
 
     @classmethod
     def legal(cls, planar_map: PlanarMap) -> Iterator[R1]:
@@ -86,6 +81,7 @@ class R2(ForwardAction):
 
     symbol = "R2"
     segment_fields = ("over", "under")
+    mirror_fields, reverse_fields = ("left",), ("left", "over_first")
 
     over: int
     under: int
@@ -134,14 +130,6 @@ class R2(ForwardAction):
         # From the left of the under strand the finger goes out with sign +1 and back with -1.
         return ((out, near, side), (back, far, -side))
 
-    def mirrored(self) -> R2:
-        return replace(self, left=-self.left)
-
-    def reversed(self, num_segments: int) -> R2:
-        over = self._from_tail(self.over, num_segments)
-        under = self._from_tail(self.under, num_segments)
-        return R2(over, under, -self.left, -self.over_first)
-
     @classmethod
     def legal(cls, planar_map: PlanarMap) -> Iterator[R2]:
         for over in range(planar_map.num_segments):
@@ -178,6 +166,7 @@ class Cross(ForwardAction):
 
     symbol = "C"
     segment_fields = ("over", "under")
+    mirror_fields, reverse_fields = ("sign",), ()
 
     over: int
     under: int
@@ -219,14 +208,6 @@ class Cross(ForwardAction):
                 f"which makes the sign {signs[0]:+d}"
             )
         return (((self.over, 0), (self.under, 0), self.sign),)
-
-    def mirrored(self) -> Cross:
-        return replace(self, sign=-self.sign)
-
-    def reversed(self, num_segments: int) -> Cross:
-        over = self._from_tail(self.over, num_segments)
-        under = self._from_tail(self.under, num_segments)
-        return Cross(over, under, self.sign)
 
     @classmethod
     def legal(cls, planar_map: PlanarMap) -> Iterator[Cross]:

@@ -109,7 +109,6 @@ class TopologicalState:
 
     @property
     def num_crossings(self) -> int:
-        """The number of crossings, c."""
         return len(self.crossings)
 
     @property
@@ -152,15 +151,12 @@ class TopologicalState:
         new = ((position_of(*o), position_of(*u), sign) for o, u, sign in added)
         return TopologicalState._trusted((*old, *new))
 
-    def undo(self, action: Action) -> TopologicalState:
+    def undo(self, action: ForwardAction) -> TopologicalState:
         """The state from which an action led to this one.
 
         Raises:
             IllegalActionError: the action does not lead to this state from anywhere.
         """
-        if isinstance(action, Undo):
-            return self.apply(action.action)
-        assert isinstance(action, ForwardAction)
         previous = self._before(action)
         if previous is None:
             last = ", ".join(str(candidate) for candidate, _ in self.predecessors()) or "none"

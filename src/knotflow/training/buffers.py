@@ -56,10 +56,6 @@ class TrialBuffer(ReplayBuffer):
         super().__init__(capacity, generator)
         self.slots = slots
 
-    @property
-    def num_trials(self) -> int:
-        return int(self._replay[:]["count"].sum()) if len(self) else 0
-
     def extend(
         self, states: TensorDict, splines: Sequence[Tensor], rewards: Sequence[Tensor]
     ) -> None:
@@ -71,13 +67,12 @@ class TrialBuffer(ReplayBuffer):
         counts = [len(spline) for spline in splines]
         if bad := [count for count in counts if not 0 < count <= self.slots]:
             raise ValueError(f"a rope of this buffer has 1 to {self.slots} trials, not {bad[0]}")
-        missing = [self.slots - count for count in counts]
-        spline = [pad(one.float(), (0, 0, 0, n)) for one, n in zip(splines, missing, strict=True)]
-        reward = [pad(one.float(), (0, n)) for one, n in zip(rewards, missing, strict=True)]
         items = {
             "states": states,
-            "spline": torch.stack(spline),
-            "reward": torch.stack(reward),
+            "spline": torch.stack(
+                [pad(s.float(), (0, 0, 0, self.slots - len(s))) for s in splines]
+            ),
+            "reward": torch.stack([pad(r.float(), (0, self.slots - len(r))) for r in rewards]),
             "count": torch.tensor(counts),
         }
         self._replay.extend(TensorDict(items, batch_size=[len(counts)]))
@@ -158,9 +153,8 @@ def mix(parts: Sequence[TensorDict], shares: Sequence[float]) -> TensorDict:
         key: torch.cat([part[key] for part in parts]) for key in ("spline", "reward", "baseline")
     }
     if any("next_value" in part.keys() for part in parts):
-        unknown = [torch.full_like(part["reward"], torch.nan) for part in parts]
         columns["next_value"] = torch.cat(
-            [part.get("next_value", nan) for part, nan in zip(parts, unknown, strict=True)]
+            [part.get("next_value", torch.full_like(part["reward"], torch.nan)) for part in parts]
         )
     columns |= {"owner": torch.cat(owners), "weight": torch.cat(weights)}
     return TensorDict({"states": torch.cat([part["states"] for part in parts]), **columns})
@@ -215,8 +209,7 @@ class StateBuffer:
 
     def draw(self, state: TopologicalState, rng: np.random.Generator) -> Floats:
         """A shape (V, 3), metres, of a representative state."""
-        shapes = self._shapes[state]
-        return shapes[rng.integers(len(shapes))]
+        return self._shapes[state][rng.integers(len(self._shapes[state]))]
 
     def state_dict(self) -> dict[str, Any]:
         return {

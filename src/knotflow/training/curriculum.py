@@ -48,20 +48,16 @@ ByCrossings = Mapping[int, Sequence[TopologicalState]]
 
 
 @cache
-def outcomes(state: TopologicalState, most_crossings: int) -> Mapping[Action, TopologicalState]:
-    """Every action of a state, undoing ones included, and its end, of at most so many crossings."""
-    kept = {action: end for action, end in state.actions() if end.num_crossings <= most_crossings}
-    return kept | dict(state.undo_actions())
-
-
-@cache
 def pairs_by_kind(state: TopologicalState, most_crossings: int) -> Mapping[str, tuple[Pair, ...]]:
-    """Pairs of a state by kind of action: those of `KIND_SHARES`, and undo."""
+    """Pairs of a state by kind of action, those of `KIND_SHARES`, which lead to at most so many
+    crossings, and undo."""
     found: dict[str, list[Pair]] = {}
-    for action in outcomes(state, most_crossings):
+    for action, end in (*state.actions(), *state.undo_actions()):
         kind = action.symbol if isinstance(action, ForwardAction) else UNDO
         if isinstance(action, R1) and 0 < action.index < state.num_segments - 1:
             kind = INNER_R1
+        if kind != UNDO and end.num_crossings > most_crossings:
+            continue
         found.setdefault(kind, []).append((state, action))
     return {kind: tuple(pairs) for kind, pairs in found.items()}
 

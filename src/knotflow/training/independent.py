@@ -109,27 +109,21 @@ class Reinforcement(Trainer):
         starts: StartsConfig | None = None,
         observe: Observer | None = None,
     ) -> None:
-        """Takes over `primitive` and goes on training it.
+        """Takes over `primitive`, which has imitated, and goes on training it.
 
         Args:
-            primitive: after imitation.
             trials: demonstrations, of one rope each.
             pools: start shapes (P, V, 3), metres, of each task of this primitive.
-            simulator: executes the attempts.
-            config: the effort.
-            seed: of everything random.
             starts: what a start that attempts leave behind looks like.
-            observe: told of every round's attempts.
 
         Raises:
             ValueError: there is no task, or a pool is empty.
         """
         super().__init__(config.rounds)
-        for task, pool in pools.items():
-            if len(pool) == 0:
-                raise ValueError(f"the pool of start shapes for {task.action} is empty")
         if not pools:
             raise ValueError("reinforcement needs a pool of start shapes for at least one task")
+        if empty := [str(task.action) for task, pool in pools.items() if not len(pool)]:
+            raise ValueError(f"the pool of start shapes for {empty[0]} is empty")
         self.primitive, self.simulator, self.config = primitive, simulator, config
         self.learner = Learner(primitive, config.learner, seed)
         generator = self.learner.generator
@@ -172,7 +166,7 @@ class Reinforcement(Trainer):
             np.concatenate([points for _, _, points, _, _ in proposed]),
             np.concatenate([splines.reshape(-1, 6) for _, _, _, splines, _ in proposed]),
         )
-        attempts, metrics = [], {}
+        attempts, metrics, rope = [], {}, self.simulator.config.rope
         size = config.ropes * config.splines
         for number, (task, encoded, points, splines, ways) in enumerate(proposed):
             own = rollouts[number * size : (number + 1) * size]
@@ -183,7 +177,13 @@ class Reinforcement(Trainer):
                 list(torch.from_numpy(encoded.frames.to_network(splines)).float()),
                 list(torch.from_numpy(tried.success.reshape(splines.shape[:2])).float()),
             )
-            self._recycle(tried)
+            # Shapes that attempts left in a start state can be started from.
+            for state, buffer in self._initial.items():
+                roomy = [
+                    end == state and is_roomy(points, rope, self._starts)
+                    for end, points in zip(tried.ends, own.end_points, strict=True)
+                ]
+                buffer.recycle(own.end_points[roomy])
             for way, name in ((POLICY, "policy"), (SPREAD, "exploration")):
                 if (ways == way).any():
                     rate = tried.success[ways == way].mean()
@@ -191,17 +191,6 @@ class Reinforcement(Trainer):
         if self._observe is not None:
             self._observe(len(self.history), attempts)
         return metrics
-
-    def _recycle(self, tried: Attempts) -> None:
-        """Shapes that attempts left in a start state can be started from."""
-        rope, end_points = self.simulator.config.rope, tried.rollouts.end_points
-        for state, buffer in self._initial.items():
-            rows = [
-                row
-                for row, end in enumerate(tried.ends)
-                if end == state and is_roomy(end_points[row], rope, self._starts)
-            ]
-            buffer.recycle(end_points[rows])
 
     @property
     def parts(self) -> dict[str, Any]:

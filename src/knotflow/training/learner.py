@@ -76,7 +76,7 @@ def explore(
         if way == POLICY:
             found = primitive.search(some, count, rng, use_next_value)[0]
         elif way == SEARCH:
-            first = _widened(primitive, some, config)
+            first = _widened(primitive, some.states, config)
             found = primitive.search(some, count, rng, use_next_value, first, config.iterations)[0]
         else:
             noise = standard_normal(rng, (len(rows), count, SPLINE))
@@ -85,17 +85,17 @@ def explore(
                 best = primitive.search(some, count, rng, use_next_value)[0]
                 found = best + config.floor * noise
             else:
-                mean, factor = _widened(primitive, some, config)
+                mean, factor = _widened(primitive, some.states, config)
                 found = mean[:, None] + noise @ factor.mT
         splines[torch.from_numpy(rows)] = found
     return splines, ways
 
 
 def _widened(
-    primitive: Primitive, encoded: Encoded, config: ExplorationConfig
+    primitive: Primitive, states: TensorDict, config: ExplorationConfig
 ) -> tuple[Tensor, Tensor]:
     """The actor's Gaussian, widened; that of a critic-only policy is wide enough."""
-    mean, factor = primitive.gaussian(encoded.states)
+    mean, factor = primitive.gaussian(states)
     if primitive.actor is None:
         return mean, factor
     floor = config.floor**2 * torch.eye(SPLINE)
@@ -264,16 +264,11 @@ class Learner:
 
 
 def fit_each(
-    learners: Mapping[int, Learner],
-    steps: Mapping[int, int],
-    reset: bool = False,
-    threads: int | None = None,
+    learners: Mapping[int, Learner], steps: Mapping[int, int], reset: bool = False
 ) -> dict[int, dict[str, float]]:
-    """`Learner.fit` of several learners in threads, one a CPU if None, with the same result."""
-    if not learners:
-        return {}
+    """`Learner.fit` of several learners in threads, with the same result."""
     stop = Event()
-    with one_thread(), ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+    with one_thread(), ThreadPoolExecutor(os.cpu_count()) as pool:
         running = {
             number: pool.submit(learner.fit, steps[number], reset, stop)
             for number, learner in learners.items()
@@ -300,9 +295,9 @@ def demonstration_buffer(trials: Sequence[Trials], generator: torch.Generator) -
     if not trials:
         raise ValueError("there are no demonstrated trials to learn from")
     encoded = encode([some.points[0] for some in trials], [some.action for some in trials])
-    frames = encoded.frames
     splines = [
-        frames[row : row + 1].to_network(some.splines[None])[0] for row, some in enumerate(trials)
+        encoded.frames[row : row + 1].to_network(some.splines[None])[0]
+        for row, some in enumerate(trials)
     ]
     buffer = TrialBuffer(len(trials), max(map(len, trials)), generator)
     buffer.extend(

@@ -92,9 +92,6 @@ class SelfPlay(Trainer):
             library: after independent training, with actor and critic.
             trials: demonstrations, of one rope each.
             earlier: attempts of independent training.
-            simulator: executes the trials.
-            config: the effort.
-            seed: of everything random.
             starts: what an untangled rope looks like.
 
         Raises:

@@ -160,8 +160,7 @@ def run_training(
     Args:
         trainer: as constructed.
         out: folder of the checkpoint and of curves.csv.
-        name: of the progress bar.
-        progress: makes the progress bar, as tqdm does.
+        name: of the bar that `progress` makes, as tqdm does.
         save_every: rounds between two checkpoints.
         finish: saves what was trained; afterwards the checkpoint is removed.
     """

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import grid_sample, interpolate
 
+from knotflow.arrays import save_weights
 from knotflow.perception import SHIPPED_NETWORK
 from knotflow.perception.camera.rendering import render
 from knotflow.perception.estimation.evidence import Target
@@ -187,19 +188,13 @@ class Network:
 
     def save(self, path: Path | str, half: bool = True) -> None:
         """Write weights (by default in half precision) and sizes to one safetensors file."""
-        from safetensors.torch import save_file
-
         about = {"format": FORMAT, "version": VERSION}
         about["network"] = json.dumps(asdict(self.model.config))
         weights = dict(self.model.state_dict())
         if self.strands is not None:
             about["strands"] = json.dumps(asdict(self.strands.config))
             weights |= {_STRANDS + name: one for name, one in self.strands.state_dict().items()}
-        weights = {
-            name: (one.half() if half and one.is_floating_point() else one).contiguous()
-            for name, one in weights.items()
-        }
-        save_file(weights, path, about)
+        save_weights(path, weights, about, half)
 
     @classmethod
     def load(cls, path: Path | str = SHIPPED_NETWORK) -> Network:

@@ -60,7 +60,8 @@ def _iterate(
         kept = splines.gather(1, order[..., None].expand(-1, -1, splines.shape[-1]))
         yield kept, values
         mean = kept.mean(dim=1)
-        factor = torch.diag_embed(kept.std(dim=1, correction=0) + 1e-3)
+        if len(kept):  # of no rope PyTorch warns that there are no degrees of freedom
+            factor = torch.diag_embed(kept.std(dim=1, correction=0) + 1e-3)
 
 
 def standard_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> Tensor:
