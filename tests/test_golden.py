@@ -353,12 +353,12 @@ def planning() -> dict[str, Any]:
 def perception() -> dict[str, Any]:
     """A noisy image of a held rope, what its pixels are taken for, and the rope estimated in it."""
     camera, rng = Camera.overhead(), np.random.default_rng(0)
-    noise = CameraNoiseConfig()
-    simulated = SimulatedCamera(camera, ROPE, noise, Appearance.draw(rng, noise))
+    noise, rope = CameraNoiseConfig(), RopeConfig(radius=0.008)
+    simulated = SimulatedCamera(camera, rope, noise, Appearance.draw(rng, noise))
     view = simulated.view(loop(), gripper=loop()[5])
     image = add_noise(view.image, camera, noise, rng)
-    labels = (view.labels, segment(image, camera, ROPE.radius).labels)
-    found = estimate(image, camera, ROPE, likely=[loop()])
+    labels = (view.labels, segment(image, camera, rope.radius).labels)
+    found = estimate(image, camera, rope, likely=[loop()])
     return {
         "estimate": found.points[::10],
         "explained": [found.coverage_fraction, found.seen_radius],
@@ -374,7 +374,7 @@ def execution() -> dict[str, Any]:
     of given weights makes of dragged ropes."""
     times = np.linspace(0.0, 1.8, 7)
     path = np.linspace([0.0, 0.0, 0.008], [0.3, 0.1, 0.008], 7)
-    step = SimpleNamespace(times=times, gripper=path)
+    step = SimpleNamespace(times=times, gripper=path, release_time=1.8)
     ropes = torch.from_numpy(np.stack([loop(), arc(ROPE)])).float()
     drag = torch.tensor([[0.02, 0.0, 0.01], [0.04, 0.0, 0.0]]) + ropes[:, 10:11]
     dynamics = filled(LstmDynamics(LstmConfig(hidden=8)))
@@ -382,7 +382,7 @@ def execution() -> dict[str, Any]:
         ahead = dynamics.predict(ropes, 0.1 * ropes, torch.tensor([10, FREE]), drag)
     return {
         "errors": [list(vars(one).values()) for one in ERROR_LEVELS],
-        "path": path_from_grasp(cast(PlanStep, step), np.array([0.02, -0.01, 0.008]), 1.8),
+        "path": path_from_grasp(cast(PlanStep, step), np.array([0.02, -0.01, 0.008])),
         "dragged": ahead[:, :, ::5],
     }
 

@@ -21,16 +21,16 @@ class Component(NamedTuple):
 
 COMPONENTS = {
     "topology": Component(1, ("topology",)),
-    "simulation": Component(2, ("simulation",)),
-    "demonstrations": Component(2, ("samplers.demonstrations",)),
+    "simulation": Component(3, ("simulation",)),
+    "demonstrations": Component(3, ("samplers.demonstrations",)),
     "baselines": Component(1, ("samplers.random", "samplers.icp")),
     "causal_infogan": Component(1, ("samplers.causal_infogan", "training.causal_infogan")),
-    "primitives": Component(3, ("samplers.primitives",)),
+    "primitives": Component(4, ("samplers.primitives",)),
     "trainer": Component(1, ("training.trainer",)),
     "training": Component(6, ("training",)),
     "planning": Component(9, ("planning",)),
     "perception": Component(10, ("perception",)),
-    "execution": Component(6, ("execution",)),
+    "execution": Component(7, ("execution",)),
     "recording": Component(1, ("recording",)),
 }
 """Names are independent of folders, so moving a file invalidates no stage."""

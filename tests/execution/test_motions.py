@@ -12,7 +12,11 @@ def test_ropes_are_dragged_then_free(motions):
     assert motions.points.shape[2:] == (41, 3)
     assert set(motions.level) == {0, 2}
     free = motions.grasped == FREE
-    assert (np.diff(free.astype(int), axis=1) >= 0).all() and not free[:, 0].any() and free[:, -1].all()
+    assert (
+        (np.diff(free.astype(int), axis=1) >= 0).all()
+        and not free[:, 0].any()
+        and free[:, -1].all()
+    )
     link = motions.grasped[:, :1]
     assert (np.where(free, link, motions.grasped) == link).all()
     rows, link, middle = np.arange(len(motions)), link[:, 0], (~free).sum(axis=1) // 2
@@ -34,9 +38,7 @@ def test_frames_correct_the_simulators_early_recording():
     np.testing.assert_array_equal(coarse.trajectory[:, 1:], fine.trajectory[:, 5::5])
     link = int(shown.spline[0] * 40)
     away = [
-        np.linalg.norm(
-            rope[:, link : link + 2].mean(1) - fine.gripper[0, 20:80:5], axis=-1
-        ).mean()
+        np.linalg.norm(rope[:, link : link + 2].mean(1) - fine.gripper[0, 20:80:5], axis=-1).mean()
         for rope in (fine.trajectory[0, 20:80:5], fine.trajectory[0, 21:81:5])
     ]
     speed = np.linalg.norm(np.diff(fine.gripper[0, 20:80], axis=0), axis=-1).mean()
