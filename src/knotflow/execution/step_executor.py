@@ -19,7 +19,7 @@ from knotflow.execution.robot import CameraTimer, Observation, Robot, RopeSource
 from knotflow.planning import GripperConfig, KnotPlan, PlanStep
 from knotflow.planning.waypoints import trace_waypoints
 from knotflow.simulation import grasped_link, spline_basis
-from knotflow.topology import Action, TopologicalState, project
+from knotflow.topology import TopologicalState, project
 
 MAX_CORRECTION = 0.03
 """Largest error of the robot along each axis that is made up for, metres; more is a fault."""
@@ -93,19 +93,10 @@ class TickTiming:
 class StepOutcome:
     """Outcome of one executed step."""
 
-    step: PlanStep
-    """As it was planned."""
-    observed_state: TopologicalState | None
-    """After it; None where it was not observed, or cannot be read."""
-    held: bool
-    """Whether the rope was held until its release, as far as it was tracked."""
-    tracked: bool
-    """Whether the track was not lost."""
-
-    @property
-    def action(self) -> Action:
-        """The step's action."""
-        return self.step.action
+    step: PlanStep  # as it was planned
+    observed_state: TopologicalState | None  # after it; None: not observed, or cannot be read
+    held: bool  # whether the rope was held until its release, as far as it was tracked
+    tracked: bool  # whether the track was not lost
 
 
 @dataclass(eq=False)
@@ -116,17 +107,12 @@ class StepExecutor:
     config: ExecutionConfig
     source: RopeSource | None = None
     controller: Controller | None = None
-    corrects: bool = False
-    """Whether the robot's own error is compensated."""
-    points: NDArray | None = None
-    """(V, 3) the rope as last seen."""
-    previous_points: NDArray | None = None
-    """(V, 3) the rope as seen a move earlier."""
+    corrects: bool = False  # whether the robot's own error is compensated
+    points: NDArray | None = None  # (V, 3) the rope as last seen
+    previous_points: NDArray | None = None  # (V, 3) the rope as seen a move earlier
     closed: bool = False
-    commanded: NDArray = field(default_factory=lambda: np.zeros(3))
-    """(3,) where the gripper was last sent."""
-    error: NDArray = field(default_factory=lambda: np.zeros(3))
-    """(3,) the robot's offset from where it is sent, metres."""
+    commanded: NDArray = field(default_factory=lambda: np.zeros(3))  # where it was last sent
+    error: NDArray = field(default_factory=lambda: np.zeros(3))  # of the robot's position, metres
     moves: list[Move] = field(default_factory=list)
     ticks: list[TickTiming] = field(default_factory=list)
 
