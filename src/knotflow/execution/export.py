@@ -117,9 +117,11 @@ def _share(values: NDArray, limits: NDArray) -> float:
 class Export:
     """An exported plan."""
 
-    text: str  # the file's contents
+    text: str
+    """The file's contents."""
     trajectory: JointTrajectory
-    slowed: float  # duration of the drags relative to the simulated ones, 1 or more
+    slowed: float
+    """Duration of the drags relative to the simulated ones, 1 or more."""
 
     @property
     def reachable(self) -> bool:

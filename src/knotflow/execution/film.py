@@ -158,10 +158,8 @@ class FilmedRollout:
 
     attempts: Attempts
     images: tuple[RgbdImage, ...]
-    visible: NDArray[np.bool_]
-    """(T + 1, V) whether an image shows a vertex."""
-    camera: Camera
-    """At its true pose."""
+    visible: NDArray[np.bool_]  # (T + 1, V) whether an image shows a vertex
+    camera: Camera  # at its true pose
 
 
 def film_rollout(

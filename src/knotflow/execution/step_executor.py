@@ -31,11 +31,9 @@ class Controller(Protocol):
     def begin(self, reference: NDArray, path: NDArray, weights: NDArray, grasped: int) -> None:
         """Take up a spline: the desired rope (T + 1, V, 3), the planned path (T + 1, 3), the
         vertices' weights (V,) and the index of the held link."""
-        ...
 
     def act(self, points: NDArray, velocities: NDArray, gripper: NDArray) -> NDArray:
         """The gripper's position (3,) a tick from now, from the rope's state (V, 3)."""
-        ...
 
 
 @dataclass

@@ -33,6 +33,7 @@ from knotflow.perception.estimation.evidence import (
     visible_vertices,
 )
 from knotflow.perception.estimation.fitting import FitConfig, fit, project_lengths, register
+from knotflow.perception.estimation.search import PIXELS_ACROSS
 from knotflow.perception.estimation.skeleton import TraceError
 from knotflow.perception.networks.network import Network
 from knotflow.simulation import RopeConfig, state_or_none
@@ -59,8 +60,6 @@ class TrackerConfig:
     """The gradient steps of each image."""
     points: int = 400
     """Points of the rope's image that the prediction is registered to before."""
-    pixels_across: float = 1.4
-    """Pixels that a rope is wide on the grid that these steps look at."""
     hidden: float = 0.2
     """Weight of the prediction where the image shows nothing."""
     visible: float = 0.02
@@ -136,7 +135,7 @@ class Tracker:
         else:  # a model knows how far behind the gripper its link is
             predicted = self._predict(*now, None if grasped is None else gripper, grasped)
         target = replace(observe(image, self.camera, self.rope), seen_radius=self._seen_radius)
-        coarse = target.coarse(predicted, self.config.pixels_across)
+        coarse = target.coarse(predicted, PIXELS_ACROSS)
         shape = predicted
         if bool(target.mask.any()):
             cloud = rope_points(image, target, self.config.points)
@@ -162,7 +161,7 @@ class Tracker:
         if grasped is not None:
             self._trailing = shape[grasped : grasped + 2].mean(axis=0) - np.asarray(gripper)
         state = state_or_none(shape)
-        ambiguities = list_ambiguities(state, crossings, fraction, target, self.config.estimate)
+        ambiguities = list_ambiguities(state, crossings, fraction, target)
         return RopeEstimate(
             shape.copy(),
             visible_vertices(shape, target.mask.numpy(), image, self.camera, self.rope),
@@ -182,8 +181,7 @@ class Tracker:
             ImageError: an image of another size.
             TraceError: no rope in the image.
         """
-        config, likely = self.config.estimate, [self.points]
-        found = self._estimate(image, config, self.points, likely)
+        found = self._estimate(image, self.config.estimate, self.points, [self.points])
         self.restart(found, image.time)
         return found
 
@@ -325,7 +323,7 @@ class CpdTracker:
     def update(
         self, image: RgbdImage, gripper: NDArray | None = None, grasped: int | None = None
     ) -> RopeEstimate:
-        """The rope in the next image; see `Tracker.update`. Crossings have no certainty."""
+        """See `Tracker.update`; crossings have no certainty."""
         seconds = 0.0 if self._time is None else image.time - self._time
         self._time = image.time
         start = self.points

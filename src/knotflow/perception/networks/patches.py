@@ -29,18 +29,12 @@ Array = TypeVar("Array", Floats, Tensor)
 
 FLIPS = ((1, 1), (-1, 1), (1, -1), (-1, -1))
 """A patch's mirror images: signs of its first and second axis."""
-SIDE = 48
-"""Pixels of a window's side."""
-HALF = 12.0
-"""Half its side, radii of the rope."""
-STEP = 2.0
-"""Length of a step along a strand, radii."""
-TRAIL = 12
-"""Steps back that the window shows."""
-HEADINGS = 32
-"""Directions of a step that are distinguished,"""
-WIDEST = 1.6
-"""up to this angle to either side, radians."""
+SIDE = 48  # pixels of a window's side
+HALF = 12.0  # half its side, radii of the rope
+STEP = 2.0  # length of a step along a strand, radii
+TRAIL = 12  # steps back that the window shows
+HEADINGS = 32  # directions of a step that are distinguished,
+WIDEST = 1.6  # up to this angle to either side, radians
 _MARGIN = 1.1  # side of a patch, in extents of the rope
 _SMALLEST = 0.4  # least side of a patch, in lengths of the rope
 _HIGHEST = 8.0  # heights above the table are cut here, radii of the rope

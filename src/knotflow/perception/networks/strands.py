@@ -33,8 +33,7 @@ from knotflow.threads import one_thread
 
 Floats = NDArray[np.float64]
 
-PIXEL = 2 * HALF / SIDE
-"""Side of a map's pixel, radii."""
+PIXEL = 2 * HALF / SIDE  # side of a map's pixel, radii
 _BEAM, _HALVES = 16, 8  # paths followed at once from an end of the rope, and from elsewhere
 _JOINED = 4  # pairs of the latter that are paths from end to end, most
 _ENDS = 4  # ends of such pairs from which the rope is followed again, most

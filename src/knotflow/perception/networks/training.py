@@ -62,22 +62,15 @@ class LossConfig:
 class EffortConfig:
     """The effort of a training, and what is learned from."""
 
-    examples: ExamplesConfig = field(default_factory=ExamplesConfig)
-    """How the ropes are seen."""
-    validations: int = 100
-    """Validations, and checkpoints, until the end."""
-    steps: int = 200
-    """Gradient steps between two of them."""
-    batch: int = 48
-    """Examples of a step."""
+    examples: ExamplesConfig = field(default_factory=ExamplesConfig)  # how the ropes are seen
+    validations: int = 100  # validations, and checkpoints, until the end
+    steps: int = 200  # gradient steps between two of them
+    batch: int = 48  # examples of a step
     learning_rate: float = 1e-3
     """Largest one; it rises over the first validation and falls to nothing as a cosine."""
-    weight_decay: float = 1e-3
-    """AdamW's."""
-    gradient_norm: float = 5.0
-    """Gradients are cut to this length."""
-    held_out: float = 0.05
-    """Share of the shapes, the last ones, that are for validation."""
+    weight_decay: float = 1e-3  # AdamW's
+    gradient_norm: float = 5.0  # gradients are cut to this length
+    held_out: float = 0.05  # share of the shapes, the last ones, that are for validation
 
 
 @dataclass
