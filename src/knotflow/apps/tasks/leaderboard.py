@@ -43,8 +43,8 @@ def public_tasks(track: str | None = None) -> dict[str, TieTask]:
     Raises:
         ValueError: an unknown track.
     """
-    if track not in (None, "actions", "knots"):
-        raise ValueError(f"unknown track {track!r}; choose actions or knots")
+    if track not in (None, *TRACKS):
+        raise ValueError(f"unknown track {track!r}; choose {' or '.join(TRACKS)}")
     tasks: dict[str, TieTask] = {}
     with np.load(_DATA / "public.npz") as starts:
         if track != "knots":

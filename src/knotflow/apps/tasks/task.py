@@ -135,9 +135,6 @@ class Episodes:
         self.used = np.zeros(batch, np.intp)
         """(B,) splines executed in this episode."""
 
-    def __len__(self) -> int:
-        return len(self.points)
-
     def reset(self, row: int, rng: np.random.Generator, index: int | None = None) -> None:
         """Begin an episode with a start of the task; see `TieTask.start`."""
         self.points[row] = self.task.start(rng, self.simulator.config.rope, index)
@@ -168,7 +165,7 @@ def goal_codes(task: TieTask) -> NDArray[np.int8]:
     A row is one crossing (over, under, sign) as in Eq. 1, or zeros.
     """
     states = sorted(task.goal.states)
-    codes = np.zeros((len(states), max(1, *(s.num_crossings for s in states), 1), 3), np.int8)
+    codes = np.zeros((len(states), max(1, *(s.num_crossings for s in states)), 3), np.int8)
     for code, state in zip(codes, states, strict=True):
         for row, crossing in enumerate(state.crossings):
             code[row] = crossing
