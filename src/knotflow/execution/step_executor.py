@@ -23,6 +23,10 @@ from knotflow.topology import TopologicalState, project
 
 MAX_CORRECTION = 0.03
 """Largest error of the robot along each axis that is made up for, metres; more is a fault."""
+CROSSING_WIDTH = 0.08  # share of the rope around each crossing within which vertices matter most
+CROSSING_WEIGHT = 4.0  # how much more a vertex at a crossing matters than one far from it
+MAX_OBSERVATIONS = 2  # of an ambiguous rope before it is pulled
+PULL_DISTANCE = 0.04  # metres
 
 
 class Controller(Protocol):
@@ -42,10 +46,6 @@ class ExecutionConfig:
 
     gripper: GripperConfig = field(default_factory=GripperConfig)
     """Heights and speeds between splines."""
-    crossing_width: float = 0.08
-    """Share of the rope around each crossing of a step's end within which vertices matter most."""
-    crossing_weight: float = 4.0
-    """How much more a vertex at a crossing matters than one far from it."""
     slip: float = 0.03
     """Distance from the gripper at which the held link counts as lost, metres."""
     lag: float = 0.05
@@ -54,12 +54,8 @@ class ExecutionConfig:
     """Grasps of a step, in closed loop, while it misses or slips."""
     park_position: tuple[float, float, float] = (0.0, 0.45, 0.3)
     """Where the gripper waits while the rope is observed, metres; the next time opposite."""
-    max_observations: int = 2
-    """Observations of an ambiguous rope before it is pulled."""
     max_pulls: int = 2
     """Pulls at an ambiguous rope's ends, in turn, with replanning."""
-    pull_distance: float = 0.04
-    """Of a pull, metres."""
     image_timeout: float = 3.0
     """Seconds that a new image is waited for."""
     max_unsolved: int = 3
@@ -149,7 +145,7 @@ class StepExecutor:
         """Go out of the way and observe, and again from the other side if it is ambiguous."""
         timeout = self.config.image_timeout
         observation = Observation.no_rope(f"no new image came for {timeout:g} s")
-        for turn in range(self.config.max_observations):
+        for turn in range(MAX_OBSERVATIONS):
             position = np.array(self.config.park_position) * [1, (-1) ** turn, 1]
             self._travel(position, number)
             self._move(position, number)
@@ -176,7 +172,7 @@ class StepExecutor:
             points = points[::-1]
         outward = (points[0] - points[4]) * [1.0, 1.0, 0.0]
         begin = (points[0] + points[1]) / 2
-        step = self.config.pull_distance / max(float(np.linalg.norm(outward)), 1e-9)
+        step = PULL_DISTANCE / max(float(np.linalg.norm(outward)), 1e-9)
         end = begin + step * outward
         above, raised = np.array([begin, end]) * [1, 1, 0] + [0, 0, gripper.approach_height]
         speed = gripper.vertical_speed
@@ -244,8 +240,8 @@ class StepExecutor:
         along = np.linspace(0.0, 1.0, len(step.end))
         weights = np.ones(len(along))
         for fraction in project(step.end).fractions:
-            near = np.exp(-0.5 * ((along - fraction) / self.config.crossing_width) ** 2)
-            weights = np.maximum(weights, 1 + (self.config.crossing_weight - 1) * near)
+            near = np.exp(-0.5 * ((along - fraction) / CROSSING_WIDTH) ** 2)
+            weights = np.maximum(weights, 1 + (CROSSING_WEIGHT - 1) * near)
         return weights / weights.mean()
 
     def _move(

@@ -41,16 +41,17 @@ REST_SPEED = 0.004
 class ErrorLevel:
     """Errors of a robot and its camera."""
 
-    gripper: float  # standard deviation of its x and y, in motion and where it closes, metres
+    actuation: float  # standard deviation of the moving gripper's x and y, metres
+    grasp: float  # the same where the fingers close, metres
     camera_shift: float  # largest error of the camera's position along each axis, metres
     camera_turn: float  # largest error of its orientation about each axis, radians
     camera_noise: float  # `CameraNoiseConfig.level` of its images
 
 
 ERROR_LEVELS = (
-    ErrorLevel(GRIPPER_ERROR_STD[0], 0.0, 0.0, 0.0),
-    ErrorLevel(GRIPPER_ERROR_STD[1], 0.002, np.deg2rad(0.2), 1.0),
-    ErrorLevel(GRIPPER_ERROR_STD[2], 0.002, np.deg2rad(0.2), 1.0),
+    ErrorLevel(GRIPPER_ERROR_STD[0], GRIPPER_ERROR_STD[0], 0.0, 0.0, 0.0),
+    ErrorLevel(GRIPPER_ERROR_STD[1], GRIPPER_ERROR_STD[1], 0.002, np.deg2rad(0.2), 1.0),
+    ErrorLevel(GRIPPER_ERROR_STD[2], GRIPPER_ERROR_STD[2], 0.002, np.deg2rad(0.2), 1.0),
 )
 """By level of `simulation.perturbation`."""
 
@@ -116,7 +117,7 @@ class Twin:
         self._data = mujoco.MjData(self._model)
         self._data.qpos[:] = pose(points[None], self.rope)[0]
         self._vertices = [self._model.site(f"vertex_{i}").id for i in range(self.rope.num_vertices)]
-        self._sway = _Sway(self._errors.gripper, swaying)
+        self._sway = _Sway(self._errors.actuation, swaying)
         self._commanded = np.array(config.home)
         self._grasp_offset: NDArray | None = None  # from the gripper to the held link's centre
         self._closed = False
@@ -160,7 +161,7 @@ class Twin:
     def grasp(self) -> None:
         """The fingers hold the rope where they caught it."""
         points, fingers = self.points, self.position
-        fingers[:2] += self._grasping.normal(0.0, self._errors.gripper, 2)
+        fingers[:2] += self._grasping.normal(0.0, self._errors.grasp, 2)
         along = np.diff(points, axis=0)
         share = ((fingers - points[:-1]) * along).sum(1) / (along**2).sum(1)
         nearest = points[:-1] + np.clip(share, 0, 1)[:, None] * along
