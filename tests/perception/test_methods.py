@@ -35,14 +35,14 @@ def test_propose_returns_network_guess():
     truth = s_curve()
     seen = image(truth, head=True)
     for guess in (truth, truth[::-1]):
-        found = propose(seen, CAMERA, ROPE, knowing(guess), QUICK)
+        found = propose(seen, CAMERA, ROPE, knowing(guess))
         assert found.head_known and found.crossings == ()
         assert np.linalg.norm(found.points - truth, axis=1).mean() < NEAR
         assert found.state == TopologicalState.trivial()
 
 
 def test_proposal_of_low_coverage_is_ambiguous():
-    found = propose(image(s_curve()), CAMERA, ROPE, knowing(s_curve(), off=0.1), QUICK)
+    found = propose(image(s_curve()), CAMERA, ROPE, knowing(s_curve(), off=0.1))
     assert found.ambiguous and found.coverage_fraction < 0.5
 
 

@@ -14,6 +14,7 @@ import os
 import re
 import sys
 import tempfile
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
@@ -70,7 +71,7 @@ Rope = Annotated[
     Parameter(help="straight, arc, random, or a CSV or NPY file of x, y, z rows, head first."),
 ]
 Seed = Annotated[int, Parameter(validator=Number(gte=0))]
-Seconds = Annotated[float, Parameter(validator=Number(gt=0))]
+Seconds = Annotated[float, Parameter(validator=Number(gt=0), help="Time limit of the search.")]
 Margin = Annotated[float, Parameter(validator=Number(gte=0))]
 
 REPEATS = 32  # disturbed, from which `next` estimates the success probability
@@ -96,7 +97,6 @@ def plan(
         rope_unit: Of the rope file; by default the one in its header ("x [mm]"), else metres.
         out: Folder for pictures, recording and waypoints; plans/KNOT-ROPE-SEED by default.
         seed: Of the random rope and of the search.
-        max_seconds: Time limit of the search.
         margin: Metres of rope that every step leaves between crossings; use 0.05 for a real rope.
         overwrite: Replace the plan in that folder; other files there are kept.
     """
@@ -143,7 +143,6 @@ def next_step(
         camera: Of the image: as in `knotflow see`.
         out: CSV file for the gripper's waypoints of this action alone.
         seed: Of the search.
-        max_seconds: Time limit of the search.
         margin: Metres of rope that every step leaves between crossings.
     """
     if out is not None:
@@ -209,7 +208,9 @@ def explain(
     from knotflow.viz.notation import draw_action, draw_notation, draw_state
 
     name = what if state == "trivial" else f"{what} after {state}"
-    path = out if out is not None else Path(f"explain-{_word(name) or 'all'}.png")
+    # Signs stay distinct in the name of the file.
+    word = re.sub(r"[^A-Za-z0-9]+", "_", name.replace("+", "p").replace("-", "m")).strip("_")
+    path = out if out is not None else Path(f"explain-{word or 'all'}.png")
     if path.suffix not in (".png", ".svg", ".pdf"):
         raise ValueError(f"--out {path}: a picture is a .png, .svg or .pdf file")
     if out is not None and not overwrite:
@@ -391,8 +392,7 @@ def see(
     from knotflow.perception import io  # slow to import
     from knotflow.simulation import RopeConfig
 
-    rope = RopeConfig()
-    rope = replace(rope, length=length or rope.length, radius=radius or rope.radius)
+    rope = RopeConfig(length=length or RopeConfig.length, radius=radius or RopeConfig.radius)
     found, seen, pinhole = io.see(image, depth, camera, rope)
     io.write_rope(out, found.points)
     io.draw_overlay(drawing, seen, pinhole, rope, found)
@@ -414,8 +414,7 @@ def report(
     if check:
         from knotflow.experiments.run import stale
 
-        found = [*stale(results)]
-        for one in found:
+        for one in (found := [*stale(results)]):
             print(f"stale  {one.where}: {', '.join(one.reasons)}")
         print(f"{len(found)} stale")
         return 1 if found else 0
@@ -461,11 +460,7 @@ def _search(
     parse_goal(knot, RopeConfig())  # refuses it before the slow import
     library = PrimitiveLibrary.load(Path(SHIPPED_PRIMITIVES), RopeConfig())
     config = replace(FAST_SEARCH, max_seconds=max_seconds, margin=margin)
-    last: Attempts | None = None
-
-    def observe(attempts: Attempts) -> None:
-        nonlocal last
-        last = attempts
+    tried: deque[Attempts] = deque(maxlen=1)
 
     def show(update: SearchUpdate) -> None:
         bar.update(update.branches - bar.n)
@@ -473,9 +468,9 @@ def _search(
     with tqdm(desc="simulated", unit=" branches", disable=None) as bar:
         found = plan_rope(
             points, knot, rng_of(seed, 1),
-            sampler=library, config=config, progress=show, observe=observe,
+            sampler=library, config=config, progress=show, observe=tried.append,
         )  # fmt: skip
-    return found, last
+    return found, tried[-1] if tried else None
 
 
 def _provenance() -> dict[str, str]:
@@ -548,12 +543,6 @@ def _outcome(tied: bool, max_seconds: float) -> int:
     if not tied:
         print(f"longer: --overwrite --max-seconds {2 * max_seconds:g}; another search: --seed N")
     return 0 if tied else 1
-
-
-def _word(text: str) -> str:
-    """A text as part of a file name; signs stay distinct."""
-    signs = text.replace("+", "p").replace("-", "m")
-    return re.sub(r"[^A-Za-z0-9]+", "_", signs).strip("_")
 
 
 def _check_free(path: Path) -> None:

@@ -135,12 +135,6 @@ class Arm:
             position[:] = data.site_xpos[tip]
         return positions
 
-    def joint_ranges(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Lower and upper limits (n,) of the joints, radians (metres for slides)."""
-        model = self.model()
-        low, high = model.jnt_range[self.joint_ids(model)].T
-        return low, high
-
 
 def panda() -> Arm:
     """The Panda hanging 0.9 m above the table, 0.3 m beside the rope's middle and facing away from

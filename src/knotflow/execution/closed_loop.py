@@ -254,12 +254,9 @@ class Trial:
     """An execution judged by the truth."""
 
     execution: Execution
-    tied: bool
-    """Whether the rope truly lies in a goal state."""
-    cause: str
-    """See `failure_cause`."""
-    deviation: float
-    """Mean distance of the dragged rope's vertices from the plan's, metres, or NaN."""
+    tied: bool  # whether the rope truly lies in a goal state
+    cause: str  # see `failure_cause`
+    deviation: float  # mean distance of the dragged rope's vertices from the plan's, metres, or NaN
 
 
 def run_trial(

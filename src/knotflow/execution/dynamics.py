@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 SHIPPED_DYNAMICS = Path(__file__).parent / "data" / "dynamics.safetensors"
 """The shipped weights."""
 
-JUDGED_STEPS = (1, 10, 25)
-"""Steps after which predictions are judged; 25 are a whole motion."""
+JUDGED_STEPS = (1, 10, 25)  # steps after which predictions are judged; 25 are a whole motion
 
 CHUNK = 64  # ropes simulated at once
 RIDGE = 1e-6  # weight of the coordinates' velocities beside the vertices', square metres
@@ -66,7 +65,6 @@ class RopeDynamics(Protocol):
         From vertices and their velocities (B, V, 3), the index (B,) or (B, H) of the dragged link
         or `FREE`, and the gripper (B, H, 3) at the end of each step.
         """
-        ...
 
 
 class StaticDynamics:

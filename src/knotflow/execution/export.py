@@ -33,26 +33,9 @@ class JointTrajectory:
     """N configurations in time, at rest between phases."""
 
     arm: Arm
-    waypoints: Waypoints
-    """With their original times."""
+    waypoints: Waypoints  # with their original times
     ik: IkSolution
-    times: NDArray[np.float64]
-    """(N,) seconds, increasing."""
-
-    @property
-    def unreachable(self) -> NDArray[np.intp]:
-        """Indices of the waypoints that are not reached."""
-        return np.flatnonzero(~self.ik.ok)
-
-    @property
-    def joint_speeds(self) -> NDArray[np.float64]:
-        """(N, n) velocities, rad/s (m/s); 0 where a phase ends."""
-        return self._rates(self.ik.joints)
-
-    @property
-    def tip_speeds(self) -> NDArray[np.float64]:
-        """(N, 3) velocities of the tip, m/s; 0 where a phase ends."""
-        return self._rates(self.ik.positions)
+    times: NDArray[np.float64]  # (N,) seconds, increasing
 
     def peaks(self) -> dict[str, float]:
         """Peak tip speed (m/s) and acceleration (m/s^2), and joints' as shares of their limits."""
@@ -70,7 +53,8 @@ class JointTrajectory:
             peaks = {name: max(peaks.get(name, 0.0), peak) for name, peak in of_phase.items()}
         return peaks
 
-    def _rates(self, values: NDArray) -> NDArray[np.float64]:
+    def rates(self, values: NDArray) -> NDArray[np.float64]:
+        """(N, d) velocities of values (N, d), a second; 0 where a phase ends."""
         if len(values) < 2:
             return np.zeros_like(values)
         rates: NDArray[np.float64] = np.gradient(values, self.times, axis=0)
@@ -143,7 +127,7 @@ class Export:
     @property
     def reachable(self) -> bool:
         """Whether the arm reaches every waypoint."""
-        return len(self.trajectory.unreachable) == 0
+        return bool(self.trajectory.ik.ok.all())
 
     def summary(self) -> str:
         """Duration, peaks, and what cannot be reached, for printing."""
@@ -163,9 +147,9 @@ class Export:
                 f"tilted by at most {np.rad2deg(ik.tilt.max()):.0f} degrees"
             )
             return "\n".join(lines)
-        missed = len(trajectory.unreachable)
-        lines.append(f"{missed} waypoints cannot be reached; do not execute this trajectory:")
-        ranges = _runs(~ik.ok)
+        missed = ~ik.ok
+        lines.append(f"{missed.sum()} waypoints cannot be reached; do not execute this trajectory:")
+        ranges = _runs(missed)
         for rows in ranges[:MAX_LISTED]:
             worst = rows[int(ik.error[rows].argmax())]
             position = ", ".join(f"{number:.3f}" for number in waypoints.positions[worst])
@@ -273,14 +257,14 @@ def _ros2(trajectory: JointTrajectory, space: str) -> str:
         kind, names, frame = "JointTrajectory", [*arm.joints, arm.gripper], ""
         gripper = _gripper_positions(trajectory)
         positions = np.column_stack([ik.joints, gripper])
-        speeds = np.column_stack([trajectory.joint_speeds, np.gradient(gripper, times)])
+        speeds = np.column_stack([trajectory.rates(ik.joints), np.gradient(gripper, times)])
         points = [
             {"positions": position, "velocities": speed}
             for position, speed in zip(_rounded(positions), _rounded(speeds), strict=True)
         ]
     else:
         kind, names, frame = "MultiDOFJointTrajectory", [arm.tip], "world"
-        columns = map(_rounded, (ik.positions, ik.quaternions, trajectory.tip_speeds))
+        columns = map(_rounded, (ik.positions, ik.quaternions, trajectory.rates(ik.positions)))
         for position, (w, x, y, z), speed in zip(*columns, strict=True):
             turn = {"x": x, "y": y, "z": z, "w": w}
             pose = {"translation": dict(zip("xyz", position, strict=True)), "rotation": turn}

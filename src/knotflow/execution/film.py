@@ -98,7 +98,7 @@ def draw_execution(
             for colour, width in ((INK, 1.8), (REFERENCE_COLOUR, 0.9)):
                 axes.plot(*reference, color=colour, linewidth=width)
             _draw_tracked(axes, camera, execution.points[frame.number])
-            axes.set_title(f"{number}.  {execution.outcomes[frame.step].action}")
+            axes.set_title(f"{number}.  {execution.outcomes[frame.step].step.action}")
         axes = panels[len(middles)]
         axes.imshow(last.rgb)
         if execution.observation is not None and execution.observation.points is not None:
@@ -158,10 +158,8 @@ class FilmedRollout:
 
     attempts: Attempts
     images: tuple[RgbdImage, ...]
-    visible: NDArray[np.bool_]
-    """(T + 1, V) whether an image shows a vertex."""
-    camera: Camera
-    """At its true pose."""
+    visible: NDArray[np.bool_]  # (T + 1, V) whether an image shows a vertex
+    camera: Camera  # at its true pose
 
 
 def film_rollout(

@@ -33,27 +33,22 @@ class Robot(Protocol):
         Raises:
             TimeoutError: there is none; it is asked for again.
         """
-        ...
 
     def move_to(self, position: NDArray, seconds: float) -> None:
         """Move the gripper in a straight line to a position, to arrive after that time.
 
         Called every 0.1 s with the next short move; an implementation may blend moves.
         """
-        ...
 
     def grasp(self) -> None:
         """Close the fingers where the gripper is. They may close on nothing."""
-        ...
 
     def release(self) -> None:
         """Open the fingers. Does nothing when they are open."""
-        ...
 
     @property
     def position(self) -> NDArray:
         """(3,) the gripper's measured position."""
-        ...
 
 
 class RobotWrapper:
@@ -85,11 +80,9 @@ class RopeSource(Protocol):
     @property
     def lost(self) -> bool:
         """Whether the track is known to be lost."""
-        ...
 
     def points(self, robot: Robot, grasped: bool) -> NDArray:
         """The rope (V, 3), metres, after a move; `grasped` says whether the fingers are closed."""
-        ...
 
 
 @dataclass
@@ -165,7 +158,6 @@ class StateEstimator(Protocol):
 
         `likely` are expected shapes (V, 3), metres, the last seen or tracked one first.
         """
-        ...
 
 
 @dataclass

@@ -19,10 +19,14 @@ from knotflow.execution.robot import CameraTimer, Observation, Robot, RopeSource
 from knotflow.planning import GripperConfig, KnotPlan, PlanStep
 from knotflow.planning.waypoints import Drag, trace_waypoints
 from knotflow.simulation import grasped_link
-from knotflow.topology import Action, TopologicalState, project
+from knotflow.topology import TopologicalState, project
 
 MAX_CORRECTION = 0.03
 """Largest error of the robot along each axis that is made up for, metres; more is a fault."""
+CROSSING_WIDTH = 0.08  # share of the rope around each crossing within which vertices matter most
+CROSSING_WEIGHT = 4.0  # how much more a vertex at a crossing matters than one far from it
+MAX_OBSERVATIONS = 2  # of an ambiguous rope before it is pulled
+PULL_DISTANCE = 0.04  # metres
 
 
 class Controller(Protocol):
@@ -31,11 +35,9 @@ class Controller(Protocol):
     def begin(self, reference: NDArray, path: NDArray, weights: NDArray, grasped: int) -> None:
         """Take up a spline: the desired rope (T + 1, V, 3), the planned path (T + 1, 3), the
         vertices' weights (V,) and the index of the held link."""
-        ...
 
     def act(self, points: NDArray, velocities: NDArray, gripper: NDArray) -> NDArray:
         """The gripper's position (3,) a tick from now, from the rope's state (V, 3)."""
-        ...
 
 
 @dataclass
@@ -44,10 +46,6 @@ class ExecutionConfig:
 
     gripper: GripperConfig = field(default_factory=GripperConfig)
     """Heights and speeds between splines."""
-    crossing_width: float = 0.08
-    """Share of the rope around each crossing of a step's end within which vertices matter most."""
-    crossing_weight: float = 4.0
-    """How much more a vertex at a crossing matters than one far from it."""
     slip: float = 0.03
     """Distance from the gripper at which the held link counts as lost, metres."""
     lag: float = 0.05
@@ -56,12 +54,8 @@ class ExecutionConfig:
     """Grasps of a step, in closed loop, while it misses or slips."""
     park_position: tuple[float, float, float] = (0.0, 0.45, 0.3)
     """Where the gripper waits while the rope is observed, metres; the next time opposite."""
-    max_observations: int = 2
-    """Observations of an ambiguous rope before it is pulled."""
     max_pulls: int = 2
     """Pulls at an ambiguous rope's ends, in turn, with replanning."""
-    pull_distance: float = 0.04
-    """Of a pull, metres."""
     image_timeout: float = 3.0
     """Seconds that a new image is waited for."""
     max_unsolved: int = 3
@@ -93,19 +87,10 @@ class TickTiming:
 class StepOutcome:
     """Outcome of one executed step."""
 
-    step: PlanStep
-    """As it was planned."""
-    observed_state: TopologicalState | None
-    """After it; None where it was not observed, or cannot be read."""
-    held: bool
-    """Whether the rope was held until its release, as far as it was tracked."""
-    tracked: bool
-    """Whether the track was not lost."""
-
-    @property
-    def action(self) -> Action:
-        """The step's action."""
-        return self.step.action
+    step: PlanStep  # as it was planned
+    observed_state: TopologicalState | None  # after it; None: not observed, or cannot be read
+    held: bool  # whether the rope was held until its release, as far as it was tracked
+    tracked: bool  # whether the track was not lost
 
 
 @dataclass(eq=False)
@@ -116,17 +101,12 @@ class StepExecutor:
     config: ExecutionConfig
     source: RopeSource | None = None
     controller: Controller | None = None
-    corrects: bool = False
-    """Whether the robot's own error is compensated."""
-    points: NDArray | None = None
-    """(V, 3) the rope as last seen."""
-    previous_points: NDArray | None = None
-    """(V, 3) the rope as seen a move earlier."""
+    corrects: bool = False  # whether the robot's own error is compensated
+    points: NDArray | None = None  # (V, 3) the rope as last seen
+    previous_points: NDArray | None = None  # (V, 3) the rope as seen a move earlier
     closed: bool = False
-    commanded: NDArray = field(default_factory=lambda: np.zeros(3))
-    """(3,) where the gripper was last sent."""
-    error: NDArray = field(default_factory=lambda: np.zeros(3))
-    """(3,) the robot's offset from where it is sent, metres."""
+    commanded: NDArray = field(default_factory=lambda: np.zeros(3))  # where it was last sent
+    error: NDArray = field(default_factory=lambda: np.zeros(3))  # of the robot's position, metres
     moves: list[Move] = field(default_factory=list)
     ticks: list[TickTiming] = field(default_factory=list)
 
@@ -168,7 +148,7 @@ class StepExecutor:
         """Go out of the way and observe, and again from the other side if it is ambiguous."""
         timeout = self.config.image_timeout
         observation = Observation.no_rope(f"no new image came for {timeout:g} s")
-        for turn in range(self.config.max_observations):
+        for turn in range(MAX_OBSERVATIONS):
             position = np.array(self.config.park_position) * [1, (-1) ** turn, 1]
             self._travel(position, number)
             self._move(position, number)
@@ -195,7 +175,7 @@ class StepExecutor:
             points = points[::-1]
         outward = (points[0] - points[4]) * [1.0, 1.0, 0.0]
         begin = (points[0] + points[1]) / 2
-        step = self.config.pull_distance / max(float(np.linalg.norm(outward)), 1e-9)
+        step = PULL_DISTANCE / max(float(np.linalg.norm(outward)), 1e-9)
         end = begin + step * outward
         above, raised = np.array([begin, end]) * [1, 1, 0] + [0, 0, gripper.approach_height]
         speed = gripper.vertical_speed
@@ -263,8 +243,8 @@ class StepExecutor:
         along = np.linspace(0.0, 1.0, len(step.end))
         weights = np.ones(len(along))
         for fraction in project(step.end).fractions:
-            near = np.exp(-0.5 * ((along - fraction) / self.config.crossing_width) ** 2)
-            weights = np.maximum(weights, 1 + (self.config.crossing_weight - 1) * near)
+            near = np.exp(-0.5 * ((along - fraction) / CROSSING_WIDTH) ** 2)
+            weights = np.maximum(weights, 1 + (CROSSING_WEIGHT - 1) * near)
         return weights / weights.mean()
 
     def _move(

@@ -41,16 +41,11 @@ REST_SPEED = 0.004
 class ErrorLevel:
     """Errors of a robot and its camera."""
 
-    actuation: float
-    """Standard deviation of the moving gripper's x and y, metres."""
-    grasp: float
-    """The same where the fingers close, metres."""
-    camera_shift: float
-    """Largest error of the camera's position along each axis, metres."""
-    camera_turn: float
-    """Largest error of its orientation about each axis, radians."""
-    camera_noise: float
-    """`CameraNoiseConfig.level` of its images."""
+    actuation: float  # standard deviation of the moving gripper's x and y, metres
+    grasp: float  # the same where the fingers close, metres
+    camera_shift: float  # largest error of the camera's position along each axis, metres
+    camera_turn: float  # largest error of its orientation about each axis, radians
+    camera_noise: float  # `CameraNoiseConfig.level` of its images
 
 
 ERROR_LEVELS = (

@@ -69,13 +69,14 @@ def check(arm: Arm, export: Export) -> dict[str, float]:
     even = np.linspace(0.0, 1.0, CHECKED_BETWEEN, endpoint=False)
     fine = (times[:-1, None] + np.diff(times)[:, None] * even).ravel()
     passed = np.stack([np.interp(fine, times, joint) for joint in joints.T], axis=1)
-    tips, (low, high) = arm.tip_positions(passed), arm.joint_ranges()
+    tips, model = arm.tip_positions(passed), arm.model()
+    low, high = model.jnt_range[arm.joint_ids(model)].T
     error = np.linalg.norm(arm.tip_positions(joints) - trajectory.waypoints.positions, axis=1)
     speeds = np.linalg.norm(np.diff(tips, axis=0), axis=1) / np.diff(fine)
     margin = np.minimum(joints - low, high - joints).min()
     return {
         "waypoints": len(times),
-        "unreached": len(trajectory.unreachable),
+        "unreached": int((~trajectory.ik.ok).sum()),
         "tip_error_mm": round(1e3 * float(error[trajectory.ik.ok].max(initial=0.0)), 3),
         "tip_speed": round(float(speeds.max()), 4),
         "limit_margin_deg": round(float(np.rad2deg(margin)), 2),

@@ -57,8 +57,7 @@ from knotflow.topology import DegenerateCurveError, TopologicalState
 from knotflow.training.trainer import run_training
 from knotflow.workflow import StageRun, stage
 
-POOR = 0.03
-"""Root mean square error of a poor start, metres."""
+POOR = 0.03  # root mean square error of a poor start, metres
 SUPERVISED, SELF_SUPERVISED = "supervised", "self_supervised"
 """Networks: as trained on simulated ropes, and after learning from images alone besides; both have
 the same network that follows strands."""
@@ -66,8 +65,7 @@ MARKED, PLAIN, FINE = "marked", "plain", "fine"
 """Images of a rope: its head coloured, not coloured, and coloured with twice as many pixels along
 each side."""
 ROPES, WEIGHTS = "ropes.npz", "network.safetensors"
-SHARD_ROPES = 32
-"""Ropes of a shard of `ropes`."""
+SHARD_ROPES = 32  # ropes of a shard of `ropes`
 NOMINAL = 1.0
 """Level of noise of the images that are drawn, and at which all methods are compared."""
 CAMERAS = {MARKED: Camera.overhead(), PLAIN: Camera.overhead(), FINE: Camera.overhead(640, 480)}
@@ -306,7 +304,7 @@ class EstimationMethod:
         if network is None:
             return estimate(image, camera, rope, _moved(truth, rope, rng), config)
         if not self.rendering:
-            return propose(image, camera, rope, network, config)
+            return propose(image, camera, rope, network)
         guess = network.guesses(observe(image, camera, rope))[0]
         return estimate(image, camera, rope, guess, config)
 

@@ -33,6 +33,7 @@ from knotflow.perception.estimation.evidence import (
     visible_vertices,
 )
 from knotflow.perception.estimation.fitting import FitConfig, fit, project_lengths, register
+from knotflow.perception.estimation.search import PIXELS_ACROSS
 from knotflow.perception.estimation.skeleton import TraceError
 from knotflow.perception.networks.network import Network
 from knotflow.simulation import RopeConfig, state_or_none
@@ -44,6 +45,10 @@ Predict = Callable[[Floats, Floats, float, Floats | None, int | None], Floats]
 seconds that pass, the gripper's place (3,) then, and the link that it holds; both are None where it
 holds nothing. `constant_velocity` is one, `execution.ModelPrediction` another."""
 
+_POINTS = 400  # of the rope's image that the prediction is registered to
+# Weights of the prediction where the image shows nothing, and elsewhere, where it keeps the rope
+# from sliding along itself; and of the held link's place in the gripper.
+_HIDDEN, _VISIBLE, _HELD = 0.2, 0.02, 0.1
 _UNIT = 0.01  # metres, by which distances from the prediction are measured
 _LONGEST = 0.2  # seconds that a velocity holds: the table's friction stops a rope sooner
 _STIFF = 1e-3  # mobility of the held link beside that of the others
@@ -57,16 +62,6 @@ class TrackerConfig:
         default_factory=lambda: FitConfig(steps=4, step_size=3e-3, softness=(4e-3, 3e-3))
     )
     """The gradient steps of each image."""
-    points: int = 400
-    """Points of the rope's image that the prediction is registered to before."""
-    pixels_across: float = 1.4
-    """Pixels that a rope is wide on the grid that these steps look at."""
-    hidden: float = 0.2
-    """Weight of the prediction where the image shows nothing."""
-    visible: float = 0.02
-    """Weight of the prediction elsewhere; it keeps the rope from sliding along itself."""
-    held: float = 0.1
-    """Weight of the held link's place in the gripper."""
     lost: float = 0.8
     """A shape of less coverage fraction is lost."""
     patience: int = 5
@@ -136,10 +131,10 @@ class Tracker:
         else:  # a model knows how far behind the gripper its link is
             predicted = self._predict(*now, None if grasped is None else gripper, grasped)
         target = replace(observe(image, self.camera, self.rope), seen_radius=self._seen_radius)
-        coarse = target.coarse(predicted, self.config.pixels_across)
+        coarse = target.coarse(predicted, PIXELS_ACROSS)
         shape = predicted
         if bool(target.mask.any()):
-            cloud = rope_points(image, target, self.config.points)
+            cloud = rope_points(image, target, _POINTS)
             registered = register(predicted, cloud, self.rope)
             known = target.known.numpy()[nearest_pixels(registered, self.camera)]
             shape = self._fit(registered, known, coarse, held, grasped)
@@ -162,7 +157,7 @@ class Tracker:
         if grasped is not None:
             self._trailing = shape[grasped : grasped + 2].mean(axis=0) - np.asarray(gripper)
         state = state_or_none(shape)
-        ambiguities = list_ambiguities(state, crossings, fraction, target, self.config.estimate)
+        ambiguities = list_ambiguities(state, crossings, fraction, target)
         return RopeEstimate(
             shape.copy(),
             visible_vertices(shape, target.mask.numpy(), image, self.camera, self.rope),
@@ -182,8 +177,7 @@ class Tracker:
             ImageError: an image of another size.
             TraceError: no rope in the image.
         """
-        config, likely = self.config.estimate, [self.points]
-        found = self._estimate(image, config, self.points, likely)
+        found = self._estimate(image, self.config.estimate, self.points, [self.points])
         self.restart(found, image.time)
         return found
 
@@ -209,8 +203,7 @@ class Tracker:
     ) -> Floats:
         """The shape near the prediction that accounts for the coarse image, which says something
         of the vertices that are `known` (V,)."""
-        config = self.config
-        trust = np.where(known, config.visible, config.hidden)
+        trust = np.where(known, _VISIBLE, _HIDDEN)
         weight, expected = torch.as_tensor(trust), torch.as_tensor(predicted)
 
         def off_prediction(points: Tensor) -> Tensor:
@@ -218,10 +211,10 @@ class Tracker:
             if held is not None and grasped is not None:
                 centre = 0.5 * (points[grasped] + points[grasped + 1])
                 apart = (centre - torch.as_tensor(held)) / _UNIT
-                loss = loss + config.held / len(points) * apart.square().sum()
+                loss = loss + _HELD / len(points) * apart.square().sum()
             return loss
 
-        return fit(predicted, coarse, config.fit, off_prediction)
+        return fit(predicted, coarse, self.config.fit, off_prediction)
 
     def _reacquire(
         self, image: RgbdImage, fraction: float, predicted: Floats
@@ -325,7 +318,7 @@ class CpdTracker:
     def update(
         self, image: RgbdImage, gripper: NDArray | None = None, grasped: int | None = None
     ) -> RopeEstimate:
-        """The rope in the next image; see `Tracker.update`. Crossings have no certainty."""
+        """See `Tracker.update`; crossings have no certainty."""
         seconds = 0.0 if self._time is None else image.time - self._time
         self._time = image.time
         start = self.points

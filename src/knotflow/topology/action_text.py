@@ -20,24 +20,24 @@ def parse_action(text: str) -> Action:
     Raises:
         IllegalActionError: not an action; the message lists the forms there are.
     """
-    forms = {kind.symbol: [field.name for field in fields(kind)] for kind in ACTION_KINDS}
-    valid = ", ".join(f"{symbol}({','.join(names)})" for symbol, names in forms.items())
+    kinds = {kind.symbol: kind for kind in ACTION_KINDS}
+    names = {symbol: [field.name for field in fields(kind)] for symbol, kind in kinds.items()}
+    valid = ", ".join(f"{symbol}({','.join(own)})" for symbol, own in names.items())
     if not isinstance(text, str):
         raise IllegalActionError(f"{text!r} is not the text of an action; valid forms: {valid}")
     valid += f", and each of them after {UNDO!r}, and all of these after {ARRANGE!r}"
     if text.strip().startswith(ARRANGE):
         return Arrange(parse_action(text.strip().removeprefix(ARRANGE)))
     match = _FORM.fullmatch(text)
-    kinds = {kind.symbol: kind for kind in ACTION_KINDS}
     if match is None or match[2] not in kinds:
         raise IllegalActionError(f"{text!r} is not an action; valid forms: {valid}")
     try:
         values = [int(word) for word in match[3].split(",")]
     except ValueError:
         raise IllegalActionError(f"{text!r}: parameters must be whole numbers: {valid}") from None
-    if len(values) != len(forms[match[2]]):
+    if len(values) != (count := len(names[match[2]])):
         raise IllegalActionError(
-            f"{text!r}: {match[2]} takes {len(forms[match[2]])} parameters, got {len(values)}; "
+            f"{text!r}: {match[2]} takes {count} parameters, got {len(values)}; "
             f"valid forms: {valid}"
         )
     action = kinds[match[2]](*values)

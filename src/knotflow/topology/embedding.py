@@ -23,8 +23,6 @@ _FRAME = 3.0  # radius of the frame in radii of the drawing
 _FRAME_WEIGHT = 0.02  # the frame only keeps far parts of the drawing from sliding over each other
 _LEAST_WEIGHT = 0.05  # of an edge, beside about 1.2 between equilateral triangles
 
-Point = tuple[float, float]
-
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
@@ -70,7 +68,7 @@ def build_mesh(state: TopologicalState) -> Mesh:
     # The one with most sides, of these one that an end lies in.
     outer = max(range(len(faces)), key=lambda face: (len(faces[face]), face in (left[0], left[-1])))
     triangles: list[tuple[int, int, int]] = []
-    shapes: list[tuple[Point, Point, Point]] = []
+    shapes: list[tuple[Floats, Floats, Floats]] = []
     weights: list[float] = []
     rim: list[int] = []
 
@@ -107,7 +105,7 @@ def build_mesh(state: TopologicalState) -> Mesh:
             corner, next_corner = _polar(inner, 0.0), _polar(inner, 2.0 * np.pi / number)
             for k in range(number):
                 triangles.append((ring[k], ring[(k + 1) % number], count))
-                shapes.append((corner, next_corner, (0.0, 0.0)))
+                shapes.append((corner, next_corner, np.zeros(2)))
                 weights.append(1.0)
             count += 1
     nodes, outside = np.array(path), np.array(rim)
@@ -166,8 +164,8 @@ def _rope_nodes(state: TopologicalState) -> list[int]:
     return [numbers[node] for node in path]
 
 
-def _polar(radius: float, angle: float) -> Point:
-    return (float(radius * np.cos(angle)), float(radius * np.sin(angle)))
+def _polar(radius: float, angle: float) -> Floats:
+    return radius * np.array([np.cos(angle), np.sin(angle)])
 
 
 def _along(side: Side, path: list[int]) -> list[int]:

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 from knotflow.topology.action import SIGNS, ForwardAction, IllegalActionError, NewPoint
 from knotflow.topology.planar_map import LEFT, Crossing, PlanarMap
@@ -57,10 +58,8 @@ class R1(ForwardAction):
 
     @classmethod
     def legal(cls, planar_map: PlanarMap) -> Iterator[R1]:
-        for segment in range(planar_map.num_segments):
-            for left in SIGNS:
-                for sign in SIGNS:
-                    yield cls(segment, left, sign)
+        for parameters in product(range(planar_map.num_segments), SIGNS, SIGNS):
+            yield cls(*parameters)
 
     @classmethod
     def last_candidates(cls, crossings: Sequence[Crossing]) -> Iterator[R1]:

@@ -168,10 +168,8 @@ class TopologicalState:
 
     def _before(self, action: ForwardAction) -> TopologicalState | None:
         removed = set(action.new_positions)
-        rank_of: dict[int, int] = {}
-        for position in range(1, self.num_segments):
-            if position not in removed:
-                rank_of[position] = len(rank_of) + 1
+        remaining = (place for place in range(1, self.num_segments) if place not in removed)
+        rank_of = {place: rank for rank, place in enumerate(remaining, 1)}
         kept = [(o, u, s) for o, u, s in self.crossings if o in rank_of and u in rank_of]
         if 2 * len(kept) + len(removed) != 2 * self.num_crossings:
             return None
@@ -191,8 +189,7 @@ class TopologicalState:
 
     def undo_actions(self) -> Iterator[tuple[Undo, TopologicalState]]:
         """Every legal Undo with the state it leads to, each once."""
-        for action, previous in self.predecessors():
-            yield Undo(action), previous
+        return ((Undo(action), previous) for action, previous in self.predecessors())
 
     def predecessors(self) -> Iterator[tuple[ForwardAction, TopologicalState]]:
         """Every action that leads here by adding crossings, with the state it leads from."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from knotflow.apps.studio.demonstration import CLICKS
 from knotflow.simulation import SPLINE_HIGH, RopeConfig, spline_path
-from knotflow.topology import Action, DegenerateCurveError, segment_intervals
+from knotflow.topology import Action, segment_intervals
 from knotflow.viz.style import INK, MUTED, OVER, PAPER, RULE, SPLINE, UNDER, rope_colour
 
 if TYPE_CHECKING:
@@ -65,18 +65,24 @@ class Scene:
     def rope(self, points: NDArray, action: Action | None = None) -> None:
         """A rope (V, 3), metres; an action's segments stand out, numbered."""
         points = np.asarray(points, float)
-        self._capsules(points, _colours(points, action))
         labels = [("head", points[0]), ("tail", points[-1])]
+        colours = _colours(len(points) - 1)
         if action is not None:
-            intervals = segment_intervals(points)
-            chosen = {action.over_segment: "over", action.under_segment: "under"}
-            if action.over_segment == action.under_segment:
-                chosen = {action.over_segment: "over itself"}
+            colours += _FADED * (np.array(rgb(PAPER)) - colours)
             along = np.linspace(0.0, 1.0, len(points))
-            for segment, word in chosen.items():
-                middle = intervals[segment].mean()
+            middles = (np.arange(len(colours)) + 0.5) / len(colours)
+            over, under = action.over_segment, action.under_segment
+            chosen = {under: ("under", UNDER), over: ("over", OVER)}
+            if over == under:
+                chosen = {over: ("over itself", OVER)}
+            intervals = segment_intervals(points)
+            for segment, (word, colour) in chosen.items():
+                low, high = intervals[segment]
+                colours[(middles >= low) & (middles <= high)] = rgb(colour)
+                middle = (low + high) / 2
                 place = np.array([np.interp(middle, along, column) for column in points.T])
                 labels.append((f"{segment}: {word}", place))
+        self._capsules(points, colours)
         self._clear("labels")
         self._handles["labels"] = self._labels("rope", labels)
 
@@ -129,7 +135,7 @@ class Scene:
         for name in list(self._handles):
             self._clear(name)
 
-    def _capsules(self, points: NDArray, colours: NDArray[np.uint8] | None) -> None:
+    def _capsules(self, points: NDArray, colours: NDArray[np.float64] | None) -> None:
         steps = np.diff(points, axis=0)
         along = steps / np.linalg.norm(steps, axis=1, keepdims=True)
         # From the z axis, along which the capsule lies, the short way to the link.
@@ -151,7 +157,7 @@ class Scene:
             mesh.faces,
             batched_wxyzs=turn,
             batched_positions=middles,
-            batched_colors=_linear(_colours(points, None) if colours is None else colours),
+            batched_colors=_linear(_colours(len(steps)) if colours is None else colours),
             lod="off",
         )
 
@@ -187,25 +193,14 @@ def camera_position(aspect: float) -> NDArray[np.float64]:
     return max(1.0, back) * np.array(CAMERA)
 
 
-def _colours(points: NDArray, action: Action | None) -> NDArray[np.uint8]:
-    """Colours (V - 1, 3) from head to tail; faded but for the segments of an action."""
-    along = (np.arange(len(points) - 1) + 0.5) / (len(points) - 1)
-    colours = np.array([rgb(rope_colour(place)) for place in along], float)
-    if action is not None:
-        colours += _FADED * (np.array(rgb(PAPER)) - colours)
-        try:
-            intervals = segment_intervals(points)
-        except DegenerateCurveError:
-            return colours.astype(np.uint8)
-        for segment, colour in ((action.under_segment, UNDER), (action.over_segment, OVER)):
-            low, high = intervals[segment]
-            colours[(along >= low) & (along <= high)] = rgb(colour)
-    return colours.astype(np.uint8)
+def _colours(links: int) -> NDArray[np.float64]:
+    """Colours (links, 3), 0 to 255, from head to tail."""
+    return np.array([rgb(rope_colour(place)) for place in (np.arange(links) + 0.5) / links], float)
 
 
-def _linear(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _linear(colours: NDArray[np.float64]) -> NDArray[np.uint8]:
     """SRGB (N, 3) as linear light, as viser reads the colours of batched meshes."""
-    share = colours / 255.0
+    share = np.trunc(colours) / 255.0
     light = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
     return np.rint(255.0 * light).astype(np.uint8)
 

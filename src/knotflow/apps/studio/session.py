@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.apps.studio.demonstration import Draft, rope_from_drawing
+from knotflow.apps.studio.demonstration import Draft
 from knotflow.planning import (
     FAST_SEARCH,
     ROPE_NAMES,
@@ -136,10 +136,6 @@ class Session:
             except RopeInputError as error:  # the person knows the file by its name
                 raise RopeInputError(str(error).replace(f"{folder}/", "")) from None
 
-    def lay_drawing(self, clicked: NDArray) -> None:
-        """Lay a rope along points (N, 2) clicked on the table; see `rope_from_drawing`."""
-        self.lay(rope_from_drawing(clicked, self.simulation.rope))
-
     def lay_image(self, files: Mapping[str, bytes]) -> tuple[str, ...]:
         """Lay the rope of an image, and return what is ambiguous in it.
 
@@ -193,8 +189,7 @@ class Session:
     def begin(self, action: Action) -> Draft:
         """Begin a demonstration of a legal action, in place of the one before."""
         self.state.apply(action)
-        height = self.draft.height if self.draft else Draft.height
-        self.draft = Draft(self.points, self.state, action, self.simulation.rope, height)
+        self.draft = Draft(self.points, self.state, action, self.simulation.rope)
         self.simulated = None
         return self.draft
 

@@ -13,7 +13,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from knotflow.apps.studio.demonstration import HEIGHTS, Draft, table_point
+from knotflow.apps.studio.demonstration import HEIGHTS, Draft, rope_from_drawing, table_point
 from knotflow.apps.studio.playback import Playback, Player
 from knotflow.apps.studio.scene import Scene
 from knotflow.apps.studio.session import ROPES, SearchStopped, Session, StudioError
@@ -110,12 +110,11 @@ class RopeTab:
         self._files: dict[str, bytes] = {}
         self._name = gui.add_dropdown("Rope", ROPES, initial_value="random")
         state.button("Lay it", self._lay)
-        gui.add_upload_button(
-            "From a file",
-            color="gray",
-            hint="CSV or NPY, rows of x, y, z, head first",
-            mime_type=".csv,.npy",
-        ).on_upload(state.guarded(self._upload))
+        hint = "CSV or NPY, rows of x, y, z, head first"
+        button = gui.add_upload_button(
+            "From a file", color="gray", hint=hint, mime_type=".csv,.npy"
+        )
+        button.on_upload(state.guarded(self._upload))
         self._draw = state.button(_DRAW, self._start_or_finish_drawing, "gray")
         with gui.add_folder("From an image", expand_by_default=False):
             for name, label in _IMAGES.items():
@@ -138,7 +137,7 @@ class RopeTab:
         self._draw.label = _DRAW if drawing else "Finish drawing"
         if drawing:
             state.on_click = None
-            state.session.lay_drawing(corners)
+            state.session.lay(rope_from_drawing(corners, state.session.simulation.rope))
             state.rope_changed("The rope as drawn.")
         else:
             state.on_click = self._add_corner

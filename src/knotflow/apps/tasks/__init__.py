@@ -8,3 +8,19 @@ compared. Names are loaded when they are used, from the files that `__init__.pyi
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ += ["ENV_ID", "register_envs"]
+
+ENV_ID = "knotflow/Tie-v0"
+
+
+def register_envs() -> None:
+    """Register the environment with Gymnasium, where it is not yet; episodes end by themselves."""
+    from gymnasium.envs.registration import register, registry
+
+    if ENV_ID not in registry:
+        environments = "knotflow.apps.tasks.environments"
+        register(
+            ENV_ID,
+            entry_point=f"{environments}:TieEnv",
+            vector_entry_point=f"{environments}:TieVectorEnv",
+        )

@@ -112,9 +112,9 @@ class TieVectorEnv(VectorEnv[dict[str, Any], NDArray, NDArray]):
             self.episodes.reset(row, self.np_random)
             for flags in vars(outcome).values():
                 flags[row] = False
+        ends = outcome.terminated, outcome.truncated
         self._ended = outcome.terminated | outcome.truncated
-        reward, ends = outcome.success.astype(float), (outcome.terminated, outcome.truncated)
-        return self._observation(), reward, *ends, self._info(outcome)
+        return self._observation(), outcome.success.astype(float), *ends, self._info(outcome)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Each rope from above as an image (480, 480, 3), if the render mode is "rgb_array"."""

@@ -43,8 +43,8 @@ def public_tasks(track: str | None = None) -> dict[str, TieTask]:
     Raises:
         ValueError: an unknown track.
     """
-    if track not in (None, "actions", "knots"):
-        raise ValueError(f"unknown track {track!r}; choose actions or knots")
+    if track not in (None, *TRACKS):
+        raise ValueError(f"unknown track {track!r}; choose {' or '.join(TRACKS)}")
     tasks: dict[str, TieTask] = {}
     with np.load(_DATA / "public.npz") as starts:
         if track != "knots":
@@ -140,17 +140,15 @@ def page(rows: pd.DataFrame) -> str:
 
 def _ranking(rows: pd.DataFrame) -> str:
     order = rows.groupby("method")["success"].mean().sort_values(ascending=False, kind="stable")
-    table = []
+    lines = ["| method | successes | rate (95 %) | splines |", "|---|---|---|---|"]
     for method in order.index:
         some = rows[rows["method"] == method]
         rate = wilson(int(some["success"].sum()), len(some))
-        table.append(
+        lines.append(
             f"| {method} | {some['success'].sum()} of {len(some)} | {rate.estimate:.2f} "
             f"({rate.low:.2f} to {rate.high:.2f}) | {some['splines'].sum()} |"
         )
-    return "\n".join(
-        ["| method | successes | rate (95 %) | splines |", "|---|---|---|---|", *table]
-    )
+    return "\n".join(lines)
 
 
 def _by_task(rows: pd.DataFrame) -> str:
@@ -168,13 +166,9 @@ def _by_task(rows: pd.DataFrame) -> str:
 
 def known_sampler(name: str) -> Sampler:
     """A sampler of knotflow: `primitives` those shipped, `icp` with demonstrations copied here."""
-    if name == "icp":
-        return _icp()
-    settings = {"file": str(SHIPPED_PRIMITIVES)} if name == "primitives" else {}
-    return build_sampler(SamplerConfig(name, settings), {})
-
-
-def _icp() -> Sampler:
+    if name != "icp":
+        settings = {"file": str(SHIPPED_PRIMITIVES)} if name == "primitives" else {}
+        return build_sampler(SamplerConfig(name, settings), {})
     from knotflow.samplers import IcpConfig, IcpSampler
     from knotflow.samplers.demonstrations import NoiseConfig, load_demonstrations, noisy_copies
     from knotflow.simulation import Trials, attempt, resample
@@ -184,9 +178,8 @@ def _icp() -> Sampler:
     for one in load_demonstrations():
         points = resample(one.points, simulator.config.rope)
         splines = noisy_copies(one.spline, COPIES, rng, NoiseConfig())
-        action, start = one.task.action, one.task.start_state
-        tried = attempt(simulator, points, splines, action, start)
-        trials.setdefault(action, []).append(tried)
+        tried = attempt(simulator, points, splines, one.task.action, one.task.start_state)
+        trials.setdefault(one.task.action, []).append(tried)
     return IcpSampler(trials, IcpConfig())
 
 
@@ -197,9 +190,8 @@ def main(words: list[str] | None = None) -> None:
     parser.add_argument("--tracks", nargs="+", default=TRACKS, choices=TRACKS)
     parser.add_argument("--table", type=Path, default=Path("docs/leaderboard.csv"))
     asked = parser.parse_args(words)
-    rows = pd.DataFrame(columns=list(COLUMNS))
-    if asked.table.is_file():
-        rows = pd.read_csv(asked.table)
+    known = asked.table.is_file()
+    rows = pd.read_csv(asked.table) if known else pd.DataFrame(columns=list(COLUMNS))
     for name in asked.measure:
         method = known_sampler(name)
         for track in asked.tracks:

@@ -7,7 +7,7 @@ continues until its splines are used up.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ from knotflow.simulation import (
 )
 from knotflow.topology import R1, R2, Action, Cross, TopologicalState, parse_action
 
-KINDS = (R1, R2, Cross)  # of actions; in an action's code counted from 1, and 0 for any action
+KINDS = (R1, R2, Cross)  # in an action's code counted from 1, and 0 for any action
 ACTION_SIZE = 5  # the kind, and as many parameters as an R2 has
 
 
@@ -47,11 +47,7 @@ class TieTask:
     def __post_init__(self) -> None:
         if self.splines < 1:
             raise ValueError(f"an episode has at least 1 spline, got {self.splines}")
-        if self.starts is None:
-            return
-        if self.starts.ndim != 3 or self.starts.shape[-1] != 3 or not len(self.starts):
-            raise ValueError(f"starts have shape (N, V, 3) with N >= 1, got {self.starts.shape}")
-        for points in self.starts:
+        for points in () if self.starts is None else _checked(self.starts):
             self.goal.dag.check_start(TopologicalState.from_curve(points))
 
     @classmethod
@@ -78,10 +74,7 @@ class TieTask:
         action = parse_action(action) if isinstance(action, str) else action
         state = TopologicalState.trivial()
         if starts is not None:
-            starts = np.asarray(starts, float)
-            if starts.ndim != 3 or not len(starts):
-                raise ValueError(f"starts are (N, V, 3) metres, not of shape {starts.shape}")
-            state = TopologicalState.from_curve(starts[0])
+            state = TopologicalState.from_curve(_checked(np.asarray(starts, float))[0])
         goal = Goal(str(action), SolutionDag.along([action], state))
         return cls(goal, 1, starts, action)
 
@@ -99,14 +92,20 @@ class TieTask:
             raise ValueError(f"there is no start {index}: the task {has}")
         if self.starts is None:
             return random_curve(rope, rng, StartsConfig())
-        index = int(rng.integers(len(self.starts))) if index is None else index
-        return check_points(self.starts[index], rope)
+        row = int(rng.integers(len(self.starts))) if index is None else index
+        return check_points(self.starts[row], rope)
 
     def actions(self, state: TopologicalState | None) -> tuple[Action, ...]:
         """The actions of the DAG in a state; none in a goal state or off the DAG."""
         if state is None or state not in self.goal.dag or state in self.goal.states:
             return ()
         return tuple(action for action, _ in self.goal.dag.edges_from(state))
+
+
+def _checked(starts: NDArray[np.float64]) -> NDArray[np.float64]:
+    if starts.ndim != 3 or starts.shape[-1] != 3 or not len(starts):
+        raise ValueError(f"starts have shape (N, V, 3) with N >= 1, got {starts.shape}")
+    return starts
 
 
 @dataclass(frozen=True)
@@ -135,9 +134,6 @@ class Episodes:
         """(B,) their states; None where one cannot be read."""
         self.used = np.zeros(batch, np.intp)
         """(B,) splines executed in this episode."""
-
-    def __len__(self) -> int:
-        return len(self.points)
 
     def reset(self, row: int, rng: np.random.Generator, index: int | None = None) -> None:
         """Begin an episode with a start of the task; see `TieTask.start`."""
@@ -169,9 +165,10 @@ def goal_codes(task: TieTask) -> NDArray[np.int8]:
     A row is one crossing (over, under, sign) as in Eq. 1, or zeros.
     """
     states = sorted(task.goal.states)
-    codes = np.zeros((len(states), max(1, *(s.num_crossings for s in states), 1), 3), np.int8)
+    codes = np.zeros((len(states), max(1, *(s.num_crossings for s in states)), 3), np.int8)
     for code, state in zip(codes, states, strict=True):
-        code[: state.num_crossings] = state.crossings or np.zeros((0, 3))
+        for row, crossing in enumerate(state.crossings):
+            code[row] = crossing
     return codes
 
 
@@ -180,8 +177,8 @@ def action_code(action: Action | None) -> NDArray[np.int8]:
     code = np.zeros(ACTION_SIZE, np.int8)
     for kind, cls in enumerate(KINDS, 1):
         if isinstance(action, cls):
-            parameters = str(action).partition("(")[2].rstrip(")").split(",")
-            code[: 1 + len(parameters)] = [kind, *map(int, parameters)]
+            parameters = astuple(action)
+            code[: 1 + len(parameters)] = [kind, *parameters]
     return code
 
 

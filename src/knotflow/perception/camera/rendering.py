@@ -22,8 +22,7 @@ from knotflow.perception.camera.pinhole import Camera
 
 compiled = njit(cache=True, error_model="numpy")
 
-LEAST = 1e-12
-"""Keeps divisors from zero."""
+LEAST = 1e-12  # keeps divisors from zero
 Vector = tuple[float, float, float]
 _REACH = 5.0  # softnesses from a link's surface, where alpha is below 1 %
 _GRAZING = 0.1  # of the squared radius: bounds the slope of a link's surface at its silhouette

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 
 Colour = tuple[float, float, float]
 
-TAPE: Colour = (0.85, 0.10, 0.12)
-"""Red tape around the rope's head."""
+TAPE: Colour = (0.85, 0.10, 0.12)  # red tape around the rope's head
 _HEAD_LENGTH = 0.05  # metres: two turns of tape
 _FINGER = (0.014, 0.008, 0.060)  # size, metres: along the rope it holds, across, and upwards
 _PALM = (0.030, 0.090, 0.050)  # size of the palm that carries the fingers, metres

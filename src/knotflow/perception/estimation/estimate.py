@@ -29,6 +29,7 @@ from knotflow.perception.estimation.evidence import (
 )
 from knotflow.perception.estimation.fitting import FitConfig, fit
 from knotflow.perception.estimation.search import (
+    PIXELS_ACROSS,
     Progress,
     SearchConfig,
     SearchResult,
@@ -43,6 +44,11 @@ from knotflow.simulation import RopeConfig, state_or_none
 from knotflow.topology import TopologicalState
 
 Floats = NDArray[np.float64]
+
+_MIN_CERTAINTY, _MIN_COVERAGE = 0.95, 0.98  # of a crossing and a shape that are not ambiguous
+_SETTLED = 0.99  # coverage fraction of a likely shape that needs no comparison or further search
+_RIVAL_MARGIN = 1.5  # log likelihood by which a path with other crossings is lower, at most
+_HEAD_CONTRAST = 0.15  # distance in RGB (0..1) from the rope's colour that marks a head
 
 
 @dataclass
@@ -60,20 +66,10 @@ class EstimateConfig:
             paths=24, guesses=12, rewirings=8, beam=18, rounds=24, enough=2.0
         )
     )
-    """How the search continues where its result is ambiguous or below `settled_coverage`; None
+    """How the search continues where its result is ambiguous or leaves rope out; None
     takes the result as it is."""
-    min_certainty: float = 0.95
-    """A crossing of less certainty is ambiguous."""
-    min_coverage: float = 0.98
-    """A shape of less coverage fraction is ambiguous."""
-    settled_coverage: float = 0.99
-    """A likely shape of less is compared with the image's own guesses, and a search goes on."""
     prior_credit: float = 2.0
     """A shape in another state replaces a likely shape if its log likelihood is higher by this."""
-    rival_margin: float = 1.5
-    """A path with other crossings is a rival if its log likelihood is lower by at most this."""
-    head_contrast: float = 0.15
-    """Distance in RGB (0..1) from the rope's colour that marks a head."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,9 +120,7 @@ def estimate(
     """The rope of an image.
 
     Args:
-        image, camera, rope: the image is of this camera, and of one such rope.
         initial: (V, 3) metres, a guess of the shape, from either end, instead of all others.
-        config: how.
         earlier: (V, 3) metres, the shape before, head first; tells the head where no colour does.
         network: proposes further first guesses; the shipped one by default.
         likely: shapes (V, 3), metres, such as a track's or a plan's; guesses from the image are
@@ -145,7 +139,7 @@ def estimate(
         best = _select([fit(initial, near, config.fit)], near, target, image, config)
     else:
         best, target = _search_all(target, image, config, network, likely, progress)
-    return _head_first(best, target, image, config, earlier)
+    return _head_first(best, target, image, earlier)
 
 
 def propose(
@@ -153,14 +147,13 @@ def propose(
     camera: Camera,
     rope: RopeConfig,
     network: Network,
-    config: EstimateConfig | None = None,
 ) -> RopeEstimate:
     """A network's likeliest guess at the rope of an image, without gradient steps and comparing of
     crossings; raises as `estimate`."""
     target = observe(image, camera, rope)
     shape = network.guesses(target)[0]
     best = _Candidate(shape, (), coverage_fraction(shape, target))
-    return _head_first(best, target, image, config or EstimateConfig())
+    return _head_first(best, target, image)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,10 +174,9 @@ class _Candidate:
         """Its state, where the image shows all of the rope and its projection can be read."""
         return None if target.leaves_image else state_or_none(self.shape)
 
-    def ambiguities(self, target: Target, config: EstimateConfig) -> list[str]:
+    def ambiguities(self, target: Target) -> list[str]:
         state = self.state(target)
-        found = list_ambiguities(state, self.crossings, self.fraction, target, config)
-        return [*found, *self.reasons]
+        return [*list_ambiguities(state, self.crossings, self.fraction, target), *self.reasons]
 
 
 def list_ambiguities(
@@ -192,7 +184,6 @@ def list_ambiguities(
     crossings: tuple[CrossingEvidence, ...],
     fraction: float,
     target: Target,
-    config: EstimateConfig,
 ) -> list[str]:
     """What is ambiguous about a shape that accounts for a `fraction` of the rope's image."""
     found = []
@@ -200,10 +191,10 @@ def list_ambiguities(
         found.append("the rope leaves the image")
     elif state is None:
         found.append("the shape's projection does not determine its state")
-    if fraction < target.required_coverage(config.min_coverage):
+    if fraction < target.required_coverage(_MIN_COVERAGE):
         found.append(f"the shape accounts for {fraction:.0%} of the rope in the image")
     for number, crossing in enumerate(crossings, 1):
-        if crossing.certainty < config.min_certainty:
+        if crossing.certainty < _MIN_CERTAINTY:
             found.append(
                 f"crossing {number} is this way round with {crossing.certainty:.0%} certainty"
             )
@@ -214,11 +205,10 @@ def _head_first(
     best: _Candidate,
     target: Target,
     image: RgbdImage,
-    config: EstimateConfig,
     earlier: NDArray | None = None,
 ) -> RopeEstimate:
     """The estimate, its head by colour, or else as in an `earlier` shape (V, 3)."""
-    head = find_head(head_contrast(best.shape, target, image), config.head_contrast)
+    head = find_head(head_contrast(best.shape, target, image), _HEAD_CONTRAST)
     if head is None and earlier is not None:
         closer = mean_distance(best.shape[::-1], earlier) < mean_distance(best.shape, earlier)
         head = -1 if closer else 0
@@ -232,7 +222,7 @@ def _head_first(
         best.crossings,
         best.fraction,
         head is not None,
-        tuple(best.ambiguities(target, config)),
+        tuple(best.ambiguities(target)),
         target.seen_radius,
         ambiguous_ends(best.shape, rope),
     )
@@ -252,11 +242,10 @@ def _search_all(
     if len(likely):
         target = _with_radius(likely[0], target, config)
     near = target.around(likely)
-    settled = config.settled_coverage, config.search, config.fit
     shapes: list[Floats] = []
     for guess in likely:
         shapes.append(fit(guess, near, config.fit))
-        if is_plausible(shapes[-1], near, *settled):
+        if is_plausible(shapes[-1], near, _SETTLED):
             return _select(shapes, near, target, image, config), target
     expected = {state_or_none(one) for fitted in shapes for one in (fitted, fitted[::-1])} - {None}
     efforts = [one for one in (config.search, config.fallback_search) if one is not None]
@@ -274,7 +263,7 @@ def _search_all(
         found = search(fresh, near, effort, config.fit, found, progress)
         best = _select(found.shapes, near, target, image, config, expected)
         if target.leaves_image or (
-            is_plausible(best.shape, near, *settled) and not best.ambiguities(target, config)
+            is_plausible(best.shape, near, _SETTLED) and not best.ambiguities(target)
         ):
             break
     return best, target
@@ -293,7 +282,7 @@ def _select(
     headed = [
         one
         for one in shapes
-        if not is_head_inside(head_contrast(one, target, image), config.head_contrast)
+        if not is_head_inside(head_contrast(one, target, image), _HEAD_CONTRAST)
     ]
     shapes = headed or shapes
     losses = total_loss(np.stack(shapes), near, config.fit)
@@ -306,7 +295,7 @@ def _select(
     rivals = {
         _unsigned_pairs(one)
         for one, less in zip(shapes, less_likely, strict=True)
-        if less < config.rival_margin
+        if less < _RIVAL_MARGIN
     } - {None}
     reasons = []
     if len(rivals) > 1:
@@ -328,7 +317,7 @@ def _trace_paths(target: Target, image: RgbdImage, count: int) -> list[Floats]:
 def _with_radius(guess: NDArray, target: Target, config: EstimateConfig) -> Target:
     """The target with the rope's apparent radius along a first guess (V, 3)."""
     near = target.around([guess])
-    coarse = near.coarse(guess, config.search.pixels_across)
+    coarse = near.coarse(guess, PIXELS_ACROSS)
     shape = fit(guess, coarse, config.search.coarse)
     return replace(target, seen_radius=measure_radius(shape, near))
 

@@ -20,8 +20,7 @@ from knotflow.simulation import RopeConfig
 
 Floats = NDArray[np.float64]
 
-CORRELATED = 4.0
-"""Pixels that share their error, as neighbours do."""
+CORRELATED = 4.0  # pixels that share their error, as neighbours do
 _CORRELATED_WIDTHS = 0.7  # widths of the rope, within which errors of its shape are the same error
 _BORDER = 2  # pixels: the last one may have lost its depth
 _MARGIN = 10  # pixels around what is seen of a rope, that a fit looks at

@@ -32,6 +32,9 @@ from knotflow.threads import one_thread
 
 Floats = NDArray[np.float64]
 
+_SMOOTHING = 3.0  # how far a vertex takes its neighbours along, links squared
+_DEPTH_SCALE = 5e-3  # metres, beyond which errors of depth count linearly
+_BENDING, _OVERLAP = 0.05, 0.1  # weights of both losses
 _APART = 3  # links along the rope from which on two may overlap
 _FAR = 0.015  # metres, from where on a point pulls less the farther it is
 _LENGTH, _ALIKE, _STAY = 100.0, 20.0, 0.05  # weights beside one of each point
@@ -48,22 +51,8 @@ class FitConfig:
     """First step of a coordinate, metres; falls to a tenth as the steps end."""
     softness: tuple[float, float] = (6e-3, 1.5e-3)
     """Softness of the rendering at the first and the last step, metres."""
-    depth_scale: float = 5e-3
-    """Depth errors beyond this, metres, count linearly."""
-    smoothing: float = 3.0
-    """How far a vertex takes its neighbours along, links squared."""
-    silhouette: float = 1.0
-    """Weight of the silhouette in the image."""
     depth: float = 1.0
-    """Weight of the depth image; 0 fits to colour alone."""
-    length: float = 1.0
-    """Weight of the links' lengths."""
-    bending: float = 0.05
-    """Weight of the change of bend."""
-    table: float = 1.0
-    """Weight of the table."""
-    overlap: float = 0.1
-    """Weight of strands in each other."""
+    """Weight of the depth image beside the silhouette; 0 fits to colour alone."""
 
 
 def project_lengths(points: NDArray, link_length: float, mobility: NDArray | None = None) -> Floats:
@@ -212,18 +201,17 @@ def image_loss(
     """How badly a shape (..., V, 3) accounts for an image: silhouette and depth."""
     radius, softness = target.rope.radius, config.softness[1] if softness is None else softness
     depth, occupancy = render(points, radius, target.camera, softness, target.seen_radius)
-    return config.silhouette * silhouette_loss(occupancy, target) + config.depth * depth_loss(
-        depth, occupancy, target, config.depth_scale
-    )
+    off = depth_loss(depth, occupancy, target, _DEPTH_SCALE)
+    return silhouette_loss(occupancy, target) + config.depth * off
 
 
-def shape_loss(points: Tensor, rope: RopeConfig, config: FitConfig) -> Tensor:
+def shape_loss(points: Tensor, rope: RopeConfig) -> Tensor:
     """How unlike a rope on a table a shape (..., V, 3) is, whatever the image."""
     return (
-        config.length * length_loss(points, rope.link_length)
-        + config.bending * bending_loss(points, rope.link_length)
-        + config.table * table_loss(points, rope.radius)
-        + config.overlap * overlap_loss(points, rope.radius)
+        length_loss(points, rope.link_length)
+        + _BENDING * bending_loss(points, rope.link_length)
+        + table_loss(points, rope.radius)
+        + _OVERLAP * overlap_loss(points, rope.radius)
     )
 
 
@@ -246,7 +234,7 @@ def fit(
     config = config or FitConfig()
     identity = torch.eye(points.shape[-2], dtype=torch.float64)
     differences = torch.diff(identity, dim=0)
-    smooth = torch.linalg.inv(identity + config.smoothing * differences.T @ differences)
+    smooth = torch.linalg.inv(identity + _SMOOTHING * differences.T @ differences)
     start = torch.tensor(np.ascontiguousarray(points, np.float64))
     moves = torch.zeros_like(start, requires_grad=True)
     optimiser = torch.optim.Adam([moves], lr=config.step_size, betas=(0.8, 0.95), fused=True)
@@ -255,7 +243,7 @@ def fit(
         softness = soft * (sharp / soft) ** (step / max(1, config.steps - 1))
         shape = start + smooth @ moves
         loss = image_loss(shape, target, config, softness)
-        loss = loss + shape_loss(shape, target.rope, config)
+        loss = loss + shape_loss(shape, target.rope)
         if prior is not None:
             loss = loss + prior(shape)
         optimiser.zero_grad()

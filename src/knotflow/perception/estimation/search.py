@@ -33,6 +33,9 @@ from knotflow.topology import TopologicalState
 Floats = NDArray[np.float64]
 Progress = Callable[[], object]
 
+PIXELS_ACROSS = 1.4  # a rope's width on the coarser grid
+_MAX_ROPE_COST = 4.0  # negative log likelihood of a plausible shape, whatever the image
+_CONTACTS = 8  # places where strands meet or nearly do, the closest ones, that are rewired
 _FINE = 4  # places of a link at which strands are compared
 _TOUCHING = 3.0  # radii between the axes of strands, in the plane, that may touch
 _APART = 6.0  # radii along the rope, from where on two places are two strands
@@ -52,8 +55,6 @@ class SearchConfig:
         default_factory=lambda: FitConfig(steps=40, step_size=4e-3, softness=(6e-3, 3e-3))
     )
     """The gradient steps that all shapes take, on the coarser grid."""
-    pixels_across: float = 1.4
-    """Pixels that a rope is wide on that grid."""
     paths: int = 8
     """Likeliest paths through the mask that are first guesses."""
     guesses: int = 8
@@ -66,10 +67,6 @@ class SearchConfig:
     """Shapes that are rewired, at most."""
     enough: float = 0.995
     """Coverage fraction of a best shape, plausible as a rope, after which no other is rewired."""
-    max_rope_cost: float = 4.0
-    """A shape is plausible up to this negative log likelihood, whatever the image."""
-    contacts: int = 8
-    """Places where strands meet or nearly do, the closest ones, that are rewired."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +89,7 @@ def search(
     the search made `before`. `progress` is called in each round."""
     config, fine = config or SearchConfig(), fine or FitConfig()
     rope, known = target.rope, before.shapes if before else guesses
-    coarse = target.coarse(known[0], config.pixels_across)
+    coarse = target.coarse(known[0], PIXELS_ACROSS)
 
     def ordered(shapes: Sequence[Floats]) -> list[Floats]:
         """Different shapes, the likeliest first."""
@@ -113,14 +110,13 @@ def search(
     while len(done) < config.rounds:
         fresh = [one for one in shapes[: config.beam] if not _is_among(one, done)]
         if not fresh or (
-            _is_among(shapes[0], done)
-            and is_plausible(shapes[0], target, config.enough, config, fine)
+            _is_among(shapes[0], done) and is_plausible(shapes[0], target, config.enough)
         ):
             break
         if progress is not None:
             progress()
         done.append(fresh[0])
-        others = propose_rewirings(fresh[0], rope, config.contacts)
+        others = propose_rewirings(fresh[0], rope, _CONTACTS)
         others += extend_to_missed(fresh[0], coarse)
         if others:
             shapes = ordered([*shapes, *fitted(others, config.rewirings)])
@@ -159,17 +155,15 @@ def total_loss(shapes: NDArray, target: Target, config: FitConfig) -> Floats:
     """(N,) how badly shapes (N, V, 3) account for an image, and how unlike a rope they are."""
     points = torch.as_tensor(shapes)
     with torch.no_grad():
-        loss = image_loss(points, target, config) + shape_loss(points, target.rope, config)
+        loss = image_loss(points, target, config) + shape_loss(points, target.rope)
     return loss.numpy()
 
 
-def is_plausible(
-    shape: Floats, target: Target, fraction: float, config: SearchConfig, fine: FitConfig
-) -> bool:
+def is_plausible(shape: Floats, target: Target, fraction: float) -> bool:
     """Whether a shape (V, 3) accounts for a fraction of the rope's image, and bends as a rope."""
     with torch.no_grad():
-        loss = float(shape_loss(torch.as_tensor(shape), target.rope, fine))
-    if target.independent_pixels * loss >= config.max_rope_cost:
+        loss = float(shape_loss(torch.as_tensor(shape), target.rope))
+    if target.independent_pixels * loss >= _MAX_ROPE_COST:
         return False
     return coverage_fraction(shape, target) >= target.required_coverage(fraction)
 

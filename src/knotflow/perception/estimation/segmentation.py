@@ -60,8 +60,8 @@ def segment(image: RgbdImage, camera: Camera, radius: float) -> Segmentation:
     known = np.isfinite(height)
     pixel = float(np.nanmedian(image.depth)) / camera.fx  # metres
     solid, near = _gripper(height, radius / pixel, _REACH / pixel)
-    bins = _bins(image.rgb)
-
+    red, green, blue = np.moveaxis((image.rgb // (256 // _BINS)).astype(np.intp), -1, 0)
+    bins = (red * _BINS + green) * _BINS + blue
     by_height = _height_evidence(height, radius)
     weight = _blurred(known.astype(np.float32)) + 1e-6
 
@@ -124,11 +124,6 @@ def _height_evidence(height: NDArray[np.float32], radius: float) -> NDArray[np.f
     rope = np.minimum(height - rope_mean, 0.0) / rope_std
     evidence = 0.5 * (table**2 - rope**2) + np.log(table_std / rope_std)
     return np.clip(np.nan_to_num(evidence), -_HEIGHT_LIMIT, _HEIGHT_LIMIT)
-
-
-def _bins(rgb: NDArray[np.uint8]) -> NDArray[np.intp]:
-    red, green, blue = np.moveaxis((rgb // (256 // _BINS)).astype(np.intp), -1, 0)
-    return (red * _BINS + green) * _BINS + blue
 
 
 def _colour_evidence(

@@ -45,16 +45,11 @@ _STRANDS = "strands."  # begins the names of the second network's weights
 class CoarseToFineConfig:
     """Sizes of the network."""
 
-    size: int = 96
-    """Pixels of the patch's side."""
-    channels: tuple[int, ...] = (16, 32, 64, 96)
-    """Features of the encoder, each at half the resolution of the one before."""
-    nodes: tuple[int, ...] = (9, 17, 41)
-    """Nodes of each level."""
-    width: int = 64
-    """Features of a node."""
-    layers: int = 2
-    """Attention layers of each level."""
+    size: int = 96  # pixels of the patch's side
+    channels: tuple[int, ...] = (16, 32, 64, 96)  # of the encoder, each at half the resolution
+    nodes: tuple[int, ...] = (9, 17, 41)  # nodes of each level
+    width: int = 64  # features of a node
+    layers: int = 2  # attention layers of each level
 
 
 class Nodes(NamedTuple):

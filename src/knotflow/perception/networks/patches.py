@@ -29,18 +29,12 @@ Array = TypeVar("Array", Floats, Tensor)
 
 FLIPS = ((1, 1), (-1, 1), (1, -1), (-1, -1))
 """A patch's mirror images: signs of its first and second axis."""
-SIDE = 48
-"""Pixels of a window's side."""
-HALF = 12.0
-"""Half its side, radii of the rope."""
-STEP = 2.0
-"""Length of a step along a strand, radii."""
-TRAIL = 12
-"""Steps back that the window shows."""
-HEADINGS = 32
-"""Directions of a step that are distinguished,"""
-WIDEST = 1.6
-"""up to this angle to either side, radians."""
+SIDE = 48  # pixels of a window's side
+HALF = 12.0  # half its side, radii of the rope
+STEP = 2.0  # length of a step along a strand, radii
+TRAIL = 12  # steps back that the window shows
+HEADINGS = 32  # directions of a step that are distinguished,
+WIDEST = 1.6  # up to this angle to either side, radians
 _MARGIN = 1.1  # side of a patch, in extents of the rope
 _SMALLEST = 0.4  # least side of a patch, in lengths of the rope
 _HIGHEST = 8.0  # heights above the table are cut here, radii of the rope
@@ -203,26 +197,16 @@ def with_trail(seen: Tensor, trail: Tensor) -> Tensor:
 class ExamplesConfig:
     """How much examples differ from the shapes they are drawn from; uniform unless said."""
 
-    scale: float = 0.1
-    """Largest relative change of the rope's thickness against its length."""
-    distance: tuple[float, float] = (0.8, 1.6)
-    """Camera's height above the table, rope lengths."""
-    aside: float = 0.5
-    """Farthest that the rope lies from below the camera, in x and y, rope lengths."""
-    turn: float = 0.25
-    """Standard deviation of the patch's direction, radians."""
-    shift: float = 0.03
-    """Standard deviation of the patch's middle and size, half patches."""
-    noise: float = 0.6
-    """Largest standard deviation of a height, radii."""
-    blur: float = 0.7
-    """Largest blur of the rope's share: how much of a pixel's is that of the 3 x 3 around it."""
-    sharpen: float = 1.5
-    """Largest steepening of the rope's share, which a segmentation of yes or no has."""
-    lost: float = 0.1
-    """Largest share of pixels without depth."""
-    hidden: float = 0.3
-    """Probability that something hides a piece of the patch."""
+    scale: float = 0.1  # largest relative change of the rope's thickness against its length
+    distance: tuple[float, float] = (0.8, 1.6)  # camera's height above the table, rope lengths
+    aside: float = 0.5  # farthest that it lies from below the camera in x and y, rope lengths
+    turn: float = 0.25  # standard deviation of the patch's direction, radians
+    shift: float = 0.03  # standard deviation of the patch's middle and size, half patches
+    noise: float = 0.6  # largest standard deviation of a height, radii
+    blur: float = 0.7  # largest part of a pixel's share of rope that is of the 3 x 3 around it
+    sharpen: float = 1.5  # largest steepening of that share, which a mask has
+    lost: float = 0.1  # largest share of pixels without depth
+    hidden: float = 0.3  # probability that something hides a piece of the patch
 
 
 class _Draw(NamedTuple):
@@ -349,7 +333,7 @@ def _view_at_random(
 def _degrade(covered: Tensor, top: Tensor, config: ExamplesConfig, draw: _Draw) -> Tensor:
     """A crop (N, 3, S, S) of a rope's share and height (N, S, S), see `Patch.crop`, with errors of
     segmentation and depth."""
-    _count, size, _ = covered.shape
+    size = covered.shape[-1]
     blurred = avg_pool2d(covered[:, None], 3, 1, 1, count_include_pad=True)[:, 0]
     covered = torch.lerp(covered, blurred, draw.uniform(0, config.blur, 1, 1))
     covered = (0.5 + draw.uniform(1, 1 + config.sharpen, 1, 1) * (covered - 0.5)).clamp(0, 1)

@@ -33,8 +33,7 @@ from knotflow.threads import one_thread
 
 Floats = NDArray[np.float64]
 
-PIXEL = 2 * HALF / SIDE
-"""Side of a map's pixel, radii."""
+PIXEL = 2 * HALF / SIDE  # side of a map's pixel, radii
 _BEAM, _HALVES = 16, 8  # paths followed at once from an end of the rope, and from elsewhere
 _JOINED = 4  # pairs of the latter that are paths from end to end, most
 _ENDS = 4  # ends of such pairs from which the rope is followed again, most
@@ -53,10 +52,8 @@ _LENGTH_OFF = 20.0  # taken from a log likelihood for each rope length too long 
 class StrandNetworkConfig:
     """Sizes of the network that follows strands."""
 
-    channels: tuple[int, ...] = (16, 32, 64)
-    """Features of the encoder, each at half the resolution of the one before."""
-    width: int = 96
-    """Features of what is predicted from them."""
+    channels: tuple[int, ...] = (16, 32, 64)  # of the encoder, each at half the resolution
+    width: int = 96  # features of what is predicted from them
 
 
 class NextStep(NamedTuple):
@@ -132,16 +129,11 @@ class Residual(nn.Module):
 class StrandPath:
     """A strand followed so far."""
 
-    points: Floats
-    """(K, 3) place on the map's plane and height, radii."""
-    probability: Floats
-    """(K,) of each step; 1 for the first point."""
-    direction: float
-    """Of the last step, radians."""
-    along: int = 0
-    """Steps, up to the last, for which it has run along itself."""
-    ended: bool = False
-    """Whether the rope ends there."""
+    points: Floats  # (K, 3) place on the map's plane and height, radii
+    probability: Floats  # (K,) of each step; 1 for the first point
+    direction: float  # of the last step, radians
+    along: int = 0  # steps, up to the last, for which it has run along itself
+    ended: bool = False  # whether the rope ends there
 
     @classmethod
     def begun(cls, place: NDArray, direction: float) -> StrandPath:

@@ -51,38 +51,26 @@ _NEARLY = 0.3  # radians: a heading no further off is right, as strands that mee
 class LossConfig:
     """Weights of the losses."""
 
-    place: float = 10.0
-    """Of the distance in the patch, half patches."""
-    height: float = 0.2
-    """Of the error in height, radii."""
-    crossing: float = 1.0
-    """Of a crossing's gap that is missing, radii."""
-    scale: float = 0.05
-    """Of the predicted distance to the truth (a Laplace distribution's likelihood)."""
-    gap: float = 1.5
-    """Gap in height between strands at a crossing that is enough, radii; 2 is touching."""
+    place: float = 10.0  # of the distance in the patch, half patches
+    height: float = 0.2  # of the error in height, radii
+    crossing: float = 1.0  # of a crossing's gap that is missing, radii
+    scale: float = 0.05  # of the predicted distance's likelihood (a Laplace distribution)
+    gap: float = 1.5  # in height between strands at a crossing, enough, radii; 2 is touching
 
 
 @dataclass
 class EffortConfig:
     """The effort of a training, and what is learned from."""
 
-    examples: ExamplesConfig = field(default_factory=ExamplesConfig)
-    """How the ropes are seen."""
-    validations: int = 100
-    """Validations, and checkpoints, until the end."""
-    steps: int = 200
-    """Gradient steps between two of them."""
-    batch: int = 48
-    """Examples of a step."""
+    examples: ExamplesConfig = field(default_factory=ExamplesConfig)  # how the ropes are seen
+    validations: int = 100  # validations, and checkpoints, until the end
+    steps: int = 200  # gradient steps between two of them
+    batch: int = 48  # examples of a step
     learning_rate: float = 1e-3
     """Largest one; it rises over the first validation and falls to nothing as a cosine."""
-    weight_decay: float = 1e-3
-    """AdamW's."""
-    gradient_norm: float = 5.0
-    """Gradients are cut to this length."""
-    held_out: float = 0.05
-    """Share of the shapes, the last ones, that are for validation."""
+    weight_decay: float = 1e-3  # AdamW's
+    gradient_norm: float = 5.0  # gradients are cut to this length
+    held_out: float = 0.05  # share of the shapes, the last ones, that are for validation
 
 
 @dataclass
@@ -90,9 +78,7 @@ class TrainingConfig(EffortConfig):
     """How the network learns that sees a whole rope."""
 
     network: CoarseToFineConfig = field(default_factory=CoarseToFineConfig)
-    """Its sizes."""
     loss: LossConfig = field(default_factory=LossConfig)
-    """What counts."""
 
 
 @dataclass
@@ -100,7 +86,6 @@ class StrandTrainingConfig(EffortConfig):
     """How the network learns that follows strands."""
 
     network: StrandNetworkConfig = field(default_factory=StrandNetworkConfig)
-    """Its sizes."""
     validations: int = 25
     batch: int = 192
     learning_rate: float = 1.5e-3
@@ -111,8 +96,7 @@ def nodes_loss(found: Sequence[Nodes], truth: Tensor, config: LossConfig | None 
     (N, V, 3), from the nearer end. Heights are held to the truth at crossings above all, as a fit
     can hardly turn these round."""
     config = config or LossConfig()
-    orders = [_ordered_loss(found, one, config) for one in (truth, truth.flip(1))]
-    return torch.minimum(*orders)
+    return torch.minimum(*(_ordered_loss(found, one, config) for one in (truth, truth.flip(1))))
 
 
 def _ordered_loss(found: Sequence[Nodes], truth: Tensor, config: LossConfig) -> Tensor:
@@ -297,7 +281,6 @@ class SelfSupervisionConfig:
     learning_rate: float = 1e-4
     """AdamW's first one; it falls to nothing as a cosine."""
     loss: LossConfig = field(default_factory=LossConfig)
-    """What counts, as in training."""
 
 
 def self_supervise(
