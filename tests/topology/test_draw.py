@@ -29,9 +29,9 @@ def test_drawing_preserves_larger_states(random_state, crossings):
 
 
 def test_drawing_length_heights_and_centre():
-    points = draw(min(knot("overhand")), length=2.0, gap=0.03)
+    points = draw(min(knot("overhand")), gap=0.03)
     assert points.shape == (4 * 8 * 7 + 1, 3)
-    assert np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1).sum() == pytest.approx(2.0)
+    assert np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1).sum() == pytest.approx(1.0)
     np.testing.assert_allclose(points[:, :2].min(axis=0) + points[:, :2].max(axis=0), 0, atol=1e-9)
     assert points[0, 2] == points[-1, 2] == 0.0
     crossings = project(points)
@@ -54,7 +54,7 @@ def test_drawing_is_deterministic():
 
 
 def test_invalid_sizes_are_rejected():
-    for wrong in ({"length": 0.0}, {"gap": -1.0}, {"samples": 0}):
+    for wrong in ({"gap": -1.0}, {"samples": 0}):
         with pytest.raises(ValueError, match="must be above 0"):
             draw(TopologicalState.trivial(), **wrong)
 

@@ -19,9 +19,6 @@ from knotflow.topology.embedding import Mesh, build_mesh, graph_laplacian, tutte
 from knotflow.topology.polyline import DegenerateCurveError, Floats, planar_crossings
 from knotflow.topology.state import TopologicalState
 
-ROPE_LENGTH = 1.0
-"""Metres, in the projection."""
-
 ROPE_GAP = 0.016
 """Metres. Height of an over strand above an under strand, one diameter of the default rope."""
 
@@ -33,37 +30,28 @@ _CONVERGED = 1e-4  # relative decrease of the energy in _MEMORY steps
 _REFRESH = 5  # steps between new initial Hessians
 
 
-def draw(
-    state: TopologicalState,
-    length: float = ROPE_LENGTH,
-    gap: float = ROPE_GAP,
-    samples: int = 8,
-) -> Floats:
-    """A rounded rope shape with the given state, always the same.
+def draw(state: TopologicalState, gap: float = ROPE_GAP, samples: int = 8) -> Floats:
+    """A rounded rope shape with the given state, 1 m long in the projection, always the same.
 
     Args:
         state: any state.
-        length: metres, of the rope in the projection.
-        gap: metres, height of the over strand at each crossing; under strands and both ends
-            are at z = 0.
+        gap: metres, height of the over strand at each crossing; under strands and ends are at 0.
         samples: points for each of the 4 pieces of a segment.
 
     Returns:
         (V, 3) metres, head first, centred at the origin, V = 4 * samples * (2c + 1) + 1.
 
     Raises:
-        ValueError: length or gap is not above 0, or there is no sample.
+        ValueError: gap is not above 0, or there is no sample.
         RuntimeError: the drawing does not read back as the state: `samples` is too small, or the
             crossings are very many (no failure is known with up to 12).
     """
-    if not (length > 0.0 and gap > 0.0 and samples >= 1):
-        raise ValueError(
-            f"length and gap must be above 0 and samples at least 1, got {length}, {gap}, {samples}"
-        )
+    if not (gap > 0.0 and samples >= 1):
+        raise ValueError(f"gap must be above 0 and samples at least 1, got {gap}, {samples}")
     mesh = build_mesh(state)
     nodes = relax(mesh, tutte(mesh))[mesh.path]
     xy = _spline(nodes, samples)
-    xy *= length / np.linalg.norm(np.diff(xy, axis=0), axis=1).sum()
+    xy *= 1.0 / np.linalg.norm(np.diff(xy, axis=0), axis=1).sum()
     points = _lift(state, xy - (xy.min(axis=0) + xy.max(axis=0)) / 2.0, gap)
     try:
         drawn = TopologicalState.from_crossings(project(points, gap / 2.0).crossings)

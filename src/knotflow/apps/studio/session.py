@@ -67,17 +67,11 @@ class Session:
         simulated: the draft's simulation, if any.
     """
 
-    def __init__(
-        self,
-        rope: str = "straight",
-        file: Path = Path("demonstrations.jsonl"),
-        simulation: SimulationConfig | None = None,
-        seed: int = 0,
-    ) -> None:
+    def __init__(self, rope: str = "straight", file: Path = Path("demonstrations.jsonl")) -> None:
         """Lay a rope: one of `ROPES`, or a file; the errors are those of `lay_file`."""
-        self.file = Path(file)
-        self.simulation = simulation or SimulationConfig()
-        self._rng = np.random.default_rng(seed)
+        self.file = file
+        self.simulation = SimulationConfig()
+        self._rng = np.random.default_rng(0)
         self._busy = threading.Lock()
         if rope in ROPES:
             self.lay_named(rope)
