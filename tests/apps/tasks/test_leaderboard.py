@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 from knotflow.apps.tasks import TieTask, evaluate, public_tasks
-from knotflow.apps.tasks.leaderboard import COLUMNS, main, page
+from knotflow.apps.tasks.leaderboard import COLUMNS, known_sampler, main, page
 from knotflow.samplers.demonstrations import TASKS
-from knotflow.simulation import RopeConfig, check_points, straight
+from knotflow.simulation import RopeConfig, check_points, check_splines, straight
 from knotflow.topology import TopologicalState, parse_action
 
 ROPE = RopeConfig()
@@ -54,6 +54,12 @@ def test_episode_ends_without_splines_or_served_action():
         ["knots", "served", 0, 2],
         ["actions", "other", 0, 0],
     ]
+
+
+@pytest.mark.parametrize("name", ["random", "aimed", "icp", "primitives"])
+def test_known_samplers_propose_splines(name, rng):
+    splines = known_sampler(name).sample(straight(ROPE), parse_action("R1(0,1,1)"), 2, rng)
+    assert check_splines(splines).shape == (2, 6)
 
 
 def test_page_ranks_methods_with_intervals(tmp_path):

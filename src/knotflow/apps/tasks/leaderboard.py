@@ -167,8 +167,7 @@ def _by_task(rows: pd.DataFrame) -> str:
 def known_sampler(name: str) -> Sampler:
     """A sampler of knotflow: `primitives` those shipped, `icp` with demonstrations copied here."""
     if name != "icp":
-        settings = {"file": str(SHIPPED_PRIMITIVES)} if name == "primitives" else {}
-        return build_sampler(SamplerConfig(name, settings), {})
+        return build_sampler(SamplerConfig(name), {"primitives": Path(SHIPPED_PRIMITIVES)})
     from knotflow.samplers import IcpConfig, IcpSampler
     from knotflow.samplers.demonstrations import NoiseConfig, load_demonstrations, noisy_copies
     from knotflow.simulation import Trials, attempt, resample
