@@ -4,27 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
 from knotflow.planning.goals import Edge
 from knotflow.planning.plan import PlanStep
-from knotflow.simulation import Attempts, Rollouts, SimulationConfig
+from knotflow.simulation import Attempts, Rollouts
 from knotflow.topology import Action, Arrange, TopologicalState
 from knotflow.topology.polyline import Floats
 
 ACT, ARRANGE = 0, 1
 """The two kinds of expansions: for the action of an edge, or to make room for it."""
-
-
-class Simulator(Protocol):
-    """What the search needs of a simulator; `simulation.RopeSimulator` is one."""
-
-    config: SimulationConfig
-
-    def execute(self, points: Floats, splines: Floats) -> Rollouts:
-        """Simulate splines (B, 6) on ropes (B, V, 3), each from rest to rest."""
 
 
 @dataclass(eq=False)

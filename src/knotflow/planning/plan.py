@@ -19,7 +19,6 @@ FORMAT = "knotflow.plan"
 VERSION = 2
 
 _PLAIN = ("goal", "solved", "reason", "branches", "nodes")
-_SECONDS = ("seconds", "sampling_seconds", "simulation_seconds")
 _DECIMALS = 6  # of trajectories: micrometres
 
 
@@ -87,8 +86,6 @@ class KnotPlan:
         branches: simulated splines, the paper's measure of a search.
         nodes: nodes of the search tree, including the root.
         seconds: wall time of the search.
-        sampling_seconds: of these in the sampler, while the simulator may run as well.
-        simulation_seconds: of these in the simulator after it.
         radius: of the rope, metres.
     """
 
@@ -103,8 +100,6 @@ class KnotPlan:
     branches: int
     nodes: int
     seconds: float
-    sampling_seconds: float
-    simulation_seconds: float
     radius: float
 
     @property
@@ -172,8 +167,8 @@ class KnotPlan:
         """
         head: dict[str, Any] = {"format": FORMAT, "version": VERSION}
         head |= {name: getattr(self, name) for name in _PLAIN}
-        head |= {f"{name}_s": getattr(self, name) for name in _SECONDS}
         head |= {
+            "seconds_s": self.seconds,
             "goal_states": [str(state) for state in self.goal_states],
             "radius_m": self.radius,
             "start_state": str(self.start_state),
@@ -262,9 +257,9 @@ class KnotPlan:
             start_state=state(data["start_state"]),
             steps=tuple(steps),
             tried=tuple(tried),
+            seconds=data["seconds_s"],
             radius=data["radius_m"],
             **{name: data[name] for name in _PLAIN},
-            **{name: data[f"{name}_s"] for name in _SECONDS},
         )
 
 

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal
-from knotflow.planning.nodes import ACT, ARRANGE, Expansion, Node, Simulator
+from knotflow.planning.nodes import ACT, ARRANGE, Expansion, Node
 from knotflow.samplers.demonstrations import (
     heuristic_splines,
     screened_arranging_splines,
     screened_splines,
 )
 from knotflow.samplers.sampler import Sampler, capability, has_capability
-from knotflow.simulation import Attempts, Observer
+from knotflow.simulation import Attempts, Observer, RopeSimulator
 from knotflow.topology import Action, Arrange, TopologicalState, Undo, segment_lengths
 from knotflow.topology.polyline import Floats
 
@@ -45,12 +45,9 @@ class Proposals:
         self._arrange = capability(sampler, "arrange")
         self._judged = capability(sampler, "success_probability")
         self._undoes = has_capability(sampler, "undo")
-        # The paper's rule takes a critic into account only where its value bias is set.
-        paper = config.rule == "paper"
+        paper = config.rule == "paper"  # takes no critic into account
         arranging = not paper and config.arranging > 0
-        self._values = capability(sampler, "values") or (None if paper else _clearances)
-        if paper and config.value_bias == 0:
-            self._values = None
+        self._values = None if paper else capability(sampler, "values") or _clearances
         self._arranged_values = capability(sampler, "arranged_values") if arranging else None
         self._guess_fraction = 0.0 if paper else config.guess_fraction
         self._guess_below_value = config.guess_below_value
@@ -159,7 +156,7 @@ def attempt_arranged(
     action: Action,
     start: TopologicalState,
     sampler: Sampler,
-    simulator: Simulator,
+    simulator: RopeSimulator,
     rng: np.random.Generator,
     most: int = 3,
     observe: Observer | None = None,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
@@ -14,8 +13,6 @@ from knotflow.planning.nodes import ACT, ARRANGE, Expansion, Node
 from knotflow.topology import TopologicalState
 from knotflow.topology.polyline import Floats
 
-VALUE_OFFSET = 0.02
-"""Added to every value by the paper's rule: critics err, and no branch must be excluded."""
 PRIOR_WEIGHT = 3.0
 """Tries that the prior of a success probability counts as."""
 MIN_PRIOR, MAX_PRIOR = 0.01, 0.98
@@ -28,22 +25,6 @@ MAX_GAINS = 24
 """Latest gains that are kept of a state."""
 
 
-class Rule(Protocol):
-    """Chooses what is expanded next."""
-
-    def choose(self, count: int) -> list[Expansion]:
-        """The next expansions of the nodes added so far."""
-
-    def learn(self, expansion: Expansion, child: Node | None) -> None:
-        """Account for the outcome of an expansion; `child` is None where nothing was kept."""
-
-    def add(self, node: Node) -> None:
-        """Add a new, valued node, after the expansions of its batch were learned from."""
-
-    def drop(self, nodes: Sequence[Node]) -> None:
-        """Remove nodes; all their descendants are among them."""
-
-
 class PaperRule:
     """Independent draws of a node, nearer to the goal with a bias, then of an edge (Sec. V-B d)."""
 
@@ -52,22 +33,26 @@ class PaperRule:
         self._nodes: list[Node] = []
 
     def choose(self, count: int) -> list[Expansion]:
+        """The next expansions of the nodes added so far."""
         chances = node_probabilities(self._nodes, self._config)
         chosen = []
         for row in self._rng.choice(len(self._nodes), size=count, p=chances):
             node = self._nodes[row]
-            weights = _edge_weights(node, self._config)
-            edge = self._rng.choice(len(node.edges), p=weights / weights.sum())
+            edges = len(node.edges)
+            edge = self._rng.choice(edges, p=np.full(edges, 1 / edges))
             chosen.append(Expansion(node, int(edge)))
         return chosen
 
     def add(self, node: Node) -> None:
+        """Add a new, valued node, after the expansions of its batch were learned from."""
         self._nodes.append(node)
 
     def drop(self, nodes: Sequence[Node]) -> None:
+        """Remove nodes; all their descendants are among them."""
         self._nodes = [node for node in self._nodes if node not in nodes]
 
     def learn(self, expansion: Expansion, child: Node | None) -> None:
+        """Account for the outcome of an expansion; `child` is None where nothing was kept."""
         expansion.node.failures += child is None
 
 
@@ -75,16 +60,10 @@ def node_probabilities(nodes: Sequence[Node], config: PlannerConfig) -> Floats:
     """(N,) probability of each node to be expanded next: bias ** -distance, 0 at the goal."""
     distance = np.array([node.distance for node in nodes])
     failures = np.array([node.failures for node in nodes])
-    weight = np.array([_edge_weights(node, config).mean() if node.edges else 1.0 for node in nodes])
-    exponent = -distance * np.log(config.bias) + np.log(weight)
-    exponent += failures * np.log(config.failure_discount)
+    exponent = failures * np.log(config.failure_discount) - distance * np.log(config.bias)
     exponent[distance == 0] = -np.inf
     probability = np.exp(exponent - exponent.max())  # the largest is 1, however many failures
     return np.asarray(probability / probability.sum())
-
-
-def _edge_weights(node: Node, config: PlannerConfig) -> Floats:
-    return np.asarray((node.values + VALUE_OFFSET) ** config.value_bias)
 
 
 class ReservationPrices:
