@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 
 from knotflow.planning import Goal, PlannerConfig, parse_goal, plan_knot
-from knotflow.planning.nodes import ACT, ARRANGE, Node
 from knotflow.planning.proposals import Proposals, clearance
-from knotflow.planning.rules import PosteriorRule, ReservationPrices, node_probabilities
+from knotflow.planning.rules import (
+    ACT,
+    ARRANGE,
+    Node,
+    PosteriorRule,
+    ReservationPrices,
+    node_probabilities,
+)
 from knotflow.simulation import straight
 from knotflow.topology import TopologicalState, segment_intervals
 

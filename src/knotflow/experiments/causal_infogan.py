@@ -26,14 +26,15 @@ from knotflow.samplers.causal_infogan.evaluation import (
     OVERHAND,
     ActionSequence,
     compare,
-    guess,
     measure,
     panel_rows,
     reachable_end,
 )
-from knotflow.samplers.demonstrations import TASKS, task
+from knotflow.samplers.demonstrations import TASKS, heuristic_splines, task
 from knotflow.seeding import rng_of
-from knotflow.simulation import RopeSimulator, SimulationConfig
+from knotflow.simulation import Attempts, RopeSimulator, SimulationConfig, attempt
+from knotflow.topology import Action, TopologicalState
+from knotflow.topology.polyline import Floats
 from knotflow.training.trainer import CURVES, run_training
 from knotflow.workflow import StageRun, stage
 
@@ -149,7 +150,12 @@ def causal_infogan_ends(
         # Numbers are unique in the stage: leave room for all guesses of the goals before.
         each = [most[one.name] * guesses * rounds * len(one.actions) for one in GOALS]
         recorder = Recorder(run, "aim", simulation.rope, sum(each[:number]))
-        propose = guess(RopeSimulator(simulation), guesses, rng, recorder)
+        simulator = RopeSimulator(simulation)
+
+        def propose(points: Floats, action: Action, state: TopologicalState) -> Attempts:
+            splines = heuristic_splines(points, action, guesses, rng)
+            return attempt(simulator, points, splines, action, state, recorder)
+
         found = {}
         for start, points in enumerate(starts):
             recorder.extra = {"start": str(start), "goal": goal.name}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.planning.waypoints import Drag, GripperConfig, Waypoints, trace_waypoints
+from knotflow.planning.waypoints import GripperConfig, Waypoints, trace_waypoints
 from knotflow.simulation import control_points
 from knotflow.topology import Action, Arrange, TopologicalState, parse_action
 from knotflow.topology.polyline import Floats
@@ -48,7 +48,7 @@ class PlanStep:
     end_state: TopologicalState
     times: Floats
     trajectory: NDArray[np.float32]
-    gripper: NDArray[np.float32]
+    gripper: NDArray[np.floating[Any]]
     release_time: float
 
     def controls(self, radius: float) -> Floats:
@@ -154,11 +154,8 @@ class KnotPlan:
 
     def waypoints(self, rate_hz: float = 20.0, config: GripperConfig | None = None) -> Waypoints:
         """Timed gripper waypoints with open and close; errors as of `trace_waypoints`."""
-        drags = [
-            Drag(step.times, step.gripper, step.release_time, str(step.action))
-            for step in self.steps
-        ]
-        return trace_waypoints(drags, self.shapes, self.radius, rate_hz, config or GripperConfig())
+        shapes, moves = self.shapes, config or GripperConfig()
+        return trace_waypoints(self.steps, shapes, self.radius, rate_hz, moves)
 
     def to_json(self, trajectories: bool = True) -> str:
         """The plan as JSON text, trajectories rounded to micrometres; `from_json` reads it back.
@@ -263,7 +260,7 @@ class KnotPlan:
         )
 
 
-def _rounded(array: NDArray[np.float32]) -> list[Any]:
+def _rounded(array: NDArray[np.floating[Any]]) -> list[Any]:
     # Widened first: a float32 would be written with all the digits of its nearest float64.
     rounded: list[Any] = np.round(array.astype(np.float64), _DECIMALS).tolist()
     return rounded

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal
-from knotflow.planning.nodes import ACT, ARRANGE, Expansion, Node
+from knotflow.planning.rules import ACT, ARRANGE, Expansion, Node
 from knotflow.samplers.demonstrations import (
     heuristic_splines,
     screened_arranging_splines,
@@ -141,16 +140,6 @@ def _clearances(points: Floats, actions: Sequence[Action], rng: np.random.Genera
     return np.array([clearance(rope) for rope in points])
 
 
-@dataclass(frozen=True)
-class ArrangedAttempts:
-    """A batch of attempts at one action from one topological state."""
-
-    success: NDArray[np.bool_]
-    """(B,) whether the rope at rest has exactly the state that the action leads to."""
-    splines: NDArray[np.intp]
-    """(B,) number of splines executed, arranging ones included."""
-
-
 def attempt_arranged(
     points: Floats,
     action: Action,
@@ -160,11 +149,15 @@ def attempt_arranged(
     rng: np.random.Generator,
     most: int = 3,
     observe: Observer | None = None,
-) -> ArrangedAttempts:
+) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
     """Try an action on ropes (B, V, 3), metres, arranging each before by up to `most` splines.
 
     An arranging spline that loses the state ends the attempt (Sec. VIII). A sampler that cannot
     arrange, or value the gain, acts at once. All ropes are in the state `start`.
+
+    Returns:
+        (B,) whether the rope at rest has exactly the state that the action leads to, and (B,)
+        number of splines executed, arranging ones included.
 
     Raises:
         IllegalActionError: the start state does not allow the action.
@@ -199,4 +192,4 @@ def attempt_arranged(
     if len(rows):
         splines = np.concatenate([sampler.sample(points[row], action, 1, rng) for row in rows])
         execute(rows, splines, action)
-    return ArrangedAttempts(success, used)
+    return success, used

@@ -12,28 +12,21 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from knotflow.planning.config import FAST_SEARCH, PlannerConfig
 from knotflow.planning.goals import Goal, SearchGraph, parse_goal
-from knotflow.planning.nodes import (
-    Expansion,
-    Node,
-    Progress,
-    SearchUpdate,
-    group_by_action,
-    steps_to,
-)
 from knotflow.planning.plan import ExpansionStats, KnotPlan, PlanStep
 from knotflow.planning.proposals import Proposals, group_by_query
-from knotflow.planning.rules import PaperRule, PosteriorRule
+from knotflow.planning.rules import Expansion, Node, PaperRule, PosteriorRule
 from knotflow.planning.validation import RECORD_RATE, are_robust
 from knotflow.samplers.sampler import Sampler
 from knotflow.simulation import (
+    Attempts,
     Observer,
     Rollouts,
     RopeSimulator,
@@ -51,6 +44,23 @@ FRAGILE = "fragile"
 """Outcome of an expansion that reached its state with segments shorter than the margin."""
 CHUNK = 4
 """Expansions that are simulated as soon as they are sampled, while others are."""
+
+
+@dataclass(frozen=True)
+class SearchUpdate:
+    """What a search reports after each batch."""
+
+    branches: int
+    """Splines simulated so far."""
+    nodes: int
+    """Nodes of the tree, including the root."""
+    distance: int
+    """Edges from the nearest node to the goal; 0 when solved."""
+    seconds: float
+    """Wall time so far."""
+
+
+Progress = Callable[[SearchUpdate], None]
 
 
 class AlreadyTiedError(ValueError):
@@ -113,7 +123,7 @@ class TreeSearch:
             self._rule.add(node)
         self.branches += count
         if self.observe is not None:
-            for attempts in group_by_action(chosen, splines, rollouts, ends):
+            for attempts in _group_by_action(chosen, splines, rollouts, ends):
                 self.observe(attempts)
         nearest = min(node.distance for node in self.nodes)
         return SearchUpdate(self.branches, len(self.nodes), nearest, self._elapsed())
@@ -214,7 +224,7 @@ class TreeSearch:
             unproven = [node for node in best.path() if not node.steady]
             if not (self.config.steady and unproven):
                 return True
-            robust = are_robust(steps_to(unproven), self.simulator.config)
+            robust = are_robust(_steps_to(unproven), self.simulator.config)
             for node, node_is_robust in zip(unproven, robust, strict=True):
                 node.steady = node_is_robust
             if all(robust):
@@ -238,13 +248,34 @@ class TreeSearch:
             reason=reason if solved else f"{reason} without reaching the goal",
             start=root.points,
             start_state=root.state,
-            steps=steps_to(self._nearest().path()),
+            steps=_steps_to(self._nearest().path()),
             tried=tuple(ExpansionStats(*key, count) for key, count in self.tried.items()),
             branches=self.branches,
             nodes=len(self.nodes),
             seconds=self._elapsed(),
             radius=simulation.rope.radius,
         )
+
+
+def _steps_to(nodes: Sequence[Node]) -> tuple[PlanStep, ...]:
+    """The step by which each node was reached; the root has none."""
+    return tuple(node.step for node in nodes if node.step is not None)
+
+
+def _group_by_action(
+    chosen: Sequence[Expansion],
+    splines: Floats,
+    rollouts: Rollouts,
+    ends: Sequence[TopologicalState | None],
+) -> Iterator[Attempts]:
+    """A batch of expansions, grouped by start state and action."""
+    rows: dict[tuple[TopologicalState, Action], list[int]] = {}
+    for row, expansion in enumerate(chosen):
+        rows.setdefault((expansion.node.state, expansion.action), []).append(row)
+    for (state, action), same in rows.items():
+        points = np.stack([chosen[row].node.points for row in same])
+        outcome = tuple(ends[row] for row in same)
+        yield Attempts.of(action, state, points, splines[same], rollouts[same], outcome)
 
 
 def plan_knot(

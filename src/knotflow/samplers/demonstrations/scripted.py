@@ -95,15 +95,8 @@ class Candidate:
         return self.success_rate * self.clearance
 
 
-@dataclass(frozen=True)
-class Demonstrated:
-    """A demonstration, and what it took."""
-
-    demonstration: Demonstration
-    scored: Candidate
-    """Its spline, the shape it leaves, and how good it is."""
-    starts_left_out: int
-    """Starts given up before."""
+Demonstrated = tuple[Demonstration, Candidate, int]
+"""A demonstration, how good it is, and the number of starts given up before."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +126,7 @@ class Demonstrator:
         count = config.straight_searches
         config = replace(config, room_guesses=config.room_guesses * count)
         found = replace(self, config=config)._search(count)
-        return [max(found, key=lambda one: one.scored.score)]
+        return [max(found, key=lambda one: one[1].score)]
 
     def _search(self, count: int) -> list[Demonstrated]:
         candidates = self._starts(count)
@@ -144,7 +137,7 @@ class Demonstrator:
                 scored = self.demonstrate(points)
                 if scored is not None:
                     demonstration = Demonstration(self.task, points, scored.spline, "scripted")
-                    found.append(Demonstrated(demonstration, scored, left_out))
+                    found.append((demonstration, scored, left_out))
                     break
             else:
                 raise RuntimeError(
