@@ -38,8 +38,7 @@ from knotflow.perception import (
 )
 from knotflow.planning import Goal, PlannerConfig, PlanStep, SolutionDag, plan_knot
 from knotflow.planning.config import RULES
-from knotflow.planning.nodes import Node
-from knotflow.planning.rules import PosteriorRule, node_probabilities
+from knotflow.planning.rules import Node, PosteriorRule, node_probabilities
 from knotflow.recording import load, read_recording, recorded, write_recording
 from knotflow.samplers import RandomSampler
 from knotflow.samplers.causal_infogan import StartFrame

@@ -88,8 +88,6 @@ def plan_of(splines) -> KnotPlan:
         branches=2,
         nodes=3,
         seconds=0.0,
-        sampling_seconds=0.0,
-        simulation_seconds=0.0,
         radius=ROPE.radius,
     )
 
@@ -133,8 +131,6 @@ def plan(simulator):
         branches=1,
         nodes=2,
         seconds=0.0,
-        sampling_seconds=0.0,
-        simulation_seconds=0.0,
         radius=simulator.config.rope.radius,
     )
 

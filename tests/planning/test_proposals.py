@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from knotflow.planning import Goal, PlannerConfig, SearchGraph
-from knotflow.planning.nodes import ACT, ARRANGE, Expansion, Node
 from knotflow.planning.proposals import UNDO_VALUE, Proposals, group_by_query
+from knotflow.planning.rules import ACT, ARRANGE, Expansion, Node
 from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW
 from knotflow.topology import TopologicalState, Undo
 

@@ -79,7 +79,7 @@ def test_the_nearest_demonstration_weighs_most(rng):
     sampler = IcpSampler(trials(shapes, means), IcpConfig(length_scale=1e-4))
     for shape, mean in zip(shapes, means, strict=True):
         assert sampler.sample(shape, R1, 50, rng)[:, 0].mean() == pytest.approx(mean[0], abs=0.01)
-    even = IcpSampler(trials(shapes, means), IcpConfig(length_scale=1e4, align=False))
+    even = IcpSampler(trials(shapes, means), IcpConfig(length_scale=1e4))
     assert even.sample(shapes[0], R1, 50, rng)[:, 0].mean() == pytest.approx(0.4, abs=0.01)
 
 

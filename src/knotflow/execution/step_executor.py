@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from knotflow.execution.motions import STEP
 from knotflow.execution.robot import CameraTimer, Observation, Robot, RopeSource, StateEstimator
 from knotflow.planning import GripperConfig, KnotPlan, PlanStep
-from knotflow.planning.waypoints import Drag, trace_waypoints
+from knotflow.planning.waypoints import trace_waypoints
 from knotflow.simulation import grasped_link
 from knotflow.topology import TopologicalState, project
 
@@ -120,7 +120,7 @@ class StepExecutor:
         link = int(grasped_link(step.spline, len(rope) - 1))
         path = path_from_grasp(step, (rope[link] + rope[link + 1]) / 2)
         waypoints = trace_waypoints(
-            [Drag(step.times, path, step.release_time, str(step.action))],
+            [replace(step, gripper=path)],
             np.stack([step.start, step.end]),
             plan.radius,
             1 / STEP,

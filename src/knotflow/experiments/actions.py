@@ -73,9 +73,9 @@ def actions(
                 continue
             splines = np.concatenate([tried.sample(shape, action, 1, rng) for shape in points])
             single = attempt(simulator, points, splines, action, state)
-            several = attempt_arranged(points, action, state, tried, simulator, rng, arranging)
+            several, _ = attempt_arranged(points, action, state, tried, simulator, rng, arranging)
             kind = CLASSES[primitive_of(action, state.num_segments)]
-            for most, success in ((0, single.success), (arranging, several.success)):
+            for most, success in ((0, single.success), (arranging, several)):
                 rows.append((name, str(action), kind, most, len(points), int(success.sum())))
         columns = ["start", "action", "class", "arranging", "trials", "successes"]
         return pd.DataFrame(rows, columns=columns)

@@ -14,8 +14,10 @@ from knotflow.experiments.common import Recorder
 from knotflow.experiments.demonstrations import load_starts
 from knotflow.recording import load, read_recording
 from knotflow.samplers.causal_infogan import (
+    FRAME_RATE,
+    PLAN_STEPS,
     CausalInfoGanConfig,
-    DemonstratedRollouts,
+    StartFrame,
     frames_at,
 )
 from knotflow.samplers.causal_infogan.evaluation import (
@@ -24,14 +26,15 @@ from knotflow.samplers.causal_infogan.evaluation import (
     OVERHAND,
     ActionSequence,
     compare,
-    guess,
     measure,
     panel_rows,
     reachable_end,
 )
-from knotflow.samplers.demonstrations import TASKS, task
+from knotflow.samplers.demonstrations import TASKS, heuristic_splines, task
 from knotflow.seeding import rng_of
-from knotflow.simulation import RopeSimulator, SimulationConfig
+from knotflow.simulation import Attempts, RopeSimulator, SimulationConfig, attempt
+from knotflow.topology import Action, TopologicalState
+from knotflow.topology.polyline import Floats
 from knotflow.training.trainer import CURVES, run_training
 from knotflow.workflow import StageRun, stage
 
@@ -56,8 +59,9 @@ def causal_infogan(
 
     def train(shard: str) -> None:
         seed = int(Path(shard).name)
-        rollouts = load_rollouts(demonstrations, chosen, infogan.frame_rate)
-        trainer = CausalInfoGanTrainer(rollouts.in_start_frames(), rollouts.starts, infogan, seed)
+        starts, shapes = load_rollouts(demonstrations, chosen)
+        framed = StartFrame.of(shapes[:, 0]).enter(shapes)
+        trainer = CausalInfoGanTrainer(framed, starts, infogan, seed)
 
         def finish() -> None:
             with run.atomic(f"{shard}.pt") as path:
@@ -82,15 +86,15 @@ def causal_infogan(
 
 
 def load_rollouts(
-    demonstrations: Path, actions: Sequence[str], frame_rate: float, most: int = 0
-) -> DemonstratedRollouts:
+    demonstrations: Path, actions: Sequence[str], most: int = 0
+) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
     """Successful rollouts of some actions from the output of `demonstrations`.
 
-    Args:
-        demonstrations: the stage's folder.
-        actions: that are wanted.
-        frame_rate: frames per second.
-        most: if given, so many of them, spread evenly over the files.
+    If given, `most` of them, spread evenly over the files.
+
+    Returns:
+        (N,) number of the demonstration, which has one start shape, and shapes (N, F, V, 3) at
+        `FRAME_RATE`, metres, world frame.
 
     Raises:
         ValueError: not one rollout of these actions succeeded.
@@ -104,17 +108,15 @@ def load_rollouts(
         )
     if most:
         index = index.iloc[np.unique(np.linspace(0, len(index) - 1, most).astype(int))]
-    names: list[str] = []
     starts: list[int] = []
     shapes: list[NDArray[np.float32]] = []
     for file, of_file in index.groupby("file", sort=True):
         wanted = set(of_file["number"])
         for rollout in read_recording(str(file)):
             if rollout.number in wanted:
-                names.append(rollout.action)
                 starts.append(int(rollout.extra["start"]))
-                shapes.append(rollout.points[frames_at(rollout.times, frame_rate)])
-    return DemonstratedRollouts(np.array(names), np.array(starts), np.stack(shapes))
+                shapes.append(rollout.points[frames_at(rollout.times, FRAME_RATE)])
+    return np.array(starts), np.stack(shapes)
 
 
 @stage
@@ -148,7 +150,12 @@ def causal_infogan_ends(
         # Numbers are unique in the stage: leave room for all guesses of the goals before.
         each = [most[one.name] * guesses * rounds * len(one.actions) for one in GOALS]
         recorder = Recorder(run, "aim", simulation.rope, sum(each[:number]))
-        propose = guess(RopeSimulator(simulation), guesses, rng, recorder)
+        simulator = RopeSimulator(simulation)
+
+        def propose(points: Floats, action: Action, state: TopologicalState) -> Attempts:
+            splines = heuristic_splines(points, action, guesses, rng)
+            return attempt(simulator, points, splines, action, state, recorder)
+
         found = {}
         for start, points in enumerate(starts):
             recorder.extra = {"start": str(start), "goal": goal.name}
@@ -218,9 +225,8 @@ def causal_infogan_plans(
         name, _, number = Path(shard).name.rpartition("-")
         model, actions = load_model(models[name] / "models" / f"{number}.pt")
         planner, rows, shapes = Planner(model, seed), [], []
-        given = (actions, model.config.frame_rate, training_rows)
-        for query in _queries(demonstrations, causal_infogan_ends, *given):
-            steps = model.config.plan_steps * query.actions
+        for query in _queries(demonstrations, causal_infogan_ends, actions, training_rows):
+            steps = PLAN_STEPS * query.actions
             plans = planner.plan(query.starts, query.ends, steps)
             for i, start in enumerate(query.number):
                 drawn = (plans.projected_start[i], plans.way_points[i], plans.projected_end[i])
@@ -256,14 +262,14 @@ def _of_models(models: Mapping[str, Path], table: str) -> pd.DataFrame:
 
 
 def _queries(
-    demonstrations: Path, ends: Path, actions: list[str], frame_rate: float, training_rows: int
+    demonstrations: Path, ends: Path, actions: list[str], training_rows: int
 ) -> Iterator[_Query]:
     """The given shapes of every goal a model was trained for, seen ones first."""
     each = -(-training_rows // len(actions))
     for action in actions:
-        seen = load_rollouts(demonstrations, [action], frame_rate, each)
-        first, last = seen.shapes[:, 0].astype(float), seen.shapes[:, -1].astype(float)
-        yield _Query(action, "training", seen.starts, first, last, 1)
+        starts, shapes = load_rollouts(demonstrations, [action], each)
+        first, last = shapes[:, 0].astype(float), shapes[:, -1].astype(float)
+        yield _Query(action, "training", starts, first, last, 1)
     for goal in GOALS:
         if {str(action) for action in goal.actions} <= set(actions):
             number, first, last = load_ends(ends, goal)

@@ -110,17 +110,17 @@ def demonstrator(
         rows = [
             {
                 "action": str(task.action),
-                "share": one.scored.success_rate,
-                "room": one.scored.clearance,
-                "starts_left_out": one.starts_left_out,
+                "share": one.success_rate,
+                "room": one.clearance,
+                "starts_left_out": left_out,
             }
-            for one in found
+            for _, one, left_out in found
         ]
         run.save_table(f"{name}.shares.csv", pd.DataFrame(rows), "%.3f")
         shapes = [_shapes(start, one, simulation.rope) for start, one in enumerate(found)]
         run.save_table(f"{name}.shapes.csv", pd.concat(shapes), "%.3f")
         with run.atomic(f"{name}.jsonl") as path:  # the last, by which a task counts as done
-            save_demonstrations(path, [one.demonstration for one in found])
+            save_demonstrations(path, [one for one, *_ in found])
 
     run.each(demonstrate, run.pending(names, ".jsonl"), "demonstrations")
     for name in ("shares.csv", "shapes.csv"):
@@ -131,16 +131,16 @@ def demonstrator(
         save_demonstrations(path, [shape for one in paths for shape in load_demonstrations(one)])
 
 
-def _shapes(start: int, one: Demonstrated, rope: RopeConfig) -> pd.DataFrame:
+def _shapes(start: int, demonstrated: Demonstrated, rope: RopeConfig) -> pd.DataFrame:
     """A demonstration's rope before, spline and rope after, a row a point."""
-    shown = one.demonstration
+    shown, found, _ = demonstrated
     controls = control_points(shown.points, shown.spline, rope.radius)
     head = {"action": str(shown.task.action), "start": start}
     facts = head | {"proposal": 0, "outcome": "success"}
     parts = [
         point_rows(shown.points, what=BEFORE, proposal="", outcome="", **head),
         point_rows(controls, what=SPLINE, **facts),
-        point_rows(one.scored.end, what=AFTER, **facts),
+        point_rows(found.end, what=AFTER, **facts),
     ]
     return pd.concat(parts)[SHAPE_COLUMNS]
 

@@ -25,7 +25,7 @@ from knotflow.planning import (
     plan_knot,
     replay,
 )
-from knotflow.planning.head_pull import HeadPuller, PullConfig, select_best_pull, tie
+from knotflow.planning.head_pull import PATH, pull_head, select_best_pull, tie
 from knotflow.samplers import Sampler, SamplerConfig
 from knotflow.samplers.demonstrations import heuristic_splines
 from knotflow.seeding import rng_of
@@ -338,7 +338,7 @@ def exemplar_plan(
 
 
 @stage
-def solution_dag(run: StageRun, *, path: str = PullConfig.path) -> None:
+def solution_dag(run: StageRun, *, path: str = PATH) -> None:
     """Every topological path to the state at the end of `path`, which is highlighted.
 
     Makes dag.png.
@@ -410,8 +410,8 @@ def pull(
     primitives: Path | None = None,
     simulation: SimulationConfig,
     sampler: SamplerConfig,
-    pulling: PullConfig = PullConfig(),
     knots: int,
+    seed: int = 40,
 ) -> None:
     """An overhand whose head is pulled out, as by hand (Sec. VII-E).
 
@@ -424,11 +424,12 @@ def pull(
     """
     rope, simulator = simulation.rope, RopeSimulator(simulation)
     tying, pulls = Recorder(run, sampler.name, rope), Recorder(run, "pull", rope, FIRST_PULL)
-    puller = HeadPuller(
-        pulling, sampler_of(sampler, primitives=primitives), simulator, tying, pulls
-    )
-    ropes = [puller.pull() for _ in run.progress(range(knots), desc="pull")]
-    points = select_best_pull(ropes, pulling.head)
+    made, rng = sampler_of(sampler, primitives=primitives), np.random.default_rng(seed)
+    ropes = [
+        pull_head(made, simulator, rng, tying, pulls)
+        for _ in run.progress(range(knots), desc="pull")
+    ]
+    points = select_best_pull(ropes)
     tying.save("recordings/tie.mcap")
     pulls.save("recordings/pull.mcap")
     run.save_table("start.csv", pd.DataFrame(points, columns=["x", "y", "z"]))

@@ -62,8 +62,7 @@ def evaluation(
             way = (task.action, task.start_state)
             if arranging:
                 ropes = np.repeat(points[None], trials_per_start, axis=0)
-                done = attempt_arranged(ropes, *way, tried, simulator, rng, arranging, recorder)
-                hits = done.success
+                hits, _ = attempt_arranged(ropes, *way, tried, simulator, rng, arranging, recorder)
             else:
                 splines = tried.sample(points, task.action, trials_per_start, rng)
                 hits = attempt(simulator, points, splines, *way, recorder).success

@@ -8,13 +8,11 @@ from .goals import (
     most_crossings,
     parse_goal,
 )
-from .nodes import SearchUpdate
 from .plan import KnotPlan, PlanFormatError, PlanStep
 from .proposals import attempt_arranged
 from .ropes import ROPE_NAMES, RopeInputError, lay_down, parse_rope, read_rope
-from .tree import AlreadyTiedError, TreeSearch, plan_knot, plan_rope
+from .tree import AlreadyTiedError, SearchUpdate, TreeSearch, plan_knot, plan_rope
 from .validation import (
-    Penetration,
     check_steps,
     estimate_success,
     find_penetrations,
@@ -30,7 +28,6 @@ __all__ = [
     "GripperConfig",
     "KnotPlan",
     "NoRoomError",
-    "Penetration",
     "PlanFormatError",
     "PlanStep",
     "PlannerConfig",

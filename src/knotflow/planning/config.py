@@ -37,9 +37,6 @@ class PlannerConfig:
     """Give up after this many simulated splines."""
     max_seconds: float = 600.0
     """Give up after this time, seconds of wall clock; a batch that has begun is finished."""
-    value_bias: float = 0.0
-    """The paper's rule: exponent of the critic's value of an edge in its probability; 0 is the
-    paper."""
     failure_discount: float = 1.0
     """The paper's rule: factor on a node's weight for every failed expansion; 1 is the paper."""
     steady: bool = False
@@ -52,7 +49,7 @@ class PlannerConfig:
     def __post_init__(self) -> None:
         if self.rule not in RULES:
             raise ValueError(f"unknown planner.rule {self.rule!r}; it is one of {', '.join(RULES)}")
-        least = {"arranging": 0, "value_bias": 0, "margin": 0, "bias": 1, "batch": 1}
+        least = {"arranging": 0, "margin": 0, "bias": 1, "batch": 1}
         for name, low in (least | {"max_branches": 1}).items():
             if not (value := getattr(self, name)) >= low:
                 raise ValueError(f"planner.{name} must be {low} or more, got {value}")

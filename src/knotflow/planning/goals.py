@@ -27,7 +27,6 @@ SEGMENT_RADII = 4.0
 """Least length of a segment in rope radii: see `most_crossings`."""
 
 _ACTION = re.compile(r"(?:undo\s+)?[A-Z]\w*\s*\([^()]*\)")
-_SEPARATORS = re.compile(r"[\s,;]*")
 
 
 class UnreachableGoalError(ValueError):
@@ -139,7 +138,6 @@ class SearchGraph(SolutionDag):
                 graph.add_edge(state, previous, key=str(undoing), action=undoing)
         leading = set(dag.goals).union(*(nx.ancestors(graph, goal) for goal in dag.goals))
         super().__init__(graph.subgraph(leading).copy(), dag.goals)
-        self.dag = dag
         for start in starts:
             self.extend(start)
 
@@ -226,17 +224,14 @@ def parse_goal(text: str, rope: RopeConfig | None = None) -> Goal:
         ValueError: anything else; lists the valid forms.
     """
     text = text.strip()
-    if text in KNOT_NAMES:
-        _check_room(text, knot(text), rope)
-        return Goal.named(text)
     actions = _ACTION.findall(text)
-    if actions and _SEPARATORS.fullmatch(_ACTION.sub("", text)):
+    if actions and not _ACTION.sub("", text).strip(" \t\n\r,;"):
         goal = Goal.path([parse_action(action) for action in actions])
         _check_room(text, goal.states, rope)
         return goal
-    state = _parse_state(text)
-    _check_room(text, [state], rope)  # first, for the DAG of very many crossings is large
-    return Goal.state(state)
+    states = [*knot(text)] if text in KNOT_NAMES else [_parse_state(text)]
+    _check_room(text, states, rope)  # first, for the DAG of very many crossings is large
+    return Goal.named(text) if text in KNOT_NAMES else Goal.state(states[0])
 
 
 def most_crossings(rope: RopeConfig) -> int:
@@ -249,11 +244,7 @@ def most_crossings(rope: RopeConfig) -> int:
     return max(0, int((rope.length + 5e-7) / segment - 1) // 2)
 
 
-def _check_room(
-    text: str,
-    goals: Sequence[TopologicalState] | frozenset[TopologicalState],
-    rope: RopeConfig | None,
-) -> None:
+def _check_room(text: str, goals: Iterable[TopologicalState], rope: RopeConfig | None) -> None:
     if rope is None:
         return
     crossings = min(goal.num_crossings for goal in goals)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.planning.waypoints import Drag, GripperConfig, Waypoints, trace_waypoints
+from knotflow.planning.waypoints import GripperConfig, Waypoints, trace_waypoints
 from knotflow.simulation import control_points
 from knotflow.topology import Action, Arrange, TopologicalState, parse_action
 from knotflow.topology.polyline import Floats
@@ -19,7 +19,6 @@ FORMAT = "knotflow.plan"
 VERSION = 2
 
 _PLAIN = ("goal", "solved", "reason", "branches", "nodes")
-_SECONDS = ("seconds", "sampling_seconds", "simulation_seconds")
 _DECIMALS = 6  # of trajectories: micrometres
 
 
@@ -49,7 +48,7 @@ class PlanStep:
     end_state: TopologicalState
     times: Floats
     trajectory: NDArray[np.float32]
-    gripper: NDArray[np.float32]
+    gripper: NDArray[np.floating[Any]]
     release_time: float
 
     def controls(self, radius: float) -> Floats:
@@ -87,8 +86,6 @@ class KnotPlan:
         branches: simulated splines, the paper's measure of a search.
         nodes: nodes of the search tree, including the root.
         seconds: wall time of the search.
-        sampling_seconds: of these in the sampler, while the simulator may run as well.
-        simulation_seconds: of these in the simulator after it.
         radius: of the rope, metres.
     """
 
@@ -103,8 +100,6 @@ class KnotPlan:
     branches: int
     nodes: int
     seconds: float
-    sampling_seconds: float
-    simulation_seconds: float
     radius: float
 
     @property
@@ -159,11 +154,8 @@ class KnotPlan:
 
     def waypoints(self, rate_hz: float = 20.0, config: GripperConfig | None = None) -> Waypoints:
         """Timed gripper waypoints with open and close; errors as of `trace_waypoints`."""
-        drags = [
-            Drag(step.times, step.gripper, step.release_time, str(step.action))
-            for step in self.steps
-        ]
-        return trace_waypoints(drags, self.shapes, self.radius, rate_hz, config or GripperConfig())
+        shapes, moves = self.shapes, config or GripperConfig()
+        return trace_waypoints(self.steps, shapes, self.radius, rate_hz, moves)
 
     def to_json(self, trajectories: bool = True) -> str:
         """The plan as JSON text, trajectories rounded to micrometres; `from_json` reads it back.
@@ -172,8 +164,8 @@ class KnotPlan:
         """
         head: dict[str, Any] = {"format": FORMAT, "version": VERSION}
         head |= {name: getattr(self, name) for name in _PLAIN}
-        head |= {f"{name}_s": getattr(self, name) for name in _SECONDS}
         head |= {
+            "seconds_s": self.seconds,
             "goal_states": [str(state) for state in self.goal_states],
             "radius_m": self.radius,
             "start_state": str(self.start_state),
@@ -262,13 +254,13 @@ class KnotPlan:
             start_state=state(data["start_state"]),
             steps=tuple(steps),
             tried=tuple(tried),
+            seconds=data["seconds_s"],
             radius=data["radius_m"],
             **{name: data[name] for name in _PLAIN},
-            **{name: data[f"{name}_s"] for name in _SECONDS},
         )
 
 
-def _rounded(array: NDArray[np.float32]) -> list[Any]:
+def _rounded(array: NDArray[np.floating[Any]]) -> list[Any]:
     # Widened first: a float32 would be written with all the digits of its nearest float64.
     rounded: list[Any] = np.round(array.astype(np.float64), _DECIMALS).tolist()
     return rounded

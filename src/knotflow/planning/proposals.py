@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 
@@ -12,14 +11,14 @@ from numpy.typing import NDArray
 
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal
-from knotflow.planning.nodes import ACT, ARRANGE, Expansion, Node, Simulator
+from knotflow.planning.rules import ACT, ARRANGE, Expansion, Node
 from knotflow.samplers.demonstrations import (
     heuristic_splines,
     screened_arranging_splines,
     screened_splines,
 )
 from knotflow.samplers.sampler import Sampler, capability, has_capability
-from knotflow.simulation import Attempts, Observer
+from knotflow.simulation import Attempts, Observer, RopeSimulator
 from knotflow.topology import Action, Arrange, TopologicalState, Undo, segment_lengths
 from knotflow.topology.polyline import Floats
 
@@ -45,12 +44,9 @@ class Proposals:
         self._arrange = capability(sampler, "arrange")
         self._judged = capability(sampler, "success_probability")
         self._undoes = has_capability(sampler, "undo")
-        # The paper's rule takes a critic into account only where its value bias is set.
-        paper = config.rule == "paper"
+        paper = config.rule == "paper"  # takes no critic into account
         arranging = not paper and config.arranging > 0
-        self._values = capability(sampler, "values") or (None if paper else _clearances)
-        if paper and config.value_bias == 0:
-            self._values = None
+        self._values = None if paper else capability(sampler, "values") or _clearances
         self._arranged_values = capability(sampler, "arranged_values") if arranging else None
         self._guess_fraction = 0.0 if paper else config.guess_fraction
         self._guess_below_value = config.guess_below_value
@@ -144,30 +140,24 @@ def _clearances(points: Floats, actions: Sequence[Action], rng: np.random.Genera
     return np.array([clearance(rope) for rope in points])
 
 
-@dataclass(frozen=True)
-class ArrangedAttempts:
-    """A batch of attempts at one action from one topological state."""
-
-    success: NDArray[np.bool_]
-    """(B,) whether the rope at rest has exactly the state that the action leads to."""
-    splines: NDArray[np.intp]
-    """(B,) number of splines executed, arranging ones included."""
-
-
 def attempt_arranged(
     points: Floats,
     action: Action,
     start: TopologicalState,
     sampler: Sampler,
-    simulator: Simulator,
+    simulator: RopeSimulator,
     rng: np.random.Generator,
     most: int = 3,
     observe: Observer | None = None,
-) -> ArrangedAttempts:
+) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
     """Try an action on ropes (B, V, 3), metres, arranging each before by up to `most` splines.
 
     An arranging spline that loses the state ends the attempt (Sec. VIII). A sampler that cannot
     arrange, or value the gain, acts at once. All ropes are in the state `start`.
+
+    Returns:
+        (B,) whether the rope at rest has exactly the state that the action leads to, and (B,)
+        number of splines executed, arranging ones included.
 
     Raises:
         IllegalActionError: the start state does not allow the action.
@@ -202,4 +192,4 @@ def attempt_arranged(
     if len(rows):
         splines = np.concatenate([sampler.sample(points[row], action, 1, rng) for row in rows])
         execute(rows, splines, action)
-    return ArrangedAttempts(success, used)
+    return success, used

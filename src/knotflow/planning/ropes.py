@@ -262,64 +262,58 @@ def _read_csv(path: Path) -> tuple[Floats, str | None]:
         text = path.read_text("utf-8-sig")
     except UnicodeDecodeError:
         raise RopeInputError(f"{path}: not UTF-8 text; save it as CSV in UTF-8") from None
-    bare = [line.split("#")[0].strip() for line in text.splitlines()]
-    decimal, rows = _cells({number: line for number, line in enumerate(bare, 1) if line})
-    if not rows:
+    lines = {
+        number: bare
+        for number, line in enumerate(text.splitlines(), 1)
+        if (bare := line.split("#")[0].strip())
+    }
+    if not lines:
         raise RopeInputError(f"{path}: holds no points; write x, y, z of a point in a row")
-    first = next(iter(rows))
-    names = _header(rows[first])
-    if names:
-        del rows[first]
-    found = [index for axis in _AXES for index, (name, _) in enumerate(names) if name == axis]
-    named = len(found) == len(_AXES)
-    chosen = found if named else [0, 1, 2]
-    points = []
-    for line, cells in rows.items():
-        if len(cells) > 3 and not named:
-            raise RopeInputError(
-                f"{path}, line {line}: has {len(cells)} values, a point has x, y, z; delete the "
-                "others, or say in a header row which columns are x, y and z"
-            )
-        points.append(_point(f"{path}, line {line}", cells, chosen, decimal))
-    units = {unit for index in found if (unit := names[index][1]) is not None}
-    if len(units) > 1:
-        raise RopeInputError(f"{path}: its header gives different units: {', '.join(units)}")
-    return np.array(points).reshape(-1, 3), next(iter(units), None)
-
-
-def _cells(lines: dict[int, str]) -> tuple[str, dict[int, list[str]]]:
-    """The decimal mark, and of each line its cells; what separates them stands in the lines."""
-    text = "\n".join(lines.values())
-    separator = next((mark for mark in ";,\t" if mark in text), None)
-    decimal = "," if separator == ";" else "."
-    if separator is None:
-        return decimal, {number: line.split() for number, line in lines.items()}
-    return decimal, {  # each by itself: a stray quotation mark swallows no other line
-        number: next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    mark = next((mark for mark in ";,\t" if any(mark in line for line in lines.values())), "")
+    decimal = "," if mark == ";" else "."
+    rows = {  # each by itself: a stray quotation mark swallows no other line
+        number: next(csv.reader([line], delimiter=mark, skipinitialspace=True))
+        if mark
+        else line.split()
         for number, line in lines.items()
     }
+    names, units = _header(rows[next(iter(rows))])
+    if names:
+        del rows[next(iter(rows))]
+    named = sorted(name for name in names if name in _AXES) == [*_AXES]
+    chosen = [names.index(axis) for axis in _AXES] if named else [0, 1, 2]
+    stated = {unit for name, unit in zip(names, units, strict=True) if name in _AXES and unit}
+    if len(stated) > 1:
+        raise RopeInputError(f"{path}: its header gives different units: {', '.join(stated)}")
+    points = []
+    for line, cells in rows.items():
+        where = f"{path}, line {line}"
+        if len(cells) > 3 and not named:
+            raise RopeInputError(
+                f"{where}: has {len(cells)} values, a point has x, y, z; delete the "
+                "others, or say in a header row which columns are x, y and z"
+            )
+        given = [cells[index].strip() if index < len(cells) else "" for index in chosen]
+        for axis, cell in zip(_AXES, given, strict=True):
+            if not cell:
+                raise RopeInputError(f"{where}: has no {axis}; complete the row or delete it")
+            if not _is_number(cell.replace(decimal, ".")):
+                raise RopeInputError(
+                    f"{where}: {axis} is {cell!r}, which is no number; only one header row may "
+                    "come before the points, and # begins a comment"
+                )
+        points.append([float(cell.replace(decimal, ".")) for cell in given])
+    return np.array(points).reshape(-1, 3), next(iter(stated), None)
 
 
-def _header(cells: list[str]) -> list[tuple[str, str | None]]:
+def _header(cells: list[str]) -> tuple[list[str], list[str]]:
     """Names and units of the columns; none where the first row has a number."""
     if any(_is_number(cell.replace(",", ".")) for cell in cells):
-        return []
-    matches = [_NAME.fullmatch(cell) for cell in cells]
-    return [(one[1].lower(), one[2] and one[2].lower()) if one else ("", None) for one in matches]
-
-
-def _point(where: str, cells: list[str], chosen: list[int], decimal: str) -> list[float]:
-    """The numbers in the chosen columns of a row."""
-    given = [cells[index].strip() if index < len(cells) else "" for index in chosen]
-    for axis, cell in zip(_AXES, given, strict=True):
-        if not cell:
-            raise RopeInputError(f"{where}: has no {axis}; complete the row or delete it")
-        if not _is_number(cell.replace(decimal, ".")):
-            raise RopeInputError(
-                f"{where}: {axis} is {cell!r}, which is no number; only one header row may come "
-                "before the points, and # begins a comment"
-            )
-    return [float(cell.replace(decimal, ".")) for cell in given]
+        return [], []
+    matches = [_NAME.fullmatch(cell.lower()) for cell in cells]
+    return [one[1] if one else "" for one in matches], [
+        one[2] or "" if one else "" for one in matches
+    ]
 
 
 def _is_number(word: str) -> bool:

@@ -1,21 +1,18 @@
-"""Where a tree grows next: the paper's rule and one by expected numbers of branches."""
+"""Nodes of a tree, and where it grows next: the paper's rule, and one by expected branches."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Edge, SolutionDag
-from knotflow.planning.nodes import ACT, ARRANGE, Expansion, Node
-from knotflow.topology import TopologicalState
+from knotflow.planning.plan import PlanStep
+from knotflow.topology import Action, Arrange, TopologicalState
 from knotflow.topology.polyline import Floats
 
-VALUE_OFFSET = 0.02
-"""Added to every value by the paper's rule: critics err, and no branch must be excluded."""
 PRIOR_WEIGHT = 3.0
 """Tries that the prior of a success probability counts as."""
 MIN_PRIOR, MAX_PRIOR = 0.01, 0.98
@@ -28,20 +25,78 @@ MAX_GAINS = 24
 """Latest gains that are kept of a state."""
 
 
-class Rule(Protocol):
-    """Chooses what is expanded next."""
+ACT, ARRANGE = 0, 1
+"""The two kinds of expansions: for the action of an edge, or to make room for it."""
 
-    def choose(self, count: int) -> list[Expansion]:
-        """The next expansions of the nodes added so far."""
 
-    def learn(self, expansion: Expansion, child: Node | None) -> None:
-        """Account for the outcome of an expansion; `child` is None where nothing was kept."""
+@dataclass(eq=False)
+class Node:
+    """A rope (V, 3), metres, at rest in the tree.
 
-    def add(self, node: Node) -> None:
-        """Add a new, valued node, after the expansions of its batch were learned from."""
+    Attributes:
+        state: its topological state, one of the solution DAG.
+        distance: edges from its state to the goal.
+        edges: the E outgoing edges of its state in the solution DAG; none at the goal.
+        parent: the node it was reached from by `step`; None for the root.
+        steady: its step was simulated again and is reliable (`validation.are_robust`).
+        failures: expansions of this node that did not become nodes.
+        values: (E,) probability of success along each edge; 1 where unknown.
+        arranged_values: (E,) the same after an arranging spline; `values` where unknown.
+        tries: (2, E) expansions of each kind, `ACT` and `ARRANGE`.
+        successes: (2, E) those that reached the edge's state, or kept this one.
+    """
 
-    def drop(self, nodes: Sequence[Node]) -> None:
-        """Remove nodes; all their descendants are among them."""
+    points: Floats
+    state: TopologicalState
+    distance: int
+    edges: tuple[Edge, ...] = ()
+    parent: Node | None = None
+    step: PlanStep | None = None
+    steady: bool = False
+    failures: int = 0
+    values: Floats = field(init=False)
+    arranged_values: Floats = field(init=False)
+    tries: Floats = field(init=False)
+    successes: Floats = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.values = self.arranged_values = np.ones(len(self.edges))
+        self.tries, self.successes = np.zeros((2, 2, len(self.edges)))
+
+    @property
+    def num_arranging(self) -> int:
+        """How many arranging steps in a row led here."""
+        if self.parent is None or self.step is None or not isinstance(self.step.action, Arrange):
+            return 0
+        return 1 + self.parent.num_arranging
+
+    def path(self) -> tuple[Node, ...]:
+        """The nodes from the root, which is left out, to this one."""
+        return () if self.parent is None else (*self.parent.path(), self)
+
+
+@dataclass(frozen=True, eq=False)
+class Expansion:
+    """A spline to be executed from a node for one of its edges; `kind` is ACT or ARRANGE."""
+
+    node: Node
+    edge: int
+    kind: int = ACT
+
+    @property
+    def edge_action(self) -> Action:
+        """The action of the edge."""
+        return self.node.edges[self.edge][0]
+
+    @property
+    def action(self) -> Action:
+        """What the spline does: the edge's action, or arranging for it."""
+        return Arrange(self.edge_action) if self.kind == ARRANGE else self.edge_action
+
+    @property
+    def goal(self) -> TopologicalState:
+        """The state in which it succeeds."""
+        return self.node.state if self.kind == ARRANGE else self.node.edges[self.edge][1]
 
 
 class PaperRule:
@@ -52,22 +107,26 @@ class PaperRule:
         self._nodes: list[Node] = []
 
     def choose(self, count: int) -> list[Expansion]:
+        """The next expansions of the nodes added so far."""
         chances = node_probabilities(self._nodes, self._config)
         chosen = []
         for row in self._rng.choice(len(self._nodes), size=count, p=chances):
             node = self._nodes[row]
-            weights = _edge_weights(node, self._config)
-            edge = self._rng.choice(len(node.edges), p=weights / weights.sum())
+            edges = len(node.edges)
+            edge = self._rng.choice(edges, p=np.full(edges, 1 / edges))
             chosen.append(Expansion(node, int(edge)))
         return chosen
 
     def add(self, node: Node) -> None:
+        """Add a new, valued node, after the expansions of its batch were learned from."""
         self._nodes.append(node)
 
     def drop(self, nodes: Sequence[Node]) -> None:
+        """Remove nodes; all their descendants are among them."""
         self._nodes = [node for node in self._nodes if node not in nodes]
 
     def learn(self, expansion: Expansion, child: Node | None) -> None:
+        """Account for the outcome of an expansion; `child` is None where nothing was kept."""
         expansion.node.failures += child is None
 
 
@@ -75,16 +134,10 @@ def node_probabilities(nodes: Sequence[Node], config: PlannerConfig) -> Floats:
     """(N,) probability of each node to be expanded next: bias ** -distance, 0 at the goal."""
     distance = np.array([node.distance for node in nodes])
     failures = np.array([node.failures for node in nodes])
-    weight = np.array([_edge_weights(node, config).mean() if node.edges else 1.0 for node in nodes])
-    exponent = -distance * np.log(config.bias) + np.log(weight)
-    exponent += failures * np.log(config.failure_discount)
+    exponent = failures * np.log(config.failure_discount) - distance * np.log(config.bias)
     exponent[distance == 0] = -np.inf
     probability = np.exp(exponent - exponent.max())  # the largest is 1, however many failures
     return np.asarray(probability / probability.sum())
-
-
-def _edge_weights(node: Node, config: PlannerConfig) -> Floats:
-    return np.asarray((node.values + VALUE_OFFSET) ** config.value_bias)
 
 
 class ReservationPrices:
@@ -127,7 +180,7 @@ class StateStatistics:
 
     Attributes:
         gains: ratios of values after arranging to the predicted ones, where the state was kept.
-        tries: (2, E) expansions of all of them; see `nodes.ACT` and `ARRANGE`.
+        tries: (2, E) expansions of all of them; see `ACT` and `ARRANGE`.
         successes: (2, E) those that succeeded.
         predicted: (E,) successes that the values predicted of those that acted.
         prices: (2, N, E) reservation prices of acting and arranging, as last computed, else None.

@@ -12,30 +12,21 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from knotflow.planning.config import FAST_SEARCH, PlannerConfig
 from knotflow.planning.goals import Goal, SearchGraph, parse_goal
-from knotflow.planning.nodes import (
-    Expansion,
-    Node,
-    Progress,
-    SearchUpdate,
-    Simulator,
-    group_by_action,
-    steps_to,
-)
 from knotflow.planning.plan import ExpansionStats, KnotPlan, PlanStep
 from knotflow.planning.proposals import Proposals, group_by_query
-from knotflow.planning.rules import PaperRule, PosteriorRule, Rule
+from knotflow.planning.rules import Expansion, Node, PaperRule, PosteriorRule
 from knotflow.planning.validation import RECORD_RATE, are_robust
 from knotflow.samplers.sampler import Sampler
 from knotflow.simulation import (
+    Attempts,
     Observer,
     Rollouts,
     RopeSimulator,
@@ -55,6 +46,23 @@ CHUNK = 4
 """Expansions that are simulated as soon as they are sampled, while others are."""
 
 
+@dataclass(frozen=True)
+class SearchUpdate:
+    """What a search reports after each batch."""
+
+    branches: int
+    """Splines simulated so far."""
+    nodes: int
+    """Nodes of the tree, including the root."""
+    distance: int
+    """Edges from the nearest node to the goal; 0 when solved."""
+    seconds: float
+    """Wall time so far."""
+
+
+Progress = Callable[[SearchUpdate], None]
+
+
 class AlreadyTiedError(ValueError):
     """A rope that is in a goal state before anything is planned."""
 
@@ -67,7 +75,7 @@ class TreeSearch:
         points: Floats,
         goal: Goal,
         sampler: Sampler,
-        simulator: Simulator,
+        simulator: RopeSimulator,
         rng: np.random.Generator,
         config: PlannerConfig | None = None,
         observe: Observer | None = None,
@@ -81,14 +89,13 @@ class TreeSearch:
         undoing = self.config.undoing or not (self._paper or state.num_crossings == 0)
         self._dag = SearchGraph(goal.dag, state) if undoing else goal.dag
         self._proposals = Proposals(sampler, goal, self.config, rng)
-        self._rule: Rule = (
+        self._rule = (
             PaperRule(self.config, rng) if self._paper else PosteriorRule(self.config, self._dag)
         )
         self.nodes = [self._node(points, state)]
         self.branches = 0
         self.tried: Counter[tuple[TopologicalState, Action, str, bool]] = Counter()
         self._began = time.perf_counter()
-        self._seconds = {"sampling": 0.0, "simulation": 0.0}
 
     def expand(self, count: int) -> SearchUpdate:
         """Choose, sample and simulate `count` expansions, and add those whose ends are kept."""
@@ -108,8 +115,7 @@ class TreeSearch:
             success = reached and child is not None
             self.tried[expansion.node.state, expansion.action, outcome, success] += 1
         new = [child for child in children if child is not None]
-        with self._timed("sampling"):
-            self._proposals.evaluate(new)
+        self._proposals.evaluate(new)
         for expansion, child in zip(chosen, children, strict=True):
             self._rule.learn(expansion, child)
         self.nodes.extend(new)
@@ -117,7 +123,7 @@ class TreeSearch:
             self._rule.add(node)
         self.branches += count
         if self.observe is not None:
-            for attempts in group_by_action(chosen, splines, rollouts, ends):
+            for attempts in _group_by_action(chosen, splines, rollouts, ends):
                 self.observe(attempts)
         nearest = min(node.distance for node in self.nodes)
         return SearchUpdate(self.branches, len(self.nodes), nearest, self._elapsed())
@@ -126,31 +132,21 @@ class TreeSearch:
         """Grow the tree; see `plan_knot`."""
         config = self.config
         self._began = time.perf_counter()
-        with self._timed("sampling"):
-            self._proposals.evaluate(self.nodes)
+        self._proposals.evaluate(self.nodes)
         self._rule.add(self.nodes[0])
         while not self._is_tied():
             if self.branches >= config.max_branches:
-                return self._failed(f"{config.max_branches} branches were simulated")
+                return self._plan(False, f"{config.max_branches} branches were simulated")
             if self._elapsed() >= config.max_seconds:
-                return self._failed(f"{config.max_seconds:g} s passed")
+                return self._plan(False, f"{config.max_seconds:g} s passed")
             update = self.expand(min(config.batch, config.max_branches - self.branches))
             if progress is not None:
                 progress(update)
         reason = "the goal was reached" if self.branches else "the rope was tied already"
-        return self._plan(solved=True, reason=reason)
-
-    def _failed(self, why: str) -> KnotPlan:
-        return self._plan(solved=False, reason=f"{why} without reaching the goal")
+        return self._plan(True, reason)
 
     def _elapsed(self) -> float:
         return time.perf_counter() - self._began
-
-    @contextmanager
-    def _timed(self, part: str) -> Iterator[None]:
-        began = time.perf_counter()
-        yield
-        self._seconds[part] += time.perf_counter() - began
 
     def _simulate(self, chosen: Sequence[Expansion]) -> tuple[Floats, Rollouts]:
         """Splines (B, 6) and their rollouts; what was sampled is simulated meanwhile."""
@@ -158,17 +154,15 @@ class TreeSearch:
         results: list[Future[Rollouts]] = []
         begin = end = 0
         with ThreadPoolExecutor(1) as worker:
-            with self._timed("sampling"):
-                for splines in self._proposals.splines(chosen):
-                    proposed.append(splines)
-                    end += len(splines)
-                    if end - begin >= CHUNK or end == len(chosen):
-                        starts = np.stack([one.node.points for one in chosen[begin:end]])
-                        part = np.concatenate(proposed)[begin:]
-                        results.append(worker.submit(self.simulator.execute, starts, part))
-                        begin = end
-            with self._timed("simulation"):
-                rollouts = Rollouts.concatenate([result.result() for result in results])
+            for splines in self._proposals.splines(chosen):
+                proposed.append(splines)
+                end += len(splines)
+                if end - begin >= CHUNK or end == len(chosen):
+                    starts = np.stack([one.node.points for one in chosen[begin:end]])
+                    part = np.concatenate(proposed)[begin:]
+                    results.append(worker.submit(self.simulator.execute, starts, part))
+                    begin = end
+            rollouts = Rollouts.concatenate([result.result() for result in results])
         return np.concatenate(proposed), rollouts
 
     def _node(
@@ -230,8 +224,7 @@ class TreeSearch:
             unproven = [node for node in best.path() if not node.steady]
             if not (self.config.steady and unproven):
                 return True
-            with self._timed("simulation"):
-                robust = are_robust(steps_to(unproven), self.simulator.config)
+            robust = are_robust(_steps_to(unproven), self.simulator.config)
             for node, node_is_robust in zip(unproven, robust, strict=True):
                 node.steady = node_is_robust
             if all(robust):
@@ -252,25 +245,44 @@ class TreeSearch:
             goal=self.goal.name,
             goal_states=tuple(sorted(self.goal.states)),
             solved=solved,
-            reason=reason,
+            reason=reason if solved else f"{reason} without reaching the goal",
             start=root.points,
             start_state=root.state,
-            steps=steps_to(self._nearest().path()),
+            steps=_steps_to(self._nearest().path()),
             tried=tuple(ExpansionStats(*key, count) for key, count in self.tried.items()),
             branches=self.branches,
             nodes=len(self.nodes),
             seconds=self._elapsed(),
-            sampling_seconds=self._seconds["sampling"],
-            simulation_seconds=self._seconds["simulation"],
             radius=simulation.rope.radius,
         )
+
+
+def _steps_to(nodes: Sequence[Node]) -> tuple[PlanStep, ...]:
+    """The step by which each node was reached; the root has none."""
+    return tuple(node.step for node in nodes if node.step is not None)
+
+
+def _group_by_action(
+    chosen: Sequence[Expansion],
+    splines: Floats,
+    rollouts: Rollouts,
+    ends: Sequence[TopologicalState | None],
+) -> Iterator[Attempts]:
+    """A batch of expansions, grouped by start state and action."""
+    rows: dict[tuple[TopologicalState, Action], list[int]] = {}
+    for row, expansion in enumerate(chosen):
+        rows.setdefault((expansion.node.state, expansion.action), []).append(row)
+    for (state, action), same in rows.items():
+        points = np.stack([chosen[row].node.points for row in same])
+        outcome = tuple(ends[row] for row in same)
+        yield Attempts.of(action, state, points, splines[same], rollouts[same], outcome)
 
 
 def plan_knot(
     points: Floats,
     goal: Goal,
     sampler: Sampler,
-    simulator: Simulator,
+    simulator: RopeSimulator,
     rng: np.random.Generator,
     config: PlannerConfig | None = None,
     progress: Progress | None = None,

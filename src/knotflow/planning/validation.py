@@ -24,20 +24,11 @@ MAX_SHIFT = 1.5
 
 
 @dataclass(frozen=True)
-class Penetration:
-    """A strand that passed through another one."""
-
-    frame: int
-    """The first one with the strands in exchanged order."""
-    fractions: tuple[float, float]
-    """Positions on both strands from the head, fractions of the rope's length."""
-
-
-@dataclass(frozen=True)
 class StepCheck:
     """The result of simulating a step again from the shape it began with."""
 
-    penetrations: tuple[Penetration, ...]
+    penetrations: Floats
+    """See `find_penetrations`."""
     reproduced: bool
     """Whether it reached its state again, at the same time step."""
     steady: bool
@@ -53,7 +44,7 @@ def check_steps(steps: Sequence[PlanStep], simulation: SimulationConfig) -> list
         rollouts = simulator.execute(*_inputs(chunk))
         found = rollouts.trajectory, end_states(rollouts), are_robust(chunk, simulation)
         for step, trajectory, end, robust in zip(chunk, *found, strict=True):
-            penetrations = tuple(find_penetrations(trajectory))
+            penetrations = find_penetrations(trajectory)
             checks.append(StepCheck(penetrations, end == step.end_state, robust))
     return checks
 
@@ -104,12 +95,16 @@ def estimate_success(
     return float(tried.success.mean())
 
 
-def find_penetrations(trajectory: NDArray[np.float32]) -> list[Penetration]:
+def find_penetrations(trajectory: NDArray[np.float32]) -> Floats:
     """Every crossing of a trajectory (T, V, 3), metres, whose strands pass through each other.
 
     Over and under can be exchanged only around an end of the rope, which removes the crossing. So
     one that is found again nearby, with the same turn and its strands in the other order, is a
     penetration. Degenerate frames are skipped.
+
+    Returns:
+        (n, 3) the first frame with the strands in exchanged order, and positions on both strands
+        from the head, fractions of the rope's length.
     """
     found = []
     before: Floats | None = None
@@ -118,11 +113,9 @@ def find_penetrations(trajectory: NDArray[np.float32]) -> list[Penetration]:
         if now is None:
             continue
         if before is not None and len(before) and len(now):
-            for row in _exchanged(before, now):
-                first, second = (row / (len(points) - 1)).tolist()
-                found.append(Penetration(frame, (first, second)))
+            found += [(frame, *row / (len(points) - 1)) for row in _exchanged(before, now)]
         before = now
-    return found
+    return np.array(found).reshape(-1, 3)
 
 
 def _crossings(points: Floats) -> Floats | None:

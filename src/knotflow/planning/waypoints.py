@@ -19,10 +19,13 @@ import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from knotflow.planning.plan import PlanStep
 
 Floats = NDArray[np.float64]
 
@@ -95,20 +98,8 @@ class Waypoints:
                 writer.writerow((*(f"{number:.6f}" for number in (time, *position)), *row))
 
 
-class Drag(NamedTuple):
-    """The gripper along a spline."""
-
-    times: Floats
-    """(T,) of the frames, seconds from the grasp."""
-    gripper: NDArray[np.floating]
-    """(T, 3) metres."""
-    release_time: float
-    """Seconds from the grasp."""
-    action: str
-
-
 def trace_waypoints(
-    drags: Sequence[Drag],
+    steps: Sequence[PlanStep],
     shapes: Floats,
     radius: float,
     rate_hz: float,
@@ -117,7 +108,7 @@ def trace_waypoints(
     """The waypoints of a plan.
 
     Args:
-        drags: one for each of n steps.
+        steps: n of them.
         shapes: (n + 1, V, 3) the rope at rest before, between and after, metres.
         radius: of the rope, metres.
         rate_hz: waypoints per second.
@@ -131,11 +122,12 @@ def trace_waypoints(
     _check_heights(shapes, radius, config)
     rows: list[tuple[Floats, bool, int, str, str]] = []
     here: Floats | None = None
-    for step, drag in enumerate(drags):
-        path = _drag(drag, rate_hz, config.drag_speed)
+    for number, step in enumerate(steps):
+        path = _drag(step, rate_hz, config.drag_speed)
         path[:, 2] = np.maximum(path[:, 2], config.lowest)
         for phase, closed, positions in _phases(here, path, rate_hz, config):
-            rows.extend((position, closed, step, drag.action, phase) for position in positions)
+            action = str(step.action)
+            rows.extend((position, closed, number, action, phase) for position in positions)
         here = rows[-1][0]
     return Waypoints(
         times=np.arange(len(rows)) / rate_hz,
@@ -165,13 +157,13 @@ def _phases(
     ]
 
 
-def _drag(drag: Drag, rate_hz: float, speed: float) -> Floats:
+def _drag(step: PlanStep, rate_hz: float, speed: float) -> Floats:
     """The gripper path (T, 3) at n + 1 even times, slowed as a whole to `speed` at most."""
-    times, gripper = np.asarray(drag.times), np.asarray(drag.gripper, np.float64)
-    seconds = drag.release_time
+    times, gripper = step.times, np.asarray(step.gripper, np.float64)
+    seconds = step.release_time
     for _ in range(3):  # a finer look may find a slightly higher peak
         count = _intervals(seconds, rate_hz)
-        path = _interpolate(times, gripper, np.linspace(0.0, drag.release_time, count + 1))
+        path = _interpolate(times, gripper, np.linspace(0.0, step.release_time, count + 1))
         path[-1] = gripper[-1]  # where it lets go, whether or not a frame falls on that moment
         peak = float(np.linalg.norm(np.diff(path, axis=0), axis=1).max()) * rate_hz
         if peak <= speed:

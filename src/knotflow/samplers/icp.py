@@ -28,8 +28,6 @@ class IcpConfig:
     length_scale: float = 0.003
     """Metres of ICP distance over which a weight falls by e. On the demonstrations themselves, one
     start left out at a time, 3 mm did better than 10 and 30 mm."""
-    align: bool = True
-    """Whether a demonstrated Gaussian is moved by the alignment that ICP found."""
 
 
 @dataclass(frozen=True)
@@ -62,10 +60,8 @@ class IcpSampler:
         if not gaussians:
             known = ", ".join(str(one) for one, some in self._gaussians.items() if some)
             raise ValueError(f"no demonstration of {action} succeeded; there are some of {known}")
-        aligned = [align(one.points, points) for one in gaussians]
-        distances = np.array([distance for _, distance in aligned])
-        weights = softmax(-distances / self.config.length_scale)
-        motions = [motion if self.config.align else np.eye(3) for motion, _ in aligned]
+        motions, distances = zip(*(align(one.points, points) for one in gaussians), strict=True)
+        weights = softmax(-np.array(distances) / self.config.length_scale)
         moved = [_carry(*one) for one in zip(gaussians, motions, strict=True)]
         mean = sum(w * m for w, (m, _) in zip(weights, moved, strict=True))
         covariance = sum(w * c for w, (_, c) in zip(weights, moved, strict=True))

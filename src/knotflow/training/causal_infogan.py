@@ -28,6 +28,13 @@ from knotflow.samplers.causal_infogan.networks import (
 )
 from knotflow.training.trainer import Metrics, Trainer
 
+LEARNING_RATE, BETAS = 2e-4, (0.5, 0.999)
+"""Adam's, for all networks; as the authors'."""
+INFORMATION_WEIGHT = 0.1
+"""Weight of the mutual information between codes and shapes."""
+VARIANCE_WEIGHT = 0.1
+"""Weight of the transition's squared variance, which keeps steps of a plan small."""
+
 
 class CausalInfoGanTrainer(Trainer):
     """Trains `model`; a round ends with a check of the generator's health."""
@@ -62,12 +69,11 @@ class CausalInfoGanTrainer(Trainer):
             scale = Scale.of(self._shapes[:, :-1].flatten(0, 1), self._shapes[:, 1:].flatten(0, 1))
             self.model = CausalInfoGan(config, scale, shapes.shape[2])
         self._checkup = Checkup(self._shapes, torch.as_tensor(starts))
-        model, betas = self.model, (config.beta1, config.beta2)
-        rate = config.learning_rate
-        self._critic = torch.optim.Adam(model.discriminator.parameters(), rate, betas)
+        model = self.model
+        self._critic = torch.optim.Adam(model.discriminator.parameters(), LEARNING_RATE, BETAS)
         makers = (model.generator, model.posterior, model.transition)
         made = [parameter for one in makers for parameter in one.parameters()]
-        self._maker = torch.optim.Adam(made, rate, betas)
+        self._maker = torch.optim.Adam(made, LEARNING_RATE, BETAS)
 
     def step(self) -> Metrics:
         first = len(self.history) * self.config.check_every
@@ -111,7 +117,7 @@ class CausalInfoGanTrainer(Trainer):
         unknown = 2 * -gaussian_log_density(codes, mean, spread).mean()
         unknown = unknown + gaussian_log_density(next_code, code, variance).mean()
         wide = (variance**2).sum(dim=1).mean()
-        loss = fooled + config.information_weight * unknown + config.variance_weight * wide
+        loss = fooled + INFORMATION_WEIGHT * unknown + VARIANCE_WEIGHT * wide
         self._maker.zero_grad()
         torch.autograd.backward(loss)
         self._maker.step()

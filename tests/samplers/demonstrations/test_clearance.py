@@ -33,7 +33,7 @@ WIDE, TIGHT = loop(0.4), loop(0.16)
 
 
 def candidate(end, share):
-    return Candidate(np.full(6, 0.1), end, share, end[None], loop_size(end, ROPE))
+    return Candidate(np.full(6, 0.1), end, end[None], share, loop_size(end, ROPE))
 
 
 def test_the_constructed_pair_differs_in_its_loop_alone():

@@ -127,7 +127,7 @@ def test_proposals_for_many_ropes_come_in_their_order(library, ropes):
 
 
 def test_the_value_is_the_probability_of_the_best_spline(library, ropes):
-    value = library.value(ropes["loop"], ACTION, np.random.default_rng(0))
+    (value,) = library.values(ropes["loop"][None], [ACTION], np.random.default_rng(0))
     seen = encode(ropes["loop"][None], [ACTION])
     primitive = library.primitives[3]
     mean, factor = primitive.gaussian(seen.states)
@@ -151,6 +151,6 @@ def test_it_computes_on_one_thread_and_leaves_the_number_as_it_was(library, rope
 
             monkeypatch.setattr(primitive, name, counted)
     library.sample(ropes["loop"], ACTION, 2, np.random.default_rng(0))
-    library.value(ropes["loop"], ACTION, np.random.default_rng(0))
+    library.values(ropes["loop"][None], [ACTION], np.random.default_rng(0))
     assert threads == [1, 1]
     assert torch.get_num_threads() == 2

@@ -7,10 +7,11 @@ and returns shapes but no robot motion.
 """
 
 from knotflow.samplers.causal_infogan.data import (
+    FRAME_RATE,
+    PLAN_STEPS,
     CausalInfoGanConfig,
-    DemonstratedRollouts,
     StartFrame,
     frames_at,
 )
 
-__all__ = ["CausalInfoGanConfig", "DemonstratedRollouts", "StartFrame", "frames_at"]
+__all__ = ["FRAME_RATE", "PLAN_STEPS", "CausalInfoGanConfig", "StartFrame", "frames_at"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,39 +10,27 @@ from numpy.typing import ArrayLike, NDArray
 
 from knotflow.topology.polyline import Floats
 
+CODE_DIM, NOISE_DIM = 7, 2
+"""Dimensions of the latent code, each uniform on [-1, 1], and of the generator's further noise,
+standard normal."""
+FRAME_RATE = 5.0
+"""Frames per second of the training trajectories; a pair is two neighbouring frames."""
+PLAN_STEPS = 10
+"""Steps of a plan through the latent space for each topological action."""
+
 
 @dataclass
 class CausalInfoGanConfig:
     """Networks, training and planning of one model; values of its authors where known."""
 
-    code_dim: int = 7
-    """Dimensions of the latent code, each uniform on [-1, 1]."""
-    noise_dim: int = 2
-    """Dimensions of the generator's further noise, standard normal."""
-    transition_hidden: list[int] = field(default_factory=lambda: [64, 64])
-    """Widths of the transition network's hidden layers."""
     width: int = 64
     """Channels of the generator's first layer; the others' layers are as wide or half of it."""
-    learning_rate: float = 2e-4
-    """Adam's, for all networks."""
-    beta1: float = 0.5
-    """Adam's first moment."""
-    beta2: float = 0.999
-    """Adam's second moment."""
-    information_weight: float = 0.1
-    """Weight of the mutual information between codes and shapes."""
-    variance_weight: float = 0.1
-    """Weight of the transition's squared variance, which keeps steps of a plan small."""
     batch: int = 100
     """Pairs of a gradient step."""
     steps: int = 9000
     """Gradient steps."""
     check_every: int = 500
     """Steps between two points of the training curves."""
-    frame_rate: float = 5.0
-    """Frames per second of the training trajectories; a pair is two neighbouring frames."""
-    plan_steps: int = 10
-    """Steps of a plan through the latent space for each topological action."""
     candidates: int = 100
     """Noises tried for a plan; the one the discriminator believes most is kept."""
     prior_samples: int = 4000
@@ -51,8 +39,6 @@ class CausalInfoGanConfig:
     """First guesses that a projection refines."""
     projection_steps: int = 300
     """Adam steps of a projection."""
-    projection_rate: float = 0.02
-    """Adam's rate in a projection."""
 
 
 @dataclass(frozen=True)
@@ -95,22 +81,6 @@ class StartFrame:
 
     def _origin(self, shapes: NDArray[np.floating[Any]]) -> Floats:
         return self.origin.reshape(len(self.origin), *([1] * (np.ndim(shapes) - 2)), 3)
-
-
-@dataclass(frozen=True)
-class DemonstratedRollouts:
-    """Successful demonstrated rollouts, at the frame rate that is learned from."""
-
-    actions: NDArray[np.str_]
-    """(N,) such as "C(0,1,1)"."""
-    starts: NDArray[np.intp]
-    """(N,) number of the demonstration, which has one start shape."""
-    shapes: NDArray[np.float32]
-    """(N, F, V, 3) metres, world frame."""
-
-    def in_start_frames(self) -> Floats:
-        """The shapes (N, F, V, 3), each rollout's in the frame of its first, metres."""
-        return StartFrame.of(self.shapes[:, 0]).enter(self.shapes)
 
 
 def frames_at(times: Floats, rate: float) -> NDArray[np.intp]:

@@ -9,8 +9,8 @@ from itertools import islice
 import numpy as np
 import pandas as pd
 
-from knotflow.samplers.demonstrations import TASKS, heuristic_splines, task
-from knotflow.simulation import Attempts, Observer, RopeSimulator, attempt, state_or_none
+from knotflow.samplers.demonstrations import TASKS, task
+from knotflow.simulation import Attempts, state_or_none
 from knotflow.statistics import rate_columns
 from knotflow.topology import Action, TopologicalState, segment_lengths
 from knotflow.topology.polyline import Floats
@@ -65,18 +65,6 @@ GOALS: tuple[ActionSequence, ...] = (
 
 Propose = Callable[[Floats, Action, TopologicalState], Attempts]
 """Executes heuristic splines for an action on a rope (V, 3) in a state."""
-
-
-def guess(
-    simulator: RopeSimulator, count: int, rng: np.random.Generator, observe: Observer
-) -> Propose:
-    """Executes `count` heuristic splines at a time."""
-
-    def propose(points: Floats, action: Action, state: TopologicalState) -> Attempts:
-        splines = heuristic_splines(points, action, count, rng)
-        return attempt(simulator, points, splines, action, state, observe)
-
-    return propose
 
 
 def reachable_end(

@@ -10,14 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import torch
 from torch import Tensor, nn
 from torch.nn.utils.parametrizations import spectral_norm
 
-from knotflow.samplers.causal_infogan.data import CausalInfoGanConfig
+from knotflow.samplers.causal_infogan.data import CODE_DIM, NOISE_DIM, CausalInfoGanConfig
 
 HALVINGS = 3
 MIN_VARIANCE = 1e-6
@@ -72,7 +71,7 @@ class Generator(nn.Module):
         self.short = math.ceil(self.links / 2**HALVINGS)
         wide, half = self.width, self.width // 2
         self.enter = nn.Sequential(
-            nn.Linear(config.noise_dim + 2 * config.code_dim, wide * self.short, bias=False),
+            nn.Linear(NOISE_DIM + 2 * CODE_DIM, wide * self.short, bias=False),
             nn.BatchNorm1d(wide * self.short),
             nn.ReLU(),
         )
@@ -81,7 +80,7 @@ class Generator(nn.Module):
         self.place = nn.Linear(wide * self.short, 6)  # the centroid, and its motion
 
     def forward(self, noise: Tensor, code: Tensor, next_code: Tensor) -> tuple[Tensor, Tensor]:
-        """Two shapes (N, V, 3) from (N, noise_dim), (N, code_dim), (N, code_dim)."""
+        """Two shapes (N, V, 3) from (N, NOISE_DIM), (N, CODE_DIM), (N, CODE_DIM)."""
         seed = self.enter(torch.cat([noise, code, next_code], dim=1))
         turns = self.turn(self.grow(seed.view(-1, self.width, self.short)))
         turns = turns[:, :, : self.links].transpose(1, 2)  # (N, links, 6)
@@ -118,7 +117,7 @@ class Posterior(nn.Module):
     def __init__(self, config: CausalInfoGanConfig, scale: Scale, vertices: int) -> None:
         super().__init__()
         self.scale = scale
-        self.read = _halving(6, config.width // 2, 2 * config.code_dim, vertices, spectral=False)
+        self.read = _halving(6, config.width // 2, 2 * CODE_DIM, vertices, spectral=False)
 
     def forward(self, points: Tensor) -> tuple[Tensor, Tensor]:
         """Mean and variance (N, code_dim) for shapes (N, V, 3)."""
@@ -129,13 +128,15 @@ class Posterior(nn.Module):
 class Transition(nn.Module):
     """T(c' | c): Gaussian about c with a learned variance."""
 
-    def __init__(self, config: CausalInfoGanConfig) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        widths = [config.code_dim, *config.transition_hidden]
-        layers: list[nn.Module] = []
-        for before, after in pairwise(widths):
-            layers += [nn.Linear(before, after), nn.ReLU()]
-        self.log_variance = nn.Sequential(*layers, nn.Linear(widths[-1], config.code_dim))
+        self.log_variance = nn.Sequential(
+            nn.Linear(CODE_DIM, 64),
+            nn.ReLU(),
+            nn.Linear(64, 64),
+            nn.ReLU(),
+            nn.Linear(64, CODE_DIM),
+        )
 
     def forward(self, code: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
         """Next codes and their variance, (N, code_dim) each, for standard normal noise."""
@@ -153,14 +154,13 @@ class CausalInfoGan(nn.Module):
         self.generator = Generator(config, scale, vertices)
         self.discriminator = Discriminator(config, scale, vertices)
         self.posterior = Posterior(config, scale, vertices)
-        self.transition = Transition(config)
+        self.transition = Transition()
 
     def draw(self, count: int, rng: torch.Generator) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Noise, codes, next codes and the variance of these, from the prior."""
-        config = self.config
-        code = 2 * torch.rand(count, config.code_dim, generator=rng) - 1
-        noise = torch.randn(count, config.noise_dim, generator=rng)
-        step = torch.randn(count, config.code_dim, generator=rng)
+        code = 2 * torch.rand(count, CODE_DIM, generator=rng) - 1
+        noise = torch.randn(count, NOISE_DIM, generator=rng)
+        step = torch.randn(count, CODE_DIM, generator=rng)
         return noise, code, *self.transition(code, step)
 
 

@@ -13,12 +13,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from knotflow.samplers.causal_infogan.data import StartFrame
+from knotflow.samplers.causal_infogan.data import NOISE_DIM, StartFrame
 from knotflow.samplers.causal_infogan.networks import CausalInfoGan
 from knotflow.topology.polyline import Floats
 
 MAX_NOISE = 3.0
 """Deviations."""
+PROJECTION_RATE = 0.02
+"""Adam's rate in a projection."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ class Planner:
             step = (next_code - code) / model.transition(code, torch.zeros_like(code))[1].sqrt()
         wanted = targets.repeat_interleave(config.restarts, dim=0)
         optimizer = torch.optim.Adam(
-            [noise.requires_grad_(), code.requires_grad_()], config.projection_rate
+            [noise.requires_grad_(), code.requires_grad_()], PROJECTION_RATE
         )
         for _ in range(config.projection_steps):
             made = model.generator(noise, code, model.transition(code, step)[0])[second]
@@ -107,7 +109,7 @@ class Planner:
         model, count = self.model, self.model.config.candidates
         along = torch.linspace(0, 1, steps + 1)[:, None]
         codes = start + (goal - start) * along
-        noise = torch.randn(count, model.config.noise_dim, generator=self._rng)
+        noise = torch.randn(count, NOISE_DIM, generator=self._rng)
         current = codes[:-1].repeat(count, 1)
         following = codes[1:].repeat(count, 1)
         pairs = model.generator(noise.repeat_interleave(steps, dim=0), current, following)

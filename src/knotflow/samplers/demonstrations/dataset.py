@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -170,7 +170,8 @@ def merge_demonstrations(paths: Sequence[Path]) -> list[Demonstration]:
     merged = []
     for path in paths:
         for number, one in enumerate(load_demonstrations(path), 1):
-            key, line = _content(one), f"{path}, line {number}"
+            key = _line(replace(one, source="", who="", when=""))
+            line = f"{path}, line {number}"
             if key in lines:
                 raise DemonstrationError(
                     f"{line} is the same demonstration as {lines[key]}; delete one of the lines"
@@ -199,18 +200,12 @@ def load_demonstrations(path: Path = SHIPPED) -> list[Demonstration]:
             points = np.array(row["points"], dtype=np.float64)
             if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
                 raise ValueError(f"points must be finite and (V, 3), they are {points.shape}")
-            demonstration = Demonstration(
-                _row_task(row),
-                points,
-                check_splines(row["spline"]),
-                row["source"],
-                *_signature(row),
-            )
+            found = _row_task(row), points, check_splines(row["spline"]), row["source"]
+            demonstrations.append(Demonstration(*found, *_signature(row)))
         except KeyError as error:
             raise DemonstrationError(f"{path}, line {number}: {error} is missing") from None
         except (ValueError, TypeError) as error:
             raise DemonstrationError(f"{path}, line {number}: {error}") from None
-        demonstrations.append(demonstration)
     return demonstrations
 
 
@@ -232,22 +227,18 @@ def _signature(row: dict[str, Any]) -> tuple[str, str]:
 
 
 def _line(one: Demonstration) -> str:
-    row = json.loads(_content(one)) | {"source": one.source, "who": one.who, "when": one.when}
-    order = ("action", "start", "source", "who", "when", "spline", "points")
-    return json.dumps({key: row[key] for key in order if row[key] not in (None, "")})
-
-
-def _content(one: Demonstration) -> str:
-    """JSON of task, spline and points, without the demonstrator; positions to a micrometre."""
+    """JSON, positions to a micrometre."""
     start = None if one.task in TASKS else [str(action) for action in one.task.start_actions]
-    return json.dumps(
-        {
-            "action": str(one.task.action),
-            "start": start,
-            "spline": np.round(one.spline, 6).tolist(),
-            "points": np.round(one.points, 6).tolist(),
-        }
-    )
+    row = {
+        "action": str(one.task.action),
+        "start": start,
+        "source": one.source,
+        "who": one.who,
+        "when": one.when,
+        "spline": np.round(one.spline, 6).tolist(),
+        "points": np.round(one.points, 6).tolist(),
+    }
+    return json.dumps({key: value for key, value in row.items() if value not in (None, "")})
 
 
 def load_trials(folder: Path) -> dict[Action, list[Trials]]:

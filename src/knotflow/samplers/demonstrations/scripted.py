@@ -73,17 +73,21 @@ class DemonstratorConfig:
 
 
 @dataclass(frozen=True)
-class ScoredSpline:
+class Candidate:
     """A spline that succeeds, and how good a demonstration it is."""
 
     spline: Floats
     """(6,)"""
     end: Floats
     """(V, 3) the rope after it, metres."""
+    ends: Floats
+    """(E, V, 3) after those of its noisy copies that succeed."""
     success_rate: float
     """Of its noisy copies."""
-    clearance: float
-    """Of the copies' ends, see `Demonstrator.clearance`."""
+    loop_size: float
+    """Mean over `ends`, metres."""
+    clearance: float = 0.0
+    """Of `ends`, see `Demonstrator.clearance`."""
 
     @property
     def score(self) -> float:
@@ -91,27 +95,8 @@ class ScoredSpline:
         return self.success_rate * self.clearance
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """A spline (6,), its end (V, 3), and the ends (E, V, 3) of its copies that succeeded."""
-
-    spline: Floats
-    end: Floats
-    success_rate: float
-    ends: Floats
-    loop_size: float
-    """Mean over `ends`, metres."""
-
-
-@dataclass(frozen=True)
-class Demonstrated:
-    """A demonstration, and what it took."""
-
-    demonstration: Demonstration
-    scored: ScoredSpline
-    """Its spline, the shape it leaves, and how good it is."""
-    starts_left_out: int
-    """Starts given up before."""
+Demonstrated = tuple[Demonstration, Candidate, int]
+"""A demonstration, how good it is, and the number of starts given up before."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +126,7 @@ class Demonstrator:
         count = config.straight_searches
         config = replace(config, room_guesses=config.room_guesses * count)
         found = replace(self, config=config)._search(count)
-        return [max(found, key=lambda one: one.scored.score)]
+        return [max(found, key=lambda one: one[1].score)]
 
     def _search(self, count: int) -> list[Demonstrated]:
         candidates = self._starts(count)
@@ -152,7 +137,7 @@ class Demonstrator:
                 scored = self.demonstrate(points)
                 if scored is not None:
                     demonstration = Demonstration(self.task, points, scored.spline, "scripted")
-                    found.append(Demonstrated(demonstration, scored, left_out))
+                    found.append((demonstration, scored, left_out))
                     break
             else:
                 raise RuntimeError(
@@ -173,7 +158,7 @@ class Demonstrator:
                     path, count, simulator, heuristic_splines, self.rng, self.starts, self.observe
                 ).points
 
-    def demonstrate(self, points: Floats) -> ScoredSpline | None:
+    def demonstrate(self, points: Floats) -> Candidate | None:
         """The spline with the best score found on a rope (V, 3), metres, in the start state.
 
         The search follows the half of the successes with the larger loops; the clearance of its
@@ -203,7 +188,7 @@ class Demonstrator:
             if success[0] and len(of_copies):
                 rate = len(of_copies) / config.samples
                 size = float(np.mean([loop_size(end, rope) for end in ends[of_copies]]))
-                candidates.append(Candidate(spline, ends[0], rate, ends[of_copies], size))
+                candidates.append(Candidate(spline, ends[0], ends[of_copies], rate, size))
             if not success.any():
                 # The successes form several clusters; continue from one of them.
                 mean = first[rng.integers(len(first))]
@@ -228,13 +213,10 @@ class Demonstrator:
                 break
         return np.concatenate(splines), np.concatenate(ends)
 
-    def best(self, finalists: Sequence[Candidate]) -> ScoredSpline | None:
+    def best(self, finalists: Sequence[Candidate]) -> Candidate | None:
         """The finalist with the best score, None of none; all have the same next actions."""
         actions = next_actions(self.task, self.rng)
-        scored = [
-            ScoredSpline(one.spline, one.end, one.success_rate, self.clearance(one.ends, actions))
-            for one in finalists
-        ]
+        scored = [replace(one, clearance=self.clearance(one.ends, actions)) for one in finalists]
         return max(scored, key=lambda one: one.score, default=None)
 
     def clearance(self, ends: Floats, actions: Sequence[Action]) -> float:

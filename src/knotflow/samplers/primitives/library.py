@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 from torch import Tensor
 
+from knotflow.arrays import save_weights
 from knotflow.samplers.primitives.canonical import ALL_PRIMITIVES, ARRANGE, UNDO, canonicalise
 from knotflow.samplers.primitives.config import CemConfig, NetworkConfig, PrimitiveConfig
 from knotflow.samplers.primitives.encoding import Encoded, encode_canonical
@@ -181,14 +181,6 @@ class PrimitiveLibrary:
         of_rope = np.asarray(splines)[None]
         return self.primitives[number].success_probability(encoded, of_rope).squeeze(0)
 
-    def value(self, points: Floats, action: Action, rng: np.random.Generator) -> float:
-        """Max Q of a rope (V, 3): success probability of the best spline found (Sec. V-B c).
-
-        Raises:
-            ValueError: the primitive has no critic, or there is none for the action.
-        """
-        return float(self.values(np.asarray(points)[None], [action], rng)[0])
-
     @one_thread()
     def values(
         self,
@@ -198,7 +190,12 @@ class PrimitiveLibrary:
         use_next_value: bool = False,
         arranging: bool = False,
     ) -> Floats:
-        """`value` (S,) of ropes (S, V, 3) with an action each; see `propose` for the rest."""
+        """Max Q (S,) of ropes (S, V, 3): success probability of the best spline found for an
+        action each (Sec. V-B c); see `propose` for the rest.
+
+        Raises:
+            ValueError: a primitive has no critic, or there is none for an action.
+        """
         out = np.empty(len(actions))
         for number, rows, encoded in self._encoded(points, actions, arranging):
             primitive = self.primitives[number]
@@ -230,27 +227,20 @@ class PrimitiveLibrary:
     def save(self, path: Path, half: bool = False) -> None:
         """Write to a safetensors file; in half precision for half the size, to be shipped."""
         weights = {
-            f"{number}.{name}": (value.half() if half else value).contiguous()
+            f"{number}.{name}": value.half() if half else value
             for number, primitive in self.primitives.items()
             for name, value in primitive.state_dict().items()
         }
-        metadata = {
-            "format": FORMAT,
-            "version": VERSION,
-            "primitives": json.dumps(
-                {
-                    number: {
-                        "config": asdict(primitive.config),
-                        "actions": [str(action) for action in self.trained_on[number]],
-                    }
-                    for number, primitive in self.primitives.items()
-                }
-            ),
-            "rope": json.dumps(asdict(self.rope)),
-            "digest": _digest(weights),
+        entries = {
+            number: {
+                "config": asdict(primitive.config),
+                "actions": [*map(str, self.trained_on[number])],
+            }
+            for number, primitive in self.primitives.items()
         }
-        save_file(weights, path, metadata)
-        Path(path).chmod(0o644)  # safetensors lets nobody else read
+        about = {"format": FORMAT, "version": VERSION, "primitives": json.dumps(entries)}
+        about |= {"rope": json.dumps(asdict(self.rope)), "digest": _digest(weights)}
+        save_weights(path, weights, about, half=False)
 
     @classmethod
     def load(cls, path: Path, rope: RopeConfig | None = None) -> PrimitiveLibrary:
@@ -300,14 +290,10 @@ class PrimitiveLibrary:
                 if was != getattr(rope, name)
             )
             raise LibraryError(f"{path} was trained with another rope: {differences}")
-        primitives = {
-            int(number): _primitive(path, number, entry["config"], weights)
-            for number, entry in entries.items()
-        }
-        actions = {
-            int(number): [parse_action(text) for text in entry["actions"]]
-            for number, entry in entries.items()
-        }
+        primitives, actions = {}, {}
+        for number, entry in entries.items():
+            primitives[int(number)] = _primitive(path, number, entry["config"], weights)
+            actions[int(number)] = [parse_action(text) for text in entry["actions"]]
         return cls(primitives, actions, trained_rope)
 
 
