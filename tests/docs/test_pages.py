@@ -32,6 +32,8 @@ def test_snippets_run(page, tmp_path, monkeypatch):
     text = page.read_text("utf-8")
     module = ModuleType(f"page_{page.stem}")  # dataclasses look up the module they are in
     monkeypatch.setitem(sys.modules, module.__name__, module)
+    for sampler in sampler_module.MODULES.values():
+        import_module(sampler)
     for registry in ("_FACTORIES", "_REQUIRED_INPUTS"):  # what a page registers is forgotten
         monkeypatch.setattr(sampler_module, registry, dict(getattr(sampler_module, registry)))
     space = vars(module)
