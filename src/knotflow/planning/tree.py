@@ -321,15 +321,9 @@ def plan_rope(
 ) -> KnotPlan:
     """Plan how to tie a knot into a rope; the plan has its trajectories, solved or not.
 
-    Args:
-        points: (V, 3) the rope at rest, metres, head first.
-        knot: a name, crossings or a path of actions, see `parse_goal`.
-        rng: everything random comes from it.
-        sampler: proposes splines.
-        simulation: rope and simulator, recorded at `RECORD_RATE`.
-        config: the search; `FAST_SEARCH` if None.
-        progress: see `plan_knot`.
-        observe: see `plan_knot`.
+    The rope (V, 3), metres, head first, is at rest; the knot is a name, crossings or a path of
+    actions, see `parse_goal`. Simulation is recorded at `RECORD_RATE`; the default of `config` is
+    `FAST_SEARCH`. For the rest see `plan_knot`.
 
     Raises:
         AlreadyTiedError: the rope is in a goal state.

@@ -34,10 +34,9 @@ class Scale(nn.Module):
     def __init__(self, mean: Tensor, spread: Tensor, motion: Tensor, link: Tensor) -> None:
         """Mean, deviation, and deviation of a pair's motion, (3,) each; length of a link, ()."""
         super().__init__()
-        self.register_buffer("mean", mean)
-        self.register_buffer("spread", spread)
-        self.register_buffer("motion", motion)
-        self.register_buffer("link", link)
+        named = {"mean": mean, "spread": spread, "motion": motion, "link": link}
+        for name, one in named.items():
+            self.register_buffer(name, one)
 
     @classmethod
     def of(cls, firsts: Tensor, seconds: Tensor) -> Scale:
@@ -192,13 +191,8 @@ def _halving(channels: int, width: int, out: int, vertices: int, *, spectral: bo
 
 def save_model(path: Path, model: CausalInfoGan, actions: Sequence[str]) -> None:
     """Write a model that was trained on rollouts of the given actions, such as "C(0,1,1)"."""
-    content = {
-        "config": asdict(model.config),
-        "vertices": model.vertices,
-        "actions": list(actions),
-        "weights": model.state_dict(),
-    }
-    torch.save(content, path)
+    content = {"config": asdict(model.config), "vertices": model.vertices}
+    torch.save(content | {"actions": list(actions), "weights": model.state_dict()}, path)
 
 
 def load_model(path: Path) -> tuple[CausalInfoGan, list[str]]:
