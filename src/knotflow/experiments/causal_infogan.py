@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from knotflow.experiments.common import Recorder
 from knotflow.experiments.demonstrations import load_starts
 from knotflow.recording import load, read_recording
-from knotflow.samplers.causal_infogan import (
+from knotflow.samplers.causal_infogan.data import (
     FRAME_RATE,
     PLAN_STEPS,
     CausalInfoGanConfig,

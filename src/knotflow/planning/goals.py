@@ -176,12 +176,7 @@ class NoRoomError(ValueError):
 
 @dataclass(frozen=True)
 class Goal:
-    """What to tie.
-
-    Attributes:
-        name: how it was asked for: a knot's name, a state's `str`, or a path's actions.
-        dag: the states and actions to search through.
-    """
+    """What to tie, as asked for by name, state or path, and what to search through."""
 
     name: str
     dag: SolutionDag

@@ -38,12 +38,9 @@ _LAST = task("C(2,0,1)")
 class ActionSequence:
     """A start state and the actions to execute from there."""
 
-    name: str
-    """As in the tables: an action, or "overhand"."""
-    first: str
-    """The action whose unseen starts are taken."""
+    name: str  # as in the tables: an action, or "overhand"
+    first: str  # the action whose unseen starts are taken
     actions: tuple[Action, ...]
-    """To be executed one after the other."""
 
     @property
     def file(self) -> str:
@@ -74,12 +71,7 @@ def reachable_end(
 
     "Causal InfoGAN requires the end configuration to be given, and we guarantee there is a feasible
     path": heuristic splines are executed until one reaches the goal state.
-
-    Args:
-        points: the start.
-        goal: its actions are executed.
-        propose: executes a batch of splines.
-        rounds: batches for each action before the start is given up, and None is returned.
+    `rounds` batches for each action are proposed before the start is given up.
     """
     batches = iter(range(rounds * len(goal.actions)))
 
@@ -173,9 +165,8 @@ def panel_rows(
 def compare(plans: pd.DataFrame, outcomes: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     """How often each method gets to the goal's state, on the starts that have an end shape.
 
-    Args:
-        plans: one row a plan of Causal InfoGAN.
-        outcomes: method -> table (action, start, success) of a sampler on the same starts.
+    `plans` has one row a plan of Causal InfoGAN, and `outcomes` of other methods are tables
+    (action, start, success) on the same starts.
     """
     unseen = plans[plans["shapes"] == "unseen"]
     rows = []

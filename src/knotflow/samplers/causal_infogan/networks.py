@@ -240,17 +240,14 @@ class Health:
 
 
 class Checkup:
-    """Compares a generator with a fixed sample of the data.
+    """Compares a generator with a fixed sample of the data, the same for all models.
 
-    Args:
-        shapes: (N, F, V, 3) the training shapes, start frames, metres.
-        starts: (N,) number of the demonstrated start of each rollout.
-        seed: of the samples; the same for all models, so that curves can be compared.
+    Training shapes (N, F, V, 3) are in start frames, metres, with the number of the demonstrated
+    start of each rollout (N,).
     """
 
-    def __init__(self, shapes: Tensor, starts: Tensor, seed: int = 0) -> None:
-        self._seed = seed
-        rng = torch.Generator().manual_seed(seed)
+    def __init__(self, shapes: Tensor, starts: Tensor) -> None:
+        rng = torch.Generator().manual_seed(0)
         rollout = torch.randint(len(shapes), (SAMPLES,), generator=rng)
         frame = torch.randint(shapes.shape[1] - 1, (SAMPLES,), generator=rng)
         self._data = shapes[rollout, frame]
@@ -264,7 +261,7 @@ class Checkup:
         """The model's health, on samples of the prior."""
         was_training = model.training
         model.eval()
-        noise, code, next_code, _ = model.draw(SAMPLES, torch.Generator().manual_seed(self._seed))
+        noise, code, next_code, _ = model.draw(SAMPLES, torch.Generator().manual_seed(0))
         made, next_made = model.generator(noise, code, next_code)
         read, _ = model.posterior(made)
         model.train(was_training)

@@ -36,11 +36,9 @@ class Plans:
 
 
 class Planner:
-    """Plans of rope shapes from a trained model.
+    """Plans of rope shapes from a trained model, which is frozen.
 
-    Args:
-        model: is frozen, in evaluation mode.
-        seed: of everything random; a plan depends on it and on the batch it is made in.
+    A plan depends on the seed and on the batch it is made in.
     """
 
     def __init__(self, model: CausalInfoGan, seed: int) -> None:
