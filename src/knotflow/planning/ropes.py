@@ -33,6 +33,8 @@ MAX_VERTICES = 1001
 """Most points that are kept of a file, evenly along the curve: reading crossings takes memory with
 the square."""
 
+SUFFIXES = (".csv", ".npy")
+
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 """Units of a file's numbers, in metres."""
 
@@ -208,12 +210,12 @@ def read_points(path: Path, unit: str | None = None) -> Floats:
     """
     if unit is not None and unit not in METRES:
         raise RopeInputError(f"unknown unit {unit!r} of a rope; there are {', '.join(METRES)}")
-    if path.suffix.lower() not in _READERS:
+    if (suffix := path.suffix.lower()) not in SUFFIXES:
         raise RopeInputError(f"{path}: a rope is a file *{' or *'.join(SUFFIXES)}")
     if not path.is_file():
         raise RopeInputError(f"{path}: there is no such rope file")
     try:
-        points, stated = _READERS[path.suffix.lower()](path)
+        points, stated = _read_csv(path) if suffix == ".csv" else (_read_npy(path), None)
     except (OSError, EOFError, csv.Error) as error:
         raise RopeInputError(f"{path}: cannot be read: {error}") from error
     if unit is not None and stated is not None and unit != stated:
@@ -246,7 +248,7 @@ def read_points(path: Path, unit: str | None = None) -> Floats:
     return np.column_stack([np.interp(at, along, column) for column in points.T])
 
 
-def _read_npy(path: Path) -> tuple[Floats, None]:
+def _read_npy(path: Path) -> Floats:
     cure = "save the points with numpy.save(path, points), an array (V, 3) of numbers"
     try:
         loaded = read_npy(path)
@@ -254,7 +256,7 @@ def _read_npy(path: Path) -> tuple[Floats, None]:
         raise RopeInputError(f"{path}: not an array of numbers ({error}); {cure}") from None
     if loaded.dtype.kind not in "iuf":
         raise RopeInputError(f"{path}: holds {loaded.dtype}, not an array of numbers; {cure}")
-    return loaded.astype(np.float64), None
+    return loaded.astype(np.float64)
 
 
 def _read_csv(path: Path) -> tuple[Floats, str | None]:
@@ -322,10 +324,3 @@ def _is_number(word: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-_READERS: dict[str, Callable[[Path], tuple[Floats, str | None]]] = {
-    ".csv": _read_csv,
-    ".npy": _read_npy,
-}
-SUFFIXES = tuple(_READERS)

@@ -27,12 +27,9 @@ MAX_SHIFT = 1.5
 class StepCheck:
     """The result of simulating a step again from the shape it began with."""
 
-    penetrations: Floats
-    """See `find_penetrations`."""
-    reproduced: bool
-    """Whether it reached its state again, at the same time step."""
-    steady: bool
-    """See `are_robust`."""
+    penetrations: Floats  # see `find_penetrations`
+    reproduced: bool  # whether it reached its state again, at the same time step
+    steady: bool  # see `are_robust`
 
 
 def check_steps(steps: Sequence[PlanStep], simulation: SimulationConfig) -> list[StepCheck]:

@@ -9,7 +9,7 @@ from itertools import islice
 import numpy as np
 import pandas as pd
 
-from knotflow.samplers.demonstrations import TASKS, task
+from knotflow.samplers.demonstrations import TASKS, Task, task
 from knotflow.simulation import Attempts, state_or_none
 from knotflow.statistics import rate_columns
 from knotflow.topology import Action, TopologicalState, segment_lengths
@@ -39,24 +39,19 @@ class ActionSequence:
     """A start state and the actions to execute from there."""
 
     name: str  # as in the tables: an action, or "overhand"
-    first: str  # the action whose unseen starts are taken
+    first: Task  # whose unseen starts are taken
     actions: tuple[Action, ...]
 
     @property
     def file(self) -> str:
         """The goal as a file name."""
-        return task(self.first).name if len(self.actions) == 1 else self.name
-
-    @property
-    def start_state(self) -> TopologicalState:
-        """The state of the starts."""
-        return task(self.first).start_state
+        return self.first.name if len(self.actions) == 1 else self.name
 
 
 GOALS: tuple[ActionSequence, ...] = (
-    *(ActionSequence(str(one.action), str(one.action), (one.action,)) for one in TASKS),
+    *(ActionSequence(str(one.action), one, (one.action,)) for one in TASKS),
     # The overhand of Sec. VII-A4: R1(0,1,1), C(0,1,1), C(2,0,1).
-    ActionSequence(OVERHAND, str(_LAST.start_actions[0]), (*_LAST.start_actions, _LAST.action)),
+    ActionSequence(OVERHAND, TASKS[0], (*_LAST.start_actions, _LAST.action)),
 )
 """The eight actions of Fig. 6 and the multi-stage overhand."""
 
@@ -89,7 +84,7 @@ def reachable_end(
                     return end
         return None
 
-    return reach(points, goal.start_state, goal.actions)
+    return reach(points, goal.first.start_state, goal.actions)
 
 
 @dataclass(frozen=True)

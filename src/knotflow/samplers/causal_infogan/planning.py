@@ -27,12 +27,9 @@ PROJECTION_RATE = 0.02
 class Plans:
     """Plans for B pairs of given shapes; metres, world frame."""
 
-    projected_start: Floats
-    """(B, V, 3) the generated shape nearest to the given start."""
-    way_points: Floats
-    """(B, steps + 1, V, 3) decoded from the line between the codes of the projections."""
-    projected_end: Floats
-    """(B, V, 3) the generated shape nearest to the given end."""
+    projected_start: Floats  # (B, V, 3) the generated shape nearest to the given start
+    way_points: Floats  # (B, steps + 1, V, 3) decoded from the line between the projections' codes
+    projected_end: Floats  # (B, V, 3) the generated shape nearest to the given end
 
 
 class Planner:
