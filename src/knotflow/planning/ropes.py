@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -46,13 +45,7 @@ MIN_VISIBLE = 0.5
 LENGTH_TOLERANCE = 0.05
 """Relative difference of a file's rope length from the model's that counts as measuring error."""
 
-_GENERATORS: dict[str, Callable[[RopeConfig, np.random.Generator, StartsConfig], Floats]] = {
-    "straight": lambda rope, rng, starts: straight(rope),
-    "arc": lambda rope, rng, starts: arc(rope),
-    "random": random_curve,
-}
-
-ROPE_NAMES = tuple(_GENERATORS)
+ROPE_NAMES = ("straight", "arc", "random")
 
 
 class RopeInputError(ValueError):
@@ -73,8 +66,10 @@ def parse_rope(
     Raises:
         RopeInputError: neither a valid name nor a usable file.
     """
-    if text in _GENERATORS:
-        return _GENERATORS[text](rope, rng, starts or StartsConfig())
+    if text == "random":
+        return random_curve(rope, rng, starts or StartsConfig())
+    if text in ROPE_NAMES:
+        return straight(rope) if text == "straight" else arc(rope)
     if Path(text).suffix.lower() not in SUFFIXES:
         raise RopeInputError(
             f"unknown rope {text!r}: give one of {', '.join(ROPE_NAMES)}, or a file "

@@ -54,12 +54,11 @@ class GripperConfig:
     """Time to let go of it, seconds."""
 
     def __post_init__(self) -> None:
-        for name in ("travel_speed", "vertical_speed", "drag_speed"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"gripper.{name} must be above 0 m/s, got {getattr(self, name)}")
-        for name in ("close_time", "open_time"):
-            if not getattr(self, name) >= 0.0:
-                raise ValueError(f"gripper.{name} must be 0 s or more, got {getattr(self, name)}")
+        for name, value in vars(self).items():
+            if name.endswith("_speed") and not value > 0.0:
+                raise ValueError(f"gripper.{name} must be above 0 m/s, got {value}")
+            if name.endswith("_time") and not value >= 0.0:
+                raise ValueError(f"gripper.{name} must be 0 s or more, got {value}")
 
 
 @dataclass(frozen=True, eq=False)

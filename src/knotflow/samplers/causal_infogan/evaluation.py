@@ -150,11 +150,11 @@ def panel_rows(
         [start[None], projected_start[None], way_points, projected_end[None], end[None]]
     )
     columns, vertices = np.indices(shapes.shape[:2])
-    keys = {key: row[key] for key in ("model", "seed", "goal", "shapes", "start")}
-    table = {"column": columns.ravel(), "role": np.repeat(roles, shapes.shape[1])}
+    table = {key: row[key] for key in ("model", "seed", "goal", "shapes", "start")}
+    table |= {"column": columns.ravel(), "role": np.repeat(roles, shapes.shape[1])}
     table |= {"vertex": vertices.ravel()}
     table |= {axis: shapes[..., k].ravel() for k, axis in enumerate("xyz")}
-    return pd.DataFrame(table).assign(**keys)[[*keys, *table]]
+    return pd.DataFrame(table)
 
 
 def compare(plans: pd.DataFrame, outcomes: Mapping[str, pd.DataFrame]) -> pd.DataFrame:

@@ -234,9 +234,8 @@ class PrimitiveLibrary:
     def load(cls, path: Path, rope: RopeConfig | None = None) -> PrimitiveLibrary:
         """Read what `save` wrote.
 
-        Args:
-            path: the file, or a folder of files with some of the primitives each.
-            rope: if given, the rope that the library must have been trained with.
+        The path is of the file, or a folder of files with some of the primitives each. If a rope
+        is given, the library must have been trained with it.
 
         Raises:
             FileNotFoundError: there is no such file, or none in the folder.
