@@ -41,7 +41,7 @@ from knotflow.planning.config import RULES
 from knotflow.planning.rules import Node, PosteriorRule, node_probabilities
 from knotflow.recording import load, read_recording, recorded, write_recording
 from knotflow.samplers import RandomSampler
-from knotflow.samplers.causal_infogan import StartFrame
+from knotflow.samplers.causal_infogan.data import StartFrame
 from knotflow.samplers.causal_infogan.evaluation import measure
 from knotflow.samplers.demonstrations import (
     TASKS,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from knotflow.samplers.causal_infogan import CausalInfoGanConfig
+from knotflow.samplers.causal_infogan.data import CausalInfoGanConfig
 from knotflow.samplers.causal_infogan.networks import Checkup, load_model, save_model
 from knotflow.samplers.causal_infogan.planning import Planner
 from knotflow.simulation import RopeConfig, arc

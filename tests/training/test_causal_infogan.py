@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from knotflow.samplers.causal_infogan import CausalInfoGanConfig
+from knotflow.samplers.causal_infogan.data import CausalInfoGanConfig
 from knotflow.simulation import RopeConfig, arc
 from knotflow.threads import one_thread
 from knotflow.training.causal_infogan import CausalInfoGanTrainer

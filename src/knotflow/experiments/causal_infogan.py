@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from knotflow.experiments.common import Recorder
 from knotflow.experiments.demonstrations import load_starts
 from knotflow.recording import load, read_recording
-from knotflow.samplers.causal_infogan import (
+from knotflow.samplers.causal_infogan.data import (
     FRAME_RATE,
     PLAN_STEPS,
     CausalInfoGanConfig,
@@ -146,7 +146,7 @@ def causal_infogan_ends(
     def seek(name: str) -> None:
         number = names.index(name)
         goal, rng = GOALS[number], rng_of(seed, number)
-        starts = load_starts(evaluation_starts, task(goal.first).name)[: most[goal.name]]
+        starts = load_starts(evaluation_starts, goal.first.name)[: most[goal.name]]
         # Numbers are unique in the stage: leave room for all guesses of the goals before.
         each = [most[one.name] * guesses * rounds * len(one.actions) for one in GOALS]
         recorder = Recorder(run, "aim", simulation.rope, sum(each[:number]))

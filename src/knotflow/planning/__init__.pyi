@@ -1,7 +1,6 @@
 from .config import FAST_SEARCH, PlannerConfig, plan_name
 from .goals import (
     Goal,
-    NoRoomError,
     SearchGraph,
     SolutionDag,
     UnreachableGoalError,
@@ -11,7 +10,7 @@ from .goals import (
 from .plan import KnotPlan, PlanFormatError, PlanStep
 from .proposals import attempt_arranged
 from .ropes import ROPE_NAMES, RopeInputError, lay_down, parse_rope, read_rope
-from .tree import AlreadyTiedError, SearchUpdate, TreeSearch, plan_knot, plan_rope
+from .tree import SearchUpdate, TreeSearch, plan_knot, plan_rope
 from .validation import (
     check_steps,
     estimate_success,
@@ -23,11 +22,9 @@ from .waypoints import GripperConfig, Waypoints
 __all__ = [
     "FAST_SEARCH",
     "ROPE_NAMES",
-    "AlreadyTiedError",
     "Goal",
     "GripperConfig",
     "KnotPlan",
-    "NoRoomError",
     "PlanFormatError",
     "PlanStep",
     "PlannerConfig",

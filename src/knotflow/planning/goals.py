@@ -170,18 +170,9 @@ class SearchGraph(SolutionDag):
             )
 
 
-class NoRoomError(ValueError):
-    """A goal with more crossings than the rope has room for."""
-
-
 @dataclass(frozen=True)
 class Goal:
-    """What to tie.
-
-    Attributes:
-        name: how it was asked for: a knot's name, a state's `str`, or a path's actions.
-        dag: the states and actions to search through.
-    """
+    """What to tie, as asked for by name, state or path, and what to search through."""
 
     name: str
     dag: SolutionDag
@@ -218,10 +209,10 @@ def parse_goal(text: str, rope: RopeConfig | None = None) -> Goal:
         rope: refuse a goal that this rope has no room for; not checked if None.
 
     Raises:
-        NoRoomError: more crossings than the rope has room for.
         InvalidStateError: crossings that contradict each other.
         IllegalActionError: a path with an action that its state does not allow.
-        ValueError: anything else; lists the valid forms.
+        ValueError: more crossings than the rope has room for, or anything else; lists the valid
+            forms.
     """
     text = text.strip()
     actions = _ACTION.findall(text)
@@ -250,7 +241,7 @@ def _check_room(text: str, goals: Iterable[TopologicalState], rope: RopeConfig |
     crossings = min(goal.num_crossings for goal in goals)
     room = most_crossings(rope)
     if crossings > room:
-        raise NoRoomError(
+        raise ValueError(
             f"the goal {text} has {crossings} crossings, but a rope of {rope.length:g} m with a "
             f"radius of {rope.radius * 1e3:g} mm in {rope.links} links has room for about {room}: "
             f"each of the 2c + 1 segments takes at least {SEGMENT_RADII:g} radii and one link; "

@@ -107,9 +107,8 @@ def select_best_pull(ropes: Sequence[tuple[Floats, int] | None]) -> Floats:
     Raises:
         RuntimeError: there is none.
     """
-    pulled = [rope for rope in ropes if rope is not None]
-    if not pulled:
-        raise RuntimeError(
-            f"no head could be pulled out to {LEAST_HEAD:g} m in {len(ropes)} knots; raise knots"
-        )
-    return max(pulled, key=lambda rope: rope[1])[0]
+    if pulled := [rope for rope in ropes if rope is not None]:
+        return max(pulled, key=lambda rope: rope[1])[0]
+    raise RuntimeError(
+        f"no head could be pulled out to {LEAST_HEAD:g} m in {len(ropes)} knots; raise knots"
+    )

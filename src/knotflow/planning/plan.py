@@ -146,9 +146,8 @@ class KnotPlan:
             branches[one.state, str(one.action)] += one.branches
             successes[one.state, str(one.action)] += one.branches * one.success
         lines += [
-            f"  {action} from {state}: {successes[state, action]} of {count} branches reached its "
-            "state"
-            for (state, action), count in sorted(branches.items())
+            f"  {how} from {state}: {successes[state, how]} of {count} branches reached its state"
+            for (state, how), count in sorted(branches.items())
         ] or ["  nothing was tried"]
         return "\n".join(lines)
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +32,8 @@ MAX_VERTICES = 1001
 """Most points that are kept of a file, evenly along the curve: reading crossings takes memory with
 the square."""
 
+SUFFIXES = (".csv", ".npy")
+
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 """Units of a file's numbers, in metres."""
 
@@ -44,13 +45,7 @@ MIN_VISIBLE = 0.5
 LENGTH_TOLERANCE = 0.05
 """Relative difference of a file's rope length from the model's that counts as measuring error."""
 
-_GENERATORS: dict[str, Callable[[RopeConfig, np.random.Generator, StartsConfig], Floats]] = {
-    "straight": lambda rope, rng, starts: straight(rope),
-    "arc": lambda rope, rng, starts: arc(rope),
-    "random": random_curve,
-}
-
-ROPE_NAMES = tuple(_GENERATORS)
+ROPE_NAMES = ("straight", "arc", "random")
 
 
 class RopeInputError(ValueError):
@@ -71,8 +66,10 @@ def parse_rope(
     Raises:
         RopeInputError: neither a valid name nor a usable file.
     """
-    if text in _GENERATORS:
-        return _GENERATORS[text](rope, rng, starts or StartsConfig())
+    if text == "random":
+        return random_curve(rope, rng, starts or StartsConfig())
+    if text in ROPE_NAMES:
+        return straight(rope) if text == "straight" else arc(rope)
     if Path(text).suffix.lower() not in SUFFIXES:
         raise RopeInputError(
             f"unknown rope {text!r}: give one of {', '.join(ROPE_NAMES)}, or a file "
@@ -208,12 +205,12 @@ def read_points(path: Path, unit: str | None = None) -> Floats:
     """
     if unit is not None and unit not in METRES:
         raise RopeInputError(f"unknown unit {unit!r} of a rope; there are {', '.join(METRES)}")
-    if path.suffix.lower() not in _READERS:
+    if (suffix := path.suffix.lower()) not in SUFFIXES:
         raise RopeInputError(f"{path}: a rope is a file *{' or *'.join(SUFFIXES)}")
     if not path.is_file():
         raise RopeInputError(f"{path}: there is no such rope file")
     try:
-        points, stated = _READERS[path.suffix.lower()](path)
+        points, stated = _read_csv(path) if suffix == ".csv" else (_read_npy(path), None)
     except (OSError, EOFError, csv.Error) as error:
         raise RopeInputError(f"{path}: cannot be read: {error}") from error
     if unit is not None and stated is not None and unit != stated:
@@ -246,7 +243,7 @@ def read_points(path: Path, unit: str | None = None) -> Floats:
     return np.column_stack([np.interp(at, along, column) for column in points.T])
 
 
-def _read_npy(path: Path) -> tuple[Floats, None]:
+def _read_npy(path: Path) -> Floats:
     cure = "save the points with numpy.save(path, points), an array (V, 3) of numbers"
     try:
         loaded = read_npy(path)
@@ -254,7 +251,7 @@ def _read_npy(path: Path) -> tuple[Floats, None]:
         raise RopeInputError(f"{path}: not an array of numbers ({error}); {cure}") from None
     if loaded.dtype.kind not in "iuf":
         raise RopeInputError(f"{path}: holds {loaded.dtype}, not an array of numbers; {cure}")
-    return loaded.astype(np.float64), None
+    return loaded.astype(np.float64)
 
 
 def _read_csv(path: Path) -> tuple[Floats, str | None]:
@@ -322,10 +319,3 @@ def _is_number(word: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-_READERS: dict[str, Callable[[Path], tuple[Floats, str | None]]] = {
-    ".csv": _read_csv,
-    ".npy": _read_npy,
-}
-SUFFIXES = tuple(_READERS)

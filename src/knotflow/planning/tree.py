@@ -50,21 +50,13 @@ CHUNK = 4
 class SearchUpdate:
     """What a search reports after each batch."""
 
-    branches: int
-    """Splines simulated so far."""
-    nodes: int
-    """Nodes of the tree, including the root."""
-    distance: int
-    """Edges from the nearest node to the goal; 0 when solved."""
-    seconds: float
-    """Wall time so far."""
+    branches: int  # splines simulated so far
+    nodes: int  # of the tree, including the root
+    distance: int  # edges from the nearest node to the goal; 0 when solved
+    seconds: float  # wall time so far
 
 
 Progress = Callable[[SearchUpdate], None]
-
-
-class AlreadyTiedError(ValueError):
-    """A rope that is in a goal state before anything is planned."""
 
 
 class TreeSearch:
@@ -321,26 +313,19 @@ def plan_rope(
 ) -> KnotPlan:
     """Plan how to tie a knot into a rope; the plan has its trajectories, solved or not.
 
-    Args:
-        points: (V, 3) the rope at rest, metres, head first.
-        knot: a name, crossings or a path of actions, see `parse_goal`.
-        rng: everything random comes from it.
-        sampler: proposes splines.
-        simulation: rope and simulator, recorded at `RECORD_RATE`.
-        config: the search; `FAST_SEARCH` if None.
-        progress: see `plan_knot`.
-        observe: see `plan_knot`.
+    The rope (V, 3), metres, head first, is at rest; the knot is a name, crossings or a path of
+    actions, see `parse_goal`. Simulation is recorded at `RECORD_RATE`; the default of `config` is
+    `FAST_SEARCH`. For the rest see `plan_knot`.
 
     Raises:
-        AlreadyTiedError: the rope is in a goal state.
-        ValueError: an unknown knot, or one that cannot be reached from this rope; see `parse_goal`
-            and `plan_knot`.
+        ValueError: an unknown knot, one that is tied already, or one that cannot be reached from
+            this rope; see `parse_goal` and `plan_knot`.
     """
     simulation = replace(simulation or SimulationConfig(), record_rate=RECORD_RATE)
     goal = parse_goal(knot, simulation.rope)
     state = TopologicalState.from_curve(points)
     if state in goal.states:
-        raise AlreadyTiedError(
+        raise ValueError(
             f"there is nothing to plan: the rope is in the state {state}, which is {knot} already"
         )
     simulator = RopeSimulator(simulation)

@@ -27,12 +27,9 @@ MAX_SHIFT = 1.5
 class StepCheck:
     """The result of simulating a step again from the shape it began with."""
 
-    penetrations: Floats
-    """See `find_penetrations`."""
-    reproduced: bool
-    """Whether it reached its state again, at the same time step."""
-    steady: bool
-    """See `are_robust`."""
+    penetrations: Floats  # see `find_penetrations`
+    reproduced: bool  # whether it reached its state again, at the same time step
+    steady: bool  # see `are_robust`
 
 
 def check_steps(steps: Sequence[PlanStep], simulation: SimulationConfig) -> list[StepCheck]:
@@ -75,19 +72,14 @@ def replay(plan: KnotPlan, simulation: SimulationConfig) -> KnotPlan:
     return replace(plan, steps=tuple(steps))
 
 
-def estimate_success(
-    step: PlanStep,
-    rng: np.random.Generator,
-    simulation: SimulationConfig | None = None,
-    repeats: int = 32,
-) -> float:
+def estimate_success(step: PlanStep, rng: np.random.Generator, repeats: int) -> float:
     """The share of disturbed repetitions of a step that reach its state.
 
     Deviations are 5 mm, of the grasp along the rope and per axis of the control points.
     """
     from knotflow.samplers.demonstrations import NoiseConfig, noisy_copies
 
-    simulation = simulation or SimulationConfig()
+    simulation = SimulationConfig()
     noise = NoiseConfig(grasp=0.005 / simulation.rope.length, middle=0.005, end=0.005)
     splines = noisy_copies(step.spline, repeats, rng, noise)
     simulator = RopeSimulator(simulation)

@@ -15,7 +15,6 @@ a whole number of sampling intervals, rounded up.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,8 +27,6 @@ if TYPE_CHECKING:
     from knotflow.planning.plan import PlanStep
 
 Floats = NDArray[np.float64]
-
-COLUMNS = ("time_s", "x_m", "y_m", "z_m", "closed", "step", "action", "phase")
 
 
 @dataclass
@@ -57,12 +54,11 @@ class GripperConfig:
     """Time to let go of it, seconds."""
 
     def __post_init__(self) -> None:
-        for name in ("travel_speed", "vertical_speed", "drag_speed"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"gripper.{name} must be above 0 m/s, got {getattr(self, name)}")
-        for name in ("close_time", "open_time"):
-            if not getattr(self, name) >= 0.0:
-                raise ValueError(f"gripper.{name} must be 0 s or more, got {getattr(self, name)}")
+        for name, value in vars(self).items():
+            if name.endswith("_speed") and not value > 0.0:
+                raise ValueError(f"gripper.{name} must be above 0 m/s, got {value}")
+            if name.endswith("_time") and not value >= 0.0:
+                raise ValueError(f"gripper.{name} must be 0 s or more, got {value}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,12 +86,13 @@ class Waypoints:
 
     def to_csv(self, path: Path) -> None:
         """Write a row a waypoint: time_s, x_m, y_m, z_m, closed (0 or 1), step, action, phase."""
-        with Path(path).open("w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(COLUMNS)
-            rest = self.closed.astype(int), self.step, self.actions, self.phases
-            for time, position, *row in zip(self.times, self.positions, *rest, strict=True):
-                writer.writerow((*(f"{number:.6f}" for number in (time, *position)), *row))
+        import pandas as pd  # slow to import
+
+        x, y, z = self.positions.T
+        table = pd.DataFrame({"time_s": self.times, "x_m": x, "y_m": y, "z_m": z})
+        table = table.assign(closed=self.closed.astype(int), step=self.step)
+        table = table.assign(action=self.actions, phase=self.phases)
+        table.to_csv(path, index=False, float_format="%.6f", lineterminator="\r\n")
 
 
 def trace_waypoints(

@@ -30,15 +30,6 @@ class IcpConfig:
     start left out at a time, 3 mm did better than 10 and 30 mm."""
 
 
-@dataclass(frozen=True)
-class _Gaussian:
-    """The successful splines of one demonstrated configuration."""
-
-    points: Floats  # (V, 3)
-    mean: Floats  # (6,)
-    covariance: Floats  # (6, 6)
-
-
 class IcpSampler:
     """Splines from the interpolated Gaussian of an action's demonstrated configurations."""
 
@@ -60,9 +51,12 @@ class IcpSampler:
         if not gaussians:
             known = ", ".join(str(one) for one, some in self._gaussians.items() if some)
             raise ValueError(f"no demonstration of {action} succeeded; there are some of {known}")
-        motions, distances = zip(*(align(one.points, points) for one in gaussians), strict=True)
+        motions, distances = zip(*(align(one, points) for one, *_ in gaussians), strict=True)
         weights = softmax(-np.array(distances) / self.config.length_scale)
-        moved = [_carry(*one) for one in zip(gaussians, motions, strict=True)]
+        moved = [
+            _carry(mean, covariance, motion)
+            for (_, mean, covariance), motion in zip(gaussians, motions, strict=True)
+        ]
         mean = sum(w * m for w, (m, _) in zip(weights, moved, strict=True))
         covariance = sum(w * c for w, (_, c) in zip(weights, moved, strict=True))
         return clip_splines(rng.multivariate_normal(mean, covariance, count))
@@ -105,22 +99,22 @@ def align(source: Floats, target: Floats) -> tuple[Floats, float]:
     return motion[np.ix_([0, 1, 3], [0, 1, 3])], float(distance)
 
 
-def _fit(trials: Sequence[Trials]) -> list[_Gaussian]:
-    """A Gaussian for each configuration with at least two successful splines."""
+def _fit(trials: Sequence[Trials]) -> list[tuple[Floats, Floats, Floats]]:
+    """Each rope (V, 3) with at least two successful splines, their mean and covariance."""
     successes = ((one.points[0], one.splines[one.success]) for one in trials)
     return [
-        _Gaussian(points, splines.mean(axis=0), np.cov(splines, rowvar=False))
+        (points, splines.mean(axis=0), np.cov(splines, rowvar=False))
         for points, splines in successes
         if len(splines) > 1
     ]
 
 
-def _carry(gaussian: _Gaussian, motion: Floats) -> tuple[Floats, Floats]:
-    """Mean and covariance of a Gaussian's splines after a motion (3, 3) on the table."""
+def _carry(mean: Floats, covariance: Floats, motion: Floats) -> tuple[Floats, Floats]:
+    """Mean and covariance of splines after a motion (3, 3) on the table."""
     turn = np.eye(6)
     turn[1:3, 1:3] = turn[4:6, 4:6] = motion[:2, :2]
     shift = np.array([0, *motion[:2, 2], 0, *motion[:2, 2]])
-    return turn @ gaussian.mean + shift, turn @ gaussian.covariance @ turn.T
+    return turn @ mean + shift, turn @ covariance @ turn.T
 
 
 @sampler("icp", needs=("demonstrations",))

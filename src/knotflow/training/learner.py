@@ -31,8 +31,13 @@ from torch.distributions import MultivariateNormal
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from knotflow.samplers.primitives.encoding import Encoded, encode
-from knotflow.samplers.primitives.networks import SPLINE, Actor, Critic
-from knotflow.samplers.primitives.primitive import Primitive, standard_normal
+from knotflow.samplers.primitives.primitive import (
+    SPLINE,
+    Actor,
+    Critic,
+    Primitive,
+    standard_normal,
+)
 from knotflow.simulation import Trials
 from knotflow.threads import one_thread
 from knotflow.training.buffers import TransitionBuffer, TrialBuffer, augment, mix

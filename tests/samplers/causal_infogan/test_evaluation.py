@@ -12,7 +12,7 @@ from knotflow.samplers.causal_infogan.evaluation import (
     measure,
     reachable_end,
 )
-from knotflow.samplers.demonstrations import task
+from knotflow.samplers.demonstrations import TASKS, task
 from knotflow.simulation import RopeConfig, straight
 from knotflow.topology import TopologicalState
 
@@ -24,14 +24,14 @@ def test_goals_are_the_eight_actions_and_the_overhand():
     overhand = next(goal for goal in GOALS if goal.name == OVERHAND)
     assert [str(action) for action in overhand.actions] == ["R1(0,1,1)", "C(0,1,1)", "C(2,0,1)"]
     assert len({goal.file for goal in GOALS}) == 9
-    assert overhand.start_state == TopologicalState.trivial()
+    assert overhand.first.start_state == TopologicalState.trivial()
 
 
 @pytest.mark.parametrize(("rounds", "batches"), [(2, "1221"), (3, "122212")])
 def test_search_for_an_end_repeats_the_action_before_one_that_fails(rounds, batches):
     """The first action always succeeds, the second one in the sixth batch."""
     second = task("C(0,1,1)")
-    both = ActionSequence("both", "R1(0,1,1)", (second.start_actions[0], second.action))
+    both = ActionSequence("both", TASKS[0], (second.start_actions[0], second.action))
     asked = []
 
     def propose(points, action, state):

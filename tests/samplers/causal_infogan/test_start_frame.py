@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from knotflow.samplers.causal_infogan import StartFrame, frames_at
+from knotflow.samplers.causal_infogan.data import StartFrame, frames_at
 from knotflow.simulation import RopeConfig, random_curve
 
 

@@ -5,13 +5,3 @@ Gaussian transition. A plan is a straight line in the code space between the pro
 start and a given end shape, decoded into rope shapes. It is no sampler: it requires the end shape,
 and returns shapes but no robot motion.
 """
-
-from knotflow.samplers.causal_infogan.data import (
-    FRAME_RATE,
-    PLAN_STEPS,
-    CausalInfoGanConfig,
-    StartFrame,
-    frames_at,
-)
-
-__all__ = ["FRAME_RATE", "PLAN_STEPS", "CausalInfoGanConfig", "StartFrame", "frames_at"]

@@ -49,10 +49,8 @@ class StartFrame:
     at the negative end, that comes closest to the start vertex by vertex.
     """
 
-    origin: Floats
-    """(B, 3) metres, world frame; z is 0."""
-    rotation: Floats
-    """(B, 3, 3) its rows are the frame's axes in the world frame."""
+    origin: Floats  # (B, 3) metres, world frame; z is 0
+    rotation: Floats  # (B, 3, 3) its rows are the frame's axes in the world frame
 
     @classmethod
     def of(cls, starts: ArrayLike) -> StartFrame:

@@ -9,7 +9,7 @@ from itertools import islice
 import numpy as np
 import pandas as pd
 
-from knotflow.samplers.demonstrations import TASKS, task
+from knotflow.samplers.demonstrations import TASKS, Task, task
 from knotflow.simulation import Attempts, state_or_none
 from knotflow.statistics import rate_columns
 from knotflow.topology import Action, TopologicalState, segment_lengths
@@ -38,28 +38,20 @@ _LAST = task("C(2,0,1)")
 class ActionSequence:
     """A start state and the actions to execute from there."""
 
-    name: str
-    """As in the tables: an action, or "overhand"."""
-    first: str
-    """The action whose unseen starts are taken."""
+    name: str  # as in the tables: an action, or "overhand"
+    first: Task  # whose unseen starts are taken
     actions: tuple[Action, ...]
-    """To be executed one after the other."""
 
     @property
     def file(self) -> str:
         """The goal as a file name."""
-        return task(self.first).name if len(self.actions) == 1 else self.name
-
-    @property
-    def start_state(self) -> TopologicalState:
-        """The state of the starts."""
-        return task(self.first).start_state
+        return self.first.name if len(self.actions) == 1 else self.name
 
 
 GOALS: tuple[ActionSequence, ...] = (
-    *(ActionSequence(str(one.action), str(one.action), (one.action,)) for one in TASKS),
+    *(ActionSequence(str(one.action), one, (one.action,)) for one in TASKS),
     # The overhand of Sec. VII-A4: R1(0,1,1), C(0,1,1), C(2,0,1).
-    ActionSequence(OVERHAND, str(_LAST.start_actions[0]), (*_LAST.start_actions, _LAST.action)),
+    ActionSequence(OVERHAND, TASKS[0], (*_LAST.start_actions, _LAST.action)),
 )
 """The eight actions of Fig. 6 and the multi-stage overhand."""
 
@@ -74,12 +66,7 @@ def reachable_end(
 
     "Causal InfoGAN requires the end configuration to be given, and we guarantee there is a feasible
     path": heuristic splines are executed until one reaches the goal state.
-
-    Args:
-        points: the start.
-        goal: its actions are executed.
-        propose: executes a batch of splines.
-        rounds: batches for each action before the start is given up, and None is returned.
+    `rounds` batches for each action are proposed before the start is given up.
     """
     batches = iter(range(rounds * len(goal.actions)))
 
@@ -97,7 +84,7 @@ def reachable_end(
                     return end
         return None
 
-    return reach(points, goal.start_state, goal.actions)
+    return reach(points, goal.first.start_state, goal.actions)
 
 
 @dataclass(frozen=True)
@@ -163,19 +150,18 @@ def panel_rows(
         [start[None], projected_start[None], way_points, projected_end[None], end[None]]
     )
     columns, vertices = np.indices(shapes.shape[:2])
-    keys = {key: row[key] for key in ("model", "seed", "goal", "shapes", "start")}
-    table = {"column": columns.ravel(), "role": np.repeat(roles, shapes.shape[1])}
+    table = {key: row[key] for key in ("model", "seed", "goal", "shapes", "start")}
+    table |= {"column": columns.ravel(), "role": np.repeat(roles, shapes.shape[1])}
     table |= {"vertex": vertices.ravel()}
     table |= {axis: shapes[..., k].ravel() for k, axis in enumerate("xyz")}
-    return pd.DataFrame(table).assign(**keys)[[*keys, *table]]
+    return pd.DataFrame(table)
 
 
 def compare(plans: pd.DataFrame, outcomes: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     """How often each method gets to the goal's state, on the starts that have an end shape.
 
-    Args:
-        plans: one row a plan of Causal InfoGAN.
-        outcomes: method -> table (action, start, success) of a sampler on the same starts.
+    `plans` has one row a plan of Causal InfoGAN, and `outcomes` of other methods are tables
+    (action, start, success) on the same starts.
     """
     unseen = plans[plans["shapes"] == "unseen"]
     rows = []

@@ -34,10 +34,9 @@ class Scale(nn.Module):
     def __init__(self, mean: Tensor, spread: Tensor, motion: Tensor, link: Tensor) -> None:
         """Mean, deviation, and deviation of a pair's motion, (3,) each; length of a link, ()."""
         super().__init__()
-        self.register_buffer("mean", mean)
-        self.register_buffer("spread", spread)
-        self.register_buffer("motion", motion)
-        self.register_buffer("link", link)
+        named = {"mean": mean, "spread": spread, "motion": motion, "link": link}
+        for name, one in named.items():
+            self.register_buffer(name, one)
 
     @classmethod
     def of(cls, firsts: Tensor, seconds: Tensor) -> Scale:
@@ -192,13 +191,8 @@ def _halving(channels: int, width: int, out: int, vertices: int, *, spectral: bo
 
 def save_model(path: Path, model: CausalInfoGan, actions: Sequence[str]) -> None:
     """Write a model that was trained on rollouts of the given actions, such as "C(0,1,1)"."""
-    content = {
-        "config": asdict(model.config),
-        "vertices": model.vertices,
-        "actions": list(actions),
-        "weights": model.state_dict(),
-    }
-    torch.save(content, path)
+    content = {"config": asdict(model.config), "vertices": model.vertices}
+    torch.save(content | {"actions": list(actions), "weights": model.state_dict()}, path)
 
 
 def load_model(path: Path) -> tuple[CausalInfoGan, list[str]]:
@@ -246,17 +240,14 @@ class Health:
 
 
 class Checkup:
-    """Compares a generator with a fixed sample of the data.
+    """Compares a generator with a fixed sample of the data, the same for all models.
 
-    Args:
-        shapes: (N, F, V, 3) the training shapes, start frames, metres.
-        starts: (N,) number of the demonstrated start of each rollout.
-        seed: of the samples; the same for all models, so that curves can be compared.
+    Training shapes (N, F, V, 3) are in start frames, metres, with the number of the demonstrated
+    start of each rollout (N,).
     """
 
-    def __init__(self, shapes: Tensor, starts: Tensor, seed: int = 0) -> None:
-        self._seed = seed
-        rng = torch.Generator().manual_seed(seed)
+    def __init__(self, shapes: Tensor, starts: Tensor) -> None:
+        rng = torch.Generator().manual_seed(0)
         rollout = torch.randint(len(shapes), (SAMPLES,), generator=rng)
         frame = torch.randint(shapes.shape[1] - 1, (SAMPLES,), generator=rng)
         self._data = shapes[rollout, frame]
@@ -270,7 +261,7 @@ class Checkup:
         """The model's health, on samples of the prior."""
         was_training = model.training
         model.eval()
-        noise, code, next_code, _ = model.draw(SAMPLES, torch.Generator().manual_seed(self._seed))
+        noise, code, next_code, _ = model.draw(SAMPLES, torch.Generator().manual_seed(0))
         made, next_made = model.generator(noise, code, next_code)
         read, _ = model.posterior(made)
         model.train(was_training)

@@ -27,20 +27,15 @@ PROJECTION_RATE = 0.02
 class Plans:
     """Plans for B pairs of given shapes; metres, world frame."""
 
-    projected_start: Floats
-    """(B, V, 3) the generated shape nearest to the given start."""
-    way_points: Floats
-    """(B, steps + 1, V, 3) decoded from the line between the codes of the projections."""
-    projected_end: Floats
-    """(B, V, 3) the generated shape nearest to the given end."""
+    projected_start: Floats  # (B, V, 3) the generated shape nearest to the given start
+    way_points: Floats  # (B, steps + 1, V, 3) decoded from the line between the projections' codes
+    projected_end: Floats  # (B, V, 3) the generated shape nearest to the given end
 
 
 class Planner:
-    """Plans of rope shapes from a trained model.
+    """Plans of rope shapes from a trained model, which is frozen.
 
-    Args:
-        model: is frozen, in evaluation mode.
-        seed: of everything random; a plan depends on it and on the batch it is made in.
+    A plan depends on the seed and on the batch it is made in.
     """
 
     def __init__(self, model: CausalInfoGan, seed: int) -> None:

@@ -194,14 +194,7 @@ def load_demonstrations(path: Path = SHIPPED) -> list[Demonstration]:
         raise DemonstrationError(f"{path}: not UTF-8 text: {error}") from None
     for number, line in enumerate(lines, 1):
         try:
-            row = json.loads(line)
-            if not isinstance(row, dict) or not isinstance(row.get("source", ""), str):
-                raise ValueError("a demonstration is a JSON object with a source in words")
-            points = np.array(row["points"], dtype=np.float64)
-            if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
-                raise ValueError(f"points must be finite and (V, 3), they are {points.shape}")
-            found = _row_task(row), points, check_splines(row["spline"]), row["source"]
-            demonstrations.append(Demonstration(*found, *_signature(row)))
+            demonstrations.append(_demonstration(json.loads(line)))
         except KeyError as error:
             raise DemonstrationError(f"{path}, line {number}: {error} is missing") from None
         except (ValueError, TypeError) as error:
@@ -209,21 +202,23 @@ def load_demonstrations(path: Path = SHIPPED) -> list[Demonstration]:
     return demonstrations
 
 
-def _row_task(row: dict[str, Any]) -> Task:
-    if "start" not in row:
-        return task(row["action"])
-    found = Task(parse_action(row["action"]), tuple(map(parse_action, row["start"])))
-    found.goal_state  # noqa: B018  raises where an action is illegal
-    return found
-
-
-def _signature(row: dict[str, Any]) -> tuple[str, str]:
+def _demonstration(row: Any) -> Demonstration:
+    if not isinstance(row, dict) or not isinstance(row.get("source", ""), str):
+        raise ValueError("a demonstration is a JSON object with a source in words")
+    points = np.array(row["points"], dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        raise ValueError(f"points must be finite and (V, 3), they are {points.shape}")
+    if "start" in row:
+        shown = Task(parse_action(row["action"]), tuple(map(parse_action, row["start"])))
+        shown.goal_state  # noqa: B018  raises where an action is illegal
+    else:
+        shown = task(row["action"])
     who, when = row.get("who", ""), row.get("when", "")
     if not isinstance(who, str):
         raise ValueError(f"who must be a name, got {who!r}")
     if when:
         datetime.fromisoformat(when)
-    return who, when
+    return Demonstration(shown, points, check_splines(row["spline"]), row["source"], who, when)
 
 
 def _line(one: Demonstration) -> str:

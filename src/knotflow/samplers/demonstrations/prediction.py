@@ -156,8 +156,7 @@ def _state(xy: Floats, moved: Floats, known: Floats) -> TopologicalState | None:
     first, second = met.first[meet], met.second[meet]
     fractions = np.stack([first + met.first_along[meet], second + met.second_along[meet]], 1)
     fractions /= len(xy) - 1
-    ranks = np.empty(fractions.size, np.intp)
-    ranks[np.argsort(fractions, axis=None)] = np.arange(1, fractions.size + 1)
+    ranks = 1 + fractions.argsort(axis=None).argsort().reshape(-1, 2)
     first_over = moved[first] > moved[second]
     if len(known):
         apart = np.abs(fractions[:, None] - known[None, :, :2]).sum(2)  # (c, known)
@@ -165,12 +164,8 @@ def _state(xy: Floats, moved: Floats, known: Floats) -> TopologicalState | None:
         same = apart[np.arange(len(meet)), nearest] < SAME_CROSSING
         first_over = np.where(same, known[nearest, 2] > 0, first_over)
     signs = np.where(first_over, 1, -1) * met.turn[meet].astype(int)
+    over_under = np.where(first_over[:, None], ranks, ranks[:, ::-1])
     try:
-        return TopologicalState.from_crossings(
-            (one, other, sign) if over else (other, one, sign)
-            for (one, other), over, sign in zip(
-                ranks.reshape(-1, 2).tolist(), first_over.tolist(), signs.tolist(), strict=True
-            )
-        )
+        return TopologicalState.from_crossings(np.column_stack([over_under, signs]).tolist())
     except InvalidStateError:  # strands that are passed through
         return None

@@ -76,18 +76,12 @@ class DemonstratorConfig:
 class Candidate:
     """A spline that succeeds, and how good a demonstration it is."""
 
-    spline: Floats
-    """(6,)"""
-    end: Floats
-    """(V, 3) the rope after it, metres."""
-    ends: Floats
-    """(E, V, 3) after those of its noisy copies that succeed."""
-    success_rate: float
-    """Of its noisy copies."""
-    loop_size: float
-    """Mean over `ends`, metres."""
-    clearance: float = 0.0
-    """Of `ends`, see `Demonstrator.clearance`."""
+    spline: Floats  # (6,)
+    end: Floats  # (V, 3) the rope after it, metres
+    ends: Floats  # (E, V, 3) after those of its noisy copies that succeed
+    success_rate: float  # of its noisy copies
+    loop_size: float  # mean over `ends`, metres
+    clearance: float = 0.0  # of `ends`, see `Demonstrator.clearance`
 
     @property
     def score(self) -> float:

@@ -1,31 +1,23 @@
 from .canonical import (
-    ARRANGE,
     PRIMITIVES,
     UNDO,
-    Canonical,
     canonicalise,
     kinds_of,
     primitive_of,
 )
-from .config import SHIPPED_PRIMITIVES, VARIANTS, CemConfig, NetworkConfig, PrimitiveConfig
-from .encoding import Encoded, Frames, encode
+from .config import SHIPPED_PRIMITIVES, CemConfig, NetworkConfig, PrimitiveConfig
+from .encoding import encode
 from .library import FILE, LibraryError, PrimitiveLibrary, UnlikeRopeWarning
-from .networks import Actor, Critic
-from .primitive import Primitive, cross_entropy
+from .primitive import Actor, Critic, Primitive, cross_entropy
 
 __all__ = [
-    "ARRANGE",
     "FILE",
     "PRIMITIVES",
     "SHIPPED_PRIMITIVES",
     "UNDO",
-    "VARIANTS",
     "Actor",
-    "Canonical",
     "CemConfig",
     "Critic",
-    "Encoded",
-    "Frames",
     "LibraryError",
     "NetworkConfig",
     "Primitive",

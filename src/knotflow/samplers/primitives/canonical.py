@@ -99,14 +99,10 @@ def canonical_symmetry(action: Action, num_segments: int) -> Symmetry:
 class Canonical:
     """A rope and an action brought to the learned counterpart."""
 
-    points: Floats
-    """(V, 3) the transformed rope, metres, its own head first."""
-    action: Action
-    """The canonical action."""
-    segments: Floats
-    """(num_segments, 2) where each segment of `points` begins and ends, fractions of its length."""
-    symmetry: Symmetry
-    """The transformation that led here, its own inverse."""
+    points: Floats  # (V, 3) the transformed rope, metres, its own head first
+    action: Action  # the canonical one
+    segments: Floats  # (num_segments, 2) where each begins and ends, fractions of the length
+    symmetry: Symmetry  # the transformation that led here, its own inverse
 
     @property
     def primitive(self) -> int:

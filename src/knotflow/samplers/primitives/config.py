@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, get_args
 
-Variant = Literal["actor_critic", "actor_only", "critic_only"]
-VARIANTS: tuple[str, ...] = get_args(Variant)
+VARIANTS = ("actor_critic", "actor_only", "critic_only")
 SHIPPED_PRIMITIVES = Path(__file__).parent / "data"
 """The library that comes with knotflow; `PrimitiveLibrary.load` reads it."""
 

@@ -65,17 +65,13 @@ _TANGENT = 0.03  # of the rope's length to each side, over which a point's direc
 class Frames:
     """The frames of S ropes; turns splines between the world and network space, both float64."""
 
-    origin: Floats
-    """(S, 2) metres, on the canonical rope."""
-    axis: Floats
-    """(S, 2) unit x axis."""
+    origin: Floats  # (S, 2) metres, on the canonical rope
+    axis: Floats  # (S, 2) unit x axis
+    # (S, 2) the grasp that is 0 in network space and a unit of it, fractions of the canonical
+    # rope's length
     grasp: Floats
-    """(S, 2) the grasp that is 0 in network space and a unit of it, fractions of the canonical
-    rope's length."""
-    mirror: NDArray[np.bool_]
-    """(S,) whether the canonical rope is mirrored."""
-    reverse: NDArray[np.bool_]
-    """(S,) whether the canonical rope is reversed."""
+    mirror: NDArray[np.bool_]  # (S,) whether the canonical rope is mirrored
+    reverse: NDArray[np.bool_]  # (S,) whether it is reversed
 
     def __len__(self) -> int:
         return len(self.origin)
@@ -119,8 +115,7 @@ class Frames:
     def _transformed(self, splines: Floats) -> Floats:
         """World splines as canonical ones and back: Mirror and Reverse are involutions."""
         out = splines.copy()
-        out[..., 2] = np.where(self.mirror[:, None], -out[..., 2], out[..., 2])
-        out[..., 5] = np.where(self.mirror[:, None], -out[..., 5], out[..., 5])
+        out[..., [2, 5]] *= np.where(self.mirror, -1.0, 1.0)[:, None, None]
         out[..., 0] = np.where(self.reverse[:, None], 1 - out[..., 0], out[..., 0])
         return out
 

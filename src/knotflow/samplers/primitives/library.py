@@ -75,20 +75,17 @@ class PrimitiveLibrary:
         Raises:
             ValueError: two have the same primitive, or another rope.
         """
-        libraries = list(libraries)
-        primitives: dict[int, Primitive] = {}
-        trained_on: dict[int, Sequence[Action]] = {}
-        for one in libraries:
-            doubled = set(primitives) & set(one.primitives)
-            if doubled or one.rope != libraries[0].rope:
-                raise ValueError(
-                    f"libraries cannot be merged: primitives {sorted(doubled)} are in two of them"
-                    if doubled
-                    else f"libraries cannot be merged: ropes {libraries[0].rope} and {one.rope}"
-                )
+        first, *others = libraries
+        primitives, trained_on = dict(first.primitives), dict(first.trained_on)
+        for one in others:
+            why = f"ropes {first.rope} and {one.rope}" if one.rope != first.rope else ""
+            if doubled := set(primitives) & set(one.primitives):
+                why = f"primitives {sorted(doubled)} are in two of them"
+            if why:
+                raise ValueError(f"libraries cannot be merged: {why}")
             primitives |= one.primitives
             trained_on |= one.trained_on
-        return cls(primitives, trained_on, libraries[0].rope)
+        return cls(primitives, trained_on, first.rope)
 
     def warn_if_unlike(self, rope: RopeConfig) -> None:
         """Warn (`UnlikeRopeWarning`) of a rope of another size than the one trained with."""
@@ -117,27 +114,19 @@ class PrimitiveLibrary:
             ValueError: there is no primitive for the action in this library.
             IllegalActionError: the action names a segment that the rope does not have.
         """
-        return self.propose(np.asarray(points)[None], [action], count, rng).squeeze(0)
+        return self.propose(points[None], [action], count, rng).squeeze(0)
 
     def sample_for_next(
         self, points: Floats, action: Action, count: int, rng: np.random.Generator
     ) -> Floats:
         """As `sample`, for success times the value of the next state."""
-        ropes = np.asarray(points)[None]
-        return self.propose(ropes, [action], count, rng, use_next_value=True).squeeze(0)
+        return self.propose(points[None], [action], count, rng, use_next_value=True).squeeze(0)
 
     def arrange(
         self, points: Floats, action: Action, count: int, rng: np.random.Generator
     ) -> Floats:
-        """Splines (count, 6) that keep the state of a rope (V, 3) and make an action easier.
-
-        Raises:
-            ValueError: there is no arranging primitive in this library.
-            IllegalActionError: the action names a segment that the rope does not have.
-        """
-        ropes = np.asarray(points)[None]
-        splines = self.propose(ropes, [action], count, rng, use_next_value=True, arranging=True)
-        return splines.squeeze(0)
+        """As `sample`, for splines that keep the state and make an action easier."""
+        return self.propose(points[None], [action], count, rng, True, arranging=True).squeeze(0)
 
     @property
     def capabilities(self) -> frozenset[str]:
@@ -177,9 +166,8 @@ class PrimitiveLibrary:
         Raises:
             ValueError: the primitive has no critic, or there is none for the action.
         """
-        ((number, _, encoded),) = self._encoded(np.asarray(points)[None], [action], arranging=False)
-        of_rope = np.asarray(splines)[None]
-        return self.primitives[number].success_probability(encoded, of_rope).squeeze(0)
+        ((number, _, encoded),) = self._encoded(points[None], [action], arranging=False)
+        return self.primitives[number].success_probability(encoded, splines[None]).squeeze(0)
 
     @one_thread()
     def values(
@@ -246,9 +234,8 @@ class PrimitiveLibrary:
     def load(cls, path: Path, rope: RopeConfig | None = None) -> PrimitiveLibrary:
         """Read what `save` wrote.
 
-        Args:
-            path: the file, or a folder of files with some of the primitives each.
-            rope: if given, the rope that the library must have been trained with.
+        The path is of the file, or a folder of files with some of the primitives each. If a rope
+        is given, the library must have been trained with it.
 
         Raises:
             FileNotFoundError: there is no such file, or none in the folder.

@@ -1,4 +1,14 @@
-"""One topological motion primitive: its networks, and cross-entropy search with its critic.
+"""A topological motion primitive: its networks, and cross-entropy search with its critic
+(Sec. V-A, Fig. 4 and 5).
+
+Trunk: each of the three streams has an LSTM that reads its points from head to tail. For each
+ordered pair of streams an attention module (scaled dot products, [17]) lets every point of one
+stream query the points of the other. Each stream's MLP turns a point's LSTM state and its two
+look-ups into features, which are pooled over the stream; the three pooled vectors make the rope's
+feature. That the MLPs come after the attention is our reading.
+
+Actor and critic each have a trunk of their own, which runs once a rope. Beyond the paper, a scored
+spline also attends to the rope near its path (`SplineRopeAttention`).
 
 Many distinct proposals a rope are wanted, so each is a search of its own, and all searches of all
 ropes run as one batch; TorchRL's CEMPlanner returns one elite mean a state.
@@ -12,11 +22,228 @@ import numpy as np
 import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
+from torch.nn.functional import logsigmoid, scaled_dot_product_attention, softplus
 
-from knotflow.samplers.primitives.config import PrimitiveConfig
-from knotflow.samplers.primitives.encoding import Encoded
-from knotflow.samplers.primitives.networks import SPLINE, Actor, Critic, log_value
+from knotflow.samplers.primitives.config import NetworkConfig, PrimitiveConfig
+from knotflow.samplers.primitives.encoding import (
+    CHANNELS,
+    CONTROL_FEATURES,
+    STREAM_POINTS,
+    Encoded,
+    control_features,
+)
+from knotflow.simulation import spline_basis
 from knotflow.topology.polyline import Floats
+
+SPLINE = 6
+
+
+class PairAttention(nn.Module):
+    """Every point of one stream looks up points of another."""
+
+    def __init__(self, hidden: int, size: int) -> None:
+        super().__init__()
+        self.query = nn.Linear(hidden, size)
+        self.key_value = nn.Linear(hidden, 2 * size)
+
+    def forward(self, asking: Tensor, answering: Tensor) -> Tensor:
+        """(S, P, hidden) and (S, Q, hidden) -> (S, P, size)."""
+        key, value = self.key_value(answering).chunk(2, dim=-1)
+        return scaled_dot_product_attention(self.query(asking), key, value)
+
+
+class Trunk(nn.Module):
+    """Streams (S, P, CHANNELS) -> feature (S, feature), and the points of the whole rope's stream
+    with their features (S, Q, `point_features`)."""
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        streams = range(len(STREAM_POINTS))
+        self.lstms = nn.ModuleList(
+            nn.LSTM(CHANNELS, config.lstm, batch_first=True) for _ in streams
+        )
+        self.attentions = nn.ModuleDict(
+            {
+                f"{asking}_{answering}": PairAttention(config.lstm, config.attention)
+                for asking in streams
+                for answering in streams
+                if asking != answering
+            }
+        )
+        self.point_features = CHANNELS + config.lstm + (len(STREAM_POINTS) - 1) * config.attention
+        # The second layer of each MLP comes after pooling, where it costs next to nothing.
+        self.mlps = nn.ModuleList(
+            nn.Sequential(nn.Linear(self.point_features, config.stream), nn.SiLU()) for _ in streams
+        )
+        self.out = nn.Sequential(
+            nn.Linear(2 * len(STREAM_POINTS) * config.stream, config.feature), nn.SiLU()
+        )
+
+    def forward(self, streams: Tensor) -> tuple[Tensor, Tensor]:
+        points = torch.split(streams, list(STREAM_POINTS), dim=1)
+        read = [lstm(part)[0] for lstm, part in zip(self.lstms, points, strict=True)]
+        pooled = []
+        for asking, mlp in enumerate(self.mlps):
+            looked_up = [
+                self.attentions[f"{asking}_{answering}"](read[asking], read[answering])
+                for answering in range(len(read))
+                if answering != asking
+            ]
+            of_points = torch.cat([points[asking], read[asking], *looked_up], dim=-1)
+            features = mlp(of_points)
+            pooled += [features.mean(dim=1), features.amax(dim=1)]
+        return self.out(torch.cat(pooled, dim=-1)), of_points
+
+
+class SplineRopeAttention(nn.Module):
+    """Attention of points along a spline to the points of the whole rope.
+
+    It decays with the squared distance on the table, at a learned rate for each look-up.
+    """
+
+    def __init__(self, config: NetworkConfig, point_features: int) -> None:
+        super().__init__()
+        self.lookups = config.lookups
+        key = 8
+        self.of_points = nn.Linear(point_features, config.lookups * key + config.lookup)
+        self.query = nn.Linear(_SITE, config.lookups * key)
+        self.log_rate = nn.Parameter(torch.linspace(0, 3, config.lookups))
+        self.at_place = nn.Sequential(
+            nn.Linear(_SITE + config.lookups * config.lookup, config.stream), nn.SiLU()
+        )
+        self.out = nn.Linear(config.sites * config.stream, config.head)
+        t = torch.linspace(0, 1, config.sites)
+        weights = torch.from_numpy(spline_basis(t.numpy())).float()
+        self.register_buffer("_weights", weights, persistent=False)  # (sites, 3)
+        self.register_buffer("_t", t[:, None], persistent=False)
+
+    _weights: Tensor
+    _t: Tensor
+
+    def forward(self, of_points: Tensor, streams: Tensor, controls: Tensor) -> Tensor:
+        """Splines (S, n, 12) as `control_features` makes them, n on each rope -> (S, n, head)."""
+        x = torch.stack([controls[..., 7], controls[..., 1], controls[..., 4]], dim=-1)
+        y = torch.stack([controls[..., 8], controls[..., 2], controls[..., 5]], dim=-1)
+        path = self._weights @ torch.stack([x, y], dim=-1)  # (S, n, sites, 2)
+        height = controls[..., None, 3:4].expand(*path.shape[:-1], 1)
+        site = torch.cat([path, height, self._t.expand(*path.shape[:-1], 1)], dim=-1)
+        size = self.query.out_features
+        by_lookup = (self.lookups, -1)
+        query = torch.unflatten(self.query(site).flatten(1, 2), -1, by_lookup).transpose(1, 2)
+        key = torch.unflatten(of_points[..., :size], -1, by_lookup).transpose(1, 2)
+        # Of the squared distance |p - q|^2 = |p|^2 - 2 p q + |q|^2 a softmax over q needs the last
+        # two terms only: products of what is appended to queries (S, lookups, n sites, ...) and
+        # keys (S, lookups, Q, ...).
+        rate = self.log_rate.exp()[:, None, None]
+        p = path[..., :2].flatten(1, 2)[:, None]
+        q = streams[:, None, -STREAM_POINTS[-1] :, :2].expand(-1, self.lookups, -1, -1)
+        falls = (-rate).expand(*query.shape[:-1], 1)
+        query = torch.cat([query / key.shape[-1] ** 0.5, 2 * rate * p, falls], dim=-1)
+        key = torch.cat([key, q, q.square().sum(-1, keepdim=True)], dim=-1)
+        value = of_points[:, None, :, size:].expand(-1, self.lookups, -1, -1)
+        brought = (query @ key.mT).softmax(-1) @ value
+        brought = torch.unflatten(brought.transpose(1, 2), 1, site.shape[1:3]).flatten(3)
+        passed: Tensor = self.out(self.at_place(torch.cat([site, brought], dim=-1)).flatten(2))
+        return passed
+
+
+_SITE = 4  # x, y, height and position along the spline
+
+
+class Actor(nn.Module):
+    """The Gaussian N(mu, Sigma) over splines in network space that Fig. 4 calls the actor."""
+
+    _rows: Tensor
+    _columns: Tensor
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.trunk = Trunk(config)
+        self.head = nn.Sequential(
+            nn.Linear(config.feature + config.kinds, config.head),
+            nn.SiLU(),
+            nn.Linear(config.head, SPLINE + SPLINE * (SPLINE + 1) // 2),
+        )
+        self.kinds = config.kinds
+        self.smallest_spread = config.smallest_spread
+        rows, columns = torch.tril_indices(SPLINE, SPLINE)
+        self.register_buffer("_rows", rows, persistent=False)
+        self.register_buffer("_columns", columns, persistent=False)
+        last = self.head[-1]
+        assert isinstance(last, nn.Linear)
+        with torch.no_grad():
+            last.weight.mul_(0.1)
+            last.bias.zero_()
+            diagonal = SPLINE + torch.nonzero(rows == columns)[:, 0]
+            spread = torch.tensor(config.initial_spread - config.smallest_spread)
+            last.bias[diagonal] = torch.log(torch.expm1(spread))
+
+    def forward(self, states: TensorDict) -> tuple[Tensor, Tensor]:
+        """Mean (S, 6) and lower Cholesky factor (S, 6, 6) of the covariance."""
+        out = self.head(_with_kind(self.trunk(states["streams"])[0], states, self.kinds))
+        mean, entries = out[:, :SPLINE], out[:, SPLINE:]
+        diagonal = self._rows == self._columns
+        entries = torch.where(diagonal, softplus(entries) + self.smallest_spread, entries)
+        factor = out.new_zeros(len(out), SPLINE, SPLINE)
+        factor[:, self._rows, self._columns] = entries
+        return mean, factor
+
+
+class Critic(nn.Module):
+    """Two logits of a spline.
+
+    The first is the probability of success: Q of a single-step task. The second is, given success,
+    the value of the next state (Sec. V-B c). The Q of an action that others follow is the product.
+    """
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.trunk = Trunk(config)
+        # The first layer of the head, cut in two: the rope's part is worked out once a rope.
+        self.of_rope = nn.Linear(config.feature + config.kinds, config.head)
+        self.kinds = config.kinds
+        self.of_spline = nn.Sequential(
+            nn.Linear(CONTROL_FEATURES, config.head), nn.SiLU(), nn.Linear(config.head, config.head)
+        )
+        self.passage = SplineRopeAttention(config, self.trunk.point_features)
+        self.head = nn.Sequential(
+            nn.SiLU(), nn.Linear(config.head, config.head), nn.SiLU(), nn.Linear(config.head, 2)
+        )
+
+    def features(self, states: TensorDict) -> tuple[Tensor, Tensor]:
+        """All that scoring needs of each rope: (S, head), and its points' (S, Q, ...)."""
+        feature, points = self.trunk(states["streams"])
+        of_rope = self.of_rope(_with_kind(feature, states, self.kinds))
+        return of_rope, self.passage.of_points(points)
+
+    def score(self, features: tuple[Tensor, Tensor], states: TensorDict, splines: Tensor) -> Tensor:
+        """Logits (S, n, 2), success and next value, of splines (S, n, 6), n on each rope."""
+        of_rope, of_points = features
+        controls = control_features(states, splines)
+        passed = self.passage(of_points, states["streams"], controls)
+        logits: Tensor = self.head(of_rope[:, None] + self.of_spline(controls) + passed)
+        return logits
+
+    def forward(self, states: TensorDict, splines: Tensor, owner: Tensor) -> Tensor:
+        """Logits (N, 2) of splines (N, 6) in network space on ropes `owner` (N,) of `states`."""
+        of_rope, of_points = self.features(states)
+        features = of_rope[owner], of_points[owner]
+        return self.score(features, states[owner], splines[:, None])[:, 0]
+
+
+def log_value(logits: Tensor, use_next_value: bool) -> Tensor:
+    """Log Q (...) from a critic's logits (..., 2).
+
+    The probability of success, times the value of the next state if `use_next_value`.
+    """
+    success = logsigmoid(logits[..., 0])
+    return success + logsigmoid(logits[..., 1]) if use_next_value else success
+
+
+def _with_kind(feature: Tensor, states: TensorDict, kinds: int) -> Tensor:
+    """The rope's feature (S, F), with the kind of action where a primitive serves several."""
+    return torch.cat([feature, states["kind"]], dim=-1) if kinds else feature
+
 
 Score = Callable[[Tensor], Tensor]
 """Values (R, P) of splines (R, P, 6) of R searches; higher is better."""
