@@ -9,11 +9,16 @@ from knotflow.simulation import (
     SPLINE_HIGH,
     SPLINE_LOW,
     Rollouts,
+    RopeConfig,
     RopeSimulator,
     ShapeError,
+    SimulationConfig,
     SplineError,
+    arc,
+    control_points,
     random_curve,
     resample,
+    spline_path,
     straight,
 )
 from knotflow.topology import TopologicalState
@@ -170,8 +175,6 @@ def test_invalid_input_is_rejected(simulator, rng):
 
 def test_divergence_is_marked_per_rope(rng):
     """Physics that blows up is a marked failure, not an exception and not a neighbour's."""
-    from knotflow.simulation import RopeConfig, SimulationConfig
-
     fragile = SimulationConfig(
         rope=RopeConfig(joint_armature=0.0, joint_damping=0.0, density=1.0),
         timestep=0.05,
@@ -199,3 +202,30 @@ def test_indexing_and_concatenating_rollouts(simulator, rng):
     joined = Rollouts.concatenate([rollouts[:2], rollouts[2:]])
     for name in ("times", "trajectory", "gripper", "end_points", "diverged"):
         np.testing.assert_array_equal(getattr(joined, name), getattr(rollouts, name))
+
+
+def test_spline_takes_its_length_at_the_pace(simulator):
+    rope, config = simulator.config.rope, simulator.config
+    lying = np.stack([straight(rope)] * 2)
+    splines = np.array([[0.5, 0.0125, 0.1, 0.05, 0.0125, 0.2], [0.5, 0.1, 0.3, 0.1, -0.3, 0.3]])
+    rollouts = simulator.execute(lying, splines)
+    controls = control_points(lying, splines, rope.radius)
+    steps = np.diff(spline_path(controls, np.linspace(0, 1, 2001)), axis=1)
+    length = np.linalg.norm(steps, axis=-1).sum(axis=1)
+    wanted = length / config.pace + config.ramp_time
+    np.testing.assert_allclose(rollouts.release_times, wanted, atol=config.timestep)
+    speed = np.linalg.norm(np.diff(rollouts.gripper, axis=1), axis=-1) / 0.1
+    assert speed.max() <= config.pace * (1 + config.timestep / config.ramp_time)
+
+
+def test_bends_are_kept_where_rest_angles_follow_the_shape():
+    moved = []
+    for keeps_bends in (False, True):
+        rope = RopeConfig(table_friction=0.2, joint_stiffness=0.02, keeps_bends=keeps_bends)
+        bow = arc(rope, np.pi)
+        place = bow[:2, :2].mean(axis=0)
+        stay = np.array([0.0, *place, 0.02, *place])
+        simulator = RopeSimulator(SimulationConfig(rope=rope, threads=1))
+        end = simulator.execute(bow[None], stay[None]).end_points[0]
+        moved.append(np.linalg.norm(end - bow, axis=1).max())
+    assert moved[1] < 0.2 * moved[0]
