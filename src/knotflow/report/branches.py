@@ -57,14 +57,14 @@ def tree_size(results: Results, figures: Figures) -> Parts | None:
         return None
     methods = with_extras((ICP, IMITATION, REINFORCEMENT), list(searches["method"]))
     starts = list(dict.fromkeys([*STARTS, *searches["start"]]))
-    groups: dict[tuple[str, ...], pd.DataFrame] = {
-        (start, method.label): select(searches, method.name, start)
+    groups = (
+        ({"start": start, "method": method.label}, select(searches, method.name, start))
         for start in starts
         for method in methods
-    }
+    )
     return {
         "figure": branches_figure(figures, SIZE, searches, methods, starts, PAPER_LARGEST),
-        "searches": search_table(("start", "method"), groups),
+        "searches": search_table(groups),
         "checks": checks(results, SIZE),
         "spent": branches_spent(results, SIZE, "method"),
         "steps": step_table(results, methods),
@@ -194,12 +194,10 @@ def joint_finetuning(results: Results, figures: Figures) -> Parts | None:
     shown = [*TRAINED, *(method for method in BY_POSTERIOR if method.name in names)]
     methods = with_extras(shown, list(searches["method"]))
     single = read_rates(results, JOINT, "single_actions.csv", "single_actions_per_start.csv")
-    groups: dict[tuple[str, ...], pd.DataFrame] = {
-        (method.label,): select(searches, method.name) for method in methods
-    }
+    groups = (({"primitives": one.label}, select(searches, one.name)) for one in methods)
     return {
         "figure": branches_figure(figures, JOINT, searches, methods, [""], {}),
-        "searches": search_table(("primitives",), groups),
+        "searches": search_table(groups),
         "checks": checks(results, JOINT),
         "spent": branches_spent(results, JOINT, "primitives"),
         "self_play": self_play(results, figures, JOINT, "curves_joint.csv", "self_play"),

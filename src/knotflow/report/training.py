@@ -51,8 +51,8 @@ def draw_curves(
     caption: str,
     panels: Mapping[str, Sequence[Line]],
     over: str = "round",
-    *,
     rates: Sequence[str] = (),
+    *,
     legend: bool = False,
 ) -> str:
     """A figure of learning curves, a panel a title; `over` is what is at the x axis.
@@ -119,10 +119,10 @@ def imitation(results: Results, figures: Figures, experiment: str) -> str:
         "Learning curves of imitation by primitive, on held-out demonstrations (solid) and on "
         "training batches (pale). The last weights are kept."
     )
+    if not curves:
+        return ""
     rates = ["critic: accuracy"]
-    return (curves and draw_curves(
-        figures, "imitation", caption, panels, "validation", rates=rates, legend=True
-    )) or ""  # fmt: skip
+    return draw_curves(figures, "imitation", caption, panels, "validation", rates, legend=True)
 
 
 def reinforcement(results: Results, figures: Figures, experiment: str) -> str:
@@ -133,11 +133,8 @@ def reinforcement(results: Results, figures: Figures, experiment: str) -> str:
         own = {metric.partition("/")[2]: curve for (n, metric), curve in curves.items()
                if n == number and metric.startswith(f"{POLICY_SUCCESS}/")}  # fmt: skip
         for colour, action in zip(COLOURS, in_order([*own]), strict=False):
-            lines = [
-                Line(own[action], colour, "", DOTS),
-                Line(smoothed(own[action]), colour, action),
-            ]
-            panels.setdefault(title, []).extend(lines)
+            dots, mean = Line(own[action], colour, "", DOTS), smoothed(own[action])
+            panels.setdefault(title, []).extend([dots, Line(mean, colour, action)])
     caption = (
         "Success rate of the policy's own attempts over the rounds of reinforcement, on the start "
         f"shapes of each round (dots) and as a moving mean of {SMOOTHED} rounds. These are starts "
@@ -171,10 +168,8 @@ def self_play(results: Results, figures: Figures, experiment: str, name: str, fi
     )
     panels = {"success of the policy's own splines": success, "pairs of state and action": pairs}
     rates = [*panels][:1]
-    drawn = (
-        draw_curves(figures, figure, caption, panels, rates=rates, legend=True) if curves else ""
-    )
-    return md.join(drawn, _trials(results, experiment))
+    drawn = curves and draw_curves(figures, figure, caption, panels, rates=rates, legend=True)
+    return md.join(drawn or "", _trials(results, experiment))
 
 
 def _trials(results: Results, experiment: str) -> str:
