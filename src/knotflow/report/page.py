@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -35,22 +36,18 @@ STAGES_DRAWN = 15
 """The longest, in the figure of run times."""
 
 
-def plain(experiment: str) -> Callable[[Results, Figures], Parts | None]:
-    """The section that shows every table of an experiment."""
-
-    def parts(results: Results, _: Figures) -> Parts | None:
-        found = results.measured(experiment)
-        if not found:
-            return None
-        tables = []
-        for path in found.tables:
-            table = read_table(path)
-            rows = table.head(ROWS_SHOWN).to_dict("records")
-            more = f", the first {len(rows)} of {len(table)} rows" if len(table) > len(rows) else ""
-            tables.append(md.table(rows, f"**{path.name}**{more}:"))
-        return {"tables": md.join(*tables)}
-
-    return parts
+def plain(experiment: str, results: Results, _: Figures) -> Parts | None:
+    """Every table of an experiment."""
+    found = results.measured(experiment)
+    if not found:
+        return None
+    tables = []
+    for path in found.tables:
+        table = read_table(path)
+        rows = table.head(ROWS_SHOWN).to_dict("records")
+        more = f", the first {len(rows)} of {len(table)} rows" if len(table) > len(rows) else ""
+        tables.append(md.table(rows, f"**{path.name}**{more}:"))
+    return {"tables": md.join(*tables)}
 
 
 PAPER = (
@@ -71,15 +68,15 @@ FURTHER = (
     Section("goals_ablation", knots.ablation),
     Section("actions", actions.actions),
     Section("perception", perception.perception),
-    Section("perception_training", training.network("perception_training")),
-    Section("strand_training", training.network("strand_training")),
+    Section("perception_training", partial(training.network, "perception_training")),
+    Section("strand_training", partial(training.network, "strand_training")),
     Section("tracking", perception.tracking),
     Section("dynamics", perception.dynamics),
-    Section("dynamics_training", training.network("dynamics_training")),
+    Section("dynamics_training", partial(training.network, "dynamics_training")),
     Section("closed_loop", execution.closed_loop),
     Section("closed_loop_ablation", execution.ablation),
     Section("arm", execution.arm),
-    Section("benchmark", plain("benchmark")),
+    Section("benchmark", partial(plain, "benchmark")),
 )
 SECTIONS = {section.experiment: section for section in PAPER + FURTHER}
 CLAIMS = [(section, claim) for section in SECTIONS.values() for claim in section.claims]
@@ -247,7 +244,7 @@ def _others(results: Results) -> list[Section]:
     """Experiments of one's own: measured, and neither of the paper's nor another run of one that
     has a section, such as a plan for another knot."""
     return [
-        Section(name, plain(name))
+        Section(name, partial(plain, name))
         for name, found in results.experiments.items()
         if found.tables
         and name not in SECTIONS

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -195,27 +195,23 @@ def library(results: Results, figures: Figures) -> Parts | None:
     return {"self_play": own}
 
 
-def network(experiment: str) -> Callable[[Results, Figures], Parts | None]:
-    """The section of a network's training: its curves, and where they ended."""
-
-    def parts(results: Results, figures: Figures) -> Parts | None:
-        table = results.table(experiment, "curves.csv", {"step": int}, key=("step",))
-        if table is None:
-            return None
-        curves = table.astype(float).sort_values("step").set_index("step")
-        panels: dict[str, list[Line]] = {}
-        for column in curves:
-            quantity = str(column).removeprefix("validation_")
-            held_out = quantity != column
-            label, colour = ("held out", COLOURS[0]) if held_out else ("training", COLOURS[-1])
-            line = Line(curves[column], colour, label, None if held_out else PALE)
-            panels.setdefault(quantity.replace("_", " "), []).append(line)
-        last = {"gradient steps": f"{curves.index[-1]:,.0f}"} | {
-            f"{title}, {lines[-1].label}": md.number(lines[-1].curve.iloc[-1])
-            for title, lines in panels.items()
-        }
-        caption = "Learning curves, in training (pale) and held out. The last weights are kept."
-        drawn = draw_curves(figures, experiment, caption, panels, "gradient step")
-        return {"curves": md.join(drawn, md.table([last]))}
-
-    return parts
+def network(experiment: str, results: Results, figures: Figures) -> Parts | None:
+    """A network's learning curves, and where they ended."""
+    table = results.table(experiment, "curves.csv", {"step": int}, key=("step",))
+    if table is None:
+        return None
+    curves = table.astype(float).sort_values("step").set_index("step")
+    panels: dict[str, list[Line]] = {}
+    for column in curves:
+        quantity = str(column).removeprefix("validation_")
+        held_out = quantity != column
+        label, colour = ("held out", COLOURS[0]) if held_out else ("training", COLOURS[-1])
+        line = Line(curves[column], colour, label, None if held_out else PALE)
+        panels.setdefault(quantity.replace("_", " "), []).append(line)
+    last = {"gradient steps": f"{curves.index[-1]:,.0f}"} | {
+        f"{title}, {lines[-1].label}": md.number(lines[-1].curve.iloc[-1])
+        for title, lines in panels.items()
+    }
+    caption = "Learning curves, in training (pale) and held out. The last weights are kept."
+    drawn = draw_curves(figures, experiment, caption, panels, "gradient step")
+    return {"curves": md.join(drawn, md.table([last]))}
