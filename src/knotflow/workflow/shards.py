@@ -143,7 +143,8 @@ class StageRun:
 
     def save_seconds(self) -> None:
         """Note the time so far, for an attempt that goes on after this one."""
-        (self.out / store.CLOCK).write_text(f"{self.seconds():.3f}", "utf-8")
+        with self.atomic(store.CLOCK) as path:
+            path.write_text(f"{self.seconds():.3f}", "utf-8")
 
     def load_seconds(self) -> None:
         """Go on from the time that earlier attempts noted."""
