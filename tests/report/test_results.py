@@ -46,7 +46,7 @@ def test_table_alone_is_enough(write):
     write.table("single_stage", "any.csv", ("x",), [(1,)])
     (write.root / "single_stage" / "run.json").unlink()
     found = Results(write.root).measured("single_stage")
-    assert (found.budget, found.commits, found.stages) == ("unknown", "unknown", [])
+    assert (found.budget, found.commits, found.stages) == ("unknown", "unknown", {})
 
 
 def stages_of(*commits, **more):
@@ -91,15 +91,6 @@ def test_stale_results_say_why(write, monkeypatch, stages, words):
     monkeypatch.setattr(module, "COMPONENTS", components)
     write.run("single_stage", {str(i): made for i, made in enumerate(stages)})
     assert Results(write.root).experiments["single_stage"].stale == words
-
-
-def test_stages_are_listed(write):
-    told = {"one": {"stage": "make", "key": "a", "seconds": 2}, "two": {"signature": "s"}}
-    write.run("single_stage", told)
-    results = Results(write.root)
-    one, two = results.experiments["single_stage"].stages
-    assert (one.node, one.identity, one.seconds) == ("one", "a", 2)
-    assert (two.node, two.identity, two.seconds) == ("two", "s", None)
 
 
 def test_settings_are_found_at_any_depth(write):

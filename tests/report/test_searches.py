@@ -101,8 +101,8 @@ def test_step_table_names_ropes_without_success(write):
     icp, imitation = lines[2:]
     assert "none from 1 of 1 ropes" in icp and icp.rstrip().endswith("– |")
     assert "25.0 % (" in imitation and "none from 1 of 2 ropes" in imitation
-    assert f"`{CROSS}` from the arc rope, 25.0 %" in branches.hardest_steps("imitation")(results)
-    assert branches.hardest_steps("reinforcement")(results) == ""
+    assert f"`{CROSS}` from the arc rope, 25.0 %" in branches.hardest_steps("imitation", results)
+    assert branches.hardest_steps("reinforcement", results) == ""
 
 
 @pytest.mark.slow

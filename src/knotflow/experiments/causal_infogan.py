@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.experiments.common import Recorder
+from knotflow.experiments.common import Recorder, train
 from knotflow.experiments.demonstrations import load_starts
 from knotflow.recording import load, read_recording
 from knotflow.samplers.causal_infogan.data import (
@@ -24,7 +24,6 @@ from knotflow.samplers.causal_infogan.evaluation import (
     FOCUS,
     GOALS,
     OVERHAND,
-    ActionSequence,
     compare,
     measure,
     panel_rows,
@@ -35,7 +34,7 @@ from knotflow.seeding import rng_of
 from knotflow.simulation import Attempts, RopeSimulator, SimulationConfig, attempt
 from knotflow.topology import Action, TopologicalState
 from knotflow.topology.polyline import Floats
-from knotflow.training.trainer import CURVES, run_training
+from knotflow.training.trainer import CURVES
 from knotflow.workflow import StageRun, stage
 
 
@@ -57,23 +56,19 @@ def causal_infogan(
 
     chosen = [str(task(one).action) for one in actions] or [str(one.action) for one in TASKS]
 
-    def train(shard: str) -> None:
+    def train_model(shard: str) -> None:
         seed = int(Path(shard).name)
         starts, shapes = load_rollouts(demonstrations, chosen)
         framed = StartFrame.of(shapes[:, 0]).enter(shapes)
         trainer = CausalInfoGanTrainer(framed, starts, infogan, seed)
-
-        def finish() -> None:
-            with run.atomic(f"{shard}.pt") as path:
-                save_model(path, trainer.model, chosen)
-
-        run_training(
-            trainer, run.out / f"seed-{seed}", name=f"causal_infogan, seed {seed}",
-            progress=run.progress, finish=finish,
+        name, folder = f"causal_infogan, seed {seed}", f"seed-{seed}"
+        train(
+            run, trainer, name, f"{shard}.pt",
+            lambda path: save_model(path, trainer.model, chosen), folder=folder,
         )  # fmt: skip
 
     pending = run.pending([f"models/{seed}" for seed in range(seeds)], ".pt")
-    run.each(train, pending, "causal_infogan")
+    run.each(train_model, pending, "causal_infogan")
     curves = []
     for seed in range(seeds):
         curve = pd.read_csv(run.out / f"seed-{seed}" / CURVES)
@@ -272,17 +267,10 @@ def _queries(
         yield _Query(action, "training", starts, first, last, 1)
     for goal in GOALS:
         if {str(action) for action in goal.actions} <= set(actions):
-            number, first, last = load_ends(ends, goal)
-            if len(number):
-                yield _Query(goal.name, "unseen", number, first, last, len(goal.actions))
-
-
-def load_ends(
-    folder: Path, goal: ActionSequence
-) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
-    """Numbers (N,) of the starts that have an end, these starts and ends (N, V, 3), metres."""
-    with np.load(folder / f"{goal.file}.npz") as file:
-        return file["start"], file["points"], file["ends"]
+            with np.load(ends / f"{goal.file}.npz") as file:
+                given = (file["start"], file["points"], file["ends"])
+            if len(given[0]):
+                yield _Query(goal.name, "unseen", *given, len(goal.actions))
 
 
 def _panel(model: str, folder: Path, run: StageRun) -> pd.DataFrame:

@@ -1,8 +1,8 @@
-"""What stages share: random streams, recordings of what they simulate, samplers, points as rows."""
+"""What stages share: samplers, training, recordings of what they simulate, points as rows."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from knotflow.recording import RecordedRollout, recorded, write_recording
 from knotflow.samplers import Sampler, SamplerConfig, build_sampler
 from knotflow.simulation import Attempts, RopeConfig
+from knotflow.training.trainer import Trainer, run_training
 from knotflow.workflow import StageRun
 
 
@@ -20,14 +21,26 @@ def sampler_of(config: SamplerConfig, **inputs: Path | None) -> Sampler:
     return build_sampler(config, {name: path for name, path in inputs.items() if path is not None})
 
 
+def train(
+    run: StageRun, trainer: Trainer, name: str, weights: str, save: Callable[[Path], None],
+    *, folder: str = "", save_every: int = 1,
+) -> None:  # fmt: skip
+    """Train to the end, with checkpoint and curves in `folder`; then `save` makes `weights`."""
+
+    def finish() -> None:
+        with run.atomic(weights) as path:
+            save(path)
+
+    run_training(
+        trainer, run.out / folder, name=name, progress=run.progress, save_every=save_every,
+        finish=finish,
+    )  # fmt: skip
+
+
 class Recorder:
     """Collects attempts (it is an `Observer`) until they are saved as one recording.
 
-    Args:
-        run: of the stage that simulates.
-        source: who proposed the splines.
-        rope: the rope they were executed on.
-        first_number: number of the first rollout; numbers are unique inside a stage.
+    `source` proposed the splines; numbers of rollouts, from `first_number` on, differ in a stage.
     """
 
     def __init__(self, run: StageRun, source: str, rope: RopeConfig, first_number: int = 0) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +25,16 @@ PACKAGE = Path(knotflow.__file__).parent
 HOME = PACKAGE if (PACKAGE / "conf").is_dir() else PACKAGE.parents[1]
 """Holds conf/ and workflows/: inside an installed package, or at the top of a checkout."""
 
-Section = dict[str, Any]
-"""Arguments of a stage, or of an experiment's own stages, by name: see `workflow.workflow`."""
-
-
-def _section() -> Section:
-    return field(default_factory=dict)  # type: ignore[return-value]
+SECTIONS = (
+    *("demonstrations", "evaluation_starts", "evaluation", "pools", "self_play"),
+    *("library_training", "tree_size", "joint_finetuning", "causal_infogan", "infogan_single"),
+    *("infogan_all", "causal_infogan_ends", "causal_infogan_plans", "pull", "pentagram"),
+    *("knots", "goals", "goals_ablation", "actions", "overhand", "training_ropes"),
+    *("perception_training", "strand_training", "unseen_ropes", "adaptation_ropes"),
+    *("perception_networks", "perception", "perceived_plans", "tracking", "dynamics_training"),
+    *("dynamics", "closed_loop", "closed_loop_ablation", "arm", "benchmark"),
+)
+"""Stages, nodes and experiments that have a section of arguments, see `workflow.workflow`."""
 
 
 @dataclass
@@ -78,50 +82,16 @@ class Config:
     training_seed: int = MISSING
     """Of weights, batches and attempts of imitation and reinforcement."""
 
-    demonstrations: Section = _section()
-    evaluation_starts: Section = _section()
-    evaluation: Section = _section()
-    pools: Section = _section()
-    self_play: Section = _section()
-    library_training: Section = _section()
-    tree_size: Section = _section()
-    joint_finetuning: Section = _section()
-    causal_infogan: Section = _section()
-    infogan_single: Section = _section()
-    infogan_all: Section = _section()
-    causal_infogan_ends: Section = _section()
-    causal_infogan_plans: Section = _section()
-    pull: Section = _section()
-    pentagram: Section = _section()
-    knots: Section = _section()
-    goals: Section = _section()
-    goals_ablation: Section = _section()
-    actions: Section = _section()
-    overhand: Section = _section()
-    training_ropes: Section = _section()
-    perception_training: Section = _section()
-    strand_training: Section = _section()
-    unseen_ropes: Section = _section()
-    adaptation_ropes: Section = _section()
-    perception_networks: Section = _section()
-    perception: Section = _section()
-    perceived_plans: Section = _section()
-    tracking: Section = _section()
-    dynamics_training: Section = _section()
-    dynamics: Section = _section()
-    closed_loop: Section = _section()
-    closed_loop_ablation: Section = _section()
-    arm: Section = _section()
-    benchmark: Section = _section()
-
-    workflow: Section = _section()
+    workflow: dict[str, Any] = field(default_factory=dict)
     """The stages of the experiment, from workflows/."""
 
 
 def register() -> None:
     """Make the schema, and where workflows/ is, known to Hydra."""
     os.environ["KNOTFLOW_HOME"] = str(HOME)
-    ConfigStore.instance().store(name="schema", node=Config)
+    sections: list[Any] = [(name, dict[str, Any], field(default_factory=dict)) for name in SECTIONS]
+    schema = make_dataclass("Config", sections, bases=(Config,))
+    ConfigStore.instance().store(name="schema", node=schema)
 
 
 def experiments() -> list[str]:

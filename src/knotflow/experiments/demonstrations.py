@@ -35,7 +35,6 @@ from knotflow.workflow import StageRun, stage
 
 POOL_CHUNK = 32
 """Starts of a pool that are made at a time."""
-BEFORE, SPLINE, AFTER = "before", "spline", "after"
 SHAPE_COLUMNS = ["action", "start", "what", "proposal", "outcome", "point", "x", "y", "z"]
 
 
@@ -52,8 +51,7 @@ def demonstrations(
 ) -> None:
     """Simulate noisy copies of every demonstration.
 
-    Makes recordings/*.mcap, trials/*.npz and success.csv; one shard a
-    demonstration.
+    Makes recordings/*.mcap, trials/*.npz and success.csv; one shard a demonstration.
 
     `copies` are of a demonstration from a tangled start.
     """
@@ -108,15 +106,11 @@ def demonstrator(
         found = Demonstrator(task, simulator, rng, demonstrator, starts, recorder).demonstrations()
         recorder.save(f"recordings/{name}.mcap")
         rows = [
-            {
-                "action": str(task.action),
-                "share": one.success_rate,
-                "room": one.clearance,
-                "starts_left_out": left_out,
-            }
+            (str(task.action), one.success_rate, one.clearance, left_out)
             for _, one, left_out in found
         ]
-        run.save_table(f"{name}.shares.csv", pd.DataFrame(rows), "%.3f")
+        columns = ["action", "share", "room", "starts_left_out"]
+        run.save_table(f"{name}.shares.csv", pd.DataFrame(rows, columns=columns), "%.3f")
         shapes = [_shapes(start, one, simulation.rope) for start, one in enumerate(found)]
         run.save_table(f"{name}.shapes.csv", pd.concat(shapes), "%.3f")
         with run.atomic(f"{name}.jsonl") as path:  # the last, by which a task counts as done
@@ -138,9 +132,9 @@ def _shapes(start: int, demonstrated: Demonstrated, rope: RopeConfig) -> pd.Data
     head = {"action": str(shown.task.action), "start": start}
     facts = head | {"proposal": 0, "outcome": "success"}
     parts = [
-        point_rows(shown.points, what=BEFORE, proposal="", outcome="", **head),
-        point_rows(controls, what=SPLINE, **facts),
-        point_rows(found.end, what=AFTER, **facts),
+        point_rows(shown.points, what="before", proposal="", outcome="", **head),
+        point_rows(controls, what="spline", **facts),
+        point_rows(found.end, what="after", **facts),
     ]
     return pd.concat(parts)[SHAPE_COLUMNS]
 

@@ -15,10 +15,10 @@ from knotflow.execution import (
     prediction_errors,
 )
 from knotflow.execution.dynamics import RopeDynamics
+from knotflow.experiments.common import train
 from knotflow.samplers.demonstrations import load_demonstrations
 from knotflow.seeding import rng_of
 from knotflow.simulation import LEVELS, SimulationConfig
-from knotflow.training.trainer import run_training
 from knotflow.workflow import StageRun, stage
 
 MOTIONS, WEIGHTS = "motions.npz", "dynamics.safetensors"
@@ -64,12 +64,7 @@ def dynamics_training(
     Makes dynamics.safetensors, in half precision, and curves.csv.
     """
     trainer = DynamicsTrainer(Motions.load(motions / MOTIONS), training, seed)
-
-    def finish() -> None:
-        with run.atomic(WEIGHTS) as path:
-            trainer.model.save(path)
-
-    run_training(trainer, run.out, name="dynamics", progress=run.progress, finish=finish)
+    train(run, trainer, "dynamics", WEIGHTS, trainer.model.save)
 
 
 @stage

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.experiments.common import sampler_of
+from knotflow.experiments.common import sampler_of, train
 from knotflow.perception import (
     Appearance,
     Camera,
@@ -54,7 +54,6 @@ from knotflow.simulation import (
     state_or_none,
 )
 from knotflow.topology import DegenerateCurveError, TopologicalState
-from knotflow.training.trainer import run_training
 from knotflow.workflow import StageRun, stage
 
 POOR = 0.03  # root mean square error of a poor start, metres
@@ -141,12 +140,7 @@ def perception_training(
     """
     with np.load(ropes / ROPES) as shapes:
         trainer = CoarseToFineTrainer(shapes["points"], shapes["crossings"], rope, training, seed)
-
-    def finish() -> None:
-        with run.atomic(WEIGHTS) as path:
-            Network(trainer.model).save(path)
-
-    run_training(trainer, run.out, name="perception", progress=run.progress, finish=finish)
+    train(run, trainer, "perception", WEIGHTS, lambda path: Network(trainer.model).save(path))
 
 
 @stage
@@ -167,11 +161,10 @@ def strand_training(
     with np.load(ropes / ROPES) as shapes:
         trainer = StrandTrainer(shapes["points"], shapes["crossings"], rope, training, seed)
 
-    def finish() -> None:
-        with run.atomic(WEIGHTS) as path:
-            Network(whole.model, trainer.model).save(path)
+    def save(path: Path) -> None:
+        Network(whole.model, trainer.model).save(path)
 
-    run_training(trainer, run.out, name="strands", progress=run.progress, finish=finish)
+    train(run, trainer, "strands", WEIGHTS, save)
 
 
 @stage
@@ -257,13 +250,16 @@ def _estimated(
 
 @dataclass(frozen=True)
 class EstimationMethod:
-    """Where an estimate starts, and what it does then."""
+    """Where an estimate starts, and what it does then.
+
+    With both starts, the fit that accounts best for the image counts; with neither, it starts from
+    the true shape moved by `POOR`.
+    """
 
     tracing: bool = False
     """Start from the paths through the mask's skeleton."""
-    network: str | None = None
-    """Start from the guess of `SUPERVISED` or `SELF_SUPERVISED`; with both starts, the fit that
-    accounts best for the image counts; with neither, from the true shape moved by `POOR`."""
+    network: str | None = SELF_SUPERVISED
+    """Start from the guess of `SUPERVISED` or `SELF_SUPERVISED`."""
     strands: bool = True
     """Whether the network's guesses come from following strands, too."""
     rendering: bool = True
@@ -271,10 +267,7 @@ class EstimationMethod:
     depth: bool = True
     """Let these steps see depth."""
     view: str = MARKED
-    """Its image: `MARKED`, `FINE`, or `PLAIN`, where an earlier shape, off by `POOR`, tells the
-    head."""
-    nominal: bool = False
-    """Compared at nominal noise only."""
+    """Its image; on that of a `PLAIN` rope an earlier shape, off by `POOR`, tells the head."""
 
     def estimate(
         self,
@@ -309,30 +302,28 @@ class EstimationMethod:
         return estimate(image, camera, rope, guess, config)
 
 
+NETWORK = EstimationMethod(rendering=False)
+TRACED = EstimationMethod(tracing=True, network=None)
+BOTH = EstimationMethod(tracing=True)
 METHODS = {
-    "rendering": EstimationMethod(tracing=True, nominal=True),
-    "rendering_without_depth": EstimationMethod(tracing=True, depth=False, nominal=True),
-    "rendering_poor_start": EstimationMethod(nominal=True),
-    "network": EstimationMethod(network=SELF_SUPERVISED, rendering=False),
-    "network_without_strands": EstimationMethod(
-        network=SELF_SUPERVISED, strands=False, rendering=False, nominal=True
-    ),
-    "network_without_strands_self_supervision": EstimationMethod(
-        network=SUPERVISED, strands=False, rendering=False, nominal=True
-    ),
-    "network_rendering": EstimationMethod(network=SELF_SUPERVISED),
-    "network_tracing_rendering": EstimationMethod(tracing=True, network=SELF_SUPERVISED),
-    "network_tracing_rendering_without_strands": EstimationMethod(
-        tracing=True, network=SELF_SUPERVISED, strands=False, nominal=True
-    ),
-    "network_tracing_rendering_plain_rope": EstimationMethod(
-        tracing=True, network=SELF_SUPERVISED, view=PLAIN, nominal=True
-    ),
-    "network_tracing_rendering_fine": EstimationMethod(
-        tracing=True, network=SELF_SUPERVISED, view=FINE
-    ),
+    "rendering": TRACED,
+    "rendering_without_depth": replace(TRACED, depth=False),
+    "rendering_poor_start": replace(TRACED, tracing=False),
+    "network": NETWORK,
+    "network_without_strands": replace(NETWORK, strands=False),
+    "network_without_strands_self_supervision": replace(NETWORK, strands=False, network=SUPERVISED),
+    "network_rendering": EstimationMethod(),
+    "network_tracing_rendering": BOTH,
+    "network_tracing_rendering_without_strands": replace(BOTH, strands=False),
+    "network_tracing_rendering_plain_rope": replace(BOTH, view=PLAIN),
+    "network_tracing_rendering_fine": replace(BOTH, view=FINE),
 }
 """What the experiment compares, by name."""
+EVERY_LEVEL = [
+    *("network", "network_rendering", "network_tracing_rendering"),
+    "network_tracing_rendering_fine",
+]
+"""Methods compared at all levels of noise; others at the nominal one only."""
 
 
 def _moved(truth: NDArray, rope: RopeConfig, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -380,8 +371,7 @@ def _in_view(points: NDArray, camera: Camera) -> bool:
 def _noisy_image(
     camera: SimulatedCamera, truth: NDArray, rng: np.random.Generator
 ) -> tuple[RgbdImage, float]:
-    """An image with noise, and the intersection over union of its rope as it is segmented with the
-    pixels that show rope."""
+    """An image with noise, and how well its segmented rope overlaps that rendered (IoU)."""
     view = camera.view(truth)
     image = add_noise(view.image, camera.camera, camera.noise, rng)
     found = segment(image, camera.camera, camera.rope.radius).rope
@@ -445,7 +435,7 @@ def perception(
             rng = rng_of(seed, 1, count, number, round(100 * level))
             noise = replace(camera_noise, level=level)
             appearance = Appearance.draw(rng, noise)
-            compared = [one for one in methods if level == NOMINAL or not METHODS[one].nominal]
+            compared = [one for one in methods if level == NOMINAL or one in EVERY_LEVEL]
             looks = {MARKED: appearance, PLAIN: replace(appearance, head=None), FINE: appearance}
             images = {
                 view: _noisy_image(SimulatedCamera(CAMERAS[view], rope, noise, look), truth, rng)

@@ -12,14 +12,11 @@ import hydra
 from omegaconf import DictConfig, OmegaConf
 
 from knotflow.experiments import (  # noqa: F401  registers their stages
-    actions,
-    arm,
     benchmark,
     causal_infogan,
-    closed_loop,
     demonstrations,
     dynamics,
-    overhand,
+    execution,
     perception,
     searches,
     single_stage,
@@ -61,17 +58,13 @@ class Stale:
 
 
 def stale(results_dir: Path) -> Iterator[Stale]:
-    """Compare the keys of committed results with those of today's code.
-
-    Args:
-        results_dir: holds results/<experiment>/run.json.
-    """
+    """Compare the keys in results_dir/<experiment>/run.json with those of today's code."""
     register()
     for file in sorted(results_dir.glob("*/run.json")):
         run = json.loads(file.read_text("utf-8"))
         experiment = run.get("workflow", file.parent.name)
         if experiment not in experiments():
-            yield Stale(f"{file.parent.name}", ("there is no such experiment",))
+            yield Stale(file.parent.name, ("there is no such experiment",))
             continue
         with hydra.initialize_config_dir(str(HOME / "conf"), version_base="1.3"):
             overrides = [f"+experiment={experiment}", f"budget={run['budget']}"]
@@ -86,22 +79,15 @@ def stale(results_dir: Path) -> Iterator[Stale]:
                 yield Stale(target, (f"not what {experiment} made",))
 
 
-def _differences(made: dict[str, Any], now: dict[str, Any]) -> Iterator[str]:
+def _differences(made: dict[str, Any], now: dict[str, Any]) -> list[str]:
     """What differs between how a stage was made and how it would be made now, in words."""
     if "key" not in made:
-        yield "made before keys were complete"
-        return
-    found = False
-    if made.get("code") != now["code"]:
-        found = True
-        yield "the stage's code"
+        return ["made before keys were complete"]
+    found = ["the stage's code"] if made.get("code") != now["code"] else []
     for part in ("components", "libraries", "inputs"):
         before, after = made.get(part) or {}, now[part]
         for name in sorted({*before, *after}):
-            if before.get(name) != after.get(name):
-                what = f"input {name}" if part == "inputs" else name
-                found = True
-                change = "" if part == "inputs" else f" {before.get(name)} -> {after.get(name)}"
-                yield f"{what}{change}"
-    if not found:
-        yield "arguments"
+            old, new = before.get(name), after.get(name)
+            if old != new:
+                found.append(f"input {name}" if part == "inputs" else f"{name} {old} -> {new}")
+    return found or ["arguments"]

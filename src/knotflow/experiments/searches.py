@@ -18,11 +18,13 @@ from knotflow.planning import (
     Goal,
     KnotPlan,
     PlannerConfig,
+    SearchUpdate,
     SolutionDag,
     check_steps,
     parse_goal,
     parse_rope,
     plan_knot,
+    plan_rope,
     replay,
 )
 from knotflow.planning.head_pull import PATH, pull_head, select_best_pull, tie
@@ -30,6 +32,7 @@ from knotflow.samplers import Sampler, SamplerConfig
 from knotflow.samplers.demonstrations import heuristic_splines
 from knotflow.seeding import rng_of
 from knotflow.simulation import (
+    Attempts,
     RopeSimulator,
     SimulationConfig,
     StartsConfig,
@@ -37,7 +40,7 @@ from knotflow.simulation import (
     random_curve,
     random_tangle,
 )
-from knotflow.statistics import wilson
+from knotflow.statistics import rate_columns
 from knotflow.topology import TopologicalState, all_states, parse_action
 from knotflow.viz.plan_folder import write_plan_folder
 from knotflow.workflow import StageRun, stage
@@ -73,30 +76,20 @@ class GoalSet:
     """Goals that are drawn, none twice."""
 
 
-@dataclass(frozen=True)
-class Search:
-    """What searches of a stage have in common; called, it is one of them."""
-
-    run: StageRun
-    simulation: SimulationConfig
-    planner: PlannerConfig
-    source: str
-    build: Callable[[], Sampler]
-
-    def __call__(
-        self, name: str, number: int, points: NDArray[np.float64], goal: Goal,
-        rng: np.random.Generator,
-    ) -> KnotPlan:  # fmt: skip
-        """Search from a rope (V, 3); write plans/<name>.json and recordings/<name>.mcap."""
-        first = number * self.planner.max_branches
-        recorder = Recorder(self.run, self.source, self.simulation.rope, first)
-        recorder.extra = {"plan": name}
-        simulator = RopeSimulator(self.simulation)
-        plan = plan_knot(points, goal, self.build(), simulator, rng, self.planner, observe=recorder)
-        recorder.save(f"recordings/{name}.mcap")
-        with self.run.atomic(f"plans/{name}.json") as path:
-            path.write_text(plan.to_json(trajectories=False), "utf-8")
-        return plan
+def _search(
+    run: StageRun, simulation: SimulationConfig, planner: PlannerConfig, source: str,
+    build: Callable[[], Sampler], name: str, number: int, points: NDArray[np.float64], goal: Goal,
+    rng: np.random.Generator,
+) -> KnotPlan:  # fmt: skip
+    """Search from a rope (V, 3); write plans/<name>.json and recordings/<name>.mcap."""
+    recorder = Recorder(run, source, simulation.rope, number * planner.max_branches)
+    recorder.extra = {"plan": name}
+    simulator = RopeSimulator(simulation)
+    plan = plan_knot(points, goal, build(), simulator, rng, planner, observe=recorder)
+    recorder.save(f"recordings/{name}.mcap")
+    with run.atomic(f"plans/{name}.json") as path:
+        path.write_text(plan.to_json(trajectories=False), "utf-8")
+    return plan
 
 
 @stage
@@ -131,7 +124,7 @@ def searches(
         for one in range(seeds)
     }
     build = partial(sampler_of, sampler, demonstrations=demonstrations, primitives=primitives)
-    searched = Search(run, simulation, planner, sampler.name, build)
+    searched = partial(_search, run, simulation, planner, sampler.name, build)
 
     def start_of(case: SearchCase, rng: np.random.Generator) -> NDArray[np.float64]:
         """The rope (V, 3) of a seed, metres."""
@@ -215,7 +208,7 @@ def goals(
         for number, row in enumerate(rows):
             drawn[f"{one.name}-{number:03d}"] = (one.name, number, states[row])
     build = partial(sampler_of, sampler, primitives=primitives)
-    searched = Search(run, simulation, planner, sampler.name, build)
+    searched = partial(_search, run, simulation, planner, sampler.name, build)
 
     def search(name: str) -> pd.DataFrame:
         chosen, number, state = drawn[name]
@@ -223,9 +216,9 @@ def goals(
         points = random_curve(simulation.rope, of_rope, starts)
         plan = searched(name, [*drawn].index(name), points, Goal.state(state), of_search)
         row = search_row(plan, str(state), "random", number)
-        columns = ["solved", "branches", "seconds", "nodes", "path", "reason"]
-        facts = {"set": chosen, "goal": str(state), "rope_seed": number}
-        return pd.DataFrame([facts | {column: row[column] for column in columns}])
+        row |= {"set": chosen, "rope_seed": number}
+        columns = ["set", "goal", "rope_seed", "solved", "branches", "seconds", "nodes", "path"]
+        return pd.DataFrame([row])[[*columns, "reason"]]
 
     run.alone().table("goals.csv", search, [*drawn], "goals")
 
@@ -237,18 +230,14 @@ def branches(run: StageRun, *, searches: Mapping[str, Path], column: str = "") -
     Makes branches.csv, a row a search, and tried.csv, the expansions and successes of each state
     and action, of all searches of an input and start.
     """
-    tables, tried = [], []
-    for name, folder in searches.items():
-        table = read_searches(folder)
-        spent = _tried(folder, table)
-        table = table.drop(columns="plan")
+    read = {name: read_searches(folder) for name, folder in searches.items()}
+    spent = {name: _tried(searches[name], table) for name, table in read.items()}
+    found = {name: table.drop(columns="plan") for name, table in read.items()}
+    for file, tables in (("branches.csv", found), ("tried.csv", spent)):
         if column:
-            table.insert(0, column, name)
-            spent.insert(0, column, name)
-        tables.append(table)
-        tried.append(spent)
-    run.save_table("branches.csv", pd.concat(tables, ignore_index=True))
-    run.save_table("tried.csv", pd.concat(tried, ignore_index=True))
+            for name, table in tables.items():
+                table.insert(0, column, name)
+        run.save_table(file, pd.concat(tables.values(), ignore_index=True))
 
 
 def _tried(folder: Path, searches: pd.DataFrame) -> pd.DataFrame:
@@ -278,21 +267,14 @@ def success(run: StageRun, *, searches: Path) -> None:
     rows = []
     for (goal, start), own in read_searches(searches).groupby(["goal", "start"], sort=False):
         tied = own[own["solved"]]
-        rate = wilson(len(tied), len(own))
-        rows.append(
-            {
-                "goal": goal,
-                "start": start,
-                "searches": len(own),
-                "tied": len(tied),
-                "success_rate": rate.estimate,
-                "ci_low": rate.low,
-                "ci_high": rate.high,
-                "branches_median": tied["branches"].median() if len(tied) else "",
-                "seconds_median": tied["seconds"].median() if len(tied) else "",
-            }
-        )
-    run.save_table("knots.csv", pd.DataFrame(rows), "%.6g")
+        medians = (tied[name].median() if len(tied) else "" for name in ("branches", "seconds"))
+        rows.append((goal, start, len(own), len(tied), *medians))
+    columns = ["goal", "start", "searches", "tied", "branches_median", "seconds_median"]
+    table = pd.DataFrame(rows, columns=columns)
+    rates = rate_columns(table["tied"], table["searches"])
+    for place, (name, values) in enumerate(rates.items(), 4):
+        table.insert(place, name, values)
+    run.save_table("knots.csv", table, "%.6g")
 
 
 @stage
@@ -326,15 +308,63 @@ def exemplar_plan(
     Makes plan/, see `write_plan_folder`.
     """
     plans = {name: read_plan(searches, name) for name in read_searches(searches)["plan"]}
-    efforts = {
-        name: (not plan.solved, plan.branches if plan.solved else -len(plan.steps), name)
-        for name, plan in plans.items()
-    }
-    best = min(efforts, key=lambda name: efforts[name])
+
+    def effort(name: str) -> tuple[bool, int, str]:
+        plan = plans[name]
+        return not plan.solved, plan.branches if plan.solved else -len(plan.steps), name
+
     with run.atomic("plan") as folder:
         folder.mkdir()
-        plan = replay(plans[best], simulation)
+        plan = replay(plans[min(plans, key=effort)], simulation)
         write_plan_folder(folder, plan, sampler.name, simulation.rope, signature=run.key)
+
+
+@stage
+def overhand(
+    run: StageRun,
+    *,
+    primitives: Path | None = None,
+    simulation: SimulationConfig,
+    starts: StartsConfig,
+    sampler: SamplerConfig,
+    planner: PlannerConfig,
+    knot: str,
+    start: str,
+    seed: int,
+) -> None:
+    """A plan for one knot in one rope, with everything there is to look at (Fig. 1).
+
+    Makes plan/ (see `write_plan_folder`), branches.csv, and recordings/ of all expansions.
+
+    `start` is straight, arc, random, or a file, see `planning.parse_rope`; `knot` see `parse_goal`.
+
+    Raises:
+        ValueError: see `planning.plan_rope`; or no spline could be simulated in time.
+    """
+    rope = simulation.rope
+    points = parse_rope(start, rope, rng_of(seed, 0), starts)
+    recorder, last = Recorder(run, sampler.name, rope), list[Attempts]()
+
+    def observe(attempts: Attempts) -> None:
+        recorder(attempts)
+        last[:] = [attempts]
+
+    with run.progress(total=planner.max_branches, desc="branches") as bar:
+
+        def progress(update: SearchUpdate) -> None:
+            bar.update(update.branches - bar.n)
+
+        plan = plan_rope(
+            points, knot, rng_of(seed, 1), sampler=sampler_of(sampler, primitives=primitives),
+            simulation=simulation, config=planner, progress=progress, observe=observe,
+        )  # fmt: skip
+    if not plan.branches:
+        raise ValueError(f"no spline was simulated: {plan.reason}; raise planner.max_seconds")
+    recorder.save("recordings/branches.mcap")
+    run.save_table("branches.csv", pd.DataFrame([search_row(plan, knot, start, seed)]))
+    with run.atomic("plan") as folder:
+        folder.mkdir()
+        write_plan_folder(folder, plan, sampler.name, rope, last_tried=last[0], signature=run.key)
 
 
 @stage

@@ -120,16 +120,13 @@ def tracking(
                 began = time.process_time()
                 gripper = moves.gripper[0, frame].astype(np.float64)
                 found.append(follower.update(image, gripper, link if held[frame] else None))
-                rows.append(
-                    _row(method, frame, found[-1], truth[frame])
-                    | {"visible_share": shows[frame].mean(), "moving": int(held[frame])}
-                    | {"seconds": time.process_time() - began}
-                )
+                seconds = time.process_time() - began
+                rows.append(_row(method, frame, found[-1], truth[frame], shows[frame], seconds))
+                rows[-1]["moving"] = int(held[frame])
             if method == TRACKER and isinstance(follower, Tracker):
                 began = time.process_time()
-                rest = _row(AT_REST, len(images), follower.look(at_rest), truth[-1])
-                rest |= {"visible_share": rest_shows.mean(), "moving": 0}
-                rows.append(rest | {"seconds": time.process_time() - began})
+                seen, seconds = follower.look(at_rest), time.process_time() - began
+                rows.append(_row(AT_REST, len(images), seen, truth[-1], rest_shows, seconds))
                 if name == names[0]:
                     points = np.stack([one.points for one in found]).astype(np.float32)
                     (rollout,) = recorded(film.attempts, rope, "tracking", run.key)
@@ -139,17 +136,17 @@ def tracking(
                         write_recording(path, [replace(rollout, camera=pictures)], facts)
         pixels = film.camera.project(truth[-1])
         moved = Observation.of(camera.unproject(pixels[:, :2], pixels[:, 2]))
-        rows.append(
-            _row(MISPLACED, len(images), moved, truth[-1])
-            | {"visible_share": 1.0, "moving": 0, "seconds": 0.0}
-        )
+        rows.append(_row(MISPLACED, len(images), moved, truth[-1], np.ones(1), 0.0))
         table = pd.DataFrame(rows).assign(level=int(level), action=action, rollout=name)
         return table[COLUMNS].round({"mean_error_mm": 3, "visible_share": 3, "seconds": 4})
 
     run.table("tracks.csv", track, names, "tracking")
 
 
-def _row(method: str, frame: int, found: Any, truth: NDArray[np.float64]) -> dict[str, Any]:
+def _row(
+    method: str, frame: int, found: Any, truth: NDArray, visible: NDArray, seconds: float
+) -> dict[str, Any]:
+    """A row of the table, of a rope at rest."""
     state = state_or_none(truth)
     return {
         "method": method,
@@ -157,4 +154,7 @@ def _row(method: str, frame: int, found: Any, truth: NDArray[np.float64]) -> dic
         "mean_error_mm": 1e3 * np.linalg.norm(found.points - truth, axis=1).mean(),
         "state_correct": int(state is not None and found.state == state),
         "lost": int(any("lost" in one for one in found.ambiguities)),
+        "visible_share": visible.mean(),
+        "moving": 0,
+        "seconds": seconds,
     }

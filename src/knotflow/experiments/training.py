@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from knotflow.experiments.common import Recorder
+from knotflow.experiments.common import Recorder, train
 from knotflow.experiments.demonstrations import load_starts
 from knotflow.recording import load
 from knotflow.samplers.demonstrations import SHIPPED, TASKS, Task, load_trials
@@ -38,7 +38,7 @@ from knotflow.training import (
     SelfPlay,
     SelfPlayConfig,
 )
-from knotflow.training.trainer import CURVES, merge_curves, run_training
+from knotflow.training.trainer import CURVES, merge_curves
 from knotflow.workflow import StageRun, stage
 
 PARTS = {f"primitive-{number}": number for number in PRIMITIVES}
@@ -64,14 +64,11 @@ def imitation(
         trials = demonstrated(number, load_trials(demonstrations))
         trainer = Imitation([*trials.values()], primitive, imitation, training_seed + number)
 
-        def finish() -> None:
-            with run.atomic(f"{part}.safetensors") as path:
-                PrimitiveLibrary({number: trainer.primitive}, {number: [*trials]}, rope).save(path)
+        def save(path: Path) -> None:
+            PrimitiveLibrary({number: trainer.primitive}, {number: [*trials]}, rope).save(path)
 
-        run_training(
-            trainer, run.out / part, name=f"imitation {number}", progress=run.progress,
-            save_every=10, finish=finish,
-        )  # fmt: skip
+        name, weights = f"imitation {number}", f"{part}.safetensors"
+        train(run, trainer, name, weights, save, folder=part, save_every=10)
 
     run.each(imitate, run.pending([*PARTS], ".safetensors"), "imitation")
     _merge(run)
@@ -148,15 +145,12 @@ def reinforcement(
             record,
         )
 
-        def finish() -> None:
+        def save(path: Path) -> None:
             actions = {number: [task.action for task in tasks]}
-            with run.atomic(f"{part}.safetensors") as path:
-                PrimitiveLibrary({number: trainer.primitive}, actions, rope).save(path)
+            PrimitiveLibrary({number: trainer.primitive}, actions, rope).save(path)
 
-        run_training(
-            trainer, run.out / part, name=f"reinforcement {number}", progress=run.progress,
-            save_every=4, finish=finish,
-        )  # fmt: skip
+        name, weights = f"reinforcement {number}", f"{part}.safetensors"
+        train(run, trainer, name, weights, save, folder=part, save_every=4)
 
     run.each(reinforce, run.pending([*PARTS], ".safetensors"), "reinforcement")
     _merge(run)
@@ -200,11 +194,10 @@ def self_play(
         seed,
         starts,
     )
-    part = run.out / "training"
+    part = "training"
 
-    def finish() -> None:
-        with run.atomic(FILE) as path:
-            trainer.library.save(path)
+    def save(path: Path) -> None:
+        trainer.library.save(path)
         rows = [
             (str(state), str(action), pair.trials, pair.successes, pair.rate)
             for (state, action), pair in trainer.curriculum.stats.items()
@@ -212,11 +205,9 @@ def self_play(
         columns = ["start", "action", "trials", "successes", "recent_rate"]
         table = pd.DataFrame(rows, columns=columns).sort_values(["start", "action"])
         run.save_table("trials.csv", table)
-        run.save_table(CURVES, merge_curves({1: part / CURVES}), "%.6g")
+        run.save_table(CURVES, merge_curves({1: run.out / part / CURVES}), "%.6g")
 
-    run_training(
-        trainer, part, name="self-play", progress=run.progress, save_every=25, finish=finish
-    )
+    train(run, trainer, "self-play", FILE, save, folder=part, save_every=25)
 
 
 def earlier_attempts(folder: Path, count: int) -> list[Attempts]:

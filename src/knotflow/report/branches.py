@@ -3,7 +3,8 @@ trained independently and jointly by self-play (Sec. VII-B2)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -57,14 +58,14 @@ def tree_size(results: Results, figures: Figures) -> Parts | None:
         return None
     methods = with_extras((ICP, IMITATION, REINFORCEMENT), list(searches["method"]))
     starts = list(dict.fromkeys([*STARTS, *searches["start"]]))
-    groups: dict[tuple[str, ...], pd.DataFrame] = {
-        (start, method.label): select(searches, method.name, start)
+    groups = (
+        ({"start": start, "method": method.label}, select(searches, method.name, start))
         for start in starts
         for method in methods
-    }
+    )
     return {
         "figure": branches_figure(figures, SIZE, searches, methods, starts, PAPER_LARGEST),
-        "searches": search_table(("start", "method"), groups),
+        "searches": search_table(groups),
         "checks": checks(results, SIZE),
         "spent": branches_spent(results, SIZE, "method"),
         "steps": step_table(results, methods),
@@ -167,22 +168,18 @@ def judge_reinforcement(results: Results) -> Judgement:
     return Judgement(f"{_ranges(trees)}; {fewest}", Verdict.of_two(max(every) < 5, often))
 
 
-def hardest_steps(method: str) -> Callable[[Results], str]:
+def hardest_steps(method: str, results: Results) -> str:
     """For each start, the action that succeeds least from what the one before left."""
-
-    def reason(results: Results) -> str:
-        steps = _read_steps(results, method)
-        if steps is None:
-            return ""
-        parts = []
-        for start, own in steps.groupby("start", sort=False):
-            sums = own.groupby("action", sort=False)[["successes", "splines"]].sum()
-            action = str((sums["successes"] / sums["splines"]).idxmin())
-            cell = _step_cell(own, str(start), action).replace("<br>", ", ")
-            parts.append(f"`{action}` from the {start} rope, {cell}")
-        return f"the hardest action of the path is {'; '.join(parts)}"
-
-    return reason
+    steps = _read_steps(results, method)
+    if steps is None:
+        return ""
+    parts = []
+    for start, own in steps.groupby("start", sort=False):
+        sums = own.groupby("action", sort=False)[["successes", "splines"]].sum()
+        action = str((sums["successes"] / sums["splines"]).idxmin())
+        cell = _step_cell(own, str(start), action).replace("<br>", ", ")
+        parts.append(f"`{action}` from the {start} rope, {cell}")
+    return f"the hardest action of the path is {'; '.join(parts)}"
 
 
 def joint_finetuning(results: Results, figures: Figures) -> Parts | None:
@@ -194,12 +191,10 @@ def joint_finetuning(results: Results, figures: Figures) -> Parts | None:
     shown = [*TRAINED, *(method for method in BY_POSTERIOR if method.name in names)]
     methods = with_extras(shown, list(searches["method"]))
     single = read_rates(results, JOINT, "single_actions.csv", "single_actions_per_start.csv")
-    groups: dict[tuple[str, ...], pd.DataFrame] = {
-        (method.label,): select(searches, method.name) for method in methods
-    }
+    groups = (({"primitives": one.label}, select(searches, one.name)) for one in methods)
     return {
         "figure": branches_figure(figures, JOINT, searches, methods, [""], {}),
-        "searches": search_table(("primitives",), groups),
+        "searches": search_table(groups),
         "checks": checks(results, JOINT),
         "spent": branches_spent(results, JOINT, "primitives"),
         "self_play": self_play(results, figures, JOINT, "curves_joint.csv", "self_play"),
@@ -285,21 +280,21 @@ SIZE_CLAIMS = (
         "from both starts the largest tree has at least 10 times the branches of the smallest; "
         "partly if from one",
         judge_icp,
-        hardest_steps("icp"),
+        partial(hardest_steps, "icp"),
     ),
     Claim(
         "Branches to the overhand, imitation only",
         "10 seeds: up to 43 (straight), 9 (arc)",
         "no tree is larger than these; partly if from one of the starts",
         judge_imitation,
-        hardest_steps("imitation"),
+        partial(hardest_steps, "imitation"),
     ),
     Claim(
         "Branches to the overhand, imitation + RL",
         "below 5 in all 10 seeds, 3 (the limit) in more than half",
         "both are so from both starts; partly if one of the two",
         judge_reinforcement,
-        hardest_steps("reinforcement"),
+        partial(hardest_steps, "reinforcement"),
     ),
 )
 

@@ -123,15 +123,11 @@ def _table(groups: Groups, every: Groups) -> str:
             sighted = name.removesuffix(TRUE_STATE)
             vision = every.get((knot, level, sighted)) if name != sighted else None
             row["minus the same by vision, points"] = _gain(own, vision)
-        rows.append(
-            row
-            | {
-                "actions": f"{own['actions_done'].mean():.1f}",
-                "deviation": _mean(own["mean_deviation_mm"], "mm"),
-                "time, median": md.duration(own["seconds"].median()),
-                "planning, median": md.duration(own["planning_seconds"].median()),
-            }
-        )
+        row["actions"] = f"{own['actions_done'].mean():.1f}"
+        row["deviation"] = _mean(own["mean_deviation_mm"], "mm")
+        row["time, median"] = md.duration(own["seconds"].median())
+        row["planning, median"] = md.duration(own["planning_seconds"].median())
+        rows.append(row)
     return md.table(rows)
 
 
@@ -145,12 +141,10 @@ def _mean(values: pd.Series, unit: str) -> str:
 
 def _gain(own: pd.DataFrame, base: pd.DataFrame | None) -> str:
     """Percentage points tied above others, on the twins that both were executed on."""
-    both = None if base is None else own.merge(base, on="twin", suffixes=("", "_base"))
+    both = None if base is None else 100.0 * own.merge(base, on="twin")[["tied_x", "tied_y"]]
     if both is None or both.empty:
         return md.NOTHING
-    return md.estimate(
-        mean_difference(100.0 * both["tied"], 100.0 * both["tied_base"], paired=True)
-    )
+    return md.estimate(mean_difference(both["tied_x"], both["tied_y"], paired=True))
 
 
 def _causes(groups: Groups) -> str:
@@ -234,13 +228,9 @@ def _plot(figure: Figure, runs: pd.DataFrame) -> None:
     figure.legend(loc="outside upper left", ncols=4, frameon=False, fontsize=8.5)
 
 
-TRAJECTORIES = {"plan": int, "solved": bool} | dict.fromkeys(
-    (
-        *("waypoints", "unreached", "tip_error_mm", "tip_speed", "limit_margin_deg"),
-        *("joint_speed_share", "seconds", "slowed"),
-    ),
-    float,
-)
+TRAJECTORIES = {"plan": int, "solved": bool}
+TRAJECTORIES |= dict.fromkeys(("waypoints", "unreached", "tip_error_mm", "tip_speed"), float)
+TRAJECTORIES |= dict.fromkeys(("limit_margin_deg", "joint_speed_share", "seconds", "slowed"), float)
 
 
 def arm(results: Results, _: Figures) -> Parts | None:

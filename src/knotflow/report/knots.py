@@ -85,16 +85,16 @@ def pentagram(results: Results, figures: Figures) -> Parts | None:
     if searches.empty:
         return None
     head = results.setting("pentagram", "head", "pull")
-    groups: dict[tuple[str, ...], pd.DataFrame] = {
-        (name,): searches[searches["start"] == start] for start, name in STARTS.items()
-    }
+    groups = (
+        ({"start": name}, searches[searches["start"] == start]) for start, name in STARTS.items()
+    )
     shown = (
         figures.own("pentagram", f"{folder}/plan.png", caption)
         for folder, caption in PENTAGRAM_PLANS.items()
     )
     return {
         "head": f" until {100 * head:g} cm of rope lie before the first crossing" if head else "",
-        "searches": search_table(("start",), groups),
+        "searches": search_table(groups),
         "checks": checks(results, "pentagram"),
         "plans": md.join(*shown),
     }

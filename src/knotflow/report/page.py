@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
+import pandas as pd
 from matplotlib.figure import Figure
 
 from knotflow.report import (
@@ -22,7 +24,7 @@ from knotflow.report import (
     training,
 )
 from knotflow.report import markdown as md
-from knotflow.report.results import Results, StageRun, read_table
+from knotflow.report.results import Results, read_table
 from knotflow.report.section import COLOURS, Figures, Parts, Section, Verdict, bare_axis
 from knotflow.statistics import RESAMPLES
 from knotflow.viz.style import INK
@@ -34,22 +36,18 @@ STAGES_DRAWN = 15
 """The longest, in the figure of run times."""
 
 
-def plain(experiment: str) -> Callable[[Results, Figures], Parts | None]:
-    """The section that shows every table of an experiment."""
-
-    def parts(results: Results, _: Figures) -> Parts | None:
-        found = results.measured(experiment)
-        if not found:
-            return None
-        tables = []
-        for path in found.tables:
-            table = read_table(path)
-            rows = table.head(ROWS_SHOWN).to_dict("records")
-            more = f", the first {len(rows)} of {len(table)} rows" if len(table) > len(rows) else ""
-            tables.append(md.table(rows, f"**{path.name}**{more}:"))
-        return {"tables": md.join(*tables)}
-
-    return parts
+def plain(experiment: str, results: Results, _: Figures) -> Parts | None:
+    """Every table of an experiment."""
+    found = results.measured(experiment)
+    if not found:
+        return None
+    tables = []
+    for path in found.tables:
+        table = read_table(path)
+        rows = table.head(ROWS_SHOWN).to_dict("records")
+        more = f", the first {len(rows)} of {len(table)} rows" if len(table) > len(rows) else ""
+        tables.append(md.table(rows, f"**{path.name}**{more}:"))
+    return {"tables": md.join(*tables)}
 
 
 PAPER = (
@@ -70,15 +68,15 @@ FURTHER = (
     Section("goals_ablation", knots.ablation),
     Section("actions", actions.actions),
     Section("perception", perception.perception),
-    Section("perception_training", training.network("perception_training")),
-    Section("strand_training", training.network("strand_training")),
+    Section("perception_training", partial(training.network, "perception_training")),
+    Section("strand_training", partial(training.network, "strand_training")),
     Section("tracking", perception.tracking),
     Section("dynamics", perception.dynamics),
-    Section("dynamics_training", training.network("dynamics_training")),
+    Section("dynamics_training", partial(training.network, "dynamics_training")),
     Section("closed_loop", execution.closed_loop),
     Section("closed_loop_ablation", execution.ablation),
     Section("arm", execution.arm),
-    Section("benchmark", plain("benchmark")),
+    Section("benchmark", partial(plain, "benchmark")),
 )
 SECTIONS = {section.experiment: section for section in PAPER + FURTHER}
 CLAIMS = [(section, claim) for section in SECTIONS.values() for claim in section.claims]
@@ -246,7 +244,7 @@ def _others(results: Results) -> list[Section]:
     """Experiments of one's own: measured, and neither of the paper's nor another run of one that
     has a section, such as a plan for another knot."""
     return [
-        Section(name, plain(name))
+        Section(name, partial(plain, name))
         for name, found in results.experiments.items()
         if found.tables
         and name not in SECTIONS
@@ -255,33 +253,33 @@ def _others(results: Results) -> list[Section]:
 
 
 def timing(results: Results, figures: Figures) -> str:
-    """The time and memory of each experiment, every stage counted once; the longest stages."""
-    once: dict[str, StageRun] = {}
-    for found in results.experiments.values():
-        for stage in found.stages:
-            known = once.setdefault(stage.identity, stage)
-            if (stage.seconds or 0.0) > (known.seconds or 0.0):  # the others found it there
-                once[stage.identity] = stage
-    timed = [stage for stage in once.values() if stage.seconds is not None]
-    if not timed:
+    """The time of each experiment, every stage counted once; the longest stages."""
+    every = pd.DataFrame(
+        [
+            (name, node, made.get("key") or made.get("signature") or f"{name}/{node}",
+             made["seconds"])
+            for name, found in results.experiments.items()
+            for node, made in found.stages.items()
+            if made.get("seconds") is not None
+        ],
+        columns=["experiment", "node", "identity", "seconds"],
+    )  # fmt: skip
+    if every.empty:
         return "No run has recorded its stages yet."
-    rows = []
-    for name in dict.fromkeys(stage.experiment for stage in timed):
-        own = [stage for stage in timed if stage.experiment == name]
-        memory = max(stage.memory_mb or 0.0 for stage in own)
-        rows.append(
-            {
-                "experiment": f"`{name}`",
-                "stages": str(len(own)),
-                "time": md.duration(_total(own)),
-                "most memory": f"{memory:,.0f} MB" if memory else md.NOTHING,
-            }
-        )
-    longest = sorted(timed, key=lambda stage: -(stage.seconds or 0.0))[:STAGES_DRAWN]
+    # Of a stage that experiments share, the longest: the others found it there.
+    timed = every.loc[every.groupby("identity", sort=False)["seconds"].idxmax()]
+    rows = [
+        {
+            "experiment": f"`{name}`",
+            "stages": str(len(own)),
+            "time": md.duration(own["seconds"].sum()),
+        }
+        for name, own in timed.groupby("experiment", sort=False)
+    ]
+    longest = timed.sort_values("seconds", ascending=False, kind="stable")[:STAGES_DRAWN]
     return md.join(
-        f"All experiments took {md.duration(_total(timed))} in {len(timed)} stages. Times are "
-        "wall-clock; a stage that several experiments share is counted once. Memory is the most "
-        "that a process and its workers held at once.",
+        f"All experiments took {md.duration(timed['seconds'].sum())} in {len(timed)} stages. Times "
+        "are wall-clock; a stage that several experiments share is counted once.",
         md.table(rows),
         figures.draw(
             "stages",
@@ -292,23 +290,14 @@ def timing(results: Results, figures: Figures) -> str:
     )
 
 
-def _total(stages: Sequence[StageRun]) -> float:
-    return sum(stage.seconds or 0.0 for stage in stages)
-
-
-def _plot(figure: Figure, stages: Sequence[StageRun]) -> None:
+def _plot(figure: Figure, stages: pd.DataFrame) -> None:
     axes = figure.add_subplot()
-    labels = [f"{stage.experiment}: {stage.node}".replace("_", " ") for stage in stages]
-    minutes = [(stage.seconds or 0.0) / 60 for stage in stages]
-    axes.barh(range(len(stages)), minutes, 0.62, color=COLOURS[0])
-    for y, stage in enumerate(stages):
-        place = (minutes[y], y)
-        axes.annotate(
-            md.duration(stage.seconds), place, (5, 0), textcoords="offset points", va="center"
-        )
+    labels = (stages["experiment"] + ": " + stages["node"]).str.replace("_", " ")
+    bars = axes.barh(range(len(stages)), stages["seconds"] / 60, 0.62, color=COLOURS[0])
+    axes.bar_label(bars, [md.duration(seconds) for seconds in stages["seconds"]], padding=5)
     axes.set_yticks(range(len(stages)), labels)
     axes.tick_params(axis="y", labelcolor=INK)
     axes.set_ylim(len(stages) - 0.4, -0.6)
-    axes.set_xlim(0, max([*minutes, 1e-9]) * 1.22)
+    axes.set_xlim(0, max(stages["seconds"].max() / 60, 1e-9) * 1.22)
     axes.set_xlabel("minutes")
     bare_axis(axes, "x")

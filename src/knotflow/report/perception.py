@@ -62,6 +62,12 @@ def perception(results: Results, figures: Figures) -> Parts | None:
     own = table[table["method"] == shown]
     label = _label(shown)
     images = table.drop_duplicates(["noise", "crossings", "rope"]).groupby("noise")
+    lines = [
+        _line(str(method), noise, some)
+        for (method, noise), every in table.groupby(["method", "noise"], sort=False)
+        for low, high in GROUPS
+        if len(some := every[every["crossings"].between(low, high)])
+    ]
     overlap = [f"{one['rope_iou'].mean():.2f} at noise {noise:g}" for noise, one in images]
     return {
         "figure": figures.draw(
@@ -70,7 +76,7 @@ def perception(results: Results, figures: Figures) -> Parts | None:
             2.6,
             lambda figure: _plot(figure, own),
         ),
-        "methods": _method_table(table),
+        "methods": md.table(lines),
         "unambiguous": _unambiguous(own, label),
         "examples": figures.own(
             EXPERIMENT,
@@ -85,35 +91,26 @@ def perception(results: Results, figures: Figures) -> Parts | None:
 
 def _label(method: str) -> str:
     base, _, without = method.partition("_without_")
-    parts = {"depth": "depth", "strands": "strand tracing"}
-    parts["strands_self_supervision"] = "strand tracing and self-supervision"
+    both = "strand tracing and self-supervision"
+    parts = {"strands": "strand tracing", "strands_self_supervision": both}
     name = BASES.get(base, base.replace("_", " "))
     return f"{name}, without {parts.get(without, without)}" if without else name
 
 
-def _method_table(table: pd.DataFrame) -> str:
-    rows = [
-        {"method": _label(str(method))} | _line(noise, some)
-        for (method, noise), own in table.groupby(["method", "noise"], sort=False)
-        for low, high in GROUPS
-        if len(some := own[own["crossings"].between(low, high)])
-    ]
-    return md.table(rows)
+def _mean(errors: pd.Series) -> str:
+    errors = errors.dropna()
+    return md.estimate(bootstrap(errors)) if len(errors) else md.NOTHING
 
 
-def _line(noise: float, some: pd.DataFrame) -> dict[str, str]:
+def _line(method: str, noise: float, some: pd.DataFrame) -> dict[str, str]:
     wrong = some[~some["state_correct"]]
-    found = some.dropna(subset=["mean_error_mm"])
-    vertex, curve = (
-        md.estimate(bootstrap(found[name])) if len(found) else md.NOTHING
-        for name in ("mean_error_mm", "off_curve_error_mm")
-    )
     return {
+        "method": _label(method),
         "noise": f"{noise:g}",
         "crossings": f"{some['crossings'].min()} to {some['crossings'].max()}",
         "ropes": str(len(some)),
-        "vertex error, mm": vertex,
-        "curve error, mm": curve,
+        "vertex error, mm": _mean(some["mean_error_mm"]),
+        "curve error, mm": _mean(some["off_curve_error_mm"]),
         "state accuracy": md.rate(some["state_correct"]),
         "flagged": f"{wrong['doubtful'].sum()} of {len(wrong)}",
         "head accuracy": md.rate(some["head_correct"]),
@@ -128,12 +125,11 @@ def _unambiguous(shown: pd.DataFrame, label: str) -> str:
         for noise, own in shown.groupby("noise")
         if len(sure := own[~own["doubtful"]])
     ]
-    if not parts:
-        return ""
-    return (
+    about = (
         "An estimate reports whether it is ambiguous. The state accuracy of unambiguous estimates "
         f"by {label} is {md.listed(parts)}."
     )
+    return about if parts else ""
 
 
 def _plans(results: Results) -> str:
@@ -209,8 +205,8 @@ def _track_line(own: pd.DataFrame) -> dict[str, str]:
     time = f"{1000 * own['seconds'].median():.0f} ms" if own["seconds"].any() else md.NOTHING
     return {
         "rollouts": str(len(ends)),
-        "error in motion, mm": md.estimate(bootstrap(motion)) if len(motion) else md.NOTHING,
-        "error at rest, mm": md.estimate(bootstrap(ends["mean_error_mm"])),
+        "error in motion, mm": _mean(motion),
+        "error at rest, mm": _mean(ends["mean_error_mm"]),
         "median at rest": f"{ends['mean_error_mm'].median():.1f}",
         "state accuracy at rest": md.rate(ends["state_correct"]),
         "images lost": f"{100 * own['lost'].mean():.1f} %",

@@ -14,7 +14,7 @@ from matplotlib.ticker import PercentFormatter
 
 from knotflow import statistics
 from knotflow.report import markdown as md
-from knotflow.report.results import Results, ResultsError, refuse
+from knotflow.report.results import Results, refuse
 from knotflow.report.section import Figures, NotMeasured, bare_axis
 from knotflow.statistics import Interval
 from knotflow.viz.style import INK, MUTED
@@ -72,12 +72,7 @@ def in_order(actions: Sequence[str]) -> list[str]:
 
 
 class Rates:
-    """How often each method reached each action's goal state.
-
-    Args:
-        table: method, action, trials, successes, a row a rate.
-        starts: the same start by start, where it is known.
-    """
+    """How often each method reached each action's goal state, and start by start where known."""
 
     def __init__(self, table: pd.DataFrame, starts: pd.DataFrame | None = None) -> None:
         self.counts = {
@@ -147,16 +142,16 @@ class Rates:
 
     def ratio_table(self, pairs: Sequence[tuple[Method, Method]]) -> str:
         """How many times as often the first of each pair succeeds as the second; '' without."""
-        rows = []
-        for action in self.actions if pairs else ():
-            row = {"action": f"`{action}`"}
-            for first, base in pairs:
-                shared = action in self.shared_actions(first.name, base.name)
-                ratio = (
-                    md.times(self.ratio(first.name, base.name, action)) if shared else md.NOTHING
-                )
-                row[f"{first.label} / {base.label}"] = ratio
-            rows.append(row)
+
+        def cell(first: str, base: str, action: str) -> str:
+            shared = action in self.shared_actions(first, base)
+            return md.times(self.ratio(first, base, action)) if shared else md.NOTHING
+
+        rows = [
+            {"action": f"`{action}`"}
+            | {f"{m.label} / {base.label}": cell(m.name, base.name, action) for m, base in pairs}
+            for action in (self.actions if pairs else ())
+        ]
         return md.table(rows, "Ratios of success rates, with 95 % intervals:")
 
     def figure(self, figures: Figures, methods: Sequence[Method], name: str, of: str) -> str:
@@ -236,14 +231,9 @@ def read_rates(
     if table is None:
         return None
     check_counts(table)
-    for row in table.itertuples():
-        right = statistics.wilson(row.successes, row.trials)
-        limits = [right.estimate, right.low or 0.0, right.high or 0.0]
-        if not np.allclose([row.success_rate, row.ci_low, row.ci_high], limits, atol=TOLERANCE):
-            raise ResultsError(
-                f"{table.attrs['path']}, line {row.Index + 2}: the rate or its limits disagree "
-                f"with {row.successes} of {row.trials}"
-            )
+    right = pd.DataFrame(statistics.rate_columns(table["successes"], table["trials"]))[[*written]]
+    wrong = ~np.isclose(table[[*written]], right, atol=TOLERANCE).all(axis=1)
+    refuse(table, pd.Series(wrong), "the rate or its limits disagree with {successes} of {trials}")
     key = ["method", "action"]
     starts = results.table(experiment, of_starts, columns | {"start": str}, (*key, "start"))
     if starts is not None:
@@ -251,9 +241,8 @@ def read_rates(
         sums = starts.groupby(key)[["successes", "trials"]].sum()
         both = table.merge(sums, on=key, suffixes=("", "_starts"))
         both.attrs = table.attrs
-        wrong = (both["successes"] != both["successes_starts"]) | (
-            both["trials"] != both["trials_starts"]
-        )
+        counted = both[["successes_starts", "trials_starts"]].to_numpy()
+        wrong = (both[["successes", "trials"]] != counted).any(axis=1)
         problem = f"has {{successes}} of {{trials}}, but {of_starts} sums to"
         refuse(both, wrong, f"{problem} {{successes_starts}} of {{trials_starts}}")
     return Rates(table, starts)

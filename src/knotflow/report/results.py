@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -87,24 +86,6 @@ def refuse(table: pd.DataFrame, wrong: pd.Series, problem: str) -> None:
         raise ResultsError(f"{table.attrs['path']}, line {row + 2}: {message}")
 
 
-@dataclass(frozen=True)
-class StageRun:
-    """One stage of an experiment, as run.json has it."""
-
-    experiment: str
-    node: str
-    key: str
-    """'' where it was made before stages had keys."""
-    identity: str
-    """The same for a stage that several experiments share."""
-    seconds: float | None
-    memory_mb: float | None
-    commit: str
-    dirty: bool
-    components: Mapping[str, int]
-    """Versions of the parts of knotflow that it computed with."""
-
-
 class Experiment:
     """One folder of results/."""
 
@@ -112,6 +93,8 @@ class Experiment:
         self.folder, self.name = folder, folder.name
         self.run = _read(folder / "run.json", json.loads)
         self.config = _read(folder / "config.yaml", yaml.safe_load)
+        self.stages: dict[str, dict[str, Any]] = self.run.get("stages") or {}
+        """What run.json says of each node, in the order of execution."""
         self.budget = str(self.run.get("budget") or "unknown")
         """`paper` for the paper's counts, `smoke` for the short run of the same chain."""
         for name, size in (self.run.get("bytes") or {}).items():
@@ -127,45 +110,28 @@ class Experiment:
         """Its CSVs, by name; without any it was not run."""
         return [path for path in sorted(self.folder.glob("*.csv")) if path.name != NO_TABLE]
 
-    @cached_property
-    def stages(self) -> list[StageRun]:
-        """Its stages in the order of run.json, which is the order of execution."""
-        return [
-            StageRun(
-                experiment=self.name,
-                node=node,
-                key=str(made.get("key") or ""),
-                identity=made.get("key") or made.get("signature") or f"{self.name}/{node}",
-                seconds=made.get("seconds"),
-                memory_mb=made.get("memory_mb"),
-                commit=made.get("commit") or "",
-                dirty=bool(made.get("dirty")),
-                components=made.get("components") or made.get("packages") or {},
-            )
-            for node, made in (self.run.get("stages") or {}).items()
-        ]
-
     @property
     def commits(self) -> str:
         """The commits that its stages were made with."""
-        found = dict.fromkeys(stage.commit[:10] for stage in self.stages if stage.commit)
+        stages = self.stages.values()
+        found = dict.fromkeys(made["commit"][:10] for made in stages if made.get("commit"))
         words = ", ".join(f"`{commit}`" for commit in found) or "unknown"
-        dirty = any(stage.dirty for stage in self.stages)
+        dirty = any(made.get("dirty") for made in stages)
         return f"{words} with uncommitted changes" if dirty else words
 
     @property
     def stale(self) -> str:
         """Why today's code would make these results otherwise, as far as run.json says; else ''."""
-        made: dict[str, int] = {}
-        for stage in self.stages:
-            for name, version in stage.components.items():
-                made[name] = min(version, made.get(name, version))
+        oldest: dict[str, int] = {}
+        for made in self.stages.values():
+            for name, version in (made.get("components") or made.get("packages") or {}).items():
+                oldest[name] = min(version, oldest.get(name, version))
         reasons = [
             f"{name} {version}, now {COMPONENTS[name].version}"
-            for name, version in sorted(made.items())
+            for name, version in sorted(oldest.items())
             if name in COMPONENTS and version < COMPONENTS[name].version
         ]
-        if any(not stage.key for stage in self.stages):
+        if any(not made.get("key") for made in self.stages.values()):
             reasons.append("made before stages had keys")
         return "; ".join(reasons)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -96,27 +96,24 @@ def branches_spent(results: Results, experiment: str, method: str) -> str:
     return md.table(rows, "The states and actions on which each spent most branches:")
 
 
-def search_table(header: Sequence[str], groups: Mapping[tuple[str, ...], pd.DataFrame]) -> str:
-    """A line for each group of searches, by its first cells, which stand under `header`."""
+def search_table(groups: Iterable[tuple[dict[str, str], pd.DataFrame]]) -> str:
+    """A line for each group of searches that has any, after its first cells by column."""
     rows = []
-    for first, own in groups.items():
+    for first, own in groups:
         if own.empty:
             continue
         counts = own["branches"].tolist()
-        spread = md.tenths(statistics.stdev(counts)) if len(counts) > 1 else md.NOTHING
-        rows.append(
-            dict(zip(header, first, strict=True))
-            | {
-                "n": str(len(counts)),
-                "fewest": f"{min(counts):,}",
-                "median": f"{statistics.median(counts):,g}",
-                "mean (95 %)": md.estimate(bootstrap(counts)),
-                "SD": spread,
-                "most": f"{max(counts):,}",
-                "gave up": str((~own["solved"]).sum()),
-                "time, median": md.duration(own["seconds"].median()),
-            }
-        )
+        columns = {
+            "n": str(len(counts)),
+            "fewest": f"{min(counts):,}",
+            "median": f"{statistics.median(counts):,g}",
+            "mean (95 %)": md.estimate(bootstrap(counts)),
+            "SD": md.tenths(statistics.stdev(counts)) if len(counts) > 1 else md.NOTHING,
+            "most": f"{max(counts):,}",
+            "gave up": str((~own["solved"]).sum()),
+            "time, median": md.duration(own["seconds"].median()),
+        }
+        rows.append(first | columns)
     return md.table(rows)
 
 

@@ -74,12 +74,7 @@ class Claim:
 
 
 class Figures:
-    """The figures of the report, numbered as they are made.
-
-    Args:
-        results: where the experiments' own pictures are.
-        link: leads from the report to the results folder.
-    """
+    """The figures of the report, numbered as they are made; `link` leads from it to the results."""
 
     def __init__(self, results: Results, link: str = "../results") -> None:
         self.results, self.link = results, link

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,8 +51,8 @@ def draw_curves(
     caption: str,
     panels: Mapping[str, Sequence[Line]],
     over: str = "round",
-    *,
     rates: Sequence[str] = (),
+    *,
     legend: bool = False,
 ) -> str:
     """A figure of learning curves, a panel a title; `over` is what is at the x axis.
@@ -119,10 +119,10 @@ def imitation(results: Results, figures: Figures, experiment: str) -> str:
         "Learning curves of imitation by primitive, on held-out demonstrations (solid) and on "
         "training batches (pale). The last weights are kept."
     )
+    if not curves:
+        return ""
     rates = ["critic: accuracy"]
-    return (curves and draw_curves(
-        figures, "imitation", caption, panels, "validation", rates=rates, legend=True
-    )) or ""  # fmt: skip
+    return draw_curves(figures, "imitation", caption, panels, "validation", rates, legend=True)
 
 
 def reinforcement(results: Results, figures: Figures, experiment: str) -> str:
@@ -133,11 +133,8 @@ def reinforcement(results: Results, figures: Figures, experiment: str) -> str:
         own = {metric.partition("/")[2]: curve for (n, metric), curve in curves.items()
                if n == number and metric.startswith(f"{POLICY_SUCCESS}/")}  # fmt: skip
         for colour, action in zip(COLOURS, in_order([*own]), strict=False):
-            lines = [
-                Line(own[action], colour, "", DOTS),
-                Line(smoothed(own[action]), colour, action),
-            ]
-            panels.setdefault(title, []).extend(lines)
+            dots, mean = Line(own[action], colour, "", DOTS), smoothed(own[action])
+            panels.setdefault(title, []).extend([dots, Line(mean, colour, action)])
     caption = (
         "Success rate of the policy's own attempts over the rounds of reinforcement, on the start "
         f"shapes of each round (dots) and as a moving mean of {SMOOTHED} rounds. These are starts "
@@ -171,10 +168,8 @@ def self_play(results: Results, figures: Figures, experiment: str, name: str, fi
     )
     panels = {"success of the policy's own splines": success, "pairs of state and action": pairs}
     rates = [*panels][:1]
-    drawn = (
-        draw_curves(figures, figure, caption, panels, rates=rates, legend=True) if curves else ""
-    )
-    return md.join(drawn, _trials(results, experiment))
+    drawn = curves and draw_curves(figures, figure, caption, panels, rates=rates, legend=True)
+    return md.join(drawn or "", _trials(results, experiment))
 
 
 def _trials(results: Results, experiment: str) -> str:
@@ -200,27 +195,23 @@ def library(results: Results, figures: Figures) -> Parts | None:
     return {"self_play": own}
 
 
-def network(experiment: str) -> Callable[[Results, Figures], Parts | None]:
-    """The section of a network's training: its curves, and where they ended."""
-
-    def parts(results: Results, figures: Figures) -> Parts | None:
-        table = results.table(experiment, "curves.csv", {"step": int}, key=("step",))
-        if table is None:
-            return None
-        curves = table.astype(float).sort_values("step").set_index("step")
-        panels: dict[str, list[Line]] = {}
-        for column in curves:
-            quantity = str(column).removeprefix("validation_")
-            held_out = quantity != column
-            label, colour = ("held out", COLOURS[0]) if held_out else ("training", COLOURS[-1])
-            line = Line(curves[column], colour, label, None if held_out else PALE)
-            panels.setdefault(quantity.replace("_", " "), []).append(line)
-        last = {"gradient steps": f"{curves.index[-1]:,.0f}"} | {
-            f"{title}, {lines[-1].label}": md.number(lines[-1].curve.iloc[-1])
-            for title, lines in panels.items()
-        }
-        caption = "Learning curves, in training (pale) and held out. The last weights are kept."
-        drawn = draw_curves(figures, experiment, caption, panels, "gradient step")
-        return {"curves": md.join(drawn, md.table([last]))}
-
-    return parts
+def network(experiment: str, results: Results, figures: Figures) -> Parts | None:
+    """A network's learning curves, and where they ended."""
+    table = results.table(experiment, "curves.csv", {"step": int}, key=("step",))
+    if table is None:
+        return None
+    curves = table.astype(float).sort_values("step").set_index("step")
+    panels: dict[str, list[Line]] = {}
+    for column in curves:
+        quantity = str(column).removeprefix("validation_")
+        held_out = quantity != column
+        label, colour = ("held out", COLOURS[0]) if held_out else ("training", COLOURS[-1])
+        line = Line(curves[column], colour, label, None if held_out else PALE)
+        panels.setdefault(quantity.replace("_", " "), []).append(line)
+    last = {"gradient steps": f"{curves.index[-1]:,.0f}"} | {
+        f"{title}, {lines[-1].label}": md.number(lines[-1].curve.iloc[-1])
+        for title, lines in panels.items()
+    }
+    caption = "Learning curves, in training (pale) and held out. The last weights are kept."
+    drawn = draw_curves(figures, experiment, caption, panels, "gradient step")
+    return {"curves": md.join(drawn, md.table([last]))}

@@ -81,12 +81,9 @@ def library_versions(modules: Iterable[str]) -> dict[str, str]:
 
 def component_of(module: str) -> str | None:
     """The component that owns a module, None for one without a version."""
-    name, best, found = module.removeprefix("knotflow."), "", None
-    for component, (_, modules) in COMPONENTS.items():
-        for prefix in modules:
-            if f"{name}.".startswith(f"{prefix}.") and len(prefix) > len(best):
-                found, best = component, prefix
-    return found
+    name = f"{module.removeprefix('knotflow.')}."
+    owners = {prefix: one for one, (_, modules) in COMPONENTS.items() for prefix in modules}
+    return owners.get(max((p for p in owners if name.startswith(f"{p}.")), key=len, default=""))
 
 
 def modules_of(component: str) -> Iterator[str]:

@@ -20,7 +20,7 @@ from typing import Any
 import yaml
 
 from knotflow.threads import one_thread
-from knotflow.workflow.key import digest, plain
+from knotflow.workflow.key import digest
 from knotflow.workflow.shards import StageRun, WorkersConfig
 from knotflow.workflow.stage import WorkflowError
 from knotflow.workflow.store import (
@@ -32,14 +32,11 @@ from knotflow.workflow.store import (
     sizes,
     write_json,
 )
-from knotflow.workflow.workflow import Node, Workflow
+from knotflow.workflow.workflow import Node, Source, Workflow
 
 CONFIG, RUN = "config.yaml", "run.json"
 GENERATED = ("results", "reports")  # made by runs themselves: they do not make the code dirty
-PUBLISHED = (
-    *("key", "code", "components", "libraries", "inputs", "seconds", "cpus"),
-    *("commit", "dirty", "versions"),
-)
+PUBLISHED = "key code components libraries inputs seconds cpus commit dirty versions".split()
 """What run.json keeps of the record of a stage."""
 log = logging.getLogger(__name__)
 
@@ -57,7 +54,7 @@ def run_workflow(
 
     Args:
         workflow: what is run.
-        results_dir: holds experiments and `stages/`; made if missing.
+        results_dir: holds experiments and `stages/`.
         name: of the results folder; the workflow's by default.
         budget: goes into run.json.
         workers: where stages run their shards; by default one after the other in this process.
@@ -93,6 +90,10 @@ def _make(
     code: Mapping[str, Any],
 ) -> dict[str, Any]:
     """The record of a node's output, which is made if it is not there."""
+
+    def path(source: Source) -> Path:
+        return folders[source].final if isinstance(source, str) else source
+
     folder = folders[node.name]
     if folder.state() == "done":
         return folder.record()
@@ -106,7 +107,7 @@ def _make(
         log.info("%s: %s", node.name, node.caption or folder.relative)
         try:
             with one_thread():
-                node.stage.function(run, **node.arguments, **_paths(node, folders))
+                node.stage.function(run, **node.arguments, **node.each_input(path))
         except BaseException as error:
             if sizes(folder.partial):
                 run.save_seconds()
@@ -114,29 +115,15 @@ def _make(
             else:  # a wrong input, most often: nothing is there to go on from
                 remove(folder.partial)
             raise
-        identity = workflow.identities[node.name]
-        kept = ("stage", "code", "components", "libraries", "inputs")
         return folder.finish(
             {
-                **{part: identity[part] for part in kept},
+                **workflow.identities[node.name],
                 "key": folder.key,
-                "arguments": plain(node.arguments),
                 "seconds": round(run.seconds(), 3),
                 "cpus": os.cpu_count(),
                 **code,
             }
         )
-
-
-def _paths(node: Node, folders: Mapping[str, StageFolder]) -> dict[str, Any]:
-    """What the stage is given for each input."""
-
-    def path(source: Any) -> Any:
-        if isinstance(source, Mapping):
-            return {name: path(one) for name, one in source.items()}
-        return folders[source].final if isinstance(source, str) else source
-
-    return {name: path(source) for name, source in node.inputs.items()}
 
 
 def publish(
@@ -153,7 +140,9 @@ def publish(
     for name in {*earlier.get("results", ())} - {*workflow.results}:
         remove(folder / name)
     for target, (node, path) in workflow.results.items():
-        _copy(_existing(folders[node].final / path, node), folder / target)
+        source = _existing(folders[node].final / path, node)
+        with atomic(folder / target) as temporary:
+            (shutil.copytree if source.is_dir() else shutil.copyfile)(source, temporary)
     stages = {
         node: {"stage": record["stage"], "caption": workflow.nodes[node].caption}
         | {part: record[part] for part in PUBLISHED}
@@ -179,11 +168,6 @@ def _existing(path: Path, node: str) -> Path:
     if not path.exists():
         raise WorkflowError(f"the results want {path.name} of node {node!r}, which made no such")
     return path
-
-
-def _copy(source: Path, target: Path) -> None:
-    with atomic(target) as temporary:
-        (shutil.copytree if source.is_dir() else shutil.copyfile)(source, temporary)
 
 
 def code_state(folder: Path) -> dict[str, Any]:

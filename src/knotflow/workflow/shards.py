@@ -74,12 +74,11 @@ class StageRun:
         desc: str = "", initial: int = 0,
     ) -> Any:  # fmt: skip
         """A bar on a terminal, else a line every ten seconds at most."""
-        if sys.stderr.isatty():
-            return tqdm(iterable, total=total, desc=desc, initial=initial)
-        return tqdm(
-            iterable, total=total, desc=desc, initial=initial, mininterval=LINE_EVERY,
-            maxinterval=LINE_EVERY, ascii=True, ncols=80, position=0,
-        )  # fmt: skip
+        how: dict[str, Any] = {"total": total, "desc": desc, "initial": initial}
+        if not sys.stderr.isatty():
+            how |= {"mininterval": LINE_EVERY, "maxinterval": LINE_EVERY}
+            how |= {"ascii": True, "ncols": 80, "position": 0}
+        return tqdm(iterable, **how)
 
     def pending(self, names: Sequence[str], suffix: str = "") -> list[str]:
         """Those of `names` without a file `out/name+suffix`; sound for files of `atomic` alone.
@@ -111,13 +110,13 @@ class StageRun:
         """
         import pandas as pd  # takes half a second
 
-        files = {f"rows/{name}": name for name in names}
-        pending = self.pending([f"rows/{name}" for name in names], ".csv")
-        self.each(lambda part: self.save_table(f"{part}.csv", work(files[part])), pending, desc)
-        rows = [
-            pd.read_csv(self.out / f"{part}.csv", dtype=str, keep_default_na=False)
-            for part in files
-        ]
+        def make(part: str) -> None:
+            self.save_table(f"{part}.csv", work(part.removeprefix("rows/")))
+
+        parts = [f"rows/{name}" for name in names]
+        self.each(make, self.pending(parts, ".csv"), desc)
+        files = [self.out / f"{part}.csv" for part in parts]
+        rows = [pd.read_csv(path, dtype=str, keep_default_na=False) for path in files]
         self.save_table(file, pd.concat(rows))
 
     def save_table(self, file: str, table: pd.DataFrame, float_format: str | None = None) -> None:
@@ -144,7 +143,8 @@ class StageRun:
 
     def save_seconds(self) -> None:
         """Note the time so far, for an attempt that goes on after this one."""
-        (self.out / store.CLOCK).write_text(f"{self.seconds():.3f}", "utf-8")
+        with self.atomic(store.CLOCK) as path:
+            path.write_text(f"{self.seconds():.3f}", "utf-8")
 
     def load_seconds(self) -> None:
         """Go on from the time that earlier attempts noted."""

@@ -70,14 +70,10 @@ class Stage:
 
     @cached_property
     def _schema(self) -> type:
-        defaults = {
-            name: one.default for name, one in inspect.signature(self.function).parameters.items()
-        }
+        parameters = inspect.signature(self.function).parameters
         fields: list[Any] = []
-        for name, kind in self.types.items():
-            if name in self.inputs:
-                continue
-            default = defaults[name]
+        for name in self.arguments:
+            kind, default = self.types[name], parameters[name].default
             if default is inspect.Parameter.empty:
                 fields.append((name, kind))
             else:
@@ -88,14 +84,10 @@ class Stage:
     @property
     def arguments(self) -> list[str]:
         """The parameters that are not inputs."""
-        return [field.name for field in dataclasses.fields(self._schema)]
+        return [name for name in self.types if name not in self.inputs]
 
     def bind(self, values: Mapping[str, list[Any]]) -> dict[str, Any]:
-        """Typed arguments.
-
-        Args:
-            values: of each argument those that are merged, one over the other; none at all leaves
-                the default.
+        """Typed arguments, of each its `values` merged one over the other; none leaves the default.
 
         Raises:
             WorkflowError: a value is missing, of the wrong type, or has an unknown key.
@@ -116,9 +108,7 @@ class Stage:
     def identity(self, arguments: Mapping[str, Any], inputs: Mapping[str, Any]) -> dict[str, Any]:
         """All that decides an output, as plain data; its hash is the output's key.
 
-        Args:
-            arguments: typed, as `bind` gives them.
-            inputs: the key or digest of each input that is there; of several, by name.
+        `inputs` are the key or digest of each input that is there; of several, by name.
         """
         loaded = {name for value in arguments.values() for name in named_by(value, "modules")}
         modules = self.code.modules | loaded

@@ -26,7 +26,7 @@ section, that in the section of the experiment's name.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
@@ -55,13 +55,18 @@ class Node:
 
     def needs(self) -> set[str]:
         """Names of the nodes it depends on."""
-        found: set[str] = set()
-        for source in self.inputs.values():
-            if isinstance(source, Mapping):
-                found |= {*source.values()}
-            elif isinstance(source, str):
-                found.add(source)
-        return found
+        found: list[Source] = []
+        self.each_input(found.append)
+        return {source for source in found if isinstance(source, str)}
+
+    def each_input(self, of: Callable[[Source], Any]) -> dict[str, Any]:
+        """What `of` makes of each input's source; of several, by name."""
+        return {
+            name: {one: of(node) for one, node in source.items()}
+            if isinstance(source, Mapping)
+            else of(source)
+            for name, source in self.inputs.items()
+        }
 
 
 @dataclass(frozen=True)
@@ -80,10 +85,13 @@ class Workflow:
     def identities(self) -> dict[str, dict[str, Any]]:
         """What decides each node's output, see `Stage.identity`."""
         found: dict[str, dict[str, Any]] = {}
+
+        def identity(source: Source) -> Any:
+            return {"contents": digest(source)} if isinstance(source, Path) else keys[source]
+
         keys: dict[str, str] = {}
         for name, node in self.nodes.items():
-            inputs = {given: _identity(source, keys) for given, source in node.inputs.items()}
-            found[name] = node.stage.identity(node.arguments, inputs)
+            found[name] = node.stage.identity(node.arguments, node.each_input(identity))
             keys[name] = key_of(found[name])
         return found
 
@@ -97,21 +105,11 @@ class Workflow:
         return StageFolder(results_dir, self.nodes[name].stage.name, self.keys[name])
 
 
-def _identity(source: Source | Mapping[str, str], keys: Mapping[str, str]) -> Any:
-    if isinstance(source, Mapping):
-        return {name: keys[node] for name, node in source.items()}
-    if isinstance(source, Path):
-        return {"contents": digest(source)}
-    return keys[source]
-
-
 def read_workflow(root: Mapping[str, Any], groups: Path) -> Workflow:
-    """The workflow of a resolved root configuration.
+    """The workflow of a resolved root configuration, plain data as at the top of this file.
 
-    Args:
-        root: plain data; its `workflow` is of the form at the top of this file.
-        groups: folder of the config groups, from which arguments that are named by a word, such as
-            `planner: paper`, are read: groups/planner/paper.yaml.
+    An argument that is named by a word, such as `planner: paper`, is read from `groups`, here
+    groups/planner/paper.yaml.
 
     Raises:
         WorkflowError: an unknown stage, node, axis or argument; a missing or wrong value; a cycle;
@@ -153,9 +151,9 @@ class _Reader:
                 node = self._node(base, dict(zip(self.axes_of[base], variant, strict=True)))
                 nodes[node.name] = node
         self._check_axes()
-        graph = {name: node.needs() for name, node in nodes.items()}
+        needs = {name: node.needs() for name, node in nodes.items()}
         try:
-            order = list(TopologicalSorter(graph).static_order())
+            order = list(TopologicalSorter(needs).static_order())
         except CycleError as error:
             cycle = " -> ".join(reversed(error.args[1]))
             raise WorkflowError(f"workflow {self.name!r}: a cycle, {cycle}") from None
@@ -163,7 +161,7 @@ class _Reader:
         wanted = {node for node, _ in (*results.values(), *ships.values())} or {*nodes}
         for name in reversed(order):
             if name in wanted:
-                wanted |= nodes[name].needs()
+                wanted |= needs[name]
         kept = {name: nodes[name] for name in order if name in wanted}
         return Workflow(self.name, self.caption, kept, results, ships)
 
@@ -207,12 +205,9 @@ class _Reader:
         layers = []
         if argument in self.root and structured == isinstance(self.root[argument], Mapping):
             layers.append(self.root[argument])
-        layers += section(stage.name)
-        if argument in own:
-            layers.append(own[argument])
-        if base != stage.name:
-            layers += section(base)
-        if not section(stage.name) and not (base != stage.name and section(base)):
+        of_stage, of_node = section(stage.name), section(base) if base != stage.name else []
+        layers += [*of_stage, *([own[argument]] if argument in own else []), *of_node]
+        if not of_stage and not of_node:
             layers += section(self.name)
         if not structured:
             return layers[-1:]
@@ -248,10 +243,8 @@ class _Reader:
             if not Path(path).exists():
                 raise self._error(base, f"{parameter}={path}: there is no such file or folder")
             return Path(path)
-        raise self._error(
-            base,
-            f"its input {parameter!r} is missing; nodes are: {', '.join(self.entries)}",
-        )
+        known = ", ".join(self.entries)
+        raise self._error(base, f"its input {parameter!r} is missing; nodes are: {known}")
 
     def _one_of(self, base: str, node: str, variant: Mapping[str, str]) -> str:
         """A node by its name, or that variant of it which shares all axes."""
@@ -269,13 +262,11 @@ class _Reader:
     def _all_of(self, base: str, node: str, variant: Mapping[str, str]) -> dict[str, str]:
         """All variants of a node along axes that are not shared, by the values on these."""
         self._check_node(base, node)
-        axes = self.axes_of[node]
-        free = [axis for axis in axes if axis not in variant]
+        free = [axis for axis in self.axes_of[node] if axis not in variant]
         found = {}
         for values in itertools.product(*(self.axes[axis] for axis in free)):
             chosen = {**variant, **dict(zip(free, values, strict=True))}
-            label = ".".join(values) or node
-            found[label] = _variant_name(node, [chosen[axis] for axis in axes])
+            found[".".join(values) or node] = self._one_of(base, node, chosen)
         return found
 
     def _check_node(self, base: str, node: str) -> None:

@@ -1,4 +1,4 @@
-"""Plans executed under perturbed dynamics, open loop and in closed loop (Sec. VI)."""
+"""Plans executed under perturbed dynamics (Sec. VI), and followed by an arm (Sec. VII-D)."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,9 +17,11 @@ from numpy.typing import NDArray
 from knotflow.execution import (
     CONTROLLERS,
     FAULTS,
+    Arm,
     DragFrame,
     Execution,
     ExecutionConfig,
+    Export,
     ImageRecorder,
     Twin,
     TwinConfig,
@@ -26,6 +29,8 @@ from knotflow.execution import (
     drag_frames,
     draw_execution,
     encode_jpeg,
+    export_plan,
+    panda,
     run_trial,
 )
 from knotflow.execution.closed_loop import Trial
@@ -40,6 +45,12 @@ from knotflow.workflow import StageRun, stage
 
 RECORDED = ("mppi_replan", "", 0)
 """Controller, fault and twin of the executions that are recorded, one a knot and level."""
+CHECKED_BETWEEN = 4
+"""Configurations checked from one waypoint to the next, where joints move evenly."""
+ARM_COLUMNS = [
+    *("plan", "knot", "solved", "waypoints", "unreached", "tip_error_mm", "tip_speed"),
+    *("limit_margin_deg", "joint_speed_share", "seconds", "slowed"),
+]
 
 
 @dataclass
@@ -128,10 +139,8 @@ def closed_loop(
                 {"controller": case.controller, "level": level, "twin": number, "knot": knot}
                 | {"fault": case.fault}
                 | _outcome(trial, sum(seconds))
-                | {
-                    "cause": trial.cause if plan.solved or controller.replans else "no plan",
-                    "reason": trial.execution.reason,
-                }
+                | {"cause": trial.cause if plan.solved or controller.replans else "no plan"}
+                | {"reason": trial.execution.reason}
             )
         return pd.DataFrame(rows)
 
@@ -141,6 +150,12 @@ def closed_loop(
 def _outcome(trial: Trial, planning_seconds: float) -> dict[str, object]:
     """What an execution came to, and the time that it took."""
     execution = trial.execution
+    ticks = {
+        "image_ms": [tick.image for tick in execution.ticks],
+        "track_ms": [tick.track for tick in execution.ticks],
+        "mppi_ms": [tick.control for tick in execution.ticks],
+        "tick_ms": [tick.track + tick.control for tick in execution.ticks],
+    }
     return {
         "tied": trial.tied,
         "reported": {None: "", True: "yes", False: "no"}[execution.tied],
@@ -148,16 +163,10 @@ def _outcome(trial: Trial, planning_seconds: float) -> dict[str, object]:
         "mean_deviation_mm": "" if math.isnan(trial.deviation) else round(1e3 * trial.deviation, 1),
         "seconds": round(float(execution.times[-1]), 1) if len(execution.times) else 0.0,
         "planning_seconds": round(planning_seconds, 1),
-        "image_ms": _milliseconds([tick.image for tick in execution.ticks]),
-        "track_ms": _milliseconds([tick.track for tick in execution.ticks]),
-        "mppi_ms": _milliseconds([tick.control for tick in execution.ticks]),
-        "tick_ms": _milliseconds([tick.track + tick.control for tick in execution.ticks]),
+    } | {
+        name: round(1e3 * float(np.mean(seconds)), 1) if seconds else ""
+        for name, seconds in ticks.items()
     }
-
-
-def _milliseconds(seconds: list[float]) -> float | str:
-    """Their mean; empty where nothing was timed."""
-    return round(1e3 * float(np.mean(seconds)), 1) if seconds else ""
 
 
 def _record(
@@ -206,3 +215,65 @@ def _drags(
                 execution.reference[rows].astype(np.float32),
             ),
         )
+
+
+@stage
+def arm(
+    run: StageRun,
+    *,
+    primitives: Path | None = None,
+    simulation: SimulationConfig,
+    starts: StartsConfig,
+    sampler: SamplerConfig,
+    planner: PlannerConfig,
+    knot: str = "overhand",
+    plans: int,
+    max_speed: float,
+    seed: int,
+) -> None:
+    """Plans from random ropes, followed by the arm. Makes trajectories.csv, a row a plan.
+
+    `max_speed` is of the tip, metres per second.
+    """
+    rope = simulation.rope
+
+    def follow(name: str) -> pd.DataFrame:
+        number, simulator = int(name), RopeSimulator(simulation)
+        points = random_curve(rope, rng_of(seed, number, 0), starts)
+        proposer, rng = sampler_of(sampler, primitives=primitives), rng_of(seed, number, 1)
+        plan = plan_knot(points, parse_goal(knot, rope), proposer, simulator, rng, planner)
+        row: dict[str, Any] = {"plan": number, "knot": knot, "solved": plan.solved}
+        if plan.solved:
+            follower = panda()
+            row |= check_arm(follower, export_plan(plan, follower, max_speed=max_speed))
+        return pd.DataFrame([row], columns=ARM_COLUMNS)
+
+    run.table("trajectories.csv", follow, [f"{number:03d}" for number in range(plans)], "plans")
+
+
+def check_arm(arm: Arm, export: Export) -> dict[str, float]:
+    """Measures of an exported trajectory, by the arm's own forward kinematics.
+
+    Errors are of the waypoints that it says it reaches; `limit_margin_deg` is how far any joint
+    stays from the ends of its range, degrees.
+    """
+    trajectory = export.trajectory
+    joints, times = trajectory.ik.joints, trajectory.times
+    even = np.linspace(0.0, 1.0, CHECKED_BETWEEN, endpoint=False)
+    fine = (times[:-1, None] + np.diff(times)[:, None] * even).ravel()
+    passed = np.stack([np.interp(fine, times, joint) for joint in joints.T], axis=1)
+    tips, model = arm.tip_positions(passed), arm.model()
+    low, high = model.jnt_range[arm.joint_ids(model)].T
+    error = np.linalg.norm(arm.tip_positions(joints) - trajectory.waypoints.positions, axis=1)
+    speeds = np.linalg.norm(np.diff(tips, axis=0), axis=1) / np.diff(fine)
+    margin = np.minimum(joints - low, high - joints).min()
+    return {
+        "waypoints": len(times),
+        "unreached": int((~trajectory.ik.ok).sum()),
+        "tip_error_mm": round(1e3 * float(error[trajectory.ik.ok].max(initial=0.0)), 3),
+        "tip_speed": round(float(speeds.max()), 4),
+        "limit_margin_deg": round(float(np.rad2deg(margin)), 2),
+        "joint_speed_share": round(trajectory.peaks()["joint_speed"], 3),
+        "seconds": round(float(times[-1]), 1),
+        "slowed": round(export.slowed, 2),
+    }
