@@ -18,13 +18,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from knotflow.planning.plan import PlanStep
+from knotflow.topology import Action
 
 Floats = NDArray[np.float64]
 
@@ -95,8 +94,21 @@ class Waypoints:
         table.to_csv(path, index=False, float_format="%.6f", lineterminator="\r\n")
 
 
+class Drag(Protocol):
+    """What waypoints need to know of a `PlanStep`."""
+
+    @property
+    def action(self) -> Action: ...
+    @property
+    def times(self) -> Floats: ...
+    @property
+    def gripper(self) -> NDArray[np.float32]: ...
+    @property
+    def release_time(self) -> float: ...
+
+
 def trace_waypoints(
-    steps: Sequence[PlanStep],
+    steps: Sequence[Drag],
     shapes: Floats,
     radius: float,
     rate_hz: float,
@@ -154,7 +166,7 @@ def _phases(
     ]
 
 
-def _drag(step: PlanStep, rate_hz: float, speed: float) -> Floats:
+def _drag(step: Drag, rate_hz: float, speed: float) -> Floats:
     """The gripper path (T, 3) at n + 1 even times, slowed as a whole to `speed` at most."""
     times, gripper = step.times, np.asarray(step.gripper, np.float64)
     seconds = step.release_time

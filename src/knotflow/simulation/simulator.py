@@ -20,8 +20,6 @@ from knotflow.simulation.spline import (
     spline_path,
 )
 
-MOST_STEPS = 100_000
-"""Time steps of one spline."""
 SLOTS = 64
 """Ropes simulated at once: enough for every thread, small enough to bound memory."""
 CHECK_TIME = 0.1

@@ -11,7 +11,7 @@ from knotflow.training import ImitationConfig
 pytestmark = pytest.mark.slow
 
 CAMERA = np.array([0.0, -0.55, 1.05])
-ACTIONS = ("R1(0,1,1)", "R2(0,0,1,1)", "C(0,1,1)", "C(1,2,1)")
+ACTIONS = ("R1(0,1,1)", "R2(0,0,1,1)", "C(0,1,1)", "C(2,0,1)")
 """One for each primitive."""
 
 
