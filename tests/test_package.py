@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from importlib import import_module
 from pathlib import Path
 
 import yaml
@@ -28,8 +29,7 @@ def test_it_is_cited_with_its_version_and_the_paper():
 
 def test_gymnasium_finds_the_environment():
     module, _, function = PROJECT["entry-points"]["gymnasium.envs"]["knotflow"].partition(":")
-    assert (ROOT / "src" / f"{module.replace('.', '/')}.py").is_file()
-    assert f"def {function}(" in (ROOT / "src" / f"{module.replace('.', '/')}.py").read_text()
+    assert callable(getattr(import_module(module), function))
 
 
 def test_the_hooks_before_a_commit_run_what_make_check_runs():

@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 
 RESULTS = Path(__file__).parents[2] / "results"
-PLANS = sorted(path.relative_to(RESULTS).as_posix() for path in RESULTS.glob("*/**/plan.json"))
+PLANS = sorted(
+    name
+    for path in RESULTS.glob("*/**/plan.json")
+    if not (name := path.relative_to(RESULTS).as_posix()).startswith("stages/")
+)
 TYPES = {"overhand": "3_1", "pentagram": "5_1"}
 """Of the knots that the committed plans tie, by experiment."""
 

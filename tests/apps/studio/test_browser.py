@@ -92,7 +92,9 @@ class Person:
 
     def choose(self, label, option):
         beside = self.page.locator(f'label:text-is("{label}")')
-        beside.locator("xpath=following::input[@role='combobox'][1]").click(force=True)
+        box = beside.locator("xpath=following::input[@role='combobox'][1]")
+        box.wait_for()  # the tab may still be opening
+        box.click(force=True)
         self.page.get_by_role("option", name=option, exact=True).click(force=True)
 
     def texts(self):
