@@ -119,6 +119,15 @@ def test_moving_a_file_changes_no_version(monkeypatch):
     assert component_versions(["knotflow.planning.tree"]) == before
 
 
+def test_version_is_that_of_the_librarys_namesake(monkeypatch):
+    versions = {"mujoco": "4.1.0", "mujoco-core": "4.0.0", "scikit-image": "0.26.1"}
+    owners = {"mujoco": ["mujoco-core", "mujoco"], "skimage": ["scikit-image"]}
+    monkeypatch.setattr(dependencies, "version", versions.__getitem__)
+    monkeypatch.setattr(dependencies, "packages_distributions", lambda: owners)
+    own = dependencies.minor_version.__wrapped__
+    assert (own("mujoco"), own("skimage"), own("absent")) == ("4.1", "0.26", "")
+
+
 def test_libraries_are_those_imported_with_their_minor_version(monkeypatch):
     found = library_versions(["knotflow.simulation.simulator"])
     assert {"mujoco", "numpy"} <= found.keys() and "torch" not in found

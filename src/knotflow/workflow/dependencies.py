@@ -99,8 +99,11 @@ def modules_of(component: str) -> Iterator[str]:
 @cache
 def minor_version(library: str) -> str:
     """Such as "2.13" of a library by its import name, "" where it is not installed."""
-    distributions = packages_distributions().get(library)
-    return ".".join(version(distributions[0]).split(".")[:2]) if distributions else ""
+    names = packages_distributions().get(library, [])
+    if not names:
+        return ""
+    # Several distributions may fill one package, as mujoco-core does: its namesake counts.
+    return ".".join(version(library if library in names else names[0]).split(".")[:2])
 
 
 @cache

@@ -73,7 +73,12 @@ class Person:
 
     def tab(self, name):
         # By force: without waiting for frames, of which software rendering has few.
-        self.page.get_by_role("tab", name=name).click(force=True)
+        tab = self.page.get_by_role("tab", name=name)
+        tab.click(force=True)
+        while tab.get_attribute("aria-selected") != "true":  # a click while it is drawn is lost
+            assert time.monotonic() < self.end, f"the tab {name} does not open"
+            time.sleep(0.2)
+            tab.click(force=True)
 
     def press(self, name):
         self.page.get_by_role("button", name=name, exact=True).click(force=True)
