@@ -225,7 +225,7 @@ def goals(
 
 @stage
 def branches(run: StageRun, *, searches: Mapping[str, Path], column: str = "") -> None:
-    """Searches side by side, with a column of the inputs' names if it is given one.
+    """Searches side by side, with a column of the inputs' names if it is given one, such as start.
 
     Makes branches.csv, a row a search, and tried.csv, the expansions and successes of each state
     and action, of all searches of an input and start.
@@ -235,8 +235,8 @@ def branches(run: StageRun, *, searches: Mapping[str, Path], column: str = "") -
     found = {name: table.drop(columns="plan") for name, table in read.items()}
     for file, tables in (("branches.csv", found), ("tried.csv", spent)):
         if column:
-            for name, table in tables.items():
-                table.insert(0, column, name)
+            for name, table in list(tables.items()):
+                tables[name] = table.assign(**{column: name})
         run.save_table(file, pd.concat(tables.values(), ignore_index=True))
 
 

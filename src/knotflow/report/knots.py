@@ -22,14 +22,21 @@ from knotflow.report.searches import (
 from knotflow.report.section import Claim, Figures, Judgement, NotMeasured, Parts, Verdict
 from knotflow.statistics import mean_difference
 
-PULLED, ARRANGING = "pulled_overhand", "pulled_overhand_arranging"
+PULLED, ARRANGING = "pulled", "pulled_arranging"
 STARTS = {
     PULLED: "overhand with its head pulled out",
     ARRANGING: "the same, by the search that arranges",
-    "R1(0,1,1) C(0,1,1) C(2,0,1)": "overhand as the planner leaves it",
-    "straight": "straight rope",
+    "tied": "overhand as the planner leaves it",
+    "untangled": "straight rope",
 }
 """What the table of the pentagram calls its starts."""
+BEFORE = {
+    "pulled_overhand": PULLED,
+    "pulled_overhand_arranging": ARRANGING,
+    "R1(0,1,1) C(0,1,1) C(2,0,1)": "tied",
+    "straight": "untangled",
+}
+"""What version 0.2.0 called them."""
 PENTAGRAM_PLANS = {
     "pulled": "Fig. 9 reproduced: the plan of fewest branches from the overhand whose head was "
     "pulled out, by the search that arranges.",
@@ -81,7 +88,7 @@ def overhand(results: Results, figures: Figures) -> Parts | None:
 
 def pentagram(results: Results, figures: Figures) -> Parts | None:
     """A line for each start, and the plan of fewest branches from each."""
-    searches = read_searches(results, "pentagram")
+    searches = read_searches(results, "pentagram").replace({"start": BEFORE})
     if searches.empty:
         return None
     head = results.setting("pentagram", "head", "pull")
@@ -102,7 +109,7 @@ def pentagram(results: Results, figures: Figures) -> Parts | None:
 
 def judge_pentagram(results: Results) -> Judgement:
     """A plan found with 12 branches, from an overhand whose head was pulled out."""
-    searches = read_searches(results, "pentagram")
+    searches = read_searches(results, "pentagram").replace({"start": BEFORE})
     if PULLED not in set(searches["start"]):
         raise NotMeasured(f"needs searches from {PULLED} in pentagram")
     parts = []
@@ -124,7 +131,7 @@ def judge_pentagram(results: Results) -> Judgement:
 
 def arranging_helps(results: Results) -> str:
     """The same rope and path by the search that arranges; '' unless that ties it more often."""
-    searches = read_searches(results, "pentagram")
+    searches = read_searches(results, "pentagram").replace({"start": BEFORE})
     pulled, arranged = (
         searches.loc[searches["start"] == start, "solved"] for start in (PULLED, ARRANGING)
     )
