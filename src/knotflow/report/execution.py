@@ -163,6 +163,8 @@ def _causes(groups: Groups) -> str:
 
 def _ticks(groups: Groups) -> str:
     """What a tick takes, for those that MPPI executes; '' where there are none."""
+    if not groups:
+        return ""
     runs = pd.concat(groups.values())
     rows = [
         {"controller": _label(name)} | {TICK[one]: _mean(own[one], "ms") for one in TICK}

@@ -14,7 +14,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator, PercentF
 
 from knotflow.report import markdown as md
 from knotflow.report.rates import Method
-from knotflow.report.results import Results
+from knotflow.report.results import Results, read_table
 from knotflow.report.section import COLOURS, Figures, bare_axis
 from knotflow.statistics import bootstrap
 from knotflow.viz.style import INK, MUTED
@@ -63,9 +63,10 @@ def sizes(searches: pd.DataFrame) -> list[float]:
 
 def checks(results: Results, experiment: str) -> str:
     """What became of the plans' steps when they were simulated again (checks.csv); '' without."""
-    table = results.table(experiment, "checks.csv", CHECKS, key=("searches", "plan", "step"))
-    if table is None:
+    path = results.root / experiment / "checks.csv"
+    if not path.is_file() or path.read_text("utf-8").count("\n") < 2:  # no plan had a step
         return ""
+    table = read_table(path, CHECKS, key=("searches", "plan", "step"))
     passed = int((table["passages"] > 0).sum())
     return (
         f"Of the {len(table)} steps of these plans, simulated again, {passed or 'none'} had a "
