@@ -33,6 +33,11 @@ def floats(
         raise error(f"{what} must be numeric, in lists of equal length: {wrong}") from None
 
 
+def repeat_last(rows: NDArray[Any], frames: int) -> NDArray[Any]:
+    """Rows (B, T, ...) of T or more `frames`, the last one repeated."""
+    return rows[:, np.minimum(np.arange(frames), rows.shape[1] - 1)]
+
+
 def read_npy(path: Path) -> NDArray[Any]:
     """The array of an NPY file.
 

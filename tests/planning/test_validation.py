@@ -69,10 +69,11 @@ def test_penetrations_are_reported_with_their_step(steps, monkeypatch):
     penetration = (7, 0.1, 0.6)
 
     def penetrations(trajectory):
-        every = np.arange(len(trajectory)) * SIMULATION.timestep
-        assert every[-1] == pytest.approx(steps[0].times[-1], abs=0.5)  # a frame a time step
         started_as = [np.allclose(trajectory[0], step.start, atol=1e-3) for step in steps]
-        return [penetration] if started_as.index(True) == 1 else []
+        number = started_as.index(True)
+        every = np.arange(len(trajectory)) * SIMULATION.timestep
+        assert every[-1] == pytest.approx(steps[number].times[-1], abs=0.5)  # a frame a time step
+        return [penetration] if number == 1 else []
 
     monkeypatch.setattr(validation, "find_penetrations", penetrations)
     checks = check_steps(steps, SIMULATION)

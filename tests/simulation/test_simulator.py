@@ -218,6 +218,15 @@ def test_spline_takes_its_length_at_the_pace(simulator):
     assert speed.max() <= config.pace * (1 + config.timestep / config.ramp_time)
 
 
+def test_spline_that_goes_nowhere_is_simulated(simulator):
+    lying = straight(simulator.config.rope)
+    place = lying[20:22, :2].mean(axis=0)
+    stay = np.array([0.51, *place, 0.02, *place])
+    rollouts = simulator.execute(lying[None], stay[None])
+    assert rollouts.release_times[0] < 0.1
+    np.testing.assert_allclose(rollouts.end_points[0], lying, atol=0.005)
+
+
 def test_bends_are_kept_where_rest_angles_follow_the_shape():
     moved = []
     for keeps_bends in (False, True):

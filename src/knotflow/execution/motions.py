@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from knotflow.arrays import repeat_last
 from knotflow.samplers.demonstrations import (
     Demonstration,
     NoiseConfig,
@@ -60,14 +61,11 @@ class Motions:
     def join(cls, parts: Sequence[Motions]) -> Motions:
         """Motions of all parts; the last frames of shorter ones are repeated."""
         longest = max(part.grasped.shape[1] for part in parts)
-        columns = zip(*(vars(part._lasting(longest)).values() for part in parts), strict=True)
-        return cls(*(np.concatenate(column) for column in columns))
-
-    def _lasting(self, frames: int) -> Motions:
-        last = np.minimum(np.arange(frames), self.grasped.shape[1] - 1)
-        return Motions(
-            self.points[:, last], self.gripper[:, last], self.grasped[:, last], self.level
-        )
+        frames = {
+            name: np.concatenate([repeat_last(getattr(part, name), longest) for part in parts])
+            for name in ("points", "gripper", "grasped")
+        }
+        return cls(**frames, level=np.concatenate([part.level for part in parts]))
 
 
 def draw_motions(

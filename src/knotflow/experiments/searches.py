@@ -235,8 +235,9 @@ def branches(run: StageRun, *, searches: Mapping[str, Path], column: str = "") -
     found = {name: table.drop(columns="plan") for name, table in read.items()}
     for file, tables in (("branches.csv", found), ("tried.csv", spent)):
         if column:
-            for name, table in list(tables.items()):
-                tables[name] = table.assign(**{column: name})
+            for name, table in tables.items():
+                tables[name] = table.drop(columns=column, errors="ignore")
+                tables[name].insert(0, column, name)
         run.save_table(file, pd.concat(tables.values(), ignore_index=True))
 
 

@@ -39,9 +39,9 @@ def check_steps(steps: Sequence[PlanStep], simulation: SimulationConfig) -> list
     for first in range(0, len(steps), CHUNK):
         chunk = steps[first : first + CHUNK]
         rollouts = simulator.execute(*_inputs(chunk))
-        found = rollouts.trajectory, end_states(rollouts), are_robust(chunk, simulation)
-        for step, trajectory, end, robust in zip(chunk, *found, strict=True):
-            penetrations = find_penetrations(trajectory)
+        found = end_states(rollouts), are_robust(chunk, simulation)
+        for row, (step, end, robust) in enumerate(zip(chunk, *found, strict=True)):
+            penetrations = find_penetrations(rollouts.motion(row).trajectory)
             checks.append(StepCheck(penetrations, end == step.end_state, robust))
     return checks
 

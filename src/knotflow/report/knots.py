@@ -86,9 +86,14 @@ def overhand(results: Results, figures: Figures) -> Parts | None:
     }
 
 
+def _pentagram_searches(results: Results) -> pd.DataFrame:
+    """A row a search, by today's names of the starts."""
+    return read_searches(results, "pentagram").replace({"start": BEFORE})
+
+
 def pentagram(results: Results, figures: Figures) -> Parts | None:
     """A line for each start, and the plan of fewest branches from each."""
-    searches = read_searches(results, "pentagram").replace({"start": BEFORE})
+    searches = _pentagram_searches(results)
     if searches.empty:
         return None
     head = results.setting("pentagram", "head", "pull")
@@ -109,7 +114,7 @@ def pentagram(results: Results, figures: Figures) -> Parts | None:
 
 def judge_pentagram(results: Results) -> Judgement:
     """A plan found with 12 branches, from an overhand whose head was pulled out."""
-    searches = read_searches(results, "pentagram").replace({"start": BEFORE})
+    searches = _pentagram_searches(results)
     if PULLED not in set(searches["start"]):
         raise NotMeasured(f"needs searches from {PULLED} in pentagram")
     parts = []
@@ -131,7 +136,7 @@ def judge_pentagram(results: Results) -> Judgement:
 
 def arranging_helps(results: Results) -> str:
     """The same rope and path by the search that arranges; '' unless that ties it more often."""
-    searches = read_searches(results, "pentagram").replace({"start": BEFORE})
+    searches = _pentagram_searches(results)
     pulled, arranged = (
         searches.loc[searches["start"] == start, "solved"] for start in (PULLED, ARRANGING)
     )

@@ -31,7 +31,11 @@ class ResultsError(ValueError):
 
 
 def read_table(
-    path: Path, columns: Mapping[str, type] | None = None, key: Sequence[str] = ()
+    path: Path,
+    columns: Mapping[str, type] | None = None,
+    key: Sequence[str] = (),
+    *,
+    may_be_empty: bool = False,
 ) -> pd.DataFrame:
     """A CSV with one header line, its `columns` converted, others as text.
 
@@ -40,6 +44,7 @@ def read_table(
         columns: those that the table must have, with their type: `str`, `bool`, `int` (not
             negative) or `float` (an empty cell is NaN).
         key: columns that no two rows may share the values of.
+        may_be_empty: whether a header without rows will do.
 
     Raises:
         ResultsError: not a table, no rows, a column missing, a cell that is not of its column's
@@ -53,7 +58,7 @@ def read_table(
     columns = columns or {}
     if missing := [name for name in columns if name not in table]:
         raise ResultsError(f"{path}: no column {missing[0]}; it has {', '.join(table.columns)}")
-    if table.empty:
+    if table.empty and not may_be_empty:
         raise ResultsError(f"{path}: a header and no rows")
     for name, kind in columns.items():
         if kind is not str:

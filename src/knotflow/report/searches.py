@@ -64,9 +64,11 @@ def sizes(searches: pd.DataFrame) -> list[float]:
 def checks(results: Results, experiment: str) -> str:
     """What became of the plans' steps when they were simulated again (checks.csv); '' without."""
     path = results.root / experiment / "checks.csv"
-    if not path.is_file() or path.read_text("utf-8").count("\n") < 2:  # no plan had a step
+    if not path.is_file():
         return ""
-    table = read_table(path, CHECKS, key=("searches", "plan", "step"))
+    table = read_table(path, CHECKS, key=("searches", "plan", "step"), may_be_empty=True)
+    if table.empty:  # no plan had a step
+        return ""
     passed = int((table["passages"] > 0).sum())
     return (
         f"Of the {len(table)} steps of these plans, simulated again, {passed or 'none'} had a "

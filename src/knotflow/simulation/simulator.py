@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from knotflow.arrays import repeat_last
 from knotflow.simulation.rope import Floats, RopeConfig, build_model, check_points, pose
 from knotflow.simulation.spline import (
+    along_path,
     check_splines,
     control_points,
     grasped_link,
-    path_length,
     polyline,
-    spline_path,
 )
 
 SLOTS = 64
@@ -100,15 +100,12 @@ class Rollouts:
     def concatenate(cls, parts: Sequence[Rollouts]) -> Rollouts:
         """Batches of one simulator as one."""
         longest: Floats = max((part.times for part in parts), key=len)
-
-        def padded(part: Rollouts, name: str) -> NDArray[Any]:
-            rows = getattr(part, name)
-            if name not in ("trajectory", "gripper"):
-                return np.asarray(rows)
-            missing = len(longest) - rows.shape[1]
-            return np.pad(rows, [(0, 0), (0, missing)] + [(0, 0)] * (rows.ndim - 2), "edge")
-
-        arrays = {name: np.concatenate([padded(part, name) for part in parts]) for name in PER_ROPE}
+        arrays = {}
+        for name in PER_ROPE:
+            rows = [getattr(part, name) for part in parts]
+            if name in ("trajectory", "gripper"):
+                rows = [repeat_last(one, len(longest)) for one in rows]
+            arrays[name] = np.concatenate(rows)
         return cls(times=longest, **arrays)
 
     @classmethod
@@ -173,12 +170,9 @@ class RopeSimulator:
                 f"execute() takes points (B, V, 3) and splines (B, 6), got {points.shape} and "
                 f"{splines.shape}"
             )
-        moves = [
-            Move(shape, control_points(shape, spline, rope.radius), link, self.config)
-            for shape, spline, link in zip(
-                points, splines, grasped_link(splines, rope.links), strict=True
-            )
-        ]
+        controls = control_points(points, splines, rope.radius)
+        links = grasped_link(splines, rope.links)
+        moves = [Move(*one, self.config) for one in zip(points, controls, links, strict=True)]
         self._run(moves)
         frames = np.array([len(move.frames) for move in moves], dtype=np.int64)
         last = int(frames.max(initial=1))
@@ -274,15 +268,16 @@ def gripper_path(controls: Floats, config: SimulationConfig) -> Floats:
     The pace is constant but for `ramp_time` at either end; a way too short to reach it is taken
     with the same acceleration.
     """
-    length = float(path_length(polyline(controls)))
-    ramp = min(config.ramp_time, float(np.sqrt(length * config.ramp_time / config.pace)))
-    # Share of the way at full pace: none for a short way.
-    duration = length / config.pace + config.ramp_time
-    if length < config.pace * config.ramp_time:
+    path = polyline(controls)
+    length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+    ramp = config.ramp_time
+    duration = length / config.pace + ramp
+    if length < config.pace * ramp:  # never at full pace
+        ramp = max(float(np.sqrt(length * ramp / config.pace)), 1e-6)
         duration = 2 * ramp
     steps = max(2, int(np.ceil(duration / config.timestep - 1e-9)))
     time = np.arange(1, steps + 1) / steps
-    return spline_path(controls, _progress(time, ramp / duration))
+    return along_path(path, _progress(time, ramp / duration))
 
 
 def _progress(time: Floats, ramp: float) -> Floats:

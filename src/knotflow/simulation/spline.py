@@ -113,8 +113,7 @@ def polyline(controls: ArrayLike) -> Floats:
     """Paths (..., SAMPLES, 3), metres, of splines with control points (..., 3, 3)."""
     controls = np.asarray(controls, float)
     plane = spline_basis(np.linspace(0, 1, SAMPLES)) @ controls[..., :2]
-    steps = np.linalg.norm(np.diff(plane, axis=-2), axis=-1)
-    along = np.concatenate([np.zeros_like(steps[..., :1]), np.cumsum(steps, axis=-1)], axis=-1)
+    along = _arc_lengths(plane)
     first, height, last = (controls[..., i, 2, None] for i in range(3))
     left = along[..., -1:] - along
     rising = np.minimum(first + along, last + left)
@@ -125,29 +124,24 @@ def polyline(controls: ArrayLike) -> Floats:
     return np.concatenate([plane, z[..., None]], axis=-1)
 
 
-def path_length(path: ArrayLike) -> Floats:
-    """Lengths (...,) of polylines (..., N, 3), metres."""
-    steps: Floats = np.linalg.norm(np.diff(np.asarray(path), axis=-2), axis=-1).sum(axis=-1)
-    return steps
-
-
 def spline_path(controls: ArrayLike, shares: ArrayLike) -> Floats:
-    """Positions (..., N, 3) at shares (N,) or (..., N) of the length of paths, 0 to 1.
+    """Positions (..., N, 3) at shares (N,) of the length of paths, 0 to 1.
 
     `controls` (..., 3, 3) are control points.
     """
-    path = polyline(controls)
+    paths = polyline(controls)
+    found = [along_path(path, np.asarray(shares)) for path in paths.reshape(-1, SAMPLES, 3)]
+    return np.reshape(found, (*paths.shape[:-2], np.shape(shares)[-1], 3))
+
+
+def along_path(path: Floats, shares: Floats) -> Floats:
+    """Positions (N, 3) at shares (N,) of the length of a polyline (P, 3), 0 to 1."""
+    reached = _arc_lengths(path)
+    reached /= np.maximum(reached[-1:], 1e-12)
+    return np.stack([np.interp(shares, reached, column) for column in path.T], axis=-1)
+
+
+def _arc_lengths(path: Floats) -> Floats:
+    """Lengths (..., P) of polylines (..., P, 2 or 3) up to each of their points."""
     steps = np.linalg.norm(np.diff(path, axis=-2), axis=-1)
-    along = np.concatenate([np.zeros_like(steps[..., :1]), np.cumsum(steps, axis=-1)], axis=-1)
-    along /= np.maximum(along[..., -1:], 1e-12)
-    at = np.broadcast_to(shares, (*path.shape[:-2], np.shape(shares)[-1]))
-    rows = [
-        np.stack([np.interp(t, s, p[:, k]) for k in range(3)], axis=-1)
-        for t, s, p in zip(
-            at.reshape(-1, at.shape[-1]),
-            along.reshape(-1, SAMPLES),
-            path.reshape(-1, SAMPLES, 3),
-            strict=True,
-        )
-    ]
-    return np.reshape(rows, (*at.shape, 3))
+    return np.concatenate([np.zeros_like(steps[..., :1]), np.cumsum(steps, axis=-1)], axis=-1)

@@ -199,7 +199,7 @@ def _colours(links: int) -> NDArray[np.float64]:
 
 
 def _linear(colours: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """SRGB (N, 3) as linear light, as viser reads the colours of batched meshes."""
+    """Colours (N, 3) in sRGB as linear light, as viser reads the colours of batched meshes."""
     share = np.trunc(colours) / 255.0
     light = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
     return np.rint(255.0 * light).astype(np.uint8)
