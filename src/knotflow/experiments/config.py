@@ -81,6 +81,8 @@ class Config:
     execution: ExecutionConfig = field(default_factory=ExecutionConfig)
     training_seed: int = MISSING
     """Of weights, batches and attempts of imitation and reinforcement."""
+    training_seeds: list[int] = MISSING
+    """Those of experiments that train several times."""
 
     workflow: dict[str, Any] = field(default_factory=dict)
     """The stages of the experiment, from workflows/."""
