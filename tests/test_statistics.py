@@ -12,10 +12,13 @@ from knotflow.statistics import (
     bootstrap,
     clustered_rate,
     clustered_ratio,
+    hierarchical,
     mean_difference,
     mean_rate,
     rate_columns,
     rate_ratio,
+    resamples,
+    weighted_median,
     wilson,
 )
 
@@ -177,3 +180,62 @@ def test_a_tables_columns_are_those_intervals():
     assert columns["success_rate"] == [0, 14 / 400]
     assert columns["ci_high"] == [wilson(0, 1).high, wilson(14, 400).high]
     assert rate_columns([], []) == {"success_rate": [], "ci_low": [], "ci_high": []}
+
+
+def test_one_training_is_the_plain_bootstrap():
+    sample = np.random.default_rng(9).exponential(5, 40)
+    one, plain = hierarchical(sample, np.zeros(40)), bootstrap(sample)
+    assert one.estimate == pytest.approx(plain.estimate)
+    assert (one.low, one.high) == pytest.approx((plain.low, plain.high), rel=0.02)
+
+
+def test_units_shared_by_all_trainings_are_drawn_once_for_all():
+    """Six identical trainings know no more of the starts than one."""
+    sample = np.random.default_rng(10).normal(size=30)
+    trainings, starts = np.repeat(np.arange(6), 30), np.tile(np.arange(30), 6)
+    nested, crossed = (hierarchical(np.tile(sample, 6), trainings, of) for of in (None, starts))
+    plain = bootstrap(sample)
+    assert (crossed.low, crossed.high) == pytest.approx((plain.low, plain.high), abs=0.03)
+    assert nested.high - nested.low < 0.6 * (plain.high - plain.low)
+
+
+@pytest.mark.parametrize("units", [None, np.tile(np.arange(5), 8)])
+def test_resamples_draw_as_many_trainings_as_there_were(units):
+    trainings = np.repeat(np.arange(8), 5)
+    weights = resamples(trainings, units)
+    drawn = weights.reshape(-1, 8, 5).sum(axis=2)
+    assert (drawn.sum(axis=1) == 40).all() and (drawn % 5 == 0).all()
+    assert weights.mean(axis=0) == pytest.approx(np.ones(40), abs=0.1)
+
+
+def test_trainings_that_differ_widen_the_interval_to_cover_their_mean():
+    """Nested units, a truth that is known, many samples of ten trainings."""
+    rng, covered = np.random.default_rng(11), {"hierarchical": 0, "plain": 0}
+    trainings = np.repeat(np.arange(10), 8)
+    for _ in range(60):
+        sample = rng.normal(size=10)[trainings] + rng.normal(size=80)
+        found = {"hierarchical": hierarchical(sample, trainings), "plain": bootstrap(sample)}
+        for name, interval in found.items():
+            covered[name] += interval.low <= 0 <= interval.high
+    assert covered["hierarchical"] >= 52 > covered["plain"]
+
+
+def test_a_weighted_median_is_that_of_the_repeated_values():
+    rng = np.random.default_rng(12)
+    values = np.array([4.0, 1.0, math.inf, 2.0, 7.0])
+    weights = rng.integers(0, 4, (50, 5)) + (np.arange(5) == 1)
+    expected = [np.median(np.repeat(values, counts)) for counts in weights]
+    assert weighted_median(values, weights).tolist() == expected
+
+
+def test_a_rate_of_several_trainings_is_less_certain_than_its_trials():
+    """Four trainings on the same fifty starts, two of them much worse."""
+    rng = np.random.default_rng(13)
+    trainings, starts = np.repeat(np.arange(4), 50), np.tile(np.arange(50), 4)
+    hit, tried = rng.binomial(8, np.array([0.9, 0.9, 0.4, 0.4])[trainings]), np.full(200, 8)
+    weights = resamples(trainings, starts)
+    several, pooled = clustered_rate(hit, tried, weights), clustered_rate(hit, tried)
+    assert several.estimate == pooled.estimate
+    assert several.high - several.low > 3 * (pooled.high - pooled.low)
+    alike = clustered_ratio(hit, tried, hit, tried, weights)
+    assert (alike.low, alike.estimate, alike.high) == (1, 1, 1)

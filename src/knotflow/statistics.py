@@ -1,7 +1,8 @@
 """Confidence intervals of rates, ratios, means and medians, the same in every table and report.
 
 Rates and their ratios have their starts resampled where they are known start by start, otherwise
-Wilson's and the MOVER-R interval. Counts and distances have a percentile bootstrap.
+Wilson's and the MOVER-R interval. Counts and distances have a percentile bootstrap. Where a method
+was trained several times, the trainings are resampled too (`resamples`).
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
+
+Floats = NDArray[np.float64]
 
 LEVEL = 0.95
 TAILS = ((1 - LEVEL) / 2, (1 + LEVEL) / 2)
@@ -65,26 +68,35 @@ def rate_columns(successes: Iterable[int], trials: Iterable[int]) -> dict[str, l
     }
 
 
-def clustered_rate(successes: ArrayLike, trials: ArrayLike) -> Interval:
+def clustered_rate(
+    successes: ArrayLike, trials: ArrayLike, weights: Floats | None = None
+) -> Interval:
     """Success rate with its starts (n,) resampled: percentile cluster bootstrap.
 
     Rollouts of one start are alike, so that the starts are what was drawn independently. Where no
-    start differs from another, it is Wilson's interval with one trial a start.
+    start differs from another, it is Wilson's interval with one trial a start. `weights` (R, n) are
+    those of `resamples` if the starts were tried after several trainings.
     """
     hit, tried = np.asarray(successes, float), np.asarray(trials, float)  # (n,) each
     estimate = float(hit.sum() / tried.sum())
     if _all_alike(hit, tried):
         limits = wilson(round(estimate * len(hit)), len(hit))
         return Interval(estimate, limits.low, limits.high)
-    weights = _resamples(len(hit))
+    weights = _resamples(len(hit)) if weights is None else weights
     low, high = np.quantile((weights @ hit) / (weights @ tried), TAILS)
     return Interval(estimate, float(low), float(high))
 
 
 def clustered_ratio(
-    successes: ArrayLike, trials: ArrayLike, base_successes: ArrayLike, base_trials: ArrayLike
+    successes: ArrayLike,
+    trials: ArrayLike,
+    base_successes: ArrayLike,
+    base_trials: ArrayLike,
+    weights: Floats | None = None,
 ) -> Interval:
     """Ratio of two success rates on the same starts (n,), which are resampled together.
+
+    `weights` as in `clustered_rate`, where both methods were trained with the same seeds.
 
     The upper limit is `inf` where too many resamples have no success of the base. Where the starts
     of one of them are all alike (none succeeds, say), it is made from the two rates' intervals.
@@ -93,7 +105,7 @@ def clustered_ratio(
     base = np.asarray(base_successes, float), np.asarray(base_trials, float)
     if _all_alike(*top) or _all_alike(*base):
         return rate_ratio(clustered_rate(*top), clustered_rate(*base))
-    weights = _resamples(len(top[0]))
+    weights = _resamples(len(top[0])) if weights is None else weights
     p, q = ((weights @ hit) / (weights @ tried) for hit, tried in (top, base))
     some = (p > 0) | (q > 0)  # a resample without any success has no ratio
     ratios = np.divide(p[some], q[some], out=np.full(some.sum(), math.inf), where=q[some] > 0)
@@ -145,6 +157,67 @@ def bootstrap(values: ArrayLike, statistic: Callable[..., Any] = np.mean) -> Int
     return _percentile(estimate, (sample,), statistic)
 
 
+def resamples(trainings: ArrayLike, units: ArrayLike | None = None) -> Floats:
+    """How often each of n observations is drawn in each resample, (RESAMPLES, n).
+
+    Trainings are resampled, then what was observed after each of them. Few trainings vary less
+    among themselves than all possible ones: three have two thirds of that variance.
+
+    Args:
+        trainings: (n,) labels of the trainings; one label for what needs none.
+        units: (n,) labels of what all trainings share, such as start shapes, which is then drawn
+            once for all (crossed). By default each training has units of its own (nested).
+    """
+    rng = np.random.default_rng(SEED)
+    training = np.unique(np.asarray(trainings), return_inverse=True)[1]
+    drawn = _multinomial(rng, training.max() + 1)
+    if units is not None:
+        unit = np.unique(np.asarray(units), return_inverse=True)[1]
+        return np.asarray(drawn[:, training] * _multinomial(rng, unit.max() + 1)[:, unit], float)
+    weights = np.empty((RESAMPLES, len(training)))
+    for number in range(drawn.shape[1]):
+        own = np.flatnonzero(training == number)
+        weights[:, own] = rng.multinomial(
+            len(own) * drawn[:, number], np.full(len(own), 1 / len(own))
+        )
+    return weights
+
+
+def weighted_mean(values: Floats, weights: Floats) -> Floats:
+    """Mean (R,) of values (n,) that were drawn as often as weights (R, n) say."""
+    return np.asarray(weights @ values / weights.sum(axis=1))
+
+
+def weighted_median(values: Floats, weights: Floats) -> Floats:
+    """Median (R,) of values (n,), which may be infinite, drawn as often as weights (R, n) say."""
+    order = np.argsort(values)
+    counted = np.cumsum(weights[:, order], axis=1)
+    half = counted[:, -1:] / 2
+    lower, upper = (
+        values[order][side.argmax(axis=1)] for side in (counted >= half, counted > half)
+    )
+    return np.asarray((lower + upper) / 2)
+
+
+def hierarchical(
+    values: ArrayLike,
+    trainings: ArrayLike,
+    units: ArrayLike | None = None,
+    statistic: Callable[[Floats, Floats], Floats] = weighted_mean,
+) -> Interval:
+    """Mean or median of values (n,) with trainings and units resampled, see `resamples`.
+
+    Equal values have an estimate and no limits.
+    """
+    sample = np.asarray(values, float)
+    estimate = float(statistic(sample, np.ones((1, len(sample))))[0])
+    if np.all(sample == sample[0]):
+        return Interval(estimate, None, None)
+    found = statistic(sample, resamples(trainings, units))
+    low, high = np.quantile(found, TAILS, method="inverted_cdf")  # some may be infinite
+    return Interval(estimate, float(low), float(high))
+
+
 def mean_difference(values: ArrayLike, base: ArrayLike, *, paired: bool) -> Interval:
     """Mean of `values` less mean of `base`, percentile bootstrap; `paired` resamples pairs."""
     first, second = np.asarray(values, dtype=float), np.asarray(base, dtype=float)
@@ -161,7 +234,7 @@ def mean_difference(values: ArrayLike, base: ArrayLike, *, paired: bool) -> Inte
 
 
 def _percentile(
-    estimate: float, samples: tuple[NDArray[np.float64], ...], statistic: Callable[..., Any]
+    estimate: float, samples: tuple[Floats, ...], statistic: Callable[..., Any]
 ) -> Interval:
     limits = stats.bootstrap(
         samples,
@@ -174,12 +247,15 @@ def _percentile(
     return Interval(estimate, float(limits.low), float(limits.high))
 
 
-def _all_alike(successes: NDArray[np.float64], trials: NDArray[np.float64]) -> bool:
+def _all_alike(successes: Floats, trials: Floats) -> bool:
     return bool(np.all(successes * trials[0] == successes[0] * trials))
 
 
 @cache
-def _resamples(n: int) -> NDArray[np.float64]:
+def _resamples(n: int) -> Floats:
     """How often each of n starts is drawn in each resample (RESAMPLES, n)."""
-    rng = np.random.default_rng(SEED)
-    return rng.multinomial(n, np.full(n, 1 / n), size=RESAMPLES).astype(float)  # for the products
+    return _multinomial(np.random.default_rng(SEED), n).astype(float)  # for the products
+
+
+def _multinomial(rng: np.random.Generator, n: int) -> NDArray[np.int64]:
+    return rng.multinomial(n, np.full(n, 1 / n), size=RESAMPLES)
