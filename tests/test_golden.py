@@ -60,6 +60,7 @@ from knotflow.samplers.primitives import (
     cross_entropy,
     encode,
 )
+from knotflow.samplers.primitives.distribution import Gaussian
 from knotflow.samplers.primitives.primitive import highest_value
 from knotflow.simulation import (
     LEVELS,
@@ -208,13 +209,12 @@ def primitives() -> dict[str, Any]:
     encoded = encode([loop()] * len(LOOP_ACTIONS), [parse_action(one) for one in LOOP_ACTIONS])
     owner, splines = torch.arange(3), torch.linspace(-1, 1, 18).reshape(3, 6)
     with torch.no_grad():
-        mean, factor = filled(Actor(SMALL))(encoded.states)
+        policy = filled(Actor(SMALL))(encoded.states)
         logits = filled(Critic(SMALL))(encoded.states, splines, owner)
     noise = np.random.default_rng(0).standard_normal((3, 3, 16, 6), dtype=np.float32)
     search = (
         lambda some: -(some - splines[:, None]).square().sum(-1),
-        torch.zeros(3, 6),
-        torch.eye(6).expand(3, 6, 6),
+        Gaussian(torch.zeros(3, 6), torch.eye(6).expand(3, 6, 6)),
         torch.from_numpy(noise),
         4,
     )
@@ -223,8 +223,8 @@ def primitives() -> dict[str, Any]:
         "streams": encoded.states["streams"][:, ::4],
         "grasp": encoded.states["grasp"],
         "splines": encoded.frames.to_world(splines[:, None].double().numpy()),
-        "actor_mean": mean,
-        "actor_factor": factor,
+        "actor_mean": policy.mean,
+        "actor_factor": policy.factor,
         "critic": logits,
         "search": found,
         "search_value": value,

@@ -8,8 +8,12 @@ import torch
 from tensordict import TensorDict
 
 from knotflow.samplers.primitives import encode
-from knotflow.samplers.primitives.encoding import STREAM_POINTS, control_features
-from knotflow.simulation import RopeConfig, resample, state_or_none
+from knotflow.samplers.primitives.encoding import (
+    PLANE_SCALE,
+    STREAM_POINTS,
+    control_features,
+)
+from knotflow.simulation import SPLINE_HIGH, RopeConfig, resample, state_or_none
 from knotflow.topology import TopologicalState, all_states, parse_action
 from knotflow.topology.draw import draw
 from knotflow.topology.symmetry import Symmetry, representative
@@ -18,6 +22,7 @@ from knotflow.training.buffers import (
     StateBuffer,
     TransitionBuffer,
     TrialBuffer,
+    add_random_splines,
     augment,
     mix,
 )
@@ -193,6 +198,22 @@ def test_augmentation_moves_rope_and_spline_together(trials):
         return (arm * features[:, 10:12]).sum(dim=1)
 
     torch.testing.assert_close(held(copy), held(batch), atol=1e-4, rtol=1e-4)
+
+
+def test_random_splines_beside_trials_fail_with_their_share_of_the_weight(trials):
+    generator = torch.Generator().manual_seed(0)
+    batch = demonstration_buffer(trials, generator).sample(6, 10)
+    both, count = add_random_splines(batch, 0.25, generator), len(batch["owner"])
+    torch.testing.assert_close(both["spline"][:count], batch["spline"])
+    assert torch.equal(both["owner"][count:], batch["owner"])
+    assert both["reward"][count:].sum() == 0
+    assert both["weight"].mean().item() == pytest.approx(1)
+    assert both["weight"][count:].sum() / both["weight"].sum() == pytest.approx(0.25)
+    centre, unit = batch["states"]["grasp"][batch["owner"]].unbind(-1)
+    position = centre + unit * both["spline"][count:, 0]
+    assert 0 <= position.min() < 0.2 and 0.8 < position.max() <= 1
+    plane = both["spline"][count:, [1, 2, 4, 5]] * PLANE_SCALE
+    assert 0.4 < plane.abs().max() <= SPLINE_HIGH[1]
 
 
 @pytest.mark.slow

@@ -200,7 +200,8 @@ def test_returns_weigh_success_and_next_value(batch):
 
 def test_actor_loss_without_baseline_is_likelihood_of_successes(batch):
     actor = Actor(NETWORK)
-    mean, factor = actor(batch["states"])
+    policy = actor(batch["states"])
+    mean, factor = policy.mean, policy.factor
     log_prob = torch.stack(
         [
             torch.distributions.MultivariateNormal(
@@ -219,7 +220,7 @@ def test_failures_count_only_within_reach_of_the_actor(batch):
     batch["reward"] = torch.zeros_like(batch["reward"])
     batch["baseline"] = torch.full_like(batch["baseline"], 0.5)
     near = batch.clone()
-    near["spline"] = actor(batch["states"])[0].detach()[batch["owner"]]
+    near["spline"] = actor(batch["states"]).mean.detach()[batch["owner"]]
     far = batch.clone()
     far["spline"] = near["spline"] + 100
 

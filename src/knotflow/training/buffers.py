@@ -12,6 +12,8 @@ from torch import Tensor
 from torch.nn.functional import pad
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
+from knotflow.samplers.primitives.encoding import HEIGHT_CENTRE, HEIGHT_SCALE, PLANE_SCALE
+from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW
 from knotflow.topology import TopologicalState
 from knotflow.topology.polyline import Floats
 from knotflow.topology.symmetry import representative
@@ -179,6 +181,32 @@ def augment(
     out["states"] = batch["states"].copy().update({"streams": streams})
     out["spline"] = spline
     return out
+
+
+def add_random_splines(batch: TensorDict, share: float, generator: torch.Generator) -> TensorDict:
+    """A batch with a uniformly random spline of reward 0 beside each trial, of this weight in it.
+
+    Splines are uniform over the range of all splines, about the origin of the rope's frame.
+    """
+    owner = batch["owner"]
+    low, high = (torch.from_numpy(bound).float() for bound in (SPLINE_LOW, SPLINE_HIGH))
+    spline = low + (high - low) * torch.rand(len(owner), len(low), generator=generator)
+    centre, unit = batch["states"]["grasp"][owner].unbind(-1)
+    spline[:, 0] = (spline[:, 0] - centre) / unit
+    spline[:, [1, 2, 4, 5]] /= PLANE_SCALE
+    spline[:, 3] = (spline[:, 3] - HEIGHT_CENTRE) / HEIGHT_SCALE
+    weight = torch.cat([(1 - share) * batch["weight"], share * batch["weight"]])
+    columns = {
+        "owner": torch.cat([owner, owner]),
+        "spline": torch.cat([batch["spline"], spline]),
+        "reward": torch.cat([batch["reward"], torch.zeros(len(owner))]),
+        "weight": 2 * weight,
+    }
+    if "next_value" in batch.keys():
+        columns["next_value"] = torch.cat(
+            [batch["next_value"], torch.full((len(owner),), torch.nan)]
+        )
+    return TensorDict({"states": batch["states"], **columns})
 
 
 class StateBuffer:

@@ -43,6 +43,9 @@ class LearnerConfig:
     """Trials of each of these ropes in a batch."""
     demonstration_share: float = 0.25
     """Weight of the demonstrations in a batch that has both."""
+    random_share: float = 0.0
+    """Weight, in what the critic learns from, of uniformly random splines taken to fail, one
+    beside each trial; 0.5 in the authors' code."""
     augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
     """Deformed copies of the trials in a batch."""
 

@@ -72,7 +72,7 @@ class Imitation(Trainer):
     @torch.no_grad()
     def validate(self) -> Metrics:
         """Losses on the held-out trials."""
-        measured = self.learner.measure(self._validation)
+        measured = self.learner.measure(self._validation, self._validation)
         return {f"validation_{key}": float(value) for key, value in measured.items()}
 
     @property

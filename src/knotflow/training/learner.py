@@ -27,12 +27,11 @@ import torch
 from numpy.typing import NDArray
 from tensordict import TensorDict
 from torch import Tensor
-from torch.distributions import MultivariateNormal
 from torch.nn.functional import binary_cross_entropy_with_logits
 
+from knotflow.samplers.primitives.distribution import SPLINE, SplineDistribution
 from knotflow.samplers.primitives.encoding import Encoded, encode
 from knotflow.samplers.primitives.primitive import (
-    SPLINE,
     Actor,
     Critic,
     Primitive,
@@ -40,7 +39,13 @@ from knotflow.samplers.primitives.primitive import (
 )
 from knotflow.simulation import Trials
 from knotflow.threads import one_thread
-from knotflow.training.buffers import TransitionBuffer, TrialBuffer, augment, mix
+from knotflow.training.buffers import (
+    TransitionBuffer,
+    TrialBuffer,
+    add_random_splines,
+    augment,
+    mix,
+)
 from knotflow.training.config import ExplorationConfig, LearnerConfig
 
 REACH = 3.0
@@ -90,21 +95,17 @@ def explore(
                 best = primitive.search(some, count, rng, use_next_value)[0]
                 found = best + config.floor * noise
             else:
-                mean, factor = _widened(primitive, some.states, config)
-                found = mean[:, None] + noise @ factor.mT
+                found = _widened(primitive, some.states, config).draw(noise)
         splines[torch.from_numpy(rows)] = found
     return splines, ways
 
 
 def _widened(
     primitive: Primitive, states: TensorDict, config: ExplorationConfig
-) -> tuple[Tensor, Tensor]:
-    """The actor's Gaussian, widened; that of a critic-only policy is wide enough."""
-    mean, factor = primitive.gaussian(states)
-    if primitive.actor is None:
-        return mean, factor
-    floor = config.floor**2 * torch.eye(SPLINE)
-    return mean, torch.linalg.cholesky(config.widening**2 * factor @ factor.mT + floor)
+) -> SplineDistribution:
+    """The actor's distribution, widened; that of a critic-only policy is wide enough."""
+    own = primitive.distribution(states)
+    return own if primitive.actor is None else own.widened(config.widening, config.floor)
 
 
 def returns(batch: TensorDict, success_share: float) -> Tensor:
@@ -151,20 +152,18 @@ def actor_loss(
     has no upper bound, a failure counts only where its log density is within `REACH` of the
     typical one. With `gains_only` trials below b are left out.
     """
-    mean, factor = actor(batch["states"])
+    policy: SplineDistribution = actor(batch["states"])
     owner = batch["owner"]
-    gaussian: Any = MultivariateNormal(mean[owner], scale_tril=factor[owner], validate_args=False)
-    log_prob = gaussian.log_prob(batch["spline"])
+    log_prob = policy.log_prob(batch["spline"], owner)
     advantage = returns(batch, success_share) - failure_weight * batch["baseline"]
     if gains_only:
         advantage = advantage.clamp(min=0)
-    typical = -gaussian.entropy().detach()  # the mean of log pi under pi
+    typical = -policy.entropy.detach()[owner]  # the mean of log pi under pi
     counts = (advantage > 0) | (log_prob.detach() > typical - REACH)
     pull = batch["weight"] * advantage * counts
     # Per unit of pull, so that the step does not depend on how often the batch succeeds.
     loss = -(pull * log_prob).sum() / pull.abs().sum().clamp(min=1.0)
-    spread = factor.detach().square().sum(-1).sqrt().mean()
-    return {"loss_actor": loss, "actor_spread": spread}
+    return {"loss_actor": loss, "actor_spread": policy.spread.detach().mean()}
 
 
 class Learner:
@@ -215,7 +214,10 @@ class Learner:
         if not parts:
             raise ValueError("a learner needs demonstrations or rollouts before it can update")
         batch = augment(mix(parts, shares), config.augmentation, self.generator)
-        measured = self.measure(batch)
+        for_critic = batch
+        if config.random_share and self.primitive.critic is not None:
+            for_critic = add_random_splines(batch, config.random_share, self.generator)
+        measured = self.measure(batch, for_critic)
         self.optimizer.zero_grad(set_to_none=True)
         losses = [value for key, value in measured.items() if key.startswith("loss_")]
         torch.autograd.backward(torch.stack(losses).sum())
@@ -226,10 +228,10 @@ class Learner:
         self.optimizer.step()
         return {key: float(value.detach()) for key, value in measured.items()}
 
-    def measure(self, batch: TensorDict) -> dict[str, Tensor]:
-        """Losses and other metrics of a batch."""
+    def measure(self, batch: TensorDict, for_critic: TensorDict) -> dict[str, Tensor]:
+        """Losses and other metrics of a batch, and of what the critic learns from."""
         config, actor, critic = self.config, self.primitive.actor, self.primitive.critic
-        out = {} if critic is None else critic_loss(critic, batch)
+        out = {} if critic is None else critic_loss(critic, for_critic)
         if actor is not None:
             out |= actor_loss(
                 actor, batch, config.failure_weight, config.success_share, config.gains_only

@@ -130,9 +130,9 @@ def test_the_value_is_the_probability_of_the_best_spline(library, ropes):
     (value,) = library.values(ropes["loop"][None], [ACTION], np.random.default_rng(0))
     seen = encode(ropes["loop"][None], [ACTION])
     primitive = library.primitives[3]
-    mean, factor = primitive.gaussian(seen.states)
     (noise,) = primitive.value_noise(1, np.random.default_rng(0))
-    values = primitive.scorer(seen.states)(mean[:, None] + noise @ factor.mT).exp()
+    splines = primitive.distribution(seen.states).draw(noise)
+    values = primitive.scorer(seen.states)(splines).exp()
     assert values.shape == (1, primitive.config.cem.valued)
     assert value == pytest.approx(values.max().item())
     assert 0 < value < 1

@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 import torch
 
-from knotflow.samplers.primitives import Primitive, PrimitiveConfig, cross_entropy, encode
+from knotflow.samplers.primitives import (
+    Critic,
+    NetworkConfig,
+    Primitive,
+    PrimitiveConfig,
+    cross_entropy,
+    encode,
+)
+from knotflow.samplers.primitives.distribution import Gaussian
 from knotflow.samplers.primitives.encoding import CONTROL_FEATURES, STREAM_POINTS
 from knotflow.samplers.primitives.primitive import highest_value
 from knotflow.topology import parse_action
@@ -18,7 +26,8 @@ def seen(ropes):
 
 def test_actor_covariance_has_a_lower_bound(library, seen):
     actor = library.primitives[3].actor
-    mean, factor = actor(seen.states)
+    gaussian = actor(seen.states)
+    mean, factor = gaussian.mean, gaussian.factor
     assert mean.shape == (2, 6) and factor.shape == (2, 6, 6)
     assert torch.equal(factor, factor.tril())
     assert (factor.diagonal(dim1=1, dim2=2) >= actor.smallest_spread).all()
@@ -62,14 +71,16 @@ def test_attention_of_splines_to_the_rope_decays_with_distance(library, seen):
     assert felt[5] > 3 * felt[far] > 0
 
 
-def test_cross_entropy_finds_a_known_maximum_by_distinct_searches():
+@pytest.mark.parametrize("full_covariance", [False, True])
+def test_cross_entropy_finds_a_known_maximum_by_distinct_searches(full_covariance):
     target = torch.tensor([0.5, -0.3, 0.2, 0.0, 0.1, -0.4])
-    noise = torch.randn(10, 3, 64, 6, generator=torch.Generator().manual_seed(0))
+    noise = torch.randn(10, 3, 256, 6, generator=torch.Generator().manual_seed(0))
 
     def score(splines):
         return -(splines - target).square().sum(-1)
 
-    found, values = cross_entropy(score, torch.zeros(3, 6), torch.eye(6).expand(3, 6, 6), noise, 6)
+    wide = Gaussian(torch.zeros(3, 6), torch.eye(6).expand(3, 6, 6))
+    found, values = cross_entropy(score, wide, noise, 24, full_covariance)
     torch.testing.assert_close(found, target.expand(3, 6), atol=0.1, rtol=0)
     assert (values > -0.05).all()
     assert len(found.unique(dim=0)) == 3
@@ -79,14 +90,17 @@ def test_cross_entropy_finds_a_known_maximum_by_distinct_searches():
 def test_cross_entropy_returns_the_value_of_its_spline(iterations):
     """On a ring of good splines the elites' mean is a bad one."""
     noise = torch.randn(iterations, 4, 64, 6, generator=torch.Generator().manual_seed(0))
-    gaussian = torch.zeros(4, 6), torch.eye(6).expand(4, 6, 6)
+    first = Gaussian(torch.zeros(4, 6), torch.eye(6).expand(4, 6, 6))
 
     def score(splines):
         return -(splines.norm(dim=-1) - 2).abs()
 
-    found, values = cross_entropy(score, *gaussian, noise, elites=12)
+    found, values = cross_entropy(score, first, noise, elites=12)
     torch.testing.assert_close(values, score(found))
-    assert (values < highest_value(score, *gaussian, noise, elites=12) - 0.1).all()
+    assert (values < highest_value(score, first, noise, elites=12) - 0.1).all()
+    best, highest = cross_entropy(score, first, noise, elites=12, returns="best")
+    torch.testing.assert_close(highest, score(best))
+    torch.testing.assert_close(highest, highest_value(score, first, noise, elites=12))
 
 
 def test_search_returns_the_values_of_its_splines(library, seen):
@@ -96,14 +110,30 @@ def test_search_returns_the_values_of_its_splines(library, seen):
     torch.testing.assert_close(values, expected.detach())
 
 
+@pytest.mark.parametrize("actor", ["gaussian", "nodes"])
 @pytest.mark.parametrize("variant", ["actor_critic", "actor_only", "critic_only"])
-def test_every_variant_proposes_distinct_splines(seen, variant):
+def test_every_variant_proposes_distinct_splines(seen, variant, actor):
     torch.manual_seed(0)
-    found, _ = Primitive(PrimitiveConfig(variant)).search(seen, 5, np.random.default_rng(0))
+    config = PrimitiveConfig(variant, NetworkConfig(actor))
+    found, _ = Primitive(config).search(seen, 5, np.random.default_rng(0))
     assert found.shape == (2, 5, 6)
     assert len(found.reshape(-1, 6).unique(dim=0)) == 10
 
 
-def test_unknown_variant_is_refused():
+def test_critic_can_read_the_grasp_by_position_alone(seen):
+    """Of a rope that is one point the grasp's position says nothing."""
+    torch.manual_seed(0)
+    states, splines = seen.states.clone(), torch.randn(2, 6)
+    states["streams"][..., [0, 1, 2, 4, 5]] = 0.0
+    other = splines + torch.tensor([0.3, 0, 0, 0, 0, 0])
+    for grasp, differs in (("all", True), ("position", False)):
+        critic = Critic(NetworkConfig(critic_grasp=grasp))
+        scores = [critic(states, one, torch.arange(2)) for one in (splines, other)]
+        assert (not torch.equal(*scores)) is differs
+
+
+def test_unknown_option_is_refused():
     with pytest.raises(ValueError, match="actor_critic, actor_only, critic_only"):
         PrimitiveConfig("critic")
+    with pytest.raises(ValueError, match=r"network\.actor 'node'.* gaussian, nodes"):
+        PrimitiveConfig(network=NetworkConfig("node"))

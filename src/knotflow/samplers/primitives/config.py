@@ -6,13 +6,23 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 VARIANTS = ("actor_critic", "actor_only", "critic_only")
+ACTORS = ("gaussian", "nodes")
+GRASPS = ("all", "position")
+RETURNS = ("mean", "best")
 SHIPPED_PRIMITIVES = Path(__file__).parent / "data"
 """The library that comes with knotflow; `PrimitiveLibrary.load` reads it."""
 
 
 @dataclass
 class NetworkConfig:
-    """Sizes of actor and critic."""
+    """Actor and critic."""
+
+    actor: str = "gaussian"
+    """One Gaussian over splines, or as the authors' code a categorical over the rope's nodes for
+    the grasp and a Gaussian over the rest given the node ("nodes")."""
+    critic_grasp: str = "all"
+    """How the critic is told the grasp: all, its number, position and direction; or as the authors'
+    code its "position" alone."""
 
     lstm: int = 32
     """Hidden size of each stream's LSTM."""
@@ -53,6 +63,10 @@ class CemConfig:
     four times as many make it hardly larger."""
     elites: int = 12
     """Best splines of a population, which the next one is fitted to."""
+    full_covariance: bool = False
+    """Whether the next one has the elites' covariance, or its diagonal."""
+    returns: str = "mean"
+    """What a search returns: the mean of the last elites, or the best of them."""
     wide_spread: float = 1.3
     """Standard deviation of the wide Gaussian about 0, normalised units."""
 
@@ -69,7 +83,13 @@ class PrimitiveConfig:
     """The search for splines that the critic thinks best."""
 
     def __post_init__(self) -> None:
-        if self.variant not in VARIANTS:
-            raise ValueError(
-                f"unknown variant {self.variant!r} of a primitive; there are {', '.join(VARIANTS)}"
-            )
+        for name, value, known in (
+            ("variant", self.variant, VARIANTS),
+            ("network.actor", self.network.actor, ACTORS),
+            ("network.critic_grasp", self.network.critic_grasp, GRASPS),
+            ("cem.returns", self.cem.returns, RETURNS),
+        ):
+            if value not in known:
+                raise ValueError(
+                    f"unknown {name} {value!r} of a primitive; there are {', '.join(known)}"
+                )

@@ -224,3 +224,5 @@ def control_features(states: TensorDict, splines: Tensor) -> Tensor:
 
 
 CONTROL_FEATURES = 12
+GRASP_POSITION = (0, 1, 1, 1, 1, 1, 0, 1, 1, 1, 0, 0)
+"""Of these, those that say where the rope is grasped by the point's position alone."""

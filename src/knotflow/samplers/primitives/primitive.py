@@ -22,20 +22,26 @@ import numpy as np
 import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
-from torch.nn.functional import logsigmoid, scaled_dot_product_attention, softplus
+from torch.nn.functional import interpolate, logsigmoid, scaled_dot_product_attention, softplus
 
 from knotflow.samplers.primitives.config import NetworkConfig, PrimitiveConfig
+from knotflow.samplers.primitives.distribution import (
+    NODES,
+    SPLINE,
+    Gaussian,
+    NodeGaussian,
+    SplineDistribution,
+)
 from knotflow.samplers.primitives.encoding import (
     CHANNELS,
     CONTROL_FEATURES,
+    GRASP_POSITION,
     STREAM_POINTS,
     Encoded,
     control_features,
 )
 from knotflow.simulation import spline_basis
 from knotflow.topology.polyline import Floats
-
-SPLINE = 6
 
 
 class PairAttention(nn.Module):
@@ -151,7 +157,8 @@ _SITE = 4  # x, y, height and position along the spline
 
 
 class Actor(nn.Module):
-    """The Gaussian N(mu, Sigma) over splines in network space that Fig. 4 calls the actor."""
+    """The distribution over splines in network space that Fig. 4 calls the actor: a Gaussian
+    N(mu, Sigma), or by the authors' code one for each node of the rope."""
 
     _rows: Tensor
     _columns: Tensor
@@ -159,10 +166,13 @@ class Actor(nn.Module):
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         self.trunk = Trunk(config)
+        self.of_nodes = config.actor == "nodes"
+        entries = SPLINE * (SPLINE + 1) // 2
+        read = config.feature + config.kinds + (self.trunk.point_features if self.of_nodes else 0)
         self.head = nn.Sequential(
-            nn.Linear(config.feature + config.kinds, config.head),
+            nn.Linear(read, config.head),
             nn.SiLU(),
-            nn.Linear(config.head, SPLINE + SPLINE * (SPLINE + 1) // 2),
+            nn.Linear(config.head, 2 * SPLINE - 1 if self.of_nodes else SPLINE + entries),
         )
         self.kinds = config.kinds
         self.smallest_spread = config.smallest_spread
@@ -174,19 +184,29 @@ class Actor(nn.Module):
         with torch.no_grad():
             last.weight.mul_(0.1)
             last.bias.zero_()
-            diagonal = SPLINE + torch.nonzero(rows == columns)[:, 0]
+            deviations = SPLINE + torch.nonzero(rows == columns)[:, 0]
+            if self.of_nodes:
+                deviations = torch.arange(SPLINE, 2 * SPLINE - 1)
             spread = torch.tensor(config.initial_spread - config.smallest_spread)
-            last.bias[diagonal] = torch.log(torch.expm1(spread))
+            last.bias[deviations] = torch.log(torch.expm1(spread))
 
-    def forward(self, states: TensorDict) -> tuple[Tensor, Tensor]:
-        """Mean (S, 6) and lower Cholesky factor (S, 6, 6) of the covariance."""
-        out = self.head(_with_kind(self.trunk(states["streams"])[0], states, self.kinds))
+    def forward(self, states: TensorDict) -> SplineDistribution:
+        feature, points = self.trunk(states["streams"])
+        feature = _with_kind(feature, states, self.kinds)
+        if self.of_nodes:
+            nodes = interpolate(points.mT, NODES, mode="linear", align_corners=True).mT
+            out = self.head(torch.cat([nodes, feature[:, None].expand(-1, NODES, -1)], dim=-1))
+            share, mean, deviation = out.split([1, SPLINE - 1, SPLINE - 1], dim=-1)
+            deviation = softplus(deviation) + self.smallest_spread
+            log_share = share[..., 0].log_softmax(-1)
+            return NodeGaussian(log_share, mean, deviation, states["grasp"])
+        out = self.head(feature)
         mean, entries = out[:, :SPLINE], out[:, SPLINE:]
         diagonal = self._rows == self._columns
         entries = torch.where(diagonal, softplus(entries) + self.smallest_spread, entries)
         factor = out.new_zeros(len(out), SPLINE, SPLINE)
         factor[:, self._rows, self._columns] = entries
-        return mean, factor
+        return Gaussian(mean, factor)
 
 
 class Critic(nn.Module):
@@ -202,6 +222,7 @@ class Critic(nn.Module):
         # The first layer of the head, cut in two: the rope's part is worked out once a rope.
         self.of_rope = nn.Linear(config.feature + config.kinds, config.head)
         self.kinds = config.kinds
+        self.reads_position_only = config.critic_grasp == "position"
         self.of_spline = nn.Sequential(
             nn.Linear(CONTROL_FEATURES, config.head), nn.SiLU(), nn.Linear(config.head, config.head)
         )
@@ -220,6 +241,8 @@ class Critic(nn.Module):
         """Logits (S, n, 2), success and next value, of splines (S, n, 6), n on each rope."""
         of_rope, of_points = features
         controls = control_features(states, splines)
+        if self.reads_position_only:
+            controls = controls * controls.new_tensor(GRASP_POSITION)
         passed = self.passage(of_points, states["streams"], controls)
         logits: Tensor = self.head(of_rope[:, None] + self.of_spline(controls) + passed)
         return logits
@@ -245,50 +268,62 @@ def _with_kind(feature: Tensor, states: TensorDict, kinds: int) -> Tensor:
     return torch.cat([feature, states["kind"]], dim=-1) if kinds else feature
 
 
+LEAST_SPREAD = 1e-3
+"""Added to the deviations of elites, normalised units."""
 Score = Callable[[Tensor], Tensor]
 """Values (R, P) of splines (R, P, 6) of R searches; higher is better."""
 
 
 def cross_entropy(
-    score: Score, mean: Tensor, factor: Tensor, noise: Tensor, elites: int
+    score: Score,
+    first: SplineDistribution,
+    noise: Tensor,
+    elites: int,
+    full_covariance: bool = False,
+    returns: str = "mean",
 ) -> tuple[Tensor, Tensor]:
     """Run R searches by the cross-entropy method at once (Fig. 5, Sec. VII-B1).
 
     Args:
         score: values of splines.
-        mean: (R, 6) of the first Gaussian of each search.
-        factor: (R, 6, 6) lower Cholesky factor of its covariance.
+        first: what the first splines of each search are drawn from.
         noise: (iterations, R, P, 6) standard normal numbers, all the randomness there is.
         elites: number of best splines kept, at most P.
+        full_covariance: whether later Gaussians have the elites' covariance, or its diagonal.
+        returns: the "mean" of the last elites, or the "best" of them.
 
     Returns:
-        The mean of the last elites (R, 6), and its value (R,).
+        A spline of each search (R, 6), and its value (R,).
     """
-    for kept, _ in _iterate(score, mean, factor, noise, elites):
-        mean = kept.mean(dim=1)
-    return mean, score(mean[:, None])[:, 0]
+    for kept, values in _iterate(score, first, noise, elites, full_covariance):
+        mean, best, value = kept.mean(dim=1), kept[:, 0], values[:, 0]
+    return (best, value) if returns == "best" else (mean, score(mean[:, None])[:, 0])
 
 
-def highest_value(score: Score, mean: Tensor, factor: Tensor, noise: Tensor, elites: int) -> Tensor:
+def highest_value(score: Score, first: SplineDistribution, noise: Tensor, elites: int) -> Tensor:
     """The highest value (R,) among the last splines of `cross_entropy` with these arguments."""
-    best = mean.new_zeros(len(mean))
-    for _, values in _iterate(score, mean, factor, noise, elites):
+    for _, values in _iterate(score, first, noise, elites, False):
         best = values[:, 0]
     return best
 
 
 def _iterate(
-    score: Score, mean: Tensor, factor: Tensor, noise: Tensor, elites: int
+    score: Score, first: SplineDistribution, noise: Tensor, elites: int, full_covariance: bool
 ) -> Iterator[tuple[Tensor, Tensor]]:
     """The elites (R, elites, 6) of each iteration, best first, and their values (R, elites)."""
     for numbers in noise:
-        splines = mean[:, None] + numbers @ factor.mT  # (R, P, 6)
+        splines = first.draw(numbers)  # (R, P, 6)
         values, order = score(splines).topk(elites, dim=1)
         kept = splines.gather(1, order[..., None].expand(-1, -1, splines.shape[-1]))
         yield kept, values
-        mean = kept.mean(dim=1)
         if len(kept):  # of no rope PyTorch warns that there are no degrees of freedom
-            factor = torch.diag_embed(kept.std(dim=1, correction=0) + 1e-3)
+            mean, spread = kept.mean(dim=1), kept.std(dim=1, correction=0) + LEAST_SPREAD
+            factor = torch.diag_embed(spread)
+            if full_covariance:
+                offsets = kept - mean[:, None]
+                least = LEAST_SPREAD**2 * torch.eye(SPLINE)
+                factor = torch.linalg.cholesky(offsets.mT @ offsets / elites + least)
+            first = Gaussian(mean, factor)
 
 
 def standard_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> Tensor:
@@ -312,27 +347,27 @@ class Primitive(nn.Module):
         count: int,
         rng: np.random.Generator,
         use_next_value: bool = False,
-        first: tuple[Tensor, Tensor] | None = None,
+        first: SplineDistribution | None = None,
         iterations: int | None = None,
     ) -> tuple[Tensor, Tensor | None]:
         """Splines (S, count, 6) in network space and their values (S, count), if there is a critic.
 
         With a critic every spline is the outcome of a search of its own, for success or, if
-        `use_next_value`, for success times the value of the next state, from the Gaussian `first`,
-        by default `gaussian`.
+        `use_next_value`, for success times the value of the next state, from `first`, by
+        default `distribution`.
         """
         cem, ropes = self.config.cem, len(encoded.frames)
-        mean, factor = first or self.gaussian(encoded.states)
+        first = first or self.distribution(encoded.states)
         if self.critic is None:
-            noise = standard_normal(rng, (ropes, count, SPLINE))
-            return mean[:, None] + noise @ factor.mT, None
+            return first.draw(standard_normal(rng, (ropes, count, SPLINE))), None
         iterations = self._num_iterations if iterations is None else iterations
         found, log_values = cross_entropy(
             self.scorer(encoded.states, use_next_value),
-            mean.repeat_interleave(count, 0),
-            factor.repeat_interleave(count, 0),
+            first.repeat(count),
             standard_normal(rng, (iterations, ropes * count, cem.population, SPLINE)),
             cem.elites,
+            cem.full_covariance,
+            cem.returns,
         )
         return found.reshape(ropes, count, SPLINE), log_values.exp().reshape(ropes, count)
 
@@ -347,7 +382,7 @@ class Primitive(nn.Module):
         """
         elites = min(self.config.cem.elites, self.config.cem.valued)
         score = self.scorer(states, use_next_value)
-        return highest_value(score, *self.gaussian(states), noise, elites).exp()
+        return highest_value(score, self.distribution(states), noise, elites).exp()
 
     def value_noise(self, ropes: int, rng: np.random.Generator) -> Tensor:
         """Standard normal numbers (iterations, ropes, `valued`, 6) for `values`."""
@@ -369,14 +404,14 @@ class Primitive(nn.Module):
         values: Floats = self.scorer(encoded.states)(network).exp().double().numpy()
         return values
 
-    def gaussian(self, states: TensorDict) -> tuple[Tensor, Tensor]:
-        """Mean (S, 6) and Cholesky factor (S, 6, 6) of the actor, or of the wide Gaussian."""
+    def distribution(self, states: TensorDict) -> SplineDistribution:
+        """The actor's, or a wide Gaussian where there is no actor."""
         if self.actor is not None:
-            mean, factor = self.actor(states)
-            return mean, factor
+            found: SplineDistribution = self.actor(states)
+            return found
         ropes = len(states)
         factor = self.config.cem.wide_spread * torch.eye(SPLINE).expand(ropes, SPLINE, SPLINE)
-        return torch.zeros(ropes, SPLINE), factor
+        return Gaussian(torch.zeros(ropes, SPLINE), factor)
 
     def scorer(self, states: TensorDict, use_next_value: bool = False) -> Score:
         """The critic's log values (R, P) of splines (R, P, 6), of as many searches on each rope.
