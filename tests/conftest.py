@@ -1,14 +1,17 @@
 """What tests of several rooms share."""
 
 import os
+import platform
 import shutil
 import sys
 from collections import Counter
 from contextlib import contextmanager
+from ctypes.util import find_library
 from dataclasses import replace
 from functools import cache
 from importlib.util import find_spec
 from itertools import islice
+from pathlib import Path
 from subprocess import CompletedProcess
 
 import numpy as np
@@ -34,7 +37,25 @@ from knotflow.simulation import (
 )
 from knotflow.topology import Arrange, TopologicalState
 from knotflow.topology.draw import draw
-from knotflow.viz.viewer import why_not_headless
+
+
+def why_not_headless():
+    """What is missing for a Rerun viewer without a screen; "" when nothing is."""
+    if find_spec("rerun") is None:
+        return "rerun-sdk is not installed"
+    if platform.system() != "Linux":
+        return ""  # macOS and Windows bring Metal and DirectX
+    drivers = [Path(root, "vulkan/icd.d") for root in ("/usr/share", "/etc", "/usr/local/share")]
+    if not find_library("vulkan") or not any(list(place.glob("*.json")) for place in drivers):
+        return "no Vulkan driver (Debian: apt-get install mesa-vulkan-drivers libvulkan1)"
+    return ""
+
+
+@pytest.fixture
+def headless():
+    """Skips where no viewer can run without a screen."""
+    if problem := why_not_headless():
+        pytest.skip(problem)
 
 
 def pytest_configure():

@@ -1,6 +1,4 @@
-"""The twin keeps its secrets, and does to a rope what a gripper does."""
-
-import gc
+"""The twin does to a rope what a gripper does."""
 
 import numpy as np
 import pytest
@@ -9,7 +7,6 @@ from knotflow.execution import Twin, TwinConfig
 from knotflow.perception import Camera
 from knotflow.simulation import LEVELS
 
-WORDS = {"observe", "move_to", "grasp", "release", "position"}
 UP = np.array([0.0, 0.0, 0.05])
 
 
@@ -19,37 +16,6 @@ def centre(points, link):
 
 def twin_of(points, level=0, seed=3, **config):
     return Twin(points, TwinConfig(level=level, **config), np.random.default_rng(seed))
-
-
-def test_robot_exposes_only_the_protocol(points):
-    robot = twin_of(points, level=2).robot()
-    public = {name for name in dir(robot) if not name.startswith("__")}
-    assert public == WORDS
-    assert not hasattr(robot, "__dict__")
-    with pytest.raises(AttributeError):
-        robot.points = points
-    # What the words themselves give are numbers and images, nothing that was drawn.
-    assert type(robot.position) is np.ndarray
-    assert robot.move_to(robot.position, 0.1) is None
-    assert robot.grasp() is None and robot.release() is None
-
-
-def test_robot_holds_no_reference_to_its_twin(points):
-    twin = twin_of(points, level=2)
-    robot = twin.robot()
-    assert [one for one in gc.get_referents(robot) if one is not type(robot)] == []
-
-
-def test_robot_keeps_its_twin_alive(points):
-    import weakref
-
-    robot = twin_of(points).robot()
-    robot.move_to(robot.position, 0.1)
-    twin = twin_of(points)
-    robot, alive = twin.robot(), weakref.ref(twin)
-    del twin, robot
-    gc.collect()
-    assert alive() is None
 
 
 def test_draws_do_not_depend_on_commands(points):

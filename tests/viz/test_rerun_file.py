@@ -38,7 +38,7 @@ def test_damaged_recording_is_not_converted(tmp_path, make_rollout):
     whole = bytearray(path.read_bytes())
     whole[len(whole) // 2] ^= 255
     path.write_bytes(whole)
-    with pytest.raises(DamagedRecordingError, match="mcap recover"):
+    with pytest.raises(DamagedRecordingError, match="is damaged"):
         save_rerun(path, tmp_path / "out.rrd")
     assert not (tmp_path / "out.rrd").exists()
 

@@ -2,8 +2,7 @@
 
 Heavy modules are imported inside the commands, so that help and errors appear at once.
 
-Exit codes: 0 success; 1 not tied, out of the arm's reach, in doubt, or the viewer found problems;
-2 invalid input.
+Exit codes: 0 success; 1 not tied, out of the arm's reach, in doubt, or no viewer; 2 invalid input.
 """
 
 from __future__ import annotations
@@ -248,7 +247,6 @@ def view(
     *,
     number: int | None = None,
     save: Path | None = None,
-    headless_check: Path | None = None,
     web: bool = False,
 ) -> int:
     """Show recorded rollouts in Rerun.
@@ -257,16 +255,16 @@ def view(
         recording: An .mcap file, or a folder of them.
         number: Show only the rollout of this number.
         save: Write a Rerun file (.rrd) instead of opening it.
-        headless_check: Open it without a window, report problems, and save a screenshot (PNG).
         web: Serve it to web browsers until Ctrl-C instead of opening a window; prints the address.
     """
     from knotflow.viz.viewer import ViewerError, show
 
     try:
-        return show(recording, number, save, headless_check, web)
+        show(recording, number, save, web)
     except ViewerError as error:
         print(f"knotflow: {error}", file=sys.stderr)
         return 1
+    return 0
 
 
 @app.command

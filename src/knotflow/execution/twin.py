@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
-from weakref import WeakKeyDictionary
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from knotflow.execution.robot import Observation, Robot
+from knotflow.execution.robot import Observation, Robot, RobotWrapper
 from knotflow.simulation import (
     GRASP_REACH,
     GRIPPER_ERROR_STD,
@@ -139,10 +138,8 @@ class Twin:
         return self._grasp_offset is not None
 
     def robot(self) -> Robot:
-        """The robot, without access to the truth."""
-        handle = _RobotHandle()
-        _TWINS[handle] = self
-        return handle
+        """The robot alone, as a lab has it."""
+        return RobotWrapper(self)
 
     def observe(self) -> RgbdImage:
         if self._camera is None:
@@ -241,28 +238,3 @@ class _Sway:
             self._knots.append(np.r_[self._rng.normal(0.0, self._size, 2), 0.0])
         begin, end = self._knots[int(knot) : int(knot) + 2]
         return begin + (end - begin) * share**2 * (3 - 2 * share)
-
-
-class _RobotHandle:
-    """The five methods of `Robot`, and no attribute that leads to the twin."""
-
-    __slots__ = ("__weakref__",)
-
-    def observe(self) -> RgbdImage:
-        return _TWINS[self].observe()
-
-    def move_to(self, position: NDArray, seconds: float) -> None:
-        _TWINS[self].move_to(position, seconds)
-
-    def grasp(self) -> None:
-        _TWINS[self].grasp()
-
-    def release(self) -> None:
-        _TWINS[self].release()
-
-    @property
-    def position(self) -> NDArray[np.float64]:
-        return _TWINS[self].position
-
-
-_TWINS: WeakKeyDictionary[_RobotHandle, Twin] = WeakKeyDictionary()

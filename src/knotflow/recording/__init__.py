@@ -9,17 +9,3 @@ from __future__ import annotations
 from .reader import DamagedRecordingError, NotARecordingError, load, read_metadata, read_recording
 from .rollout import OUTCOMES, Outcome, RecordedRollout, RolloutImages, recorded
 from .writer import write_recording
-
-__all__ = [
-    "OUTCOMES",
-    "DamagedRecordingError",
-    "NotARecordingError",
-    "Outcome",
-    "RecordedRollout",
-    "RolloutImages",
-    "load",
-    "read_metadata",
-    "read_recording",
-    "recorded",
-    "write_recording",
-]

@@ -1,14 +1,10 @@
-"""Recordings read back, as rollouts or as a pandas table, with every checksum compared.
-
-A cut or changed file is an error here; its repair is left to the mcap command (`mcap recover`).
-"""
+"""Recordings read back, as rollouts or as a pandas table, with every checksum compared."""
 
 from __future__ import annotations
 
 import os
 import struct
-import warnings
-from bisect import bisect_right
+from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,7 +15,7 @@ import pandas as pd
 import zstandard
 from google.protobuf.message import DecodeError
 from mcap.exceptions import McapError
-from mcap.reader import NonSeekingReader, make_reader
+from mcap.reader import NonSeekingReader, SeekingReader
 from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from . import messages
@@ -58,25 +54,21 @@ class NotARecordingError(ValueError):
 
 
 class DamagedRecordingError(ValueError):
-    """A recording was cut or changed after it was written; names the command that repairs it."""
+    """A recording was cut or changed after it was written."""
 
     def __init__(self, path: Path, reason: object) -> None:
-        super().__init__(
-            f"{path} is damaged: {reason}. What can be saved of it is saved by "
-            f"`mcap recover {path.name} -o recovered.mcap` (https://mcap.dev/guides/cli)"
-        )
+        super().__init__(f"{path} is damaged: {reason}")
 
 
 def read_recording(path: PathLike) -> Iterator[RecordedRollout]:
     """The rollouts of a recording, in file order, one in memory at a time.
 
     Trajectories come back as the exact float32 numbers that were written, splines and control
-    points as the exact float64, times to 1 ns. A recovered file may announce rollouts whose
-    frames are lost: these are left out, with a warning that counts them.
+    points as the exact float64, times to 1 ns.
 
     Raises:
         FileNotFoundError: there is no such file (raised at once, not at the first rollout).
-        NotARecordingError: it is no MCAP (at once), or holds no whole rollout.
+        NotARecordingError: it is no MCAP (at once), or holds no rollout.
         DamagedRecordingError: it is cut (at once), or a checksum is wrong (where this is met).
     """
     return (rollout for _, rollout in _rollouts(existing_recording(path)))
@@ -99,9 +91,7 @@ def load(path: PathLike | Iterable[PathLike], *, trajectories: bool = False) -> 
     rows: list[dict[str, Any]] = []
     for place in map(Path, paths):
         for file in recordings_in(place) if place.is_dir() else [place]:
-            facts = [] if trajectories else _facts_of_complete_file(file)
-            read = ((one, None) for one in facts) if facts else _rollouts(existing_recording(file))
-            for one, rollout in read:
+            for one, rollout in (_rollouts if trajectories else _facts)(existing_recording(file)):
                 values = {name: getattr(rollout, name) for name in arrays}
                 rows.append({"file": str(file)} | messages.table_row(one) | values)
     return pd.DataFrame(rows, columns=[*COLUMNS, *arrays]).astype(COLUMNS)
@@ -171,87 +161,56 @@ def _damage_named(path: Path) -> Iterator[None]:
         raise DamagedRecordingError(path, str(error) or type(error).__name__) from error
 
 
-class _Frames:
-    """A ``knotflow.Rollout`` and those of its frames that were read so far."""
-
-    def __init__(self, facts: Any) -> None:
-        self.facts = facts
-        self.log_times: list[int] = []
-        self.by_topic: dict[str, list[Any]] = {topic: [] for topic in _DECODERS}
-
-    def add(self, topic: str, log_time: int, data: bytes) -> None:
-        self.by_topic[topic].append(_DECODERS[topic](data))
-        if topic == messages.ROPE:
-            self.log_times.append(log_time)
-
-    @property
-    def complete(self) -> bool:
-        ropes, grippers = self.by_topic[messages.ROPE], self.by_topic[messages.GRIPPER]
-        return len(ropes) == len(grippers) == self.facts.frames
-
-    def rollout(self) -> RecordedRollout:
-        ropes, grippers, images, estimates, references = self.by_topic.values()
-        camera = None
-        if images:
-            reference = np.array(references) if references else None
-            camera = RolloutImages(tuple(images), np.array(estimates), reference)
-        return messages.decode_rollout(
-            self.facts, self.log_times, np.array(ropes), np.array(grippers), camera
-        )
-
-
 def _rollouts(path: Path) -> Iterator[tuple[Any, RecordedRollout]]:
-    waiting: list[_Frames] = []  # by start time, which is also the order of the file
-    read = 0
-    for topic, log_time, data in _messages(path):
+    """Each ``knotflow.Rollout`` and its rollout; in the file the frames follow in the same order,
+    those of one rollout after those of another."""
+    announced: deque[Any] = deque()
+    frames: dict[str, list[Any]] = {topic: [] for topic in _DECODERS}
+    log_times: list[int] = []
+    # A reader that does not seek leaves nothing unchecked.
+    for topic, log_time, data in _messages(path, NonSeekingReader, messages.ROLLOUT, *_DECODERS):
         with _damage_named(path):
             if topic == messages.ROLLOUT:
-                waiting.append(_Frames(messages.RolloutMessage.FromString(data)))
+                announced.append(messages.RolloutMessage.FromString(data))
                 continue
-            at = bisect_right(waiting, log_time, key=lambda frames: frames.facts.start_ns) - 1
-            owner = waiting[at].facts if at >= 0 else None
-            if owner is None or log_time > owner.start_ns + owner.duration_ns:
-                continue  # a recovered file may have lost the facts of these frames
-            waiting[at].add(topic, log_time, data)
-            if not waiting[at].complete:
+            frames[topic].append(_DECODERS[topic](data))
+            if topic == messages.ROPE:
+                log_times.append(log_time)
+            if topic != messages.GRIPPER or len(log_times) < announced[0].frames:
                 continue
-            rollout = waiting.pop(at).rollout()
-        read += 1
-        yield owner, rollout
-    if read == 0:
-        raise NotARecordingError(
-            f"{path} is an MCAP without a single whole rollout: a recording has the topics "
-            f"{messages.ROLLOUT}, {messages.ROPE} and {messages.GRIPPER}"
-        )
-    if waiting:
-        warnings.warn(
-            f"{path} announces {len(waiting)} rollouts without all of their frames, as recovered "
-            f"recordings do; {read} whole ones were read",
-            stacklevel=2,
-        )
+            facts = announced.popleft()
+            ropes, grippers, images, *estimates = map(np.array, frames.values())
+            camera = None
+            if len(images):
+                estimate, reference = estimates
+                camera = RolloutImages(
+                    tuple(frames[messages.CAMERA]), estimate, reference if len(reference) else None
+                )
+            rollout = messages.decode_rollout(facts, log_times, ropes, grippers, camera)
+            frames, log_times = {topic: [] for topic in _DECODERS}, []
+        yield facts, rollout
+    if announced:
+        raise DamagedRecordingError(path, f"{len(announced)} rollouts lack frames")
 
 
-def _messages(path: Path) -> Iterator[tuple[str, int, bytes]]:
-    """Topic, log time in ns and encoded data of each message with facts or a frame."""
+def _facts(path: Path) -> Iterator[tuple[Any, None]]:
+    """Each ``knotflow.Rollout``, without reading the frames."""
+    for _, _, data in _messages(path, SeekingReader, messages.ROLLOUT):
+        with _damage_named(path):
+            facts = messages.RolloutMessage.FromString(data)
+        yield facts, None
+
+
+def _messages(
+    path: Path, reader: type[NonSeekingReader | SeekingReader], *topics: str
+) -> Iterator[tuple[str, int, bytes]]:
+    """Topic, log time in ns and encoded data of messages of `topics`, the first rollout first."""
+    found = False
     with path.open("rb") as stream, _damage_named(path):
-        reader = NonSeekingReader(stream, validate_crcs=True)  # reads nothing unchecked
-        wanted = (messages.ROLLOUT, *_DECODERS)
-        for _, channel, message in reader.iter_messages(wanted, log_time_order=False):
-            yield channel.topic, message.log_time, message.data
-
-
-def _facts_of_complete_file(path: Path) -> list[Any]:
-    """Each ``knotflow.Rollout`` of a file whose summary accounts for every frame, else none."""
-    with existing_recording(path).open("rb") as stream, _damage_named(path):
-        reader = make_reader(stream, validate_crcs=True)
-        summary = reader.get_summary()
-        if summary is None or summary.statistics is None:
-            return []
-        found = reader.iter_messages(messages.ROLLOUT, log_time_order=False)
-        facts = [messages.RolloutMessage.FromString(message.data) for _, _, message in found]
-    counts = {
-        summary.channels[channel].topic: count
-        for channel, count in summary.statistics.channel_message_counts.items()
-    }
-    frames = sum(each.frames for each in facts)
-    return facts if counts.get(messages.ROPE) == counts.get(messages.GRIPPER) == frames else []
+        messages_of = reader(stream, validate_crcs=True).iter_messages
+        for _, channel, message in messages_of(topics, log_time_order=False):
+            found |= channel.topic == messages.ROLLOUT
+            if found:
+                yield channel.topic, message.log_time, message.data
+    if not found:
+        raise NotARecordingError(f"{path} is an MCAP without a single rollout ({messages.ROLLOUT})")

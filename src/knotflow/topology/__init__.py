@@ -12,26 +12,3 @@ from knotflow.topology.knots import KNOT_NAMES, all_states, knot, solution_graph
 from knotflow.topology.moves import R1, R2, Cross
 from knotflow.topology.polyline import DegenerateCurveError
 from knotflow.topology.state import InvalidStateError, TopologicalState
-
-__all__ = [
-    "KNOT_NAMES",
-    "R1",
-    "R2",
-    "Action",
-    "Arrange",
-    "Cross",
-    "CurveCrossings",
-    "DegenerateCurveError",
-    "ForwardAction",
-    "IllegalActionError",
-    "InvalidStateError",
-    "TopologicalState",
-    "Undo",
-    "all_states",
-    "knot",
-    "parse_action",
-    "project",
-    "segment_intervals",
-    "segment_lengths",
-    "solution_graph",
-]

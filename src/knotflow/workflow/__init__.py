@@ -5,16 +5,3 @@ from knotflow.workflow.shards import StageRun, WorkersConfig
 from knotflow.workflow.stage import Stage, WorkflowError, get_stage, stage
 from knotflow.workflow.store import DamagedStageError
 from knotflow.workflow.workflow import Workflow, read_workflow
-
-__all__ = [
-    "DamagedStageError",
-    "Stage",
-    "StageRun",
-    "WorkersConfig",
-    "Workflow",
-    "WorkflowError",
-    "get_stage",
-    "read_workflow",
-    "run_workflow",
-    "stage",
-]

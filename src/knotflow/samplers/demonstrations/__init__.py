@@ -29,27 +29,3 @@ from knotflow.samplers.demonstrations.scripted import (
     Demonstrator,
     DemonstratorConfig,
 )
-
-__all__ = [
-    "SHIPPED",
-    "TASKS",
-    "Demonstration",
-    "DemonstrationError",
-    "Demonstrator",
-    "DemonstratorConfig",
-    "NoiseConfig",
-    "Task",
-    "add_demonstration",
-    "arranging_splines",
-    "heuristic_any_action",
-    "heuristic_splines",
-    "load_demonstrations",
-    "load_trials",
-    "merge_demonstrations",
-    "noisy_copies",
-    "save_demonstrations",
-    "screened_arranging_splines",
-    "screened_splines",
-    "task",
-    "task_at",
-]
