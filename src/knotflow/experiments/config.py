@@ -26,8 +26,9 @@ HOME = PACKAGE if (PACKAGE / "conf").is_dir() else PACKAGE.parents[1]
 """Holds conf/ and workflows/: inside an installed package, or at the top of a checkout."""
 
 SECTIONS = (
-    *("demonstrations", "evaluation_starts", "evaluation", "pools", "self_play"),
-    *("library_training", "tree_size", "joint_finetuning", "causal_infogan", "infogan_single"),
+    *("demonstrations", "evaluation_starts", "development_starts", "evaluation", "pools"),
+    *("learning_options", "self_play", "library_training", "tree_size", "joint_finetuning"),
+    *("causal_infogan", "infogan_single"),
     *("infogan_all", "causal_infogan_ends", "causal_infogan_plans", "pull", "pentagram"),
     *("knots", "goals", "goals_ablation", "actions", "overhand", "training_ropes"),
     *("perception_training", "strand_training", "unseen_ropes", "adaptation_ropes"),
@@ -75,8 +76,8 @@ class Config:
     sampler: SamplerConfig = field(default_factory=SamplerConfig)
     planner: PlannerConfig = field(default_factory=PlannerConfig)
     primitive: PrimitiveConfig = field(default_factory=PrimitiveConfig)
-    imitation: ImitationConfig = field(default_factory=ImitationConfig)
-    reinforcement: ReinforcementConfig = field(default_factory=ReinforcementConfig)
+    imitation_training: ImitationConfig = field(default_factory=ImitationConfig)
+    reinforcement_training: ReinforcementConfig = field(default_factory=ReinforcementConfig)
     self_play_training: SelfPlayConfig = field(default_factory=SelfPlayConfig)
     execution: ExecutionConfig = field(default_factory=ExecutionConfig)
     training_seed: int = MISSING

@@ -51,7 +51,7 @@ def imitation(
     demonstrations: Path,
     rope: RopeConfig,
     primitive: PrimitiveConfig,
-    imitation: ImitationConfig,
+    imitation_training: ImitationConfig,
     training_seed: int,
 ) -> None:
     """Four primitives learn from the demonstrations; one shard a primitive.
@@ -62,7 +62,9 @@ def imitation(
     def imitate(part: str) -> None:
         number = PARTS[part]
         trials = demonstrated(number, load_trials(demonstrations))
-        trainer = Imitation([*trials.values()], primitive, imitation, training_seed + number)
+        trainer = Imitation(
+            [*trials.values()], primitive, imitation_training, training_seed + number
+        )
 
         def save(path: Path) -> None:
             PrimitiveLibrary({number: trainer.primitive}, {number: [*trials]}, rope).save(path)
@@ -114,7 +116,7 @@ def reinforcement(
     pools: Path,
     simulation: SimulationConfig,
     starts: StartsConfig,
-    reinforcement: ReinforcementConfig,
+    reinforcement_training: ReinforcementConfig,
     training_seed: int,
 ) -> None:
     """The primitives continue with their own attempts; one shard a primitive.
@@ -139,7 +141,7 @@ def reinforcement(
             [one for task in tasks for one in trials[task.action]],
             {task: load_starts(pools, str(task.start_state)) for task in tasks},
             RopeSimulator(simulation),
-            reinforcement,
+            reinforcement_training,
             training_seed + number,
             starts,
             record,
