@@ -116,8 +116,8 @@ def _gentle() -> LearnerConfig:
 
 
 @dataclass
-class SelfPlayConfig:
-    """How long the primitives train together, and how."""
+class TransitionConfig:
+    """What joint finetuning and self-play share."""
 
     learner: LearnerConfig = field(default_factory=_gentle)
     """Optimiser and batches of each primitive."""
@@ -126,13 +126,51 @@ class SelfPlayConfig:
     )
     """How the behaviour policy differs from the policy: constant over the rounds, so that a short
     training is the beginning of a long one."""
+    rounds: int = 250
+    """Rounds of trials and gradient steps."""
+    capacity: int = 60000
+    """Trials in each primitive's replay buffer, the newest."""
+    memory: int = 4000
+    """Attempts of independent training that it begins with, the newest, for each action."""
+    refreshed: int = 256
+    """Stored trials of each primitive whose next value is recomputed in a round."""
+    steps: int = 8
+    """Gradient steps of each primitive in a round,"""
+    new_steps: int = 16
+    """and of one without demonstrations, which has everything to learn,"""
+    successes_per_step: int = 4
+    """but at most one for so many successes in its replay buffer, lest it overfit to a few."""
+    critic_reset_every: int = 125
+    """Rounds between two resets of the critics; there is one after the last round, too."""
+    critic_reset_steps: int = 1500
+    """Gradient steps after a reset, over which the learning rates fall to 0."""
+
+
+@dataclass
+class JointConfig(TransitionConfig):
+    """How long the primitives train on a task, and how."""
+
+    goal: str = "overhand"
+    """The knot that episodes tie."""
+    environments: int = 64
+    """Episodes in a round, side by side."""
+    splines: int = 5
+    """Most splines in an episode."""
+    shortest_segment: float = 2 / 64
+    """An episode ends where a segment is shorter, fraction of the rope's length."""
+    rounds: int = 40
+    critic_reset_every: int = 1000
+
+
+@dataclass
+class SelfPlayConfig(TransitionConfig):
+    """How long the primitives train on all actions, and how."""
+
     most_crossings: int = 4
     """Of the states that trials begin in and lead to."""
-    rounds: int = 100
-    """Rounds of trials and gradient steps."""
     ropes: int = 384
     """Trials in a round, each on a rope of its own."""
-    crossings_shares: list[float] = field(default_factory=lambda: [0.5, 1.5, 7.0, 2.0, 0.2])
+    crossings_shares: list[float] = field(default_factory=lambda: [0.5, 3.0, 7.0, 2.0, 0.2])
     """Relative frequencies of 0, 1, 2, ... crossings at the start of a trial."""
     candidates: int = 4
     """Ropes and actions that are drawn for each trial; see `curriculum.sampling_priority`."""
@@ -148,19 +186,3 @@ class SelfPlayConfig:
     """this share of the splines are heuristic, the best of many by a cheap prediction."""
     shapes: int = 128
     """Rope shapes that are kept of each state."""
-    capacity: int = 30000
-    """Trials in each primitive's replay buffer, the newest."""
-    memory: int = 4000
-    """Attempts of independent training that it begins with, the newest, for each action."""
-    refreshed: int = 256
-    """Stored trials of each primitive whose next value is recomputed in a round."""
-    steps: int = 8
-    """Gradient steps of each primitive in a round,"""
-    new_steps: int = 16
-    """and of one without demonstrations, which has everything to learn,"""
-    successes_per_step: int = 4
-    """but at most one for so many successes in its replay buffer, lest it overfit to a few."""
-    critic_reset_every: int = 50
-    """Rounds between two resets of the critics; there is one after the last round, too."""
-    critic_reset_steps: int = 1000
-    """Gradient steps after a reset, over which the learning rates fall to 0."""

@@ -57,8 +57,10 @@ class PrimitiveLibrary:
         primitives: Mapping[int, Primitive],
         trained_on: Mapping[int, Sequence[Action]],
         rope: RopeConfig,
+        next_values: bool = False,
     ) -> None:
-        """Primitives by number, the actions each was trained on, and the rope."""
+        """Primitives by number, the actions each was trained on, the rope, and whether critics have
+        learned the value of the next action (Sec. V-B c)."""
         if not primitives or not set(primitives) == set(trained_on) <= set(ALL_PRIMITIVES):
             raise ValueError(
                 f"a library has primitives out of {ALL_PRIMITIVES} and trained actions for each, "
@@ -66,7 +68,7 @@ class PrimitiveLibrary:
             )
         self.primitives = {number: primitives[number].eval() for number in sorted(primitives)}
         self.trained_on = {number: tuple(trained_on[number]) for number in sorted(trained_on)}
-        self.rope = rope
+        self.rope, self.next_values = rope, next_values
 
     @classmethod
     def merged(cls, libraries: Iterable[PrimitiveLibrary]) -> PrimitiveLibrary:
@@ -77,6 +79,7 @@ class PrimitiveLibrary:
         """
         first, *others = libraries
         primitives, trained_on = dict(first.primitives), dict(first.trained_on)
+        next_values = any(one.next_values for one in (first, *others))
         for one in others:
             why = f"ropes {first.rope} and {one.rope}" if one.rope != first.rope else ""
             if doubled := set(primitives) & set(one.primitives):
@@ -85,7 +88,7 @@ class PrimitiveLibrary:
                 raise ValueError(f"libraries cannot be merged: {why}")
             primitives |= one.primitives
             trained_on |= one.trained_on
-        return cls(primitives, trained_on, first.rope)
+        return cls(primitives, trained_on, first.rope, next_values)
 
     def warn_if_unlike(self, rope: RopeConfig) -> None:
         """Warn (`UnlikeRopeWarning`) of a rope of another size than the one trained with."""
@@ -134,8 +137,10 @@ class PrimitiveLibrary:
         known = {"values", "success_probability", "sample_for_next", "arrange", "arranged_values"}
         if any(primitive.critic is None for primitive in self.primitives.values()):
             known -= {"values", "success_probability"}
-        if ARRANGE not in self.primitives:  # next values are learned with it, by self-play
-            known -= {"sample_for_next", "arrange", "arranged_values"}
+        if not self.next_values:
+            known -= {"sample_for_next"}
+        if ARRANGE not in self.primitives:
+            known -= {"arrange", "arranged_values"}
         return frozenset(known | ({"undo"} if UNDO in self.primitives else set()))
 
     @one_thread()
@@ -228,6 +233,7 @@ class PrimitiveLibrary:
         }
         about = {"format": FORMAT, "version": VERSION, "primitives": json.dumps(entries)}
         about |= {"rope": json.dumps(asdict(self.rope)), "digest": _digest(weights)}
+        about["next_values"] = str(self.next_values)
         save_weights(path, weights, about, half=False)
 
     @classmethod
@@ -266,6 +272,10 @@ class PrimitiveLibrary:
             rope_fields.pop("root", None)  # in libraries of version 0.2
             trained_rope = RopeConfig(**rope_fields)
             digest = metadata["digest"]
+            # Older files do not say; next values came with self-play, as arranging did.
+            next_values = json.loads(
+                metadata.get("next_values", str(str(ARRANGE) in entries).lower())
+            )
         except (KeyError, TypeError, ValueError) as error:
             raise LibraryError(f"{path}: its metadata are damaged: {error!r}") from None
         if digest != _digest(weights):
@@ -281,7 +291,7 @@ class PrimitiveLibrary:
         for number, entry in entries.items():
             primitives[int(number)] = _primitive(path, number, entry["config"], weights)
             actions[int(number)] = [parse_action(text) for text in entry["actions"]]
-        return cls(primitives, actions, trained_rope)
+        return cls(primitives, actions, trained_rope, next_values)
 
 
 def _primitive(
