@@ -64,6 +64,15 @@ def test_imitation_and_reinforcement_are_drawn_where_they_were_kept(write, figur
     assert "(figures/reinforcement.png)" in training.reinforcement(*arguments)
 
 
+def test_episodes_are_drawn_beside_the_primitives_that_they_train(write, figures):
+    assert training.joint(figures.results, figures, "single_stage") == ""
+    tied = [(1, step, "tied", 0.02 * step) for step in range(40)]
+    write.table("single_stage", "curves_joint.csv", COLUMNS, [*PLAYED, *tied])
+    assert "(figures/joint_training.png)" in training.joint(
+        figures.results, figures, "single_stage"
+    )
+
+
 def test_self_play_counts_its_trials(write, figures):
     assert training.library(figures.results, figures) is None
     write.table("library_training", "curves.csv", COLUMNS, PLAYED)

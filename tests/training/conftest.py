@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
-from knotflow.samplers.primitives import CemConfig, NetworkConfig, PrimitiveConfig, encode
-from knotflow.simulation import RopeConfig, Trials, arc, straight
+from knotflow.samplers.primitives import (
+    CemConfig,
+    NetworkConfig,
+    Primitive,
+    PrimitiveConfig,
+    PrimitiveLibrary,
+    encode,
+)
+from knotflow.simulation import Rollouts, RopeConfig, SimulationConfig, Trials, arc, straight
 from knotflow.topology import TopologicalState, parse_action
 
 SMALL = NetworkConfig(lstm=8, attention=4, stream=8, feature=16, head=32)
@@ -37,3 +45,49 @@ def trials(curves) -> list[Trials]:
         Trials(R1_ACTION, TopologicalState.trivial(), np.repeat(curve[None], 40, axis=0), *tried)
         for curve, *tried in zip(curves, splines, success, strict=True)
     ]
+
+
+@pytest.fixture
+def make_library():
+    """Makes the four primitives, always with the same weights, as networks that learn little."""
+    network = NetworkConfig(lstm=8, attention=4, stream=8, feature=16, head=16)
+
+    def make(variant: str = "actor_critic") -> PrimitiveLibrary:
+        cem = CemConfig(population=16, valued=8, elites=4)
+        torch.manual_seed(0)
+        primitives = {n: Primitive(PrimitiveConfig(variant, network, cem)) for n in (1, 2, 3, 4)}
+        return PrimitiveLibrary(primitives, {n: [] for n in primitives}, RopeConfig())
+
+    return make
+
+
+class Laid:
+    """A simulator that lays every rope as it is told, or leaves it where it is."""
+
+    config = SimulationConfig()
+
+    def __init__(self, shape: np.ndarray | None = None) -> None:
+        self.shape = shape
+
+    def execute(self, points: np.ndarray, splines: np.ndarray) -> Rollouts:
+        ends = points if self.shape is None else np.broadcast_to(self.shape, points.shape)
+        return Rollouts.between(points, ends.copy())
+
+
+@pytest.fixture
+def laid() -> type[Laid]:
+    return Laid
+
+
+@pytest.fixture
+def weights():
+    """All weights of a trainer's library."""
+
+    def weights(trainer) -> dict[str, torch.Tensor]:
+        return {
+            f"{number}.{name}": value.clone()
+            for number, primitive in trainer.library.primitives.items()
+            for name, value in primitive.state_dict().items()
+        }
+
+    return weights

@@ -18,7 +18,7 @@ from knotflow.samplers import SamplerConfig
 from knotflow.samplers.demonstrations import SHIPPED, DemonstratorConfig, NoiseConfig
 from knotflow.samplers.primitives import SHIPPED_PRIMITIVES, PrimitiveConfig
 from knotflow.simulation import RopeConfig, SimulationConfig, StartsConfig
-from knotflow.training import ImitationConfig, ReinforcementConfig, SelfPlayConfig
+from knotflow.training import ImitationConfig, JointConfig, ReinforcementConfig, SelfPlayConfig
 from knotflow.workflow import WorkersConfig
 
 PACKAGE = Path(knotflow.__file__).parent
@@ -27,8 +27,7 @@ HOME = PACKAGE if (PACKAGE / "conf").is_dir() else PACKAGE.parents[1]
 
 SECTIONS = (
     *("demonstrations", "evaluation_starts", "development_starts", "evaluation", "pools"),
-    *("learning_options", "self_play", "library_training", "tree_size", "joint_finetuning"),
-    *("causal_infogan", "infogan_single"),
+    *("learning_options", "tree_size", "joint_finetuning", "causal_infogan", "infogan_single"),
     *("infogan_all", "causal_infogan_ends", "causal_infogan_plans", "pull", "pentagram"),
     *("knots", "goals", "goals_ablation", "actions", "overhand", "training_ropes"),
     *("perception_training", "strand_training", "unseen_ropes", "adaptation_ropes"),
@@ -78,10 +77,11 @@ class Config:
     primitive: PrimitiveConfig = field(default_factory=PrimitiveConfig)
     imitation_training: ImitationConfig = field(default_factory=ImitationConfig)
     reinforcement_training: ReinforcementConfig = field(default_factory=ReinforcementConfig)
+    joint_training: JointConfig = field(default_factory=JointConfig)
     self_play_training: SelfPlayConfig = field(default_factory=SelfPlayConfig)
     execution: ExecutionConfig = field(default_factory=ExecutionConfig)
     training_seed: int = MISSING
-    """Of weights, batches and attempts of imitation and reinforcement."""
+    """Of weights, batches and splines tried in training primitives."""
     training_seeds: list[int] = MISSING
     """Those of experiments that train several times."""
 

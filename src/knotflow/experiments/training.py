@@ -1,4 +1,4 @@
-"""Training of the primitives: imitation, reinforcement, joint finetuning (Sec. V-B)."""
+"""Training of the primitives: imitation, reinforcement, joint finetuning, self-play (Sec. V-B)."""
 
 from __future__ import annotations
 
@@ -33,6 +33,8 @@ from knotflow.topology import Action, TopologicalState, parse_action
 from knotflow.training import (
     Imitation,
     ImitationConfig,
+    JointConfig,
+    JointFinetuning,
     Reinforcement,
     ReinforcementConfig,
     SelfPlay,
@@ -41,6 +43,8 @@ from knotflow.training import (
 from knotflow.training.trainer import CURVES, merge_curves
 from knotflow.workflow import StageRun, stage
 
+TOGETHER = "training"
+"""Folder of the checkpoint where primitives learn together."""
 PARTS = {f"primitive-{number}": number for number in PRIMITIVES}
 
 
@@ -168,38 +172,72 @@ def _merge(run: StageRun) -> None:
 
 
 @stage
+def joint(
+    run: StageRun,
+    *,
+    demonstrations: Path,
+    primitives: Path,
+    attempts: Path,
+    simulation: SimulationConfig,
+    starts: StartsConfig,
+    joint_training: JointConfig,
+    training_seed: int,
+) -> None:
+    """The primitives learn together on episodes that tie a knot (Sec. V-B c).
+
+    Makes primitives.safetensors and curves.csv. The splines are not recorded.
+
+    `attempts` are recordings of earlier attempts, which are remembered.
+    """
+    trainer = JointFinetuning(
+        PrimitiveLibrary.load(primitives / FILE, simulation.rope),
+        load_trials(demonstrations),
+        earlier_attempts(attempts / "recordings", joint_training.memory),
+        RopeSimulator(simulation),
+        joint_training,
+        training_seed,
+        starts,
+    )
+
+    def save(path: Path) -> None:
+        trainer.library.save(path)
+        _save_curves(run)
+
+    train(run, trainer, "joint finetuning", FILE, save, folder=TOGETHER, save_every=5)
+
+
+@stage
 def self_play(
     run: StageRun,
     *,
     demonstrations: Path,
     primitives: Path,
-    attempts: Path | None = None,
+    attempts: Path,
     simulation: SimulationConfig,
     starts: StartsConfig,
     self_play_training: SelfPlayConfig,
-    seed: int,
+    training_seed: int,
 ) -> None:
-    """The primitives learn all actions together (Sec. V-B c, and beyond).
+    """The primitives learn all actions together, from ropes that they made.
 
     Makes primitives.safetensors, curves.csv and trials.csv, a row a pair of state and action. The
     trials, tens of thousands, are not recorded.
 
     `attempts` are recordings of earlier attempts, which are remembered.
     """
-    trials, memory = load_trials(demonstrations), self_play_training.memory
     trainer = SelfPlay(
         PrimitiveLibrary.load(primitives / FILE, simulation.rope),
-        {task: trials[task.action] for task in TASKS},
-        earlier_attempts(attempts / "recordings", memory) if attempts is not None else (),
+        load_trials(demonstrations),
+        earlier_attempts(attempts / "recordings", self_play_training.memory),
         RopeSimulator(simulation),
         self_play_training,
-        seed,
+        training_seed,
         starts,
     )
-    part = "training"
 
     def save(path: Path) -> None:
         trainer.library.save(path)
+        _save_curves(run)
         rows = [
             (str(state), str(action), pair.trials, pair.successes, pair.rate)
             for (state, action), pair in trainer.curriculum.stats.items()
@@ -207,9 +245,13 @@ def self_play(
         columns = ["start", "action", "trials", "successes", "recent_rate"]
         table = pd.DataFrame(rows, columns=columns).sort_values(["start", "action"])
         run.save_table("trials.csv", table)
-        run.save_table(CURVES, merge_curves({1: run.out / part / CURVES}), "%.6g")
 
-    train(run, trainer, "self-play", FILE, save, folder=part, save_every=25)
+    train(run, trainer, "self-play", FILE, save, folder=TOGETHER, save_every=25)
+
+
+def _save_curves(run: StageRun) -> None:
+    """The curves of primitives that learn together; those of none of them are primitive 1's."""
+    run.save_table(CURVES, merge_curves({1: run.out / TOGETHER / CURVES}), "%.6g")
 
 
 def earlier_attempts(folder: Path, count: int) -> list[Attempts]:
@@ -261,5 +303,5 @@ def shipped_library(run: StageRun, *, primitives: Path) -> None:
         folder.mkdir()
         for number, primitive in library.primitives.items():
             actions = {number: library.trained_on[number]}
-            one = PrimitiveLibrary({number: primitive}, actions, library.rope)
+            one = PrimitiveLibrary({number: primitive}, actions, library.rope, library.next_values)
             one.save(folder / f"primitive-{number}.safetensors", half=True)

@@ -1,5 +1,5 @@
 """Branches that searches need to tie an overhand: by method (Sec. VII-A4), and with primitives
-trained independently and jointly by self-play (Sec. VII-B2)."""
+trained independently and jointly (Sec. VII-B2)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from knotflow.report.searches import (
     sizes,
 )
 from knotflow.report.section import Claim, Figures, Judgement, NotMeasured, Parts, Verdict
-from knotflow.report.training import self_play
+from knotflow.report.training import joint
 from knotflow.statistics import Interval, bootstrap, clustered_rate, mean_difference
 
 SIZE, JOINT = "tree_size", "joint_finetuning"
@@ -183,7 +183,7 @@ def hardest_steps(method: str, results: Results) -> str:
 
 
 def joint_finetuning(results: Results, figures: Figures) -> Parts | None:
-    """The branches by kind of training, self-play, and the success of single actions after it."""
+    """The branches by kind of training, its curves, and the success of single actions after it."""
     searches = read_searches(results, JOINT, "primitives", with_start=False)
     if searches.empty:
         return None
@@ -197,7 +197,7 @@ def joint_finetuning(results: Results, figures: Figures) -> Parts | None:
         "searches": search_table(groups),
         "checks": checks(results, JOINT),
         "spent": branches_spent(results, JOINT, "primitives"),
-        "self_play": self_play(results, figures, JOINT, "curves_joint.csv", "self_play"),
+        "curves": joint(results, figures, JOINT),
         "single_actions": "Single actions before and after, by one spline on the unseen starts of "
         f"Fig. 6, with {single.intervals}:\n\n{single.table(TRAINED)}"
         if single

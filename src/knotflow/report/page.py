@@ -125,7 +125,7 @@ def compose(results: Results, figures: Figures) -> str:
     smaller = [title for title, one in found.items() if one and one.budget != "paper"]
     rope = results.setting("single_stage", "rope") or {"length": 1.0, "radius": 0.008, "links": 40}
     bias = results.setting("tree_size", "bias")
-    crossings = results.setting("joint_finetuning", "most_crossings", "self_play")
+    crossings = results.setting("library_training", "most_crossings")
     arranging = results.setting("single_stage", "arranging", "reinforcement_arranged")
     text = TEMPLATE.read_text("utf-8").format(
         link=figures.link,

@@ -1,4 +1,4 @@
-"""Learning curves: of the primitives, of self-play, and of the networks (Sec. V-B, VI)."""
+"""Learning curves: of the primitives, and of the networks (Sec. V-B, VI)."""
 
 from __future__ import annotations
 
@@ -145,31 +145,67 @@ def reinforcement(results: Results, figures: Figures, experiment: str) -> str:
     return draw_curves(figures, "reinforcement", caption, panels, rates=[*panels])
 
 
-def self_play(results: Results, figures: Figures, experiment: str, name: str, figure: str) -> str:
-    """The policy's own success by primitive, the pairs of state and action, and the trials."""
-    curves = read_curves(results, experiment, name)
-    success, pairs = [], []
+def joint(results: Results, figures: Figures, experiment: str) -> str:
+    """The policy's own success by primitive, and that of whole episodes; '' without curves."""
+    curves = read_curves(results, experiment, "curves_joint.csv")
+    tied = curves.get((1, "tied"))  # primitive 1's curves count whole episodes
+    panels = {
+        "success of the policy's own splines": _own_success(curves),
+        "episodes that tied the knot": []
+        if tied is None
+        else [Line(tied, COLOURS[0], "", DOTS), Line(smoothed(tied), COLOURS[0])],
+    }
+    caption = (
+        "Joint finetuning with the first training seed. Left, the success rate of the policy's own "
+        "splines along the paths of the DAG, as moving means. Right, the share of a round's "
+        "episodes, exploration included, that tied the knot, and its moving mean."
+    )
+    return (
+        draw_curves(figures, "joint_training", caption, panels, rates=[*panels], legend=True)
+        if curves
+        else ""
+    )
+
+
+def _own_success(curves: Curves) -> list[Line]:
+    """The success rate of the policy's own splines by primitive."""
+    lines = []
     for number, label in NAMES.items():
         if (curve := curves.get((number, POLICY_SUCCESS))) is not None:
             stretch = max(1, len(curve) // 60)  # of hundreds of rounds
             mean = curve.rolling(stretch).mean().dropna()[::stretch]
-            success.append(Line(smoothed(mean), COLOURS[number - 1], label))
-    for colour, metric, label in (
-        (COLOURS[-1], "pairs_tried", "tried"),
-        (COLOURS[0], "pairs_solved", "succeeded at least once"),
-    ):
-        if (1, metric) in curves:  # primitive 1's curves count them
-            pairs.append(Line(curves[1, metric], colour, label))
+            lines.append(Line(smoothed(mean), COLOURS[number - 1], label))
+    return lines
+
+
+def library(results: Results, figures: Figures) -> Parts | None:
+    """The self-play of the shipped primitives: success by primitive, pairs and trials."""
+    if not results.measured("library_training"):
+        return None
+    curves = read_curves(results, "library_training", "curves.csv")
+    pairs = [
+        Line(curves[1, metric], colour, label)  # primitive 1's curves count them
+        for colour, metric, label in (
+            (COLOURS[-1], "pairs_tried", "tried"),
+            (COLOURS[0], "pairs_solved", "succeeded at least once"),
+        )
+        if (1, metric) in curves
+    ]
     caption = (
         "Self-play. Left, the success rate of the policy's own splines, as moving means: trials "
         "are drawn where there is most to learn, so the rates fall where harder actions come "
         "within reach. Right, the number of pairs of state and action that were tried, and that "
         "succeeded at least once."
     )
-    panels = {"success of the policy's own splines": success, "pairs of state and action": pairs}
+    panels = {
+        "success of the policy's own splines": _own_success(curves),
+        "pairs of state and action": pairs,
+    }
     rates = [*panels][:1]
-    drawn = curves and draw_curves(figures, figure, caption, panels, rates=rates, legend=True)
-    return md.join(drawn or "", _trials(results, experiment))
+    drawn = curves and draw_curves(
+        figures, "library_training", caption, panels, rates=rates, legend=True
+    )
+    return {"self_play": md.join(drawn or "", _trials(results, "library_training"))}
 
 
 def _trials(results: Results, experiment: str) -> str:
@@ -185,14 +221,6 @@ def _trials(results: Results, experiment: str) -> str:
         f"at least once, and {(table['recent_rate'] > 0.5).sum():,} in more than half of the last "
         "trials."
     )
-
-
-def library(results: Results, figures: Figures) -> Parts | None:
-    """The self-play of the shipped primitives."""
-    if not results.measured("library_training"):
-        return None
-    own = self_play(results, figures, "library_training", "curves.csv", "library_training")
-    return {"self_play": own}
 
 
 def network(experiment: str, results: Results, figures: Figures) -> Parts | None:

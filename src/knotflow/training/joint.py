@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.samplers.demonstrations import Task
 from knotflow.samplers.primitives.canonical import primitive_of
 from knotflow.samplers.primitives.library import PrimitiveLibrary
 from knotflow.simulation import (
@@ -23,7 +22,7 @@ from knotflow.simulation import (
     end_states,
     random_curve,
 )
-from knotflow.topology import TopologicalState, knot, segment_lengths, solution_graph
+from knotflow.topology import Action, TopologicalState, knot, segment_lengths, solution_graph
 from knotflow.topology.polyline import Floats
 from knotflow.training.config import JointConfig
 from knotflow.training.learner import POLICY
@@ -50,7 +49,7 @@ class JointFinetuning(TransitionTrainer):
     def __init__(
         self,
         library: PrimitiveLibrary,
-        trials: Mapping[Task, Sequence[Trials]],
+        trials: Mapping[Action, Sequence[Trials]],
         earlier: Sequence[Attempts],
         simulator: RopeSimulator,
         config: JointConfig,

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from knotflow.samplers.demonstrations import Task, screened_arranging_splines, screened_splines
+from knotflow.samplers.demonstrations import screened_arranging_splines, screened_splines
 from knotflow.samplers.primitives.canonical import ALL_PRIMITIVES, ARRANGE, Canonical, canonicalise
 from knotflow.samplers.primitives.config import PrimitiveConfig
 from knotflow.samplers.primitives.encoding import KINDS, encode_canonical
@@ -62,7 +62,7 @@ class SelfPlay(TransitionTrainer):
     def __init__(
         self,
         library: PrimitiveLibrary,
-        trials: Mapping[Task, Sequence[Trials]],
+        trials: Mapping[Action, Sequence[Trials]],
         earlier: Sequence[Attempts],
         simulator: RopeSimulator,
         config: SelfPlayConfig,
@@ -89,7 +89,7 @@ class SelfPlay(TransitionTrainer):
         for one in transitions:
             if not one.arranging:
                 self.curriculum.add(one.query.state, one.query.action, one.success)
-            learned += self._samples(one)
+            learned += self.samples(one)
             if one.end is not None and one.end.num_crossings <= self.config.most_crossings:
                 self._keep(one.end_points, one.end)
         self.store(learned)
@@ -154,7 +154,7 @@ class SelfPlay(TransitionTrainer):
         action = self.curriculum.next_action(transition.end, self.rng)
         return Sample(transition, 1.0, () if action is None else (action,))
 
-    def _samples(self, transition: Transition) -> Iterator[Sample]:
+    def samples(self, transition: Transition) -> Iterator[Sample]:
         """Of acting, and, of arranging or a share of what failed, whether the state was kept."""
         arranging = transition.arranging
         if not arranging:

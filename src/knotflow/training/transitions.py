@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from tensordict import TensorDict
 from torch import Tensor
 
-from knotflow.samplers.demonstrations import Task
-from knotflow.samplers.primitives.canonical import ARRANGE, Canonical, canonicalise
+from knotflow.samplers.primitives.canonical import ARRANGE, Canonical, canonicalise, primitive_of
 from knotflow.samplers.primitives.encoding import encode_canonical
 from knotflow.samplers.primitives.library import PrimitiveLibrary
 from knotflow.samplers.primitives.primitive import Primitive
@@ -111,7 +110,7 @@ class TransitionTrainer(Trainer):
     def __init__(
         self,
         library: PrimitiveLibrary,
-        trials: Mapping[Task, Sequence[Trials]],
+        trials: Mapping[Action, Sequence[Trials]],
         simulator: RopeSimulator,
         config: TransitionConfig,
         seed: int,
@@ -121,7 +120,7 @@ class TransitionTrainer(Trainer):
 
         Args:
             library: with actor and critic.
-            trials: demonstrations, of one rope each.
+            trials: demonstrations by action, of one rope each.
             starts: what an untangled rope looks like.
 
         Raises:
@@ -143,7 +142,9 @@ class TransitionTrainer(Trainer):
             number: self._learner(number, trials, seed) for number in self.library.primitives
         }
 
-    def _learner(self, number: int, trials: Mapping[Task, Sequence[Trials]], seed: int) -> Learner:
+    def _learner(
+        self, number: int, trials: Mapping[Action, Sequence[Trials]], seed: int
+    ) -> Learner:
         config = self.config.learner
         if number == ARRANGE:  # what counts is what is gained
             config = replace(config, success_share=0.0, failure_weight=1.0, gains_only=True)
@@ -152,7 +153,7 @@ class TransitionTrainer(Trainer):
             one
             for some in trials.values()
             for one in some
-            if canonicalise(some[0].points[0], one.action).primitive == number
+            if primitive_of(one.action, one.start.num_segments) == number
         ]
         if own:
             learner.demonstrations = demonstration_buffer(own, learner.generator)

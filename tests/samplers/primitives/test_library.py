@@ -14,6 +14,7 @@ from knotflow.samplers.primitives import (
     UnlikeRopeWarning,
     encode,
 )
+from knotflow.samplers.primitives.config import SHIPPED_PRIMITIVES
 from knotflow.samplers.sampler import SamplerConfig, build_sampler
 from knotflow.simulation import RopeConfig
 from knotflow.topology import parse_action
@@ -112,6 +113,16 @@ def test_libraries_merge_and_do_not_overwrite_each_other(library):
     assert PrimitiveLibrary.merged(singles).trained_on == library.trained_on
     with pytest.raises(ValueError, match=r"\[1\]"):
         PrimitiveLibrary.merged([library, singles[0]])
+
+
+def test_next_values_are_known_where_the_file_says_so_or_to_older_ones_that_arrange(library, path):
+    assert "sample_for_next" not in PrimitiveLibrary.load(path).capabilities
+    knows = PrimitiveLibrary(library.primitives, library.trained_on, library.rope, True)
+    knows.save(path)
+    assert "sample_for_next" in PrimitiveLibrary.load(path).capabilities
+    assert "sample_for_next" in PrimitiveLibrary.merged([knows]).capabilities
+    shipped = PrimitiveLibrary.load(SHIPPED_PRIMITIVES)
+    assert {"sample_for_next", "arrange"} <= shipped.capabilities
 
 
 def test_proposals_for_many_ropes_come_in_their_order(library, ropes):

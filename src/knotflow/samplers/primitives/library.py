@@ -273,9 +273,7 @@ class PrimitiveLibrary:
             trained_rope = RopeConfig(**rope_fields)
             digest = metadata["digest"]
             # Older files do not say; next values came with self-play, as arranging did.
-            next_values = json.loads(
-                metadata.get("next_values", str(str(ARRANGE) in entries).lower())
-            )
+            next_values = metadata.get("next_values", str(str(ARRANGE) in entries)) == "True"
         except (KeyError, TypeError, ValueError) as error:
             raise LibraryError(f"{path}: its metadata are damaged: {error!r}") from None
         if digest != _digest(weights):
