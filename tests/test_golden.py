@@ -323,7 +323,7 @@ def searched(rule: str, state: TopologicalState | None = None) -> list[Any]:
         [str(one.state), str(one.action), one.outcome, one.success, one.branches]
         for one in plan.tried
     ]
-    return [plan.branches, plan.nodes, [str(action) for action in plan.actions], sorted(tried)]
+    return [plan.branches, plan.kept, [str(action) for action in plan.actions], sorted(tried)]
 
 
 def planning() -> dict[str, Any]:
@@ -333,16 +333,15 @@ def planning() -> dict[str, Any]:
     for text in ("R1(0,1,1)", "C(0,1,1)", "C(2,0,1)"):
         edges = dag.edges_from(state)
         steps.append([str(state), dag.distance(state), len(edges)])
-        nodes.append(Node(loop(), state, dag.distance(state), edges, failures=len(nodes)))
+        nodes.append(Node(loop(), state, dag.distance(state), edges))
         state = state.apply(parse_action(text))
-    config = PlannerConfig(rule="paper", bias=10.0, failure_discount=0.5)
     rule = PosteriorRule(PlannerConfig(), dag)
     for node in nodes:
         rule.add(node)
     branches = [[str(one.node.state), str(one.action)] for one in rule.choose(12)]
     return {
         "dag": steps,
-        "probabilities": node_probabilities(nodes, config),
+        "probabilities": node_probabilities([node.distance for node in nodes]),
         "branches": branches,
         "searches": [searched(rule) for rule in RULES],
         "onward": [searched(rule, nodes[-1].state) for rule in RULES],

@@ -28,7 +28,7 @@ COMPONENTS = {
     "primitives": Component(4, ("samplers.primitives",)),
     "trainer": Component(1, ("training.trainer",)),
     "training": Component(6, ("training",)),
-    "planning": Component(9, ("planning",)),
+    "planning": Component(10, ("planning",)),
     "perception": Component(10, ("perception",)),
     "execution": Component(7, ("execution",)),
     "recording": Component(1, ("recording",)),

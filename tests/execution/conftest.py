@@ -86,7 +86,7 @@ def plan_of(splines) -> KnotPlan:
         steps=tuple(steps),
         tried=(),
         branches=2,
-        nodes=3,
+        kept=2,
         seconds=0.0,
         radius=ROPE.radius,
     )
@@ -129,7 +129,7 @@ def plan(simulator):
         steps=(step,),
         tried=(),
         branches=1,
-        nodes=2,
+        kept=1,
         seconds=0.0,
         radius=simulator.config.rope.radius,
     )

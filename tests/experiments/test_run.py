@@ -38,7 +38,7 @@ def test_experiments_share_what_they_train():
         for experiment in ("single_stage", "tree_size", "joint_finetuning", "causal_infogan")
     ]
     for shared in ("demonstrations", "imitation", "pools", "reinforcement"):
-        assert len({one[shared] for one in keys}) == 1
+        assert len({one.get(shared) or one[f"{shared}[10]"] for one in keys}) == 1
     ablation = workflow_of(composed("ablation_actor_critic")).keys
     assert ablation["reinforcement[actor_critic]"] == keys[0]["reinforcement"]
     assert ablation["reinforcement[actor_only]"] != keys[0]["reinforcement"]
@@ -69,8 +69,15 @@ def test_planner_ablations_lack_one_part_each():
 def test_tree_size_is_measured_by_the_papers_rule_one_expansion_at_a_time():
     nodes = workflow_of(composed("tree_size")).nodes
     for method in ("icp", "imitation", "reinforcement"):
-        planner = nodes[f"searches[{method}]"].arguments["planner"]
-        assert (planner.rule, planner.batch, planner.max_branches) == ("paper", 1, 500)
+        planner = nodes[f"searches[{method}.11]"].arguments["planner"]
+        assert (planner.rule, planner.batch, planner.max_branches) == ("paper", 1, 2000)
+
+
+def test_searches_of_icp_are_the_same_for_every_training():
+    keys = workflow_of(composed("tree_size")).keys
+    for method, count in (("icp", 1), ("imitation", 3), ("reinforcement", 3)):
+        seeds = {keys[f"searches[{method}.{seed}]"] for seed in (10, 11, 12)}
+        assert len(seeds) == count
 
 
 def test_seeds_of_evaluations_are_used_for_nothing_else():

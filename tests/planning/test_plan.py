@@ -26,7 +26,7 @@ def test_json_gives_the_plan_back(plan):
     again = KnotPlan.from_json(plan.to_json())
     for name in ("goal", "goal_states", "solved", "reason", "start_state", "tried", "branches"):
         assert getattr(again, name) == getattr(plan, name)
-    for name in ("nodes", "seconds"):
+    for name in ("kept", "seconds"):
         assert getattr(again, name) == getattr(plan, name)
     np.testing.assert_array_equal(again.shapes, plan.shapes)
     np.testing.assert_array_equal(again.splines, plan.splines)
@@ -74,5 +74,5 @@ def test_what_is_no_plan_is_refused(plan):
 def test_the_summary_names_the_path_and_the_size_of_the_tree(plan):
     text = plan.summary()
     assert all(str(action) in text for action in plan.actions)
-    assert f"{plan.branches} branches" in text
+    assert f"{plan.branches} splines simulated, {plan.kept} kept" in text
     assert "NOT" not in text

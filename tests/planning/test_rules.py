@@ -23,45 +23,32 @@ from knotflow.topology import TopologicalState, segment_intervals
 TRIVIAL = TopologicalState.trivial()
 
 
-def path_states(goal):
-    states, state = [TRIVIAL], TRIVIAL
-    while edges := goal.dag.edges_from(state):
-        state = edges[0][1]
-        states.append(state)
-    return states
+def root(goal, world):
+    return Node(
+        straight(world.config.rope),
+        TRIVIAL,
+        goal.dag.distance(TRIVIAL),
+        edges=goal.dag.edges_from(TRIVIAL),
+    )
 
 
-def tree(goal, world, of):
-    """Nodes of a tree: the root, then one for each state and number of failures."""
-    points, dag = straight(world.config.rope), goal.dag
-    return [
-        Node(points, state, dag.distance(state), dag.edges_from(state), failures=failures)
-        for state, failures in [(TRIVIAL, 0), *of]
-    ]
+def test_chances_double_their_exponent_with_each_stage():
+    chances = node_probabilities([3, 2, 1, 2])
+    expected = np.exp(2 * np.array([1.0, 2.0, 4.0, 2.0]))
+    np.testing.assert_allclose(chances, expected / expected.sum())
+    np.testing.assert_allclose(node_probabilities([9, 8, 7, 8]), chances)
 
 
-def test_nearer_nodes_are_likelier_by_the_bias_per_edge(world, path_goal):
-    _, one, two, _ = path_states(path_goal)
-    nodes = tree(path_goal, world(), [(one, 0), (two, 0), (one, 0)])
-    chances = node_probabilities(nodes, PlannerConfig(bias=4.0))
-    np.testing.assert_allclose(chances, np.array([1, 4, 16, 4]) / 25)
+def test_chances_of_long_paths_are_finite():
+    chances = node_probabilities([500, *range(500, 0, -1)])
+    assert chances[-1] == pytest.approx(1.0) and chances.sum() == pytest.approx(1.0)
 
 
-def test_failures_do_not_count_by_default_and_count_when_asked(world, path_goal):
-    _, one, two, _ = path_states(path_goal)
-    nodes = tree(path_goal, world(), [(one, 3), (two, 2)])
-    paper = node_probabilities(nodes, PlannerConfig(bias=4.0))
-    np.testing.assert_allclose(paper, np.array([1, 4, 16]) / 21)
-    option = node_probabilities(nodes, PlannerConfig(bias=4.0, failure_discount=0.5))
-    np.testing.assert_allclose(option, np.array([1, 0.5, 4]) / 5.5)
-
-
-def test_many_failures_do_not_underflow(world, path_goal):
-    _, one, _, _ = path_states(path_goal)
-    nodes = tree(path_goal, world(), [(one, 100_000)])
-    nodes[0].failures = 100_000
-    chances = node_probabilities(nodes, PlannerConfig(failure_discount=0.5))
-    assert chances.sum() == pytest.approx(1.0)
+def test_stages_are_those_of_the_path_that_is_followed():
+    """R2 leads to this state at once, but the path takes two actions."""
+    path, state = "R1(0,1,-1) C(0,2,1)", TopologicalState.parse("1o4+2o3-")
+    assert Goal.state(state).dag.distance(TRIVIAL) == 1
+    assert parse_goal(path).dag.distance(TRIVIAL) == 2
 
 
 class Blind:
@@ -86,7 +73,7 @@ class Critic(Blind):
 
 def test_paper_rule_asks_no_critic(world):
     goal, critic = Goal.named("overhand"), Critic()
-    nodes = tree(goal, world(), [])
+    nodes = [root(goal, world)]
     evaluate(nodes, goal, critic, PlannerConfig(rule="paper"))
     assert not critic.asked
     np.testing.assert_allclose(nodes[0].values, 1.0)
@@ -95,7 +82,7 @@ def test_paper_rule_asks_no_critic(world):
 def test_missing_capability_is_not_used(world):
     goal, critic = Goal.named("overhand"), Critic()
     critic.capabilities = set()
-    nodes = tree(goal, world(), [])
+    nodes = [root(goal, world)]
     evaluate(nodes, goal, critic, PlannerConfig())
     assert not critic.asked
     np.testing.assert_allclose(nodes[0].values, 1.0)  # one segment has all the room there is

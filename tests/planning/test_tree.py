@@ -3,6 +3,7 @@ import pytest
 
 from knotflow.planning import (
     Goal,
+    KnotPlan,
     PlannerConfig,
     TreeSearch,
     UnreachableGoalError,
@@ -15,6 +16,7 @@ from knotflow.planning.tree import DIVERGED
 from knotflow.samplers.demonstrations import heuristic_splines
 from knotflow.simulation import RopeSimulator, SimulationConfig, spline_path, straight
 from knotflow.topology import Arrange, TopologicalState, Undo, parse_action, segment_intervals
+from knotflow.viz.plan_folder import write_plan_folder
 
 TRIVIAL = TopologicalState.trivial()
 OVERHAND = TopologicalState.parse("4o1+2o5+6o3+")
@@ -44,11 +46,75 @@ def assert_valid(plan, goal):
 
 @pytest.mark.parametrize("rule", RULES)
 def test_a_perfect_sampler_needs_as_many_branches_as_actions(world, path_goal, rule):
-    plan = search(path_goal, world(), rule=rule, bias=1e6)
+    plan = search(path_goal, world(), rule=rule)
     assert_valid(plan, path_goal)
-    assert plan.branches == 3
-    assert plan.nodes == 4
+    assert plan.branches == plan.kept == 3
     assert [str(action) for action in plan.actions] == ["R1(0,1,1)", "C(0,1,1)", "C(2,0,1)"]
+
+
+class Doing:
+    """Ends, after a spline for the first action, in one state, whatever was asked for."""
+
+    def __init__(self, world, shape):
+        self.world, self.config, self.shape = world, world.config, shape
+        self.from_shape = []
+
+    def sample(self, points, action, count, rng):
+        self.from_shape.append(points.tobytes())
+        splines = self.world.sample(points, action, count, rng)
+        for number, spline in enumerate(splines, len(self.from_shape)):
+            # Each end is a shape of its own.
+            self.world.ends[spline.tobytes()] = self.shape + (1e-6 * number, 0, 0)
+        return splines
+
+    def execute(self, points, splines):
+        return self.world.execute(points, splines)
+
+
+def test_by_the_papers_rule_a_spline_that_keeps_the_state_makes_a_further_shape(world, path_goal):
+    keeping = Doing(world(), straight(world.config.rope))
+    plan = search(path_goal, keeping, rule="paper", max_branches=40)
+    assert not plan.solved and plan.kept == plan.branches == 40
+    assert len(set(keeping.from_shape)) > 10  # its edges are tried like the root's
+
+
+def test_by_the_papers_rule_ends_off_the_path_are_not_kept(world, path_goal, shape_of):
+    other = TRIVIAL.apply(parse_action("R1(0,1,-1)"))
+    plan = search(path_goal, Doing(world(), shape_of(other)), rule="paper", max_branches=9)
+    assert (plan.kept, plan.branches, plan.steps) == (0, 9, ())
+
+
+def test_by_the_papers_rule_no_end_is_kept_at_an_earlier_stage(world, shape_of):
+    path = [parse_action(text) for text in ("C(0,1,1)", "C(2,0,1)")]
+    loop = TRIVIAL.apply(parse_action("R1(0,1,1)"))
+    goal, start = Goal.path(path, loop), loop.apply(path[0])
+    back = Doing(world(), shape_of(loop))
+    assert search(goal, back, start=shape_of(start), rule="paper", max_branches=9).kept == 0
+    assert search(goal, back, start=shape_of(loop), rule="paper", max_branches=9).kept == 9
+
+
+@pytest.mark.parametrize(
+    ("path", "end", "written"),
+    [
+        ("R1(0,1,1) C(0,1,1) C(2,0,1)", "4o1+2o5+6o3+", "R1(0,1,1)"),
+        ("R1(0,1,-1) C(0,2,1)", "1o4+2o3-", "R2(0,0,1,1)"),
+    ],
+)
+def test_a_plan_may_pass_several_stages_at_once(world, shape_of, tmp_path, path, end, written):
+    """By the one action that leads there, or as what was asked for where none does."""
+    state = TopologicalState.parse(end)
+    goal, jumping = parse_goal(path), Doing(world(), shape_of(state))
+    plan = search(goal, jumping, rule="paper", max_branches=9)
+    (step,) = plan.steps
+    assert plan.solved and plan.kept == 1 and plan.states == (TRIVIAL, state)
+    assert (str(step.action), step.jumps) == (written, TRIVIAL.apply(step.action) != state)
+    again = KnotPlan.from_json(plan.to_json())
+    assert (again.actions, again.states) == (plan.actions, plan.states)
+    assert set(plan.waypoints().actions) == {written}
+    write_plan_folder(tmp_path, plan, "test", world.config.rope)
+    assert {"dag.png", "plan.png", "plan.gif", "plan.mcap"} <= {
+        one.name for one in tmp_path.iterdir()
+    }
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -60,28 +126,28 @@ def test_unsteady_steps_are_dropped_and_replanned(world, path_goal, rule, monkey
         return [str(step.action) != "C(0,1,1)" or len(seen) > 2 for step in steps]
 
     monkeypatch.setattr(tree, "are_robust", are_robust)
-    plan = search(path_goal, world(), rule=rule, bias=1e6, steady=True)
+    plan = search(path_goal, world(), rule=rule, steady=True)
     assert_valid(plan, path_goal)
     # Twice the second step was not steady: it and the third were done anew. The first was kept, and
     # not simulated again.
-    assert plan.branches == 7 and plan.nodes == 4
+    assert plan.branches == plan.kept == 7
     assert [len(steps) for steps in seen] == [3, 2, 2]
     assert seen[0][0] is plan.steps[0] and list(seen[2]) == list(plan.steps[1:])
     assert len({id(steps[-2]) for steps in seen}) == 3
     seen.clear()
-    assert search(path_goal, world(), rule=rule, bias=1e6).branches == 3 and not seen
+    assert search(path_goal, world(), rule=rule).branches == 3 and not seen
 
 
 def test_margin_is_kept(world, path_goal):
-    free = search(path_goal, world(), bias=1e6)
+    free = search(path_goal, world())
     left = [float(np.ptp(segment_intervals(step.end), axis=1).min()) for step in free.steps]
     assert left[1] < min(left[0], left[2])
-    assert search(path_goal, world(), bias=1e6, margin=0.9 * left[1]).branches == 3
-    without = search(path_goal, world(), bias=1e6, margin=1.1 * left[1], max_branches=12)
+    assert search(path_goal, world(), margin=0.9 * left[1]).branches == 3
+    without = search(path_goal, world(), margin=1.1 * left[1], max_branches=12)
     assert not without.solved and len(without.steps) == 1
     assert "fragile" in [one.outcome for one in without.tried]
     # What was shorter before may be as short again.
-    tight = search(path_goal, world(), start=free.steps[1].end, bias=1e6, margin=1.1 * left[1])
+    tight = search(path_goal, world(), start=free.steps[1].end, margin=1.1 * left[1])
     assert tight.solved and tight.branches == 1
 
 
@@ -112,8 +178,8 @@ def test_an_observer_sees_every_branch_once(world, rule):
     goal = Goal.named("overhand")
     plan = search(goal, world(chance=0.3), batch=16, observe=seen.append, rule=rule, arranging=0)
     assert sum(len(attempts) for attempts in seen) == plan.branches
-    # Success as the simulation package judges it is what makes a node.
-    assert sum(attempts.success.sum() for attempts in seen) == plan.nodes - 1
+    # Success as the simulation package judges it makes a node; the paper's rule keeps others too.
+    assert sum(attempts.success.sum() for attempts in seen) == plan.kept or rule == "paper"
     for attempts in seen:
         assert len(attempts.points) == len(attempts.rollouts) == len(attempts.ends)
         for points, end, state in zip(
@@ -168,7 +234,7 @@ def test_a_failed_search_tells_what_it_tried_and_why_it_stopped(world, path_goal
     plan = search(path_goal, world(chance=0.0), batch=8, max_branches=30, arranging=0)
     assert not plan.solved
     assert plan.branches == 30  # the last batch is cut short
-    assert "30 branches" in plan.reason
+    assert "30 splines" in plan.reason
     assert plan.steps == ()
     (tried,) = plan.tried
     assert (str(tried.action), tried.success, tried.branches) == ("R1(0,1,1)", False, 30)
@@ -270,7 +336,7 @@ def test_a_diverged_branch_fails(world, path_goal):
 
 def test_a_tangled_rope_goes_on_from_its_state(world, shape_of):
     goal = Goal.named("pentagram")
-    plan = search(goal, world(), start=shape_of(OVERHAND), bias=1e6)
+    plan = search(goal, world(), start=shape_of(OVERHAND))
     assert_valid(plan, goal)
     assert plan.start_state == OVERHAND
     assert len(plan.steps) == 2
@@ -287,12 +353,10 @@ def test_a_tied_rope_needs_no_branch(world, shape_of):
     [
         ("rule", "mine"),
         ("arranging", -1),
-        ("bias", 0.5),
         ("margin", -0.01),
         ("batch", 0),
         ("max_branches", 0),
         ("max_seconds", 0),
-        ("failure_discount", 0),
     ],
 )
 def test_senseless_settings_are_refused(field, value):

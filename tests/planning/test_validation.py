@@ -7,7 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from knotflow.planning import PlanStep, check_steps, find_penetrations, validation
+from knotflow.planning import (
+    PlanStep,
+    check_steps,
+    estimate_success,
+    find_penetrations,
+    validation,
+)
 from knotflow.samplers.demonstrations import SHIPPED, Demonstration, load_demonstrations
 from knotflow.simulation import RopeSimulator, SimulationConfig, attempt, straight
 from knotflow.topology import TopologicalState
@@ -44,6 +50,16 @@ def test_reliable_steps_pass(steps):
     assert [check.reproduced for check in checks] == [True] * 3
     assert [len(check.penetrations) for check in checks] == [0] * 3
     assert all(check.steady for check in checks)
+
+
+def test_step_that_jumps_is_checked_for_its_state_and_not_its_action(steps):
+    others = (one for one, end in steps[1].start_state.actions() if end != steps[1].end_state)
+    jump = replace(steps[1], action=next(others))
+    assert jump.jumps and not steps[1].jumps
+    (check,) = check_steps([jump], SIMULATION)
+    assert check.reproduced
+    rng = np.random.default_rng(0)
+    assert estimate_success(jump, rng, 4) == estimate_success(steps[1], np.random.default_rng(0), 4)
 
 
 @pytest.mark.slow

@@ -29,11 +29,13 @@ SHARES = {
     "actor_critic": (0.93, 0.82, 0.71, 0.45, 0.6, 0.74, 0.56, 0.34),
 }
 RATE_COLUMNS = ("method", "action", "trials", "successes", "success_rate", "ci_low", "ci_high")
-GOAL_COLUMNS = ("set", "goal", "rope_seed", "solved", "branches", "seconds", "nodes", "path")
+GOAL_COLUMNS = ("set", "goal", "rope_seed", "kept", "simulated", "solved", "seconds", "path")
 GOAL_COLUMNS += ("reason",)
 ACTION_COLUMNS = ("start", "action", "class", "arranging", "trials", "successes")
-BRANCH_COLUMNS = ("start", "seed", "branches", "solved", "seconds")
+BRANCH_COLUMNS = ("start", "training_seed", "seed", "kept", "simulated", "solved", "seconds")
 FOUND = ("path", "reason")
+PLANNER = {"rule": "paper", "arranging": 3, "use_next_value": True, "guess_fraction": 0.5}
+PLANNER |= {"batch": 1, "max_branches": 2000, "max_seconds": 3600.0}
 
 GOALS = (("three", "1o2+3o4+5o6+"), ("three", "1o4+5o2+3o6+"), ("four", "1o2+3o4+5o6+7o8+"))
 TRIALS = (
@@ -80,12 +82,19 @@ class Writer:
         return self.table(experiment, "success_rates.csv", RATE_COLUMNS, rows, budget)
 
     def searches(
-        self, experiment: str, column: str, rows: Sequence[tuple], *, with_start: bool = True
+        self, experiment: str, column: str, rows: Sequence[tuple], trainings: Sequence[str] = ("",)
     ) -> Path:
-        """branches.csv from `column`, start, seed, branches, solved and seconds."""
-        columns = (column, *BRANCH_COLUMNS[not with_start :], *FOUND)
-        found = [("C(0,1,1)", "tied") if row[-2] else ("", "gave up") for row in rows]
-        cells = [row + own for row, own in zip(rows, found, strict=True)]
+        """branches.csv from `column`, start, seed, kept, solved and seconds, for each training.
+
+        Twice as many splines were simulated as kept.
+        """
+        cells = [
+            (method, start, training, seed, kept, 2 * kept, solved, seconds)
+            + (("C(0,1,1)", "tied") if solved else ("", "gave up"))
+            for training in trainings
+            for method, start, seed, kept, solved, seconds in rows
+        ]
+        columns = (column, *BRANCH_COLUMNS, *FOUND)
         return self.table(experiment, "branches.csv", columns, cells)
 
     def goals(
@@ -97,7 +106,7 @@ class Writer:
         """goals.csv from set, goal, whether it was tied, and seconds; each rope is its own."""
         tied = ("R1(0,1,1)", "the goal was reached")
         cells = [
-            (name, goal, rope, solved, round(40 * seconds), seconds, 5)
+            (name, goal, rope, round(4 * seconds), round(40 * seconds), solved, seconds)
             + (tied if solved else ("", "60 s passed"))
             for rope, (name, goal, solved, seconds) in enumerate(rows)
         ]
@@ -114,7 +123,9 @@ class Writer:
         run = {"experiment": experiment, "budget": budget, "stages": stages}
         (folder / "run.json").write_text(json.dumps(run))
         rope = {"length": 1.0, "radius": 0.008, "links": 40}
-        config = {"workflow": experiment, "stages": {"rollouts": {"config": {"rope": rope}}}}
+        config = {"rollouts": {"config": {"rope": rope}}, "searches": {"config": {}}}
+        config["searches"]["config"]["planner"] = PLANNER
+        config = {"workflow": experiment, "stages": config}
         (folder / "config.yaml").write_text(yaml.safe_dump(config))
 
 
@@ -155,18 +166,17 @@ def write_everything(root: Path, budget: str = "paper") -> Writer:
     for method, spread in (("icp", 40.0), ("imitation", 7.0), ("reinforcement", 0.4)):
         for start, factor in (("straight", 1.0), ("arc", 3.0 if method == "icp" else 0.6)):
             for seed in range(10):
-                branches = 3 + int(rng.exponential(spread * factor))
-                solved = not (method == "icp" and branches > 250)
-                took = round(branches * 0.11, 2)
-                trees.append((method, start, seed, branches, solved, took))
+                kept = 3 + int(rng.exponential(spread * factor))
+                solved = not (method == "icp" and kept > 250)
+                trees.append((method, start, seed, kept, solved, round(kept * 0.11, 2)))
     write.run("tree_size", {}, budget)
-    write.searches("tree_size", "method", trees)
+    write.searches("tree_size", "method", trees, ("10", "11", "12"))
     joint = [
-        (primitives, seed, 3 + int(rng.exponential(mean)), True, 0.5)
+        (primitives, "random", seed, 3 + int(rng.exponential(mean)), True, 0.5)
         for primitives, mean in (("independent", 1.9), ("joint", 0.7))
         for seed in range(50)
     ]
-    write.searches("joint_finetuning", "primitives", joint, with_start=False)
+    write.searches("joint_finetuning", "training", joint, ("10", "11", "12"))
     write.goals(
         [
             (*goal, seconds < 60, seconds)

@@ -1,19 +1,27 @@
 """Tree searches: their tables and figures, and the sections of every experiment that plans."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from knotflow.report import branches, knots
+from knotflow.report import knots
 from knotflow.report.page import SECTIONS
 from knotflow.report.rates import ICP, IMITATION, REINFORCEMENT
 from knotflow.report.results import Results, ResultsError
-from knotflow.report.searches import branches_figure, branches_spent, checks, read_searches, sizes
-from knotflow.report.section import Figures, NotMeasured, Verdict
+from knotflow.report.searches import (
+    branches_figure,
+    checks,
+    median_size,
+    read_searches,
+    search_words,
+    sizes,
+    splines_spent,
+)
+from knotflow.report.section import Figures, Verdict
 
 METHODS = (ICP, IMITATION, REINFORCEMENT)
 TIED = [("three", f"2o1+{3 + 2 * i}o{4 + 2 * i}+", True, 2.0 + i) for i in range(3)]
 MISSED = ("three", "4o3-2o1-", False, 60.1)
-STEPS = ("start", "action", "shape", "splines", "successes")
 R1, CROSS = "R1(0,1,1)", "C(0,1,1)"
 
 
@@ -24,11 +32,11 @@ def body(write, section):
 
 def read(write, *rows):
     write.searches("tree_size", "method", rows)
-    return read_searches(Results(write.root), "tree_size", "method")
+    return read_searches(Results(write.root), "tree_size", "method", "training_seed")
 
 
 def knot_searches(write, experiment, rows):
-    """branches.csv by goal from goal, start, seed, branches and whether it was tied."""
+    """branches.csv by goal from goal, start, seed, splines kept and whether it was tied."""
     cells = [(goal, *own, solved, 0.1 * own[-1]) for goal, *own, solved in rows]
     write.searches(experiment, "goal", cells)
 
@@ -36,18 +44,48 @@ def knot_searches(write, experiment, rows):
 @pytest.mark.parametrize(("cell", "solved"), [("True", True), ("false", False), ("1", True)])
 def test_searches_are_read(write, cell, solved):
     (search,) = read(write, ("icp", "arc", 4, 17, cell, 2.5)).itertuples()
-    assert (search.method, search.start, search.seed, search.branches) == ("icp", "arc", 4, 17)
+    assert (search.method, search.start, search.seed, search.kept) == ("icp", "arc", 4, 17)
+    assert search.simulated == 34
     assert search.solved == solved
 
 
 def test_search_is_there_once(write):
-    with pytest.raises(ResultsError, match="line 3: icp, arc, 4 is there twice"):
+    with pytest.raises(ResultsError, match="line 3: icp, arc, , 4 is there twice"):
         read(write, ("icp", "arc", 4, 17, True, 2.5), ("icp", "arc", 4, 18, True, 2.5))
 
 
 def test_search_that_gave_up_is_larger_than_any_bound(write):
     found = read(write, ("icp", "arc", 0, 17, True, 1.0), ("icp", "arc", 1, 500, False, 9.0))
-    assert sizes(found) == [17, float("inf")]
+    assert sizes(found).tolist() == [17, float("inf")]
+
+
+def test_median_is_infinite_where_half_gave_up_and_ignores_the_cap(write):
+    def median(caps, solved):
+        rows = [("icp", "arc", seed, kept, seed < solved, 1.0) for seed, kept in enumerate(caps)]
+        return median_size(read(write, *rows)).estimate
+
+    assert median([3, 4, 5, 6, 500], 4) == median([3, 4, 5, 6, 1], 4) == 5
+    assert np.isinf(median([3, 4, 5, 6, 7], 2))
+
+
+def test_trainings_that_differ_widen_the_interval_of_the_median(write):
+    rows = [("icp", "arc", seed, 3 + seed, True, 1.0) for seed in range(10)]
+    write.searches("tree_size", "method", rows, ("10", "11", "12"))
+    path = write.root / "tree_size" / "branches.csv"
+    like = median_size(read_searches(Results(write.root), "tree_size", "method", "training_seed"))
+    table = pd.read_csv(path)
+    table["kept"] += 20 * (table["training_seed"] == 12)
+    table.to_csv(path, index=False)
+    other = median_size(read_searches(Results(write.root), "tree_size", "method", "training_seed"))
+    assert other.high - other.low > 2 * (like.high - like.low)
+
+
+def test_settings_are_those_of_the_resolved_configuration(write):
+    read(write, ("icp", "arc", 0, 17, True, 1.0))
+    words = search_words(Results(write.root), "tree_size")
+    assert "by the paper's rule, one spline at a time, without arranging splines" in words
+    assert "after 2,000 simulated splines" in words
+    assert search_words(Results(write.root), "nowhere") == ""
 
 
 @pytest.mark.parametrize("solved", [True, False])
@@ -73,12 +111,12 @@ def test_replayed_steps_are_counted(write, passages, said):
     assert "50.0 % (" in text
 
 
-def test_branches_spent_by_method_the_most_first(write):
-    columns = ("method", "start", "state", "action", "branches", "successes")
+def test_splines_spent_by_method_the_most_first(write):
+    columns = ("method", "start", "state", "action", "simulated", "successes")
     rows = [("icp", "arc", "1o2-", f"C({i},0,1)", i, 1) for i in range(2, 9)]
     rows += [("icp", "straight", "1o2-", "C(3,0,1)", 1000, 5)]
     write.table("tree_size", "tried.csv", columns, rows)
-    table = branches_spent(Results(write.root), "tree_size", "method").splitlines()[2:]
+    table = splines_spent(Results(write.root), "tree_size", "method").splitlines()[2:]
     assert len(table) == 2 + 4
     assert "`C(3,0,1)`" in table[2] and "1,003" in table[2] and "| 6 |" in table[2]
     assert "`C(8,0,1)`" in table[3]
@@ -87,29 +125,14 @@ def test_branches_spent_by_method_the_most_first(write):
 def test_knot_type_columns_are_not_needed(write):
     path = write.searches("tree_size", "method", [("icp", "arc", 0, 17, True, 1.0)])
     assert "knot_type" not in path.read_text() and "confirmed" not in path.read_text()
-    assert "| arc | ICP | 1 | 17 |" in body(write, "tree_size")
-
-
-def test_step_table_names_ropes_without_success(write):
-    write.searches("tree_size", "method", [("icp", "arc", 0, 17, True, 1.0)])
-    rows = [("arc", R1, 0, 8, 8), ("arc", CROSS, 0, 8, 0), ("arc", CROSS, 1, 8, 4)]
-    write.table("tree_size", "imitation_steps.csv", STEPS, rows)
-    write.table("tree_size", "icp_steps.csv", STEPS, [("arc", R1, 0, 8, 0)])
-    results = Results(write.root)
-    lines = branches.step_table(results, METHODS).splitlines()[2:]
-    assert lines[0].split("|")[3:5] == [f" `{R1}` ", f" `{CROSS}` "]
-    icp, imitation = lines[2:]
-    assert "none from 1 of 1 ropes" in icp and icp.rstrip().endswith("– |")
-    assert "25.0 % (" in imitation and "none from 1 of 2 ropes" in imitation
-    assert f"`{CROSS}` from the arc rope, 25.0 %" in branches.hardest_steps("imitation", results)
-    assert branches.hardest_steps("reinforcement", results) == ""
+    assert "| arc | ICP | 1 | 1 | 0 | 17 | 17 |" in body(write, "tree_size")
 
 
 @pytest.mark.slow
 def test_joint_finetuning_shows_searches_and_single_actions(write):
     methods = ("independent", "joint")
-    rows = [(name, seed, 3 + seed, True, 0.5) for name in methods for seed in (0, 1)]
-    write.searches("joint_finetuning", "primitives", rows, with_start=False)
+    rows = [(name, "random", seed, 3 + seed, True, 0.5) for name in methods for seed in (0, 1)]
+    write.searches("joint_finetuning", "training", rows)
     columns = ("method", "action", "trials", "successes", "success_rate", "ci_low", "ci_high")
     rates = [(name, CROSS, 16, 8, 0.5, 0.28, 0.72) for name in methods]
     write.table("joint_finetuning", "single_actions.csv", columns, rates)
@@ -117,7 +140,7 @@ def test_joint_finetuning_shows_searches_and_single_actions(write):
     columns = ("method", "action", "start", "trials", "successes")
     write.table("joint_finetuning", "single_actions_per_start.csv", columns, starts)
     text = body(write, "joint_finetuning")
-    assert "| finetuned jointly | 2 | 3 |" in text
+    assert "| finetuned jointly | 1 | 2 | 0 | 3 |" in text
     assert "with the starts resampled" in text and "8 of 16<br>1 of 2 starts" in text
 
 
@@ -125,61 +148,43 @@ def test_plan_is_shown_with_its_own_pictures(write):
     knot_searches(write, "overhand", [("overhand", "random", 0, 5, True)])
     (write.root / "overhand" / "plan.png").touch()
     text = body(write, "overhand")
-    assert "tied the knot from the start `random` (seed 0) by `C(0,1,1)`, after 5 branches" in text
+    assert (
+        "tied the knot from the start `random` (seed 0) by `C(0,1,1)`, after 10 splines, of which"
+        in text
+    )
     assert "(../results/overhand/plan.png)" in text and "dag.png" not in text
     knot_searches(write, "overhand", [("overhand", "arc", 2, 9, False)])
     assert "did not tie the knot from the start `arc` (seed 2): gave up." in body(write, "overhand")
 
 
-def pentagrams(write, pulled, straight=(), unsolved=()):
-    knot_searches(
-        write,
-        "pentagram",
-        [
-            ("pentagram", start, seed, branches, (start, seed) not in unsolved)
-            for start, counts in ((knots.PULLED, pulled), ("straight", straight))
-            for seed, branches in enumerate(counts)
-        ],
-    )
+def pentagrams(write, counts, unsolved=()):
+    rows = [
+        ("pentagram", "pulled", seed, kept, seed not in unsolved)
+        for seed, kept in enumerate(counts)
+    ]
+    knot_searches(write, "pentagram", rows)
 
 
-def test_pentagram_has_a_line_a_start(write):
-    pentagrams(write, (2, 5, 13), (30, 90), unsolved={("straight", 1)})
-    text = body(write, "pentagram")
-    assert "| overhand with its head pulled out | 3 | 2 |" in text
-    assert "| straight rope | 2 | 30 |" in text
+def test_pentagram_has_a_line(write):
+    pentagrams(write, (2, 5, 13))
+    assert "| overhand with its head pulled out | 1 | 3 | 0 | 2 |" in body(write, "pentagram")
 
 
 @pytest.mark.parametrize(
-    ("pulled", "unsolved", "verdict"),
+    ("counts", "unsolved", "verdict"),
     [
         ((2, 12, 40), (), Verdict.HOLDS),
         ((2, 13, 40), (), Verdict.PARTLY),
         ((13, 14, 40), (), Verdict.FAILS),
-        ((2, 3, 4), {(knots.PULLED, 0), (knots.PULLED, 1)}, Verdict.PARTLY),
-        ((2,), {(knots.PULLED, 0)}, Verdict.FAILS),
+        ((2, 3, 4), {0, 1}, Verdict.PARTLY),
+        ((2,), {0}, Verdict.FAILS),
     ],
 )
-def test_pentagram_verdict(write, pulled, unsolved, verdict):
-    pentagrams(write, pulled, unsolved=unsolved)
+def test_pentagram_verdict(write, counts, unsolved, verdict):
+    pentagrams(write, counts, unsolved)
     outcome = knots.judge_pentagram(Results(write.root))
     assert outcome.verdict is verdict
-    assert f"of {len(pulled)} searches" in outcome.ours
-
-
-def test_pentagram_from_a_straight_rope_alone_judges_nothing(write):
-    pentagrams(write, (), (30, 90))
-    with pytest.raises(NotMeasured, match="pulled"):
-        knots.judge_pentagram(Results(write.root))
-
-
-@pytest.mark.parametrize(("tied", "said"), [(7, True), (0, False)])
-def test_pentagram_reason_is_the_search_that_arranges(write, tied, said):
-    rows = [("pentagram", knots.PULLED, seed, 500, False) for seed in range(10)]
-    rows += [("pentagram", knots.ARRANGING, seed, 90, seed < tied) for seed in range(10)]
-    knot_searches(write, "pentagram", rows)
-    reason = knots.arranging_helps(Results(write.root))
-    assert ("ties it in 7 of 10 searches" in reason) is said
+    assert f"of {len(counts)} searches" in outcome.ours
 
 
 def test_knots_have_their_rates(write):
@@ -187,15 +192,15 @@ def test_knots_have_their_rates(write):
     rows += [("figure_eight", "random", 0, 900, False)]
     knot_searches(write, "knots", rows)
     text = body(write, "knots")
-    assert "19 of 20 | 12 | 1.2 s |" in text and "0 of 1 | – | – |" in text
+    assert "19 of 20 | 12 | 24 | 1.2 s |" in text and "0 of 1 | – | – | – |" in text
 
 
 def test_goals_have_shares_and_medians_and_missed_ones_their_reason(write):
     write.goals([*TIED, MISSED, ("four", "1o2-", True, 0.5)])
     text = body(write, "goals")
-    assert "3 of 4 | 120 | 3.0 s |" in text and "1 of 1 | 20 | 0.5 s |" in text
+    assert "3 of 4 | 12 | 120 | 3.0 s |" in text and "1 of 1 | 2 | 20 | 0.5 s |" in text
     assert "Goals that were not tied, 1 in all." in text
-    assert "| three | `4o3-2o1-` | 3 | 2,404 | 60 s passed |" in text
+    assert "| three | `4o3-2o1-` | 3 | 240 | 2,404 | 60 s passed |" in text
     write.goals(TIED)
     assert "not tied" not in body(write, "goals")
 

@@ -463,7 +463,7 @@ def _search(
     def show(update: SearchUpdate) -> None:
         bar.update(update.branches - bar.n)
 
-    with tqdm(desc="simulated", unit=" branches", disable=None) as bar:
+    with tqdm(desc="simulated", unit=" splines", disable=None) as bar:
         found = plan_rope(
             points, knot, rng_of(seed, 1),
             sampler=library, config=config, progress=show, observe=tried.append,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -27,7 +27,7 @@ from knotflow.planning import (
     plan_rope,
     replay,
 )
-from knotflow.planning.head_pull import PATH, pull_head, select_best_pull, tie
+from knotflow.planning.head_pull import PATH, pull_head, select_best_pull
 from knotflow.samplers import Sampler, SamplerConfig
 from knotflow.samplers.demonstrations import heuristic_splines
 from knotflow.seeding import rng_of
@@ -36,16 +36,16 @@ from knotflow.simulation import (
     RopeSimulator,
     SimulationConfig,
     StartsConfig,
-    attempt,
     random_curve,
     random_tangle,
 )
 from knotflow.statistics import rate_columns
-from knotflow.topology import TopologicalState, all_states, parse_action
+from knotflow.topology import TopologicalState, all_states
 from knotflow.viz.plan_folder import write_plan_folder
 from knotflow.workflow import StageRun, stage
 
 TANGLED = "tangled"
+SEED = "training_seed"
 START_FILE = "start.npy"
 """A rope (V, 3) in the output of a stage that makes a start shape."""
 FIRST_PULL = 1_000_000
@@ -60,8 +60,8 @@ class SearchCase:
     """A knot's name, crossings, or one topological path, see `planning.parse_goal`."""
     start: str = "straight"
     """straight, arc, random (another curve for each seed), tangled (another for each seed, in a
-    state of one to three crossings from which no actions lead to the goal), a topological path
-    (another for each seed, tied along it from straight), or "pulled", the input of that name."""
+    state of one to three crossings from which no actions lead to the goal), or "pulled", the input
+    of that name."""
 
 
 @dataclass
@@ -117,7 +117,9 @@ def searches(
     rope = simulation.rope
     for case in cases:
         parse_goal(case.goal, rope)
-        _check_start(case.start, simulation, pulled)
+        known = (*ROPE_NAMES, TANGLED, *(["pulled"] if pulled else []))
+        if case.start not in known:
+            raise ValueError(f"unknown start {case.start!r}; it is one of {', '.join(known)}")
     names = {
         f"{number:02d}-{one:03d}": (number, one)
         for number in range(len(cases))
@@ -130,16 +132,11 @@ def searches(
         """The rope (V, 3) of a seed, metres."""
         if case.start in ROPE_NAMES:
             return parse_rope(case.start, rope, rng, starts)
-        simulator = RopeSimulator(simulation)
         if case.start == TANGLED:
-            dag = parse_goal(case.goal, rope).dag
+            simulator, dag = RopeSimulator(simulation), parse_goal(case.goal, rope).dag
             return random_tangle(
                 lambda state: state not in dag, simulator, heuristic_splines, rng, starts
             )
-        if "(" in case.start:
-            tying = PlannerConfig()
-            tying.batch = planner.batch
-            return tie(parse_goal(case.start, rope), build(), simulator, rng, tying)
         assert pulled is not None
         return np.asarray(np.load(pulled / START_FILE, allow_pickle=False))
 
@@ -155,15 +152,15 @@ def searches(
 
 
 def search_row(plan: KnotPlan, goal: str, start: str, seed: int) -> dict[str, Any]:
-    """What the tables say of one search."""
+    """What the tables say of one search; `kept` of its `simulated` splines are in the tree."""
     return {
         "start": start,
         "seed": seed,
-        "branches": plan.branches,
+        "kept": plan.kept,
+        "simulated": plan.branches,
         "solved": plan.solved,
         "seconds": round(plan.seconds, 3),
         "goal": goal,
-        "nodes": plan.nodes,
         "path": " ".join(map(str, plan.actions)) if plan.solved else "",
         "end_state": str(plan.states[-1]) if plan.solved else "",
         "reason": plan.reason,
@@ -173,16 +170,6 @@ def search_row(plan: KnotPlan, goal: str, start: str, seed: int) -> dict[str, An
 def read_searches(folder: Path) -> pd.DataFrame:
     """The table of a `searches` stage; cells that are empty stay empty text."""
     return pd.read_csv(folder / "searches.csv", keep_default_na=False, dtype={"plan": str})
-
-
-def _check_start(start: str, simulation: SimulationConfig, pulled: Path | None) -> None:
-    if "(" in start:
-        parse_goal(start, simulation.rope)
-    elif start not in (*ROPE_NAMES, TANGLED) and (start, pulled is None) != ("pulled", False):
-        raise ValueError(
-            f"unknown start {start!r}; it is {', '.join((*ROPE_NAMES, TANGLED))}, a path of "
-            f"actions, or pulled, where the stage has the input of that name"
-        )
 
 
 @stage
@@ -217,41 +204,53 @@ def goals(
         plan = searched(name, [*drawn].index(name), points, Goal.state(state), of_search)
         row = search_row(plan, str(state), "random", number)
         row |= {"set": chosen, "rope_seed": number}
-        columns = ["set", "goal", "rope_seed", "solved", "branches", "seconds", "nodes", "path"]
+        columns = ["set", "goal", "rope_seed", "kept", "simulated", "solved", "seconds", "path"]
         return pd.DataFrame([row])[[*columns, "reason"]]
 
     run.alone().table("goals.csv", search, [*drawn], "goals")
 
 
 @stage
-def branches(run: StageRun, *, searches: Mapping[str, Path], column: str = "") -> None:
-    """Searches side by side, with a column of the inputs' names if it is given one, such as start.
+def branches(run: StageRun, *, searches: Mapping[str, Path], columns: list[str]) -> None:
+    """Searches side by side, with `columns` for the parts of the inputs' names, such as method.
 
-    Makes branches.csv, a row a search, and tried.csv, the expansions and successes of each state
-    and action, of all searches of an input and start.
+    What is the same for every training, such as ICP, is there once, without a training seed. Makes
+    branches.csv, a row a search, and tried.csv, how many splines were simulated for each state and
+    action, and how many succeeded, of all trainings and seeds together.
     """
-    read = {name: read_searches(folder) for name, folder in searches.items()}
-    spent = {name: _tried(searches[name], table) for name, table in read.items()}
-    found = {name: table.drop(columns="plan") for name, table in read.items()}
-    for file, tables in (("branches.csv", found), ("tried.csv", spent)):
-        if column:
-            for name, table in tables.items():
-                tables[name] = table.drop(columns=column, errors="ignore")
-                tables[name].insert(0, column, name)
-        run.save_table(file, pd.concat(tables.values(), ignore_index=True))
+    found, spent = [], []
+    for folder, names in _distinct(searches, columns).items():
+        table = read_searches(folder)
+        spent.append(_tried(folder, table).assign(**names))
+        table = table.drop(columns="plan").assign(**names)
+        found.append(table)
+    table = pd.concat(found, ignore_index=True)
+    others = [name for name in columns if name != SEED]
+    first = [*others, *(name for name in ("start", SEED) if name in table and name not in others)]
+    run.save_table("branches.csv", table[[*first, *table.columns.drop(first)]])
+    keys = [*dict.fromkeys([*others, "start"]), "state", "action"]
+    total = pd.concat(spent).groupby(keys, sort=False, as_index=False)[["simulated", "successes"]]
+    total = total.sum().sort_values("simulated", ascending=False, kind="stable")
+    run.save_table("tried.csv", total.sort_values(others, kind="stable") if others else total)
+
+
+def _distinct(searches: Mapping[str, Path], columns: Sequence[str]) -> dict[Path, dict[str, str]]:
+    """Each folder once, and its part of the name for each of the columns."""
+    found: dict[Path, dict[str, str]] = {}
+    for name, folder in searches.items():
+        parts = dict(zip(columns, name.split("."), strict=True)) if columns else {}
+        found[folder] = parts | {SEED: ""} if folder in found else parts
+    return found
 
 
 def _tried(folder: Path, searches: pd.DataFrame) -> pd.DataFrame:
-    """Expansions and successes of each state and action; those most tried first."""
+    """Splines simulated for each search, state and action, and their successes."""
     rows = [
         (search.start, str(one.state), str(one.action), one.branches, one.branches * one.success)
         for search in searches.itertuples()
         for one in read_plan(folder, search.plan).tried
     ]
-    keys = ["start", "state", "action"]
-    table = pd.DataFrame(rows, columns=[*keys, "branches", "successes"])
-    total = table.groupby(keys, sort=False, as_index=False).sum()
-    return total.sort_values("branches", ascending=False, kind="stable")
+    return pd.DataFrame(rows, columns=["start", "state", "action", "simulated", "successes"])
 
 
 def read_plan(folder: Path, name: object) -> KnotPlan:
@@ -265,15 +264,18 @@ def success(run: StageRun, *, searches: Path) -> None:
 
     Makes knots.csv; medians are over the searches that tied the knot, limits are 95 % Wilson.
     """
-    rows = []
+    efforts, rows = ["kept", "simulated", "seconds"], []
     for (goal, start), own in read_searches(searches).groupby(["goal", "start"], sort=False):
-        tied = own[own["solved"]]
-        medians = (tied[name].median() if len(tied) else "" for name in ("branches", "seconds"))
-        rows.append((goal, start, len(own), len(tied), *medians))
-    columns = ["goal", "start", "searches", "tied", "branches_median", "seconds_median"]
-    table = pd.DataFrame(rows, columns=columns)
-    rates = rate_columns(table["tied"], table["searches"])
-    for place, (name, values) in enumerate(rates.items(), 4):
+        medians = own[own["solved"]][efforts].median().add_suffix("_median")
+        rows.append(
+            {"goal": goal, "start": start, "searches": len(own)}
+            | {"tied": own["solved"].sum()}
+            | dict(medians)
+        )
+    table = pd.DataFrame(rows)
+    for place, (name, values) in enumerate(
+        rate_columns(table["tied"], table["searches"]).items(), 4
+    ):
         table.insert(place, name, values)
     run.save_table("knots.csv", table, "%.6g")
 
@@ -285,7 +287,10 @@ def checks(run: StageRun, *, searches: Mapping[str, Path], simulation: Simulatio
     Makes checks.csv, a row a step.
     """
     rows = []
-    for name, folder in run.progress(searches.items(), desc="steps simulated again"):
+    names: dict[Path, str] = {}
+    for name, folder in searches.items():
+        names.setdefault(folder, name)  # what needs no training is the same for all
+    for folder, name in run.progress(names.items(), desc="steps simulated again"):
         steps = [
             (file.stem, number, step)
             for file in sorted(folder.glob("plans/*"))
@@ -304,7 +309,7 @@ def checks(run: StageRun, *, searches: Mapping[str, Path], simulation: Simulatio
 def exemplar_plan(
     run: StageRun, *, searches: Path, simulation: SimulationConfig, sampler: SamplerConfig
 ) -> None:
-    """The solved plan of fewest expansions; where none was solved, the one of most steps.
+    """The solved plan of fewest splines; where none was solved, the one of most steps.
 
     Makes plan/, see `write_plan_folder`.
     """
@@ -350,7 +355,7 @@ def overhand(
         recorder(attempts)
         last[:] = [attempts]
 
-    with run.progress(total=planner.max_branches, desc="branches") as bar:
+    with run.progress(total=planner.max_branches, desc="splines") as bar:
 
         def progress(update: SearchUpdate) -> None:
             bar.update(update.branches - bar.n)
@@ -383,55 +388,6 @@ def solution_dag(run: StageRun, *, path: str = PATH) -> None:
         actions.append(action)
     with run.atomic("dag.png") as png:
         draw_dag(SolutionDag.to(state), [png], actions)
-
-
-@stage
-def path_steps(
-    run: StageRun,
-    *,
-    demonstrations: Path | None = None,
-    primitives: Path | None = None,
-    simulation: SimulationConfig,
-    starts: StartsConfig,
-    sampler: SamplerConfig,
-    path: str,
-    ropes: list[str],
-    shapes: int,
-    splines: int,
-    seed: int,
-) -> None:
-    """What each action of a path leaves for the next one.
-
-    Makes steps.csv (of each rope on which an action was tried: start, action, shape, splines,
-    successes, up to the first action that never succeeds) and recordings/*.mcap; one shard a start.
-
-    Each action of `path` is tried from `shapes` ropes, drawn from the ends of the one before, by
-    `splines` splines each; the first from `ropes`: straight, arc or random.
-    """
-    parse_goal(path, simulation.rope)
-    rope = simulation.rope
-
-    def try_path(name: str) -> pd.DataFrame:
-        rng, simulator = rng_of(seed, ropes.index(name)), RopeSimulator(simulation)
-        tried_by = sampler_of(sampler, demonstrations=demonstrations, primitives=primitives)
-        current = np.repeat(parse_rope(name, rope, rng, starts)[None], shapes, axis=0)
-        state = TopologicalState.from_curve(current[0])
-        recorder, rows = Recorder(run, sampler.name, rope), []
-        for action in map(parse_action, path.split()):
-            ends: list[NDArray[np.float64]] = []
-            for shape, points in enumerate(run.progress(current, desc=f"{action} from {name}")):
-                proposed = tried_by.sample(points, action, splines, rng)
-                tried = attempt(simulator, points, proposed, action, state, recorder)
-                ends += list(tried.rollouts.end_points[tried.success])
-                rows.append((name, str(action), shape, splines, int(tried.success.sum())))
-            if not ends:
-                break
-            current = np.stack(ends)[rng.permutation(len(ends))[:shapes]]
-            state = tried.goal
-        recorder.save(f"recordings/{name}.mcap")
-        return pd.DataFrame(rows, columns=["start", "action", "shape", "splines", "successes"])
-
-    run.table("steps.csv", try_path, ropes, "path_steps")
 
 
 @stage

@@ -17,7 +17,8 @@ class PlannerConfig:
     rule: str = "posterior"
     """What is expanded next, see `planning.rules`: posterior, or paper as in Sec. V-B d."""
     arranging: int = 3
-    """Most arranging splines in a row before one that acts; by the paper's rule there are none."""
+    """Most arranging splines in a row before one that acts. By the paper's rule none is meant to
+    arrange, and all that keep the state are kept."""
     use_next_value: bool = True
     """Whether splines are also sampled for the value of their ends (Sec. V-B c), where the sampler
     can and another action follows."""
@@ -29,16 +30,12 @@ class PlannerConfig:
     undoing: bool = False
     """Whether crossings may be undone from any rope. If not set, only where the rope has crossings
     at the start, and by the paper's rule never."""
-    bias: float = 10.0
-    """The paper's rule: factor on a node's probability for each edge nearer to the goal."""
     batch: int = 1
     """Splines simulated at once; 1 is the paper's search."""
     max_branches: int = 2000
     """Give up after this many simulated splines."""
     max_seconds: float = 600.0
     """Give up after this time, seconds of wall clock; a batch that has begun is finished."""
-    failure_discount: float = 1.0
-    """The paper's rule: factor on a node's weight for every failed expansion; 1 is the paper."""
     steady: bool = False
     """Whether a plan counts only if its steps are robust (`validation.are_robust`); otherwise the
     search drops the first that is not, and all that follows."""
@@ -49,15 +46,12 @@ class PlannerConfig:
     def __post_init__(self) -> None:
         if self.rule not in RULES:
             raise ValueError(f"unknown planner.rule {self.rule!r}; it is one of {', '.join(RULES)}")
-        least = {"arranging": 0, "margin": 0, "bias": 1, "batch": 1}
-        for name, low in (least | {"max_branches": 1}).items():
+        least = {"arranging": 0, "margin": 0, "batch": 1, "max_branches": 1}
+        for name, low in least.items():
             if not (value := getattr(self, name)) >= low:
                 raise ValueError(f"planner.{name} must be {low} or more, got {value}")
         if not self.max_seconds > 0.0:
             raise ValueError(f"planner.max_seconds must be above 0, got {self.max_seconds}")
-        discount = self.failure_discount
-        if not 0.0 < discount <= 1.0:
-            raise ValueError(f"planner.failure_discount must lie in (0, 1], got {discount}")
 
 
 FAST_SEARCH = PlannerConfig(batch=4, steady=True, max_branches=20_000, max_seconds=60.0)

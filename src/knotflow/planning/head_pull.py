@@ -53,7 +53,7 @@ def pull_head(
         return float(lengths[0]) if lengths[1:-1].min() >= LEAST_SEGMENT else 0.0
 
     goal = parse_goal(PATH, simulator.config.rope)
-    search = PlannerConfig(rule="paper", batch=16, failure_discount=0.9)
+    search = PlannerConfig(batch=16)
     points = tie(goal, sampler, simulator, rng, search, observe)
     state = TopologicalState.from_curve(points)
     for _ in range(ROUNDS):

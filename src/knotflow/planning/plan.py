@@ -16,9 +16,9 @@ from knotflow.topology import Action, Arrange, TopologicalState, parse_action
 from knotflow.topology.polyline import Floats
 
 FORMAT = "knotflow.plan"
-VERSION = 2
+VERSION = 3
 
-_PLAIN = ("goal", "solved", "reason", "branches", "nodes")
+_PLAIN = ("goal", "solved", "reason", "branches", "kept")
 _DECIMALS = 6  # of trajectories: micrometres
 
 
@@ -33,7 +33,8 @@ class PlanStep:
     Attributes:
         action: the topological action it instantiates, or `Arrange`, which keeps the state.
         start: (V, 3) the rope at rest before, in `start_state`.
-        end: (V, 3) the rope at rest after, in `end_state`, to which the action leads.
+        end: (V, 3) the rope at rest after, in `end_state`, to which the action leads unless the
+            spline `jumps`.
         times: (T,) of the frames; the first is 0, at the grasp.
         trajectory: (T, V, 3) the rope in simulation; (0, V, 3) if it was not stored.
         gripper: (T, 3) the gripper.
@@ -50,6 +51,14 @@ class PlanStep:
     trajectory: NDArray[np.float32]
     gripper: NDArray[np.floating[Any]]
     release_time: float
+
+    @property
+    def jumps(self) -> bool:
+        """Whether no one action leads to `end_state`; `action` is then what was asked for.
+
+        Only the paper's rule keeps such ends.
+        """
+        return self.start_state.apply(self.action) != self.end_state
 
     def controls(self, radius: float) -> Floats:
         """(3, 3) the control points of the spline on a rope of that radius, metres."""
@@ -83,8 +92,8 @@ class KnotPlan:
         start: (V, 3) the rope at rest before the first step, metres, in `start_state`.
         steps: to the goal or, not solved, to the node of the tree nearest to it; maybe none.
         tried: a summary of all branches.
-        branches: simulated splines, the paper's measure of a search.
-        nodes: nodes of the search tree, including the root.
+        branches: simulated splines.
+        kept: those whose ends were kept in the tree, which the paper's authors counted.
         seconds: wall time of the search.
         radius: of the rope, metres.
     """
@@ -98,13 +107,13 @@ class KnotPlan:
     steps: tuple[PlanStep, ...]
     tried: tuple[ExpansionStats, ...]
     branches: int
-    nodes: int
+    kept: int
     seconds: float
     radius: float
 
     @property
     def actions(self) -> tuple[Action, ...]:
-        """The topological path: the steps' actions without arranging."""
+        """The steps' actions without arranging: the topological path, unless a step `jumps`."""
         return tuple(step.action for step in self.steps if not isinstance(step.action, Arrange))
 
     @property
@@ -135,7 +144,7 @@ class KnotPlan:
         lines = [f"{action:<{width}} {state}" for action, state in steps]
         outcome = f"{self.goal}: tied" if self.solved else f"{self.goal}: NOT tied"
         lines.append(
-            f"{outcome} ({self.reason}); {self.branches} branches, {self.nodes} nodes, "
+            f"{outcome} ({self.reason}); {self.branches} splines simulated, {self.kept} kept, "
             f"{self.seconds:.2f} s"
         )
         if self.solved:
@@ -146,7 +155,7 @@ class KnotPlan:
             branches[one.state, str(one.action)] += one.branches
             successes[one.state, str(one.action)] += one.branches * one.success
         lines += [
-            f"  {how} from {state}: {successes[state, how]} of {count} branches reached its state"
+            f"  {how} from {state}: {successes[state, how]} of {count} splines reached its state"
             for (state, how), count in sorted(branches.items())
         ] or ["  nothing was tried"]
         return "\n".join(lines)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.special import softmax
 
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Edge, SolutionDag
@@ -37,7 +38,6 @@ class Node:
         edges: the E outgoing edges of its state in the solution DAG; none at the goal.
         parent: the node it was reached from by `step`; None for the root.
         steady: its step was simulated again and is reliable (`validation.are_robust`).
-        failures: expansions of this node that did not become nodes.
         values: (E,) probability of success along each edge; 1 where unknown.
         arranged_values: (E,) the same after an arranging spline; `values` where unknown.
         tries: (2, E) expansions of each kind, `ACT` and `ARRANGE`.
@@ -51,7 +51,6 @@ class Node:
     parent: Node | None = None
     step: PlanStep | None = None
     steady: bool = False
-    failures: int = 0
     values: Floats = field(init=False)
     arranged_values: Floats = field(init=False)
     tries: Floats = field(init=False)
@@ -100,20 +99,16 @@ class Expansion:
 class PaperRule:
     """Independent draws of a node, nearer to the goal with a bias, then of an edge (Sec. V-B d)."""
 
-    def __init__(self, config: PlannerConfig, rng: np.random.Generator) -> None:
-        self._config, self._rng = config, rng
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
         self._nodes: list[Node] = []
 
     def choose(self, count: int) -> list[Expansion]:
         """The next expansions of the nodes added so far."""
-        chances = node_probabilities(self._nodes, self._config)
-        chosen = []
-        for row in self._rng.choice(len(self._nodes), size=count, p=chances):
-            node = self._nodes[row]
-            edges = len(node.edges)
-            edge = self._rng.choice(edges, p=np.full(edges, 1 / edges))
-            chosen.append(Expansion(node, int(edge)))
-        return chosen
+        chances = node_probabilities([node.distance for node in self._nodes])
+        nodes = self._rng.choice(len(self._nodes), size=count, p=chances)
+        chosen = [self._nodes[row] for row in nodes]
+        return [Expansion(node, int(self._rng.integers(len(node.edges)))) for node in chosen]
 
     def add(self, node: Node) -> None:
         """Add a new, valued node, after the expansions of its batch were learned from."""
@@ -124,18 +119,17 @@ class PaperRule:
         self._nodes = [node for node in self._nodes if node not in nodes]
 
     def learn(self, expansion: Expansion, child: Node | None) -> None:
-        """Account for the outcome of an expansion; `child` is None where nothing was kept."""
-        expansion.node.failures += child is None
+        """Nothing: the outcomes of expansions change no probability."""
 
 
-def node_probabilities(nodes: Sequence[Node], config: PlannerConfig) -> Floats:
-    """(N,) probability of each node to be expanded next: bias ** -distance, 0 at the goal."""
-    distance = np.array([node.distance for node in nodes])
-    failures = np.array([node.failures for node in nodes])
-    exponent = failures * np.log(config.failure_discount) - distance * np.log(config.bias)
-    exponent[distance == 0] = -np.inf
-    probability = np.exp(exponent - exponent.max())  # the largest is 1, however many failures
-    return np.asarray(probability / probability.sum())
+def node_probabilities(distances: Sequence[int]) -> Floats:
+    """Probability (N,) of each node to be expanded next, the root's distance first.
+
+    It is proportional to exp(2 p), where p is 1 at the root and doubles with each edge nearer to
+    the goal, as in the authors' code; the paper does not say how strong its bias is.
+    """
+    advance = distances[0] - np.array(distances, float)
+    return np.asarray(softmax(2 * 2**advance))
 
 
 class ReservationPrices:

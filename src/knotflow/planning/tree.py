@@ -2,10 +2,13 @@
 
 A rule (`planning.rules`) chooses a node of the tree, leaf or not, and an outgoing edge of its state
 in the solution DAG. The sampler proposes a spline for the edge's action, the simulator executes it,
-and the end shape becomes a node if it has exactly the state that the action leads to.
+and the end shape becomes a node if it has the state that the action leads to.
 
-Beyond the paper, a spline may also keep the state and make room for the edge's action (Sec. VIII),
-and the end of a failed expansion is kept where it is of use.
+The ends of other splines are kept where they are of use. By the paper's rule, as in its authors'
+code, these are all in the solution DAG that are no farther from the goal: a spline that keeps the
+state makes a further shape of it, and one may pass several states at once. By the posterior rule
+they are those in the state of another edge, and a few that keep the state. Beyond the paper, a
+spline may also be meant to keep the state and make room for the edge's action (Sec. VIII).
 """
 
 from __future__ import annotations
@@ -51,7 +54,7 @@ class SearchUpdate:
     """What a search reports after each batch."""
 
     branches: int  # splines simulated so far
-    nodes: int  # of the tree, including the root
+    kept: int  # of their ends, in the tree
     distance: int  # edges from the nearest node to the goal; 0 when solved
     seconds: float  # wall time so far
 
@@ -81,11 +84,9 @@ class TreeSearch:
         undoing = self.config.undoing or not (self._paper or state.num_crossings == 0)
         self._dag = SearchGraph(goal.dag, state) if undoing else goal.dag
         self._proposals = Proposals(sampler, goal, self.config, rng)
-        self._rule = (
-            PaperRule(self.config, rng) if self._paper else PosteriorRule(self.config, self._dag)
-        )
+        self._rule = PaperRule(rng) if self._paper else PosteriorRule(self.config, self._dag)
         self.nodes = [self._node(points, state)]
-        self.branches = 0
+        self.branches = self.kept = 0
         self.tried: Counter[tuple[TopologicalState, Action, str, bool]] = Counter()
         self._began = time.perf_counter()
 
@@ -114,11 +115,12 @@ class TreeSearch:
         for node in new:
             self._rule.add(node)
         self.branches += count
+        self.kept += len(new)
         if self.observe is not None:
             for attempts in _group_by_action(chosen, splines, rollouts, ends):
                 self.observe(attempts)
         nearest = min(node.distance for node in self.nodes)
-        return SearchUpdate(self.branches, len(self.nodes), nearest, self._elapsed())
+        return SearchUpdate(self.branches, self.kept, nearest, self._elapsed())
 
     def run(self, progress: Progress | None = None) -> KnotPlan:
         """Grow the tree; see `plan_knot`."""
@@ -128,7 +130,7 @@ class TreeSearch:
         self._rule.add(self.nodes[0])
         while not self._is_tied():
             if self.branches >= config.max_branches:
-                return self._plan(False, f"{config.max_branches} branches were simulated")
+                return self._plan(False, f"{config.max_branches} splines were simulated")
             if self._elapsed() >= config.max_seconds:
                 return self._plan(False, f"{config.max_seconds:g} s passed")
             update = self.expand(min(config.batch, config.max_branches - self.branches))
@@ -193,14 +195,18 @@ class TreeSearch:
         return self._node(end, state, node, step)
 
     def _done(self, expansion: Expansion, state: TopologicalState | None) -> Action | None:
-        """What a failed expansion did instead, if that is of use; never by the paper's rule."""
-        node = expansion.node
-        if self._paper:
-            return None
+        """What a failed expansion did instead, if that is of use."""
+        node, dag = expansion.node, self._dag
         if state == node.state:
-            arranges = node.num_arranging < self.config.arranging
+            arranges = self._paper or node.num_arranging < self.config.arranging
             return Arrange(expansion.edge_action) if arranges else None
-        return next((action for action, end in node.edges if end == state), None)
+        done = next((action for action, end in node.edges if end == state), None)
+        if done is not None or not self._paper or state is None or state not in dag:
+            return done
+        if dag.distance(state) > node.distance:
+            return None
+        others = (action for action, end in node.state.actions() if end == state)
+        return next(others, expansion.edge_action)
 
     def _is_fragile(self, end: Floats, start: Floats) -> bool:
         """Whether a segment is shorter than the margin and than any before."""
@@ -243,7 +249,7 @@ class TreeSearch:
             steps=_steps_to(self._nearest().path()),
             tried=tuple(ExpansionStats(*key, count) for key, count in self.tried.items()),
             branches=self.branches,
-            nodes=len(self.nodes),
+            kept=self.kept,
             seconds=self._elapsed(),
             radius=simulation.rope.radius,
         )

@@ -84,7 +84,7 @@ def estimate_success(step: PlanStep, rng: np.random.Generator, repeats: int) -> 
     splines = noisy_copies(step.spline, repeats, rng, noise)
     simulator = RopeSimulator(simulation)
     tried = attempt(simulator, step.start, splines, step.action, step.start_state)
-    return float(tried.success.mean())
+    return float(np.mean([end == step.end_state for end in tried.ends]))
 
 
 def find_penetrations(trajectory: NDArray[np.float32]) -> Floats:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
 from collections.abc import Mapping
 
 import pandas as pd
@@ -13,8 +12,11 @@ from knotflow.report.searches import (
     OUTCOME,
     STATE_NOTATION,
     checks,
+    count,
+    median_size,
     read_searches,
     search_table,
+    search_words,
     sizes,
     tied_columns,
     tied_over_time,
@@ -22,36 +24,14 @@ from knotflow.report.searches import (
 from knotflow.report.section import Claim, Figures, Judgement, NotMeasured, Parts, Verdict
 from knotflow.statistics import mean_difference
 
-PULLED, ARRANGING = "pulled", "pulled_arranging"
-STARTS = {
-    PULLED: "overhand with its head pulled out",
-    ARRANGING: "the same, by the search that arranges",
-    "tied": "overhand as the planner leaves it",
-    "untangled": "straight rope",
-}
-"""What the table of the pentagram calls its starts."""
-BEFORE = {
-    "pulled_overhand": PULLED,
-    "pulled_overhand_arranging": ARRANGING,
-    "R1(0,1,1) C(0,1,1) C(2,0,1)": "tied",
-    "straight": "untangled",
-}
-"""What version 0.2.0 called them."""
-PENTAGRAM_PLANS = {
-    "pulled": "Fig. 9 reproduced: the plan of fewest branches from the overhand whose head was "
-    "pulled out, by the search that arranges.",
-    "tied": "The plan of fewest branches from an overhand as the planner left it.",
-    "untangled": "The plan of fewest branches from the straight rope.",
-}
 PAPER_BRANCHES = 12
-"""That the paper's one search for the pentagram took."""
+"""That the paper's one search for the pentagram evaluated."""
 GOAL = ("set", "goal")
 GOAL_SEARCHES = dict.fromkeys(GOAL, str) | {"rope_seed": int} | OUTCOME
 COMPLETE = "complete"
 VARIANTS = {
     COMPLETE: "complete",
     "without_arranging": "without arranging",
-    "without_onward": "without next-state value",
     "without_next_value": "without next-state value",
     "paper_search": "the paper's search",
 }
@@ -66,8 +46,9 @@ def overhand(results: Results, figures: Figures) -> Parts | None:
     search = next(searches.itertuples())
     start = f"from the start `{search.start}` (seed {search.seed})"
     return {
-        "search": f"The search tied the knot {start} by `{search.path}`, after {search.branches} "
-        f"branches and {md.duration(search.seconds)}."
+        "search": f"The search tied the knot {start} by `{search.path}`, after "
+        f"{search.simulated} splines, of which it kept {search.kept}, and "
+        f"{md.duration(search.seconds)}."
         if search.solved
         else f"The search did not tie the knot {start}: {search.reason}.",
         "plan": figures.own(
@@ -86,67 +67,36 @@ def overhand(results: Results, figures: Figures) -> Parts | None:
     }
 
 
-def _pentagram_searches(results: Results) -> pd.DataFrame:
-    """A row a search, by today's names of the starts."""
-    return read_searches(results, "pentagram").replace({"start": BEFORE})
-
-
 def pentagram(results: Results, figures: Figures) -> Parts | None:
-    """A line for each start, and the plan of fewest branches from each."""
-    searches = _pentagram_searches(results)
+    """A line for all searches, the start, and the plan of fewest splines."""
+    searches = read_searches(results, "pentagram")
     if searches.empty:
         return None
-    head = results.setting("pentagram", "head", "pull")
-    groups = (
-        ({"start": name}, searches[searches["start"] == start]) for start, name in STARTS.items()
-    )
-    shown = (
-        figures.own("pentagram", f"{folder}/plan.png", caption)
-        for folder, caption in PENTAGRAM_PLANS.items()
-    )
     return {
-        "head": f" until {100 * head:g} cm of rope lie before the first crossing" if head else "",
-        "searches": search_table(groups),
+        "searches": search_table([({"start": "overhand with its head pulled out"}, searches)]),
+        "settings": search_words(results, "pentagram"),
         "checks": checks(results, "pentagram"),
-        "plans": md.join(*shown),
+        "plans": figures.own(
+            "pentagram", "plan.png", "Fig. 9 reproduced: the plan of fewest splines."
+        ),
     }
 
 
 def judge_pentagram(results: Results) -> Judgement:
     """A plan found with 12 branches, from an overhand whose head was pulled out."""
-    searches = _pentagram_searches(results)
-    if PULLED not in set(searches["start"]):
-        raise NotMeasured(f"needs searches from {PULLED} in pentagram")
-    parts = []
-    for start, name in STARTS.items():
-        own = searches[searches["start"] == start]
-        counts = own["branches"][own["solved"]]
-        if own.empty:
-            continue
-        parts.append(f"{name}: tied in {len(counts)} of {len(own)} searches")
-        if len(counts):
-            middle = f"{statistics.median(counts):g}"
-            parts[-1] += f", {min(counts):,} to {max(counts):,} branches, median {middle}"
-    trees = sizes(searches[searches["start"] == PULLED])
-    verdict = Verdict.PARTLY if min(trees) <= PAPER_BRANCHES else Verdict.FAILS
-    if statistics.median(trees) <= PAPER_BRANCHES:
+    searches = read_searches(results, "pentagram")
+    if searches.empty:
+        raise NotMeasured("needs searches in pentagram")
+    trees, simulated = sizes(searches), searches["simulated"]
+    ours = (
+        f"tied in {searches['solved'].sum()} of {len(searches)} searches; {count(trees.min())} to "
+        f"{count(trees.max())} kept, median {md.estimate(median_size(searches), count)} "
+        f"({min(simulated):,} to {max(simulated):,} simulated, median {count(simulated.median())})"
+    )
+    verdict = Verdict.PARTLY if trees.min() <= PAPER_BRANCHES else Verdict.FAILS
+    if median_size(searches).estimate <= PAPER_BRANCHES:
         verdict = Verdict.HOLDS
-    return Judgement("; ".join(parts), verdict)
-
-
-def arranging_helps(results: Results) -> str:
-    """The same rope and path by the search that arranges; '' unless that ties it more often."""
-    searches = _pentagram_searches(results)
-    pulled, arranged = (
-        searches.loc[searches["start"] == start, "solved"] for start in (PULLED, ARRANGING)
-    )
-    if arranged.empty or arranged.mean() <= pulled.mean():
-        return ""
-    return (
-        "the paper's search has the splines of the path alone. A search that may also make room "
-        f"and take crossings back ties it in {arranged.sum()} of {len(arranged)} searches, from "
-        "the same rope along the same path"
-    )
+    return Judgement(ours, verdict)
 
 
 def knots(results: Results, _: Figures) -> Parts | None:
@@ -160,6 +110,7 @@ def knots(results: Results, _: Figures) -> Parts | None:
     ]
     return {
         "knots": md.table(rows),
+        "settings": search_words(results, "knots"),
         "notation": STATE_NOTATION,
         "checks": checks(results, "knots"),
     }
@@ -176,7 +127,8 @@ def goals(results: Results, figures: Figures) -> Parts | None:
             "crossings": one.set,
             "goal": f"`{one.goal}`",
             "rope": str(one.rope_seed),
-            "branches": f"{one.branches:,}",
+            "kept": f"{one.kept:,}",
+            "simulated": f"{one.simulated:,}",
             "why the search ended": one.reason,
         }
         for one in table[~table["solved"]].itertuples()
@@ -185,6 +137,7 @@ def goals(results: Results, figures: Figures) -> Parts | None:
     return {
         "figure": tied_over_time(figures, "goals", groups, "number of crossings"),
         "sets": md.table([{"crossings": name} | tied_columns(own) for name, own in sets.items()]),
+        "settings": search_words(results, "goals", "goals"),
         "checks": checks(results, "goals"),
         "missed": md.table(
             missed, f"Goals that were not tied, {len(missed)} in all. {STATE_NOTATION}"
@@ -228,7 +181,6 @@ def _difference(tables: Mapping[str, pd.DataFrame], name: str) -> str:
 PENTAGRAM_CLAIM = Claim(
     "Pentagram from an overhand whose head was pulled out by hand",
     "12 branches",
-    "from there the median search ties it with at most 12 branches; partly if the best one does",
+    "from there the median search keeps at most 12; partly if the best one does",
     judge_pentagram,
-    arranging_helps,
 )

@@ -124,7 +124,6 @@ def compose(results: Results, figures: Figures) -> str:
     found = {section.text.title: results.measured(section.experiment) for section in sections}
     smaller = [title for title, one in found.items() if one and one.budget != "paper"]
     rope = results.setting("single_stage", "rope") or {"length": 1.0, "radius": 0.008, "links": 40}
-    bias = results.setting("tree_size", "bias")
     crossings = results.setting("library_training", "most_crossings")
     arranging = results.setting("single_stage", "arranging", "reinforcement_arranged")
     text = TEMPLATE.read_text("utf-8").format(
@@ -143,7 +142,6 @@ def compose(results: Results, figures: Figures) -> str:
         timing=timing(results, figures),
         rope=f"{rope['length']:g} m long, {1000 * rope['radius']:g} mm in radius, "
         f"{rope['links']} links",
-        bias=f"{bias:g} times likelier" if bias else "likelier",
         crossings=f" that lead to at most {crossings} crossings" if crossings else "",
         arranging=f"up to {arranging}" if arranging else "some",
         resamples=f"{RESAMPLES:,}",

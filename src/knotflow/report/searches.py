@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 import math
-import statistics
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator, PercentFormatter
+from numpy.typing import ArrayLike, NDArray
 
 from knotflow.report import markdown as md
 from knotflow.report.rates import Method
 from knotflow.report.results import Results, read_table
 from knotflow.report.section import COLOURS, Figures, bare_axis
-from knotflow.statistics import bootstrap
+from knotflow.statistics import Interval, hierarchical, weighted_median
 from knotflow.viz.style import INK, MUTED
 
 OVERHAND_LIMIT = 3
-"""The fewest branches that can tie an overhand: its path has three actions (Sec. VII-A4)."""
-OUTCOME = {"branches": int, "solved": bool, "seconds": float, "path": str, "reason": str}
+"""The fewest that can tie an overhand: its path has three actions (Sec. VII-A4)."""
+OUTCOME = {"kept": int, "simulated": int, "solved": bool, "seconds": float, "path": str}
+OUTCOME |= {"reason": str}
 CHECKS = {"searches": str, "plan": str, "step": int, "passages": int, "steady": bool}
 MOST_TRIED = 4
 """Lines of each method in the table of where branches went."""
@@ -34,31 +36,72 @@ STATE_NOTATION = (
 
 
 def read_searches(
-    results: Results, experiment: str, method: str = "goal", *, with_start: bool = True
+    results: Results, experiment: str, column: str = "goal", *axes: str
 ) -> pd.DataFrame:
     """branches.csv, a row a search; empty where it was not run.
 
-    `method` is the column of what is compared, called `method` in what is returned; `start` is ''
-    where there is one kind only.
+    `column` has what is compared, called `method` in what is returned; `axes` are further columns,
+    such as training_seed, which is '' where they lack it.
     """
-    keys = {method: str, **({"start": str} if with_start else {}), "seed": int}
+    keys = {column: str, "start": str, **dict.fromkeys(axes, str), "seed": int}
     table = results.table(experiment, "branches.csv", keys | OUTCOME, key=tuple(keys))
     if table is None:
-        return pd.DataFrame(columns=["method", "start", "seed", *OUTCOME])
-    return table.assign(method=table[method], start=table["start"] if with_start else "")
+        return pd.DataFrame(columns=[*dict.fromkeys(["method", *keys, *OUTCOME])])
+    seeds = table["training_seed"] if "training_seed" in axes else ""
+    return table.assign(method=table[column], training_seed=seeds)
 
 
 def select(searches: pd.DataFrame, method: str, start: str = "") -> pd.DataFrame:
-    """The searches of one method from one kind of start, in the table's order."""
-    return searches[(searches["method"] == method) & (searches["start"] == start)]
+    """The searches of one method, from one kind of start if it is named, in the table's order."""
+    own = searches[searches["method"] == method]
+    return own[own["start"] == start] if start else own
 
 
-def sizes(searches: pd.DataFrame) -> list[float]:
-    """Branches of each tree; one that gave up is larger than any bound."""
-    return [
-        float(branches) if solved else math.inf
-        for branches, solved in zip(searches["branches"], searches["solved"], strict=True)
+def sizes(searches: pd.DataFrame) -> NDArray[np.float64]:
+    """Splines kept by each search; one that gave up is larger than any bound."""
+    return searches["kept"].to_numpy(float, copy=True) + np.where(searches["solved"], 0.0, math.inf)
+
+
+def resampled(searches: pd.DataFrame, values: ArrayLike, statistic: Callable[..., Any]) -> Interval:
+    """A statistic of a value a search, with trainings and searches resampled.
+
+    Random ropes are resampled instead of searches, as every training has the same.
+    """
+    starts = searches["seed"] if set(searches["start"]) == {"random"} else None
+    return hierarchical(values, searches["training_seed"], starts, statistic)
+
+
+def median_size(searches: pd.DataFrame) -> Interval:
+    """Median of `sizes`, infinite where half of the searches gave up."""
+    return resampled(searches, sizes(searches), weighted_median)
+
+
+def count(value: float) -> str:
+    """A number of splines: `1,428`, `3.5`, or ∞ for a search that gave up."""
+    return "∞" if math.isinf(value) else f"{value:,g}"
+
+
+def search_words(results: Results, experiment: str, node: str = "searches") -> str:
+    """How the nodes of that name searched, from their resolved configuration; '' without it."""
+    planner = results.setting(experiment, "planner", node)
+    if not isinstance(planner, dict) or "rule" not in planner:
+        return ""
+    paper, batch = planner["rule"] == "paper", planner["batch"]
+    most = 0 if paper else planner["arranging"]
+    guessed = 0.0 if paper else planner["guess_fraction"]
+    parts = [
+        "by the paper's rule" if paper else f"by the {planner['rule']} rule",
+        "one spline at a time" if batch == 1 else f"{batch} splines at a time",
+        f"with up to {most} arranging splines in a row" if most else "without arranging splines",
+        f"{100 * guessed:g} % guesses where little succeeds" if guessed else "without guesses",
+        "with the next action's value where primitives have learned it"
+        if planner["use_next_value"]
+        else "without the next action's value",
     ]
+    return (
+        f"These searches grow {md.listed(parts)}; they give up after {planner['max_branches']:,} "
+        f"simulated splines or {md.duration(planner['max_seconds'])}."
+    )
 
 
 def checks(results: Results, experiment: str) -> str:
@@ -77,10 +120,10 @@ def checks(results: Results, experiment: str) -> str:
     )
 
 
-def branches_spent(results: Results, experiment: str, method: str) -> str:
-    """Where most branches of each method went, and how many succeeded; '' without tried.csv."""
+def splines_spent(results: Results, experiment: str, method: str) -> str:
+    """Where most splines of each method went, and how many succeeded; '' without tried.csv."""
     keys = (method, "start", "state", "action")
-    columns = dict.fromkeys(keys, str) | {"branches": int, "successes": int}
+    columns = dict.fromkeys(keys, str) | {"simulated": int, "successes": int}
     tried = results.table(experiment, "tried.csv", columns, key=keys)
     if tried is None:
         return ""
@@ -90,13 +133,13 @@ def branches_spent(results: Results, experiment: str, method: str) -> str:
             method: str(name).replace("_", " "),
             "state": f"`{one.state}`",
             "action": f"`{one.action}`",
-            "branches": f"{one.branches:,}",
+            "simulated": f"{one.simulated:,}",
             "succeeded": f"{one.successes:,}",
         }
         for name, own in total.groupby(method, sort=False)
-        for one in own.nlargest(MOST_TRIED, "branches").itertuples()
+        for one in own.nlargest(MOST_TRIED, "simulated").itertuples()
     ]
-    return md.table(rows, "The states and actions on which each spent most branches:")
+    return md.table(rows, "The states and actions on which each spent most splines:")
 
 
 def search_table(groups: Iterable[tuple[dict[str, str], pd.DataFrame]]) -> str:
@@ -105,29 +148,40 @@ def search_table(groups: Iterable[tuple[dict[str, str], pd.DataFrame]]) -> str:
     for first, own in groups:
         if own.empty:
             continue
-        counts = own["branches"].tolist()
+        kept, simulated = sizes(own), own["simulated"]
         columns = {
-            "n": str(len(counts)),
-            "fewest": f"{min(counts):,}",
-            "median": f"{statistics.median(counts):,g}",
-            "mean (95 %)": md.estimate(bootstrap(counts)),
-            "SD": md.tenths(statistics.stdev(counts)) if len(counts) > 1 else md.NOTHING,
-            "most": f"{max(counts):,}",
+            "trainings": str(own["training_seed"].nunique()),
+            "n": str(len(own)),
             "gave up": str((~own["solved"]).sum()),
+            "kept: fewest": count(kept.min()),
+            "median (95 %)": md.estimate(median_size(own), count),
+            "mean ± SD": mean_spread(own),
+            "most": count(kept.max()),
+            "simulated: median": count(simulated.median()),
+            "at most": count(simulated.max()),
             "time, median": md.duration(own["seconds"].median()),
         }
         rows.append(first | columns)
     return md.table(rows)
 
 
+def mean_spread(searches: pd.DataFrame) -> str:
+    """Mean and standard deviation of the splines kept, as the paper has them; none gave up."""
+    if not searches["solved"].all():
+        return md.NOTHING
+    spread = md.tenths(searches["kept"].std()) if len(searches) > 1 else "?"
+    return f"{md.tenths(searches['kept'].mean())} ± {spread}"
+
+
 def tied_columns(searches: pd.DataFrame) -> dict[str, str]:
     """How many of the searches tied their goal, and the median effort of those."""
     tied = searches[searches["solved"]]
-    return {
-        "tied": md.share(searches["solved"]),
-        "branches, median": f"{tied['branches'].median():,g}" if len(tied) else md.NOTHING,
-        "time, median": md.duration(tied["seconds"].median()),
+    efforts = {
+        f"{name}, median": count(tied[name].median()) if len(tied) else md.NOTHING
+        for name in ("kept", "simulated")
     }
+    time = {"time, median": md.duration(tied["seconds"].median())}
+    return {"tied": md.share(searches["solved"])} | efforts | time
 
 
 def branches_figure(
@@ -138,19 +192,19 @@ def branches_figure(
     starts: Sequence[str],
     paper_largest: Mapping[tuple[str, str], float],
 ) -> str:
-    """Branches of each tree search, their mean with its interval, and the paper's number.
+    """Splines kept by each tree search, their median with its interval, and the paper's number.
 
     `paper_largest` has, by (start, method), what the paper reports: drawn as a diamond.
     """
     rows = [(start, method) for start in starts for method in methods]
-    longest = max([2 * OVERHAND_LIMIT, *searches["branches"], *paper_largest.values()])
+    longest = max([2 * OVERHAND_LIMIT, *searches["kept"], *paper_largest.values()])
 
     def plot(figure: Figure) -> None:
         axes = figure.add_subplot()
         axes.axvline(OVERHAND_LIMIT, color=MUTED, linewidth=0.8, zorder=1)
         ticks = [place + 0.5 * (place // len(methods)) for place in range(len(rows))]
         for y, (start, method) in zip(ticks, rows, strict=True):
-            _branch_row(axes, select(searches, method.name, start), method, y)
+            _branch_row(axes, select(searches, method.name, start), method, y, 1.3 * longest)
             if largest := paper_largest.get((start, method.name)):
                 axes.plot(largest, y, "D", markersize=6, mfc="none", mec=INK, mew=1)
         labels = [f"{start}: {method.label}" if start else method.label for start, method in rows]
@@ -160,31 +214,38 @@ def branches_figure(
         axes.set_xscale("log")
         marks = [m * 10**k for k in range(8) for m in (1, 2, 5)]
         _log_axis(axes, [OVERHAND_LIMIT, *(m for m in marks if 3 < m <= longest * 1.2)], "{:,.0f}")
-        axes.set_xlabel("branches evaluated until the knot is tied")
+        axes.set_xlabel("splines kept until the knot is tied")
         bare_axis(axes, "x")
 
     caption = (
-        f"Branches of {len(searches)} tree searches (dots, open where the search gave up), and "
-        f"their mean with its 95 % bootstrap interval. The line at {OVERHAND_LIMIT} is the fewest "
-        "possible"
+        f"Splines kept by {len(searches)} tree searches (dots, a row for each training, open where "
+        "the search gave up), and their median with its 95 % interval over trainings and searches. "
+        f"The line at {OVERHAND_LIMIT} is the fewest possible"
     )
     caption += "; diamonds are the largest trees of the paper." if paper_largest else "."
     return figures.draw(name, caption, 0.85 + 0.45 * len(rows), plot)
 
 
-def _branch_row(axes: Axes, searches: pd.DataFrame, method: Method, y: float) -> None:
+def _branch_row(axes: Axes, searches: pd.DataFrame, method: Method, y: float, right: float) -> None:
+    """A method's searches at height y; `right` stands for a search that gave up."""
     if searches.empty:
         axes.text(OVERHAND_LIMIT * 1.05, y, "not run", va="center", color=MUTED, fontsize=8.5)
         return
-    heights = y + np.linspace(-0.3, 0.1, len(searches))  # so that equal counts do not hide
-    for solved in (True, False):
-        own, face = searches["solved"] == solved, method.colour if solved else "none"
-        counts = searches["branches"][own]
-        axes.plot(counts, heights[own], "o", markersize=4, mfc=face, mec=method.colour, alpha=0.8)
-    mean = bootstrap(searches["branches"])
-    if mean.low is not None and mean.high is not None:
-        axes.plot([mean.low, mean.high], [y + 0.28] * 2, color=INK, linewidth=1.2)
-    axes.plot(mean.estimate, y + 0.28, "|", color=INK, markersize=6, markeredgewidth=1.4)
+    trainings = [own for _, own in searches.groupby("training_seed", sort=False)]
+    for number, training in enumerate(trainings):
+        low, high = np.array([number, number + 0.8]) * 0.45 / len(trainings) + y - 0.32
+        heights = np.linspace(low, high, len(training))  # so that equal counts do not hide
+        for solved in (True, False):
+            own, face = training["solved"] == solved, method.colour if solved else "none"
+            axes.plot(
+                training["kept"][own], heights[own], "o",
+                markersize=3.5, mfc=face, mec=method.colour, alpha=0.8,
+            )  # fmt: skip
+    middle = median_size(searches)
+    if middle.low is not None and middle.high is not None:
+        limits = np.minimum([middle.low, middle.high], right)
+        axes.plot(limits, [y + 0.28] * 2, color=INK, linewidth=1.2)
+    axes.plot(min(middle.estimate, right), y + 0.28, "|", color=INK, ms=6, mew=1.4)
 
 
 def tied_over_time(

@@ -62,7 +62,7 @@ def plan_figure(plan: KnotPlan) -> Figure:
     scales = panel / np.maximum(sizes[:, 0], sizes[:, 1] / _MAX_ASPECT)  # inches a metre
     heights = [max(scales[i : i + columns] * sizes[i : i + columns, 1])
                for i in range(0, count, columns)]  # fmt: skip
-    facts = f"{plan.goal}: {plan.branches} branches, {plan.seconds:.1f} s"
+    facts = f"{plan.goal}: {plan.kept} of {plan.branches} splines kept, {plan.seconds:.1f} s"
     if not plan.solved:
         facts += f"; {plan.reason}"
     footer = textwrap.wrap(facts, _LETTERS)

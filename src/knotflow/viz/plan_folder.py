@@ -74,7 +74,7 @@ def write_plan_folder(
         ]
         facts = {"goal": plan.goal, "solved": str(plan.solved), "source": source}
         write_recording(folder / "plan.mcap", rollouts, facts)
-    highlighted = plan.actions if plan.solved else ()
+    highlighted = plan.actions if plan.solved and not _jumps(plan) else ()
     pictures = [folder / "dag.png", folder / "dag.svg"]
     draw_dag(drawn_dag(plan), pictures, highlighted, plan.start_state)
     _write_json(folder / OUTCOME, {"success": plan.solved, "text": plan.summary()})
@@ -95,20 +95,26 @@ def subsample(plan: KnotPlan) -> KnotPlan:
 def drawn_dag(plan: KnotPlan) -> SolutionDag:
     """All paths from the rope's start state to the state that was tied, or to an untied goal.
 
-    Only the plan's own path where these are too many to read, or where it undoes crossings.
+    Only the plan's own path where these are too many to read, or where it undoes crossings; a
+    shortest one where a step `jumps`.
     """
     undoes = any(isinstance(action, Undo) for action in plan.actions)
     goals = [plan.states[-1]] if plan.solved else plan.goal_states
     dags = (SolutionDag.to(goal) for goal in goals)
     dag = None if undoes else next((dag for dag in dags if plan.start_state in dag), None)
-    if dag is None and not plan.steps:  # the start's crossings have to be undone first
+    jumps = _jumps(plan)
+    if dag is None and (jumps or not plan.steps):  # the start's crossings have to be undone first
         dag = SearchGraph(SolutionDag.to(*goals), plan.start_state)
     if dag is not None and len(reachable := dag.after(plan.start_state)) <= MAX_DRAWN_STATES:
         return reachable
-    if plan.steps:
+    if plan.steps and not jumps:
         return SolutionDag.along(plan.actions, plan.start_state)
     assert dag is not None
     return SolutionDag.along(dag.shortest_path(plan.start_state), plan.start_state)
+
+
+def _jumps(plan: KnotPlan) -> bool:
+    return any(step.jumps for step in plan.steps)
 
 
 def _attempts(step: PlanStep) -> Attempts:

@@ -197,7 +197,7 @@ class PlanTab:
             share = 100.0 * update.seconds / limit
             self._bar.value = min(100.0, share)  # type: ignore[misc]  # mypy misses the setter
             state.say(
-                f"{update.branches} splines tried, {update.nodes} shapes kept, "
+                f"{update.branches} splines tried, {update.kept} shapes kept, "
                 f"{update.distance} actions to go, {update.seconds:.0f} s"
             )
 
