@@ -150,16 +150,30 @@ class TransitionConfig:
 class JointConfig(TransitionConfig):
     """How long the primitives train on a task, and how."""
 
+    learner: LearnerConfig = field(
+        default_factory=lambda: LearnerConfig(
+            learning_rate=7e-4, rollout_ropes=32, rollout_trials=1
+        )
+    )
+    """Optimiser and batches of each primitive; learning rate and batch are the authors'."""
     goal: str = "overhand"
     """The knot that episodes tie."""
     environments: int = 64
-    """Episodes in a round, side by side."""
+    """Episodes in a round, side by side; 8 in the authors' code."""
     splines: int = 5
     """Most splines in an episode."""
     shortest_segment: float = 2 / 64
     """An episode ends where a segment is shorter, fraction of the rope's length."""
-    rounds: int = 40
-    critic_reset_every: int = 1000
+    rounds: int = 30
+    """Rounds of episodes and gradient steps."""
+    memory: int = 2000
+    """Attempts of independent training that it begins with, the newest, for each action."""
+    steps: int = 40
+    """Gradient steps of each primitive in a round."""
+    new_steps: int = 40
+    """The same of one without demonstrations."""
+    critic_reset_steps: int = 0
+    """Critics are not reset."""
 
 
 @dataclass

@@ -38,7 +38,7 @@ from knotflow.training.transitions import (
 
 
 class JointFinetuning(TransitionTrainer):
-    """Trains the primitives of a library on episodes that tie a knot.
+    """Trains those primitives of a library that a knot's DAG needs on episodes that tie it.
 
     Metrics of a primitive are losses, and the success rate of the policy's own splines. "tied" is
     the share of the episodes that tied the knot, "splines" the mean length of an episode.
@@ -57,21 +57,18 @@ class JointFinetuning(TransitionTrainer):
         starts: StartsConfig | None = None,
     ) -> None:
         """See `TransitionTrainer`; `earlier` are attempts of independent training."""
-        super().__init__(library, trials, simulator, config, seed, starts)
         self._goals = knot(config.goal)
-        graph = solution_graph(*sorted(self._goals))
-        self._actions = {
-            state: sorted(
-                (
-                    action
-                    for _, _, action in graph.out_edges(state, "action")
-                    if primitive_of(action, state.num_segments) in library.primitives
-                ),
-                key=str,
-            )
-            for state in graph
-        }
-        """Those that lead on, of each state on the DAG."""
+        found = [
+            (state, action, primitive_of(action, state.num_segments))
+            for state, _, action in solution_graph(*sorted(self._goals)).edges(data="action")
+        ]
+        numbers = library.primitives.keys() & {number for _, _, number in found}
+        super().__init__(library, trials, simulator, config, seed, starts, sorted(numbers))
+        self._actions: dict[TopologicalState, list[Action]] = {}
+        """Those that lead on, by state."""
+        for state, action, number in sorted(found, key=lambda one: (one[0], str(one[1]))):
+            if number in numbers:
+                self._actions.setdefault(state, []).append(action)
         for attempts in earlier:
             self.add_earlier(attempts)
 
@@ -128,7 +125,7 @@ class JointFinetuning(TransitionTrainer):
     def _goes_on(self, points: Floats, state: TopologicalState) -> bool:
         """Whether an episode goes on from a rope (V, 3)."""
         shortest = self.config.shortest_segment
-        return bool(self._actions.get(state)) and bool((segment_lengths(points) >= shortest).all())
+        return state in self._actions and bool((segment_lengths(points) >= shortest).all())
 
     def sample(self, transition: Transition) -> Sample:
         end = transition.end

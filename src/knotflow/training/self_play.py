@@ -70,7 +70,8 @@ class SelfPlay(TransitionTrainer):
         starts: StartsConfig | None = None,
     ) -> None:
         """See `TransitionTrainer`; `earlier` are attempts of independent training."""
-        super().__init__(_completed(library, seed), trials, simulator, config, seed, starts)
+        library = _completed(library, seed)
+        super().__init__(library, trials, simulator, config, seed, starts, library.primitives)
         self.curriculum = Curriculum(
             config.most_crossings, config.crossings_shares, config.undo_share
         )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
@@ -115,8 +115,9 @@ class TransitionTrainer(Trainer):
         config: TransitionConfig,
         seed: int,
         starts: StartsConfig | None,
+        numbers: Iterable[int],
     ) -> None:
-        """Trains the library's primitives.
+        """Trains the library's primitives of these numbers.
 
         Args:
             library: with actor and critic.
@@ -138,9 +139,7 @@ class TransitionTrainer(Trainer):
         self.library = PrimitiveLibrary(library.primitives, library.trained_on, library.rope, True)
         self.rng = rng_of(seed, 0)
         self.buffers: dict[int, TransitionBuffer] = {}
-        self._learners = {
-            number: self._learner(number, trials, seed) for number in self.library.primitives
-        }
+        self._learners = {number: self._learner(number, trials, seed) for number in numbers}
 
     def _learner(
         self, number: int, trials: Mapping[Action, Sequence[Trials]], seed: int
@@ -216,9 +215,10 @@ class TransitionTrainer(Trainer):
         return encoded.frames.to_world(network.numpy())[:, 0], ways
 
     def store(self, learned: Sequence[Sample]) -> None:
-        """Put samples into the replay buffers of their primitives."""
+        """Put samples into the replay buffers of their primitives, if these learn."""
         for number, trials in encode_samples(learned, self.value):
-            self.buffers[number].extend(trials)
+            if number in self.buffers:
+                self.buffers[number].extend(trials)
 
     def value(self, number: int, states: TensorDict) -> Tensor:
         return best_values(self.library.primitives[number], states, self.rng)
