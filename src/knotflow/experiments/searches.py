@@ -27,7 +27,7 @@ from knotflow.planning import (
     plan_rope,
     replay,
 )
-from knotflow.planning.head_pull import PATH, pull_head, select_best_pull
+from knotflow.planning.head_pull import PATH, loop_area, pull_head
 from knotflow.samplers import Sampler, SamplerConfig
 from knotflow.samplers.demonstrations import heuristic_splines
 from knotflow.seeding import rng_of
@@ -38,6 +38,7 @@ from knotflow.simulation import (
     StartsConfig,
     random_curve,
     random_tangle,
+    straight,
 )
 from knotflow.statistics import rate_columns
 from knotflow.topology import TopologicalState, all_states
@@ -404,19 +405,22 @@ def pull(
 
     Makes start.npy and start.csv of the rope (V, 3) in metres, and recordings/*.mcap.
 
-    Of `knots` ropes tied and pulled, one is taken.
+    Of `knots` ropes tied and pulled, the one with the largest loop is taken.
 
     Raises:
-        RuntimeError: no knot could be tied, or none whose head could be pulled out far enough.
+        RuntimeError: none could be tied and pulled.
     """
     rope, simulator = simulation.rope, RopeSimulator(simulation)
     tying, pulls = Recorder(run, sampler.name, rope), Recorder(run, "pull", rope, FIRST_PULL)
-    made, rng = sampler_of(sampler, primitives=primitives), np.random.default_rng(seed)
-    ropes = [
-        pull_head(made, simulator, rng, tying, pulls)
-        for _ in run.progress(range(knots), desc="pull")
-    ]
-    points = select_best_pull(ropes)
+    proposer, rng = sampler_of(sampler, primitives=primitives), np.random.default_rng(seed)
+    goal, planner, ropes = parse_goal(PATH, rope), PlannerConfig(batch=16), []
+    for _ in run.progress(range(knots), desc="pull"):
+        plan = plan_knot(straight(rope), goal, proposer, simulator, rng, planner, observe=tying)
+        pulled = pull_head(plan.shapes[-1], simulator, rng, pulls) if plan.solved else None
+        ropes += [] if pulled is None else [pulled]
+    if not ropes:
+        raise RuntimeError(f"no head could be pulled out in {knots} knots; raise knots")
+    points = max(ropes, key=loop_area)
     tying.save("recordings/tie.mcap")
     pulls.save("recordings/pull.mcap")
     run.save_table("start.csv", pd.DataFrame(points, columns=["x", "y", "z"]))
