@@ -18,8 +18,8 @@ from knotflow.report.searches import (
     search_table,
     search_words,
     sizes,
+    tied_by_splines,
     tied_columns,
-    tied_over_time,
 )
 from knotflow.report.section import Claim, Figures, Judgement, NotMeasured, Parts, Verdict
 from knotflow.statistics import mean_difference
@@ -135,7 +135,7 @@ def goals(results: Results, figures: Figures) -> Parts | None:
     ]
     groups = {f"{name} crossings": own for name, own in sets.items()}
     return {
-        "figure": tied_over_time(figures, "goals", groups, "number of crossings"),
+        "figure": tied_by_splines(figures, "goals", groups, "number of crossings"),
         "sets": md.table([{"crossings": name} | tied_columns(own) for name, own in sets.items()]),
         "settings": search_words(results, "goals", "goals"),
         "checks": checks(results, "goals"),
@@ -163,7 +163,7 @@ def ablation(results: Results, figures: Figures) -> Parts | None:
     ]
     groups = {VARIANTS[name]: table for name, table in tables.items()}
     return {
-        "figure": tied_over_time(figures, experiment, groups, "planner"),
+        "figure": tied_by_splines(figures, experiment, groups, "planner"),
         "variants": md.table(rows),
     }
 

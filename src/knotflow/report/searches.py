@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator, PercentFormatter
+from matplotlib.ticker import FixedLocator, NullLocator, PercentFormatter
 from numpy.typing import ArrayLike, NDArray
 
 from knotflow.report import markdown as md
@@ -27,8 +27,8 @@ OUTCOME |= {"reason": str}
 CHECKS = {"searches": str, "plan": str, "step": int, "passages": int, "steady": bool}
 MOST_TRIED = 4
 """Lines of each method in the table of where branches went."""
-SECONDS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 60, 120, 300, 600)
-"""That the axis of a figure may name."""
+MARKS = [m * 10**k for k in range(8) for m in (1, 2, 5)]
+"""Numbers of splines that the axis of a figure may name."""
 STATE_NOTATION = (
     "A state is written as its crossings, each as over position, `o`, under position and sign, "
     "counted from head to tail."
@@ -212,8 +212,7 @@ def branches_figure(
         axes.tick_params(axis="y", labelcolor=INK)
         axes.set_ylim(max(ticks) + 0.6, -0.6)
         axes.set_xscale("log")
-        marks = [m * 10**k for k in range(8) for m in (1, 2, 5)]
-        _log_axis(axes, [OVERHAND_LIMIT, *(m for m in marks if 3 < m <= longest * 1.2)], "{:,.0f}")
+        _log_axis(axes, [OVERHAND_LIMIT, *(m for m in MARKS if 3 < m <= longest * 1.2)])
         axes.set_xlabel("splines kept until the knot is tied")
         bare_axis(axes, "x")
 
@@ -248,39 +247,39 @@ def _branch_row(axes: Axes, searches: pd.DataFrame, method: Method, y: float, ri
     axes.plot(min(middle.estimate, right), y + 0.28, "|", color=INK, ms=6, mew=1.4)
 
 
-def tied_over_time(
+def tied_by_splines(
     figures: Figures, name: str, groups: Mapping[str, pd.DataFrame], compared: str
 ) -> str:
-    """The share of goals tied after so many seconds, with its interval at the end, by group."""
+    """The share of goals tied after so many simulated splines, by group, and in the end."""
     searches = pd.concat(groups.values())
-    first, last = max(0.05, searches["seconds"].min()), searches["seconds"].max()
+    first, last = searches["simulated"].min(), searches["simulated"].max()
 
     def plot(figure: Figure) -> None:
         axes = figure.add_subplot()
         for place, (label, own) in enumerate(groups.items()):
-            seconds = sorted(own["seconds"][own["solved"]])
-            shares = [count / len(own) for count in (*range(len(seconds) + 1), len(seconds))]
+            spent = sorted(own["simulated"][own["solved"]])
+            shares = [count / len(own) for count in (*range(len(spent) + 1), len(spent))]
             axes.step(
-                [first, *seconds, last], shares, color=COLOURS[place % len(COLOURS)], where="post",
+                [first, *spent, last], shares, color=COLOURS[place % len(COLOURS)], where="post",
                 linewidth=1.6, label=f"{label}: {md.rate(own['solved'])}",
             )  # fmt: skip
         axes.set_xscale("log")
-        _log_axis(axes, [mark for mark in SECONDS if first <= mark <= last * 1.05], "{:g} s")
+        _log_axis(axes, [mark for mark in MARKS if first <= mark <= last * 1.05])
         axes.set_ylim(0, 1.04)
         axes.yaxis.set_major_formatter(PercentFormatter(1, decimals=0, symbol=" %"))
-        axes.set_xlabel("search time")
+        axes.set_xlabel("splines simulated")
         axes.set_ylabel("goals tied")
         bare_axis(axes, "both")
         figure.legend(loc="outside upper left", ncols=2, frameon=False, fontsize=8)
 
     caption = (
-        f"Share of goals tied over search time, by {compared}. In the legend, the share when all "
-        "searches had ended, with its 95 % Wilson interval."
+        f"Share of goals tied over the number of simulated splines, by {compared}. In the legend, "
+        "the share when all searches had ended, with its 95 % Wilson interval."
     )
     return figures.draw(name, caption, 2.7, plot)
 
 
-def _log_axis(axes: Axes, marks: Sequence[float], form: str) -> None:
+def _log_axis(axes: Axes, marks: Sequence[float]) -> None:
     axes.xaxis.set_major_locator(FixedLocator(marks))
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: form.format(value)))
+    axes.xaxis.set_major_formatter("{x:,.0f}")
