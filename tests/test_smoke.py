@@ -34,7 +34,7 @@ def results(tmp_path_factory):
 
 def test_the_table_has_every_bar(results):
     table = pd.read_csv(results / "single_stage" / "success_rates.csv")
-    assert list(table.columns[:2]) == ["method", "action"]
+    assert list(table.columns[:3]) == ["method", "action", "training_seed"]
     assert list(zip(table["method"], table["action"], strict=True)) == [
         (method, action) for method in METHODS for action in ACTIONS
     ]
@@ -50,7 +50,7 @@ def test_every_rollout_is_recorded_with_its_outcome(results):
     table = pd.read_csv(results / "single_stage" / "success_rates.csv")
     record = json.loads((results / "single_stage" / "run.json").read_text())
     for method in METHODS:
-        node = record["stages"][f"evaluation[{method}]"]
+        node = record["stages"][f"evaluation[{method}.10]"]
         folder = results / "stages" / node["stage"] / node["key"] / "recordings"
         rollouts = load(folder)
         arranging = rollouts["action"].str.startswith("arrange")

@@ -10,11 +10,11 @@ from scipy import stats
 
 from knotflow.statistics import (
     bootstrap,
+    clustered_mean,
     clustered_rate,
     clustered_ratio,
     hierarchical,
     mean_difference,
-    mean_rate,
     rate_columns,
     rate_ratio,
     resamples,
@@ -25,15 +25,6 @@ from knotflow.statistics import (
 
 def ratio(successes, trials, base_successes, base_trials):
     return rate_ratio(wilson(successes, trials), wilson(base_successes, base_trials))
-
-
-def test_a_mean_of_four_like_rates_is_known_twice_as_well_as_one():
-    one = wilson(3, 20)
-    assert mean_rate([one]) == one
-    mean = mean_rate([one] * 4)
-    assert mean.estimate == pytest.approx(one.estimate)
-    assert mean.estimate - mean.low == pytest.approx((one.estimate - one.low) / 2)
-    assert mean.high - mean.estimate == pytest.approx((one.high - one.estimate) / 2)
 
 
 @pytest.mark.parametrize("counts", [(30, 100, 10, 100), (399, 400, 3, 400), (5, 20, 7, 300)])
@@ -231,11 +222,31 @@ def test_a_weighted_median_is_that_of_the_repeated_values():
 def test_a_rate_of_several_trainings_is_less_certain_than_its_trials():
     """Four trainings on the same fifty starts, two of them much worse."""
     rng = np.random.default_rng(13)
-    trainings, starts = np.repeat(np.arange(4), 50), np.tile(np.arange(50), 4)
-    hit, tried = rng.binomial(8, np.array([0.9, 0.9, 0.4, 0.4])[trainings]), np.full(200, 8)
-    weights = resamples(trainings, starts)
-    several, pooled = clustered_rate(hit, tried, weights), clustered_rate(hit, tried)
+    share = np.array([0.9, 0.9, 0.4, 0.4])[:, None]
+    hit, tried = rng.binomial(8, share, (4, 50)), np.full((4, 50), 8)
+    several, pooled = clustered_rate(hit, tried), clustered_rate(hit.sum(0), tried.sum(0))
     assert several.estimate == pooled.estimate
     assert several.high - several.low > 3 * (pooled.high - pooled.low)
-    alike = clustered_ratio(hit, tried, hit, tried, weights)
+
+
+def test_a_ratio_resamples_the_trainings_of_both_and_their_starts_together():
+    tried = np.full((3, 50), 8)
+    of_start = np.tile(np.repeat([8, 4, 0], [10, 20, 20]), (3, 1))
+    alike = clustered_ratio(of_start, tried, of_start, tried)
     assert (alike.low, alike.estimate, alike.high) == (1, 1, 1)
+    of_training = of_start // np.array([1, 2, 4])[:, None]
+    apart = clustered_ratio(of_training, tried, of_training, tried)
+    untrained = clustered_ratio(of_training, tried, of_start[0], tried[0])
+    assert apart.low < 0.8 and apart.high > 1.25
+    assert untrained.estimate == pytest.approx(7 / 12) and untrained.low < 0.5 < untrained.high
+
+
+def test_the_mean_of_actions_is_surer_than_each_unless_the_trainings_differ():
+    rng = np.random.default_rng(14)
+    tried = np.full((3, 50), 8)
+    like = [(rng.binomial(8, np.tile(rng.beta(1, 1, 50), (3, 1))), tried) for _ in range(8)]
+    one, mean = clustered_rate(*like[0]), clustered_mean(like)
+    assert mean.high - mean.low < 0.5 * (one.high - one.low)
+    unlike = [(hit // np.array([1, 2, 8])[:, None], tried) for hit, _ in like]
+    found = clustered_mean(unlike)
+    assert found.low < 0.15 and found.high > 0.35

@@ -68,45 +68,45 @@ def rate_columns(successes: Iterable[int], trials: Iterable[int]) -> dict[str, l
     }
 
 
-def clustered_rate(
-    successes: ArrayLike, trials: ArrayLike, weights: Floats | None = None
-) -> Interval:
-    """Success rate with its starts (n,) resampled: percentile cluster bootstrap.
+def clustered_rate(successes: ArrayLike, trials: ArrayLike) -> Interval:
+    """Success rate with its starts (n,) resampled, percentile cluster bootstrap; with those of T
+    trainings on the same starts (T, n), the trainings are resampled too.
 
     Rollouts of one start are alike, so that the starts are what was drawn independently. Where no
-    start differs from another, it is Wilson's interval with one trial a start. `weights` (R, n) are
-    those of `resamples` if the starts were tried after several trainings.
+    start differs from another, it is Wilson's interval with one trial a start.
     """
-    hit, tried = np.asarray(successes, float), np.asarray(trials, float)  # (n,) each
+    counts = hit, tried = _counts(successes, trials)
     estimate = float(hit.sum() / tried.sum())
-    if _all_alike(hit, tried):
-        limits = wilson(round(estimate * len(hit)), len(hit))
+    if _all_alike(*counts):
+        limits = wilson(round(estimate * hit.shape[1]), hit.shape[1])
         return Interval(estimate, limits.low, limits.high)
-    weights = _resamples(len(hit)) if weights is None else weights
-    low, high = np.quantile((weights @ hit) / (weights @ tried), TAILS)
+    low, high = np.quantile(_resampled(counts), TAILS)
     return Interval(estimate, float(low), float(high))
 
 
-def clustered_ratio(
-    successes: ArrayLike,
-    trials: ArrayLike,
-    base_successes: ArrayLike,
-    base_trials: ArrayLike,
-    weights: Floats | None = None,
-) -> Interval:
-    """Ratio of two success rates on the same starts (n,), which are resampled together.
+def clustered_mean(counts: Sequence[tuple[ArrayLike, ArrayLike]]) -> Interval:
+    """Mean of the success rates of several actions by the same trainings, from successes and trials
+    as in `clustered_rate`; each action has starts of its own."""
+    every = [_counts(*one) for one in counts]
+    estimate = np.mean([hit.sum() / tried.sum() for hit, tried in every])
+    drawn = np.mean([_resampled(one, starts=number) for number, one in enumerate(every)], axis=0)
+    low, high = np.quantile(drawn, TAILS)
+    return Interval(float(estimate), float(low), float(high))
 
-    `weights` as in `clustered_rate`, where both methods were trained with the same seeds.
+
+def clustered_ratio(
+    successes: ArrayLike, trials: ArrayLike, base_successes: ArrayLike, base_trials: ArrayLike
+) -> Interval:
+    """Ratio of two success rates on the same starts, see `clustered_rate`: starts are resampled
+    for both together, trainings for each.
 
     The upper limit is `inf` where too many resamples have no success of the base. Where the starts
     of one of them are all alike (none succeeds, say), it is made from the two rates' intervals.
     """
-    top = np.asarray(successes, float), np.asarray(trials, float)  # (n,) each
-    base = np.asarray(base_successes, float), np.asarray(base_trials, float)
+    top, base = _counts(successes, trials), _counts(base_successes, base_trials)
     if _all_alike(*top) or _all_alike(*base):
         return rate_ratio(clustered_rate(*top), clustered_rate(*base))
-    weights = _resamples(len(top[0])) if weights is None else weights
-    p, q = ((weights @ hit) / (weights @ tried) for hit, tried in (top, base))
+    p, q = _resampled(top), _resampled(base, trainings=2)
     some = (p > 0) | (q > 0)  # a resample without any success has no ratio
     ratios = np.divide(p[some], q[some], out=np.full(some.sum(), math.inf), where=q[some] > 0)
     low, high = np.quantile(ratios, TAILS, method="inverted_cdf")
@@ -132,14 +132,6 @@ def rate_ratio(top: Interval, base: Interval) -> Interval:
     high = (p * q + math.sqrt(max(p * p * q * q - b * d, 0.0))) / b if b > 0 else math.inf
     estimate = p / q if q > 0 else math.inf if p > 0 else math.nan
     return Interval(estimate, low, high)
-
-
-def mean_rate(rates: Sequence[Interval]) -> Interval:
-    """Mean of independent success rates, with the MOVER interval made from theirs."""
-    estimates, lows, highs = np.array([(r.estimate, r.low, r.high) for r in rates], float).T
-    mean = float(estimates.mean())
-    below, above = (np.linalg.norm(estimates - side) / len(rates) for side in (lows, highs))
-    return Interval(mean, mean - float(below), mean + float(above))
 
 
 def bootstrap(values: ArrayLike, statistic: Callable[..., Any] = np.mean) -> Interval:
@@ -247,14 +239,29 @@ def _percentile(
     return Interval(estimate, float(limits.low), float(limits.high))
 
 
-def _all_alike(successes: Floats, trials: Floats) -> bool:
-    return bool(np.all(successes * trials[0] == successes[0] * trials))
+def _counts(successes: ArrayLike, trials: ArrayLike) -> tuple[Floats, Floats]:
+    """(T, n) each."""
+    return np.atleast_2d(np.asarray(successes, float)), np.atleast_2d(np.asarray(trials, float))
+
+
+def _all_alike(hit: Floats, tried: Floats) -> bool:
+    return bool(np.all(hit * tried[0, 0] == hit[0, 0] * tried))
+
+
+def _resampled(counts: tuple[Floats, Floats], starts: int = 0, trainings: int = 1) -> Floats:
+    """Rates (R,) with starts and trainings drawn anew, by generators of these numbers."""
+    hit, tried = counts
+    of_start = _resamples(hit.shape[1], 3 * starts)
+    of_training = _resamples(hit.shape[0], trainings)
+    hits, trials = (((of_start @ one.T) * of_training).sum(axis=1) for one in (hit, tried))
+    return np.asarray(hits / trials)
 
 
 @cache
-def _resamples(n: int) -> Floats:
-    """How often each of n starts is drawn in each resample (RESAMPLES, n)."""
-    return _multinomial(np.random.default_rng(SEED), n).astype(float)  # for the products
+def _resamples(n: int, number: int = 0) -> Floats:
+    """How often each of n starts or trainings is drawn in each resample (RESAMPLES, n)."""
+    drawn = _multinomial(np.random.default_rng(SEED + number), n)
+    return drawn.astype(float)  # for the products
 
 
 def _multinomial(rng: np.random.Generator, n: int) -> NDArray[np.int64]:

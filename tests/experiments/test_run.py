@@ -40,8 +40,14 @@ def test_experiments_share_what_they_train():
     for shared in ("demonstrations", "imitation", "pools", "reinforcement"):
         assert len({one.get(shared) or one[f"{shared}[10]"] for one in keys}) == 1
     ablation = workflow_of(composed("ablation_actor_critic")).keys
-    assert ablation["reinforcement[actor_critic]"] == keys[0]["reinforcement"]
-    assert ablation["reinforcement[actor_only]"] != keys[0]["reinforcement"]
+    assert ablation["reinforcement[actor_critic.11]"] == keys[0]["reinforcement[11]"]
+    assert ablation["reinforcement[actor_only.11]"] != keys[0]["reinforcement[11]"]
+
+
+def test_what_is_trained_has_a_node_for_each_seed_and_the_rest_one_folder():
+    keys = workflow_of(composed("single_stage")).keys
+    for method, count in (("random", 1), ("reinforcement_arranged", 1), ("reinforcement", 3)):
+        assert len({keys[f"evaluation[{method}.{seed}]"] for seed in (10, 11, 12)}) == count
 
 
 def test_groups_and_sections_are_overridden_from_the_command_line():

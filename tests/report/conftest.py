@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from scipy import stats
 
 ACTIONS = (
     *("R1(0,1,1)", "R2(0,0,1,1)", "C(0,1,1)", "C(0,2,1)"),
@@ -28,7 +27,7 @@ SHARES = {
     "critic_only": (0.78, 0.83, 0.6, 0.4, 0.47, 0.65, 0.21, 0.08),
     "actor_critic": (0.93, 0.82, 0.71, 0.45, 0.6, 0.74, 0.56, 0.34),
 }
-RATE_COLUMNS = ("method", "action", "trials", "successes", "success_rate", "ci_low", "ci_high")
+RATE_COLUMNS = ("method", "action", "training_seed", "start", "trials", "successes")
 GOAL_COLUMNS = ("set", "goal", "rope_seed", "kept", "simulated", "solved", "seconds", "path")
 GOAL_COLUMNS += ("reason",)
 ACTION_COLUMNS = ("start", "action", "class", "arranging", "trials", "successes")
@@ -70,16 +69,20 @@ class Writer:
         return path
 
     def rates(
-        self, experiment: str, counts: dict[tuple[str, str], tuple[int, int]], budget: str = "paper"
+        self,
+        experiment: str,
+        counts: dict[tuple[str, str], tuple[int, int]],
+        budget: str = "paper",
+        trainings: Sequence[str] = ("",),
     ) -> Path:
-        """success_rates.csv from successes and trials by method and action."""
-        rows = []
-        for (method, action), (successes, trials) in counts.items():
-            limits = stats.binomtest(successes, trials).proportion_ci(0.95, method="wilson")
-            rate = round(successes / trials, 4)
-            shown = (rate, round(limits.low, 4), round(limits.high, 4))
-            rows.append((method, action, trials, successes, *shown))
-        return self.table(experiment, "success_rates.csv", RATE_COLUMNS, rows, budget)
+        """per_start.csv of successes and trials by method and action: one trial a start."""
+        rows = [
+            (*key, seed, start, 1, int(start < successes))
+            for key, (successes, trials) in counts.items()
+            for seed in trainings
+            for start in range(trials)
+        ]
+        return self.table(experiment, "per_start.csv", RATE_COLUMNS, rows, budget)
 
     def searches(
         self, experiment: str, column: str, rows: Sequence[tuple], trainings: Sequence[str] = ("",)
@@ -141,26 +144,23 @@ def shares(methods: Sequence[str], trials: int = 400) -> dict[tuple[str, str], t
 def write_everything(root: Path, budget: str = "paper") -> Writer:
     """All experiments that have a section with figures, all methods."""
     write, rng = Writer(root), np.random.default_rng(1)
-    single = shares(("random", "icp", "imitation", "reinforcement"))
-    write.rates("single_stage", single, budget)
     starts = []
-    for (method, action), (successes, trials) in single.items():
-        skill = rng.gamma(0.7, size=50)
-        left, chosen = successes, np.zeros(50, int)
-        for start in rng.permutation(np.repeat(np.arange(50), 8)):
-            if left and rng.random() < skill[start] / 3 and chosen[start] < 8:
-                chosen[start] += 1
-                left -= 1
-        for start in range(50):
-            extra = min(left, 8 - chosen[start])
-            chosen[start] += extra
-            left -= extra
-        starts += [(method, action, f"start-{i:02}", 8, int(n)) for i, n in enumerate(chosen)]
-        assert sum(chosen) == successes and trials == 400
-    columns = ("method", "action", "start", "trials", "successes")
-    write.table("single_stage", "per_start.csv", columns, starts, budget)
+    for method in ("random", "icp", "imitation", "reinforcement", "reinforcement_arranged"):
+        trained = method in ("imitation", "reinforcement")
+        for action, share in zip(ACTIONS, SHARES[method], strict=True):
+            shown = rng.beta(0.05 + 3 * share, 0.05 + 3 * (1 - share), size=50)
+            for seed in ("10", "11", "12") if trained else ("",):
+                hits = rng.binomial(4, shown * (rng.uniform(0.85, 1) if trained else 1))
+                starts += [(method, action, seed, i, 4, int(n)) for i, n in enumerate(hits)]
+    write.table("single_stage", "per_start.csv", RATE_COLUMNS, starts, budget)
+    reached = [(action, i, 1 + i % 7 * 9, int(i % 16 > 0)) for action in ACTIONS for i in range(50)]
+    columns = ("action", "start", "splines", "found")
+    write.table("single_stage", "reachable.csv", columns, reached, budget)
     write.rates(
-        "ablation_actor_critic", shares(("actor_only", "critic_only", "actor_critic")), budget
+        "ablation_actor_critic",
+        shares(("actor_only", "critic_only", "actor_critic"), 50),
+        budget,
+        ("10", "11", "12"),
     )
     trees = []
     for method, spread in (("icp", 40.0), ("imitation", 7.0), ("reinforcement", 0.4)):

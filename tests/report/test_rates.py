@@ -10,51 +10,49 @@ from knotflow.report.results import Results, ResultsError
 from knotflow.report.section import Figures
 
 METHODS = (RANDOM, ICP, IMITATION, REINFORCEMENT)
-RATE = ("method", "action", "trials", "successes", "success_rate", "ci_low", "ci_high")
-GOOD = ("random", "C(0,1,1)", 10, 3, 0.3, 0.1078, 0.6032)
+RATE = ("method", "action", "training_seed", "start", "trials", "successes")
+ACTION = "C(0,1,1)"
 
 
 def read(write):
     return read_rates(Results(write.root), "single_stage")
 
 
-def rates_of(write, rows, columns=RATE):
-    write.table("single_stage", "success_rates.csv", columns, rows)
+def rates_of(write, rows):
+    write.table("single_stage", "per_start.csv", RATE, rows)
     return read(write)
 
 
-def test_counts_are_read(write):
-    assert rates_of(write, [GOOD]).counts == {("random", "C(0,1,1)"): (3, 10)}
+def test_trainings_and_starts_are_counted(write):
+    rows = [
+        ("imitation", ACTION, seed, start, 4, hits)
+        for seed, each in (("10", (0, 4)), ("11", (0, 2)))
+        for start, hits in enumerate(each)
+    ]
+    rows += [("random", ACTION, "", 0, 4, 1), ("random", ACTION, "", 1, 4, 0)]
+    rates = rates_of(write, rows)
+    assert rates.interval("imitation", ACTION).estimate == 6 / 16
+    assert rates.by_training("imitation", ACTION).to_dict() == {"10": 0.5, "11": 0.25}
+    assert rates.solved("imitation", ACTION).tolist() == [False, True]
+    assert rates.ratio("imitation", "random", ACTION).estimate == pytest.approx(3)
+    text = rates.table((RANDOM, IMITATION))
+    assert "<br>1 of 8 |" in text and "<br>6 of 16<br>trainings 50 / 25 |" in text
 
 
 @pytest.mark.parametrize(
     ("column", "value", "problem"),
     [
-        ("success_rate", 0.5, "disagree with 3 of 10"),
-        ("ci_low", 0.2, "disagree with 3 of 10"),
-        ("ci_high", 0.3, "disagree with 3 of 10"),
-        ("success_rate", "nan", "success_rate is 'nan'"),
         ("successes", 11, "11 successes of 10 trials"),
         ("trials", 0, "3 successes of 0 trials"),
         ("successes", "many", "successes is 'many'"),
+        ("start", 0, "is there twice"),
     ],
 )
 def test_wrong_cell_is_named_with_file_and_line(write, column, value, problem):
-    bad = list(GOOD)
+    bad = ["random", ACTION, "", 1, 10, 3]
     bad[RATE.index(column)] = value
-    with pytest.raises(ResultsError, match=rf"success_rates\.csv, line 3: .*{problem}"):
-        rates_of(write, [("icp", *GOOD[1:]), bad])
-
-
-def test_starts_have_to_sum_to_the_rates(write):
-    rates_of(write, [GOOD])
-    columns = ("method", "action", "start", "trials", "successes")
-    starts = [("random", "C(0,1,1)", "a", 5, 1), ("random", "C(0,1,1)", "b", 5, 2)]
-    write.table("single_stage", "per_start.csv", columns, starts)
-    assert read(write).solved("random", "C(0,1,1)") == (2, 2)
-    write.table("single_stage", "per_start.csv", columns, starts[:1])
-    with pytest.raises(ResultsError, match="has 3 of 10, but per_start.csv sums to 1 of 5"):
-        read(write)
+    with pytest.raises(ResultsError, match=rf"per_start\.csv, line 3: .*{problem}"):
+        rates_of(write, [("random", ACTION, "", 0, 10, 3), bad])
 
 
 def drawn(write, counts):
@@ -92,21 +90,15 @@ def test_mean_needs_every_action(write, rate_counts):
     assert last.startswith("| mean | 55.0 % (") and last.endswith(") | – |")
 
 
-def test_intervals_resample_starts_where_known(write, rate_counts):
-    counts = {key: (20, 40) for key in rate_counts(("random", "icp"))}
-    write.rates("single_stage", counts)
-    wilson = read(write)
-    starts = [
-        (*key, start, 8, 8 * (start < 2) + 4 * (start == 2)) for key in counts for start in range(5)
-    ]
-    write.table("single_stage", "per_start.csv", (*RATE[:2], "start", *RATE[2:4]), starts)
-    clustered = read(write)
-    assert "Wilson" in wilson.intervals and "starts resampled" in clustered.intervals
-    one, other = (rates.interval("icp", "C(0,1,1)") for rates in (wilson, clustered))
-    assert one.estimate == other.estimate and other.low < one.low and one.high < other.high
-    assert (
-        clustered.solved("icp", "C(0,1,1)") == (3, 5) and wilson.solved("icp", "R1(0,1,1)") is None
-    )
-    # The same starts fare alike under both methods here: their ratio is 1, whichever are drawn.
-    ratio = clustered.ratio("icp", "random", "C(0,1,1)")
-    assert (ratio.low, ratio.estimate, ratio.high) == (1, 1, 1)
+def test_an_interval_is_wider_where_trainings_differ(write):
+    def counted(*shares):
+        rows = [
+            ("icp", ACTION, str(seed), start, 4, round(4 * share * (start % 5 > 1)))
+            for seed, share in enumerate(shares)
+            for start in range(50)
+        ]
+        found = rates_of(write, rows).interval("icp", ACTION)
+        return found.high - found.low
+
+    assert counted(0.5, 0.5, 0.5) == counted(0.5)
+    assert counted(0.25, 0.5, 0.75) > 1.3 * counted(0.5)

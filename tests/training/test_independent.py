@@ -137,6 +137,13 @@ def test_imitation_learns_what_makes_trials_succeed(primitive_config, trials, cu
     assert rate > 0.8 > np.mean([one.success for one in trials]) + 0.2
 
 
+def test_trials_of_every_start_are_learned_from(primitive_config, trials):
+    training = Imitation([trials], primitive_config, IMITATION, 0)
+    learned = training.learner.demonstrations.state_dict()["items"]["count"].sum()
+    assert len(training.learner.demonstrations) == len(trials)
+    assert learned == sum(map(len, trials)) - round(IMITATION.held_out * sum(map(len, trials)))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("variant", ["actor_only", "critic_only"])
 def test_a_variant_trains_the_network_it_has(primitive_config, trials, variant):

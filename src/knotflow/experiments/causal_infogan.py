@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.experiments.common import Recorder, train
+from knotflow.experiments.common import Recorder, read_by_training, train
 from knotflow.experiments.demonstrations import load_starts
 from knotflow.recording import load, read_recording
 from knotflow.samplers.causal_infogan.data import (
@@ -204,8 +204,8 @@ def causal_infogan_plans(
     Makes plans.csv, panel.csv (shapes of Fig. 8), comparison.csv, training.csv, seeds.csv and
     ends.csv; one shard a model.
 
-    `evaluations` are the methods of the comparison; `training_rows` plans between shapes of the
-    training data, for each model.
+    `evaluations` are the methods of the comparison, by training; `training_rows` plans between
+    shapes of the training data, for each model.
     """
     from knotflow.samplers.causal_infogan.networks import load_model
     from knotflow.samplers.causal_infogan.planning import Planner
@@ -225,10 +225,9 @@ def causal_infogan_plans(
             plans = planner.plan(query.starts, query.ends, steps)
             for i, start in enumerate(query.number):
                 drawn = (plans.projected_start[i], plans.way_points[i], plans.projected_end[i])
-                found = asdict(measure(query.starts[i], *drawn, query.ends[i]))
-                found = {key: int(v) if isinstance(v, bool) else v for key, v in found.items()}
                 head = {"model": name, "seed": int(number), "goal": query.goal}
-                rows.append(head | {"shapes": query.shapes, "start": start} | found)
+                head |= {"shapes": query.shapes, "start": start}
+                rows.append(head | asdict(measure(query.starts[i], *drawn, query.ends[i])))
                 if query.goal in (FOCUS, OVERHAND) and i in (0, len(query.number) // 2):
                     shapes.append(panel_rows(rows[-1], query.starts[i], *drawn, query.ends[i]))
         run.save_table(f"panel/{name}-{number}.csv", pd.concat(shapes), "%.4f")
@@ -236,7 +235,7 @@ def causal_infogan_plans(
 
     run.each(plan, run.pending(shards, ".csv"), "plans")
     plans = pd.concat([pd.read_csv(run.out / f"{shard}.csv") for shard in shards])
-    outcomes = {name: pd.read_csv(one / "outcomes.csv") for name, one in evaluations.items()}
+    outcomes = read_by_training(evaluations, "outcomes.csv")
     tables = {
         "plans": plans,
         "panel": pd.concat([_panel(name, folder, run) for name, folder in models.items()]),

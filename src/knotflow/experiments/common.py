@@ -73,6 +73,23 @@ class Recorder:
             self._number += len(attempts)
 
 
+def read_by_training(folders: Mapping[str, Path], name: str) -> pd.DataFrame:
+    """A table in each of several folders called like "imitation.10", method and training seed.
+
+    What needs no training has one folder under the names of all seeds: it is read once, and its
+    training_seed is empty.
+    """
+    names: dict[Path, list[str]] = {}
+    for one, folder in folders.items():
+        names.setdefault(folder, []).append(one)
+    tables = []
+    for folder, own in names.items():
+        method, _, seed = own[0].partition(".")
+        head = {"method": method, "training_seed": seed if len(own) == 1 else ""}
+        tables.append(pd.read_csv(folder / name).assign(**head))
+    return pd.concat(tables)
+
+
 def point_rows(points: NDArray[np.float64], **facts: object) -> pd.DataFrame:
     """A row for each of points (P, 3), with `facts` in every one."""
     x, y, z = np.asarray(points, float).T

@@ -4,19 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from difflib import SequenceMatcher
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.experiments.common import Recorder, point_rows, sampler_of
+from knotflow.experiments.common import Recorder, point_rows, read_by_training, sampler_of
 from knotflow.experiments.demonstrations import SHAPE_COLUMNS, load_starts
 from knotflow.planning import Goal, PlannerConfig, attempt_arranged, plan_knot
 from knotflow.recording import load, recorded, write_recording
 from knotflow.samplers import SamplerConfig
-from knotflow.samplers.demonstrations import TASKS
-from knotflow.samplers.primitives import primitive_of
+from knotflow.samplers.demonstrations import (
+    TASKS,
+    NoiseConfig,
+    heuristic_splines,
+    noisy_copies,
+    screened_splines,
+)
+from knotflow.samplers.primitives import PrimitiveLibrary, primitive_of
 from knotflow.seeding import rng_of
 from knotflow.simulation import RopeSimulator, SimulationConfig, StartsConfig, attempt, random_curve
 from knotflow.statistics import rate_columns
@@ -26,6 +33,8 @@ from knotflow.workflow import StageRun, stage
 
 CLASSES = {1: "R1", 2: "R2", 3: "Cross, end over", 4: "Cross, end under"}
 """What the table calls the actions of each primitive."""
+QUARTER = 4
+"""Splines of each kind in a round of the search for a success."""
 
 
 @stage
@@ -76,24 +85,93 @@ def evaluation(
 
 @stage
 def success_rates(run: StageRun, *, evaluations: Mapping[str, Path]) -> None:
-    """Evaluations side by side, the names of the inputs being the methods.
+    """Evaluations side by side, the names of the inputs being method and training seed.
 
     Makes success_rates.csv, with 95 % Wilson intervals, and per_start.csv.
     """
-    outcomes = pd.concat(
-        pd.read_csv(folder / "outcomes.csv").assign(method=method)
-        for method, folder in evaluations.items()
-    )
-    rates = _count(outcomes, ["method", "action"])
+    outcomes = read_by_training(evaluations, "outcomes.csv")
+    by = ["method", "action", "training_seed"]
+    rates = _count(outcomes, by)
     rates = rates.assign(**rate_columns(rates["successes"], rates["trials"]))
     run.save_table("success_rates.csv", rates, "%.6g")
-    run.save_table("per_start.csv", _count(outcomes, ["method", "action", "start"]))
+    run.save_table("per_start.csv", _count(outcomes, [*by, "start"]))
 
 
 def _count(outcomes: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     """Trials and successes by the given columns, in the order in which they appear."""
     counted = outcomes.groupby(by, sort=False)["success"].agg(["size", "sum"]).reset_index()
     return counted.rename(columns={"size": "trials", "sum": "successes"})
+
+
+@stage
+def reachable(
+    run: StageRun,
+    *,
+    evaluation_starts: Path,
+    primitives: Path,
+    simulation: SimulationConfig,
+    noise: NoiseConfig,
+    most: int = 256,
+    seed: int,
+) -> None:
+    """From which starts one spline can do an action at all: a search that the simulator judges.
+
+    Makes reachable.csv (action, start, splines, found) and recordings/*.mcap; one shard a task.
+
+    In each round a quarter of the splines are aimed guesses, screened ones, the library's, and
+    noisy copies of those whose ends were likest to the goal so far (`likeness`; in the first round,
+    guesses again). A search stops at its first success, or after `most` splines.
+    """
+    names = [task.name for task in TASKS]
+
+    def search(name: str) -> pd.DataFrame:
+        number = names.index(name)
+        task, rng = TASKS[number], rng_of(seed, number)
+        simulator, library = RopeSimulator(simulation), PrimitiveLibrary.load(primitives)
+        starts = load_starts(evaluation_starts, name)
+        recorder = Recorder(run, "search", simulation.rope, number * len(starts) * most)
+        samplers = (heuristic_splines, screened_splines, library.sample)
+
+        def solve(points: NDArray[np.float64]) -> tuple[int, bool]:
+            """Splines up to the first success, and whether there was one."""
+            splines, likenesses = np.zeros((0, 6)), np.zeros(0)
+            while len(splines) < most:
+                best = splines[np.argsort(-likenesses, kind="stable")[: 2 * QUARTER]]
+                proposed = [sample(points, task.action, QUARTER, rng) for sample in samplers]
+                copied = rng.choice(best, QUARTER) if len(best) else proposed[0]
+                proposed.append(noisy_copies(copied, QUARTER, rng, noise))
+                tried = attempt(
+                    simulator, points, np.concatenate(proposed), task.action, task.start_state,
+                    recorder,
+                )  # fmt: skip
+                if tried.success.any():
+                    return len(splines) + 1 + int(tried.success.argmax()), True
+                ends = [likeness(end, task.goal_state) for end in tried.ends]
+                splines = np.concatenate([splines, tried.splines])
+                likenesses = np.concatenate([likenesses, ends])
+            return most, False
+
+        rows = []
+        for start, points in enumerate(run.progress(starts, desc=f"search for {task.action}")):
+            recorder.extra = {"start": str(start)}
+            splines, found = solve(points)
+            rows.append((str(task.action), start, splines, int(found)))
+        recorder.save(f"recordings/{name}.mcap")
+        return pd.DataFrame(rows, columns=["action", "start", "splines", "found"])
+
+    run.table("reachable.csv", search, names, "reachable")
+
+
+def likeness(end: TopologicalState | None, goal: TopologicalState) -> float:
+    """How alike two states are, 0 to 1: the share of their Gauss codes' passages, over or under and
+    of which sign, that come in the same order (Ratcliff and Obershelp). 0 of no state."""
+
+    def code(state: TopologicalState) -> list[tuple[bool, int]]:
+        passages = {over: (True, sign) for over, _, sign in state.crossings}
+        passages |= {under: (False, sign) for _, under, sign in state.crossings}
+        return [passages[position] for position in sorted(passages)]
+
+    return SequenceMatcher(None, code(end), code(goal)).ratio() if end else 0.0
 
 
 @stage

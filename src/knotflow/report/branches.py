@@ -165,7 +165,7 @@ def joint_finetuning(results: Results, figures: Figures) -> Parts | None:
     searches = _joint_searches(results)
     if searches.empty:
         return None
-    single = read_rates(results, JOINT, "single_actions.csv", "single_actions_per_start.csv")
+    single = read_rates(results, JOINT, "single_actions_per_start.csv")
     groups = (({"primitives": one.label}, select(searches, one.name)) for one in TRAINED)
     return {
         "figure": branches_figure(figures, JOINT, searches, TRAINED, [""], {}),
@@ -175,7 +175,7 @@ def joint_finetuning(results: Results, figures: Figures) -> Parts | None:
         "spent": splines_spent(results, JOINT, "training"),
         "curves": joint(results, figures, JOINT),
         "single_actions": "Single actions before and after, by one spline on the unseen starts of "
-        f"Fig. 6, with {single.intervals}:\n\n{single.table(TRAINED)}"
+        f"Fig. 6, with 95 % intervals:\n\n{single.table(TRAINED)}"
         if single
         else "",
     }

@@ -9,11 +9,11 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from knotflow.report import markdown as md
-from knotflow.report.rates import ICP, IMITATION, RANDOM, REINFORCEMENT, check_counts
+from knotflow.report.rates import ICP, IMITATION, RANDOM, REINFORCEMENT, Method, read_rates
 from knotflow.report.results import Results
 from knotflow.report.section import Claim, Figures, Judgement, NotMeasured, Parts, Verdict
 from knotflow.report.training import Line, draw_curves
-from knotflow.statistics import bootstrap, wilson
+from knotflow.statistics import Interval, hierarchical
 from knotflow.viz.rope import draw_rope
 from knotflow.viz.style import INK, MUTED, WIDTH
 
@@ -32,12 +32,13 @@ QUANTITIES = {
 THIN = {"linewidth": 1.1, "alpha": 0.85}
 ROPE_WIDTH = 1.5  # points
 
+STATES = ("kept", "another", "unreadable")
+"""What becomes of the topological state of a given shape when it is projected."""
+
 MODEL = {"model": str, "seed": int}
-PLANS = MODEL | {"goal": str, "shapes": str, "start_kept": bool, "end_kept": bool}
+PLANS = MODEL | dict.fromkeys(("goal", "shapes", "start", "start_state", "end_state"), str)
 PLANS |= dict.fromkeys(("start_distance", "end_distance", "unevenness"), float)
 TRAINING = MODEL | {"step": int, "collapsed": str} | dict.fromkeys(QUANTITIES, float)
-METHODS: dict[str, type] = dict.fromkeys(("method", "goal"), str)
-METHODS |= dict.fromkeys(("starts", "trials", "successes"), int)
 PANEL = MODEL | {"goal": str, "shapes": str, "start": str, "column": int, "role": str}
 PANEL |= {"vertex": int} | dict.fromkeys("xyz", float)
 
@@ -47,10 +48,10 @@ def causal_infogan(results: Results, figures: Figures) -> Parts | None:
     plans = results.table(EXPERIMENT, "plans.csv", PLANS)
     training = results.table(EXPERIMENT, "training.csv", TRAINING)
     seeds = results.table(EXPERIMENT, "seeds.csv", TRAINING)
-    methods = results.table(EXPERIMENT, "comparison.csv", METHODS)
-    if plans is None or training is None or seeds is None or methods is None:
+    rates = read_rates(results, EXPERIMENT, "comparison.csv")
+    if plans is None or training is None or seeds is None or rates is None:
         return None
-    check_counts(methods)
+    methods = [Method(name, LABELS.get(name, name), "") for name in rates.methods]
     sound = {
         name: f"{len(sound_seeds(seeds, model))} of {sum(seeds['model'] == model)}"
         for model, name in MODELS.items()
@@ -59,7 +60,7 @@ def causal_infogan(results: Results, figures: Figures) -> Parts | None:
         "sound": " and ".join(f"{count} trainings on {name}" for name, count in sound.items()),
         "panels": _panels(results, figures),
         "plans": _plan_table(plans),
-        "methods": _method_table(methods),
+        "methods": rates.table(methods),
         "curves": _curves(figures, training),
     }
 
@@ -142,11 +143,12 @@ def _plan_table(plans: pd.DataFrame) -> str:
             "trained on": MODELS.get(model, model),
             "goal": f"`{goal}`",
             "shapes": shapes,
-            "plans": str(len(own)),
-            "given to projected start, mm": _millimetres(own["start_distance"]),
-            "given to projected end, mm": _millimetres(own["end_distance"]),
-            "start's state kept": f"{100 * own['start_kept'].mean():.0f} %",
-            "end's state kept": f"{100 * own['end_kept'].mean():.0f} %",
+            "models": str(own["seed"].nunique()),
+            "starts": str(own["start"].nunique()),
+            "given to projected start, mm": _millimetres(own, "start_distance"),
+            "given to projected end, mm": _millimetres(own, "end_distance"),
+            "start's state": _states(own, "start_state"),
+            "end's state": _states(own, "end_state"),
             "unevenness": md.number(own["unevenness"].mean()),
         }
         for (model, goal, shapes), own in plans.groupby(["model", "goal", "shapes"], sort=False)
@@ -154,23 +156,20 @@ def _plan_table(plans: pd.DataFrame) -> str:
     return md.table(rows)
 
 
-def _method_table(methods: pd.DataFrame) -> str:
-    """A line a goal, a column a method."""
-    names = list(dict.fromkeys(methods["method"]))
-    rows = []
-    for goal, own in methods.groupby("goal", sort=False):
-        rates = {
-            row.method: f"{md.percent(wilson(row.successes, row.trials))}<br>"
-            f"{row.successes:,} of {row.trials:,}"
-            for row in own.itertuples()
-        }
-        cells = {LABELS.get(name, name): rates.get(name, md.NOTHING) for name in names}
-        rows.append({"goal": f"`{goal}`", "starts": str(own["starts"].iloc[0])} | cells)
-    return md.table(rows)
+def _mean(plans: pd.DataFrame, values: pd.Series) -> Interval:
+    """The mean with models and starts resampled."""
+    return hierarchical(values, plans["seed"], plans["start"])
 
 
-def _millimetres(metres: pd.Series) -> str:
-    return md.estimate(bootstrap(1000 * metres), "{:.0f}".format)
+def _millimetres(plans: pd.DataFrame, distance: str) -> str:
+    return md.estimate(_mean(plans, 1000 * plans[distance]), "{:.0f}".format)
+
+
+def _states(plans: pd.DataFrame, column: str) -> str:
+    """How often a given state was kept, and what else became of it."""
+    kept, another, unreadable = (plans[column] == one for one in STATES)
+    share = md.percent(_mean(plans, kept.astype(float)))
+    return f"kept {share}<br>{another.sum()} another, {unreadable.sum()} unreadable"
 
 
 def far_projections(results: Results) -> Judgement:
@@ -186,14 +185,15 @@ def far_projections(results: Results) -> Judgement:
     own = plans[unseen & plans["seed"].isin(healthy)]
     if own.empty:
         return Judgement(trained, Verdict.FAILS)
-    other = int((~own["end_kept"]).sum())
-    apart, _, limits = _millimetres(own["end_distance"]).partition(" ")
+    another, unreadable = (int((own["end_state"] == one).sum()) for one in STATES[1:])
+    apart, _, limits = _millimetres(own, "end_distance").partition(" ")
     ours = (
-        f"{apart} mm apart{limits and f' {limits}'} on average over {len(own)} plans, "
-        f"{other} projected ends of another topology; {trained}"
+        f"{apart} mm apart{limits and f' {limits}'} on average over {len(own)} plans from "
+        f"{own['start'].nunique()} starts, {another} projected ends of another topology and "
+        f"{unreadable} that cannot be read; {trained}"
     )
-    far = bootstrap(1000 * own["end_distance"]).lies_above(2000 * radius)
-    return Judgement(ours, Verdict.of_two(far, other > 0))
+    far = _mean(own, own["end_distance"]).lies_above(2 * radius)
+    return Judgement(ours, Verdict.of_two(far, another > 0))
 
 
 CLAIMS = (
@@ -201,7 +201,8 @@ CLAIMS = (
         "Causal InfoGAN",
         "given and projected end shapes are far apart, sometimes of another topology",
         "models of C(0,1,1) that did not collapse project unseen ends significantly more than "
-        "a rope's diameter away, and at least one to another state; partly if one of the two",
+        "a rope's diameter away, and at least one to another state (one that cannot be read is "
+        "none); partly if one of the two",
         far_projections,
     ),
 )

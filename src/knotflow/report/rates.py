@@ -22,11 +22,10 @@ from knotflow.viz.style import INK, MUTED
 PRIMITIVES = {
     "1: R1": ("R1(0,1,1)",),
     "2: R2": ("R2(0,0,1,1)",),
-    "3: Cross, end over": ("C(0,1,1)", "C(0,2,1)", "C(2,1,-1)", "C(2,0,-1)", "C(4,2,1)"),
-    "4: other Cross": ("C(1,2,1)", "C(2,0,1)", "C(2,4,1)"),
+    "3: Cross, end over": ("C(0,1,1)", "C(0,2,1)", "C(2,1,-1)", "C(2,0,-1)"),
+    "4: Cross, end under": ("C(2,0,1)", "C(2,4,1)"),
 }
-"""The four motion primitives (Sec. V-A) and the actions that each serves; C(4,2,1) and C(1,2,1) are
-in tables of version 0.2.0 only."""
+"""The four motion primitives (Sec. V-A) and the actions that each serves."""
 ACTIONS = tuple(action for actions in PRIMITIVES.values() for action in actions)
 """All of these, in the order of Fig. 6."""
 
@@ -47,8 +46,6 @@ REINFORCEMENT = Method("reinforcement", "imitation + RL", "#0072b2")
 ARRANGED = Method("reinforcement_arranged", "self-play + arranging", "#009e73")
 """Beyond the paper: the shipped primitives, which may arrange the rope first."""
 EXTRA_COLOURS = ("#cc79a7", "#d55e00", "#f0e442")
-TOLERANCE = 1e-3
-"""Rates and limits are often written with three decimals."""
 
 
 def with_extras(methods: Sequence[Method], found: Sequence[str]) -> list[Method]:
@@ -72,44 +69,39 @@ def in_order(actions: Sequence[str]) -> list[str]:
 
 
 class Rates:
-    """How often each method reached each action's goal state, and start by start where known."""
+    """How often each method reached each action's goal state, by training and start."""
 
-    def __init__(self, table: pd.DataFrame, starts: pd.DataFrame | None = None) -> None:
+    def __init__(self, table: pd.DataFrame) -> None:
         self.counts = {
-            (row.method, row.action): (row.successes, row.trials) for row in table.itertuples()
+            key: (_by_training(own, "successes"), _by_training(own, "trials"))
+            for key, own in table.groupby(["method", "action"], sort=False)
         }
-        groups = [] if starts is None else starts.groupby(["method", "action"])
-        self._starts = {key: own.set_index("start").sort_index() for key, own in groups}
+        """Successes and trials by method and action, a row a training and a column a start."""
         self.methods = list(dict.fromkeys(table["method"]))
         self.actions = in_order(list(table["action"]))
-        trials = sorted(set(table["trials"]))
+        trials = sorted({int(tried.to_numpy().sum()) for _, tried in self.counts.values()})
         self.trials = f"{trials[0]:,}" if len(trials) == 1 else f"{trials[0]:,} to {trials[-1]:,}"
-        resampled = self.counts.keys() <= self._starts.keys()
-        self.intervals = (
-            "95 % intervals with the starts resampled"
-            if resampled
-            else "95 % Wilson intervals, rollouts taken as independent"
-        )
 
-    def solved(self, method: str, action: str) -> tuple[int, int] | None:
-        """Starts solved at least once, and all starts; None where they are not known."""
-        own = self._starts.get((method, action))
-        return None if own is None else (int((own["successes"] > 0).sum()), len(own))
+    def by_training(self, method: str, action: str) -> pd.Series:
+        """The success rate of each training."""
+        hits, trials = self.counts[method, action]
+        return hits.sum(axis=1) / trials.sum(axis=1)
+
+    def solved(self, method: str, action: str) -> pd.Series:
+        """Whether a spline succeeded, by start."""
+        return (self.counts[method, action][0] > 0).any()
 
     def interval(self, method: str, action: str) -> Interval:
         """The success rate with its interval. Raises KeyError where it was not measured."""
-        own = self._starts.get((method, action))
-        if own is None:
-            return statistics.wilson(*self.counts[method, action])
-        return statistics.clustered_rate(own["successes"], own["trials"])
+        return statistics.clustered_rate(*self.counts[method, action])
+
+    def mean(self, method: str) -> Interval:
+        """The mean over all actions."""
+        return statistics.clustered_mean([self.counts[method, action] for action in self.actions])
 
     def ratio(self, method: str, base: str, action: str) -> Interval:
         """How many times as often `method` succeeds as `base`; nan where both never do."""
-        top, bottom = self._starts.get((method, action)), self._starts.get((base, action))
-        if top is not None and bottom is not None and top.index.equals(bottom.index):
-            first, second = ((own["successes"], own["trials"]) for own in (top, bottom))
-            return statistics.clustered_ratio(*first, *second)
-        return statistics.rate_ratio(self.interval(method, action), self.interval(base, action))
+        return statistics.clustered_ratio(*self.counts[method, action], *self.counts[base, action])
 
     def shared_actions(self, *methods: str) -> list[str]:
         """The actions on which every one of `methods` was measured."""
@@ -128,17 +120,15 @@ class Rates:
     def _cell(self, method: str, action: str) -> str:
         if (method, action) not in self.counts:
             return md.NOTHING
-        hits, trials = self.counts[method, action]
-        solved = self.solved(method, action)
-        starts = f"<br>{solved[0]} of {solved[1]} starts" if solved else ""
-        return f"{md.percent(self.interval(method, action))}<br>{hits:,} of {trials:,}{starts}"
+        hits, trials = (int(one.to_numpy().sum()) for one in self.counts[method, action])
+        each = [f"{100 * rate:.0f}" for rate in self.by_training(method, action)]
+        trained = f"<br>trainings {' / '.join(each)}" if len(each) > 1 else ""
+        return f"{md.percent(self.interval(method, action))}<br>{hits:,} of {trials:,}{trained}"
 
     def _mean(self, method: str) -> str:
-        """Over all actions, which have starts of their own; nothing where one is missing."""
-        if self.shared_actions(method) != self.actions:
-            return md.NOTHING
-        rates = [self.interval(method, action) for action in self.actions]
-        return md.percent(statistics.mean_rate(rates))
+        """Over all actions; nothing where one is missing."""
+        measured = self.shared_actions(method) == self.actions
+        return md.percent(self.mean(method)) if measured else md.NOTHING
 
     def ratio_table(self, pairs: Sequence[tuple[Method, Method]]) -> str:
         """How many times as often the first of each pair succeeds as the second; '' without."""
@@ -161,7 +151,8 @@ class Rates:
         """
         caption = (
             f"{of}: success rate in per cent of splines sampled for each action, {self.trials} "
-            f"rollouts a bar. Whiskers are {self.intervals}."
+            "rollouts a bar. Whiskers are 95 % intervals with starts and trainings resampled, dots "
+            "are single trainings."
         )
         return figures.draw(name, caption, 3.7, lambda figure: self._plot(figure, methods))
 
@@ -209,43 +200,28 @@ class Rates:
         assert rate.low is not None and rate.high is not None
         axes.bar(x, rate.estimate, width * 0.9, color=method.colour)
         axes.plot([x, x], [rate.low, rate.high], color=INK, linewidth=0.9, solid_capstyle="butt")
+        each = self.by_training(method.name, action)
+        if len(each) > 1:
+            across = x + width * 0.22 * np.linspace(-1, 1, len(each))
+            axes.scatter(across, each, 5, "white", edgecolors=INK, linewidths=0.5, zorder=3)
         value = 100 * rate.estimate
         label = f"{value:.1f}" if 0 < value < 9.95 else f"{value:.0f}"
         axes.annotate(label, (x, rate.high), (0, 2), **above)  # type: ignore[arg-type]
 
 
-def read_rates(
-    results: Results,
-    experiment: str,
-    name: str = "success_rates.csv",
-    of_starts: str = "per_start.csv",
-) -> Rates | None:
-    """A table of success rates, and of their starts where one lies beside it; None before a run.
+def _by_training(table: pd.DataFrame, column: str) -> pd.DataFrame:
+    return table.pivot(index="training_seed", columns="start", values=column)
 
-    Each rate has to agree with its counts, each written interval with Wilson's, and the starts
-    have to sum to the rates.
-    """
-    columns = {"method": str, "action": str, "trials": int, "successes": int}
-    written = dict.fromkeys(("success_rate", "ci_low", "ci_high"), float)
-    table = results.table(experiment, name, columns | written, key=("method", "action"))
+
+def read_rates(results: Results, experiment: str, name: str = "per_start.csv") -> Rates | None:
+    """A table of trials and successes by method, action, training and start; None before a run."""
+    key = ("method", "action", "training_seed", "start")
+    columns = dict.fromkeys(key, str) | {"trials": int, "successes": int}
+    table = results.table(experiment, name, columns, key)
     if table is None:
         return None
     check_counts(table)
-    right = pd.DataFrame(statistics.rate_columns(table["successes"], table["trials"]))[[*written]]
-    wrong = ~np.isclose(table[[*written]], right, atol=TOLERANCE).all(axis=1)
-    refuse(table, pd.Series(wrong), "the rate or its limits disagree with {successes} of {trials}")
-    key = ["method", "action"]
-    starts = results.table(experiment, of_starts, columns | {"start": str}, (*key, "start"))
-    if starts is not None:
-        check_counts(starts)
-        sums = starts.groupby(key)[["successes", "trials"]].sum()
-        both = table.merge(sums, on=key, suffixes=("", "_starts"))
-        both.attrs = table.attrs
-        counted = both[["successes_starts", "trials_starts"]].to_numpy()
-        wrong = (both[["successes", "trials"]] != counted).any(axis=1)
-        problem = f"has {{successes}} of {{trials}}, but {of_starts} sums to"
-        refuse(both, wrong, f"{problem} {{successes_starts}} of {{trials_starts}}")
-    return Rates(table, starts)
+    return Rates(table)
 
 
 def check_counts(table: pd.DataFrame) -> None:

@@ -79,7 +79,7 @@ class ImitationConfig:
     validations: int = 40
     """How many there are, the last one at the end."""
     held_out: float = 0.125
-    """Share of the start shapes (of the trials, where start shapes are few) that is held out."""
+    """Share of each action's trials, of all its start shapes, that is held out for validation."""
 
 
 @dataclass

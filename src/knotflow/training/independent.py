@@ -26,9 +26,6 @@ from knotflow.training.learner import (
 )
 from knotflow.training.trainer import Metrics, Trainer
 
-FEW_STARTS = 4
-"""With fewer start shapes, trials are held out instead of shapes."""
-
 Observer = Callable[[int, Sequence[Attempts]], None]
 """Called with the number of a round and its attempts, a batch a task."""
 
@@ -57,7 +54,9 @@ class Imitation(Trainer):
         rng = np.random.default_rng(seed)
         learned, held_out = [], []
         for some in trials:
-            for one, held in zip(some, _held_out(some, config.held_out, rng), strict=True):
+            ends = np.cumsum([len(one) for one in some])
+            drawn = rng.permutation(ends[-1]) < max(1, round(config.held_out * ends[-1]))
+            for one, held in zip(some, np.split(drawn, ends[:-1]), strict=True):
                 learned.append(one[~held])
                 held_out.append(one[held])
         generator = self.learner.generator
@@ -78,18 +77,6 @@ class Imitation(Trainer):
     @property
     def parts(self) -> dict[str, Any]:
         return {"learner": self.learner}
-
-
-def _held_out(trials: Sequence[Trials], share: float, rng: np.random.Generator) -> list[np.ndarray]:
-    """Which trials (N,) of each rope are held out."""
-    sizes = [len(one) for one in trials]
-    if len(trials) < FEW_STARTS:
-        held = rng.random(sum(sizes)) < share
-        if not held.any():  # of a few trials, as of a person's first demonstration
-            held[rng.integers(len(held))] = True
-        return np.split(held, np.cumsum(sizes)[:-1])
-    ropes = rng.permutation(len(trials))[: max(1, round(share * len(trials)))]
-    return [np.full(size, number in ropes) for number, size in enumerate(sizes)]
 
 
 class Reinforcement(Trainer):

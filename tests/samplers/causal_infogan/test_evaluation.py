@@ -3,12 +3,14 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from knotflow.samplers.causal_infogan.evaluation import (
     GOALS,
     OVERHAND,
     ActionSequence,
+    compare,
     measure,
     reachable_end,
 )
@@ -54,7 +56,7 @@ def test_even_progress_has_no_unevenness():
     assert plan.unevenness == pytest.approx(0, abs=1e-9)
     assert plan.start_distance == pytest.approx(0)
     assert plan.end_distance == pytest.approx(0.2)
-    assert plan.start_kept and plan.end_kept
+    assert plan.start_state == plan.end_state == "kept"
     assert plan.largest_stretch == pytest.approx(0, abs=1e-9)
 
 
@@ -71,9 +73,31 @@ def test_a_longer_link_and_a_crossing_are_told():
     loop[:, 0] += 0.05 * along
     plan = measure(ROPE, shifted(0)[0], stretched, loop, shifted(0.1)[0])
     assert plan.largest_stretch > 0.5 - 1e-9
-    assert plan.start_kept and not plan.end_kept
+    assert (plan.start_state, plan.end_state) == ("kept", "another")
 
 
 def test_a_plan_that_stands_still_is_even():
     plan = measure(ROPE, ROPE, shifted(0, 0), ROPE, ROPE)
     assert plan.unevenness == 0
+
+
+def test_a_shape_that_cannot_be_read_is_not_of_another_topology():
+    folded = ROPE.copy()
+    folded[20:] = ROPE[20::-1][: len(ROPE) - 20]
+    plan = measure(ROPE, folded, shifted(0, 0.1), folded, ROPE)
+    assert plan.start_state == plan.end_state == "unreadable"
+
+
+def test_methods_are_compared_on_the_starts_that_have_an_end():
+    row = {"model": "single", "seed": 1, "goal": "C(0,1,1)", "shapes": "unseen", "start": 3}
+    states = [("kept", "kept"), ("kept", "unreadable")]
+    plans = [row | {"start_state": one, "end_state": other} for one, other in states]
+    plans.append(plans[0] | {"shapes": "training", "start": 4})
+    actions = ("C(0,1,1)", "C(0,2,1)")
+    tried = [("icp", "", action, start, 1) for action in actions for start in (3, 4)]
+    columns = ["method", "training_seed", "action", "start", "success"]
+    found = compare(pd.DataFrame(plans), pd.DataFrame(tried, columns=columns))
+    assert found.to_numpy().tolist() == [
+        ["causal_infogan_single", "C(0,1,1)", 1, 3, 2, 1],
+        ["icp", "C(0,1,1)", "", 3, 1, 1],
+    ]

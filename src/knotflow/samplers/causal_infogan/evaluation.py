@@ -11,23 +11,10 @@ import pandas as pd
 
 from knotflow.samplers.demonstrations import TASKS, Task, task
 from knotflow.simulation import Attempts, state_or_none
-from knotflow.statistics import rate_columns
 from knotflow.topology import Action, TopologicalState, segment_lengths
 from knotflow.topology.polyline import Floats
 
 PANEL_WAY_POINTS = 6
-
-# What a method is given, what it returns, and what counts as its success.
-_PLANNER = (
-    "start shape and end shape",
-    "rope shapes, no robot motion",
-    "the projected start and end have the states of those given",
-)
-_SAMPLER = (
-    "start shape and topological action",
-    "a spline for the robot, and by simulation the rope's motion",
-    "the simulated rope ends in the state of the action",
-)
 
 FOCUS = "C(0,1,1)"
 OVERHAND = "overhand"
@@ -95,10 +82,10 @@ class PlanMeasures:
     """From the given start to its projection, mean over vertices, metres."""
     end_distance: float
     """From the given end to its projection, mean over vertices, metres."""
-    start_kept: bool
-    """Whether the projected start has the given start's topological state."""
-    end_kept: bool
-    """Whether the projected end has the given end's topological state."""
+    start_state: str
+    """Of the projected start: "kept" as given, "another", or "unreadable"."""
+    end_state: str
+    """The same of the projected end."""
     unevenness: float
     """Standard deviation over mean of the steps from the projected start over all way points to
     the projected end, each the mean motion of a vertex; 0 where progress is even."""
@@ -115,9 +102,11 @@ def measure(
 ) -> PlanMeasures:
     """Measures of a plan: way points (steps + 1, V, 3), the other shapes (V, 3), metres."""
 
-    def same_state(projected: Floats, given: Floats) -> bool:
+    def outcome(projected: Floats, given: Floats) -> str:
         state = state_or_none(projected)
-        return state is not None and state == state_or_none(given)
+        if state is None:
+            return "unreadable"
+        return "kept" if state == state_or_none(given) else "another"
 
     shapes = np.concatenate([projected_start[None], way_points, projected_end[None]])
     steps = np.linalg.norm(np.diff(shapes, axis=0), axis=-1).mean(axis=-1)
@@ -126,8 +115,8 @@ def measure(
     return PlanMeasures(
         start_distance=float(np.linalg.norm(projected_start - start, axis=-1).mean()),
         end_distance=float(np.linalg.norm(projected_end - end, axis=-1).mean()),
-        start_kept=same_state(projected_start, start),
-        end_kept=same_state(projected_end, end),
+        start_state=outcome(projected_start, start),
+        end_state=outcome(projected_end, end),
         unevenness=float(steps.std() / steps.mean()) if steps.any() else 0.0,
         largest_stretch=float(np.abs(lengths / rest - 1).max()),
     )
@@ -157,25 +146,28 @@ def panel_rows(
     return pd.DataFrame(table)
 
 
-def compare(plans: pd.DataFrame, outcomes: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+def compare(plans: pd.DataFrame, outcomes: pd.DataFrame) -> pd.DataFrame:
     """How often each method gets to the goal's state, on the starts that have an end shape.
 
-    `plans` has one row a plan of Causal InfoGAN, and `outcomes` of other methods are tables
-    (action, start, success) on the same starts.
+    Args:
+        plans: a row a plan of Causal InfoGAN; one succeeds if the states of both ends are kept.
+        outcomes: of other methods (method, training_seed, action, start, success).
+
+    Returns:
+        method, action, training_seed, start, trials and successes.
     """
     unseen = plans[plans["shapes"] == "unseen"]
-    rows = []
-    for (model, goal), own in unseen.groupby(["model", "goal"], sort=False):
-        kept = (own["start_kept"] & own["end_kept"]).sum()
-        starts = own["start"].nunique()
-        rows.append((f"causal_infogan_{model}", goal, *_PLANNER, starts, len(own), kept))
-    for method, tried in outcomes.items():
-        for goal, asked in unseen.groupby("goal", sort=False):
-            same = tried["start"].isin(asked["start"].unique())
-            own = tried[(tried["action"] == goal) & same]
-            if len(own):
-                starts, hits = own["start"].nunique(), own["success"].sum()
-                rows.append((method, goal, *_SAMPLER, starts, len(own), hits))
-    columns = ["method", "goal", "given", "returns", "success", "starts", "trials", "successes"]
-    table = pd.DataFrame(rows, columns=columns)
-    return table.assign(**rate_columns(table["successes"], table["trials"]))
+    made = pd.DataFrame(
+        {
+            "method": "causal_infogan_" + unseen["model"],
+            "training_seed": unseen["seed"],
+            "action": unseen["goal"],
+            "start": unseen["start"],
+            "success": (unseen[["start_state", "end_state"]] == "kept").all(axis=1),
+        }
+    )
+    asked = made[["action", "start"]].drop_duplicates()
+    rows = pd.concat([made, outcomes.merge(asked)]).astype({"success": int})
+    by = ["method", "action", "training_seed", "start"]
+    counted = rows.groupby(by, sort=False)["success"].agg(["size", "sum"]).reset_index()
+    return counted.rename(columns={"size": "trials", "sum": "successes"})
