@@ -11,7 +11,7 @@ import torch
 from knotflow.samplers.primitives.canonical import ALL_PRIMITIVES, ARRANGE, canonicalise
 from knotflow.simulation import Attempts, SimulationConfig, straight
 from knotflow.topology import TopologicalState, parse_action
-from knotflow.training import LearnerConfig, SelfPlay, SelfPlayConfig
+from knotflow.training import LearnerConfig, SelfPlay, SelfPlayConfig, completed
 from knotflow.training.transitions import Query, Transition
 
 TRIVIAL = TopologicalState.trivial()
@@ -27,7 +27,8 @@ CONFIG = SelfPlayConfig(
 def training(make_library, laid):
     def make(simulator=None, earlier=(), **changes):
         config = replace(CONFIG, **changes)
-        return SelfPlay(make_library(), {}, earlier, simulator or laid(), config, 7)
+        library = completed(make_library(), 7)
+        return SelfPlay(library, {}, earlier, simulator or laid(), config, 7)
 
     return make
 
@@ -91,7 +92,7 @@ def test_what_independent_training_collected_is_remembered(training, laid):
 def moved(end, arranging=False):
     rope = straight(SimulationConfig().rope)
     query = Query(rope, TRIVIAL, R1, canonicalise(rope, R1))
-    return Transition(query, np.full(6, 0.1), rope, end, arranging)
+    return Transition(query, np.full(6, 0.1), rope, end, arranging=arranging)
 
 
 def test_success_is_followed_by_a_legal_action_and_failure_by_none(training):

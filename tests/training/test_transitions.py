@@ -20,7 +20,7 @@ R1 = parse_action("R1(0,1,1)")
 def transition(end, arranging=False, value=0.5):
     rope = straight(ROPE)
     query = Query(rope, TRIVIAL, R1, canonicalise(rope, R1))
-    return Transition(query, np.full(6, 0.1), rope, end, arranging, value)
+    return Transition(query, np.full(6, 0.1), rope, end, arranging=arranging, value=value)
 
 
 def test_samples_go_to_their_primitives_with_the_best_next_value():

@@ -39,6 +39,7 @@ from knotflow.training import (
     ReinforcementConfig,
     SelfPlay,
     SelfPlayConfig,
+    completed,
 )
 from knotflow.training.trainer import CURVES, merge_curves
 from knotflow.workflow import StageRun, stage
@@ -226,7 +227,7 @@ def self_play(
     `attempts` are recordings of earlier attempts, which are remembered.
     """
     trainer = SelfPlay(
-        PrimitiveLibrary.load(primitives / FILE, simulation.rope),
+        completed(PrimitiveLibrary.load(primitives / FILE, simulation.rope), training_seed),
         load_trials(demonstrations),
         earlier_attempts(attempts / "recordings", self_play_training.memory),
         RopeSimulator(simulation),

@@ -8,7 +8,7 @@ from .config import (
 from .independent import Imitation, Reinforcement
 from .joint import JointFinetuning
 from .learner import Learner
-from .self_play import SelfPlay
+from .self_play import SelfPlay, completed
 
 __all__ = [
     "Imitation",
@@ -21,4 +21,5 @@ __all__ = [
     "ReinforcementConfig",
     "SelfPlay",
     "SelfPlayConfig",
+    "completed",
 ]

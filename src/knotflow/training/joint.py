@@ -7,25 +7,16 @@ reaches the earlier steps as the values of those that follow.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.samplers.primitives.canonical import primitive_of
-from knotflow.samplers.primitives.library import PrimitiveLibrary
-from knotflow.simulation import (
-    Attempts,
-    RopeSimulator,
-    StartsConfig,
-    Trials,
-    end_states,
-    random_curve,
-)
+from knotflow.simulation import random_curve
 from knotflow.topology import Action, TopologicalState, knot, segment_lengths, solution_graph
 from knotflow.topology.polyline import Floats
 from knotflow.training.config import JointConfig
-from knotflow.training.learner import POLICY
 from knotflow.training.trainer import Metrics
 from knotflow.training.transitions import (
     Query,
@@ -46,31 +37,17 @@ class JointFinetuning(TransitionTrainer):
 
     config: JointConfig
 
-    def __init__(
-        self,
-        library: PrimitiveLibrary,
-        trials: Mapping[Action, Sequence[Trials]],
-        earlier: Sequence[Attempts],
-        simulator: RopeSimulator,
-        config: JointConfig,
-        seed: int,
-        starts: StartsConfig | None = None,
-    ) -> None:
-        """See `TransitionTrainer`; `earlier` are attempts of independent training."""
-        self._goals = knot(config.goal)
-        found = [
-            (state, action, primitive_of(action, state.num_segments))
-            for state, _, action in solution_graph(*sorted(self._goals)).edges(data="action")
-        ]
-        numbers = library.primitives.keys() & {number for _, _, number in found}
-        super().__init__(library, trials, simulator, config, seed, starts, sorted(numbers))
+    def prepare(self) -> Iterable[int]:
+        self._goals = knot(self.config.goal)
         self._actions: dict[TopologicalState, list[Action]] = {}
-        """Those that lead on, by state."""
-        for state, action, number in sorted(found, key=lambda one: (one[0], str(one[1]))):
-            if number in numbers:
+        """Those of the DAG that a primitive does, by state."""
+        numbers = set()
+        graph = solution_graph(*sorted(self._goals))
+        for state, _, action in sorted(graph.edges(data="action"), key=lambda one: str(one[2])):
+            if (number := primitive_of(action, state.num_segments)) in self.library.primitives:
+                numbers.add(number)
                 self._actions.setdefault(state, []).append(action)
-        for attempts in earlier:
-            self.add_earlier(attempts)
+        return numbers
 
     def collect(self) -> Metrics:
         """A round of episodes."""
@@ -79,26 +56,20 @@ class JointFinetuning(TransitionTrainer):
             (random_curve(rope, self.rng, self.starts), start) for _ in range(config.environments)
         ]
         tried: list[Transition] = []
-        by_policy: list[Transition] = []
         for _ in range(config.splines):
             queries = [one for rope in open_ if (one := self._query(*rope)) is not None]
             if not queries:
                 break
-            splines, ways = self._propose(queries)
-            rollouts = self.simulator.execute(np.stack([one.points for one in queries]), splines)
-            outcomes = splines, rollouts.end_points, end_states(rollouts)
-            new = [Transition(*one) for one in zip(queries, *outcomes, strict=True)]
-            tried += new
-            by_policy += [one for one, way in zip(new, ways, strict=True) if way == POLICY]
+            new = self.execute(queries, *self._propose(queries))
             open_ = [
                 (one.end_points, one.end)
                 for one in new
                 if one.end is not None and self._goes_on(one.end_points, one.end)
             ]
+            tried += new
         self.store([self.sample(one) for one in tried])
-        tied = sum(one.end in self._goals for one in tried)
-        return policy_success(by_policy) | {
-            "tied": tied / config.environments,
+        return policy_success(tried) | {
+            "tied": sum(one.end in self._goals for one in tried) / config.environments,
             "splines": len(tried) / config.environments,
         }
 

@@ -6,7 +6,7 @@ its state allows, and does the action or arranges the rope for it; the shape it 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -22,10 +22,6 @@ from knotflow.samplers.primitives.library import PrimitiveLibrary
 from knotflow.samplers.primitives.primitive import Primitive
 from knotflow.simulation import (
     Attempts,
-    RopeSimulator,
-    StartsConfig,
-    Trials,
-    end_states,
     random_curve,
     state_or_none,
 )
@@ -35,7 +31,6 @@ from knotflow.topology.symmetry import representative
 from knotflow.training.buffers import StateBuffer
 from knotflow.training.config import SelfPlayConfig
 from knotflow.training.curriculum import Curriculum, sampling_priority
-from knotflow.training.learner import POLICY
 from knotflow.training.trainer import Metrics
 from knotflow.training.transitions import (
     Query,
@@ -51,41 +46,27 @@ HEURISTIC = -1
 
 
 class SelfPlay(TransitionTrainer):
-    """Trains the primitives of a library, and those that it lacks from scratch, on all actions.
+    """Trains the primitives of a `completed` library on all actions.
 
-    Metrics of a primitive are losses; of the policy's own splines the success rate, and of
-    arranging ones the mean gain in value. The known states and pairs are counted.
+    Metrics of a primitive are losses and the success rate of the policy's own splines. The known
+    states and pairs are counted.
     """
 
     config: SelfPlayConfig
 
-    def __init__(
-        self,
-        library: PrimitiveLibrary,
-        trials: Mapping[Action, Sequence[Trials]],
-        earlier: Sequence[Attempts],
-        simulator: RopeSimulator,
-        config: SelfPlayConfig,
-        seed: int,
-        starts: StartsConfig | None = None,
-    ) -> None:
-        """See `TransitionTrainer`; `earlier` are attempts of independent training."""
-        library = _completed(library, seed)
-        super().__init__(library, trials, simulator, config, seed, starts, library.primitives)
+    def prepare(self) -> Iterable[int]:
+        config = self.config
         self.curriculum = Curriculum(
             config.most_crossings, config.crossings_shares, config.undo_share
         )
         self.shapes = StateBuffer(config.shapes)
-        for attempts in earlier:
-            self.add_earlier(attempts)
+        return self.library.primitives
 
     def collect(self) -> Metrics:
         """One batch of trials."""
         queries, values = self._draw()
         splines, arranging, ways = self._propose(queries, values)
-        rollouts = self.simulator.execute(np.stack([one.points for one in queries]), splines)
-        outcomes = splines, rollouts.end_points, end_states(rollouts), arranging.tolist(), values
-        transitions = [Transition(*one) for one in zip(queries, *outcomes, strict=True)]
+        transitions = self.execute(queries, splines, ways, arranging.tolist(), values)
         learned: list[Sample] = []
         for one in transitions:
             if not one.arranging:
@@ -94,7 +75,12 @@ class SelfPlay(TransitionTrainer):
             if one.end is not None and one.end.num_crossings <= self.config.most_crossings:
                 self._keep(one.end_points, one.end)
         self.store(learned)
-        return self._metrics(transitions, ways)
+        stats = self.curriculum.stats.values()
+        return policy_success(transitions) | {
+            "states": len(self.shapes),
+            "pairs_tried": sum(pair.trials > 0 for pair in stats),
+            "pairs_solved": sum(pair.successes > 0 for pair in stats),
+        }
 
     def _draw(self) -> tuple[list[Query], Floats]:
         """What to try, and the actions' values."""
@@ -197,34 +183,13 @@ class SelfPlay(TransitionTrainer):
     def _values_for(self, action: Action, shapes: Floats) -> Floats:
         return self._values([canonicalise(shape, action) for shape in shapes])
 
-    def _metrics(self, transitions: Sequence[Transition], ways: NDArray[np.intp]) -> Metrics:
-        """What the policy's own splines achieved."""
-        own = [one for one, way in zip(transitions, ways, strict=True) if way == POLICY]
-        metrics = policy_success(own)
-        arranged: list[tuple[Canonical, float]] = []
-        for one in own:
-            if one.arranging and one.state_kept:
-                rope = canonical_or_none(one.end_points, one.query.action)
-                if rope is not None:
-                    arranged.append((rope, one.value))
-        if arranged:
-            after = self._values([rope for rope, _ in arranged])
-            before = np.array([value for _, value in arranged])
-            metrics[f"{ARRANGE}/gain"] = float((after - before).mean())
-        stats = self.curriculum.stats.values()
-        return metrics | {
-            "states": len(self.shapes),
-            "pairs_tried": sum(pair.trials > 0 for pair in stats),
-            "pairs_solved": sum(pair.successes > 0 for pair in stats),
-        }
-
     @property
     def parts(self) -> dict[str, Any]:
         return {**super().parts, "shapes": self.shapes, "curriculum": self.curriculum}
 
 
-def _completed(library: PrimitiveLibrary, seed: int) -> PrimitiveLibrary:
-    """The library with new primitives for what it lacks."""
+def completed(library: PrimitiveLibrary, seed: int) -> PrimitiveLibrary:
+    """A library with new primitives for what it lacks."""
     primitives, actions = dict(library.primitives), dict(library.trained_on)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)

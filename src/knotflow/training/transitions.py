@@ -24,7 +24,7 @@ from knotflow.samplers.primitives.encoding import encode_canonical
 from knotflow.samplers.primitives.library import PrimitiveLibrary
 from knotflow.samplers.primitives.primitive import Primitive
 from knotflow.seeding import rng_of
-from knotflow.simulation import Attempts, RopeSimulator, StartsConfig, Trials
+from knotflow.simulation import Attempts, RopeSimulator, StartsConfig, Trials, end_states
 from knotflow.threads import one_thread
 from knotflow.topology import (
     Action,
@@ -36,6 +36,7 @@ from knotflow.topology.polyline import Floats
 from knotflow.training.buffers import TransitionBuffer
 from knotflow.training.config import TransitionConfig
 from knotflow.training.learner import (
+    POLICY,
     Learner,
     demonstration_buffer,
     explore,
@@ -71,6 +72,8 @@ class Transition:
     spline: Floats
     end_points: Floats
     end: TopologicalState | None
+    way: int = POLICY
+    """How the spline was proposed."""
     arranging: bool = False
     """Whether it was to arrange the rope for the action instead of doing it."""
     value: float = 0.0
@@ -105,23 +108,22 @@ class TransitionTrainer(Trainer):
     Metrics of a primitive are named "primitive/metric".
     """
 
-    config: TransitionConfig
-
     def __init__(
         self,
         library: PrimitiveLibrary,
         trials: Mapping[Action, Sequence[Trials]],
+        earlier: Sequence[Attempts],
         simulator: RopeSimulator,
         config: TransitionConfig,
         seed: int,
-        starts: StartsConfig | None,
-        numbers: Iterable[int],
+        starts: StartsConfig | None = None,
     ) -> None:
-        """Trains the library's primitives of these numbers.
+        """Trains primitives of the library.
 
         Args:
             library: with actor and critic.
             trials: demonstrations by action, of one rope each.
+            earlier: attempts of independent training.
             starts: what an untangled rope looks like.
 
         Raises:
@@ -139,7 +141,11 @@ class TransitionTrainer(Trainer):
         self.library = PrimitiveLibrary(library.primitives, library.trained_on, library.rope, True)
         self.rng = rng_of(seed, 0)
         self.buffers: dict[int, TransitionBuffer] = {}
-        self._learners = {number: self._learner(number, trials, seed) for number in numbers}
+        self._learners = {
+            number: self._learner(number, trials, seed) for number in sorted(self.prepare())
+        }
+        for attempts in earlier:
+            self.add_earlier(attempts)
 
     def _learner(
         self, number: int, trials: Mapping[Action, Sequence[Trials]], seed: int
@@ -159,6 +165,10 @@ class TransitionTrainer(Trainer):
         learner.rollouts = TransitionBuffer(self.config.capacity, learner.generator)
         self.buffers[number] = learner.rollouts
         return learner
+
+    @abstractmethod
+    def prepare(self) -> Iterable[int]:
+        """Make what `sample` and `collect` need; the numbers of the primitives that learn."""
 
     @abstractmethod
     def collect(self) -> Metrics:
@@ -214,6 +224,14 @@ class TransitionTrainer(Trainer):
         )  # fmt: skip
         return encoded.frames.to_world(network.numpy())[:, 0], ways
 
+    def execute(
+        self, queries: Sequence[Query], splines: Floats, *further: Iterable[Any]
+    ) -> list[Transition]:
+        """Simulate a spline (N, 6) for each query; `further` are columns of the transitions."""
+        rollouts = self.simulator.execute(np.stack([one.points for one in queries]), splines)
+        columns = queries, splines, rollouts.end_points, end_states(rollouts), *further
+        return [Transition(*one) for one in zip(*columns, strict=True)]
+
     def store(self, learned: Sequence[Sample]) -> None:
         """Put samples into the replay buffers of their primitives, if these learn."""
         for number, trials in encode_samples(learned, self.value):
@@ -229,9 +247,9 @@ class TransitionTrainer(Trainer):
 
 
 def policy_success(transitions: Sequence[Transition]) -> Metrics:
-    """The success rate of each primitive; of the arranging one, how often the state was kept."""
+    """The success rate of each primitive's own splines, or how often they kept the state."""
     achieved: dict[int, list[bool]] = {}
-    for one in transitions:
+    for one in (one for one in transitions if one.way == POLICY):
         number = ARRANGE if one.arranging else one.query.rope.primitive
         achieved.setdefault(number, []).append(one.state_kept if one.arranging else one.success)
     return {f"{number}/policy_success": float(np.mean(own)) for number, own in achieved.items()}
