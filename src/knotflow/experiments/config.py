@@ -28,14 +28,7 @@ HOME = PACKAGE if (PACKAGE / "conf").is_dir() else PACKAGE.parents[1]
 SECTIONS = (
     *("demonstrations", "evaluation_starts", "development_starts", "evaluation", "pools"),
     *("reachable", "learning_options", "tree_size", "joint_finetuning", "causal_infogan"),
-    *(
-        "infogan_single",
-        "infogan_all",
-        "causal_infogan_ends",
-        "causal_infogan_plans",
-        "pull",
-        "pentagram",
-    ),
+    *("infogan_single", "infogan_all", "causal_infogan_ends", "causal_infogan_plans", "pull"),
     *("pentagram", "knots", "goals", "goals_ablation", "actions", "overhand", "training_ropes"),
     *("perception_training", "strand_training", "unseen_ropes", "adaptation_ropes"),
     *("perception_networks", "perception", "perceived_plans", "tracking", "dynamics_training"),
