@@ -172,8 +172,8 @@ class JointConfig(TransitionConfig):
     """Gradient steps of each primitive in a round."""
     new_steps: int = 40
     """The same of one without demonstrations."""
-    critic_reset_steps: int = 0
-    """Critics are not reset."""
+    critic_reset_steps: int = 500
+    """Gradient steps after the critics' reset at the end."""
 
 
 @dataclass
