@@ -1,14 +1,12 @@
 """What is shown of an execution is what the camera saw of its drags."""
 
 import numpy as np
-from PIL import Image
 
 from knotflow.execution import (
     ImageRecorder,
     TrueState,
     Twin,
     TwinConfig,
-    animate_execution,
     drag_frames,
     draw_execution,
     execute,
@@ -38,6 +36,3 @@ def test_every_second_image_of_a_drag_is_drawn(plan, tmp_path):
         np.testing.assert_allclose(execution.points[one.number], twin.trajectory[one.number])
     draw_execution(tmp_path / "a.png", execution, CAMERA, shown, film.images[-1])
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
-    animate_execution(tmp_path / "a.gif", execution, CAMERA, shown)
-    with Image.open(tmp_path / "a.gif") as animation:
-        assert animation.n_frames > 1

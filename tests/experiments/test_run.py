@@ -1,6 +1,7 @@
 import json
 import shutil
 from dataclasses import replace
+from functools import cache
 
 import hydra
 import pytest
@@ -12,6 +13,11 @@ from knotflow.workflow import dependencies
 EXPERIMENTS = [name for name in experiments() if name != "paper"]
 
 
+@cache
+def bound(experiment, budget="paper"):
+    return workflow_of(composed(experiment, f"budget={budget}"))
+
+
 def composed(experiment, *overrides):
     register()
     with hydra.initialize_config_dir(str(HOME / "conf"), version_base="1.3"):
@@ -21,7 +27,7 @@ def composed(experiment, *overrides):
 @pytest.mark.parametrize("budget", ["paper", "smoke"])
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_every_experiment_binds_and_has_results(experiment, budget):
-    workflow = workflow_of(composed(experiment, f"budget={budget}"))
+    workflow = bound(experiment, budget)
     assert workflow.name == experiment and workflow.caption
     assert workflow.results and workflow.keys.keys() == workflow.nodes.keys()
 
@@ -34,18 +40,18 @@ def test_the_sweep_over_all_experiments_names_each():
 
 def test_experiments_share_what_they_train():
     keys = [
-        workflow_of(composed(experiment)).keys
+        bound(experiment).keys
         for experiment in ("single_stage", "tree_size", "joint_finetuning", "causal_infogan")
     ]
     for shared in ("demonstrations", "imitation", "pools", "reinforcement"):
         assert len({one.get(shared) or one[f"{shared}[10]"] for one in keys}) == 1
-    ablation = workflow_of(composed("ablation_actor_critic")).keys
+    ablation = bound("ablation_actor_critic").keys
     assert ablation["reinforcement[actor_critic.11]"] == keys[0]["reinforcement[11]"]
     assert ablation["reinforcement[actor_only.11]"] != keys[0]["reinforcement[11]"]
 
 
 def test_what_is_trained_has_a_node_for_each_seed_and_the_rest_one_folder():
-    keys = workflow_of(composed("single_stage")).keys
+    keys = bound("single_stage").keys
     for method, count in (("random", 1), ("reinforcement_arranged", 1), ("reinforcement", 3)):
         assert len({keys[f"evaluation[{method}.{seed}]"] for seed in (10, 11, 12)}) == count
 
@@ -60,7 +66,7 @@ def test_groups_and_sections_are_overridden_from_the_command_line():
 
 
 def test_planner_ablations_lack_one_part_each():
-    nodes = workflow_of(composed("goals_ablation")).nodes
+    nodes = bound("goals_ablation").nodes
     complete = nodes["goals[complete]"].arguments
     lacking = {
         "without_arranging": {"arranging": 0},
@@ -73,14 +79,14 @@ def test_planner_ablations_lack_one_part_each():
 
 
 def test_tree_size_is_measured_by_the_papers_rule_one_expansion_at_a_time():
-    nodes = workflow_of(composed("tree_size")).nodes
+    nodes = bound("tree_size").nodes
     for method in ("icp", "imitation", "reinforcement"):
         planner = nodes[f"searches[{method}.11]"].arguments["planner"]
         assert (planner.rule, planner.batch, planner.max_branches) == ("paper", 1, 2000)
 
 
 def test_searches_of_icp_are_the_same_for_every_training():
-    keys = workflow_of(composed("tree_size")).keys
+    keys = bound("tree_size").keys
     for method, count in (("icp", 1), ("imitation", 3), ("reinforcement", 3)):
         seeds = {keys[f"searches[{method}.{seed}]"] for seed in (10, 11, 12)}
         assert len(seeds) == count
@@ -89,7 +95,7 @@ def test_searches_of_icp_are_the_same_for_every_training():
 def test_seeds_of_evaluations_are_used_for_nothing_else():
     stages = {}
     for experiment in EXPERIMENTS:
-        for node in workflow_of(composed(experiment)).nodes.values():
+        for node in bound(experiment).nodes.values():
             if (seed := node.arguments.get("seed")) is not None:
                 stages.setdefault(seed, set()).add(node.stage.name)
     for stage in ("goals", "actions", "evaluation_starts", "closed_loop", "arm", "tracking"):
@@ -110,7 +116,7 @@ def test_an_overhand_is_planned_into_its_folder(command, tmp_path):
 @pytest.fixture
 def results(tmp_path):
     """A results folder whose benchmark is of today's code."""
-    workflow = workflow_of(composed("benchmark"))
+    workflow = bound("benchmark")
     stages = {
         name: {"key": workflow.keys[name], **workflow.identities[name]} for name in workflow.nodes
     }

@@ -10,6 +10,7 @@ from knotflow.perception import SAMPLE, Camera, CameraError, ImageError, see
 from knotflow.perception.estimation.estimate import RopeEstimate
 from knotflow.perception.io import describe, draw_overlay, write_rope
 from knotflow.planning.ropes import read_rope
+from knotflow.simulation import RopeConfig
 from knotflow.topology import TopologicalState
 
 from .shapes import CAMERA, ROPE, image, s_curve
@@ -28,7 +29,7 @@ def found():
 
 @pytest.mark.slow
 def test_see_sample():
-    seen, _, _ = see(*FILES)
+    seen, _, _ = see(*FILES, RopeConfig(radius=0.008))
     truth = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
     assert seen.state == TopologicalState.from_curve(truth) and seen.head_known
     assert np.linalg.norm(seen.points - truth, axis=1).mean() < 6e-3

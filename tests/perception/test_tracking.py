@@ -16,7 +16,7 @@ from knotflow.perception import (
     tracking,
 )
 from knotflow.perception.estimation.fitting import project_lengths
-from knotflow.perception.tracking import CpdConfig, CpdTracker, constant_velocity, drift
+from knotflow.perception.tracking import CpdTracker, constant_velocity, drift
 
 from .shapes import CAMERA, ROPE, image, s_curve
 
@@ -202,12 +202,9 @@ def test_an_immovable_vertex_stays():
     assert lengths(shape) == pytest.approx(ROPE.link_length, rel=1e-6)
 
 
-CONFIG = CpdConfig()
-
-
 def test_drift_recovers_translation():
     points = s_curve()
-    found = drift(points - [0.0, 0.015, 0.0], points, ROPE, CONFIG)
+    found = drift(points - [0.0, 0.015, 0.0], points, ROPE)
     assert np.linalg.norm(found - points, axis=1).mean() < 4e-3
     assert np.allclose(np.linalg.norm(np.diff(found, axis=0), axis=1), ROPE.link_length, rtol=1e-5)
 
@@ -216,7 +213,7 @@ def test_hidden_vertices_follow_visible_ones():
     points = s_curve()
     shift = np.array([0.0, 0.015, 0.0])
     shown = np.r_[points[:17], points[24:]]
-    found = drift(points - shift, shown, ROPE, CONFIG)
+    found = drift(points - shift, shown, ROPE)
     assert (found - points + shift)[17:24, 1].mean() > 0.6 * shift[1]
 
 

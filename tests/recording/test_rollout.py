@@ -21,9 +21,6 @@ def test_arrays_have_the_precision_of_the_file(make_rollout):
         ({"times": np.zeros(26)}, "times must increase"),
         ({"spline": np.zeros(5)}, r"spline has shape \(5,\), needs \(6,\)"),
         ({"control_points": np.zeros(9)}, "control_points has shape"),
-        ({"spline": np.full(6, np.nan)}, r"spline\[0\] is not finite"),
-        ({"points": np.full((26, 41, 3), np.inf)}, r"points\[0, 0, 0\] is not finite"),
-        ({"outcome": "won"}, "unknown outcome 'won', choose one of success, failure, diverged"),
     ],
 )
 def test_bad_rollouts_are_refused_by_number(make_rollout, changes, words):

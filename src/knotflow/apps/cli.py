@@ -66,8 +66,7 @@ app.register_install_completion_command()
 
 Unit = Literal["m", "cm", "mm"]
 Rope = Annotated[
-    str,
-    Parameter(help="straight, arc, random, or a CSV or NPY file of x, y, z rows, head first."),
+    str, Parameter(help="straight, arc, random, or a CSV or NPY file of x, y, z rows, head first.")
 ]
 Seed = Annotated[int, Parameter(validator=Number(gte=0))]
 Seconds = Annotated[float, Parameter(validator=Number(gt=0), help="Time limit of the search.")]
@@ -242,12 +241,7 @@ def explain(
 
 @app.command
 def view(
-    recording: Path,
-    /,
-    *,
-    number: int | None = None,
-    save: Path | None = None,
-    web: bool = False,
+    recording: Path, /, *, number: int | None = None, save: Path | None = None, web: bool = False
 ) -> int:
     """Show recorded rollouts in Rerun.
 

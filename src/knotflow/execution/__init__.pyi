@@ -11,15 +11,7 @@ from .dynamics import (
     prediction_errors,
 )
 from .export import Export, export_plan
-from .film import (
-    DragFrame,
-    ImageRecorder,
-    animate_execution,
-    drag_frames,
-    draw_execution,
-    encode_jpeg,
-    film_rollout,
-)
+from .film import DragFrame, ImageRecorder, drag_frames, draw_execution, encode_jpeg, film_rollout
 from .lstm_dynamics import DynamicsTrainer, LstmDynamics
 from .motions import FREE, STEP, Motions, draw_motions
 from .mppi import Mppi, MppiConfig
@@ -28,50 +20,12 @@ from .step_executor import ExecutionConfig
 from .twin import ERROR_LEVELS, TrueState, Twin, TwinConfig
 
 __all__ = [
-    "CONTROLLERS",
-    "ERROR_LEVELS",
-    "FAULTS",
-    "FREE",
-    "SHIPPED_DYNAMICS",
-    "STEP",
-    "Arm",
-    "ArmError",
-    "Base",
-    "DragFrame",
-    "DynamicsTrainer",
-    "DynamicsTrainingConfig",
-    "Execution",
-    "ExecutionConfig",
-    "Export",
-    "ImageRecorder",
-    "ImageStateEstimator",
-    "LstmConfig",
-    "LstmDynamics",
-    "ModelPrediction",
-    "Motions",
-    "Mppi",
-    "MppiConfig",
-    "MujocoDynamics",
-    "Observation",
-    "Robot",
-    "StateEstimator",
-    "StaticDynamics",
-    "TrackedRope",
-    "TrueState",
-    "Twin",
-    "TwinConfig",
-    "animate_execution",
-    "drag_frames",
-    "draw_execution",
-    "draw_motions",
-    "encode_jpeg",
-    "execute",
-    "export_plan",
-    "failure_cause",
-    "film_rollout",
-    "load_arm",
-    "motion_errors",
-    "panda",
-    "prediction_errors",
-    "run_trial",
-]
+    "CONTROLLERS", "ERROR_LEVELS", "FAULTS", "FREE", "SHIPPED_DYNAMICS", "STEP", "Arm", "ArmError",
+    "Base", "DragFrame", "DynamicsTrainer", "DynamicsTrainingConfig", "Execution",
+    "ExecutionConfig", "Export", "ImageRecorder", "ImageStateEstimator", "LstmConfig",
+    "LstmDynamics", "ModelPrediction", "Motions", "Mppi", "MppiConfig", "MujocoDynamics",
+    "Observation", "Robot", "StateEstimator", "StaticDynamics", "TrackedRope", "TrueState", "Twin",
+    "TwinConfig", "drag_frames", "draw_execution", "draw_motions", "encode_jpeg", "execute",
+    "export_plan", "failure_cause", "film_rollout", "load_arm", "motion_errors", "panda",
+    "prediction_errors", "run_trial",
+]  # fmt: skip

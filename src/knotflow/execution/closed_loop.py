@@ -38,33 +38,19 @@ Replan = Callable[[NDArray], KnotPlan]
 
 @dataclass(frozen=True, eq=False)
 class Execution:
-    """What was commanded and observed; a frame after each of the robot's N moves.
+    """What was commanded and observed; a frame after each of the robot's N moves, metres."""
 
-    Attributes:
-        times: (N,) seconds since the first move began.
-        gripper: (N, 3) commanded positions, metres.
-        closed: (N,) whether the fingers were commanded to be closed.
-        step: (N,) index of the action.
-        reference: (N, V, 3) the planned rope, metres; NaN where the gripper does not drag.
-        points: (N, V, 3) the tracked rope, metres; NaN where it was not tracked.
-        ticks: of each controlled move.
-        outcomes: of each step, in the order executed.
-        observation: the last one of the rope.
-        tied: whether it shows a goal state unambiguously; None without an observation.
-        reason: why the execution ended.
-    """
-
-    times: NDArray[np.float64]
-    gripper: NDArray[np.float64]
-    closed: NDArray[np.bool_]
-    step: NDArray[np.int64]
-    reference: NDArray[np.float64]
-    points: NDArray[np.float64]
-    ticks: tuple[TickTiming, ...]
-    outcomes: tuple[StepOutcome, ...]
-    observation: Observation | None
-    tied: bool | None
-    reason: str
+    times: NDArray[np.float64]  # (N,) seconds since the first move began
+    gripper: NDArray[np.float64]  # (N, 3) commanded positions
+    closed: NDArray[np.bool_]  # (N,) whether the fingers were commanded to be closed
+    step: NDArray[np.int64]  # (N,) index of the action
+    reference: NDArray[np.float64]  # (N, V, 3) the planned rope; NaN where the gripper drags none
+    points: NDArray[np.float64]  # (N, V, 3) the tracked rope; NaN where it was not tracked
+    ticks: tuple[TickTiming, ...]  # of each controlled move
+    outcomes: tuple[StepOutcome, ...]  # of each step, in the order executed
+    observation: Observation | None  # the last one of the rope
+    tied: bool | None  # whether it shows a goal state unambiguously; None without an observation
+    reason: str  # why the execution ended
 
 
 def execute(

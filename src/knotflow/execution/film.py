@@ -1,4 +1,4 @@
-"""Images of executions and of rollouts: recorded, drawn and animated (Fig. 1)."""
+"""Images of executions and of rollouts: recorded and drawn (Fig. 1)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw
+from PIL import Image
 
 from knotflow.execution.robot import Robot, RobotWrapper
 from knotflow.execution.twin import ERROR_LEVELS, displace_camera
@@ -30,7 +30,6 @@ FRAME_STRIDE = 2  # of so many images one is kept
 JPEG_QUALITY = 60
 REFERENCE_COLOUR, TRACKED_COLOUR = "#ffd33d", "#ffffff"  # of the rope
 MARGIN = 0.15  # of what is drawn, around the ropes
-GIF_SIZE, GIF_COLOURS = (320, 240), 64  # pixels, palette
 
 Window = tuple[float, float, float, float]
 """Left, top, right and bottom of a part of an image, pixels."""
@@ -107,32 +106,6 @@ def draw_execution(
         for axes in panels:
             axes.set(xlim=(left, right), ylim=(bottom, top))
         save_figure(figure, path)
-
-
-def animate_execution(
-    path: Path, execution: Execution, camera: Camera, frames: Sequence[DragFrame]
-) -> None:
-    """Write a GIF of the drags: the camera's images with the planned and the tracked rope."""
-    window = _window(execution, camera, frames)
-    low, high = np.reshape(window, (2, 2))
-    images = []
-    for frame in frames:
-        picture = Image.fromarray(frame.image.rgb).resize(GIF_SIZE, box=window)
-        canvas = ImageDraw.Draw(picture)
-        ropes = np.stack([execution.reference[frame.number], execution.points[frame.number]])
-        pixels = camera.project(ropes.reshape(-1, 3))[:, :2].reshape(2, -1, 2)
-        reference, tracked = ((pixels - low) * GIF_SIZE / (high - low)).tolist()
-        for colour, width in ((INK, 3), (REFERENCE_COLOUR, 1)):
-            canvas.line([(u, v) for u, v in reference], colour, width, joint="curve")
-        for u, v in tracked:
-            canvas.circle((u, v), 2, TRACKED_COLOUR, INK)
-        images.append(
-            picture.quantize(GIF_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-        )
-    pace = 100 * FRAME_STRIDE  # milliseconds a frame
-    images[0].save(
-        path, save_all=True, append_images=images[1:], duration=pace, loop=0, optimize=True
-    )
 
 
 def _window(execution: Execution, camera: Camera, frames: Sequence[DragFrame]) -> Window:

@@ -111,20 +111,12 @@ class TrackedRope:
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """An estimate of a rope at rest.
+    """An estimate of a rope at rest."""
 
-    Attributes:
-        points: (V, 3) metres; None where no rope was seen.
-        state: its topological state; None where it cannot be read.
-        ambiguities: why the state may be another one, in words.
-        ambiguous_ends: 0 for the head and -1 for the tail, where that end may or may not cross a
-            strand.
-    """
-
-    points: NDArray | None
-    state: TopologicalState | None
-    ambiguities: tuple[str, ...] = ()
-    ambiguous_ends: tuple[int, ...] = ()
+    points: NDArray | None  # (V, 3) metres; None where no rope was seen
+    state: TopologicalState | None  # None where it cannot be read
+    ambiguities: tuple[str, ...] = ()  # why the state may be another one, in words
+    ambiguous_ends: tuple[int, ...] = ()  # see `perception.RopeEstimate`
 
     @classmethod
     def of(

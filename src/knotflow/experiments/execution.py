@@ -25,7 +25,6 @@ from knotflow.execution import (
     ImageRecorder,
     Twin,
     TwinConfig,
-    animate_execution,
     drag_frames,
     draw_execution,
     encode_jpeg,
@@ -35,7 +34,7 @@ from knotflow.execution import (
 )
 from knotflow.execution.closed_loop import Trial
 from knotflow.experiments.common import sampler_of
-from knotflow.perception import Camera, load_if_present
+from knotflow.perception import Camera, Network
 from knotflow.planning import KnotPlan, PlannerConfig, parse_goal, plan_knot
 from knotflow.recording import RecordedRollout, RolloutImages, write_recording
 from knotflow.samplers import SamplerConfig
@@ -125,7 +124,7 @@ def closed_loop(
             twin = Twin(plan.start, config, rng_of(seed, number, 2, level), camera)
             seconds[:] = [plan.seconds]
             replan = partial(plan_from, rng_of(seed, number, 3, level))
-            sight = None if camera is None else load_if_present(network)
+            sight = None if camera is None else Network.load(network)
             robot = FAULTS[case.fault](twin.robot())
             recorded = (case.controller, case.fault, number) == RECORDED
             film = ImageRecorder(robot) if recorded else None
@@ -173,7 +172,7 @@ def _record(
     run: StageRun, folder: str, execution: Execution, twin: Twin, camera: Camera,
     film: ImageRecorder,
 ) -> None:  # fmt: skip
-    """A recording, a picture and an animation of one execution; none where nothing was dragged."""
+    """A recording and a picture of one execution; none where nothing was dragged."""
     frames = drag_frames(execution, twin, film.images)
     with run.atomic(folder) as made:
         made.mkdir()
@@ -183,7 +182,6 @@ def _record(
         rollouts = _drags(execution, twin, frames, run.key)
         write_recording(made / "execution.mcap", rollouts, facts, rope_line=False)
         draw_execution(made / "execution.png", execution, camera, frames, film.images[-1])
-        animate_execution(made / "execution.gif", execution, camera, frames)
 
 
 def _drags(

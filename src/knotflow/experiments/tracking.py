@@ -28,21 +28,15 @@ from knotflow.execution import (
 from knotflow.perception import (
     Camera,
     CameraNoiseConfig,
-    CpdConfig,
     CpdTracker,
+    Network,
     Tracker,
     TrackerConfig,
-    load_if_present,
 )
 from knotflow.recording import RolloutImages, recorded, write_recording
 from knotflow.samplers.demonstrations import TASKS, load_demonstrations
 from knotflow.seeding import rng_of
-from knotflow.simulation import (
-    SimulationConfig,
-    grasped_link,
-    perturb_rope,
-    state_or_none,
-)
+from knotflow.simulation import SimulationConfig, grasped_link, perturb_rope, state_or_none
 from knotflow.workflow import StageRun, stage
 
 TRACKER, AT_REST = "rendering_mujoco", "rendering_mujoco_at_rest"
@@ -66,7 +60,6 @@ def tracking(
     simulation: SimulationConfig,
     camera_noise: CameraNoiseConfig = CameraNoiseConfig(),
     tracker: TrackerConfig = TrackerConfig(),
-    drift: CpdConfig = CpdConfig(),
     levels: list[int],
     rollouts: int,
     seed: int,
@@ -85,19 +78,19 @@ def tracking(
 
     def trackers(start: NDArray[np.float64]) -> dict[str, Callable[[], Tracker | CpdTracker]]:
         """What makes each tracker, by method, from the rope (V, 3) at the start."""
-        seen = load_if_present(network)
+        seen = Network.load(network)
         predictions = {
             "rendering": None,
             "rendering_lstm": ModelPrediction(LstmDynamics.load(dynamics_weights)),
             TRACKER: ModelPrediction(MujocoDynamics(replace(simulation, threads=1))),
         }
-        drifts = {"point_drift": drift, "point_drift_predicted": replace(drift, predict=True)}
+        drifts = {"point_drift": False, "point_drift_predicted": True}
         return {
             method: partial(Tracker, camera, believed, start, tracker, prediction, seen)
             for method, prediction in predictions.items()
         } | {
-            method: partial(CpdTracker, camera, believed, start, config)
-            for method, config in drifts.items()
+            method: partial(CpdTracker, camera, believed, start, predict)
+            for method, predict in drifts.items()
         }
 
     def track(name: str) -> pd.DataFrame:

@@ -2,17 +2,16 @@ import pathlib
 
 from .camera.image import SAMPLE, CameraNoiseConfig, ImageError, Label, RgbdImage, add_noise
 from .camera.pinhole import Camera, CameraError
-from .camera.rendering import render
 from .camera.simulated import Appearance, SimulatedCamera
-from .estimation.crossings import END_AMBIGUITIES, CrossingEvidence
+from .estimation.crossings import END_AMBIGUITIES
 from .estimation.estimate import EstimateConfig, RopeEstimate, estimate
-from .estimation.evidence import Target, coverage_fraction, observe, visible_vertices
+from .estimation.evidence import observe, visible_vertices
 from .estimation.fitting import FitConfig, fit
 from .estimation.search import SearchConfig
-from .estimation.segmentation import Segmentation, pixel_coverage, segment
+from .estimation.segmentation import segment
 from .estimation.skeleton import TraceError
 from .io import see
-from .networks.network import Network, NetworkError, load_if_present
+from .networks.network import Network
 from .networks.training import (
     CoarseToFineTrainer,
     SelfSupervisionConfig,
@@ -21,51 +20,15 @@ from .networks.training import (
     TrainingConfig,
     self_supervise,
 )
-from .tracking import CpdConfig, CpdTracker, Tracker, TrackerConfig
+from .tracking import CpdTracker, Tracker, TrackerConfig
 
 SHIPPED_NETWORK: pathlib.Path
 
 __all__ = [
-    "END_AMBIGUITIES",
-    "SAMPLE",
-    "SHIPPED_NETWORK",
-    "Appearance",
-    "Camera",
-    "CameraError",
-    "CameraNoiseConfig",
-    "CoarseToFineTrainer",
-    "CpdConfig",
-    "CpdTracker",
-    "CrossingEvidence",
-    "EstimateConfig",
-    "FitConfig",
-    "ImageError",
-    "Label",
-    "Network",
-    "NetworkError",
-    "RgbdImage",
-    "RopeEstimate",
-    "SearchConfig",
-    "Segmentation",
-    "SelfSupervisionConfig",
-    "SimulatedCamera",
-    "StrandTrainer",
-    "StrandTrainingConfig",
-    "Target",
-    "TraceError",
-    "Tracker",
-    "TrackerConfig",
-    "TrainingConfig",
-    "add_noise",
-    "coverage_fraction",
-    "estimate",
-    "fit",
-    "load_if_present",
-    "observe",
-    "pixel_coverage",
-    "render",
-    "see",
-    "segment",
-    "self_supervise",
-    "visible_vertices",
-]
+    "END_AMBIGUITIES", "SAMPLE", "SHIPPED_NETWORK", "Appearance", "Camera", "CameraError",
+    "CameraNoiseConfig", "CoarseToFineTrainer", "CpdTracker", "EstimateConfig", "FitConfig",
+    "ImageError", "Label", "Network", "RgbdImage", "RopeEstimate", "SearchConfig",
+    "SelfSupervisionConfig", "SimulatedCamera", "StrandTrainer", "StrandTrainingConfig",
+    "TraceError", "Tracker", "TrackerConfig", "TrainingConfig", "add_noise", "estimate", "fit",
+    "observe", "see", "segment", "self_supervise", "visible_vertices",
+]  # fmt: skip

@@ -52,6 +52,14 @@ _HIDDEN, _VISIBLE, _HELD = 0.2, 0.02, 0.1
 _UNIT = 0.01  # metres, by which distances from the prediction are measured
 _LONGEST = 0.2  # seconds that a velocity holds: the table's friction stops a rope sooner
 _STIFF = 1e-3  # mobility of the held link beside that of the others
+_ITERATIONS = 30  # of expectation and maximisation in coherent point drift
+_COHERENCE = 0.3  # metres along the rope over which vertices move together
+# Weight of moving together, 1/m^2: lambda of Myronenko and Song, whose points have unit variance,
+# over the variance of the rope's points.
+_STIFFNESS = 3000.0
+_DEVIATION = 0.06  # metres: standard deviation of the points around the vertices at first
+_OUTLIERS = 0.05  # share of points that belong to no vertex
+_SEEN = 0.03  # metres: a vertex farther than about this from all points is hidden
 
 
 @dataclass
@@ -280,37 +288,15 @@ def rope_points(image: RgbdImage, target: Target, count: int) -> Floats:
     return target.camera.unproject(np.stack([column, row], axis=1), depth)
 
 
-@dataclass
-class CpdConfig:
-    """Coherent point drift."""
-
-    points: int = 400
-    """Points of the rope's image that are registered."""
-    iterations: int = 30
-    """Of expectation and maximisation."""
-    coherence: float = 0.3
-    """Length along the rope over which vertices move together, metres."""
-    stiffness: float = 3000.0
-    """Weight of moving together, 1/m^2: lambda of Myronenko and Song, whose points have unit
-    variance, over the variance of the rope's points."""
-    deviation: float = 0.06
-    """Standard deviation of the points around the vertices at first, metres."""
-    outliers: float = 0.05
-    """Share of points that belong to no vertex."""
-    visible: float = 0.03
-    """A vertex farther than about this from all points is hidden, metres."""
-    predict: bool = False
-    """Whether the rope first moves on as in `Tracker`, with the gripper that holds it."""
-
-
 class CpdTracker:
     """Follows one rope, with the methods of `Tracker`."""
 
     def __init__(
-        self, camera: Camera, rope: RopeConfig, initial: NDArray, config: CpdConfig | None = None
+        self, camera: Camera, rope: RopeConfig, initial: NDArray, predict: bool = False
     ) -> None:
-        """Take up a rope (V, 3), metres, head first."""
-        self.camera, self.rope, self.config = camera, rope, config or CpdConfig()
+        """Take up a rope (V, 3), metres, head first; with `predict` it first moves on as in
+        `Tracker`, with the gripper that holds it."""
+        self.camera, self.rope, self.predict = camera, rope, predict
         self.points = np.array(initial, np.float64)
         self._velocities = np.zeros_like(self.points)
         self._time: float | None = None
@@ -322,11 +308,10 @@ class CpdTracker:
         seconds = 0.0 if self._time is None else image.time - self._time
         self._time = image.time
         start = self.points
-        if self.config.predict:
+        if self.predict:
             start = constant_velocity(start, self._velocities, seconds, gripper, grasped)
         target = observe(image, self.camera, self.rope)
-        cloud = rope_points(image, target, self.config.points)
-        shape = drift(start, cloud, self.rope, self.config)
+        shape = drift(start, rope_points(image, target, _POINTS), self.rope)
         if seconds > 0:
             self._velocities = (shape - self.points) / seconds
         self.points = shape
@@ -335,7 +320,7 @@ class CpdTracker:
         return RopeEstimate(shape.copy(), visible, state_or_none(shape), (), fraction, True, ())
 
 
-def drift(start: Floats, cloud: Floats, rope: RopeConfig, config: CpdConfig) -> Floats:
+def drift(start: Floats, cloud: Floats, rope: RopeConfig) -> Floats:
     """The rope near `start` (V, 3) that points (N, 3) belong to, metres.
 
     Moves are G W with the kernel G; W solves (P1 G + lambda sigma^2) W = P X - P1 Y0 (Myronenko and
@@ -345,20 +330,20 @@ def drift(start: Floats, cloud: Floats, rope: RopeConfig, config: CpdConfig) -> 
         return start
     count = len(start)
     along = np.arange(count) * rope.link_length
-    kernel = np.exp(-((along[:, None] - along) ** 2) / (2 * config.coherence**2))  # (V, V)
+    kernel = np.exp(-((along[:, None] - along) ** 2) / (2 * _COHERENCE**2))  # (V, V)
     near = np.sqrt(_squares(start, cloud).min(axis=1))
-    likely = np.exp(-((near / config.visible) ** 2))
+    likely = np.exp(-((near / _SEEN) ** 2))
     likely /= likely.sum()
-    shape, variance = start, config.deviation**2
-    box = float(np.prod(np.ptp(cloud, axis=0) + config.deviation))
-    for _ in range(config.iterations):
+    shape, variance = start, _DEVIATION**2
+    box = float(np.prod(np.ptp(cloud, axis=0) + _DEVIATION))
+    for _ in range(_ITERATIONS):
         square = _squares(shape, cloud)
         density = np.exp(-square / (2 * variance)) / (2 * np.pi * variance) ** 1.5
-        joint = (1 - config.outliers) * likely[:, None] * density
-        share = joint / (joint.sum(axis=0) + config.outliers / box)  # (V, N)
+        joint = (1 - _OUTLIERS) * likely[:, None] * density
+        share = joint / (joint.sum(axis=0) + _OUTLIERS / box)  # (V, N)
         mass = share.sum(axis=1)
         pull = share @ cloud - mass[:, None] * start
-        stiff = config.stiffness * variance * np.eye(count)
+        stiff = _STIFFNESS * variance * np.eye(count)
         shape = start + kernel @ np.linalg.solve(mass[:, None] * kernel + stiff, pull)
         left = (share * _squares(shape, cloud)).sum() / (3 * max(mass.sum(), 1e-9))
         variance = max(float(left), (0.25 * rope.radius) ** 2)

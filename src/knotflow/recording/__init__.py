@@ -7,5 +7,5 @@ is, and one ``knotflow.Rollout`` message a rollout with its action, spline and o
 from __future__ import annotations
 
 from .reader import DamagedRecordingError, NotARecordingError, load, read_metadata, read_recording
-from .rollout import OUTCOMES, Outcome, RecordedRollout, RolloutImages, recorded
+from .rollout import Outcome, RecordedRollout, RolloutImages, recorded
 from .writer import write_recording

@@ -4,12 +4,6 @@ from .random import RandomSampler
 from .sampler import Sampler, SamplerConfig, build_sampler, sampler
 
 __all__ = [
-    "AimedSampler",
-    "IcpConfig",
-    "IcpSampler",
-    "RandomSampler",
-    "Sampler",
-    "SamplerConfig",
-    "build_sampler",
-    "sampler",
-]
+    "AimedSampler", "IcpConfig", "IcpSampler", "RandomSampler", "Sampler", "SamplerConfig",
+    "build_sampler", "sampler",
+]  # fmt: skip

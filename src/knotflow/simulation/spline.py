@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from knotflow.arrays import floats
+from knotflow.topology.polyline import arc_lengths
 
 Floats = NDArray[np.float64]
 
@@ -113,7 +114,7 @@ def polyline(controls: ArrayLike) -> Floats:
     """Paths (..., SAMPLES, 3), metres, of splines with control points (..., 3, 3)."""
     controls = np.asarray(controls, float)
     plane = spline_basis(np.linspace(0, 1, SAMPLES)) @ controls[..., :2]
-    along = _arc_lengths(plane)
+    along = arc_lengths(plane)
     first, height, last = (controls[..., i, 2, None] for i in range(3))
     left = along[..., -1:] - along
     rising = np.minimum(first + along, last + left)
@@ -136,12 +137,6 @@ def spline_path(controls: ArrayLike, shares: ArrayLike) -> Floats:
 
 def along_path(path: Floats, shares: Floats) -> Floats:
     """Positions (N, 3) at shares (N,) of the length of a polyline (P, 3), 0 to 1."""
-    reached = _arc_lengths(path)
+    reached = arc_lengths(path)
     reached /= np.maximum(reached[-1:], 1e-12)
     return np.stack([np.interp(shares, reached, column) for column in path.T], axis=-1)
-
-
-def _arc_lengths(path: Floats) -> Floats:
-    """Lengths (..., P) of polylines (..., P, 2 or 3) up to each of their points."""
-    steps = np.linalg.norm(np.diff(path, axis=-2), axis=-1)
-    return np.concatenate([np.zeros_like(steps[..., :1]), np.cumsum(steps, axis=-1)], axis=-1)

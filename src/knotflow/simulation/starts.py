@@ -13,6 +13,7 @@ from knotflow.simulation.rope import Floats, RopeConfig
 from knotflow.simulation.simulator import RopeSimulator
 from knotflow.simulation.spline import SPLINE_HIGH, SPLINE_LOW
 from knotflow.topology import Action, TopologicalState, segment_lengths
+from knotflow.topology.polyline import arc_lengths
 
 Propose = Callable[[Floats, Action, int, np.random.Generator], Floats]
 """Splines (count, 6) for a rope (V, 3) and an action: the `sample` of every sampler."""
@@ -201,7 +202,7 @@ def resample(points: ArrayLike, rope: RopeConfig) -> Floats:
         raise ValueError(f"curve points must be finite, point {bad} is not")
     # Equal chords, not equal arcs, give every link its length.
     for _ in range(50):
-        along = np.r_[0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+        along = arc_lengths(points)
         if along[-1] == 0:
             raise ValueError("a curve needs a length, but all its points are the same")
         at = np.linspace(0, along[-1], rope.num_vertices)

@@ -16,7 +16,7 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from knotflow.topology.curve import project
 from knotflow.topology.embedding import Mesh, build_mesh, graph_laplacian, tutte
-from knotflow.topology.polyline import DegenerateCurveError, Floats, planar_crossings
+from knotflow.topology.polyline import DegenerateCurveError, Floats, arc_lengths, planar_crossings
 from knotflow.topology.state import TopologicalState
 
 ROPE_GAP = 0.016
@@ -77,7 +77,7 @@ def _spline(nodes: Floats, samples: int) -> Floats:
 def _lift(state: TopologicalState, xy: Floats, gap: float) -> Floats:
     """Give a flat drawing its heights, smoothly from one passage of a crossing to the next."""
     at_crossings = np.sort(planar_crossings(xy).passed)
-    reached = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1))))
+    reached = arc_lengths(xy)
     over = {position for position, _, _ in state.crossings}
     levels = [gap if position in over else 0.0 for position in range(1, state.num_segments)]
     if len(at_crossings) != len(levels):

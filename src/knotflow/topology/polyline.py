@@ -21,25 +21,22 @@ class DegenerateCurveError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class PlanarCrossings:
-    """The n proper self-crossings of a polyline in the plane, of links `first` < `second`.
+    """The n proper self-crossings of a polyline in the plane, of links `first` < `second`."""
 
-    Attributes:
-        first, second: (n,) link indices; link i runs from vertex i to vertex i + 1.
-        first_along, second_along: (n,) places on these links, 0..1.
-        turn: (n,) sign of (direction of first x direction of second) . z.
-        passed: (2n,) length of the polyline up to each passage, first[0..n) then second[0..n).
-        order: (2n,) the same passages, in the order met from vertex 0.
-        degenerate: what makes these crossings unreliable; empty if nothing does.
-    """
-
-    first: Ints
+    first: Ints  # (n,) link indices; link i runs from vertex i to vertex i + 1
     second: Ints
-    first_along: Floats
+    first_along: Floats  # (n,) places on these links, 0..1
     second_along: Floats
-    turn: Floats
-    passed: Floats
-    order: Ints
-    degenerate: str
+    turn: Floats  # (n,) sign of (direction of first x direction of second) . z
+    passed: Floats  # (2n,) length of the polyline up to each passage, first[0..n), second[0..n)
+    order: Ints  # (2n,) the same passages, in the order met from vertex 0
+    degenerate: str  # what makes these crossings unreliable; empty if nothing does
+
+
+def arc_lengths(curve: Floats) -> Floats:
+    """Lengths (..., P) of polylines (..., P, D) up to each of their points."""
+    steps = np.linalg.norm(np.diff(curve, axis=-2), axis=-1)
+    return np.concatenate([np.zeros_like(steps[..., :1]), np.cumsum(steps, axis=-1)], axis=-1)
 
 
 def planar_crossings(xy: Floats) -> PlanarCrossings:

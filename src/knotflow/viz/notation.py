@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from knotflow.topology import Action, TopologicalState, parse_action, project
 from knotflow.topology.action_text import describe
 from knotflow.topology.draw import draw
+from knotflow.topology.polyline import arc_lengths
 from knotflow.viz.rope import draw_rope
 from knotflow.viz.style import INK, MUTED, PAPER, SPLINE, WIDTH, rope_colour, save_figure, styled
 
@@ -132,7 +133,7 @@ def _panel(
     canvas.text(centre, top, title, ha="center", size=10 if len(title) < 40 else 7)
 
     crossings = project(points, min_gap=0.0)
-    lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+    lengths = arc_lengths(points)
 
     def at(fraction: float) -> NDArray[np.float64]:
         along = fraction * lengths[-1]

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.topology import DegenerateCurveError, project
+from knotflow.topology.polyline import arc_lengths
 from knotflow.viz.style import PAPER, rope_colour
 
 if TYPE_CHECKING:
@@ -111,7 +112,7 @@ def _gaps(points: Floats, curve: Floats, edges: Floats, width: float) -> list[tu
         crossings = project(points, min_gap=0.0)
     except DegenerateCurveError:
         return []
-    reached = _arc_length(curve)
+    reached = arc_lengths(curve)
     passages = np.searchsorted(reached / reached[-1], crossings.fractions)
     found = []
     for over, under, _ in crossings.crossings:
@@ -181,17 +182,12 @@ def _disc(centre: Floats, radius: float, colour: str) -> Piece:
     return Piece(outline, colour, float(centre[2]))
 
 
-def _arc_length(curve: Floats) -> Floats:
-    """(N,) metres up to each point."""
-    return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))]
-
-
 def _smooth(points: Floats, width: float) -> Floats:
     """A Catmull-Rom curve (N, 3) through the vertices (V, 3), finer than the rope is wide."""
     from scipy.interpolate import CubicHermiteSpline
 
     links = len(points) - 1
-    per_link = int(np.clip(np.ceil(_FINENESS * _arc_length(points)[-1] / links / width), 2, 24))
+    per_link = int(np.clip(np.ceil(_FINENESS * arc_lengths(points)[-1] / links / width), 2, 24))
     tangents = np.gradient(points, axis=0)
     curve = CubicHermiteSpline(np.arange(links + 1), points, tangents)
     return np.asarray(curve(np.linspace(0, links, per_link * links + 1)))

@@ -8,7 +8,8 @@ import pytest
 
 from knotflow.apps.tasks import TieTask, evaluate, public_tasks
 from knotflow.apps.tasks.leaderboard import COLUMNS, known_sampler, main, page
-from knotflow.samplers.demonstrations import TASKS
+from knotflow.samplers import demonstrations
+from knotflow.samplers.demonstrations import TASKS, load_demonstrations
 from knotflow.simulation import RopeConfig, check_points, check_splines, straight
 from knotflow.topology import TopologicalState, parse_action
 
@@ -57,7 +58,9 @@ def test_episode_ends_without_splines_or_served_action():
 
 
 @pytest.mark.parametrize("name", ["random", "aimed", "icp", "primitives"])
-def test_known_samplers_propose_splines(name, rng):
+def test_known_samplers_propose_splines(name, rng, monkeypatch):
+    first = load_demonstrations()[:1]  # of R1(0,1,1); simulating copies of all takes a while
+    monkeypatch.setattr(demonstrations, "load_demonstrations", lambda: first)
     splines = known_sampler(name).sample(straight(ROPE), parse_action("R1(0,1,1)"), 2, rng)
     assert check_splines(splines).shape == (2, 6)
 

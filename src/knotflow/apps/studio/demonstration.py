@@ -21,6 +21,7 @@ from knotflow.simulation import (
     resample,
 )
 from knotflow.topology import Action, TopologicalState
+from knotflow.topology.polyline import arc_lengths
 
 CLICKS = ("grasp", "middle", "end")
 CLICK_RADIUS = 0.03  # metres from the rope's centre line within which a click grasps it
@@ -36,21 +37,14 @@ class ClickError(ValueError):
 
 @dataclass
 class Draft:
-    """A demonstration in the making: up to three clicks for an action on a rope.
+    """A demonstration in the making: up to three clicks for an action on a rope."""
 
-    Attributes:
-        points: (V, 3) the rope at rest, metres.
-        action: legal in the state.
-        height: of the middle control point, metres above the table.
-        clicks: (grasp,), (x, y), (x, y), metres.
-    """
-
-    points: NDArray[np.float64]
+    points: NDArray[np.float64]  # (V, 3) the rope at rest, metres
     state: TopologicalState
-    action: Action
+    action: Action  # legal in the state
     rope: RopeConfig
-    height: float = 0.15
-    clicks: list[tuple[float, ...]] = field(default_factory=list)
+    height: float = 0.15  # of the middle control point, metres above the table
+    clicks: list[tuple[float, ...]] = field(default_factory=list)  # (grasp,), (x, y), (x, y), m
 
     @property
     def goal(self) -> TopologicalState:
@@ -144,12 +138,11 @@ def rope_from_drawing(clicked: ArrayLike, rope: RopeConfig) -> NDArray[np.float6
         ahead, behind = corners[:-1], corners[1:]
         cut = np.stack([0.75 * ahead + 0.25 * behind, 0.25 * ahead + 0.75 * behind], axis=1)
         corners = np.concatenate([corners[:1], cut.reshape(-1, 2), corners[-1:]])
-    steps = np.linalg.norm(np.diff(corners, axis=0), axis=1)
-    drawn = float(steps.sum())
+    reached = arc_lengths(corners)
+    drawn = float(reached[-1])
     if drawn < 0.2 * rope.length:
         raise RopeInputError(f"the drawing is {drawn:.2f} m long, the rope {rope.length:g} m")
-    heights = _SLOPE * np.r_[0.0, np.cumsum(steps)]
-    curve = np.column_stack([corners, heights]) * rope.length / drawn
+    curve = np.column_stack([corners, _SLOPE * reached]) * rope.length / drawn
     curve[:, :2] -= (curve[:, :2].min(axis=0) + curve[:, :2].max(axis=0)) / 2
     points = lay_down(resample(curve, rope), rope)
     if np.abs(points[:, :2]).max() > SPLINE_HIGH[-1]:

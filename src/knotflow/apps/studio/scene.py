@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import wraps
 from threading import RLock
-from typing import TYPE_CHECKING, Concatenate, ParamSpec
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,21 +24,18 @@ _FADED = 0.75  # towards paper: the segments that an action does not name
 _POINT = 0.012  # metres, radius of a control point
 _CURVE = np.linspace(0.0, 1.0, 33)
 
-P = ParamSpec("P")
+Drawing = TypeVar("Drawing", bound=Callable[..., None])
 
 
-Drawing = Callable[Concatenate["Scene", P], None]
-
-
-def _exclusive(draw: Drawing[P]) -> Drawing[P]:
+def _exclusive(draw: Drawing) -> Drawing:
     """One drawing at a time: viser handles events on several threads."""
 
     @wraps(draw)
-    def run(scene: Scene, *args: P.args, **kwargs: P.kwargs) -> None:
+    def run(scene: Any, *args: Any) -> None:
         with scene._lock:
-            draw(scene, *args, **kwargs)
+            draw(scene, *args)
 
-    return run
+    return cast(Drawing, run)
 
 
 class Scene:

@@ -7,17 +7,6 @@ ENV_ID: str
 def register_envs() -> None: ...
 
 __all__ = [
-    "ENV_ID",
-    "Episodes",
-    "StepResult",
-    "TieEnv",
-    "TieTask",
-    "TieVectorEnv",
-    "action_code",
-    "evaluate",
-    "goal_codes",
-    "public_tasks",
-    "register_envs",
-    "to_box",
-    "to_splines",
-]
+    "ENV_ID", "Episodes", "StepResult", "TieEnv", "TieTask", "TieVectorEnv", "action_code",
+    "evaluate", "goal_codes", "public_tasks", "register_envs", "to_box", "to_splines",
+]  # fmt: skip

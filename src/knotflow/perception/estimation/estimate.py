@@ -142,12 +142,7 @@ def estimate(
     return _head_first(best, target, image, earlier)
 
 
-def propose(
-    image: RgbdImage,
-    camera: Camera,
-    rope: RopeConfig,
-    network: Network,
-) -> RopeEstimate:
+def propose(image: RgbdImage, camera: Camera, rope: RopeConfig, network: Network) -> RopeEstimate:
     """A network's likeliest guess at the rope of an image, without gradient steps and comparing of
     crossings; raises as `estimate`."""
     target = observe(image, camera, rope)
@@ -202,10 +197,7 @@ def list_ambiguities(
 
 
 def _head_first(
-    best: _Candidate,
-    target: Target,
-    image: RgbdImage,
-    earlier: NDArray | None = None,
+    best: _Candidate, target: Target, image: RgbdImage, earlier: NDArray | None = None
 ) -> RopeEstimate:
     """The estimate, its head by colour, or else as in an `earlier` shape (V, 3)."""
     head = find_head(head_contrast(best.shape, target, image), _HEAD_CONTRAST)
@@ -251,8 +243,8 @@ def _search_all(
     efforts = [one for one in (config.search, config.fallback_search) if one is not None]
     paths = _trace_paths(target, image, max(effort.paths for effort in efforts))
     proposed: list[Floats] = []
-    if config.propose and (network := network or shipped_network()) is not None:
-        proposed = network.guesses(target)
+    if config.propose:
+        proposed = (network or shipped_network()).guesses(target)
     guesses = [*paths, *proposed, *shapes]
     target = _with_radius(guesses[0], target, config)
     near = target.around(guesses)

@@ -18,7 +18,7 @@ from skimage.morphology import remove_small_objects, skeletonize
 from knotflow.perception.camera.pinhole import Camera
 from knotflow.perception.estimation.fitting import interpolate, project_lengths
 from knotflow.simulation import RopeConfig
-from knotflow.topology.polyline import DegenerateCurveError, planar_crossings
+from knotflow.topology.polyline import DegenerateCurveError, arc_lengths, planar_crossings
 
 Floats = NDArray[np.float64]
 
@@ -224,7 +224,7 @@ def _apart(one: Trace, other: Trace) -> float:
 
 
 def _length(path: NDArray) -> float:
-    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+    return float(arc_lengths(path)[-1])
 
 
 def lift(
@@ -233,7 +233,7 @@ def lift(
     """The rope (V, 3), metres, world frame, along a path in an image of depth (H, W), metres, whose
     rope is the `mask` (H, W)."""
     axis = _axis(path.pixels, mask, depth, camera, rope.radius)  # (N, 3)
-    along = _arc_length(axis[:, :2])
+    along = arc_lengths(axis[:, :2])
     even = np.linspace(0.0, along[-1], rope.num_vertices)
     width = max(1, round(2 * rope.radius / (along[-1] / len(along))))  # path steps in a width
     smooth = _running_mean(axis, width)
@@ -276,7 +276,7 @@ def _known_quantile(values: Floats, share: float) -> Floats:
 def _part_strands(shape: Floats, rope: RopeConfig) -> Floats:
     """Lay one strand of each crossing over the other: beside a crossing, the upper strand is still
     above where the lower one is back on its own height."""
-    along = _arc_length(shape[:, :2])
+    along = arc_lengths(shape[:, :2])
     lifted = shape.copy()
     for places in np.interp(passages(shape), np.arange(len(shape)), along):
         beside = [
@@ -305,11 +305,6 @@ def passages(shape: NDArray) -> Floats:
         else:
             return np.stack([met.first + met.first_along, met.second + met.second_along], axis=1)
     return np.empty((0, 2))  # it ends along a strand
-
-
-def _arc_length(curve: Floats) -> Floats:
-    """(N,) arc length of a curve (N, D)."""
-    return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1) + 1e-12)]
 
 
 def _running_mean(curve: Floats, width: int) -> Floats:

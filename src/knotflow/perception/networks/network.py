@@ -236,11 +236,6 @@ def _sizes(text: str) -> dict[str, Any]:
 
 
 @cache
-def shipped_network() -> Network | None:
-    """The network that the package ships; None where it ships none."""
-    return load_if_present(SHIPPED_NETWORK)
-
-
-def load_if_present(file: Path) -> Network | None:
-    """The network in a file, see `Network.load`; None where there is no such file."""
-    return Network.load(file) if file.is_file() else None
+def shipped_network() -> Network:
+    """The network that the package ships."""
+    return Network.load()

@@ -30,6 +30,7 @@ from knotflow.perception.networks.patches import (
     with_trail,
 )
 from knotflow.threads import one_thread
+from knotflow.topology.polyline import arc_lengths
 
 Floats = NDArray[np.float64]
 
@@ -174,9 +175,9 @@ def trace_rope(network: StrandNetwork, target: Target) -> list[Floats]:
     for path in trace_strands(network, seen, rope.length / rope.radius):
         nodes = path.points * [rope.radius / half, rope.radius / half, 1.0]
         world = patch.to_world(nodes, camera)
-        along = np.r_[0.0, np.linalg.norm(np.diff(world, axis=0), axis=1).cumsum()]
-        along /= along[-1]
-        found.append(project_lengths(interpolate(even, along, world), rope.link_length))
+        along = arc_lengths(world)
+        shape = interpolate(even, along / along[-1], world)
+        found.append(project_lengths(shape, rope.link_length))
     return found
 
 

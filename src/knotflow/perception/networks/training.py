@@ -44,18 +44,11 @@ from knotflow.threads import one_thread
 from knotflow.training.trainer import SupervisedTrainer
 
 _VALIDATION = 256  # patches that are held out, most
+# Weights of the losses: of the distance in the patch (half patches), the error in height (radii), a
+# crossing's missing gap (radii) and the predicted distance's likelihood (a Laplace distribution).
+_PLACE, _HEIGHT, _CROSSING, _SCALE = 10.0, 0.2, 1.0, 0.05
+_GAP = 1.5  # radii in height between strands at a crossing that are enough; 2 is touching
 _NEARLY = 0.3  # radians: a heading no further off is right, as strands that meet are further apart
-
-
-@dataclass
-class LossConfig:
-    """Weights of the losses."""
-
-    place: float = 10.0  # of the distance in the patch, half patches
-    height: float = 0.2  # of the error in height, radii
-    crossing: float = 1.0  # of a crossing's gap that is missing, radii
-    scale: float = 0.05  # of the predicted distance's likelihood (a Laplace distribution)
-    gap: float = 1.5  # in height between strands at a crossing, enough, radii; 2 is touching
 
 
 @dataclass
@@ -78,7 +71,6 @@ class TrainingConfig(EffortConfig):
     """How the network learns that sees a whole rope."""
 
     network: CoarseToFineConfig = field(default_factory=CoarseToFineConfig)
-    loss: LossConfig = field(default_factory=LossConfig)
 
 
 @dataclass
@@ -91,26 +83,25 @@ class StrandTrainingConfig(EffortConfig):
     learning_rate: float = 1.5e-3
 
 
-def nodes_loss(found: Sequence[Nodes], truth: Tensor, config: LossConfig | None = None) -> Tensor:
+def nodes_loss(found: Sequence[Nodes], truth: Tensor) -> Tensor:
     """Loss (N,) of the nodes of every level, coarse first, the finest of V nodes, against ropes
     (N, V, 3), from the nearer end. Heights are held to the truth at crossings above all, as a fit
     can hardly turn these round."""
-    config = config or LossConfig()
-    return torch.minimum(*(_ordered_loss(found, one, config) for one in (truth, truth.flip(1))))
+    return torch.minimum(*(_ordered_loss(found, one) for one in (truth, truth.flip(1))))
 
 
-def _ordered_loss(found: Sequence[Nodes], truth: Tensor, config: LossConfig) -> Tensor:
+def _ordered_loss(found: Sequence[Nodes], truth: Tensor) -> Tensor:
     total = truth.new_zeros(len(truth))
     for places, log_scale in found:
         error = places - resample_nodes(truth, places.shape[1])
         apart = (error[..., :2].square().sum(dim=-1) + 1e-8).sqrt()
         likelihood = apart.detach() * torch.exp(-log_scale) + log_scale
-        each = config.place * apart + config.height * error[..., 2].abs()
-        total = total + (each + config.scale * likelihood).mean(dim=1)
+        each = _PLACE * apart + _HEIGHT * error[..., 2].abs()
+        total = total + (each + _SCALE * likelihood).mean(dim=1)
     rope, over, under = find_crossings(truth)
     finest = found[-1].places
-    missing = config.gap - (heights_at(finest, rope, over) - heights_at(finest, rope, under))
-    return total.index_add(0, rope, config.crossing * missing.clamp(min=0))
+    missing = _GAP - (heights_at(finest, rope, over) - heights_at(finest, rope, under))
+    return total.index_add(0, rope, _CROSSING * missing.clamp(min=0))
 
 
 def vertex_error(places: Tensor, truth: Tensor) -> Tensor:
@@ -223,7 +214,7 @@ class CoarseToFineTrainer(RopeTrainer):
         return draw_patches(shapes, self.rope.radius, network.size, examples, generator)
 
     def loss(self, batch: Examples) -> Tensor:
-        return nodes_loss(self.model(batch.patches), batch.nodes, self.config.loss).mean()
+        return nodes_loss(self.model(batch.patches), batch.nodes).mean()
 
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
@@ -234,7 +225,7 @@ class CoarseToFineTrainer(RopeTrainer):
         error = 1e3 * half * vertex_error(found[-1].places, nodes)
         right, among = count_correct_crossings(found[-1].places, nodes)
         return {
-            "validation_loss": float(nodes_loss(found, nodes, self.config.loss).mean()),
+            "validation_loss": float(nodes_loss(found, nodes).mean()),
             "validation_error_mm": float(error.mean()),
             "validation_median_mm": float(error.median()),
             "validation_crossings": float(right.sum() / among.sum().clamp(min=1)),
@@ -280,7 +271,6 @@ class SelfSupervisionConfig:
     """Images of a step, each in one of the patch's mirror images."""
     learning_rate: float = 1e-4
     """AdamW's first one; it falls to nothing as a cosine."""
-    loss: LossConfig = field(default_factory=LossConfig)
 
 
 def self_supervise(
@@ -317,7 +307,7 @@ def self_supervise(
     for _ in range(config.steps):
         chosen = rng.integers(len(seen), size=config.batch)
         with one_thread():
-            loss = nodes_loss(model(seen[chosen]), nodes[chosen], config.loss).mean()
+            loss = nodes_loss(model(seen[chosen]), nodes[chosen]).mean()
             optimizer.zero_grad(set_to_none=True)
             loss.backward()
             torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)

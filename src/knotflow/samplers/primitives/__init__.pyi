@@ -11,22 +11,7 @@ from .library import FILE, LibraryError, PrimitiveLibrary, UnlikeRopeWarning
 from .primitive import Actor, Critic, Primitive, cross_entropy
 
 __all__ = [
-    "FILE",
-    "PRIMITIVES",
-    "SHIPPED_PRIMITIVES",
-    "UNDO",
-    "Actor",
-    "CemConfig",
-    "Critic",
-    "LibraryError",
-    "NetworkConfig",
-    "Primitive",
-    "PrimitiveConfig",
-    "PrimitiveLibrary",
-    "UnlikeRopeWarning",
-    "canonicalise",
-    "cross_entropy",
-    "encode",
-    "kinds_of",
-    "primitive_of",
-]
+    "FILE", "PRIMITIVES", "SHIPPED_PRIMITIVES", "UNDO", "Actor", "CemConfig", "Critic",
+    "LibraryError", "NetworkConfig", "Primitive", "PrimitiveConfig", "PrimitiveLibrary",
+    "UnlikeRopeWarning", "canonicalise", "cross_entropy", "encode", "kinds_of", "primitive_of",
+]  # fmt: skip
