@@ -90,8 +90,8 @@ def clustered_mean(counts: Sequence[tuple[ArrayLike, ArrayLike]]) -> Interval:
     every = [_counts(*one) for one in counts]
     estimate = np.mean([hit.sum() / tried.sum() for hit, tried in every])
     drawn = np.mean([_resampled(one, starts=number) for number, one in enumerate(every)], axis=0)
-    low, high = np.quantile(drawn, TAILS)
-    return Interval(float(estimate), float(low), float(high))
+    low, high = np.quantile(drawn, TAILS) if np.ptp(drawn) else (None, None)
+    return Interval(float(estimate), low, high)
 
 
 def clustered_ratio(

@@ -14,11 +14,10 @@ from knotflow.experiments.common import Recorder, read_by_training, train
 from knotflow.experiments.demonstrations import load_starts
 from knotflow.recording import load, read_recording
 from knotflow.samplers.causal_infogan.data import (
-    FRAME_RATE,
+    FRAMES,
     PLAN_STEPS,
     CausalInfoGanConfig,
     StartFrame,
-    frames_at,
 )
 from knotflow.samplers.causal_infogan.evaluation import (
     FOCUS,
@@ -88,8 +87,8 @@ def load_rollouts(
     If given, `most` of them, spread evenly over the files.
 
     Returns:
-        (N,) number of the demonstration, which has one start shape, and shapes (N, F, V, 3) at
-        `FRAME_RATE`, metres, world frame.
+        (N,) number of the demonstration, which has one start shape, and shapes (N, FRAMES, V, 3),
+        metres, world frame.
 
     Raises:
         ValueError: not one rollout of these actions succeeded.
@@ -110,7 +109,8 @@ def load_rollouts(
         for rollout in read_recording(str(file)):
             if rollout.number in wanted:
                 starts.append(int(rollout.extra["start"]))
-                shapes.append(rollout.points[frames_at(rollout.times, FRAME_RATE)])
+                frames = np.linspace(0, len(rollout.points) - 1, FRAMES).round().astype(int)
+                shapes.append(rollout.points[frames])
     return np.array(starts), np.stack(shapes)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from knotflow.samplers.causal_infogan.data import StartFrame, frames_at
+from knotflow.samplers.causal_infogan.data import StartFrame
 from knotflow.simulation import RopeConfig, random_curve
 
 
@@ -33,11 +33,3 @@ def test_the_start_lies_along_x_on_the_table(trajectories):
     assert np.allclose(start.mean(axis=1)[:, :2], 0)
     assert np.allclose(start[..., 2], trajectories[:, 0, :, 2])
     assert (start[:, -1, 0] > start[:, 0, 0]).all()
-
-
-def test_frames_are_taken_at_the_rate_from_the_first_on():
-    times = np.round(np.arange(0, 2.51, 0.1), 3)
-    assert frames_at(times, 5.0).tolist() == list(range(0, 26, 2))
-    assert frames_at(times, 10.0).tolist() == list(range(26))
-    with pytest.raises(ValueError, match="choose 10 or less"):
-        frames_at(times, 20.0)

@@ -13,8 +13,8 @@ from knotflow.topology.polyline import Floats
 CODE_DIM, NOISE_DIM = 7, 2
 """Dimensions of the latent code, each uniform on [-1, 1], and of the generator's further noise,
 standard normal."""
-FRAME_RATE = 5.0
-"""Frames per second of the training trajectories; a pair is two neighbouring frames."""
+FRAMES = 16
+"""Shapes of a training rollout, evenly spaced in time; a pair is two neighbouring ones."""
 PLAN_STEPS = 10
 """Steps of a plan through the latent space for each topological action."""
 
@@ -79,21 +79,3 @@ class StartFrame:
 
     def _origin(self, shapes: NDArray[np.floating[Any]]) -> Floats:
         return self.origin.reshape(len(self.origin), *([1] * (np.ndim(shapes) - 2)), 3)
-
-
-def frames_at(times: Floats, rate: float) -> NDArray[np.intp]:
-    """Indices of the frames at `rate` a second among those at `times` (T,) s, from the first on.
-
-    Raises:
-        ValueError: there are fewer frames per second than that.
-    """
-    step = 1 / rate
-    spacing = float(np.diff(times).max())
-    if spacing > step + 1e-6:
-        raise ValueError(
-            f"frame_rate {rate:g} asks for a frame every {step:g} s, but the recordings have one "
-            f"every {spacing:g} s; choose {1 / spacing:g} or less"
-        )
-    wanted = np.arange(times[0], times[-1] + 1e-6, step)
-    nearest: NDArray[np.intp] = np.abs(np.asarray(times)[None] - wanted[:, None]).argmin(axis=1)
-    return nearest
