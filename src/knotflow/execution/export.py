@@ -118,11 +118,9 @@ def _share(values: NDArray, limits: NDArray) -> float:
 class Export:
     """An exported plan."""
 
-    text: str
-    """The file's contents."""
+    text: str  # the file's contents
     trajectory: JointTrajectory
-    slowed: float
-    """Duration of the drags relative to the simulated ones, 1 or more."""
+    slowed: float  # duration of the drags relative to the simulated ones, 1 or more
 
     @property
     def reachable(self) -> bool:

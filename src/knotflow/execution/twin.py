@@ -66,18 +66,13 @@ def displace_camera(camera: Camera, errors: ErrorLevel, rng: np.random.Generator
 class TwinConfig:
     """A twin, but for what is drawn."""
 
-    level: int = 1
-    """Of perturbation, see `simulation.perturbation`."""
-    rope: RopeConfig = field(default_factory=RopeConfig)
-    """The nominal rope."""
-    timestep: float = 0.005
-    """Simulation time step, seconds: finer than the planner's."""
-    contact_time: float = 0.02
-    """Time constant of contacts and grasp, seconds."""
+    level: int = 1  # of perturbation, see `simulation.perturbation`
+    rope: RopeConfig = field(default_factory=RopeConfig)  # the nominal rope
+    timestep: float = 0.005  # simulation time step, seconds: finer than the planner's
+    contact_time: float = 0.02  # time constant of contacts and grasp, seconds
     reach: float = GRASP_REACH
     """Largest distance of the rope's centre line from the closing fingers, metres."""
-    home: tuple[float, float, float] = (0.0, 0.0, 0.3)
-    """The gripper's first position, metres."""
+    home: tuple[float, float, float] = (0.0, 0.0, 0.3)  # the gripper's first position, metres
 
 
 class Twin:

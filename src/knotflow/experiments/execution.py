@@ -56,16 +56,11 @@ ARM_COLUMNS = [
 class ExecutionCase:
     """Executions of one kind."""
 
-    controller: str
-    """One of `execution.CONTROLLERS`."""
-    level: int
-    """Of the twins' perturbation, see `simulation.perturbation`."""
-    twins: int
-    """How many; the first of a level and knot are the same for every controller."""
-    knot: str = "overhand"
-    """What is tied, by name."""
-    fault: str = ""
-    """Of robot or camera, one of `execution.FAULTS`; none where empty."""
+    controller: str  # one of `execution.CONTROLLERS`
+    level: int  # of the twins' perturbation, see `simulation.perturbation`
+    twins: int  # how many; the first of a level and knot are the same for every controller
+    knot: str = "overhand"  # what is tied, by name
+    fault: str = ""  # of robot or camera, one of `execution.FAULTS`; none where empty
 
     def __post_init__(self) -> None:
         """Refuse a controller or fault that there is none of."""

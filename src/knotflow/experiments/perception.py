@@ -256,16 +256,13 @@ class EstimationMethod:
     the true shape moved by `POOR`.
     """
 
-    tracing: bool = False
-    """Start from the paths through the mask's skeleton."""
+    tracing: bool = False  # start from the paths through the mask's skeleton
     network: str | None = SELF_SUPERVISED
     """Start from the guess of `SUPERVISED` or `SELF_SUPERVISED`."""
-    strands: bool = True
-    """Whether the network's guesses come from following strands, too."""
+    strands: bool = True  # whether the network's guesses come from following strands, too
     rendering: bool = True
     """Fit by gradient steps on the rendering; otherwise the start is the estimate."""
-    depth: bool = True
-    """Let these steps see depth."""
+    depth: bool = True  # let these steps see depth
     view: str = MARKED
     """Its image; on that of a `PLAIN` rope an earlier shape, off by `POOR`, tells the head."""
 

@@ -31,18 +31,13 @@ _ARRAYS: dict[str, tuple[Any, tuple[str | int, ...]]] = {  # dtype and shape
 class RolloutImages:
     """A camera's images of a rollout, and the rope estimated from them.
 
-    Attributes:
-        images: of every frame, each the bytes of a PNG or JPEG file.
-        points: (T, V, 3) m float32, the estimated rope, head first.
-        reference: (T, V, 3) m float32, the rope that was planned; None where there was no plan.
-
     Raises:
         ValueError: not one image for each estimate.
     """
 
-    images: tuple[bytes, ...]
-    points: NDArray[np.float32]
-    reference: NDArray[np.float32] | None = None
+    images: tuple[bytes, ...]  # of every frame, each the bytes of a PNG or JPEG file
+    points: NDArray[np.float32]  # (T, V, 3) m, the estimated rope, head first
+    reference: NDArray[np.float32] | None = None  # (T, V, 3) m, as planned, where there is a plan
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", np.asarray(self.points, np.float32))
@@ -61,39 +56,25 @@ class RecordedRollout:
 
     Lengths are metres in the world frame, z up; states and action are compact texts.
 
-    Attributes:
-        times: (T,) s float64, strictly increasing, rounded to whole nanoseconds.
-        points: (T, V, 3) m float32, rope vertices, head first.
-        gripper: (T, 3) m float32.
-        control_points: (3, 3) m float64, of the spline the gripper follows.
-        spline: (6,) float64, the action's parameters (Sec. V).
-        goal_state: state the action should lead to.
-        end_state: state reached; "" when it could not be read from the rope.
-        signature: config signature of the stage that made it.
-        source: who proposed the spline, e.g. "scripted", "random", "icp", "plan".
-        number: unique inside a stage.
-        extra: further facts, as text.
-        camera: its images, one for each of `times`.
-
     Raises:
         ValueError: a shape is wrong, or times do not increase.
     """
 
-    times: NDArray[np.float64]
-    points: NDArray[np.float32]
-    gripper: NDArray[np.float32]
-    control_points: NDArray[np.float64]
-    spline: NDArray[np.float64]
+    times: NDArray[np.float64]  # (T,) s, strictly increasing, rounded to whole nanoseconds
+    points: NDArray[np.float32]  # (T, V, 3) rope vertices, head first
+    gripper: NDArray[np.float32]  # (T, 3)
+    control_points: NDArray[np.float64]  # (3, 3) of the spline the gripper follows
+    spline: NDArray[np.float64]  # (6,) the action's parameters (Sec. V)
     action: str
     start_state: str
-    goal_state: str
-    end_state: str
+    goal_state: str  # the action should lead to
+    end_state: str  # reached; "" when it could not be read from the rope
     outcome: Outcome
-    signature: str
-    source: str
-    number: int
-    extra: Mapping[str, str] = field(default_factory=dict)
-    camera: RolloutImages | None = None
+    signature: str  # key of the stage that made it
+    source: str  # who proposed the spline, e.g. "scripted", "random", "icp", "plan"
+    number: int  # unique inside a stage
+    extra: Mapping[str, str] = field(default_factory=dict)  # further facts, as text
+    camera: RolloutImages | None = None  # an image for each of `times`
 
     def __post_init__(self) -> None:
         this = f"rollout {self.number}"

@@ -15,13 +15,7 @@ from knotflow.simulation.perturbation import (
     LEVELS,
     perturb_rope,
 )
-from knotflow.simulation.rope import (
-    RopeConfig,
-    ShapeError,
-    build_model,
-    check_points,
-    pose,
-)
+from knotflow.simulation.rope import RopeConfig, ShapeError, build_model, check_points, pose
 from knotflow.simulation.simulator import Motion, Rollouts, RopeSimulator, SimulationConfig
 from knotflow.simulation.spline import (
     SPLINE_HIGH,

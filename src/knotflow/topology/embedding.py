@@ -28,23 +28,17 @@ _LEAST_WEIGHT = 0.05  # of an edge, beside about 1.2 between equilateral triangl
 class Mesh:
     """A triangulated disc in which the rope is a path of edges.
 
-    Attributes:
-        path: ((2c + 1) * PIECES + 1,) the rope's nodes, head first. Position p of the state is at
-            path[p * PIECES]; the two positions of a crossing share their node.
-        triangles: (T, 3) nodes, counter-clockwise.
-        shapes: (T, 3, 2) the shape each triangle should have: its place in a regular polygon with
-            the walls of its face as sides of length 1.
-        weights: (T,) weight of each triangle's energy.
-        rim: (R,) the nodes of the outer boundary, counter-clockwise.
-        rim_radius: of the circle they are fixed on, in wall lengths.
+    Position p of the state is at path[p * PIECES]; the two positions of a crossing share their
+    node. A triangle should have the shape of its place in a regular polygon with the walls of its
+    face as sides of length 1.
     """
 
-    path: Ints
-    triangles: Ints
-    shapes: Floats
-    weights: Floats
-    rim: Ints
-    rim_radius: float
+    path: Ints  # ((2c + 1) * PIECES + 1,) the rope's nodes, head first
+    triangles: Ints  # (T, 3) nodes, counter-clockwise
+    shapes: Floats  # (T, 3, 2) that each triangle should have
+    weights: Floats  # (T,) of each triangle's energy
+    rim: Ints  # (R,) the nodes of the outer boundary, counter-clockwise
+    rim_radius: float  # of the circle they are fixed on, in wall lengths
 
     @property
     def num_nodes(self) -> int:

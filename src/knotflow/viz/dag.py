@@ -52,9 +52,7 @@ def draw_dag(
 
 
 def dag_figure(
-    dag: SolutionDag,
-    highlight: Sequence[Action] = (),
-    start: TopologicalState | None = None,
+    dag: SolutionDag, highlight: Sequence[Action] = (), start: TopologicalState | None = None
 ) -> Figure:
     """The figure of `draw_dag`; call it within `viz.style.styled()`."""
     layout = _layout(dag)

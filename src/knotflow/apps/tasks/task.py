@@ -112,14 +112,10 @@ def _checked(starts: NDArray[np.float64]) -> NDArray[np.float64]:
 class StepResult:
     """Outcome of one spline on each of B ropes."""
 
-    success: NDArray[np.bool_]
-    """(B,) whether the rope is in a goal state."""
-    terminated: NDArray[np.bool_]
-    """(B,) whether the episode is won or lost."""
-    truncated: NDArray[np.bool_]
-    """(B,) whether its splines are used up, neither won nor lost."""
-    diverged: NDArray[np.bool_]
-    """(B,) whether the simulation diverged."""
+    success: NDArray[np.bool_]  # (B,) whether the rope is in a goal state
+    terminated: NDArray[np.bool_]  # (B,) whether the episode is won or lost
+    truncated: NDArray[np.bool_]  # (B,) whether its splines are used up, neither won nor lost
+    diverged: NDArray[np.bool_]  # (B,) whether the simulation diverged
 
 
 class Episodes:

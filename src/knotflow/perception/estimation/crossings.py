@@ -35,12 +35,9 @@ class CrossingEvidence:
 
     fractions: tuple[float, float]
     """Where it is met first and second, 0 at the head and 1 at the tail."""
-    first_over: bool
-    """Whether the strand nearer to the head is on top."""
-    gap: float
-    """Distance in height of the strands' axes, metres."""
-    certainty: float
-    """Probability that it is this way round and not the other, 0.5..1."""
+    first_over: bool  # whether the strand nearer to the head is on top
+    gap: float  # distance in height of the strands' axes, metres
+    certainty: float  # probability that it is this way round and not the other, 0.5..1
 
     def reversed(self) -> CrossingEvidence:
         """The same crossing of a rope whose head is the tail."""

@@ -37,20 +37,14 @@ class Target:
 
     camera: Camera
     rope: RopeConfig
-    mask: Tensor
-    """(H, W) bool, pixels on the rope."""
-    known: Tensor
-    """(H, W) bool, pixels that nothing else hides: rope or table."""
-    depth: Tensor
-    """(H, W) metres along the optical axis, NaN where unknown."""
-    height: Tensor
-    """(H, W) metres above the table, NaN without depth."""
-    coverage: Tensor
-    """(H, W) share of each pixel that is rope, 0..1."""
+    mask: Tensor  # (H, W) bool, pixels on the rope
+    known: Tensor  # (H, W) bool, pixels that nothing else hides: rope or table
+    depth: Tensor  # (H, W) metres along the optical axis, NaN where unknown
+    height: Tensor  # (H, W) metres above the table, NaN without depth
+    coverage: Tensor  # (H, W) share of each pixel that is rope, 0..1
     seen_radius: float | None = None
     """Of the rope's silhouette, metres: blur, light and noise change it; None is the rope's."""
-    correlated: float = CORRELATED
-    """So many pixels of rope share their error, and count as one."""
+    correlated: float = CORRELATED  # so many pixels of rope share their error, and count as one
 
     @property
     def independent_pixels(self) -> float:

@@ -21,11 +21,5 @@ from knotflow.samplers.demonstrations.heuristic import (
     heuristic_any_action,
     heuristic_splines,
 )
-from knotflow.samplers.demonstrations.prediction import (
-    screened_arranging_splines,
-    screened_splines,
-)
-from knotflow.samplers.demonstrations.scripted import (
-    Demonstrator,
-    DemonstratorConfig,
-)
+from knotflow.samplers.demonstrations.prediction import screened_arranging_splines, screened_splines
+from knotflow.samplers.demonstrations.scripted import Demonstrator, DemonstratorConfig

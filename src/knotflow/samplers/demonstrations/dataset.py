@@ -25,10 +25,8 @@ from knotflow.topology.polyline import Floats
 class Task:
     """One topological action from one start state."""
 
-    action: Action
-    """The action to instantiate."""
-    start_actions: tuple[Action, ...]
-    """Actions that lead from the trivial state to the start state."""
+    action: Action  # the action to instantiate
+    start_actions: tuple[Action, ...]  # actions that lead from the trivial state to the start state
 
     @property
     def name(self) -> str:
@@ -111,18 +109,12 @@ class DemonstrationError(ValueError):
 class Demonstration:
     """One demonstrated spline."""
 
-    task: Task
-    """The action, and the state it starts from."""
-    points: Floats
-    """(V, 3) start shape, metres."""
-    spline: Floats
-    """(6,), see `simulation.spline`."""
-    source: str
-    """Who demonstrated it: "scripted", "human", or a study's name."""
-    who: str = ""
-    """The person, as they call themselves."""
-    when: str = ""
-    """ISO 8601, with the offset from UTC."""
+    task: Task  # the action, and the state it starts from
+    points: Floats  # (V, 3) start shape, metres
+    spline: Floats  # (6,), see `simulation.spline`
+    source: str  # who demonstrated it: "scripted", "human", or a study's name
+    who: str = ""  # the person, as they call themselves
+    when: str = ""  # ISO 8601, with the offset from UTC
 
 
 @dataclass
