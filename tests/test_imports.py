@@ -21,7 +21,7 @@ KNOWS = {
     "seeding": set(),
     "topology": {"arrays"},
     "simulation": {"topology"},
-    "samplers": {"simulation", "threads", "statistics"},
+    "samplers": {"simulation", "threads"},
     "training": {"samplers", "seeding"},
     "planning": {"samplers"},
     "recording": {"simulation"},
