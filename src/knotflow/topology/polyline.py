@@ -36,7 +36,8 @@ class PlanarCrossings:
 def arc_lengths(curve: Floats) -> Floats:
     """Lengths (..., P) of polylines (..., P, D) up to each of their points."""
     steps = np.linalg.norm(np.diff(curve, axis=-2), axis=-1)
-    return np.concatenate([np.zeros_like(steps[..., :1]), np.cumsum(steps, axis=-1)], axis=-1)
+    begin = np.zeros((*steps.shape[:-1], 1))
+    return np.concatenate([begin, np.cumsum(steps, axis=-1)], axis=-1)
 
 
 def planar_crossings(xy: Floats) -> PlanarCrossings:
