@@ -12,7 +12,7 @@ EXPERIMENT = "causal_infogan"
 GOAL = "C(0,1,1)"
 ROLES = ("given start", "projected start", "way point", "projected end", "given end")
 PLANS = ("model", "seed", "goal", "shapes", "start", "start_distance", "end_distance")
-PLANS += ("start_state", "end_state", "unevenness", "largest_stretch")
+PLANS += ("start_state", "end_state", "unevenness")
 CURVE = ("model", "seed", "step", "spread", "starts_covered", "code_used", "distance_to_data")
 CURVE += ("collapsed",)
 METHODS = ("method", "action", "training_seed", "start", "trials", "successes")
@@ -27,7 +27,7 @@ def rope(bend):
 
 def plans(distances, state="kept", seed=0, shapes="unseen"):
     return [
-        ("single", seed, GOAL, shapes, i, 0.05, distance, "kept", state, 0.4, 1e-7)
+        ("single", seed, GOAL, shapes, i, 0.05, distance, "kept", state, 0.4)
         for i, distance in enumerate(distances)
     ]
 

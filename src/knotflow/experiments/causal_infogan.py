@@ -142,9 +142,7 @@ def causal_infogan_ends(
         number = names.index(name)
         goal, rng = GOALS[number], rng_of(seed, number)
         starts = load_starts(evaluation_starts, goal.first.name)[: most[goal.name]]
-        # Numbers are unique in the stage: leave room for all guesses of the goals before.
-        each = [most[one.name] * guesses * rounds * len(one.actions) for one in GOALS]
-        recorder = Recorder(run, "aim", simulation.rope, sum(each[:number]))
+        recorder = Recorder(run, "aim", simulation.rope, number * 1_000_000)
         simulator = RopeSimulator(simulation)
 
         def propose(points: Floats, action: Action, state: TopologicalState) -> Attempts:
@@ -201,8 +199,8 @@ def causal_infogan_plans(
 ) -> None:
     """Plans of rope shapes, measured, and beside samplers evaluated on the same starts.
 
-    Makes plans.csv, panel.csv (shapes of Fig. 8), comparison.csv, training.csv, seeds.csv and
-    ends.csv; one shard a model.
+    Makes plans.csv, panel.csv (shapes of Fig. 8), comparison.csv, training.csv and seeds.csv; one
+    shard a model.
 
     `evaluations` are the methods of the comparison, by training; `training_rows` plans between
     shapes of the training data, for each model.
@@ -242,7 +240,6 @@ def causal_infogan_plans(
         "training": _of_models(models, "training"),
         "seeds": _of_models(models, "seeds"),
         "comparison": compare(plans, outcomes),
-        "ends": pd.read_csv(causal_infogan_ends / "ends.csv"),
     }
     for name, table in tables.items():
         run.save_table(f"{name}.csv", table, "%.6g")

@@ -57,7 +57,6 @@ def test_even_progress_has_no_unevenness():
     assert plan.start_distance == pytest.approx(0)
     assert plan.end_distance == pytest.approx(0.2)
     assert plan.start_state == plan.end_state == "kept"
-    assert plan.largest_stretch == pytest.approx(0, abs=1e-9)
 
 
 def test_a_jump_makes_progress_uneven():
@@ -65,14 +64,11 @@ def test_a_jump_makes_progress_uneven():
     assert plan.unevenness == pytest.approx(np.sqrt(2))
 
 
-def test_a_longer_link_and_a_crossing_are_told():
-    stretched = shifted(0.1)
-    stretched[0, 20:] += [0.0125, 0, 0]
+def test_a_crossing_is_another_topology():
     along = np.linspace(0, 1.5 * 2 * np.pi, 41)
     loop = np.stack([np.cos(along), np.sin(along), 0.02 * along], axis=1)
     loop[:, 0] += 0.05 * along
-    plan = measure(ROPE, shifted(0)[0], stretched, loop, shifted(0.1)[0])
-    assert plan.largest_stretch > 0.5 - 1e-9
+    plan = measure(ROPE, shifted(0)[0], shifted(0.1), loop, shifted(0.1)[0])
     assert (plan.start_state, plan.end_state) == ("kept", "another")
 
 

@@ -89,8 +89,6 @@ class PlanMeasures:
     unevenness: float
     """Standard deviation over mean of the steps from the projected start over all way points to
     the projected end, each the mean motion of a vertex; 0 where progress is even."""
-    largest_stretch: float
-    """Largest change of a link's length in any of these shapes, over its length when given."""
 
 
 def measure(
@@ -110,15 +108,12 @@ def measure(
 
     shapes = np.concatenate([projected_start[None], way_points, projected_end[None]])
     steps = np.linalg.norm(np.diff(shapes, axis=0), axis=-1).mean(axis=-1)
-    rest = np.linalg.norm(np.diff(start, axis=0), axis=-1)
-    lengths = np.linalg.norm(np.diff(shapes, axis=1), axis=-1)
     return PlanMeasures(
         start_distance=float(np.linalg.norm(projected_start - start, axis=-1).mean()),
         end_distance=float(np.linalg.norm(projected_end - end, axis=-1).mean()),
         start_state=outcome(projected_start, start),
         end_state=outcome(projected_end, end),
         unevenness=float(steps.std() / steps.mean()) if steps.any() else 0.0,
-        largest_stretch=float(np.abs(lengths / rest - 1).max()),
     )
 
 
