@@ -159,13 +159,10 @@ class ImageStateEstimator:
     The first image, which may show the gripper, only tells the camera's time; a later one is read.
     """
 
-    camera: Camera
-    """At its nominal pose."""
+    camera: Camera  # at its nominal pose
     rope: RopeConfig = field(default_factory=RopeConfig)
-    network: Network | None = None
-    """Proposes further first guesses; the shipped one by default."""
-    tracker: Tracker | None = None
-    """Restarted from each estimate."""
+    network: Network | None = None  # proposes further first guesses; the shipped one by default
+    tracker: Tracker | None = None  # restarted from each estimate
     _previous_time: float | None = field(default=None, init=False)
     _search_wider: bool = field(default=False, init=False)
 

@@ -45,8 +45,7 @@ class Judgement:
 
     ours: str
     verdict: Verdict
-    size: str = ""
-    """Where the direction holds and the size does not: how it differs."""
+    size: str = ""  # where the direction holds and the size does not: how it differs
 
 
 class NotMeasured(Exception):
@@ -136,11 +135,9 @@ class Text(NamedTuple):
     """The words of a section."""
 
     title: str
-    paper: str
-    """Where in the paper."""
+    paper: str  # where in the paper
     about: str
-    results: str
-    """What stands there once the experiment was run, with slots for the parts."""
+    results: str  # what stands there once the experiment was run, with slots for the parts
 
 
 @cache

@@ -181,12 +181,9 @@ def random_tangle(
 class Starts:
     """Start shapes, and how many of those reached were rejected as too tight."""
 
-    points: Floats
-    """(N, V, 3) rope vertices, metres."""
-    reached: int
-    """Ropes in the state, the tight ones included."""
-    too_tight: int
-    """Of these, ropes with a segment shorter than `StartsConfig.shortest_segment`."""
+    points: Floats  # (N, V, 3) rope vertices, metres
+    reached: int  # ropes in the state, the tight ones included
+    too_tight: int  # of these, ropes with a segment shorter than `StartsConfig.shortest_segment`
 
 
 def resample(points: ArrayLike, rope: RopeConfig) -> Floats:

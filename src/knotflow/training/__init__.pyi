@@ -11,15 +11,6 @@ from .learner import Learner
 from .self_play import SelfPlay, completed
 
 __all__ = [
-    "Imitation",
-    "ImitationConfig",
-    "JointConfig",
-    "JointFinetuning",
-    "Learner",
-    "LearnerConfig",
-    "Reinforcement",
-    "ReinforcementConfig",
-    "SelfPlay",
-    "SelfPlayConfig",
-    "completed",
-]
+    "Imitation", "ImitationConfig", "JointConfig", "JointFinetuning", "Learner", "LearnerConfig",
+    "Reinforcement", "ReinforcementConfig", "SelfPlay", "SelfPlayConfig", "completed",
+]  # fmt: skip

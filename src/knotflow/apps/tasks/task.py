@@ -35,10 +35,8 @@ ACTION_SIZE = 5  # the kind, and as many parameters as an R2 has
 class TieTask:
     """A goal, the ropes it is to be reached from, and how many splines that may take."""
 
-    goal: Goal
-    """The states that count as success, and the solution DAG that leads there."""
-    splines: int
-    """Splines in an episode, at most."""
+    goal: Goal  # the states that count as success, and the solution DAG that leads there
+    splines: int  # splines in an episode, at most
     starts: NDArray[np.float64] | None = None
     """(N, V, 3) ropes at rest, metres; None draws a random curve for every episode."""
     action: Action | None = None

@@ -121,12 +121,9 @@ class Demonstration:
 class NoiseConfig:
     """Standard deviations of the Gaussian noise added to a demonstrated spline (Sec. V-B a)."""
 
-    grasp: float = 0.02
-    """Of the grasp position, fraction of the rope's length."""
-    middle: float = 0.03
-    """Of the middle control point's x, y and z, metres."""
-    end: float = 0.03
-    """Of the end point's x and y, metres."""
+    grasp: float = 0.02  # of the grasp position, fraction of the rope's length
+    middle: float = 0.03  # of the middle control point's x, y and z, metres
+    end: float = 0.03  # of the end point's x and y, metres
 
     @property
     def scale(self) -> Floats:
