@@ -30,7 +30,7 @@ def imitated():
             demonstrations=simulated.out,
             rope=RopeConfig(),
             primitive=PrimitiveConfig(),
-            imitation=effort,
+            imitation_training=effort,
             training_seed=1,
         )
         return PrimitiveLibrary.load(trained.out / "primitives.safetensors")
