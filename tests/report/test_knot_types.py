@@ -11,7 +11,7 @@ RESULTS = Path(__file__).parents[2] / "results"
 PLANS = sorted(
     name
     for path in RESULTS.glob("*/**/plan.json")
-    if not (name := path.relative_to(RESULTS).as_posix()).startswith("stages/")
+    if not (name := path.relative_to(RESULTS).as_posix()).startswith(("stages/", "smoke/"))
 )
 TYPES = {"overhand": "3_1", "pentagram": "5_1"}
 """Of the knots that the committed plans tie, by experiment."""
