@@ -80,8 +80,18 @@ class Person:
             time.sleep(0.2)
             tab.click(force=True)
 
-    def press(self, name):
-        self.page.get_by_role("button", name=name, exact=True).click(force=True)
+    def press(self, name, done=None):
+        """Press a button; once more where `done` does not follow: a click while it is drawn is
+        lost."""
+        button = self.page.get_by_role("button", name=name, exact=True)
+        button.click(force=True)
+        pressed = time.monotonic()
+        while done is not None and not done():
+            assert time.monotonic() < self.end, f"waited in vain for {name}"
+            self.page.wait_for_timeout(100)
+            if time.monotonic() > pressed + 10:
+                button.click(force=True)
+                pressed = time.monotonic()
 
     def type(self, label, text):
         # Not by label: viser's labels of text inputs name an id that no input has.
@@ -127,8 +137,7 @@ class Person:
     def demonstrate(self, spline):
         """Three clicks for the action that is chosen, and simulate."""
         session = self.studio.state.session
-        self.press("Demonstrate")
-        self.until(lambda: session.draft is not None, "a draft")
+        self.press("Demonstrate", lambda: session.draft is not None)
         along = np.linspace(0, 1, len(session.points))
         grasp = [np.interp(spline[0], along, column) for column in session.points.T]
         radius = session.simulation.rope.radius
@@ -137,8 +146,7 @@ class Person:
             self.until(lambda count=count: len(session.draft.clicks) == count, f"click {count}")
         self.number("Height (m)", spline[3])
         self.until(lambda: abs(session.draft.height - spline[3]) < 0.003, "the height")
-        self.press("Simulate")
-        self.until(lambda: session.simulated is not None, "a simulation")
+        self.press("Simulate", lambda: session.simulated is not None)
 
     def lay(self, name):
         """Lay a rope by its name."""
@@ -146,10 +154,7 @@ class Person:
         before = session.points
         self.tab("Rope")
         self.choose("Rope", name)
-        while session.points is before:  # a click while the tab is drawn is lost
-            assert time.monotonic() < self.end, f"{name} is not laid"
-            self.press("Lay it")
-            self.page.wait_for_timeout(1000)
+        self.press("Lay it", lambda: session.points is not before)
 
     def teach(self, action):
         """Lay a start of an action and demonstrate it where the shipped demonstration of that start
@@ -255,8 +260,7 @@ def test_demonstrations_of_two_people_train_primitives(person, imitated, tmp_pat
 def test_plan_is_made_and_exported(person):
     person.tab("Plan")
     person.type("Other", "R1(0,1,1)")
-    person.press("Plan")
-    person.until(lambda: person.studio.state.session.plan is not None, "a plan")
+    person.press("Plan", lambda: person.studio.state.session.plan is not None)
     assert person.studio.state.session.plan.solved
     with person.page.expect_download() as download:
         person.press("Export plan (JSON)")
@@ -265,8 +269,7 @@ def test_plan_is_made_and_exported(person):
 
 def test_clicks_beside_the_rope_are_explained(person):
     person.tab("Teach")
-    person.press("Demonstrate")
-    person.until(lambda: person.studio.state.session.draft is not None, "a draft")
+    person.press("Demonstrate", lambda: person.studio.state.session.draft is not None)
     person.click_at((0.0, 0.3, 0.0))
     person.page.get_by_text("grasp the rope: that was").wait_for()
 
