@@ -80,6 +80,19 @@ def laid() -> type[Laid]:
 
 
 @pytest.fixture
+def whole_and_resumed(training, simulator, tmp_path):
+    """A finished `training`, and one that was saved after its first round and loaded again."""
+    whole, begun, resumed = (training(simulator) for _ in range(3))
+    list(whole)
+    next(iter(begun))
+    begun.save(tmp_path / "checkpoint")
+    resumed.load(tmp_path / "checkpoint")
+    assert len(resumed.history) == 1
+    list(resumed)
+    return whole, resumed
+
+
+@pytest.fixture
 def weights():
     """All weights of a trainer's library."""
 

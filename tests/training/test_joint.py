@@ -119,14 +119,7 @@ def test_primitives_without_actor_or_critic_are_refused(make_library, laid, vari
 
 
 @pytest.mark.slow
-def test_interrupted_training_ends_the_same(training, weights, simulator, tmp_path):
-    whole = training(simulator)
-    list(whole)
-    begun = training(simulator)
-    next(iter(begun))
-    begun.save(tmp_path / "checkpoint")
-    going_on = training(simulator)
-    going_on.load(tmp_path / "checkpoint")
-    list(going_on)
-    assert whole.history == going_on.history
-    torch.testing.assert_close(weights(going_on), weights(whole), atol=0, rtol=0)
+def test_interrupted_training_ends_the_same(whole_and_resumed, weights):
+    whole, resumed = whole_and_resumed
+    assert whole.history == resumed.history
+    torch.testing.assert_close(weights(resumed), weights(whole), atol=0, rtol=0)

@@ -66,18 +66,10 @@ def test_shapes_are_remembered_in_the_states_they_read_as(training, simulator):
 
 
 @pytest.mark.slow
-def test_interrupted_training_ends_the_same(training, weights, simulator, tmp_path):
-    whole = training(simulator)
-    list(whole)
-    begun = training(simulator)
-    next(iter(begun))
-    begun.save(tmp_path / "checkpoint")
-    going_on = training(simulator)
-    going_on.load(tmp_path / "checkpoint")
-    assert len(going_on.history) == 1
-    list(going_on)
-    torch.testing.assert_close(weights(going_on), weights(whole), atol=0, rtol=0)
-    assert going_on.curriculum.stats == whole.curriculum.stats
+def test_interrupted_training_ends_the_same(whole_and_resumed, weights):
+    whole, resumed = whole_and_resumed
+    torch.testing.assert_close(weights(resumed), weights(whole), atol=0, rtol=0)
+    assert resumed.curriculum.stats == whole.curriculum.stats
 
 
 def test_what_independent_training_collected_is_remembered(training, laid):

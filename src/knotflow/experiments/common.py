@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,9 @@ from knotflow.samplers import Sampler, SamplerConfig, build_sampler
 from knotflow.simulation import Attempts, RopeConfig
 from knotflow.training.trainer import Trainer, run_training
 from knotflow.workflow import StageRun
+
+SEED = "training_seed"
+"""The axis of workflows, and column of tables, of repeated trainings."""
 
 
 def sampler_of(config: SamplerConfig, **inputs: Path | None) -> Sampler:
@@ -73,21 +76,22 @@ class Recorder:
             self._number += len(attempts)
 
 
-def read_by_training(folders: Mapping[str, Path], name: str) -> pd.DataFrame:
-    """A table in each of several folders called like "imitation.10", method and training seed.
+def distinct(folders: Mapping[str, Path], columns: Sequence[str]) -> dict[Path, dict[str, str]]:
+    """Each of several folders once, and its name, such as "imitation.10", in parts by column.
 
-    What needs no training has one folder under the names of all seeds: it is read once, and its
-    training_seed is empty.
+    What needs no training has one folder under the names of all seeds: its `SEED` is empty.
     """
-    names: dict[Path, list[str]] = {}
-    for one, folder in folders.items():
-        names.setdefault(folder, []).append(one)
-    tables = []
-    for folder, own in names.items():
-        method, _, seed = own[0].partition(".")
-        head = {"method": method, "training_seed": seed if len(own) == 1 else ""}
-        tables.append(pd.read_csv(folder / name).assign(**head))
-    return pd.concat(tables)
+    found: dict[Path, dict[str, str]] = {}
+    for name, folder in folders.items():
+        parts = dict(zip(columns, name.split("."), strict=True)) if columns else {}
+        found[folder] = parts | {SEED: ""} if folder in found else parts
+    return found
+
+
+def read_by_training(folders: Mapping[str, Path], name: str) -> pd.DataFrame:
+    """A table in each of several folders, named by method and training seed, see `distinct`."""
+    parts = distinct(folders, ["method", SEED])
+    return pd.concat(pd.read_csv(folder / name).assign(**head) for folder, head in parts.items())
 
 
 def point_rows(points: NDArray[np.float64], **facts: object) -> pd.DataFrame:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knotflow.experiments.common import Recorder, sampler_of
+from knotflow.experiments.common import SEED, Recorder, distinct, sampler_of
 from knotflow.planning import (
     ROPE_NAMES,
     Goal,
@@ -46,7 +46,6 @@ from knotflow.viz.plan_folder import write_plan_folder
 from knotflow.workflow import StageRun, stage
 
 TANGLED = "tangled"
-SEED = "training_seed"
 START_FILE = "start.npy"
 """A rope (V, 3) in the output of a stage that makes a start shape."""
 FIRST_PULL = 1_000_000
@@ -220,7 +219,7 @@ def branches(run: StageRun, *, searches: Mapping[str, Path], columns: list[str])
     action, and how many succeeded, of all trainings and seeds together.
     """
     found, spent = [], []
-    for folder, names in _distinct(searches, columns).items():
+    for folder, names in distinct(searches, columns).items():
         table = read_searches(folder)
         spent.append(_tried(folder, table).assign(**names))
         table = table.drop(columns="plan").assign(**names)
@@ -233,15 +232,6 @@ def branches(run: StageRun, *, searches: Mapping[str, Path], columns: list[str])
     total = pd.concat(spent).groupby(keys, sort=False, as_index=False)[["simulated", "successes"]]
     total = total.sum().sort_values("simulated", ascending=False, kind="stable")
     run.save_table("tried.csv", total.sort_values(others, kind="stable") if others else total)
-
-
-def _distinct(searches: Mapping[str, Path], columns: Sequence[str]) -> dict[Path, dict[str, str]]:
-    """Each folder once, and its part of the name for each of the columns."""
-    found: dict[Path, dict[str, str]] = {}
-    for name, folder in searches.items():
-        parts = dict(zip(columns, name.split("."), strict=True)) if columns else {}
-        found[folder] = parts | {SEED: ""} if folder in found else parts
-    return found
 
 
 def _tried(folder: Path, searches: pd.DataFrame) -> pd.DataFrame:

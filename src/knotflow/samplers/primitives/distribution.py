@@ -98,10 +98,11 @@ class NodeGaussian:
 
     def draw(self, noise: Tensor) -> Tensor:
         below = torch.special.ndtr(noise[..., 0]).clamp(0, 1 - 1e-6)
-        reached = self.log_share.exp().cumsum(-1).contiguous()
+        shares = self.log_share.exp()
+        reached = shares.cumsum(-1).contiguous()
         node = torch.searchsorted(reached, below * reached[:, -1:], right=True)
         node = node.clamp(max=NODES - 1)  # (S, n)
-        share = self.log_share.exp().gather(1, node)
+        share = shares.gather(1, node)
         within = (below * reached[:, -1:] - (reached.gather(1, node) - share)) / share
         low, width = _cells(node)
         position = low + within.clamp(0, 1) * width
