@@ -43,9 +43,9 @@ class LearnerConfig:
     """Trials of each of these ropes in a batch."""
     demonstration_share: float = 0.25
     """Weight of the demonstrations in a batch that has both."""
-    random_share: float = 0.0
+    random_share: float = 0.5
     """Weight, in what the critic learns from, of uniformly random splines taken to fail, one
-    beside each trial; 0.5 in the authors' code."""
+    beside each trial."""
     augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
     """Deformed copies of the trials in a batch."""
 
@@ -86,12 +86,12 @@ class ImitationConfig:
 class ReinforcementConfig:
     """How long a primitive is reinforced, and how."""
 
-    learner: LearnerConfig = field(default_factory=LearnerConfig)
+    learner: LearnerConfig = field(default_factory=lambda: LearnerConfig(demonstration_trials=8))
     """Optimiser and batches."""
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     """How the behaviour policy differs from the policy."""
-    rounds: int = 24
-    """Rounds of attempts and gradient steps."""
+    rounds: list[int] = field(default_factory=lambda: [10, 10, 20, 60])
+    """Rounds of attempts and gradient steps of primitives 1 to 4: the last has the hardest tasks."""
     ropes: int = 48
     """Start shapes of each task in a round."""
     splines: int = 2

@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from knotflow.samplers.demonstrations import Task
+from knotflow.samplers.primitives.canonical import primitive_of
 from knotflow.samplers.primitives.config import PrimitiveConfig
 from knotflow.samplers.primitives.encoding import encode
 from knotflow.samplers.primitives.primitive import Primitive
@@ -106,15 +107,18 @@ class Reinforcement(Trainer):
         Raises:
             ValueError: there is no task, or a pool is empty.
         """
-        super().__init__(config.rounds)
         if not pools:
             raise ValueError("reinforcement needs a pool of start shapes for at least one task")
         if empty := [str(task.action) for task, pool in pools.items() if not len(pool)]:
             raise ValueError(f"the pool of start shapes for {empty[0]} is empty")
+        task = next(iter(pools))
+        super().__init__(
+            config.rounds[primitive_of(task.action, task.start_state.num_segments) - 1]
+        )
         self.primitive, self.simulator, self.config = primitive, simulator, config
         self.learner = Learner(primitive, config.learner, seed)
         generator = self.learner.generator
-        capacity = config.rounds * config.ropes * len(pools)
+        capacity = self.rounds * config.ropes * len(pools)
         self.rollouts = self.learner.rollouts = TrialBuffer(capacity, config.splines, generator)
         if trials:
             self.learner.demonstrations = demonstration_buffer(trials, generator)
@@ -130,14 +134,14 @@ class Reinforcement(Trainer):
     def step(self) -> Metrics:
         done, config = len(self.history) + 1, self.config
         metrics = self._attempt() | self.learner.fit(config.steps)
-        if is_reset_round(done, config.critic_reset_every, config.rounds):
+        if is_reset_round(done, config.critic_reset_every, self.rounds):
             self.learner.fit(config.critic_reset_steps, reset=True)
         return metrics
 
     def _attempt(self) -> Metrics:
         """Try splines on start shapes of every task, and put them into the replay buffer."""
         config = self.config
-        progress = len(self.history) / max(1, config.rounds - 1)
+        progress = len(self.history) / max(1, self.rounds - 1)
         proposed = []
         for task in self._tasks:
             ropes = self._initial[task.start_state].draw(config.ropes, self._rng)

@@ -61,8 +61,9 @@ class CemConfig:
     valued: int = 64
     """The same where the spline does not matter, but the value of the rope that the best one gives:
     four times as many make it hardly larger."""
-    elites: int = 12
-    """Best splines of a population, which the next one is fitted to."""
+    elites: int = 128
+    """Best splines of a population, which the next one is fitted to: the better half, for critics
+    tell bad splines from good ones, but hardly good ones from each other."""
     full_covariance: bool = False
     """Whether the next one has the elites' covariance, or its diagonal."""
     returns: str = "mean"
