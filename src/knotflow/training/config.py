@@ -91,7 +91,7 @@ class ReinforcementConfig:
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     """How the behaviour policy differs from the policy."""
     rounds: list[int] = field(default_factory=lambda: [10, 10, 20, 60])
-    """Rounds of attempts and gradient steps of primitives 1 to 4: the last has the hardest tasks."""
+    """Rounds of attempts and gradient steps of primitives 1 to 4; the last has hard tasks."""
     ropes: int = 48
     """Start shapes of each task in a round."""
     splines: int = 2

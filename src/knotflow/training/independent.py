@@ -112,9 +112,8 @@ class Reinforcement(Trainer):
         if empty := [str(task.action) for task, pool in pools.items() if not len(pool)]:
             raise ValueError(f"the pool of start shapes for {empty[0]} is empty")
         task = next(iter(pools))
-        super().__init__(
-            config.rounds[primitive_of(task.action, task.start_state.num_segments) - 1]
-        )
+        number = primitive_of(task.action, task.start_state.num_segments)
+        super().__init__(config.rounds[number - 1])
         self.primitive, self.simulator, self.config = primitive, simulator, config
         self.learner = Learner(primitive, config.learner, seed)
         generator = self.learner.generator
