@@ -32,7 +32,7 @@ from PIL import Image
 
 import knotflow
 from knotflow.apps.tasks import TieTask
-from knotflow.perception import SAMPLE, Camera, RgbdImage, segment
+from knotflow.perception import SAMPLE, Calibration, Camera, RgbdImage, segment
 from knotflow.planning import parse_goal, parse_rope
 from knotflow.recording import RecordedRollout, read_recording, write_recording
 from knotflow.samplers.demonstrations import SHIPPED, load_demonstrations
@@ -483,7 +483,7 @@ def test_cameras(data):
     with answered() as folder:
         path = folder / "camera.yaml"
         path.write_bytes(data.draw(mutated(CAMERA) | st.binary(max_size=40)))
-        Camera.load(path)
+        Calibration.load(path).camera()
     names = [field.name for field in fields(Camera)]
     values = {name: getattr(PINHOLE, name) for name in names}
     changes = data.draw(st.dictionaries(st.sampled_from(names), junk | anything, max_size=2))

@@ -9,6 +9,7 @@ from PIL import Image
 from knotflow.perception import (
     SAMPLE,
     Appearance,
+    Calibration,
     Camera,
     CameraNoiseConfig,
     ImageError,
@@ -37,13 +38,14 @@ def test_write_read_round_trip(image, tmp_path):
         assert np.isnan(again.depth[3, 4]) and again.depth.dtype == np.float32
 
 
-def test_integer_depth_is_millimetres(image, tmp_path):
+def test_depth_in_thousands_is_millimetres(image, tmp_path):
     image.write(tmp_path / "rgb.png", tmp_path / "unused.npy")
-    raw = np.full((20, 30), 1234, np.uint16)
-    raw[0, 0] = 0
-    np.save(tmp_path / "depth.npy", raw)
-    depth = RgbdImage.read(tmp_path / "rgb.png", tmp_path / "depth.npy").depth
-    assert depth[1, 1] == pytest.approx(1.234) and np.isnan(depth[0, 0])
+    for kind in (np.uint16, np.float32):
+        raw = np.full((20, 30), 1234, kind)
+        raw[0, 0] = 0
+        np.save(tmp_path / "depth.npy", raw)
+        depth = RgbdImage.read(tmp_path / "rgb.png", tmp_path / "depth.npy").depth
+        assert depth[1, 1] == pytest.approx(1.234) and np.isnan(depth[0, 0])
 
 
 def test_image_of_wrong_camera_size_raises(image, tmp_path):
@@ -68,12 +70,12 @@ def test_image_without_depth_raises(unknown, image, tmp_path):
 def test_invalid_depth_raises(image, tmp_path):
     image.write(tmp_path / "rgb.png", tmp_path / "unused.npy")
     Image.fromarray(image.rgb[..., 0]).save(tmp_path / "eight-bit.png")
-    np.save(tmp_path / "millimetres.npy", 1000.0 * image.depth)
+    np.save(tmp_path / "quarters.npy", 4000.0 * image.depth)
     np.save(tmp_path / "cloud.npy", np.ones((20, 30, 3)))
     (tmp_path / "text.png").write_text("no image")
     for name, message in (
-        ("eight-bit.png", "16-bit whole millimetres"),
-        ("millimetres.npy", "must be in metres"),
+        ("eight-bit.png", "picture of depth in grey .8 bits."),
+        ("quarters.npy", "say the unit"),
         ("cloud.npy", r"the file has \(20, 30, 3\)"),
         ("text.png", "cannot be read as a depth image"),
         ("absent.npy", "cannot be read as a depth image"),
@@ -89,9 +91,8 @@ def test_shipped_sample_is_reproducible(tmp_path):
     camera = SimulatedCamera(Camera.overhead(), RopeConfig(radius=0.008), CameraNoiseConfig(), look)
     image = camera.capture(points, np.random.default_rng(0))
     image.write(tmp_path / "overhand.png", tmp_path / "overhand-depth.png")
-    shipped = RgbdImage.read(
-        SAMPLE / "overhand.png", SAMPLE / "overhand-depth.png", Camera.load(SAMPLE / "camera.yaml")
-    )
+    calibrated = Calibration.load(SAMPLE / "camera.yaml").camera()
+    shipped = RgbdImage.read(SAMPLE / "overhand.png", SAMPLE / "overhand-depth.png", calibrated)
     again = RgbdImage.read(tmp_path / "overhand.png", tmp_path / "overhand-depth.png")
     # Last digits differ between machines.
     assert (shipped.rgb == again.rgb).mean() > 0.99

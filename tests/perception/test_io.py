@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from knotflow.perception import SAMPLE, Camera, CameraError, ImageError, see
+from knotflow.perception import (
+    SAMPLE,
+    Calibration,
+    CameraError,
+    ImageError,
+    read_capture,
+    see,
+)
 from knotflow.perception.estimation.estimate import RopeEstimate
 from knotflow.perception.io import describe, draw_overlay, write_rope
 from knotflow.planning.ropes import read_rope
@@ -29,7 +36,7 @@ def found():
 
 @pytest.mark.slow
 def test_see_sample():
-    seen, _, _ = see(*FILES, RopeConfig(radius=0.008))
+    seen, _ = see(*FILES, RopeConfig(radius=0.008))
     truth = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
     assert seen.state == TopologicalState.from_curve(truth) and seen.head_known
     assert np.linalg.norm(seen.points - truth, axis=1).mean() < 6e-3
@@ -79,9 +86,10 @@ def test_incomplete_camera_file_raises(tmp_path):
 
 def test_camera_pose_off_the_table_raises(tmp_path):
     in_millimetres = tmp_path / "camera.yaml"
-    camera = Camera.load(FILES[2])
+    camera = Calibration.load(FILES[2]).camera()
     replace(camera, position=1e3 * camera.position).save(in_millimetres)
-    with pytest.raises(CameraError, match=r"camera\.yaml.*\+1198\.80 m above z = 0"):
+    told = r"camera\.yaml.*\+1198\.80 m above z = 0.*divided by 1000"
+    with pytest.raises(CameraError, match=told):
         see(*FILES[:2], in_millimetres)
     tilted = tmp_path / "tilted.yaml"
     turn = np.array([[1, 0, 0], [0, 0.96, -0.28], [0, 0.28, 0.96]])
@@ -91,7 +99,21 @@ def test_camera_pose_off_the_table_raises(tmp_path):
 
 
 def test_image_of_wrong_size_raises(tmp_path):
-    Image.open(FILES[0]).resize((160, 120)).save(tmp_path / "small.png")
-    np.save(tmp_path / "small.npy", np.full((120, 160), 1.2))
-    with pytest.raises(ImageError, match="160x120"):
+    Image.open(FILES[0]).resize((160, 90)).save(tmp_path / "small.png")
+    np.save(tmp_path / "small.npy", np.full((90, 160), 1.2))
+    with pytest.raises(CameraError, match="160x90"):
         see(tmp_path / "small.png", tmp_path / "small.npy", FILES[2])
+
+
+def test_depth_in_an_assumed_unit_in_which_the_rope_is_huge_raises(tmp_path):
+    without_pose = replace(Calibration.load(FILES[2]), poses=())
+    depth = np.asarray(Image.open(FILES[1]))
+    Image.fromarray((depth * 2.4).astype(np.uint16)).save(tmp_path / "depth.png")
+    with pytest.raises(ImageError, match="--depth-unit 0.25mm"):
+        see(FILES[0], tmp_path / "depth.png", without_pose, ROPE)
+
+
+def test_what_was_made_of_the_files_is_said(found):
+    seen = read_capture(FILES[0], FILES[1], replace(Calibration.load(FILES[2]), poses=()))
+    assert describe(found, seen).startswith("input     depth is in millimetres, the usual unit")
+    assert "m above it, and looks 0." in describe(found, seen)

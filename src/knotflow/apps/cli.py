@@ -127,6 +127,7 @@ def next_step(
     rope_unit: Unit | None = None,
     image: tuple[Path, Path] | None = None,
     camera: Path | None = None,
+    depth_unit: str | None = None,
     out: Path | None = None,
     seed: Seed = 0,
     max_seconds: Seconds = 60.0,
@@ -139,6 +140,7 @@ def next_step(
         rope_unit: As in `knotflow plan`.
         image: Colour and depth image in place of a rope: as in `knotflow see`.
         camera: Of the image: as in `knotflow see`.
+        depth_unit: Of the image: as in `knotflow see`.
         out: CSV file for the gripper's waypoints of this action alone.
         seed: Of the search.
         margin: Metres of rope that every step leaves between crossings.
@@ -150,8 +152,8 @@ def next_step(
     if image is not None and camera is not None:
         from knotflow.perception import io
 
-        seen, *_ = io.see(*image, camera)
-        print(io.describe(seen))
+        seen, capture = io.see(*image, camera, depth_unit=_depth_unit(depth_unit))
+        print(io.describe(seen, capture))
         if seen.ambiguous:
             print("the rope is ambiguous: spread its crossings apart and take another image")
             return 1
@@ -359,6 +361,7 @@ def see(
     /,
     *,
     camera: Path,
+    depth_unit: str | None = None,
     out: Path,
     picture: Path | None = None,
     length: float | None = None,
@@ -369,8 +372,9 @@ def see(
 
     Args:
         image: Colour image (PNG).
-        depth: Registered depth: 16-bit PNG in millimetres or NPY in metres.
-        camera: YAML file with intrinsics and pose; the table is at z = 0.
+        depth: Registered depth: 16-bit PNG or NPY.
+        camera: YAML or JSON, also of OpenCV, ROS, RealSense and Open3D; its pose may be left out.
+        depth_unit: mm, m or another, as in 0.25mm; by default the camera file's, or recognised.
         out: CSV file for the rope's points, head first.
         picture: Picture of the image with the estimate; next to the CSV file by default.
         length: Of the rope, metres.
@@ -385,10 +389,10 @@ def see(
     from knotflow.simulation import RopeConfig
 
     rope = RopeConfig(length=length or RopeConfig.length, radius=radius or RopeConfig.radius)
-    found, seen, pinhole = io.see(image, depth, camera, rope)
+    found, seen = io.see(image, depth, camera, rope, _depth_unit(depth_unit))
     io.write_rope(out, found.points)
-    io.draw_overlay(drawing, seen, pinhole, rope, found)
-    print(f"{io.describe(found)}\n{out}, {drawing}")
+    io.draw_overlay(drawing, seen.image, seen.camera, rope, found)
+    print(f"{io.describe(found, seen)}\n{out}, {drawing}")
     return 1 if found.ambiguous else 0
 
 
@@ -436,6 +440,17 @@ def _read_rope(rope: str, unit: Unit | None, seed: int) -> NDArray[np.float64]:
     from knotflow.simulation import RopeConfig
 
     return parse_rope(rope, RopeConfig(), rng_of(seed, 0), unit=unit)
+
+
+def _depth_unit(text: str | None) -> float | None:
+    """A unit in metres: mm, m, or a number of them."""
+    if text is None:
+        return None
+    match = re.fullmatch(r"([0-9.]*)\s*(mm|m)", text)
+    number = float(match[1] or 1) if match and match[1].count(".") < 2 and match[1] != "." else 0.0
+    if match is None or number == 0:
+        raise ValueError(f"--depth-unit {text}: a unit is mm, m or a number of them, as in 0.25mm")
+    return number * (1e-3 if match[2] == "mm" else 1.0)
 
 
 def _search(

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from knotflow.perception import SAMPLE, Camera, FitConfig, RgbdImage, fit, observe
+from knotflow.perception import SAMPLE, Calibration, FitConfig, RgbdImage, fit, observe
 from knotflow.simulation import (
     RopeConfig,
     RopeSimulator,
@@ -68,7 +68,7 @@ def gradient_steps(run: StageRun, *, rope: RopeConfig, steps: int = 80, repeat: 
 
     Makes gradient_steps.csv by the pixels along each side of one of the grid of a step.
     """
-    camera = Camera.load(SAMPLE / "camera.yaml")
+    camera = Calibration.load(SAMPLE / "camera.yaml").camera()
     image = RgbdImage.read(SAMPLE / "overhand.png", SAMPLE / "overhand-depth.png", camera)
     points = resample(np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1), rope)
     target, once = observe(image, camera, rope), FitConfig(steps=1)

@@ -1,5 +1,7 @@
 import pathlib
 
+from .camera.calibration import Calibration
+from .camera.capture import Capture, read_capture
 from .camera.image import SAMPLE, CameraNoiseConfig, ImageError, Label, RgbdImage, add_noise
 from .camera.pinhole import Camera, CameraError
 from .camera.simulated import Appearance, SimulatedCamera
@@ -25,10 +27,11 @@ from .tracking import CpdTracker, Tracker, TrackerConfig
 SHIPPED_NETWORK: pathlib.Path
 
 __all__ = [
-    "END_AMBIGUITIES", "SAMPLE", "SHIPPED_NETWORK", "Appearance", "Camera", "CameraError",
-    "CameraNoiseConfig", "CoarseToFineTrainer", "CpdTracker", "EstimateConfig", "FitConfig",
-    "ImageError", "Label", "Network", "RgbdImage", "RopeEstimate", "SearchConfig",
-    "SelfSupervisionConfig", "SimulatedCamera", "StrandTrainer", "StrandTrainingConfig",
+    "END_AMBIGUITIES", "SAMPLE", "SHIPPED_NETWORK", "Appearance", "Calibration", "Camera",
+    "CameraError", "CameraNoiseConfig", "Capture", "CoarseToFineTrainer", "CpdTracker",
+    "EstimateConfig", "FitConfig", "ImageError", "Label", "Network", "RgbdImage", "RopeEstimate",
+    "SearchConfig", "SelfSupervisionConfig", "SimulatedCamera", "StrandTrainer",
+    "StrandTrainingConfig",
     "TraceError", "Tracker", "TrackerConfig", "TrainingConfig", "add_noise", "estimate", "fit",
-    "observe", "see", "segment", "self_supervise", "visible_vertices",
+    "observe", "read_capture", "see", "segment", "self_supervise", "visible_vertices",
 ]  # fmt: skip

@@ -11,43 +11,42 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from knotflow.perception.camera.calibration import Calibration
+from knotflow.perception.camera.capture import Capture, read_capture
 from knotflow.perception.camera.image import ImageError, RgbdImage
-from knotflow.perception.camera.pinhole import Camera, CameraError
+from knotflow.perception.camera.pinhole import Camera
 from knotflow.perception.estimation.estimate import RopeEstimate, estimate
-from knotflow.perception.estimation.segmentation import table_error
+from knotflow.perception.estimation.segmentation import segment
 from knotflow.perception.estimation.skeleton import TraceError
 from knotflow.simulation import RopeConfig
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MAX_OFFSET, MAX_TILT = 0.05, 0.1
-"""Errors of a camera's pose that are corrected: metres in height, and radians."""
+_CLUTTER = 4.0  # times the rope's area, that stands above a table whose depth has the right unit
 
 
 def see(
-    rgb: Path, depth: Path, camera: Path, rope: RopeConfig | None = None
-) -> tuple[RopeEstimate, RgbdImage, Camera]:
-    """The rope in the files of an image (see `RgbdImage.read`) of a camera (see `Camera.load`), and
-    what was read to find it; a terminal shows progress. Without a `rope` it is the default one.
+    rgb: Path,
+    depth: Path,
+    camera: Path | Calibration,
+    rope: RopeConfig | None = None,
+    depth_unit: float | None = None,
+) -> tuple[RopeEstimate, Capture]:
+    """The rope in the files of an image, and what was read to find it, see `read_capture`; a
+    terminal shows progress. Without a `rope` it is the default one.
 
     Raises:
         CameraError: a camera file that cannot be used, or whose pose is far off the table.
         ImageError: files that make no image of that camera, or in which no rope is seen.
     """
     rope = rope or RopeConfig()
-    pinhole = Camera.load(camera)
-    image = RgbdImage.read(rgb, depth, pinhole)
-    off, tilt = table_error(image, pinhole)
-    if abs(off) > MAX_OFFSET or tilt > MAX_TILT:
-        raise CameraError(
-            f"{camera}: with this pose most of {depth} lies {off:+.2f} m above z = 0, tilted by "
-            f"{np.rad2deg(tilt):.0f} degrees, but most of an image is the table, at z = 0; "
-            "position is in metres"
-        )
+    seen = read_capture(rgb, depth, camera, depth_unit)
+    if seen.unit_assumed:
+        _check_unit(seen, rope, depth)
     try:
         with tqdm(desc="looking", unit=" shapes", leave=False, disable=None) as bar:
-            return estimate(image, pinhole, rope, progress=bar.update), image, pinhole
+            return estimate(seen.image, seen.camera, rope, progress=bar.update), seen
     except TraceError as error:
         raise ImageError(
             f"{rgb}, {depth}: no rope of radius {1e3 * rope.radius:g} mm is seen above the table: "
@@ -55,10 +54,27 @@ def see(
         ) from error
 
 
-def describe(found: RopeEstimate) -> str:
-    """State, crossings with their certainty, and ambiguities, in lines."""
+def _check_unit(seen: Capture, rope: RopeConfig, depth: Path) -> None:
+    """Raises `ImageError` where far more than a rope stands above the table, as in a wrong unit."""
+    mask = segment(seen.image, seen.camera, rope.radius).rope
+    away = seen.image.depth[mask]
+    area = float(np.nansum(away**2)) / (seen.camera.fx * seen.camera.fy)
+    share = area / (2 * rope.radius * rope.length)
+    if share > _CLUTTER:
+        raise ImageError(
+            f"{depth}: what is seen above the table is {share:.0f} times as large as a rope of "
+            f"{rope.length:g} m by {2e3 * rope.radius:g} mm: is it another rope (--length, "
+            "--radius), or depth in another unit (--depth-unit 0.25mm)? --depth-unit mm (or m) "
+            "if neither"
+        )
+
+
+def describe(found: RopeEstimate, seen: Capture | None = None) -> str:
+    """What was made of the files, state, crossings with their certainty, and ambiguities, in
+    lines."""
     state = "unknown" if found.state is None else str(found.state)
-    lines = [f"state     {state}" + (" (in doubt)" if found.ambiguous and found.state else "")]
+    lines = [f"input     {note}" for note in (seen.notes if seen else ())]
+    lines += [f"state     {state}" + (" (in doubt)" if found.ambiguous and found.state else "")]
     for number, one in enumerate(found.crossings, 1):
         first, second = one.fractions
         lines.append(

@@ -133,21 +133,20 @@ class Session:
     def lay_image(self, files: Mapping[str, bytes]) -> tuple[str, ...]:
         """Lay the rope of an image, and return what is ambiguous in it.
 
-        `files` are the contents of `rgb` and `depth` (PNG), and of `camera` (YAML).
+        `files` are the contents of `rgb` and `depth` (PNG), and of `camera` (YAML or JSON).
 
         Raises:
             ImageError, CameraError, TraceError: see `perception.estimate`.
         """
-        from knotflow.perception import Camera, RgbdImage, estimate
+        from knotflow.perception import estimate, read_capture
 
         with tempfile.TemporaryDirectory() as folder:
             rgb, depth, pose = (Path(folder) / n for n in ("rgb.png", "depth.png", "camera.yaml"))
             for name, path in (("rgb", rgb), ("depth", depth), ("camera", pose)):
                 path.write_bytes(files[name])
-            camera = Camera.load(pose)
-            image = RgbdImage.read(rgb, depth, camera)
+            seen = read_capture(rgb, depth, pose)
         with self._busy, one_thread():
-            found = estimate(image, camera, self.simulation.rope)
+            found = estimate(seen.image, seen.camera, self.simulation.rope)
         self.lay(found.points)
         return found.all_ambiguities
 

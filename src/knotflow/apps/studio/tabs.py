@@ -23,7 +23,7 @@ from knotflow.topology.action_text import describe
 from knotflow.topology.draw import draw
 from knotflow.viz.rope import rope_image
 
-_IMAGES = {"rgb": "Colour (PNG)", "depth": "Depth (PNG)", "camera": "Camera (YAML)"}
+_IMAGES = {"rgb": "Colour (PNG)", "depth": "Depth (PNG)", "camera": "Camera (YAML, JSON)"}
 _DRAW = "Draw it with the mouse"
 _WIDTH = 0.02  # metres, of a rope of one metre: thick enough to see in a small picture
 _INSTRUCTIONS = {

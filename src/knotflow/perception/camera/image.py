@@ -15,7 +15,8 @@ from knotflow.perception.camera.pinhole import Camera
 
 SAMPLE = Path(__file__).parents[1] / "data"
 """A sample: overhand.png, overhand-depth.png, camera.yaml, and the true rope, overhand.csv."""
-_MAX_DEPTH = 20.0  # metres: a median depth beyond is in another unit
+_USUAL = {1.0: (0.1, 10.0), 1e-3: (150.0, 3000.0)}
+"""Median depths that are in a usual unit, metres, most likely; others are asked for."""
 _MAX_PIXELS = 2**25  # of an image from a file
 _PILLOW_ERRORS = (OSError, ValueError, SyntaxError, EOFError, MemoryError)
 
@@ -70,16 +71,17 @@ class RgbdImage:
     @classmethod
     def read(cls, rgb: Path | str, depth: Path | str, camera: Camera | None = None) -> RgbdImage:
         """The image of two files, of the camera's size if one is given: colour as PNG (or in
-        another format that Pillow reads), depth as PNG of 16 bits or NPY, in which whole numbers
-        are millimetres, floats metres, and 0 and what is not finite unknown.
+        another format that Pillow reads), depth in millimetres or metres as PNG of 16 bits or NPY,
+        in which 0 and what is not finite are unknown. `read_capture` reads what is less regular.
 
         Raises:
             ImageError: naming the file and what is wrong with it.
         """
-        colour = _read_pixels(Path(rgb), "colour", "RGB")
-        distances = _read_depth(Path(depth))
+        colour, distances = read_colour(Path(rgb)), read_depth(Path(depth))
+        if np.isfinite(distances).any():
+            distances *= conventional_unit(distances, depth)
         try:
-            image = cls(colour, distances)
+            image = cls(colour, distances.astype(np.float32))
             if camera is not None:
                 image.check(camera)
         except ImageError as error:
@@ -116,8 +118,13 @@ def _read_pixels(path: Path, kind: str, mode: str | None = None) -> NDArray:
         raise ImageError(f"{path}: cannot be read as a {kind} image: {error}") from error
 
 
-def _read_depth(path: Path) -> NDArray[np.float32]:
-    """The depths (H, W) of a file, metres, NaN where unknown."""
+def read_colour(path: Path) -> NDArray[np.uint8]:
+    """The colours (H, W, 3) of an image's file; raises `ImageError`."""
+    return _read_pixels(path, "colour", "RGB")
+
+
+def read_depth(path: Path) -> NDArray[np.float64]:
+    """The depths (H, W) of a file, in its unit, NaN where unknown; raises `ImageError`."""
     if path.suffix.lower() == ".npy":
         try:
             raw = read_npy(path)
@@ -125,20 +132,37 @@ def _read_depth(path: Path) -> NDArray[np.float32]:
             raise ImageError(f"{path}: cannot be read as a depth image: {error}") from error
     else:
         raw = _read_pixels(path, "depth")
-    if raw.ndim != 2 or raw.dtype.kind not in "uif" or raw.dtype == np.uint8:
+    if raw.dtype == np.uint8 and raw.ndim in (2, 3):
         raise ImageError(
-            f"{path}: depth is (H, W), 16-bit whole millimetres or float metres; the file has "
+            f"{path}: is a picture of depth in {'colours' if raw.ndim == 3 else 'grey'} (8 bits), "
+            "which tells no distances; give the depth as the camera measures it, one channel of 16 "
+            "bits or NPY (RealSense: before the colorizer; ROS: topics with encoding 16UC1 or "
+            "32FC1)"
+        )
+    if raw.ndim != 2 or raw.dtype.kind not in "uif":
+        raise ImageError(
+            f"{path}: depth is (H, W), whole numbers of 16 bits or floats; the file has "
             f"{raw.shape} {raw.dtype.name}"
         )
-    metres = raw.astype(np.float32) * (1.0 if raw.dtype.kind == "f" else 1e-3)
-    metres[~np.isfinite(metres) | (metres <= 0)] = np.nan
-    known = metres[np.isfinite(metres)]
-    if known.size and np.median(known) > _MAX_DEPTH:
-        raise ImageError(
-            f"{path}: the median depth is {np.median(known):.0f} m; depth as floats must be in "
-            "metres, in millimetres they must be whole numbers (uint16)"
-        )
-    return metres.astype(np.float32)
+    raw = raw.astype(np.float64)
+    raw[~np.isfinite(raw) | (raw <= 0)] = np.nan
+    return raw
+
+
+def conventional_unit(raw: NDArray, path: Path | str) -> float:
+    """The usual unit, metres, in which depths (H, W) are those of a table.
+
+    Raises:
+        ImageError: they may be in another one.
+    """
+    median = float(np.nanmedian(raw))
+    for unit, (low, high) in _USUAL.items():
+        if low <= median <= high:
+            return unit
+    raise ImageError(
+        f"{path}: the median depth is {median:.4g}, which is no table's in metres or millimetres: "
+        "say the unit with --depth-unit, as in 0.25mm, or as depth_scale in the camera file"
+    )
 
 
 def _size(pixels: NDArray) -> str:

@@ -155,33 +155,8 @@ class Camera:
         position, rotation = np.array([0.0, 0.0, distance]), np.diag([1.0, -1.0, -1.0])
         return cls(width, height, focal, focal, *centre, position, rotation)
 
-    @classmethod
-    def load(cls, path: Path | str) -> Camera:
-        """The camera of a YAML file that has every attribute by name.
-
-        Raises:
-            CameraError: naming the file and what is wrong with it.
-        """
-        path = Path(path)
-        try:
-            values = yaml.safe_load(path.read_text("utf-8"))
-        except (OSError, ValueError, yaml.YAMLError) as error:
-            raise CameraError(f"{path}: cannot be read as a camera's YAML file: {error}") from error
-        names = [field.name for field in fields(cls)]
-        if not isinstance(values, dict):
-            raise CameraError(f"{path}: a camera file has the values {', '.join(names)}")
-        missing = [name for name in names if values.get(name) is None]
-        unknown = [str(name) for name in values if name not in names]
-        if missing or unknown:
-            what = f"lacks {', '.join(missing)}" if missing else f"has unknown {', '.join(unknown)}"
-            raise CameraError(f"{path}: {what}; a camera has {', '.join(names)}")
-        try:
-            return cls(**values)
-        except CameraError as error:
-            raise CameraError(f"{path}: {error}") from error
-
     def save(self, path: Path | str) -> None:
-        """Write the file that `load` reads."""
+        """Write a file that `Calibration.load` reads."""
         values = {
             name: value.tolist() if isinstance(value, np.ndarray) else value
             for name, value in asdict(self).items()

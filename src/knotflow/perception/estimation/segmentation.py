@@ -11,6 +11,7 @@ from scipy import ndimage
 
 from knotflow.perception.camera.image import Label, RgbdImage
 from knotflow.perception.camera.pinhole import Camera
+from knotflow.perception.camera.table import table_near_zero
 
 _HIGH = 0.05  # metres above the table, from where something wider than a rope is the gripper
 _REACH = 0.06  # metres from the gripper's high and wide part, within which fingers are seen
@@ -52,7 +53,7 @@ def segment(image: RgbdImage, camera: Camera, radius: float) -> Segmentation:
         ImageError: for an image of another size.
     """
     image.check(camera)
-    points, plane = _table(image, camera)
+    points, plane = table_near_zero(image.depth, camera)
     height = points[..., 2]
     if plane is not None:
         height = height - (plane[0] + points[..., :2] @ plane[1:])
@@ -83,34 +84,6 @@ def segment(image: RgbdImage, camera: Camera, radius: float) -> Segmentation:
     labels[~known | (height < -_HIGH)] = Label.UNKNOWN
     _remove_specks(labels, radius / pixel, _SHORTEST / pixel)
     return Segmentation(labels, height)
-
-
-def table_error(image: RgbdImage, camera: Camera) -> tuple[float, float]:
-    """Error of the camera's pose: metres in height, at the middle of the image, and radians of tilt
-    of the plane that fills most of an image against z = 0. Zero where too little depth is known."""
-    image.check(camera)
-    points, plane = _table(image, camera)
-    if plane is None:
-        return 0.0, 0.0
-    middle = np.nanmedian(points[..., :2], axis=(0, 1))
-    return float(plane[0] + plane[1:] @ middle), float(np.arctan(np.hypot(*plane[1:])))
-
-
-def _table(image: RgbdImage, camera: Camera) -> tuple[NDArray, NDArray | None]:
-    """The points (H, W, 3) of an image, metres, and the plane z = a + b x + c y (3,) fitted to most
-    of them; None where there are too few."""
-    points = camera.points(image.depth)
-    sample = points[::4, ::4][np.isfinite(image.depth[::4, ::4])]
-    design, values = np.column_stack([np.ones(len(sample)), sample[:, :2]]), sample[:, 2]
-    if len(values) < 3:
-        return points, None
-    plane = np.array([np.median(values), 0.0, 0.0])
-    for tolerance in (0.04, 0.02, 0.01):
-        table = np.abs(values - design @ plane) < tolerance
-        if table.sum() < 3:
-            break
-        plane = np.linalg.lstsq(design[table], values[table], rcond=None)[0]
-    return points, plane
 
 
 def _height_evidence(height: NDArray[np.float32], radius: float) -> NDArray[np.float32]:

@@ -1,0 +1,97 @@
+"""The table in a depth image: near z = 0 by a camera's pose, or wherever most of the image lies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.perception.camera.calibration import Calibration
+from knotflow.perception.camera.pinhole import Camera
+
+Floats = NDArray[np.float64]
+
+_PLANES = 300  # through three points, that are tried
+_SAMPLE = 4000  # points at which they are compared
+_LARGEST, _LEAST = 0.01, 0.002  # share of its distance, by which a point of the plane is off
+_ROUNDS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """The plane of points P with `inverse` (3,) . P = 1, camera frame, in the depth's unit; a
+    `share` of the depths lies on it, 0..1, at a root mean square distance of `rms`."""
+
+    inverse: Floats
+    share: float
+    rms: float
+
+    def pose(self, calibration: Calibration) -> Floats:
+        """World from camera (4, 4), the plane at z = 0: x is the image's right, the origin what the
+        middle of the image shows, lengths in the depth's unit."""
+        assert calibration.size is not None
+        middle = (np.array(calibration.size) - 1) / 2
+        ray = np.r_[(middle - calibration.centre) / calibration.focal, 1.0]
+        up = -self.inverse / np.linalg.norm(self.inverse)
+        right = np.array([1.0, 0.0, 0.0]) - up[0] * up
+        right /= np.linalg.norm(right)
+        pose = np.eye(4)
+        pose[:3, :3] = right, np.cross(up, right), up
+        pose[:3, 3] = -pose[:3, :3] @ ray / (self.inverse @ ray)
+        return pose
+
+
+def find_plane(depth: NDArray, calibration: Calibration) -> Plane:
+    """The plane on which most of a depth image (H, W) lies, NaN where unknown: by random sample
+    consensus (Fischler and Bolles, 1981), then least squares on what is near."""
+    v, u = np.nonzero(np.isfinite(depth))
+    rng = np.random.default_rng(0)
+    chosen = rng.permutation(len(u))[: 10 * _SAMPLE]
+    pixels, z = np.column_stack([u, v])[chosen], depth[v, u][chosen].astype(np.float64)
+    points = np.column_stack([(pixels - calibration.centre) / calibration.focal, np.ones(len(z))])
+    points *= z[:, None]
+    triples = points[rng.integers(len(points), size=(_PLANES, 3))]
+    planes = np.linalg.pinv(triples).sum(axis=2)  # (M, 3)
+    near = np.abs(points[:_SAMPLE] @ planes.T - 1) < _LARGEST
+    plane, tolerance = planes[near.sum(axis=0).argmax()], _LARGEST
+    for _ in range(_ROUNDS):
+        off = np.abs(points @ plane - 1)
+        on = off < tolerance
+        if on.sum() < 3:
+            break
+        plane = np.linalg.lstsq(points[on], np.ones(on.sum()), rcond=None)[0]
+        tolerance = float(np.clip(4 * np.median(off[on]), _LEAST, _LARGEST))
+    off = (points @ plane - 1) / np.linalg.norm(plane)
+    on = np.abs(off) * np.linalg.norm(plane) < tolerance
+    return Plane(
+        plane, float(on.mean()), float(np.sqrt((off[on] ** 2).mean())) if on.any() else 0.0
+    )
+
+
+def table_near_zero(depth: NDArray, camera: Camera) -> tuple[NDArray, NDArray | None]:
+    """The points (H, W, 3) of a depth image (H, W), metres, and the plane z = a + b x + c y (3,)
+    fitted to most of them; None where there are too few."""
+    points = camera.points(depth)
+    sample = points[::4, ::4][np.isfinite(depth[::4, ::4])]
+    design, values = np.column_stack([np.ones(len(sample)), sample[:, :2]]), sample[:, 2]
+    if len(values) < 3:
+        return points, None
+    plane = np.array([np.median(values), 0.0, 0.0])
+    for tolerance in (0.04, 0.02, 0.01):
+        table = np.abs(values - design @ plane) < tolerance
+        if table.sum() < 3:
+            break
+        plane = np.linalg.lstsq(design[table], values[table], rcond=None)[0]
+    return points, plane
+
+
+def table_error(depth: NDArray, camera: Camera) -> tuple[float, float]:
+    """Error of the camera's pose: metres in height, at the middle of the image, and radians of tilt
+    of the plane that fills most of a depth image (H, W), metres, against z = 0. Zero where too
+    little depth is known."""
+    points, plane = table_near_zero(depth, camera)
+    if plane is None:
+        return 0.0, 0.0
+    middle = np.nanmedian(points[..., :2], axis=(0, 1))
+    return float(plane[0] + plane[1:] @ middle), float(np.arctan(np.hypot(*plane[1:])))
