@@ -52,7 +52,7 @@ ERROR_LEVELS = (
     ErrorLevel(GRIPPER_ERROR_STD[1], GRIPPER_ERROR_STD[1], 0.002, np.deg2rad(0.2), 1.0),
     ErrorLevel(GRIPPER_ERROR_STD[2], GRIPPER_ERROR_STD[2], 0.002, np.deg2rad(0.2), 1.0),
 )
-"""By level of `simulation.perturbation`."""
+"""By level of `simulation.worlds`."""
 
 
 def displace_camera(camera: Camera, errors: ErrorLevel, rng: np.random.Generator) -> Camera:
@@ -66,7 +66,7 @@ def displace_camera(camera: Camera, errors: ErrorLevel, rng: np.random.Generator
 class TwinConfig:
     """A twin, but for what is drawn."""
 
-    level: int = 1  # of perturbation, see `simulation.perturbation`
+    level: int = 1  # of perturbation, see `simulation.worlds`
     rope: RopeConfig = field(default_factory=RopeConfig)  # the nominal rope
     timestep: float = 0.005  # simulation time step, seconds: finer than the planner's
     contact_time: float = 0.02  # time constant of contacts and grasp, seconds

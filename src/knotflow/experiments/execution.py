@@ -57,7 +57,7 @@ class ExecutionCase:
     """Executions of one kind."""
 
     controller: str  # one of `execution.CONTROLLERS`
-    level: int  # of the twins' perturbation, see `simulation.perturbation`
+    level: int  # of the twins' perturbation, see `simulation.worlds`
     twins: int  # how many; the first of a level and knot are the same for every controller
     knot: str = "overhand"  # what is tied, by name
     fault: str = ""  # of robot or camera, one of `execution.FAULTS`; none where empty

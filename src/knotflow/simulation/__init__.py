@@ -8,13 +8,6 @@ from knotflow.simulation.attempt import (
     end_states,
     state_or_none,
 )
-from knotflow.simulation.perturbation import (
-    EXPONENTS,
-    GRASP_REACH,
-    GRIPPER_ERROR_STD,
-    LEVELS,
-    perturb_rope,
-)
 from knotflow.simulation.rope import RopeConfig, ShapeError, build_model, check_points, pose
 from knotflow.simulation.simulator import Motion, Rollouts, RopeSimulator, SimulationConfig
 from knotflow.simulation.spline import (
@@ -38,4 +31,14 @@ from knotflow.simulation.starts import (
     reach_starts,
     resample,
     straight,
+)
+from knotflow.simulation.worlds import (
+    EXPONENTS,
+    GRASP_REACH,
+    GRIPPER_ERROR_STD,
+    LEVELS,
+    World,
+    WorldsConfig,
+    draw_worlds,
+    perturb_rope,
 )

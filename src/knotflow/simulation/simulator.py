@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from knotflow.simulation.spline import (
     grasped_link,
     polyline,
 )
+from knotflow.simulation.worlds import World
 
 SLOTS = 64
 """Ropes simulated at once: enough for every thread, small enough to bound memory."""
@@ -26,6 +28,12 @@ CHECK_TIME = 0.1
 """Seconds between two looks whether a rope is at rest."""
 PER_ROPE = ("trajectory", "gripper", "frames", "release_times", "end_points", "diverged")
 """Fields of `Rollouts` with a row a rope."""
+OF_ROPE = (
+    *("body_mass", "body_inertia", "body_subtreemass", "body_invweight0", "geom_size"),
+    *("geom_friction", "geom_rbound", "geom_aabb", "bvh_aabb", "jnt_stiffness"),
+    *("dof_damping", "dof_armature", "dof_M0", "dof_invweight0", "dof_length"),
+)
+"""Fields of `MjModel` that differ from rope to rope of one length and number of links."""
 
 
 @dataclass
@@ -155,9 +163,14 @@ class RopeSimulator:
         self._segment = self._stride * frames
         self._batch = Batch(self.model, SLOTS, config.threads or _default_threads())
         self._rest_angles = self._batch.expand("qpos_spring") if config.rope.keeps_bends else None
+        self._ropes: dict[str, NDArray[Any]] = {}  # of each slot, once there are several
 
-    def execute(self, points: ArrayLike, splines: ArrayLike) -> Rollouts:
+    def execute(
+        self, points: ArrayLike, splines: ArrayLike, worlds: Sequence[World] | None = None
+    ) -> Rollouts:
         """Simulate each spline (B, 6) on its rope (B, V, 3), metres, world frame, rest to rest.
+
+        Each in its one of B `worlds`, or in the nominal one.
 
         Raises:
             ShapeError: points that are not shapes of this rope.
@@ -172,7 +185,12 @@ class RopeSimulator:
             )
         controls = control_points(points, splines, rope.radius)
         links = grasped_link(splines, rope.links)
-        moves = [Move(*one, self.config) for one in zip(points, controls, links, strict=True)]
+        if worlds is None:
+            moves = [Move(*one, self.config) for one in zip(points, controls, links, strict=True)]
+        else:
+            moves = [self._move(*one) for one in zip(points, controls, links, worlds, strict=True)]
+            if not self._ropes:
+                self._ropes = {name: self._batch.expand(name) for name in OF_ROPE}
         self._run(moves)
         frames = np.array([len(move.frames) for move in moves], dtype=np.int64)
         last = int(frames.max(initial=1))
@@ -195,6 +213,12 @@ class RopeSimulator:
             diverged=np.array([move.diverged for move in moves], dtype=bool),
         )
 
+    def _move(self, start: Floats, controls: Floats, link: int | None, world: World) -> Move:
+        config = replace(self.config, rope=world.rope, pace=self.config.pace * world.pace)
+        if any(world.grasp) or any(world.shift):
+            link, controls = world.disturb(start, controls)
+        return Move(start, controls, link, config)
+
     def _run(self, moves: Sequence[Move]) -> None:
         """Simulate moves; a slot of the batch takes the next one as soon as its rope rests."""
         import mujoco
@@ -215,6 +239,10 @@ class RopeSimulator:
                     batch.qpos[slot] = poses[index]
                     if self._rest_angles is not None:
                         self._rest_angles[slot] = poses[index]
+                    if self._ropes:
+                        model = _model_of(moves[index].config)
+                        for name, rows in self._ropes.items():
+                            rows[slot] = getattr(model, name)
             ids = sorted(slots)
             inputs = np.zeros((len(ids), self._segment, links + 3))
             for row, slot in zip(inputs, ids, strict=True):
@@ -234,9 +262,9 @@ class Move:
     """A rope on its way along a spline."""
 
     def __init__(
-        self, start: Floats, controls: Floats, link: int, config: SimulationConfig
+        self, start: Floats, controls: Floats, link: int | None, config: SimulationConfig
     ) -> None:
-        """A rope (V, 3) at rest, whose `link` follows control points (3, 3)."""
+        """A rope (V, 3) at rest, whose `link`, if any, follows control points (3, 3)."""
         self.start, self.link, self.config = start, link, config
         self.gripper = gripper_path(controls, config)
         self.frames = [start]
@@ -246,7 +274,8 @@ class Move:
     def control(self, out: Floats) -> None:
         """Write the inputs (steps, links + 3) of the next steps: grasps, then the gripper."""
         steps = np.arange(self.step, self.step + len(out))
-        out[steps < len(self.gripper), self.link] = 1.0
+        if self.link is not None:
+            out[steps < len(self.gripper), self.link] = 1.0
         out[:, -3:] = self.gripper[np.minimum(steps, len(self.gripper) - 1)]
 
     def advance(self, shapes: Floats, blown_up: bool, steps: int) -> bool:
@@ -260,6 +289,16 @@ class Move:
         still = travelled < self.config.rest_speed * steps * self.config.timestep
         settled = (self.step - len(self.gripper)) * self.config.timestep
         return settled >= self.config.settle_time or (still and settled >= CHECK_TIME)
+
+
+def _model_of(config: SimulationConfig) -> Any:
+    """The `MjModel` of a configuration, from a cache."""
+    return _cached_model(astuple(config.rope), config.timestep, config.contact_time)
+
+
+@lru_cache(512)
+def _cached_model(rope: tuple[Any, ...], timestep: float, contact_time: float) -> Any:
+    return build_model(RopeConfig(*rope), timestep, contact_time)
 
 
 def gripper_path(controls: Floats, config: SimulationConfig) -> Floats:

@@ -1,0 +1,101 @@
+"""Worlds: how far the real rope and the robot's motion may differ from the planner's model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from knotflow.simulation.rope import Floats, RopeConfig
+
+LEVELS = (0, 1, 2)
+"""0 is the planner's rope, 1 a similar one, 2 a different one."""
+
+EXPONENTS = {
+    "table_friction": 0.4,
+    "rope_friction": 0.4,
+    "joint_damping": 0.4,
+    "joint_stiffness": 0.7,
+    "density": 0.3,
+    "radius": 0.1,
+}
+"""Fields of `RopeConfig` -> a: at level n the value is multiplied by e^u, u uniform in
+[-n a, n a]."""
+
+GRIPPER_ERROR_STD = (0.0, 0.006, 0.010)
+"""Standard deviation of the gripper's position in x and y at each level, metres."""
+
+GRASP_REACH = 0.025
+"""Largest distance from the fingers to a centre line that they catch when closing, metres: half
+their opening."""
+
+
+def perturb_rope(rope: RopeConfig, level: int, rng: np.random.Generator) -> RopeConfig:
+    """A rope whose `EXPONENTS` fields are drawn log-uniformly around those of `rope`.
+
+    Raises:
+        ValueError: for an unknown level.
+    """
+    if level not in LEVELS:
+        raise ValueError(f"unknown level {level!r}; valid levels: {', '.join(map(str, LEVELS))}")
+    factors = {name: np.exp(level * a * rng.uniform(-1, 1)) for name, a in EXPONENTS.items()}
+    return replace(rope, **{name: getattr(rope, name) * f for name, f in factors.items()})
+
+
+@dataclass(frozen=True)
+class World:
+    """What a spline is executed with."""
+
+    rope: RopeConfig = field(default_factory=RopeConfig)
+    """A rope of the nominal one's length and links."""
+    pace: float = 1.0
+    """Factor on the gripper's speed."""
+    grasp: tuple[float, float] = (0.0, 0.0)
+    """Error in x and y where the fingers close, metres."""
+    shift: tuple[float, float] = (0.0, 0.0)
+    """Error in x and y of the middle and the end of the motion, metres."""
+
+    def disturb(self, points: Floats, controls: Floats) -> tuple[int | None, Floats]:
+        """The link of a rope (V, 3) that is caught, and the control points (3, 3) of its motion.
+
+        The fingers catch the nearest link within `GRASP_REACH`, or none. It keeps its distance from
+        them.
+        """
+        along = np.diff(points, axis=0)
+        fingers = controls[0] + [*self.grasp, 0.0]
+        share = ((fingers - points[:-1]) * along).sum(1) / (along**2).sum(1)
+        nearest = points[:-1] + np.clip(share, 0, 1)[:, None] * along
+        distance = np.linalg.norm(nearest - fingers, axis=1)
+        link = int(distance.argmin())
+        moved = controls.copy()
+        moved[:, :2] += (points[link] + points[link + 1])[:2] / 2 - controls[0, :2]
+        moved[1:, :2] += self.shift
+        return (link if distance[link] <= GRASP_REACH else None), moved
+
+
+@dataclass
+class WorldsConfig:
+    """What worlds are drawn from."""
+
+    level: int = 1
+    """Of the rope, see `perturb_rope`."""
+    slowest: float = 0.5
+    """Least factor on the pace; it is log-uniform up to `fastest`."""
+    fastest: float = 2.0
+    """Largest factor on the pace."""
+    error: float = 0.0
+    """Standard deviation of the gripper's errors in x and y, metres; see `GRIPPER_ERROR_STD`."""
+
+
+def draw_worlds(
+    rope: RopeConfig, count: int, rng: np.random.Generator, config: WorldsConfig | None = None
+) -> list[World]:
+    """Worlds around a nominal rope."""
+    config = config or WorldsConfig()
+    pace = np.exp(rng.uniform(np.log(config.slowest), np.log(config.fastest), count))
+    grasp = rng.normal(0.0, config.error, (count, 2))
+    shift = rng.normal(0.0, np.sqrt(2) * config.error, (count, 2))  # of the end against the grasp
+    return [
+        World(perturb_rope(rope, config.level, rng), *one)
+        for one in zip(pace.tolist(), map(tuple, grasp), map(tuple, shift), strict=True)
+    ]
