@@ -160,18 +160,17 @@ def resamples(trainings: ArrayLike, units: ArrayLike | None = None) -> Floats:
         units: (n,) labels of what all trainings share, such as start shapes, which is then drawn
             once for all (crossed). By default each training has units of its own (nested).
     """
-    rng = np.random.default_rng(SEED)
     training = np.unique(np.asarray(trainings), return_inverse=True)[1]
-    drawn = _multinomial(rng, training.max() + 1)
+    drawn = _drawn(training.max() + 1, 1)
     if units is not None:
         unit = np.unique(np.asarray(units), return_inverse=True)[1]
-        return np.asarray(drawn[:, training] * _multinomial(rng, unit.max() + 1)[:, unit], float)
+        return np.asarray(drawn[:, training] * _drawn(unit.max() + 1)[:, unit])
+    rng = np.random.default_rng(SEED)
     weights = np.empty((RESAMPLES, len(training)))
     for number in range(drawn.shape[1]):
         own = np.flatnonzero(training == number)
-        weights[:, own] = rng.multinomial(
-            len(own) * drawn[:, number], np.full(len(own), 1 / len(own))
-        )
+        times = len(own) * drawn[:, number].astype(int)
+        weights[:, own] = rng.multinomial(times, np.full(len(own), 1 / len(own)))
     return weights
 
 
@@ -251,18 +250,14 @@ def _all_alike(hit: Floats, tried: Floats) -> bool:
 def _resampled(counts: tuple[Floats, Floats], starts: int = 0, trainings: int = 1) -> Floats:
     """Rates (R,) with starts and trainings drawn anew, by generators of these numbers."""
     hit, tried = counts
-    of_start = _resamples(hit.shape[1], 3 * starts)
-    of_training = _resamples(hit.shape[0], trainings)
+    of_start, of_training = _drawn(hit.shape[1], 3 * starts), _drawn(hit.shape[0], trainings)
     hits, trials = (((of_start @ one.T) * of_training).sum(axis=1) for one in (hit, tried))
     return np.asarray(hits / trials)
 
 
 @cache
-def _resamples(n: int, number: int = 0) -> Floats:
-    """How often each of n starts or trainings is drawn in each resample (RESAMPLES, n)."""
-    drawn = _multinomial(np.random.default_rng(SEED + number), n)
-    return drawn.astype(float)  # for the products
-
-
-def _multinomial(rng: np.random.Generator, n: int) -> NDArray[np.int64]:
-    return rng.multinomial(n, np.full(n, 1 / n), size=RESAMPLES)
+def _drawn(n: int, number: int = 0) -> Floats:
+    """How often each of n starts or trainings is drawn in each resample (RESAMPLES, n), by the
+    generator of this number."""
+    rng = np.random.default_rng(SEED + number)
+    return rng.multinomial(n, np.full(n, 1 / n), size=RESAMPLES).astype(float)  # for the products
