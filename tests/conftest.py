@@ -16,13 +16,7 @@ from subprocess import CompletedProcess
 
 import numpy as np
 import pytest
-from hydra.core.singleton import Singleton
-from joblib.externals.loky import get_reusable_executor
 
-from knotflow.__main__ import main
-from knotflow.experiments.config import register
-from knotflow.planning import PlannerConfig, parse_goal, plan_knot
-from knotflow.recording import RecordedRollout
 from knotflow.simulation import (
     SPLINE_HIGH,
     SPLINE_LOW,
@@ -88,6 +82,8 @@ def simulator():
 def no_worker_outlives_the_tests():
     """loky's idle workers live on for minutes, and the interpreter may wait for them at its end."""
     yield
+    from joblib.externals.loky import get_reusable_executor
+
     get_reusable_executor(reuse=True).shutdown(wait=True, kill_workers=True)
 
 
@@ -131,6 +127,10 @@ def two_threads():
 @pytest.fixture
 def command(monkeypatch, capfd):
     """`python -m knotflow` with arguments, in this process, which has its imports behind it."""
+    from hydra.core.singleton import Singleton
+
+    from knotflow.__main__ import main
+    from knotflow.experiments.config import register
 
     def run(*arguments, results):
         hydra = Singleton.get_state()
@@ -159,6 +159,8 @@ def make_rollout():
 
 def dragged_rope(number, frames=26, vertices=41, **changes):
     """Rollout `number`: every number of it differs from that of any other."""
+    from knotflow.recording import RecordedRollout
+
     rng = np.random.default_rng(number)
     along = np.linspace(0.0, 1.0, vertices)
     rest = np.stack([along - 0.5, 0.1 * np.sin(6 * along + number), np.full(vertices, 0.008)], 1)
@@ -274,12 +276,16 @@ def shape_of():
 
 @pytest.fixture(scope="session")
 def path_goal():
+    from knotflow.planning import parse_goal
+
     return parse_goal(PATH)
 
 
 @pytest.fixture(scope="session")
 def plan(path_goal):
     """An overhand in three steps."""
+    from knotflow.planning import PlannerConfig, plan_knot
+
     world = World(chance=0.5)
     config = PlannerConfig(batch=4)
     points = straight(CONFIG.rope)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from knotflow import statistics
 from knotflow.statistics import (
     bootstrap,
     clustered_mean,
@@ -199,8 +200,9 @@ def test_resamples_draw_as_many_trainings_as_there_were(units):
     assert weights.mean(axis=0) == pytest.approx(np.ones(40), abs=0.1)
 
 
-def test_trainings_that_differ_widen_the_interval_to_cover_their_mean():
+def test_trainings_that_differ_widen_the_interval_to_cover_their_mean(monkeypatch):
     """Nested units, a truth that is known, many samples of ten trainings."""
+    monkeypatch.setattr(statistics, "RESAMPLES", 999)
     rng, covered = np.random.default_rng(11), {"hierarchical": 0, "plain": 0}
     trainings = np.repeat(np.arange(10), 8)
     for _ in range(60):

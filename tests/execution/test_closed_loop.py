@@ -65,6 +65,7 @@ def test_open_loop_follows_the_plan_without_images(plan):
     np.testing.assert_allclose(execution.gripper[-len(travel) :], travel.positions, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_nominal_twin_reaches_the_planned_state(plan):
     for source in (False, True):
         twin = twin_of(plan)

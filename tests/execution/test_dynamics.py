@@ -100,6 +100,7 @@ def test_mujoco_matches_the_simulator(nominal_motions):
     assert away[:, -1].mean() < 12.0
 
 
+@pytest.mark.slow
 def test_mujoco_predicts_from_the_middle_of_a_drag(nominal_motions):
     now, model, motions = 8, mujoco_dynamics(), nominal_motions
     points, truth = motions.points[:, now], torch.from_numpy(motions.points[:, now + 1 :])

@@ -74,6 +74,7 @@ def test_fingers_close_across_the_strand(exported, still):
         assert abs(across) > 0.99
 
 
+@pytest.mark.slow
 def test_unreachable_waypoints_are_named(still):
     far = export_plan(still, "panda", Base([-1.1, 0.0, 0.0]), rate_hz=2.0)
     missed = np.flatnonzero(~far.trajectory.ik.ok)

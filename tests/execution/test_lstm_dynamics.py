@@ -14,6 +14,7 @@ SMALL = DynamicsTrainingConfig(
 )
 
 
+@pytest.mark.slow
 def test_training_lowers_the_error(motions):
     history = list(DynamicsTrainer(motions, SMALL, seed=0))
     assert len(history) == SMALL.validations

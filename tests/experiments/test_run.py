@@ -5,6 +5,7 @@ from functools import cache
 
 import hydra
 import pytest
+import yaml
 
 from knotflow.experiments.config import HOME, experiments, register
 from knotflow.experiments.run import stale, workflow_of
@@ -13,15 +14,36 @@ from knotflow.workflow import dependencies
 EXPERIMENTS = [name for name in experiments() if name != "paper"]
 
 
-@cache
-def bound(experiment, budget="paper"):
-    return workflow_of(composed(experiment, f"budget={budget}"))
-
-
-def composed(experiment, *overrides):
+def composed(*overrides):
     register()
     with hydra.initialize_config_dir(str(HOME / "conf"), version_base="1.3"):
-        return hydra.compose("config", overrides=[f"+experiment={experiment}", *overrides])
+        return hydra.compose("config", overrides=list(overrides))
+
+
+@cache
+def all_workflows(budget):
+    """The root configuration with the workflow of every experiment, by its name."""
+    every = (f"+workflows@workflow.{name}={name}" for name in EXPERIMENTS)
+    return composed(f"budget={budget}", *every)
+
+
+@cache
+def bound(experiment, budget):
+    config = all_workflows(budget).copy()
+    config.workflow = config.workflow[experiment]
+    return workflow_of(config)
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_an_experiment_is_the_workflow_of_its_name(experiment):
+    text = (HOME / "conf" / "experiment" / f"{experiment}.yaml").read_text()
+    assert text.startswith("# @package _global_\n")
+    assert yaml.safe_load(text) == {"defaults": [{"/workflows@workflow": experiment}]}
+
+
+def test_all_workflows_are_composed_as_one_is():
+    config = composed("+experiment=goals", "budget=smoke")
+    assert workflow_of(config) == bound("goals", "smoke")
 
 
 @pytest.mark.parametrize("budget", ["paper", "smoke"])
@@ -40,25 +62,25 @@ def test_the_sweep_over_all_experiments_names_each():
 
 def test_experiments_share_what_they_train():
     keys = [
-        bound(experiment).keys
+        bound(experiment, "paper").keys
         for experiment in ("single_stage", "tree_size", "joint_finetuning", "causal_infogan")
     ]
     for shared in ("demonstrations", "imitation", "pools", "reinforcement"):
         assert len({one.get(shared) or one[f"{shared}[10]"] for one in keys}) == 1
-    ablation = bound("ablation_actor_critic").keys
+    ablation = bound("ablation_actor_critic", "paper").keys
     assert ablation["reinforcement[actor_critic.11]"] == keys[0]["reinforcement[11]"]
     assert ablation["reinforcement[actor_only.11]"] != keys[0]["reinforcement[11]"]
 
 
 def test_what_is_trained_has_a_node_for_each_seed_and_the_rest_one_folder():
-    keys = bound("single_stage").keys
+    keys = bound("single_stage", "paper").keys
     for method, count in (("random", 1), ("reinforcement_arranged", 1), ("reinforcement", 3)):
         assert len({keys[f"evaluation[{method}.{seed}]"] for seed in (10, 11, 12)}) == count
 
 
 def test_groups_and_sections_are_overridden_from_the_command_line():
     nodes = workflow_of(
-        composed("knots", "planner=paper", "rope.length=0.8", "knots.seeds=3")
+        composed("+experiment=knots", "planner=paper", "rope.length=0.8", "knots.seeds=3")
     ).nodes
     arguments = nodes["searches"].arguments
     assert (arguments["planner"].rule, arguments["seeds"]) == ("paper", 3)
@@ -66,7 +88,7 @@ def test_groups_and_sections_are_overridden_from_the_command_line():
 
 
 def test_planner_ablations_lack_one_part_each():
-    nodes = bound("goals_ablation").nodes
+    nodes = bound("goals_ablation", "paper").nodes
     complete = nodes["goals[complete]"].arguments
     lacking = {
         "without_arranging": {"arranging": 0},
@@ -79,14 +101,14 @@ def test_planner_ablations_lack_one_part_each():
 
 
 def test_tree_size_is_measured_by_the_papers_rule_one_expansion_at_a_time():
-    nodes = bound("tree_size").nodes
+    nodes = bound("tree_size", "paper").nodes
     for method in ("icp", "imitation", "reinforcement"):
         planner = nodes[f"searches[{method}.11]"].arguments["planner"]
         assert (planner.rule, planner.batch, planner.max_branches) == ("paper", 1, 2000)
 
 
 def test_searches_of_icp_are_the_same_for_every_training():
-    keys = bound("tree_size").keys
+    keys = bound("tree_size", "paper").keys
     for method, count in (("icp", 1), ("imitation", 3), ("reinforcement", 3)):
         seeds = {keys[f"searches[{method}.{seed}]"] for seed in (10, 11, 12)}
         assert len(seeds) == count
@@ -95,7 +117,7 @@ def test_searches_of_icp_are_the_same_for_every_training():
 def test_seeds_of_evaluations_are_used_for_nothing_else():
     stages = {}
     for experiment in EXPERIMENTS:
-        for node in bound(experiment).nodes.values():
+        for node in bound(experiment, "paper").nodes.values():
             if (seed := node.arguments.get("seed")) is not None:
                 stages.setdefault(seed, set()).add(node.stage.name)
     for stage in ("goals", "actions", "evaluation_starts", "closed_loop", "arm", "tracking"):
@@ -116,7 +138,7 @@ def test_an_overhand_is_planned_into_its_folder(command, tmp_path):
 @pytest.fixture
 def results(tmp_path):
     """A results folder whose benchmark is of today's code."""
-    workflow = bound("benchmark")
+    workflow = bound("benchmark", "paper")
     stages = {
         name: {"key": workflow.keys[name], **workflow.identities[name]} for name in workflow.nodes
     }

@@ -70,6 +70,7 @@ def test_likely_shape_must_explain_image(monkeypatch):
     assert asked and found.state == TopologicalState.from_curve(truth)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("first", "efforts"), [("right", 1), ("wrong", 2)])
 def test_fallback_search_runs_while_ambiguous(monkeypatch, first, efforts):
     truth, wrong = loop(1), s_curve()
@@ -88,6 +89,7 @@ def test_fallback_search_runs_while_ambiguous(monkeypatch, first, efforts):
         np.testing.assert_array_equal(tried[1][1].shapes, [wrong])  # it goes on from there
 
 
+@pytest.mark.slow
 def test_no_fallback_search_if_rope_leaves_image(monkeypatch):
     tried = []
     monkeypatch.setattr(

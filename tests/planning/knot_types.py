@@ -3,7 +3,7 @@
 import os
 
 import numpy as np
-import topoly
+import pytest
 
 from knotflow.topology.draw import draw
 
@@ -31,6 +31,7 @@ def knot_type(points):
     In Rolfsen's table, with its chirality where it has one: "0_1", "+3_1" (right-handed overhand),
     "-3_1", "4_1" (figure eight), "+5_1" (pentagram), ...
     """
+    topoly = pytest.importorskip("topoly")
     kept = os.dup(0)  # topoly closes it
     try:
         return str(

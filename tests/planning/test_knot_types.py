@@ -40,6 +40,7 @@ def test_closure_runs_above_everything():
     assert closed[len(points) : -1, 2].min() > points[:, 2].max() + 0.05
 
 
+@pytest.mark.slow
 def test_untied_states_are_unknots_even_with_an_end_inside():
     for text in ("2o1+", "1o4+3o2-", "1o3+4o2+"):
         assert expected_type(TopologicalState.parse(text)) == "0_1"
@@ -51,6 +52,7 @@ def test_tied_rope_has_type_of_its_state(plan):
     assert expected_type(plan.states[-1]) == "+3_1"
 
 
+@pytest.mark.slow
 def test_committed_plan_has_type_of_its_state():
     text = (HOME / "results" / "overhand" / "plan.json").read_text("utf-8")
     plan = KnotPlan.from_json(text)
@@ -58,6 +60,7 @@ def test_committed_plan_has_type_of_its_state():
     assert knot_type(plan.shapes[-1]) == expected_type(plan.states[-1]) != "0_1"
 
 
+@pytest.mark.slow
 def test_simulated_pentagram_with_many_crossings_has_its_type():
     points = np.loadtxt(Path(__file__).with_name("pentagram_at_rest.csv"), delimiter=",")
     assert knot_type(points) == expected_type(TopologicalState.from_curve(points)) == "+5_1"

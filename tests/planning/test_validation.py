@@ -52,6 +52,7 @@ def test_reliable_steps_pass(steps):
     assert all(check.steady for check in checks)
 
 
+@pytest.mark.slow
 def test_step_that_jumps_is_checked_for_its_state_and_not_its_action(steps):
     others = (one for one, end in steps[1].start_state.actions() if end != steps[1].end_state)
     jump = replace(steps[1], action=next(others))

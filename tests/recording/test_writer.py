@@ -92,6 +92,7 @@ def test_full_disk_leaves_nothing_behind(tmp_path, make_rollout, monkeypatch):
     assert os.listdir(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_killed_writer_leaves_no_recording(tmp_path, make_rollout):
     path = tmp_path / "recording.mcap"
     program = f"""

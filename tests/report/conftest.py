@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+
+from knotflow import statistics
+from knotflow.report import section
 
 ACTIONS = (
     *("R1(0,1,1)", "R2(0,0,1,1)", "C(0,1,1)", "C(0,2,1)"),
@@ -209,6 +212,22 @@ STAGES = {
     "random": _stage("evaluate", "c3", 88.9, "random sampling"),
     "icp": _stage("evaluate", "d4", 95.2, "ICP interpolation"),
 }
+
+
+@pytest.fixture(scope="module", autouse=True)
+def fewer_resamples() -> Iterator[None]:
+    """No verdict here is so close that it needs all of them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(statistics, "RESAMPLES", 999)
+        statistics._resamples.cache_clear()
+        yield
+    statistics._resamples.cache_clear()
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are plotted and not encoded, for tests of the text around them."""
+    monkeypatch.setattr(section, "png", lambda figure: b"")
 
 
 @pytest.fixture

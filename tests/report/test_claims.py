@@ -9,9 +9,15 @@ from knotflow.report.results import Results
 from knotflow.report.section import Figures, Verdict
 
 
-def report(write):
-    results = Results(write.root)
-    return compose(results, Figures(results))
+@pytest.fixture
+def report(write, undrawn):
+    """The text of the report on what was written."""
+
+    def composed():
+        results = Results(write.root)
+        return compose(results, Figures(results))
+
+    return composed
 
 
 def judgement(write, number):
@@ -57,13 +63,13 @@ def test_imitation_against_random(write, rate_counts, imitation, verdict):
     assert judgement(write, 0).verdict is verdict
 
 
-def test_a_direction_that_holds_without_the_size_says_so(write, rate_counts):
+def test_a_direction_that_holds_without_the_size_says_so(write, rate_counts, report):
     counts = dict.fromkeys(rate_counts(("random", "imitation")), (20, 400))
     counts |= {key: (300, 400) for key in counts if key[0] == "imitation"}
     write.rates("single_stage", counts)
     found = judgement(write, 0)
     assert found.verdict is Verdict.PARTLY and "compatible with 100×" in found.size
-    text = report(write)
+    text = report()
     assert "For 1 the direction holds and the size does not." in text
     assert "**holds partly**<br>the direction holds, the size does not: no ratio" in text
 
@@ -127,7 +133,7 @@ def test_other_trees_do_not(write, number, method, straight, arc, verdict):
     assert judgement(write, number).verdict is verdict
 
 
-def test_a_claim_that_does_not_hold_has_its_reason_and_one_that_holds_none(write):
+def test_a_claim_that_does_not_hold_has_its_reason_and_one_that_holds_none(write, report):
     trees(write, "imitation", [3, 99], [3, 9])
     columns = ("method", "start", "state", "action", "simulated", "successes")
     rows = [("trivial", "R1(0,1,1)", 8, 8), ("2o1+", "C(0,1,1)", 8, 1)]
@@ -135,10 +141,10 @@ def test_a_claim_that_does_not_hold_has_its_reason_and_one_that_holds_none(write
         "tree_size", "tried.csv", columns, [("imitation", "straight", *row) for row in rows]
     )
     link = "- [Branches kept to the overhand, imitation only](#tree-size): "
-    (line,) = (one for one in report(write).splitlines() if one.startswith("- [Branches kept"))
+    (line,) = (one for one in report().splitlines() if one.startswith("- [Branches kept"))
     assert line.startswith(link) and "`C(0,1,1)` from the straight rope, 1 of 8 splines" in line
     trees(write, "imitation", [3, 9], [3, 9])
-    assert link not in report(write)
+    assert link not in report()
 
 
 def joint_trees(write, independent, joint, solved=True):

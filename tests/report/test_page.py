@@ -24,7 +24,7 @@ def reports(everything):
 
 
 @pytest.fixture
-def report(write, tmp_path):
+def report(write, tmp_path, undrawn):
     """The text of the report on what was written."""
 
     def made():
@@ -155,7 +155,7 @@ def test_report_imports_nothing_that_simulates():
     assert packages <= {"report", "viz", "topology", "arrays", "statistics", "versions"}
 
 
-def test_each_section_has_its_words_and_the_slots_of_its_parts(everything):
+def test_each_section_has_its_words_and_the_slots_of_its_parts(everything, undrawn):
     assert texts().keys() == SECTIONS.keys()
     results = Results(everything)
     for section in SECTIONS.values():
@@ -174,7 +174,7 @@ def test_nothing_recorded_is_said(write):
     assert run_times(write) == "No run has recorded its stages yet."
 
 
-def test_time_by_experiment_and_shared_stages_once(write):
+def test_time_by_experiment_and_shared_stages_once(write, undrawn):
     write.run("goals", {"goals": {"key": "g", "seconds": 90.0}})
     write.run("knots", {"again": {"key": "g", "seconds": 0.1}, "knots": {"seconds": 30.0}})
     text = run_times(write)

@@ -63,6 +63,7 @@ def drawn(write, counts):
     return text, figures.made["rates"]
 
 
+@pytest.mark.slow
 def test_figure_is_the_same_whatever_the_users_style(write, rate_counts):
     text, one = drawn(write, rate_counts(("random", "icp")))
     with matplotlib.rc_context({"font.size": 20, "axes.facecolor": "red"}):

@@ -8,7 +8,6 @@ from collections import deque
 import networkx as nx
 import numpy as np
 import pytest
-import topoly
 
 from knotflow.topology import (
     KNOT_NAMES,
@@ -35,6 +34,7 @@ def homfly_of_diagram(state):
 
     The ends must share a face. Edge p of the planar diagram code arrives at position p.
     """
+    topoly = pytest.importorskip("topoly")
     count = 2 * state.num_crossings
     terms = []
     for over, under, sign in state.crossings:
@@ -47,6 +47,7 @@ def homfly_of_diagram(state):
 
 def homfly_of_curve(points):
     """HOMFLY polynomial of a rope shape whose ends are joined high above everything."""
+    topoly = pytest.importorskip("topoly")
     above = points[[-1, 0]] + np.array([0.0, 0.0, 0.5])
     polyline = np.concatenate((points, above)).tolist()
     return topoly.homfly(
@@ -77,6 +78,7 @@ def joined_above(state):
     + [("three_twist", "5_2", 20)],
 )
 def test_named_knots_have_their_rolfsen_type(name, rolfsen, count):
+    topoly = pytest.importorskip("topoly")
     states = knot(name)
     assert len(states) == count
     assert {state.num_crossings for state in states} == {int(rolfsen[0])}

@@ -65,6 +65,7 @@ def test_resumed_training_ends_the_same(shapes, tmp_path):
     assert torch.equal(weights(second), weights(whole))
 
 
+@pytest.mark.slow
 def test_training_moves_the_shapes_toward_the_data(shapes):
     trainer = CausalInfoGanTrainer(shapes, STARTS, replace(SMALL, steps=60, check_every=30), 1)
     before = trainer.validate()

@@ -143,7 +143,9 @@ class SmallMemory(Trainer):
         self.learner.load_state_dict(state["learner"])
 
 
-@pytest.mark.parametrize("rounds", [1, 2, 3, 4])
+@pytest.mark.parametrize(
+    "rounds", [2, *(pytest.param(rounds, marks=pytest.mark.slow) for rounds in (1, 3, 4))]
+)
 def test_training_resumed_with_full_replay_buffer_ends_the_same(
     make, curves, tmp_path, interrupted_training, rounds
 ):

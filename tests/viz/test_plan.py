@@ -72,21 +72,26 @@ def test_picture_is_not_blank(plan, tmp_path):
     assert len(np.unique(pixels, axis=0)) > 100
 
 
-def test_animation_lasts_as_long_as_the_plan(plan, tmp_path):
-    animate_plan(plan, tmp_path / "plan.gif", width=240)
-    with Image.open(tmp_path / "plan.gif") as image:
+@pytest.fixture(scope="module")
+def animation(plan, tmp_path_factory):
+    path = tmp_path_factory.mktemp("animation") / "plan.gif"
+    animate_plan(plan, path, width=240)
+    return path
+
+
+def test_animation_lasts_as_long_as_the_plan(plan, animation):
+    with Image.open(animation) as image:
         milliseconds = 0
         for frame in range(image.n_frames):
             image.seek(frame)
             milliseconds += image.info["duration"]
     simulated = sum(step.times[-1] for step in plan.steps)
     assert simulated < milliseconds / 1000 < simulated + 6.0  # and pauses to look at
-    assert (tmp_path / "plan.gif").stat().st_size < 1_000_000
+    assert animation.stat().st_size < 1_000_000
 
 
-def test_rope_fills_the_view_in_every_step(plan, tmp_path):
-    animate_plan(plan, tmp_path / "plan.gif", width=240)
-    with Image.open(tmp_path / "plan.gif") as image:
+def test_rope_fills_the_view_in_every_step(animation):
+    with Image.open(animation) as image:
         for frame in range(image.n_frames):
             image.seek(frame)
             view = np.asarray(image.convert("L"))[44:]

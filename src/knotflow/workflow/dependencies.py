@@ -12,7 +12,8 @@ import inspect
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import packages_distributions, version
+from importlib import metadata
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ from knotflow.versions import COMPONENTS, LIBRARIES
 ROOT = Path(knotflow.__file__).parent
 STAGES = "knotflow.experiments"
 """The package whose code counts line by line, not by a version."""
+packages_distributions = cache(metadata.packages_distributions)
+"""The distributions that fill each package; reading them takes a second."""
 _DEFINITIONS = (ast.FunctionDef, ast.ClassDef)
 _IGNORED = {"ctx", "kind", "type_comment", "type_params", "decorator_list"}
 

@@ -2,10 +2,7 @@
 
 import pytest
 
-from knotflow.experiments.demonstrations import demonstrations
-from knotflow.experiments.training import imitation
 from knotflow.samplers.demonstrations import NoiseConfig
-from knotflow.samplers.primitives import PrimitiveConfig, PrimitiveLibrary
 from knotflow.simulation import RopeConfig, SimulationConfig
 from knotflow.workflow import StageRun
 
@@ -13,6 +10,9 @@ from knotflow.workflow import StageRun
 @pytest.fixture
 def imitated():
     """Trains a library by imitation of a file of demonstrations."""
+    from knotflow.experiments.demonstrations import demonstrations
+    from knotflow.experiments.training import imitation
+    from knotflow.samplers.primitives import PrimitiveConfig, PrimitiveLibrary
 
     def train(file, folder, copies, copies_untangled, effort):
         simulated, trained = StageRun(folder / "simulated"), StageRun(folder / "trained")
