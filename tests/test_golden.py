@@ -262,9 +262,7 @@ def after_reset() -> dict[str, float]:
         Trials(action, trivial, np.stack([curve] * 8), own, own[:, 5] > 0)
         for curve, own in zip(curves, splines, strict=True)
     ]
-    learner = Learner(
-        Primitive(PrimitiveConfig(network=SMALL)), LearnerConfig(random_share=0.0), seed=0
-    )
+    learner = Learner(Primitive(PrimitiveConfig(network=SMALL)), LearnerConfig(), seed=0)
     filled(learner.primitive).train()
     learner.demonstrations = demonstration_buffer(made_up, learner.generator)
     return learner.fit(3, reset=True)

@@ -37,7 +37,7 @@ from knotflow.training import Imitation, ImitationConfig, LearnerConfig
 registry = sys.modules["knotflow.samplers.sampler"]
 SMALL = PrimitiveConfig(
     network=NetworkConfig(lstm=8, attention=4, stream=8, feature=8, head=8),
-    cem=CemConfig(population=16, elites=4, iterations=2),
+    cem=CemConfig(population=16, critic_only_population=16, elites=4, iterations=2),
 )
 
 

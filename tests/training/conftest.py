@@ -23,7 +23,9 @@ R1_ACTION = parse_action("R1(0,1,1)")
 
 @pytest.fixture
 def primitive_config() -> PrimitiveConfig:
-    return PrimitiveConfig("actor_critic", SMALL, CemConfig(population=32, elites=4))
+    return PrimitiveConfig(
+        "actor_critic", SMALL, CemConfig(population=32, critic_only_population=32, elites=4)
+    )
 
 
 @pytest.fixture
@@ -53,7 +55,7 @@ def make_library():
     network = NetworkConfig(lstm=8, attention=4, stream=8, feature=16, head=16)
 
     def make(variant: str = "actor_critic") -> PrimitiveLibrary:
-        cem = CemConfig(population=16, valued=8, elites=4)
+        cem = CemConfig(population=16, critic_only_population=16, valued=8, elites=4)
         torch.manual_seed(0)
         primitives = {n: Primitive(PrimitiveConfig(variant, network, cem)) for n in (1, 2, 3, 4)}
         return PrimitiveLibrary(primitives, {n: [] for n in primitives}, RopeConfig())

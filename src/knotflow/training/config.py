@@ -43,9 +43,9 @@ class LearnerConfig:
     """Trials of each of these ropes in a batch."""
     demonstration_share: float = 0.25
     """Weight of the demonstrations in a batch that has both."""
-    random_share: float = 0.5
+    random_share: float = 0.0
     """Weight, in what the critic learns from, of uniformly random splines taken to fail, one
-    beside each trial."""
+    beside each trial; 0.5 in the authors' code."""
     augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
     """Deformed copies of the trials in a batch."""
 
@@ -66,6 +66,9 @@ class ExplorationConfig:
     """Standard deviation added to it in every direction, normalised units."""
     iterations: int = 3
     """Cross-entropy iterations of the search."""
+    population: int = 256
+    """Splines scored in each iteration of every search in training: many, so that trials find
+    where the critic is wrong."""
 
 
 @dataclass
@@ -90,13 +93,13 @@ class ReinforcementConfig:
     """Optimiser and batches."""
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     """How the behaviour policy differs from the policy."""
-    rounds: list[int] = field(default_factory=lambda: [10, 10, 20, 60])
+    rounds: list[int] = field(default_factory=lambda: [20, 20, 20, 60])
     """Rounds of attempts and gradient steps of primitives 1 to 4; the last has hard tasks."""
     ropes: int = 48
     """Start shapes of each task in a round."""
     splines: int = 2
     """Splines tried on each."""
-    steps: int = 40
+    steps: int = 80
     """Gradient steps in a round."""
     recycled_share: float = 0.3
     """Share of the start shapes that earlier attempts left behind."""

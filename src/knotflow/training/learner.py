@@ -75,25 +75,30 @@ def explore(
     next action's value as well.
     """
     left = 1 + progress * (config.last - 1)
-    search = left * config.search if primitive.critic is not None else 0.0
+    searched = left * config.search if primitive.critic is not None else 0.0
     spread = left * config.spread
-    ways = rng.choice(3, len(encoded.frames), p=[1 - search - spread, search, spread])
+    ways = rng.choice(3, len(encoded.frames), p=[1 - searched - spread, searched, spread])
     splines = torch.empty(len(ways), count, SPLINE)
+
+    def search(
+        some: Encoded, first: SplineDistribution | None = None, iterations: int | None = None
+    ) -> Tensor:
+        population = config.population
+        return primitive.search(some, count, rng, use_next_value, first, iterations, population)[0]
+
     for way in (POLICY, SEARCH, SPREAD):
         if not len(rows := np.flatnonzero(ways == way)):
             continue
         some = Encoded(encoded.states[torch.from_numpy(rows)], encoded.frames[rows])
         if way == POLICY:
-            found = primitive.search(some, count, rng, use_next_value)[0]
+            found = search(some)
         elif way == SEARCH:
-            first = _widened(primitive, some.states, config)
-            found = primitive.search(some, count, rng, use_next_value, first, config.iterations)[0]
+            found = search(some, _widened(primitive, some.states, config), config.iterations)
         else:
             noise = standard_normal(rng, (len(rows), count, SPLINE))
             if primitive.actor is None:
                 # A critic's wide Gaussian hardly ever succeeds: stay near its choice.
-                best = primitive.search(some, count, rng, use_next_value)[0]
-                found = best + config.floor * noise
+                found = search(some) + config.floor * noise
             else:
                 found = _widened(primitive, some.states, config).draw(noise)
         splines[torch.from_numpy(rows)] = found

@@ -20,7 +20,9 @@ SMALL = NetworkConfig(lstm=8, attention=4, stream=8, feature=8, head=8)
 
 
 def small_config(variant: str = "actor_critic") -> PrimitiveConfig:
-    return PrimitiveConfig(variant, SMALL, CemConfig(population=8, elites=2))
+    return PrimitiveConfig(
+        variant, SMALL, CemConfig(population=8, critic_only_population=8, elites=2)
+    )
 
 
 @pytest.fixture

@@ -56,14 +56,16 @@ class CemConfig:
     """Iterations from the actor's Gaussian (Sec. VII-B1)."""
     critic_only_iterations: int = 10
     """Iterations from a wide Gaussian, without an actor (Sec. VII-B1)."""
-    population: int = 256
-    """Splines scored in each iteration of a search."""
+    population: int = 24
+    """Splines scored in each iteration of a search from the actor's Gaussian: few, because a critic
+    tells good splines from bad ones, but hardly good ones from each other."""
+    critic_only_population: int = 256
+    """The same from a wide Gaussian."""
     valued: int = 64
     """The same where the spline does not matter, but the value of the rope that the best one gives:
     four times as many make it hardly larger."""
-    elites: int = 128
-    """Best splines of a population, which the next one is fitted to: the better half, for critics
-    tell bad splines from good ones, but hardly good ones from each other."""
+    elites: int = 12
+    """Best splines of a population, which the next one is fitted to."""
     full_covariance: bool = False
     """Whether the next one has the elites' covariance, or its diagonal."""
     returns: str = "mean"

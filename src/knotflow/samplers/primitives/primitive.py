@@ -349,6 +349,7 @@ class Primitive(nn.Module):
         use_next_value: bool = False,
         first: SplineDistribution | None = None,
         iterations: int | None = None,
+        population: int | None = None,
     ) -> tuple[Tensor, Tensor | None]:
         """Splines (S, count, 6) in network space and their values (S, count), if there is a critic.
 
@@ -361,10 +362,12 @@ class Primitive(nn.Module):
         if self.critic is None:
             return first.draw(standard_normal(rng, (ropes, count, SPLINE))), None
         iterations = self._num_iterations if iterations is None else iterations
+        if population is None:
+            population = cem.critic_only_population if self.actor is None else cem.population
         found, log_values = cross_entropy(
             self.scorer(encoded.states, use_next_value),
             first.repeat(count),
-            standard_normal(rng, (iterations, ropes * count, cem.population, SPLINE)),
+            standard_normal(rng, (iterations, ropes * count, population, SPLINE)),
             cem.elites,
             cem.full_covariance,
             cem.returns,
