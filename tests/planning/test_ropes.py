@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from knotflow.planning import ROPE_NAMES, RopeInputError, lay_down, parse_rope, read_rope
-from knotflow.planning.ropes import MAX_VERTICES, read_points
+from knotflow.planning.rope_files import MAX_POINTS, read_table
 from knotflow.simulation import RopeConfig, check_points, straight
 from knotflow.topology import TopologicalState
 from knotflow.topology.draw import draw
@@ -98,13 +98,12 @@ def crossing_flat():
         (replaced(bow(20), (3, 1), np.nan), r"point 3 \(counted from 0\).*nan"),
         (replaced(bow(20), (4, 0), np.inf), "point 4"),
         (bow(4), "4 points are too few"),
-        (bow(20)[:, :2], "line 1: has no z"),
         (np.ones((9, 3)), "all points are the same"),
-        (2.0 * bow(20), "2 m long.*set the model rope's length to 2 "),
+        (2.0 * bow(20), "2 m long, not 1 m"),
         (100 * bow(20), "look like cm: give --rope-unit cm"),
         (1000 * bow(20), "look like mm: give --rope-unit mm"),
         (bow(20) + [0.4, 0, 0], "out of the splines' reach"),
-        (np.concatenate([bow(20)[:11], bow(20)[9::-1]]), "neither an end nor two strands"),
+        (np.concatenate([bow(20)[:12], bow(20)[10:2:-1]]), "Neither an end nor two strands"),
         (crossing_flat(), "z must say which one is on top"),
     ],
 )
@@ -116,14 +115,14 @@ def test_a_file_that_is_no_rope_is_refused_with_the_reason(tmp_path, points, mes
 
 def test_a_fold_is_too_sharp_for_the_links(tmp_path):
     fold = [[0, 0, 0], [0.4, 0, 0], [0.4, 0.01, 0], [-0.18, 0.02, 0], [-0.19, 0.02, 0]]
-    with pytest.raises(RopeInputError, match=r"at \[0.4.* bends by"):
+    with pytest.raises(RopeInputError, match="mm off these points: tighter"):
         read_rope(write(tmp_path, np.array(fold)), ROPE)
 
 
 def test_crossings_finer_than_the_links_are_refused(tmp_path):
     coarse = RopeConfig(links=8)
     write(tmp_path, draw(OVERHAND))
-    with pytest.raises(RopeInputError, match="resolve|bends by"):
+    with pytest.raises(RopeInputError, match="3 crossings.* are closer together"):
         read_rope(tmp_path / "rope.csv", coarse)
 
 
@@ -138,9 +137,9 @@ def test_what_is_no_rope_at_all_names_what_would_be(tmp_path):
 def test_a_rope_that_hangs_is_told_so_in_a_line(tmp_path):
     hanging = np.zeros((46, 3))
     hanging[:, 2] = np.linspace(1.0, 0.0, 46)
-    with pytest.raises(RopeInputError, match="stands or hangs rather than lies.*z up") as caught:
+    with pytest.raises(RopeInputError, match="hangs rather.* 0.00 to 1.00 m high") as caught:
         read_rope(write(tmp_path, hanging), ROPE)
-    assert len(str(caught.value)) < 300
+    assert "rope.csv" in str(caught.value)
 
 
 BOW = np.column_stack(
@@ -174,7 +173,7 @@ def rows(separator=",", scale=1.0, decimal="."):
 def test_tables_of_every_habit_hold_the_same_points(tmp_path, text):
     path = tmp_path / "rope.csv"
     path.write_text(text, "utf-8", newline="")
-    np.testing.assert_allclose(read_points(path), BOW, atol=1e-9)
+    np.testing.assert_allclose(read_table(path).points, BOW, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -196,48 +195,48 @@ def test_what_cannot_be_read_is_named_with_its_line_and_the_cure(tmp_path, text,
     path = tmp_path / "rope.csv"
     path.write_text(text)
     with pytest.raises(RopeInputError, match=message) as caught:
-        read_points(path)
+        read_table(path)
     assert "rope.csv" in str(caught.value)
 
 
 def test_other_alphabets_are_refused(tmp_path):
     (tmp_path / "rope.csv").write_text(rows(), "utf-16")
     with pytest.raises(RopeInputError, match="not UTF-8 text"):
-        read_points(tmp_path / "rope.csv")
+        read_table(tmp_path / "rope.csv")
 
 
 @pytest.mark.parametrize(
-    "content", [np.array([{1: 2}]), np.array(["a"]), BOW[:, :2], np.zeros((9, 3), complex)]
+    "content", [np.array([{1: 2}]), np.array(["a"]), BOW[:, :1], np.zeros((9, 3), complex)]
 )
 def test_arrays_that_are_no_rope_are_refused(tmp_path, content):
     np.save(tmp_path / "rope.npy", content, allow_pickle=True)
-    with pytest.raises(RopeInputError, match=r"array|shape \(20, 2\)"):
-        read_points(tmp_path / "rope.npy")
+    with pytest.raises(RopeInputError, match=r"array|shape \(20, 1\)"):
+        read_table(tmp_path / "rope.npy")
 
 
 def test_bytes_that_are_no_array_are_refused(tmp_path):
     (tmp_path / "rope.npy").write_bytes(b"nothing")
     with pytest.raises(RopeInputError, match="no NumPy file.*numpy.save"):
-        read_points(tmp_path / "rope.npy")
+        read_table(tmp_path / "rope.npy")
 
 
 def test_units_are_those_asked_for_or_the_headers(tmp_path):
     np.save(tmp_path / "rope.npy", 1000.0 * BOW)
-    np.testing.assert_allclose(read_points(tmp_path / "rope.npy", "mm"), BOW, atol=1e-12)
+    np.testing.assert_allclose(read_table(tmp_path / "rope.npy", "mm").points, BOW, atol=1e-12)
     with pytest.raises(RopeInputError, match="unknown unit 'km'.*m, cm, mm"):
-        read_points(tmp_path / "rope.npy", "km")
+        read_table(tmp_path / "rope.npy", "km")
     (tmp_path / "rope.csv").write_text("x [mm],y [mm],z [mm]\n" + rows(scale=1000.0))
-    np.testing.assert_allclose(read_points(tmp_path / "rope.csv", "mm"), BOW, atol=1e-9)
+    np.testing.assert_allclose(read_table(tmp_path / "rope.csv", "mm").points, BOW, atol=1e-9)
     with pytest.raises(RopeInputError, match="header says mm, but cm was asked for"):
-        read_points(tmp_path / "rope.csv", "cm")
+        read_table(tmp_path / "rope.csv", "cm")
 
 
 def test_very_many_points_take_little_memory_and_give_the_same_rope(tmp_path):
     angle = np.linspace(-0.5, 0.5, 200_000)
     np.save(tmp_path / "many.npy", np.column_stack([np.sin(angle), np.cos(angle) - 0.9, 0 * angle]))
-    assert len(read_points(tmp_path / "many.npy")) == MAX_VERTICES
+    assert len(read_table(tmp_path / "many.npy").points) == MAX_POINTS
     tracemalloc.start()
     points = read_rope(tmp_path / "many.npy", RopeConfig())
     assert tracemalloc.get_traced_memory()[1] < 200 * 2**20
     tracemalloc.stop()
-    np.testing.assert_allclose(points[0, :2], [np.sin(-0.5), np.cos(-0.5) - 0.9], atol=1e-6)
+    np.testing.assert_allclose(points[0, :2], [np.sin(-0.5), np.cos(-0.5) - 0.9], atol=1e-4)

@@ -13,6 +13,7 @@ import os
 import re
 import sys
 import tempfile
+import warnings
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -23,12 +24,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import App, CycloptsError, Parameter
 from cyclopts.validators import Number
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+from knotflow.planning.config import RopeOptions
 
-    from knotflow.planning import KnotPlan
-    from knotflow.simulation import Attempts
+if TYPE_CHECKING:
+    from knotflow.planning import KnotPlan, MeasuredRope
+    from knotflow.simulation import Attempts, RopeConfig
 
 EXAMPLES = """\
 Examples:
@@ -64,24 +64,23 @@ app = App(
 )
 app.register_install_completion_command()
 
-Unit = Literal["m", "cm", "mm"]
-Rope = Annotated[
-    str, Parameter(help="straight, arc, random, or a CSV or NPY file of x, y, z rows, head first.")
-]
+Rope = Annotated[str, Parameter(help="straight, arc, random, or a file of x, y, z, head first.")]
+Options = Annotated[RopeOptions, Parameter(name="*")]
 Seed = Annotated[int, Parameter(validator=Number(gte=0))]
 Seconds = Annotated[float, Parameter(validator=Number(gt=0), help="Time limit of the search.")]
 Margin = Annotated[float, Parameter(validator=Number(gte=0))]
 
 REPEATS = 32  # disturbed, from which `next` estimates the success probability
+GRIPPER_ERROR = 0.005  # of its standard deviation there, metres
 
 
-@app.command
+@app.command(help_epilogue="")
 def plan(
     knot: str,
     /,
     *,
     rope: Rope = "random",
-    rope_unit: Unit | None = None,
+    options: Options | None = None,
     out: Path | None = None,
     seed: Seed = 0,
     max_seconds: Seconds = 60.0,
@@ -92,7 +91,6 @@ def plan(
 
     Args:
         knot: overhand, figure_eight, ...; crossings (4o1+2o5+6o3+); actions ("R1(0,1,1) C(0,1,1)").
-        rope_unit: Of the rope file; by default the one in its header ("x [mm]"), else metres.
         out: Folder for pictures, recording and waypoints; plans/KNOT-ROPE-SEED by default.
         seed: Of the random rope and of the search.
         margin: Metres of rope that every step leaves between crossings; use 0.05 for a real rope.
@@ -100,31 +98,34 @@ def plan(
     """
     from knotflow.planning import plan_name
 
-    points = _read_rope(rope, rope_unit, seed)
+    measured = _read_rope(rope, options, seed)
     folder = out if out is not None else Path("plans") / plan_name(knot, rope, seed)
     what = _digest(Path(rope)) if Path(rope).is_file() else rope
-    request: dict[str, Any] = {"knot": knot, "rope": what, "rope_unit": rope_unit, "seed": seed}
-    request |= {"max_seconds": max_seconds, "margin": margin} | _provenance()
+    request: dict[str, Any] = {"knot": knot, "rope": what, "seed": seed}
+    request |= {"max_seconds": max_seconds, "margin": margin}
+    request |= vars(options or RopeOptions()) | _provenance()
     stored = None if overwrite else _stored_outcome(folder, request)
     if stored is not None:
         print(f"{stored['text']}\n{folder}: already planned; --overwrite plans again")
         return _outcome(stored["success"], max_seconds)
     _check_plan_folder(folder)
-    found, last = _search(knot, points, seed, max_seconds, margin)
-    kept = _write_plan(folder, found, last, request)
+    found, last = _search(knot, measured, seed, max_seconds, margin)
+    found = found.placed(measured.placement, measured.frame)
+    last = last and measured.placement.attempts(last)
+    kept = _write_plan(folder, found, last, measured.rope, request)
     print(f"{found.summary()}\n{folder}: plan.png, plan.gif, plan.mcap, waypoints.csv and others")
     if kept:
         print(f"not part of this plan, but kept: {', '.join(kept)}")
     return _outcome(found.solved, max_seconds)
 
 
-@app.command(name="next")
+@app.command(name="next", help_epilogue="")
 def next_step(
     knot: str,
     /,
     *,
     rope: Rope | None = None,
-    rope_unit: Unit | None = None,
+    options: Options | None = None,
     image: tuple[Path, Path] | None = None,
     camera: Path | None = None,
     depth_unit: str | None = None,
@@ -137,7 +138,6 @@ def next_step(
 
     Args:
         knot: As in `knotflow plan`.
-        rope_unit: As in `knotflow plan`.
         image: Colour and depth image in place of a rope: as in `knotflow see`.
         camera: Of the image: as in `knotflow see`.
         depth_unit: Of the image: as in `knotflow see`.
@@ -158,23 +158,31 @@ def next_step(
             print("the rope is ambiguous: spread its crossings apart and take another image")
             return 1
         with tempfile.TemporaryDirectory() as folder:
-            io.write_rope(measured := Path(folder) / "seen.csv", seen.points)
-            points = _read_rope(str(measured), None, seed)
+            io.write_rope(written := Path(folder) / "seen.csv", seen.points)
+            measured = _read_rope(str(written), options, seed)
     else:
         assert rope is not None
-        points = _read_rope(rope, rope_unit, seed)
-    found, _ = _search(knot, points, seed, max_seconds, margin)
+        measured = _read_rope(rope, options, seed)
+    found, _ = _search(knot, measured, seed, max_seconds, margin)
     if not found.solved:
         tighter = f"; tighter loops: --margin {margin / 2:g}" if margin else ""
         print(f"{found.summary()}\nlonger: --max-seconds {2 * max_seconds:g}{tighter}")
         return 1
     from knotflow.planning import estimate_success
     from knotflow.seeding import rng_of
+    from knotflow.simulation import SimulationConfig
     from knotflow.topology.action_text import describe
 
     step = found.steps[0]
-    share = estimate_success(step, rng_of(seed, 2), repeats=REPEATS)
-    grasp, middle, end = ("x {:+.3f}  y {:+.3f}  z {:.3f} m".format(*p) for p in found.controls[0])
+    size, simulation = measured.size, SimulationConfig(rope=measured.model)
+    error = GRIPPER_ERROR / size.length
+    share = estimate_success(step, rng_of(seed, 2), REPEATS, simulation, error)
+    found = found.placed(measured.placement, measured.frame)
+    unit, digits = found.frame.unit, {"m": 3, "cm": 1, "mm": 0}[found.frame.unit]
+    grasp, middle, end = (
+        f"x {x:+.{digits}f}  y {y:+.{digits}f}  z {z:.{digits}f} {unit}"
+        for x, y, z in found.frame.to_file(found.controls[0])
+    )
     print(
         f"{len(found.steps)} actions to {knot}; the next is\n"
         f"  {describe(step.action, step.start_state)}\n"
@@ -186,7 +194,7 @@ def next_step(
     )
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
-        replace(found, steps=found.steps[:1]).waypoints().to_csv(out)
+        replace(found, steps=found.steps[:1]).waypoints().to_csv(out, found.frame)
         print(out)
     return 0
 
@@ -434,12 +442,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
 
 
-def _read_rope(rope: str, unit: Unit | None, seed: int) -> NDArray[np.float64]:
-    from knotflow.planning import parse_rope
+def _read_rope(rope: str, options: RopeOptions | None, seed: int) -> MeasuredRope:
+    from knotflow.planning import measured_rope
     from knotflow.seeding import rng_of
-    from knotflow.simulation import RopeConfig
 
-    return parse_rope(rope, RopeConfig(), rng_of(seed, 0), unit=unit)
+    found = measured_rope(rope, options or RopeOptions(), rng_of(seed, 0))
+    print(*found.remarks, sep="\n", end="\n" if found.remarks else "")
+    return found
 
 
 def _depth_unit(text: str | None) -> float | None:
@@ -454,28 +463,33 @@ def _depth_unit(text: str | None) -> float | None:
 
 
 def _search(
-    knot: str, points: NDArray[np.float64], seed: int, max_seconds: float, margin: float
+    knot: str, measured: MeasuredRope, seed: int, max_seconds: float, margin: float
 ) -> tuple[KnotPlan, Attempts | None]:
-    """The plan, solved or not, and the last attempts, if any."""
+    """The plan for the model of the rope, solved or not, and the last attempts, if any."""
     from tqdm import tqdm
 
     from knotflow.planning import FAST_SEARCH, SearchUpdate, parse_goal, plan_rope
     from knotflow.samplers.primitives import SHIPPED_PRIMITIVES, PrimitiveLibrary
+    from knotflow.samplers.primitives.library import UnlikeRopeWarning
     from knotflow.seeding import rng_of
-    from knotflow.simulation import RopeConfig
+    from knotflow.simulation import RopeConfig, SimulationConfig
 
-    parse_goal(knot, RopeConfig())  # refuses it before the slow import
+    parse_goal(knot, measured.rope)  # refuses it before the slow import
     library = PrimitiveLibrary.load(Path(SHIPPED_PRIMITIVES), RopeConfig())
+    margin /= measured.size.length
     config = replace(FAST_SEARCH, max_seconds=max_seconds, margin=margin)
     tried: deque[Attempts] = deque(maxlen=1)
 
     def show(update: SearchUpdate) -> None:
         bar.update(update.branches - bar.n)
 
-    with tqdm(desc="simulated", unit=" splines", disable=None) as bar:
+    bar = tqdm(desc="simulated", unit=" splines", disable=None)
+    with bar, warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnlikeRopeWarning)  # in units of its length
         found = plan_rope(
-            points, knot, rng_of(seed, 1),
-            sampler=library, config=config, progress=show, observe=tried.append,
+            measured.points, knot, rng_of(seed, 1),
+            sampler=library, simulation=SimulationConfig(rope=measured.model), config=config,
+            progress=show, observe=tried.append,
         )  # fmt: skip
     return found, tried[-1] if tried else None
 
@@ -527,16 +541,19 @@ def _check_plan_folder(folder: Path) -> None:
 
 
 def _write_plan(
-    folder: Path, found: KnotPlan, last: Attempts | None, request: Mapping[str, Any]
+    folder: Path,
+    found: KnotPlan,
+    last: Attempts | None,
+    rope: RopeConfig,
+    request: Mapping[str, Any],
 ) -> list[str]:
     """Write a plan's folder, its outcome last; the names of other files in it."""
-    from knotflow.simulation import RopeConfig
     from knotflow.viz.plan_folder import OUTCOME, PLAN_FILES, write_plan_folder
 
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".tmp-", dir=folder.parent) as name:
         made = Path(name)
-        write_plan_folder(made, found, "primitives", RopeConfig(), last_tried=last, request=request)
+        write_plan_folder(made, found, "primitives", rope, last_tried=last, request=request)
         folder.mkdir(exist_ok=True)
         for file in (OUTCOME, *PLAN_FILES):
             (folder / file).unlink(missing_ok=True)

@@ -12,6 +12,8 @@ import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from knotflow.planning import Frame
+
 if TYPE_CHECKING:
     import mujoco
 
@@ -62,6 +64,13 @@ class Base:
                 f"{path}: an arm's base is a YAML mapping with position: [x, y, z] in metres and "
                 f"rpy_deg: [roll, pitch, yaw] in degrees, got {data!r}"
             ) from None
+
+    def seen_from(self, frame: Frame) -> Base:
+        """This base of a rope's frame, metres, in its plan's."""
+        turn = Rotation.from_matrix(frame.rotation.T)
+        turn *= Rotation.from_euler("xyz", self.rpy_deg, degrees=True)
+        rpy = turn.as_euler("xyz", degrees=True)
+        return Base(frame.from_file(self.position).tolist(), rpy.tolist())
 
 
 @dataclass(frozen=True)

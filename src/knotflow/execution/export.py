@@ -7,7 +7,7 @@ are trajectory_msgs/MultiDOFJointTrajectory of the tip in the world frame. Neith
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -177,7 +177,8 @@ def export_plan(
     Args:
         plan: with at least one step.
         arm: `panda`, an MJCF file, or an `Arm`.
-        base: its pose or a YAML file, see `Base.load`; by default the arm's own.
+        base: its pose in the frame in which the rope was measured, or a YAML file, see `Base.load`;
+            by default the arm's own, from the table.
         max_speed: of the tip, m/s.
         format: csv or ros2.
         space: joint or cartesian.
@@ -204,8 +205,11 @@ def export_plan(
         drag_speed=max_speed,
         lowest=LOWEST,
     )
-    waypoints = plan.waypoints(rate_hz, moves)
-    ik = follow_waypoints(plan, waypoints, arm, base)
+    waypoints, frame = plan.waypoints(rate_hz, moves), replace(plan.frame, unit="m")
+    ik = follow_waypoints(plan, waypoints, arm, base.seen_from(frame) if base else None)
+    waypoints = replace(waypoints, positions=frame.to_file(waypoints.positions))
+    positions, quaternions = frame.to_file(ik.positions), frame.turned(ik.quaternions)
+    ik = replace(ik, positions=positions, quaternions=quaternions)
     trajectory = time_joints(arm, waypoints, ik, max_speed)
     dragging = np.array(waypoints.phases) == "drag"
     seconds = float(np.diff(trajectory.times, prepend=0.0)[dragging].sum())

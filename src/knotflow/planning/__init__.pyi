@@ -1,4 +1,5 @@
-from .config import FAST_SEARCH, PlannerConfig, plan_name
+from .config import FAST_SEARCH, PlannerConfig, RopeOptions, plan_name
+from .frame import Frame, Placement
 from .goals import (
     Goal,
     SearchGraph,
@@ -9,7 +10,15 @@ from .goals import (
 )
 from .plan import KnotPlan, PlanFormatError, PlanStep
 from .proposals import attempt_arranged
-from .ropes import ROPE_NAMES, RopeInputError, lay_down, parse_rope, read_rope
+from .rope_files import RopeInputError
+from .ropes import (
+    ROPE_NAMES,
+    MeasuredRope,
+    lay_down,
+    measured_rope,
+    parse_rope,
+    read_rope,
+)
 from .tree import SearchUpdate, TreeSearch, plan_knot, plan_rope
 from .validation import (
     check_steps,
@@ -20,9 +29,10 @@ from .validation import (
 from .waypoints import GripperConfig, Waypoints
 
 __all__ = [
-    "FAST_SEARCH", "ROPE_NAMES", "Goal", "GripperConfig", "KnotPlan", "PlanFormatError", "PlanStep",
-    "PlannerConfig", "RopeInputError", "SearchGraph", "SearchUpdate", "SolutionDag", "TreeSearch",
-    "UnreachableGoalError", "Waypoints", "attempt_arranged", "check_steps", "estimate_success",
-    "find_penetrations", "lay_down", "most_crossings", "parse_goal", "parse_rope", "plan_knot",
+    "FAST_SEARCH", "ROPE_NAMES", "Frame", "Goal", "GripperConfig", "KnotPlan", "MeasuredRope",
+    "Placement", "PlanFormatError", "PlanStep", "PlannerConfig", "RopeInputError", "RopeOptions",
+    "SearchGraph", "SearchUpdate", "SolutionDag", "TreeSearch", "UnreachableGoalError",
+    "Waypoints", "attempt_arranged", "check_steps", "estimate_success", "find_penetrations",
+    "lay_down", "measured_rope", "most_crossings", "parse_goal", "parse_rope", "plan_knot",
     "plan_name", "plan_rope", "read_rope", "replay",
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Configuration of a search, and the name of a plan's folder."""
+"""What is asked of a plan: the search, the rope, and the name of its folder."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import hashlib
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 RULES = ("posterior", "paper")
 
@@ -56,6 +57,29 @@ class PlannerConfig:
 
 FAST_SEARCH = PlannerConfig(batch=4, steady=True, max_branches=20_000, max_seconds=60.0)
 """In batches, so that all cores are used; the default of `plan_rope`."""
+
+Unit = Literal["m", "cm", "mm"]
+Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
+
+
+@dataclass(frozen=True)
+class RopeOptions:
+    """What people say of a rope beside its file; lengths are texts such as 6mm, 0.7m or 0.7."""
+
+    rope_unit: Unit | None = None
+    """Of the rope file; by default the one in its header ("x [mm]"), else metres."""
+    length: str | None = None
+    """Of the rope, as 0.7m or 70cm; the file's by default."""
+    diameter: str | None = None
+    """Of the rope, as 6mm; a hundredth of its length by default."""
+    stiffness: str | None = None
+    """soft, medium (default) or stiff, or the bending length, as 4cm."""
+    up: Axis = "z"
+    """Axis of the file that points up from the table."""
+    cut: int | Literal["open"] | None = None
+    """Point, from 0, at which a closed curve is cut; open if it is none."""
+    crossings: str | None = None
+    """State, as 4o1+2o5+6o3+, in place of z."""
 
 
 def plan_name(knot: str, rope: str, seed: int) -> str:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from knotflow.planning.frame import Frame, Placement
 from knotflow.planning.waypoints import GripperConfig, Waypoints, trace_waypoints
 from knotflow.simulation import control_points
 from knotflow.topology import Action, Arrange, TopologicalState, parse_action
@@ -96,6 +97,7 @@ class KnotPlan:
         kept: those whose ends were kept in the tree, which the paper's authors counted.
         seconds: wall time of the search.
         radius: of the rope, metres.
+        frame: in which the rope was measured.
     """
 
     goal: str
@@ -110,6 +112,7 @@ class KnotPlan:
     kept: int
     seconds: float
     radius: float
+    frame: Frame = field(default_factory=Frame)
 
     @property
     def actions(self) -> tuple[Action, ...]:
@@ -160,6 +163,25 @@ class KnotPlan:
         ] or ["  nothing was tried"]
         return "\n".join(lines)
 
+    def placed(self, placement: Placement, frame: Frame) -> KnotPlan:
+        """This plan of a model rope for the rope that lies there."""
+        at = placement
+        steps = tuple(
+            replace(
+                step,
+                spline=at.splines(step.spline),
+                start=at.points(step.start),
+                end=at.points(step.end),
+                times=at.times(step.times),
+                trajectory=at.points(step.trajectory),
+                gripper=at.points(step.gripper),
+                release_time=float(at.times(step.release_time)),
+            )
+            for step in self.steps
+        )
+        radius = at.length * self.radius
+        return replace(self, start=at.points(self.start), steps=steps, radius=radius, frame=frame)
+
     def waypoints(self, rate_hz: float = 20.0, config: GripperConfig | None = None) -> Waypoints:
         """Timed gripper waypoints with open and close; errors as of `trace_waypoints`."""
         shapes, moves = self.shapes, config or GripperConfig()
@@ -176,6 +198,7 @@ class KnotPlan:
             "seconds_s": self.seconds,
             "goal_states": [str(state) for state in self.goal_states],
             "radius_m": self.radius,
+            "frame": self.frame.to_json(),
             "start_state": str(self.start_state),
             "start_m": self.start.tolist(),
             "steps": [
@@ -264,6 +287,7 @@ class KnotPlan:
             tried=tuple(tried),
             seconds=data["seconds_s"],
             radius=data["radius_m"],
+            frame=Frame.from_json(data["frame"]) if "frame" in data else Frame(),
             **{name: data[name] for name in _PLAIN},
         )
 

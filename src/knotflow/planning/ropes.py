@@ -1,55 +1,97 @@
-"""The rope to tie: a generated start, or a measured one from a CSV or NPY file.
+"""The rope to tie: a generated start, or one that was measured (see `rope_files`).
 
-A CSV has a row a point. Commas, semicolons (with decimal commas, too), tabs and blanks separate;
-`#` begins a comment. A header row may name the columns: x, y and z are then found among others, and
-a unit in brackets, such as `x [mm]`, counts.
+A measured centre line is brought to its table, smoothed, read, and replaced by the model rope at
+rest that lies nearest to it (`rope_fit`).
 """
 
 from __future__ import annotations
 
-import csv
-import re
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
-from knotflow.arrays import read_npy
+from knotflow.planning.config import Axis, RopeOptions, Unit
+from knotflow.planning.frame import Frame, Placement
+from knotflow.planning.rope_files import METRES, SUFFIXES, RopeInputError, RopeTable, read_table
+from knotflow.planning.rope_fit import Fit, fit_rope, planar_code, rests
+from knotflow.planning.rope_size import RopeSize, parse_metres
 from knotflow.simulation import (
     SPLINE_HIGH,
     RopeConfig,
     StartsConfig,
     arc,
     random_curve,
-    resample,
     straight,
 )
-from knotflow.topology import DegenerateCurveError, TopologicalState, project
-from knotflow.topology.polyline import Floats
+from knotflow.topology import CurveCrossings, DegenerateCurveError, TopologicalState
+from knotflow.topology.polyline import Floats, arc_lengths
 
-MIN_VERTICES = 5
-"""Least number of points in a file."""
-MAX_VERTICES = 1001
-"""Most points that are kept of a file, evenly along the curve: reading crossings takes memory with
-the square."""
-
-SUFFIXES = (".csv", ".npy")
-
-METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-"""Units of a file's numbers, in metres."""
-
-_AXES = ("x", "y", "z")
-_NAME = re.compile(r"\s*([a-z]\w*?)[\s_]*(?:[\[(]?\s*(mm|cm|m)\s*[\])]?)?\s*", re.IGNORECASE)
-
-MIN_VISIBLE = 0.5
-"""Least share of a rope's length that is seen from above."""
 LENGTH_TOLERANCE = 0.05
-"""Relative difference of a file's rope length from the model's that counts as measuring error."""
+"""Relative difference of a file's rope length from a given one that counts as measuring error."""
+USUAL_LENGTHS = (0.05, 20.0)
+"""Metres. Outside, a file has to state its unit."""
+LYING = (6.0, 0.05)
+"""Greatest height of a rope that lies on a table: the greater of so many diameters, and of this
+share of its length."""
+MOST_TILT = np.deg2rad(45.0)
+"""Of the table; beyond, `up` has to be said."""
+CUT_OUT = 0.02
+"""Share of a closed curve that is left out where it is cut."""
+LEAST_GAP = 0.1
+"""Diameters by which the strands of a crossing differ in height at least."""
+DENSE = 100
+"""Points from which on a centre line is smoothed."""
+MOST_NOISE = 0.02
+"""Greatest noise of smoothed points, in lengths of the rope."""
+MOST_OFF = 0.015
+"""Farthest that a rope may lie from its curve, in its lengths."""
+FINER, MAX_LINKS = 10, 100
+"""Links by which a rope gets more where its shape needs them, and the most it gets."""
+SHORTEST_LINK = 1.5
+"""Least length of a link, in diameters."""
 
 ROPE_NAMES = ("straight", "arc", "random")
 
 
-class RopeInputError(ValueError):
-    """A rope file that cannot be read as a rope that lies on the table."""
+@dataclass(frozen=True, eq=False)
+class MeasuredRope:
+    """A rope to plan for, in units of its length, and where it lies."""
+
+    points: Floats
+    """(V, 3) the model rope of 1 m at rest, its middle at the origin."""
+    size: RopeSize
+    placement: Placement
+    frame: Frame
+    remarks: tuple[str, ...] = ()
+    """What was assumed, changed and found, for printing."""
+
+    @property
+    def model(self) -> RopeConfig:
+        """The rope of 1 m that moves alike."""
+        return self.size.model(len(self.points) - 1)
+
+    @property
+    def rope(self) -> RopeConfig:
+        """Its real size."""
+        size = self.size
+        return RopeConfig(size.length, 0.5 * size.diameter, len(self.points) - 1)
+
+
+def measured_rope(text: str, options: RopeOptions, rng: np.random.Generator) -> MeasuredRope:
+    """The rope that a text names (see `parse_rope`), of any size.
+
+    Raises:
+        RopeInputError: neither a valid name nor a usable file, or options that do not fit it.
+    """
+    if text in ROPE_NAMES:
+        length = parse_metres(options.length or "1m", "--length")
+        size = RopeSize.of(length, options.diameter, options.stiffness)
+        points = parse_rope(text, size.model(), rng)
+        return MeasuredRope(points, size, Placement(length), Frame(unit="m"))
+    return _measure(_path(text), options)
 
 
 def parse_rope(
@@ -57,11 +99,11 @@ def parse_rope(
     rope: RopeConfig,
     rng: np.random.Generator,
     starts: StartsConfig | None = None,
-    unit: str | None = None,
+    unit: Unit | None = None,
 ) -> Floats:
     """The rope shape (V, 3), metres, that a text names.
 
-    It is "straight", "arc", "random", or the path of a CSV or NPY file, see `read_rope`.
+    It is "straight", "arc", "random", or the path of a file, see `read_rope`.
 
     Raises:
         RopeInputError: neither a valid name nor a usable file.
@@ -70,16 +112,20 @@ def parse_rope(
         return random_curve(rope, rng, starts or StartsConfig())
     if text in ROPE_NAMES:
         return straight(rope) if text == "straight" else arc(rope)
+    return read_rope(_path(text), rope, unit)
+
+
+def _path(text: str) -> Path:
     if Path(text).suffix.lower() not in SUFFIXES:
         raise RopeInputError(
             f"unknown rope {text!r}: give one of {', '.join(ROPE_NAMES)}, or a file "
-            f"*{' or *'.join(SUFFIXES)} of points (V, 3)"
+            f"*{' or *'.join(SUFFIXES)} of points (N, 3)"
         )
-    return read_rope(Path(text), rope, unit)
+    return Path(text)
 
 
-def read_rope(path: Path, rope: RopeConfig, unit: str | None = None) -> Floats:
-    """A measured rope (V, 3), metres, resampled to the model's links and laid on the table.
+def read_rope(path: Path, rope: RopeConfig, unit: Unit | None = None) -> Floats:
+    """A measured rope (V, 3), metres, as the given model rope at rest on the table, z = 0.
 
     The file has points of the centre line, one a row: x, y, z, z up, head first, any table height.
     At crossings z says which strand is on top.
@@ -87,41 +133,9 @@ def read_rope(path: Path, rope: RopeConfig, unit: str | None = None) -> Floats:
     Raises:
         RopeInputError: an unreadable file, or a rope that the model cannot be or splines not reach.
     """
-    curve = read_points(path, unit)
-    steps = np.diff(curve, axis=0)
-    length = float(np.linalg.norm(steps, axis=1).sum())
-    above = float(np.linalg.norm(steps[:, :2], axis=1).sum())
-    if above < MIN_VISIBLE * length:
-        raise RopeInputError(
-            f"{path}: this rope stands or hangs rather than lies: of its {length:.3g} m, "
-            f"{above:.3g} m are seen from above. Columns are x, y, z with z up, and the rope lies "
-            "on a table"
-        )
-    try:
-        state = TopologicalState.from_curve(curve)
-    except DegenerateCurveError as error:
-        raise RopeInputError(
-            f"{path}: how this rope crosses itself cannot be read when seen from above: {error}."
-            " Measure the strands at the crossing more closely: z must say which one is on top, and"
-            " neither an end nor two strands may lie exactly on another in x and y"
-        ) from error
-    if abs(length / rope.length - 1.0) > LENGTH_TOLERANCE:
-        raise RopeInputError(
-            f"{path}: the rope is {length:.3g} m long, but the model's is {rope.length:g} m; "
-            f"{_length_cure(length, rope)}"
-        )
-    points = lay_down(curve, rope)
-    direction = np.diff(points, axis=0) / rope.link_length
-    cosine = np.clip((direction[1:] * direction[:-1]).sum(axis=1), -1.0, 1.0)
-    bend = np.arccos(cosine)
-    if bend.max() > rope.max_bend:
-        vertex = int(bend.argmax()) + 1
-        raise RopeInputError(
-            f"{path}: at {points[vertex, :2].round(3).tolist()} m the rope bends by "
-            f"{np.rad2deg(bend.max()):.0f} degrees from one link of {rope.link_length * 1e3:g} mm "
-            f"to the next, the model's rope by {np.rad2deg(rope.max_bend):.0f} at most; smooth the "
-            "points, they may be noisy or out of order"
-        )
+    options = RopeOptions(unit, f"{rope.length:.9g}", f"{2 * rope.radius:.9g}")
+    line = _CentreLine.read(path, options)
+    points: Floats = line.fit(rope).points + [*line.middle, 0.0]
     reach = float(SPLINE_HIGH[-1])
     far = np.abs(points[:, :2]).max(axis=1)
     if far.max() > reach:
@@ -130,192 +144,319 @@ def read_rope(path: Path, rope: RopeConfig, unit: str | None = None) -> Floats:
             f"{path}: vertex {vertex} lies at {points[vertex, :2].round(3).tolist()} m, out of the "
             f"splines' reach of {reach:g} m in x and y; put the origin in the middle of the rope"
         )
-    if _state_or_text(points) != state:
-        raise RopeInputError(
-            f"{path}: the file's rope has the state {state}, but laid with links of "
-            f"{rope.link_length * 1e3:g} mm it reads as {_state_or_text(points)}: its crossings "
-            "are closer together than the model can resolve; take more links or a looser rope"
-        )
     return points
 
 
 def lay_down(curve: Floats, rope: RopeConfig) -> Floats:
-    """A curve (N, 3), metres, head first, as the model's rope (V, 3) at rest on the table (z = 0).
-
-    Crossings that already have the heights of a rope at rest, about a diameter apart, keep them;
-    else every over strand is lifted. Without crossings it lies flat.
-    """
-    curve = np.array(curve, np.float64)
-    curve[:, 2] += rope.radius - curve[:, 2].min()
-    crossings = project(curve)
-    heights = {p + 1: height for p, height in enumerate(crossings.heights)}
-    gaps = [heights[over] - heights[under] for over, under, _ in crossings.crossings]
-    low = 6.0 * rope.radius  # three strands on top of each other
-    if not gaps:
-        curve[:, 2] = rope.radius
-    elif min(gaps) < 1.5 * rope.radius or curve[:, 2].max() > low:
-        curve = _lift(resample(curve, rope), rope)
-    return resample(curve, rope)
-
-
-def _lift(points: Floats, rope: RopeConfig) -> Floats:
-    """Heights (V, 3) of a rope at rest: a smooth hump of a diameter at every over passage."""
-    crossings = project(points)
-    over = [p - 1 for p, _, _ in crossings.crossings]
-    under = [p - 1 for _, p, _ in crossings.crossings]
-    along = np.linspace(0.0, 1.0, len(points))  # links are equal
-    height = np.zeros(len(points))
-    widest = 4.0 * rope.radius + 2.0 * rope.link_length
-    for passage in over:
-        middle = crossings.fractions[passage]
-        room = np.abs(crossings.fractions[under] - middle).min() * rope.length
-        # At least a link to either side, or no vertex need lie on the hump.
-        width = max(min(widest, room), 1.2 * rope.link_length)
-        u = np.clip(np.abs(along - middle) * rope.length / width, 0.0, 1.0)
-        height = np.maximum(height, 1.0 - u**2 * (3.0 - 2.0 * u))
-    lifted = points.copy()
-    lifted[:, 2] = rope.radius + 2.5 * rope.radius * height
-    return lifted
-
-
-def _length_cure(length: float, rope: RopeConfig) -> str:
-    for unit, metres in METRES.items():
-        if unit != "m" and abs(length * metres / rope.length - 1.0) <= LENGTH_TOLERANCE:
-            return (
-                f"its numbers look like {unit}: give --rope-unit {unit}, or name the columns with "
-                f"the unit, as in x [{unit}]"
-            )
-    return f"set the model rope's length to {length:.3g} (points are in metres)"
-
-
-def _state_or_text(points: Floats) -> TopologicalState | str:
-    try:
-        return TopologicalState.from_curve(points)
-    except DegenerateCurveError as error:
-        return f"no state ({error})"
-
-
-def read_points(path: Path, unit: str | None = None) -> Floats:
-    """The file's points (N, 3), metres, without repetitions, `MAX_VERTICES` at most.
-
-    `unit` is that of its numbers, one of `METRES`; None takes the header's, else metres.
+    """The model's rope (V, 3) at rest on the table (z = 0) along a curve (N, 3), metres, head
+    first, that is scaled to its length. A shape of this rope at rest stays as it is.
 
     Raises:
-        RopeInputError: no such file, or not (V, 3) finite numbers.
+        RopeInputError: the rope would have other crossings than the curve, or lie far from it.
+        DegenerateCurveError: the curve's crossings cannot be read.
     """
-    if unit is not None and unit not in METRES:
-        raise RopeInputError(f"unknown unit {unit!r} of a rope; there are {', '.join(METRES)}")
-    if (suffix := path.suffix.lower()) not in SUFFIXES:
-        raise RopeInputError(f"{path}: a rope is a file *{' or *'.join(SUFFIXES)}")
-    if not path.is_file():
-        raise RopeInputError(f"{path}: there is no such rope file")
-    try:
-        points, stated = _read_csv(path) if suffix == ".csv" else (_read_npy(path), None)
-    except (OSError, EOFError, csv.Error) as error:
-        raise RopeInputError(f"{path}: cannot be read: {error}") from error
-    if unit is not None and stated is not None and unit != stated:
-        raise RopeInputError(f"{path}: its header says {stated}, but {unit} was asked for")
-    points = points * METRES[unit or stated or "m"]
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise RopeInputError(
-            f"{path}: a rope has rows of x, y, z, shape (V, 3); the file has shape {points.shape}"
-        )
-    if len(points) < MIN_VERTICES:
-        raise RopeInputError(
-            f"{path}: {len(points)} points are too few for a rope, at least {MIN_VERTICES} are "
-            "needed"
-        )
-    finite = np.isfinite(points).all(axis=1)
-    if not finite.all():
-        vertex = int(np.argmin(finite))
-        raise RopeInputError(
-            f"{path}: point {vertex} (counted from 0) is {points[vertex].tolist()}; all numbers "
-            "must be finite, so leave out points that were not measured"
-        )
-    apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 0.0
-    if not apart.any():
-        raise RopeInputError(f"{path}: all points are the same")
-    points = points[np.r_[True, apart]]
-    if len(points) <= MAX_VERTICES:
-        return points
-    along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
-    at = np.linspace(0.0, along[-1], MAX_VERTICES)
-    return np.column_stack([np.interp(at, along, column) for column in points.T])
+    curve = np.array(curve, float)
+    crossings = planar_code(curve[:, :2])
+    earlier, later = _at_crossings(curve[:, 2], curve, crossings)
+    curve[:, 2] -= np.median(curve[:, 2])
+    if not rests(curve + [0.0, 0.0, rope.radius], rope):
+        curve[:, 2] = 0.0  # what counts is the length on the table
+    line = _CentreLine("the curve", curve, crossings, later > earlier)
+    points: Floats = line.fit(rope).points + [*line.middle, 0.0]
+    return points
 
 
-def _read_npy(path: Path) -> Floats:
-    cure = "save the points with numpy.save(path, points), an array (V, 3) of numbers"
-    try:
-        loaded = read_npy(path)
-    except ValueError as error:
-        raise RopeInputError(f"{path}: not an array of numbers ({error}); {cure}") from None
-    if loaded.dtype.kind not in "iuf":
-        raise RopeInputError(f"{path}: holds {loaded.dtype}, not an array of numbers; {cure}")
-    return loaded.astype(np.float64)
-
-
-def _read_csv(path: Path) -> tuple[Floats, str | None]:
-    try:
-        text = path.read_text("utf-8-sig")
-    except UnicodeDecodeError:
-        raise RopeInputError(f"{path}: not UTF-8 text; save it as CSV in UTF-8") from None
-    lines = {
-        number: bare
-        for number, line in enumerate(text.splitlines(), 1)
-        if (bare := line.split("#")[0].strip())
-    }
-    if not lines:
-        raise RopeInputError(f"{path}: holds no points; write x, y, z of a point in a row")
-    mark = next((mark for mark in ";,\t" if any(mark in line for line in lines.values())), "")
-    decimal = "," if mark == ";" else "."
-    rows = {  # each by itself: a stray quotation mark swallows no other line
-        number: next(csv.reader([line], delimiter=mark, skipinitialspace=True))
-        if mark
-        else line.split()
-        for number, line in lines.items()
-    }
-    names, units = _header(rows[next(iter(rows))])
-    if names:
-        del rows[next(iter(rows))]
-    named = sorted(name for name in names if name in _AXES) == [*_AXES]
-    chosen = [names.index(axis) for axis in _AXES] if named else [0, 1, 2]
-    stated = {unit for name, unit in zip(names, units, strict=True) if name in _AXES and unit}
-    if len(stated) > 1:
-        raise RopeInputError(f"{path}: its header gives different units: {', '.join(stated)}")
-    points = []
-    for line, cells in rows.items():
-        where = f"{path}, line {line}"
-        if len(cells) > 3 and not named:
-            raise RopeInputError(
-                f"{where}: has {len(cells)} values, a point has x, y, z; delete the "
-                "others, or say in a header row which columns are x, y and z"
-            )
-        given = [cells[index].strip() if index < len(cells) else "" for index in chosen]
-        for axis, cell in zip(_AXES, given, strict=True):
-            if not cell:
-                raise RopeInputError(f"{where}: has no {axis}; complete the row or delete it")
-            if not _is_number(cell.replace(decimal, ".")):
-                raise RopeInputError(
-                    f"{where}: {axis} is {cell!r}, which is no number; only one header row may "
-                    "come before the points, and # begins a comment"
-                )
-        points.append([float(cell.replace(decimal, ".")) for cell in given])
-    return np.array(points).reshape(-1, 3), next(iter(stated), None)
-
-
-def _header(cells: list[str]) -> tuple[list[str], list[str]]:
-    """Names and units of the columns; none where the first row has a number."""
-    if any(_is_number(cell.replace(",", ".")) for cell in cells):
-        return [], []
-    matches = [_NAME.fullmatch(cell.lower()) for cell in cells]
-    return [one[1] if one else "" for one in matches], [
-        one[2] or "" if one else "" for one in matches
+def _measure(path: Path, options: RopeOptions) -> MeasuredRope:
+    line = _CentreLine.read(path, options)
+    size = RopeSize.of(line.length, options.diameter, options.stiffness)
+    links = size.links
+    while True:
+        try:
+            fit = line.fit(size.model(links))
+            break
+        except RopeInputError:
+            links += FINER
+            if links > min(MAX_LINKS, line.length / (SHORTEST_LINK * size.diameter)):
+                raise
+    assumed = [
+        *([] if options.diameter else ["a hundredth of its length thick (--diameter)"]),
+        *([] if options.stiffness else ["of medium stiffness (--stiffness)"]),
     ]
+    off = 1e3 * line.length * fit.deviations
+    told = (
+        f"{size.describe()}" + (f"; taken to be {' and '.join(assumed)}" if assumed else ""),
+        f"laid with {links} links, {off.max():.2g} mm off at most, {np.sqrt((off**2).mean()):.2g} "
+        f"mm rms; its state is {line.state}",
+    )
+    placement = Placement(line.length, *line.middle.tolist())
+    return MeasuredRope(fit.points, size, placement, line.frame, (*line.remarks, *told))
 
 
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
+@dataclass(frozen=True, eq=False)
+class _CentreLine:
+    """A measured centre line on its table.
+
+    Attributes:
+        name: of its file.
+        curve: (N, 3) metres, z above a rope that touches the table.
+        crossings: of `planar_code`.
+        later_over: (c,) of each crossing, whether its later strand is on top.
+        length: of the rope, metres, which may differ from the curve's.
+    """
+
+    name: str
+    curve: Floats
+    crossings: CurveCrossings
+    later_over: NDArray[np.bool_]
+    length: float = 1.0
+    frame: Frame = field(default_factory=Frame)
+    remarks: tuple[str, ...] = ()
+
+    @classmethod
+    def read(cls, path: Path, options: RopeOptions) -> _CentreLine:
+        """Read a file; the errors are those of `measured_rope`."""
+        table, smoothed = _smoothed(path, read_table(path, options.rope_unit))
+        table, cut = _cut(path, table, options.cut)
+        points = table.points
+        length = float(arc_lengths(points)[-1])
+        if options.length is not None:
+            given = parse_metres(options.length, "--length")
+            _check_length(path, length, given, table.unit)
+            length = given
+        elif table.unit is None and not USUAL_LENGTHS[0] <= length <= USUAL_LENGTHS[1]:
+            units = (f"{unit} ({length * metres:.3g} m)" for unit, metres in METRES.items())
+            raise RopeInputError(
+                f"{path}: in metres this rope would be {length:.3g} m long; give --rope-unit "
+                f"{', '.join(units)}"
+            )
+        thick = RopeSize.of(length, options.diameter).diameter
+        frame, tilted = _table_frame(path, points, options.up, length, thick)
+        frame = replace(frame, unit=table.unit or "m")
+        points = np.pad(points, ((0, 0), (0, 3 - points.shape[1]))) @ frame.rotation
+        points[:, 2] -= frame.height + thick / 2
+        try:
+            crossings = planar_code(points[:, :2])
+        except DegenerateCurveError as error:
+            raise RopeInputError(
+                f"{path}: how this rope crosses itself cannot be read when seen from above: "
+                f"{error}. Neither an end nor two strands may lie exactly on another in x and y"
+            ) from error
+        later = _later_over(path, points, crossings, table, options.crossings, LEAST_GAP * thick)
+        remarks = (*smoothed, *cut, *tilted)
+        return cls(str(path), points, crossings, later, length, frame, remarks)
+
+    @property
+    def middle(self) -> Floats:
+        """(2,) of the curve in x and y, metres."""
+        xy = self.curve[:, :2]
+        return np.asarray((xy.min(axis=0) + xy.max(axis=0)) / 2)
+
+    @property
+    def state(self) -> TopologicalState:
+        """Its topological state."""
+        return TopologicalState.from_crossings(
+            (over, under, sign) if later else (under, over, -sign)
+            for (over, under, sign), later in zip(
+                self.crossings.crossings, self.later_over, strict=True
+            )
+        )
+
+    def fit(self, rope: RopeConfig) -> Fit:
+        """The nearest model rope at rest, its middle at the origin.
+
+        Raises:
+            RopeInputError: it would have other crossings, or lie far from the curve.
+        """
+        scale = rope.length / float(arc_lengths(self.curve)[-1])
+        curve = scale * (self.curve - [*self.middle, 0.0]) + [0.0, 0.0, rope.radius]
+        if rests(curve, rope):
+            return Fit(curve, np.zeros(len(curve)), True)
+        try:
+            fit = fit_rope(curve[:, :2], self.later_over, rope)
+            keeps = fit.keeps and TopologicalState.from_curve(fit.points) == self.state
+        except DegenerateCurveError:
+            keeps = False
+        if keeps and fit.deviations.max() <= MOST_OFF * rope.length:
+            return fit
+        metres = self.length / rope.length
+        thick, link = (1e3 * metres * size for size in (2 * rope.radius, rope.link_length))
+        raise RopeInputError(
+            f"{self.name}: "
+            + (
+                f"a rope of {thick:.3g} mm in {rope.links} links of {link:.3g} mm lies at least "
+                f"{1e3 * metres * fit.deviations.max():.2g} mm off these points"
+                if keeps
+                else f"its {len(self.later_over)} crossings, {self.state}, are closer together "
+                f"than a rope of {thick:.3g} mm in {rope.links} links of {link:.3g} mm can lie"
+            )
+            + ": tighter than a rope of this size bends; give --diameter, the rope's own. Points "
+            "that are noisy or out of order look alike"
+        )
+
+
+def _cut(path: Path, table: RopeTable, cut: int | str | None) -> tuple[RopeTable, tuple[str, ...]]:
+    """The table of an open curve, and what was done to it."""
+    points = table.points
+    step = float(np.median(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    apart = float(np.linalg.norm(points[0] - points[-1]))
+    few = max(1, len(points) // 20)
+    onward = (points[few] - points[0]) @ (points[-1] - points[-1 - few]) > 0
+    closed = table.closed or (apart <= 1.5 * step and (onward or apart <= 1e-6 * step))
+    if cut == "open" or (cut is None and not closed):
+        return table, ()
+    if cut is None:
+        raise RopeInputError(
+            f"{path}: a closed curve: its last point is {1e3 * apart:.2g} mm from the first, as "
+            f"neighbours are; a rope has two ends: say at which point (0 to {len(points) - 1}) it "
+            "is to be cut, as in --cut 0, or that it is open: --cut open"
+        )
+    if not closed or not 0 <= int(cut) < len(points):
+        raise RopeInputError(
+            f"{path}: --cut {cut}: "
+            + (f"its points are 0 to {len(points) - 1}" if closed else "its curve is open already")
+        )
+    kept = np.roll(np.arange(len(points) - (apart <= 1e-6 * step)), -int(cut))
+    kept = kept[: -max(1, round(CUT_OUT * len(kept)))]
+    over = None if table.over is None else table.over[kept]
+    told = (f"cut at point {cut}, {CUT_OUT:.0%} of the curve before it left out",)
+    return replace(table, points=points[kept], over=over), told
+
+
+def _smoothed(path: Path, table: RopeTable) -> tuple[RopeTable, tuple[str, ...]]:
+    """The table without the noise of dense points, which generalised cross-validation tells."""
+    points = table.points
+    if len(points) < DENSE:
+        return table, ()
+    bends = np.diff(np.eye(len(points)), n=2, axis=0)
+    rough, modes = np.linalg.eigh(bends.T @ bends)
+    shares = modes.T @ points  # (N, D) of the modes, from smooth to rough
+    damped = 1.0 - 1.0 / (1.0 + np.logspace(-6, 14, 81)[:, None] * np.maximum(rough, 0.0))
+    score = (damped**2 @ shares**2) / damped.sum(axis=1, keepdims=True) ** 2
+    smooth = modes @ (shares * (1.0 - damped[score.argmin(axis=0)].T))
+    noise = float(np.sqrt(((smooth - points) ** 2).mean()))
+    length = float(arc_lengths(smooth)[-1])
+    if noise > MOST_NOISE * length:
+        raise RopeInputError(
+            f"{path}: these points are no line: they lie {1e3 * noise:.3g} mm (rms) off any smooth "
+            "curve through them in the file's order. Of a cloud of points, keep the centre line, "
+            "ordered from head to tail"
+        )
+    if noise < 1e-4 * length:  # rounding
+        return table, ()
+    told = f"smoothed: its points are {1e3 * noise:.2g} mm (rms) off a smooth curve"
+    return replace(table, points=smooth), (told,)
+
+
+def _check_length(path: Path, length: float, given: float, unit: str | None) -> None:
+    if abs(length / given - 1.0) <= LENGTH_TOLERANCE:
+        return
+    cure = "that is more than measuring error; without --length the file's is taken"
+    for name, metres in METRES.items():
+        if unit is None and abs(length * metres / given - 1.0) <= LENGTH_TOLERANCE:
+            cure = (
+                f"its numbers look like {name}: give --rope-unit {name}, or name the columns with "
+                f"the unit, as in x [{name}]"
+            )
+    raise RopeInputError(f"{path}: the rope is {length:.3g} m long, not {given:.3g} m: {cure}")
+
+
+def _table_frame(
+    path: Path, points: Floats, up: str, length: float, thick: float
+) -> tuple[Frame, tuple[str, ...]]:
+    """The frame of the table on which points (N, D), metres, lie, and what is to be said of it."""
+    if points.shape[1] == 2:
+        return Frame(), ()
+    axis = "xyz".index(up[-1])
+    rotation = np.roll(np.eye(3), -1 - axis, axis=1)
+    if up[0] == "-":
+        rotation = rotation * [1, -1, -1]
+    heights = points @ rotation[:, 2]
+    highest = max(LYING[0] * thick, LYING[1] * length)
+    told: tuple[str, ...] = ()
+    if np.ptp(heights) > highest:
+        centred = points - points.mean(axis=0)
+        _, spread, axes = np.linalg.svd(centred, full_matrices=False)
+        normal = axes[2] * np.sign(axes[2] @ rotation[:, 2] or 1.0)
+        cosine = float(normal @ rotation[:, 2])
+        flat = np.ptp(points @ normal) <= highest and spread[1] > 3 * thick * np.sqrt(len(points))
+        if not flat or cosine < np.cos(MOST_TILT):
+            tilt = f"; their plane is {np.rad2deg(np.arccos(cosine)):.0f} degrees from level"
+            raise RopeInputError(
+                f"{path}: this rope stands or hangs rather than lies: its points are "
+                f"{heights.min():.2f} to {heights.max():.2f} m high ({up}), but those of a rope of "
+                f"{length:.3g} m that lies on a table differ by {highest:.2g} m at most"
+                f"{tilt if flat else ''}. Where another axis points up from the table, say which: "
+                f"--up {', '.join(get_args(Axis))}"
+            )
+        rotation = _turn_to(normal, rotation)
+        heights = points @ normal
+        told = (
+            f"the table is the plane of the points, tilted by {np.rad2deg(np.arccos(cosine)):.1f} "
+            f"degrees; {up} is on its upper side",
+        )
+    return Frame(rotation, float(np.median(heights)) - thick / 2), told
+
+
+def _turn_to(normal: Floats, rotation: Floats) -> Floats:
+    """Axes (3, 3) turned the shortest way until the third is `normal` (3,)."""
+    from scipy.spatial.transform import Rotation
+
+    axis = np.cross(rotation[:, 2], normal)
+    angle = np.arctan2(np.linalg.norm(axis), rotation[:, 2] @ normal)
+    turn = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
+    return np.asarray(turn.as_matrix() @ rotation)
+
+
+def _at_crossings(values: Floats, curve: Floats, crossings: CurveCrossings) -> Floats:
+    """(2, c) of the earlier and the later strand, of values (N,) at the points of a curve."""
+    along = arc_lengths(curve[:, :2])
+    positions = np.array([one[1::-1] for one in crossings.crossings], int).reshape(-1, 2) - 1
+    return np.asarray(np.interp(crossings.fractions[positions.T] * along[-1], along, values))
+
+
+def _later_over(
+    path: Path,
+    points: Floats,
+    crossings: CurveCrossings,
+    table: RopeTable,
+    text: str | None,
+    least: float,
+) -> NDArray[np.bool_]:
+    """(c,) whether the later strand of each crossing is on top: by text, by a column, or by z."""
+    either = [
+        (f"{later}o{earlier}{'-+'[sign > 0]}", f"{earlier}o{later}{'+-'[sign > 0]}")
+        for later, earlier, sign in crossings.crossings
+    ]
+    choices = ", ".join(" or ".join(pair) for pair in either) or "none"
+    if text is not None:
+        named = {f"{o}o{u}{'-+'[s > 0]}" for o, u, s in TopologicalState.parse(text).crossings}
+        if len(named) != len(either) or not all(named & {*pair} for pair in either):
+            raise RopeInputError(
+                f"{path}: --crossings {text} are not this curve's; seen from above it has {choices}"
+            )
+        return np.array([pair[0] in named for pair in either], bool)
+    cure = f"give a column over (1 on upper strands), or --crossings: {choices}"
+    if table.over is not None:
+        earlier, later = _at_crossings(table.over, points, crossings)
+        if (unknown := np.flatnonzero(earlier == later)).size:
+            raise RopeInputError(
+                f"{path}: its column over says {earlier[unknown[0]]:g} of both strands of "
+                f"{' or '.join(either[unknown[0]])}; complete it, or give --crossings: {choices}"
+            )
+    elif table.points.shape[1] == 3:
+        earlier, later = _at_crossings(points[:, 2], points, crossings)
+        gaps = np.abs(later - earlier)
+        if len(gaps) and gaps.min() < least:
+            raise RopeInputError(
+                f"{path}: the strands of a crossing are {1e3 * gaps.min():.2g} mm apart in height, "
+                f"{1e3 * least:.2g} mm at least are needed to tell: z must say which one is on "
+                f"top; or {cure}"
+            )
+    elif either:
+        raise RopeInputError(
+            f"{path}: has no z, and crosses itself {len(either)} times when seen from above; which "
+            f"strand is on top? Add z, or {cure}"
+        )
+    else:
+        return np.zeros(0, bool)
+    return np.asarray(later > earlier)

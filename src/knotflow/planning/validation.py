@@ -72,15 +72,22 @@ def replay(plan: KnotPlan, simulation: SimulationConfig) -> KnotPlan:
     return replace(plan, steps=tuple(steps))
 
 
-def estimate_success(step: PlanStep, rng: np.random.Generator, repeats: int) -> float:
+def estimate_success(
+    step: PlanStep,
+    rng: np.random.Generator,
+    repeats: int,
+    simulation: SimulationConfig | None = None,
+    deviation: float = 0.005,
+) -> float:
     """The share of disturbed repetitions of a step that reach its state.
 
-    Deviations are 5 mm, of the grasp along the rope and per axis of the control points.
+    Standard deviations are those given, metres, of the grasp along the rope and per axis of the
+    control points.
     """
     from knotflow.samplers.demonstrations import NoiseConfig, noisy_copies
 
-    simulation = SimulationConfig()
-    noise = NoiseConfig(grasp=0.005 / simulation.rope.length, middle=0.005, end=0.005)
+    simulation = simulation or SimulationConfig()
+    noise = NoiseConfig(deviation / simulation.rope.length, middle=deviation, end=deviation)
     splines = noisy_copies(step.spline, repeats, rng, noise)
     simulator = RopeSimulator(simulation)
     tried = attempt(simulator, step.start, splines, step.action, step.start_state)

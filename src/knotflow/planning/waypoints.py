@@ -23,6 +23,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from knotflow.planning.frame import Frame
 from knotflow.topology import Action
 
 Floats = NDArray[np.float64]
@@ -83,12 +84,17 @@ class Waypoints:
     def __len__(self) -> int:
         return len(self.times)
 
-    def to_csv(self, path: Path) -> None:
-        """Write a row a waypoint: time_s, x_m, y_m, z_m, closed (0 or 1), step, action, phase."""
+    def to_csv(self, path: Path, frame: Frame | None = None) -> None:
+        """Write a row a waypoint: time_s, x_m, y_m, z_m, closed (0 or 1), step, action, phase.
+
+        Positions are in the unit of the `frame`, which the columns name.
+        """
         import pandas as pd  # slow to import
 
-        x, y, z = self.positions.T
-        table = pd.DataFrame({"time_s": self.times, "x_m": x, "y_m": y, "z_m": z})
+        frame = frame or Frame()
+        columns = [f"{axis}_{frame.unit}" for axis in "xyz"]
+        table = pd.DataFrame(frame.to_file(self.positions), columns=columns)
+        table.insert(0, "time_s", self.times)
         table = table.assign(closed=self.closed.astype(int), step=self.step)
         table = table.assign(action=self.actions, phase=self.phases)
         table.to_csv(path, index=False, float_format="%.6f", lineterminator="\r\n")

@@ -62,7 +62,7 @@ def write_plan_folder(
     else:
         Image.open(folder / "plan.png").convert("P").save(folder / "plan.gif", format="GIF")
     (folder / PLAN).write_text(coarse.to_json(), "utf-8")
-    coarse.waypoints().to_csv(folder / "waypoints.csv")
+    coarse.waypoints().to_csv(folder / "waypoints.csv", plan.frame)
     attempts = [_attempts(step) for step in plan.steps]
     if not attempts and last_tried is not None:
         attempts = [last_tried]

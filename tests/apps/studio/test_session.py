@@ -36,8 +36,8 @@ def test_uploaded_file_is_laid(session, tmp_path):
     rows = "\n".join(",".join(map(str, row)) for row in straight(session.simulation.rope)[::-1])
     session.lay_upload("mine.csv", rows.encode())
     assert session.points[0, 0] > 0
-    with pytest.raises(RopeInputError, match="^other.csv, line 1: has no z"):
-        session.lay_upload("../other.csv", b"1,2\n")
+    with pytest.raises(RopeInputError, match="^other.csv, line 1: has no y"):
+        session.lay_upload("../other.csv", b"1\n")
 
 
 def test_only_offered_names_are_laid(session, tmp_path):

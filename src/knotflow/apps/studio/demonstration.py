@@ -18,7 +18,6 @@ from knotflow.simulation import (
     RopeConfig,
     check_splines,
     control_points,
-    resample,
 )
 from knotflow.topology import Action, TopologicalState
 from knotflow.topology.polyline import arc_lengths
@@ -144,18 +143,9 @@ def rope_from_drawing(clicked: ArrayLike, rope: RopeConfig) -> NDArray[np.float6
         raise RopeInputError(f"the drawing is {drawn:.2f} m long, the rope {rope.length:g} m")
     curve = np.column_stack([corners, _SLOPE * reached]) * rope.length / drawn
     curve[:, :2] -= (curve[:, :2].min(axis=0) + curve[:, :2].max(axis=0)) / 2
-    points = lay_down(resample(curve, rope), rope)
+    points = lay_down(curve, rope)
     if np.abs(points[:, :2]).max() > SPLINE_HIGH[-1]:
         raise RopeInputError(f"stretched to {rope.length:g} m it would leave the gripper's reach")
-    links = np.diff(points, axis=0) / rope.link_length
-    bend = np.arccos(np.clip((links[1:] * links[:-1]).sum(axis=1), -1.0, 1.0)).max()
-    if bend > rope.max_bend:
-        raise RopeInputError(
-            f"it bends by {np.degrees(bend):.0f} degrees within a link, the rope by "
-            f"{np.degrees(rope.max_bend):.0f} at most: draw wider turns"
-        )
-    if TopologicalState.from_curve(points) != TopologicalState.from_curve(curve):
-        raise RopeInputError("its crossings are too close together for this rope: draw it wider")
     return points
 
 

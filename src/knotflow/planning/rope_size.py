@@ -1,0 +1,117 @@
+"""The size of a rope, and the rope of 1 m in whose units it is planned for.
+
+Lengths are divided by the rope's and times by the square root of its metres, so that gravity stays
+what it is; nothing that moves depends on mass alone. A rope of 1 m with the same diameter and
+bending length relative to its length thus moves exactly as the rope itself does, and shapes,
+splines and heights are those that samplers know.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from knotflow.planning.rope_files import METRES, RopeInputError
+from knotflow.simulation import RopeConfig
+
+MODEL = RopeConfig()
+DIAMETER = 2.0 * MODEL.radius / MODEL.length
+"""Of a rope of which only the length is known, in its lengths: that of the model rope."""
+BENDING_LENGTH = 0.0433
+"""Of the model rope, in its lengths: (E I / w)^(1/3) of its stiffness E I and weight w a metre."""
+STIFFNESS = {"soft": 0.5, "medium": 1.0, "stiff": 2.0}
+"""Bending lengths relative to one of the model rope's material."""
+LINKS = 0.4
+"""Links for each diameter in a rope's length."""
+FEWEST_LINKS, MOST_LINKS = 16, 50
+THINNEST, THICKEST = 1 / 500, 1 / 20
+"""Diameters in lengths of the rope; thinner ropes are simulated as the thinnest."""
+UNLIKE = 0.1
+"""Relative difference from the ropes that primitives were trained with that is worth a word."""
+
+_QUANTITY = re.compile(r"\s*([0-9.]+(?:e-?\d+)?)\s*(mm|cm|m|)\s*", re.IGNORECASE)
+
+
+def parse_metres(text: str, what: str) -> float:
+    """Metres in a text such as 6mm, 0.7 m or 0.7.
+
+    Raises:
+        RopeInputError: it is no positive length; says of `what`.
+    """
+    match = _QUANTITY.fullmatch(text)
+    try:
+        value = float(match[1]) * METRES[match[2].lower() or "m"] if match else 0.0
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < 1e6:
+        raise RopeInputError(f"{what} {text!r} is no length: write 6mm, 0.6cm or 0.006")
+    return value
+
+
+@dataclass(frozen=True)
+class RopeSize:
+    """Length, diameter and bending length, metres; see `STIFFNESS`."""
+
+    length: float
+    diameter: float
+    bending_length: float
+
+    @classmethod
+    def of(
+        cls, length: float, diameter: str | None = None, stiffness: str | None = None
+    ) -> RopeSize:
+        """A rope of a length, metres; what is not given is the model rope's, in proportion.
+
+        Raises:
+            RopeInputError: texts that cannot be read, or a diameter out of range.
+        """
+        thick = DIAMETER * length if diameter is None else parse_metres(diameter, "--diameter")
+        if thick > THICKEST * length:
+            raise RopeInputError(
+                f"--diameter {diameter}: {thick:g} m is more than a twentieth of the rope's length "
+                f"of {length:.3g} m; units are m, cm and mm, as in 6mm"
+            )
+        stiffness = stiffness or "medium"
+        if stiffness not in STIFFNESS:
+            return cls(length, thick, parse_metres(stiffness, "--stiffness soft, medium, stiff or"))
+        # Of one material, stiffness grows with the fourth power of thickness, weight by the second.
+        relative = (thick / (DIAMETER * length)) ** (2 / 3)
+        return cls(length, thick, STIFFNESS[stiffness] * relative * BENDING_LENGTH * length)
+
+    @property
+    def links(self) -> int:
+        """Links of the model rope, unless its shape needs more."""
+        return int(min(max(round(LINKS * self.length / self.diameter), FEWEST_LINKS), MOST_LINKS))
+
+    def model(self, links: int | None = None) -> RopeConfig:
+        """The rope of 1 m that moves alike, of the model rope's mass and damping a metre."""
+        radius = 0.5 * max(self.diameter / self.length, THINNEST)
+        links = links or self.links
+        finer = links / MODEL.links
+        stiffer = (self.bending_length / (BENDING_LENGTH * self.length)) ** 3
+        return RopeConfig(
+            radius=radius,
+            links=links,
+            density=MODEL.density * (MODEL.radius / radius) ** 2,
+            joint_damping=MODEL.joint_damping * finer,
+            joint_armature=MODEL.joint_armature * finer,
+            joint_stiffness=MODEL.joint_stiffness * finer * stiffer,
+        )
+
+    def describe(self) -> str:
+        """Its three lengths for printing."""
+        told = (
+            f"rope of {self.length:.3g} m by {1e3 * self.diameter:.3g} mm, bending length "
+            f"{1e2 * self.bending_length:.2g} cm"
+        )
+        if self.diameter < THINNEST * self.length:
+            told += f"; simulated {1e3 * THINNEST * self.length:.2g} mm thick, the least there is"
+        model = DIAMETER * self.length, BENDING_LENGTH * self.length
+        if np.allclose((self.diameter, self.bending_length), model, rtol=UNLIKE):
+            return told
+        return (
+            f"{told}; primitives were trained for {1e3 * model[0]:.3g} mm and {1e2 * model[1]:.2g} "
+            "cm, so expect more splines"
+        )

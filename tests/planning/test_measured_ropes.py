@@ -1,0 +1,243 @@
+"""Centre lines as people measure them, generated, and the files of a folder of real ones."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from knotflow.planning import Frame, RopeInputError, RopeOptions, measured_rope
+from knotflow.simulation import check_points
+from knotflow.topology import TopologicalState
+from knotflow.topology.draw import draw
+from knotflow.topology.polyline import arc_lengths
+
+LOOP = TopologicalState.parse("1o2-")
+OVERHAND = TopologicalState.parse("4o1+2o5+6o3+")
+CASES = Path(__file__).parents[2].parent / "shared" / "real" / "cases"
+
+
+def line(state=OVERHAND, count=200, length=1.0, ratio=0.01):
+    """A centre line (count, 3) of a drawn rope, evenly sampled, metres."""
+    curve = draw(state, gap=ratio)
+    along = arc_lengths(curve)
+    at = np.linspace(0.0, along[-1], count)
+    return length * np.column_stack([np.interp(at, along, column) for column in curve.T])
+
+
+def measured(path, points, header="x,y,z", **options):
+    np.savetxt(path / "mine.csv", points, delimiter=",", header=header, comments="")
+    return measured_rope(str(path / "mine.csv"), RopeOptions(**options), np.random.default_rng(0))
+
+
+def state_of(rope):
+    check_points(rope.points, rope.model)
+    return TopologicalState.from_curve(rope.points)
+
+
+def in_file(rope):
+    """The laid rope (V, 3) in the frame and unit of its file."""
+    return rope.frame.to_file(rope.placement.points(rope.points))
+
+
+@pytest.mark.parametrize("ratio", [1 / 50, 1 / 100, 1 / 250, 1 / 500])
+@pytest.mark.parametrize("length", [0.2, 1.0, 3.0])
+def test_any_size_keeps_its_state(tmp_path, length, ratio):
+    points = line(LOOP, 120, length, ratio)
+    rope = measured(tmp_path, points, diameter=f"{1e3 * ratio * length:.6f}mm")
+    assert state_of(rope) == LOOP
+    assert rope.size.length == pytest.approx(length, rel=0.02)
+    np.testing.assert_allclose(in_file(rope)[[0, -1]], points[[0, -1]], atol=0.02 * length)
+
+
+@pytest.mark.parametrize(("count", "noise"), [(25, 0.003), (60, 0.002), (300, 0.001), (900, 0.002)])
+def test_noise_is_smoothed(tmp_path, count, noise):
+    points = line(OVERHAND, count)
+    noisy = points + np.random.default_rng(1).normal(0, noise, points.shape) * [1, 1, 0.3]
+    rope = measured(tmp_path, noisy)
+    assert state_of(rope) == OVERHAND
+    assert rope.size.length == pytest.approx(1.0, abs=0.06)
+    assert any("rms) off a smooth curve" in remark for remark in rope.remarks) == (count > 100)
+
+
+@pytest.mark.parametrize("unit", ["m", "cm", "mm"])
+def test_points_come_back_in_frame_and_unit(tmp_path, unit):
+    turn = Rotation.from_rotvec([0.3, -0.2, 0.0]).as_matrix()
+    points = (line() @ turn.T + [3.0, -2.0, 1.5]) / {"m": 1, "cm": 0.01, "mm": 0.001}[unit]
+    rope = measured(tmp_path, points, rope_unit=unit)
+    assert state_of(rope) == OVERHAND
+    assert any(re.search(r"tilted by (20|21)\.", remark) for remark in rope.remarks)
+    apart = np.linalg.norm(in_file(rope)[:, None] - points[None], axis=2).min(axis=1)
+    assert apart.max() < 0.015 / {"m": 1, "cm": 0.01, "mm": 0.001}[unit]
+
+
+def test_frames_are_inverted_and_written():
+    frame = Frame(Rotation.from_rotvec([0.3, 0.1, -2.0]).as_matrix(), 0.7, "mm")
+    points = np.random.default_rng(0).normal(size=(5, 3))
+    np.testing.assert_allclose(frame.from_file(frame.to_file(points)), points, atol=1e-12)
+    again = Frame.from_json(frame.to_json())
+    np.testing.assert_array_equal(again.to_file(points), frame.to_file(points))
+    np.testing.assert_array_equal(Frame().to_file(points), points)
+
+
+@pytest.mark.parametrize(
+    ("up", "columns", "signs"),
+    [("y", (1, 2, 0), 1), ("x", (2, 0, 1), 1), ("-z", (0, 1, 2), (1, -1, -1))],
+)
+def test_another_axis_points_up_where_it_is_said(tmp_path, up, columns, signs):
+    points = line()[:, columns] * signs
+    rope = measured(tmp_path, points, up=up)
+    assert state_of(rope) == OVERHAND
+    np.testing.assert_allclose(in_file(rope)[0], points[0], atol=0.02)
+    if up != "-z":
+        with pytest.raises(RopeInputError, match="degrees from level.*--up x, -x, y"):
+            measured(tmp_path, points)
+
+
+def test_points_that_hang_are_refused_by_their_heights(tmp_path):
+    along = np.linspace(-1, 1, 40)
+    hanging = np.column_stack([0.3 * along, 0.1 * along**3, 0.1 + 0.35 * along**2])
+    with pytest.raises(RopeInputError, match=r"mine.csv.*hangs.*0.10 to 0.45 m high \(z\)"):
+        measured(tmp_path, hanging)
+
+
+def test_xy_without_crossing_needs_nothing(tmp_path):
+    points = line(TopologicalState.trivial(), 40)[:, :2]
+    assert state_of(measured(tmp_path, points, "x,y")) == TopologicalState.trivial()
+
+
+def test_xy_with_crossings_asks_which_strand_is_on_top(tmp_path):
+    points = line()[:, :2]
+    with pytest.raises(RopeInputError, match=r"no z.*column over.*--crossings: 4o1\+ or 1o4-"):
+        measured(tmp_path, points, "x,y")
+    rope = measured(tmp_path, points, "x,y", crossings=str(OVERHAND))
+    assert state_of(rope) == OVERHAND
+    other = TopologicalState.parse("1o4-5o2-3o6-")
+    assert state_of(measured(tmp_path, points, "x,y", crossings=str(other))) == other
+    with pytest.raises(RopeInputError, match=r"1o2- are not this curve's; seen from above it has"):
+        measured(tmp_path, points, "x,y", crossings="1o2-")
+
+
+def test_column_over_says_which_strand_is_on_top(tmp_path):
+    points = line()
+    table = np.column_stack([points[:, :2], points[:, 2] > 0.005])
+    assert state_of(measured(tmp_path, table, "x,y,over")) == OVERHAND
+    table[:, 2] = 0
+    with pytest.raises(RopeInputError, match="column over says 0 of both strands of 4o1"):
+        measured(tmp_path, table, "x,y,over")
+
+
+def test_strands_at_one_height_are_asked_for(tmp_path):
+    points = line() * [1, 1, 0.05]
+    with pytest.raises(RopeInputError, match="0.5 mm apart in height, 1 mm at least.*--crossings"):
+        measured(tmp_path, points)
+    assert state_of(measured(tmp_path, points, diameter="4mm")) == OVERHAND  # limits scale
+
+
+def ring(count=80):
+    angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    return np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]) / (2 * np.pi)
+
+
+@pytest.mark.parametrize("repeated", [False, True])
+def test_closed_curve_is_cut_where_it_is_said(tmp_path, repeated):
+    points = ring()
+    closed = np.concatenate([points, points[:1]]) if repeated else points
+    with pytest.raises(RopeInputError, match="a closed curve.*--cut 0.*--cut open"):
+        measured(tmp_path, closed)
+    rope = measured(tmp_path, closed, cut=20)
+    np.testing.assert_allclose(in_file(rope)[0, :2], points[20, :2], atol=0.01)
+    assert any("cut at point 20" in remark for remark in rope.remarks)
+    with pytest.raises(RopeInputError, match="--cut 99: its points are 0 to"):
+        measured(tmp_path, closed, cut=99)
+    with pytest.raises(RopeInputError, match="open already"):
+        measured(tmp_path, line(), cut=0)
+    assert measured(tmp_path, ring()[:-1], cut="open").remarks[0].startswith("rope of")
+
+
+def test_clouds_are_told_from_lines(tmp_path):
+    points = line(LOOP, 400)
+    shuffled = np.random.default_rng(0).permutation(points)
+    with pytest.raises(RopeInputError, match="no line.*cloud of points.*head to tail"):
+        measured(tmp_path, shuffled)
+
+
+def test_xyz_and_vect_are_read(tmp_path):
+    points = line(LOOP, 60)
+    rows = "\n".join(" ".join(f"{value:.6f}" for value in point) for point in points)
+    atoms = "\n".join(f"C {row}" for row in rows.splitlines())
+    texts = {
+        "plain.xyz": rows,
+        "atoms.xyz": f"60\nfrom a scan\n{atoms}",
+        "open.vect": f"VECT\n1 60 0\n60\n0\n{rows}",
+    }
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+        rope = measured_rope(str(tmp_path / name), RopeOptions(), np.random.default_rng(0))
+        assert state_of(rope) == LOOP
+    refused = {
+        "closed.vect": (f"VECT\n1 60 0\n-60\n0\n{rows}", "a closed curve"),
+        "two.vect": (f"VECT\n2 60 0\n30 30\n0 0\n{rows}", "one polyline; this one has 2"),
+        "not.vect": ("OFF\n1 1 1 1 1", "does not begin with VECT"),
+        "cut.vect": ("VECT\n1 3 0\n3\n0\n0 0 0 1 1", "point 1.*not x, y, z"),
+    }
+    for name, (text, message) in refused.items():
+        (tmp_path / name).write_text(text)
+        with pytest.raises(RopeInputError, match=f"{name}.*{message}"):
+            measured_rope(str(tmp_path / name), RopeOptions(), np.random.default_rng(0))
+
+
+def test_lengths_that_need_a_unit_are_asked_for(tmp_path):
+    points = line(LOOP, 60)
+    with pytest.raises(RopeInputError, match=r"976 m long; give --rope-unit.*mm \(0.97"):
+        measured(tmp_path, 977.0 * points)
+    with pytest.raises(RopeInputError, match="is 0.999 m long, not 2 m: .* more than measuring error"):
+        measured(tmp_path, points, length="2")
+    with pytest.raises(RopeInputError, match="give --rope-unit mm"):
+        measured(tmp_path, 1000 * points, length="1m")
+    assert measured(tmp_path, points, length="1.03m").size.length == 1.03
+
+
+def test_tight_loops_get_shorter_links_or_are_refused(tmp_path):
+    angle = np.linspace(-0.9 * np.pi, 0.9 * np.pi, 60)
+    loop = np.column_stack([np.sin(angle), -np.cos(angle)])
+    way = loop[-1] - loop[-2]
+    legs = np.linspace(0.05, 1, 60)[:, None] * way / np.linalg.norm(way)
+
+    def shape(radius):
+        one, other = radius * loop[0] - 0.45 * legs[::-1] * [1, -1], radius * loop[-1] + 0.45 * legs
+        xy = np.concatenate([one, radius * loop, other])
+        return np.column_stack([xy, np.where(np.arange(len(xy)) > 90, 0.01, 0.0)])
+
+    wide, tight = (measured(tmp_path, shape(radius)) for radius in (0.05, 0.018))
+    assert state_of(wide) == state_of(tight)
+    assert len(tight.points) > len(wide.points) == 41
+    with pytest.raises(RopeInputError, match="tighter than a rope of this size bends; .*diameter"):
+        measured(tmp_path, shape(0.004))
+    assert state_of(measured(tmp_path, shape(0.008), diameter="3mm")) == state_of(wide)
+
+
+@pytest.mark.skipif(not CASES.is_dir(), reason="the folder of real inputs is not here")
+@pytest.mark.parametrize(
+    ("name", "options", "outcome"),
+    [
+        ("hanging_cable", {}, "hangs.*0.10 to 0.48 m high"),
+        ("thin_rope_loop", {"diameter": "3.3mm"}, LOOP),
+        ("thin_rope_loop", {}, LOOP),
+        ("dense_noisy_loop", {}, LOOP),
+        ("clean_loop", {}, LOOP),
+        ("tight_loop", {}, LOOP),
+        ("tight_loop", {"diameter": "6mm"}, LOOP),
+        ("trace_xy", {}, TopologicalState.trivial()),
+        ("short_rope_05m", {"diameter": "4mm"}, LOOP),
+        ("thread_02m", {"diameter": "0.4mm"}, LOOP),
+    ],
+)
+def test_real_centre_lines(name, options, outcome):
+    path, rng = str(CASES / f"{name}.csv"), np.random.default_rng(0)
+    if isinstance(outcome, str):
+        with pytest.raises(RopeInputError, match=f"{name}.csv.*{outcome}"):
+            measured_rope(path, RopeOptions(**options), rng)
+    else:
+        assert state_of(measured_rope(path, RopeOptions(**options), rng)) == outcome

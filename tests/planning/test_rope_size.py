@@ -1,0 +1,118 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from knotflow.planning import RopeInputError
+from knotflow.planning.frame import Placement
+from knotflow.planning.rope_size import BENDING_LENGTH, STIFFNESS, RopeSize, parse_metres
+from knotflow.simulation import (
+    RopeConfig,
+    RopeSimulator,
+    SimulationConfig,
+    control_points,
+    random_curve,
+)
+
+GRAVITY = 9.81
+
+
+@pytest.mark.parametrize(
+    ("text", "metres"),
+    [("6mm", 0.006), ("6 mm", 0.006), ("0.6cm", 0.006), ("0.7", 0.7), ("0.7 m", 0.7)],
+)
+def test_lengths_are_read_in_their_units(text, metres):
+    assert parse_metres(text, "--length") == pytest.approx(metres)
+
+
+@pytest.mark.parametrize("text", ["", "0", "-1mm", "6in", "mm", "..", "nan", "1e999"])
+def test_what_is_no_length_is_refused(text):
+    with pytest.raises(RopeInputError, match="--diameter.* is no length: write 6mm"):
+        parse_metres(text, "--diameter")
+
+
+def test_rope_of_one_metre_is_the_model_rope():
+    assert RopeSize.of(1.0).model() == RopeConfig()
+    assert RopeSize.of(1.0, "10mm", "medium").model() == RopeConfig()
+
+
+def test_model_rope_has_the_named_bending_length():
+    rope = RopeConfig()
+    weight = rope.density * np.pi * rope.radius**2 * GRAVITY
+    stiffness = rope.joint_stiffness * rope.link_length
+    assert (stiffness / weight) ** (1 / 3) == pytest.approx(BENDING_LENGTH, rel=1e-3)
+
+
+@pytest.mark.parametrize("stiffness", [*STIFFNESS, "3cm"])
+def test_bending_length_is_that_of_the_links(stiffness):
+    size = RopeSize.of(2.0, "8mm", stiffness)
+    rope = size.model(60)
+    weight = rope.density * np.pi * rope.radius**2 * GRAVITY
+    bending = (rope.joint_stiffness * rope.link_length / weight) ** (1 / 3)
+    assert bending * size.length == pytest.approx(size.bending_length, rel=1e-3)
+    if stiffness == "3cm":
+        assert size.bending_length == pytest.approx(0.03)
+
+
+def test_links_follow_from_length_over_diameter():
+    assert RopeSize.of(1.0, "10mm").links == RopeConfig().links
+    assert RopeSize.of(0.5, "4mm").links == 50
+    assert RopeSize.of(2.0, "20mm").links == RopeSize.of(0.2, "2mm").links
+
+
+def test_thickness_out_of_range_is_refused_or_told():
+    with pytest.raises(
+        RopeInputError, match="--diameter 6: 6 m is more than a twentieth.*as in 6mm"
+    ):
+        RopeSize.of(1.0, "6")
+    thread = RopeSize.of(1.0, "0.5mm")
+    assert "simulated 2 mm thick" in thread.describe()
+    assert thread.model().radius == pytest.approx(0.001)
+
+
+def test_model_moves_as_the_rope_itself():
+    """Simulated in metres and seconds, and in units of its length: the same shapes."""
+    size = RopeSize.of(0.5, "4mm")
+    rope = size.model()
+    model = SimulationConfig(rope=rope, threads=1)
+    start = random_curve(rope, np.random.default_rng(0))
+    spline = np.array([0.05, start[20, 0], start[20, 1], 0.06, 0.2, 0.1])
+    time, mass = np.sqrt(size.length), size.length**3  # of a unit of the model, at one density
+    own = replace(
+        rope,
+        length=size.length,
+        radius=size.length * rope.radius,
+        joint_damping=rope.joint_damping * mass * size.length**2 / time,
+        joint_armature=rope.joint_armature * mass * size.length**2,
+        joint_stiffness=rope.joint_stiffness * mass * size.length**2 / time**2,
+    )
+    real = SimulationConfig(
+        rope=own,
+        timestep=model.timestep * time,
+        contact_time=model.contact_time * time,
+        pace=model.pace * size.length / time,
+        ramp_time=model.ramp_time * time,
+        rest_speed=model.rest_speed * size.length / time,
+        settle_time=model.settle_time * time,
+        record_rate=model.record_rate / time,
+        threads=1,
+    )
+    at = Placement(size.length, 0.01, -0.02)
+    modelled = RopeSimulator(model).execute(start[None], spline[None])
+    executed = RopeSimulator(real).execute(at.points(start)[None], at.splines(spline)[None])
+    moved = np.abs(modelled.end_points - start).max()
+    assert moved > 0.1
+    count = min(modelled.frames[0], executed.frames[0])
+    np.testing.assert_allclose(
+        at.points(modelled.trajectory[0, :count]), executed.trajectory[0, :count], atol=2e-3
+    )
+    np.testing.assert_allclose(at.times(modelled.release_times), executed.release_times, rtol=0.02)
+
+
+def test_placed_splines_have_placed_control_points():
+    at, rng = Placement(0.5, 0.2, -0.1), np.random.default_rng(0)
+    rope = RopeConfig()
+    start, spline = random_curve(rope, rng), np.array([0.3, 0.1, 0.2, 0.1, -0.3, 0.4])
+    controls = control_points(start, spline, rope.radius)
+    placed = control_points(at.points(start), at.splines(spline), at.length * rope.radius)
+    np.testing.assert_allclose(placed, at.points(controls), atol=1e-12)
