@@ -70,6 +70,9 @@ def searches(monkeypatch, found):
         (["plan", "overhand", "--rope", "strait"], "unknown rope 'strait': give one of straight"),
         (["plan", "overhand", "--rope", "none.csv"], "there is no such rope file"),
         (["plan", "overhand", "--rope-unit", "km"], "Choose from"),
+        (["plan", "overhand", "--diameter", "6in"], "--diameter '6in' is no length: write 6mm"),
+        (["plan", "overhand", "--stiffness", "hard"], "--stiffness soft, medium, stiff or"),
+        (["plan", "overhand", "--length", "0.1", "--diameter", "1cm"], "a twentieth of the rope"),
         (["plan", "overhand", "--seed", "-1"], "--seed"),
         (["plan", "overhand", "--seed", "one"], "--seed"),
         (["plan", "overhand", "--max-seconds", "0"], "--max-seconds"),
@@ -133,6 +136,28 @@ def test_the_same_plan_is_told_again_and_another_takes_no_place(searches, here, 
     assert json.loads((folder / "request.json").read_text())["max_seconds"] == 5.0
     assert len(searches) == 2
     assert [path.name for path in (here / "plans").iterdir()] == [folder.name]
+
+
+def test_plan_has_the_size_and_frame_of_the_rope(searches, found, here, capsys):
+    line = np.column_stack([np.linspace(1000, 3000, 30), np.full(30, 500), np.full(30, 80)])
+    np.savetxt(here / "mine.csv", line, delimiter=",", header="x [mm],y,z", comments="")
+    words = [LOOP, "--rope", "mine.csv", "--diameter", "16mm", "--stiffness", "5cm"]
+    assert main(["plan", *words]) == 0
+    assert "rope of 2 m by 16 mm, bending length 5 cm" in capsys.readouterr().out
+    ((_, measured, *_),) = searches
+    assert measured.model.radius == pytest.approx(0.004)
+    (path,) = here.glob("plans/*/plan.json")
+    plan = KnotPlan.from_json(path.read_text())
+    assert (plan.frame.unit, plan.frame.height) == ("mm", pytest.approx(0.072))
+    np.testing.assert_allclose(plan.start[:, :2], 2 * found.start[:, :2] + [2.0, 0.5])
+    np.testing.assert_allclose(plan.splines[:, 3], 2 * found.splines[:, 3])
+    assert plan.steps[0].release_time == pytest.approx(found.steps[0].release_time * 2**0.5)
+    plan.waypoints().to_csv(here / "waypoints.csv", plan.frame)
+    header, *rows = (here / "waypoints.csv").read_text().splitlines()
+    assert header.startswith("time_s,x_mm,y_mm,z_mm,")
+    down = next(row.split(",") for row in rows if row.endswith("close"))
+    grasp = plan.controls[0, 0] * 1000 + [0, 0, 72]
+    np.testing.assert_allclose([float(cell) for cell in down[1:4]], grasp, atol=0.5)
 
 
 def test_a_folder_that_is_no_plan_is_never_replaced(searches, here, capsys):

@@ -6,10 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 import yaml
+from scipy.spatial.transform import Rotation
 
 from knotflow.execution import ArmError, Base, export_plan, load_arm, panda
 from knotflow.execution.arm_model import PREFIX, TABLE
 from knotflow.execution.inverse_kinematics import TOLERANCE
+from knotflow.planning import Frame
 
 UPRIGHT = Base([-0.5, 0.0, 0.0])
 
@@ -43,6 +45,21 @@ def test_exported_joints_reach_every_waypoint(exported):
         assert np.linalg.norm(tip.xpos - wanted) < TOLERANCE
         touching = {model.geom(geom).name for pair in data.contact.geom for geom in pair}
         assert TABLE not in touching
+
+
+def test_frame_of_the_measured_rope_is_that_of_base_and_poses(still, exported):
+    frame = Frame(Rotation.from_rotvec([0.2, -0.1, 0.4]).as_matrix(), 0.3)
+    rpy = Rotation.from_matrix(frame.rotation).as_euler("xyz", degrees=True)
+    base = Base(frame.to_file(UPRIGHT.position).tolist(), rpy.tolist())
+    there = export_plan(replace(still, frame=frame), "panda", base, space="cartesian")
+    np.testing.assert_allclose(there.trajectory.ik.joints, exported.trajectory.ik.joints, atol=1e-4)
+    positions = columns(there.text, ["x_m", "y_m", "z_m"])
+    expected = frame.to_file(exported.trajectory.ik.positions)
+    np.testing.assert_allclose(positions, expected, atol=1e-4)
+    quaternions = columns(there.text, ["qw", "qx", "qy", "qz"])
+    down = Rotation.from_quat(quaternions, scalar_first=True).apply([0.0, 0.0, 1.0])
+    tilt = np.arccos(np.clip(-down @ frame.rotation[:, 2], -1, 1))
+    np.testing.assert_allclose(tilt, exported.trajectory.ik.tilt, atol=1e-3)
 
 
 @pytest.mark.parametrize("max_speed", [0.1, 0.25])
