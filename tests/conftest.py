@@ -1,5 +1,6 @@
 """What tests of several rooms share."""
 
+import gc
 import os
 import platform
 import shutil
@@ -63,6 +64,16 @@ def pytest_configure():
         missing.append(f"a viewer without a screen ({problem})")
     if missing:
         raise pytest.UsageError(f"KNOTFLOW_REQUIRE_BROWSER: missing {', '.join(missing)}")
+
+
+def pytest_collection():
+    gc.disable()
+
+
+def pytest_collection_finish():
+    """What was imported stays, so the garbage collector need not look at it again and again."""
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_collection_modifyitems(items):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -203,6 +204,7 @@ def test_resamples_draw_as_many_trainings_as_there_were(units):
 def test_trainings_that_differ_widen_the_interval_to_cover_their_mean(monkeypatch):
     """Nested units, a truth that is known, many samples of ten trainings."""
     monkeypatch.setattr(statistics, "RESAMPLES", 999)
+    monkeypatch.setattr(statistics, "_drawn", cache(statistics._drawn.__wrapped__))
     rng, covered = np.random.default_rng(11), {"hierarchical": 0, "plain": 0}
     trainings = np.repeat(np.arange(10), 8)
     for _ in range(60):

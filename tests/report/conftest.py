@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -219,9 +220,8 @@ def fewer_resamples() -> Iterator[None]:
     """No verdict here is so close that it needs all of them."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(statistics, "RESAMPLES", 999)
-        statistics._resamples.cache_clear()
+        patch.setattr(statistics, "_drawn", cache(statistics._drawn.__wrapped__))
         yield
-    statistics._resamples.cache_clear()
 
 
 @pytest.fixture

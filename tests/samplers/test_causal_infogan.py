@@ -104,6 +104,7 @@ def test_each_way_to_collapse_is_told(shapes):
     assert "spread" in checkup(Made(gone)).collapsed
 
 
+@pytest.mark.slow
 def test_a_model_comes_back_from_its_file(trained, tmp_path):
     save_model(tmp_path / "model.pt", trained.model, ["C(0,1,1)"])
     model, actions = load_model(tmp_path / "model.pt")
