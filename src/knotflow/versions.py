@@ -29,7 +29,7 @@ COMPONENTS = {
     "trainer": Component(1, ("training.trainer",)),
     "training": Component(7, ("training",)),
     "planning": Component(10, ("planning",)),
-    "perception": Component(10, ("perception",)),
+    "perception": Component(11, ("perception",)),
     "execution": Component(7, ("execution",)),
     "recording": Component(1, ("recording",)),
 }

@@ -7,7 +7,7 @@ from knotflow.simulation import RopeConfig
 
 @pytest.fixture(scope="session")
 def camera() -> Camera:
-    return Camera.overhead()
+    return Camera.overhead(320, 240)
 
 
 @pytest.fixture

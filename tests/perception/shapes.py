@@ -11,7 +11,7 @@ from knotflow.perception.estimation.evidence import Target
 from knotflow.simulation import RopeConfig, resample
 
 ROPE = RopeConfig(radius=0.008)
-CAMERA = Camera.overhead()
+CAMERA = Camera.overhead(320, 240)
 
 
 def s_curve() -> np.ndarray:

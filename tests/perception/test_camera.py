@@ -52,7 +52,7 @@ def test_the_overhead_camera_sees_all_that_splines_reach(size):
 def test_the_overhead_camera_shows_x_to_the_right_and_y_upwards():
     camera = Camera.overhead()
     middle, right, up = camera.project([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]])
-    np.testing.assert_allclose(middle, [159.5, 119.5, 1.2])
+    np.testing.assert_allclose(middle, [319.5, 239.5, 1.2])
     assert right[0] > middle[0] and right[1] == pytest.approx(middle[1])
     assert up[1] < middle[1] and up[0] == pytest.approx(middle[0])
 
@@ -115,7 +115,7 @@ def test_binning(width, grid):
 def test_a_binned_camera_sees_squares_of_pixels():
     camera = Camera.overhead()
     coarse = camera.binned(2)
-    assert (coarse.width, coarse.height) == (160, 120)
+    assert (coarse.width, coarse.height) == (320, 240)
     points = np.random.default_rng(0).uniform([-0.5, -0.4, 0], [0.5, 0.4, 0.1], (20, 3))
     fine, seen = camera.project(points), coarse.project(points)
     assert np.allclose((fine[:, :2] + 0.5) / 2, seen[:, :2] + 0.5)

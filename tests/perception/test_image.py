@@ -50,7 +50,7 @@ def test_depth_in_thousands_is_millimetres(image, tmp_path):
 
 def test_image_of_wrong_camera_size_raises(image, tmp_path):
     image.write(tmp_path / "rgb.png", tmp_path / "depth.png")
-    with pytest.raises(ImageError, match="30x20 pixels, but the camera's are 320x240"):
+    with pytest.raises(ImageError, match="30x20 pixels, but the camera's are 640x480"):
         RgbdImage.read(tmp_path / "rgb.png", tmp_path / "depth.png", Camera.overhead())
 
 
@@ -88,7 +88,8 @@ def test_invalid_depth_raises(image, tmp_path):
 def test_shipped_sample_is_reproducible(tmp_path):
     points = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
     look = Appearance(head=TAPE)
-    camera = SimulatedCamera(Camera.overhead(), RopeConfig(radius=0.008), CameraNoiseConfig(), look)
+    eye, noise = Camera.overhead(320, 240), CameraNoiseConfig()
+    camera = SimulatedCamera(eye, RopeConfig(radius=0.008), noise, look)
     image = camera.capture(points, np.random.default_rng(0))
     image.write(tmp_path / "overhand.png", tmp_path / "overhand-depth.png")
     calibrated = Calibration.load(SAMPLE / "camera.yaml").camera()
@@ -103,7 +104,7 @@ ONLY_DEPTH = dict(lateral_std=0, baseline=0, edge_loss=0, loss=0, colour_std=0, 
 
 
 def flat(depth: float) -> RgbdImage:
-    return RgbdImage(np.full((240, 320, 3), 100, np.uint8), np.full((240, 320), depth, np.float32))
+    return RgbdImage(np.full((480, 640, 3), 100, np.uint8), np.full((480, 640), depth, np.float32))
 
 
 @pytest.mark.parametrize("level", [1, 2])
@@ -126,11 +127,11 @@ def test_depth_comes_in_steps_that_grow_with_the_square_of_the_distance(rng):
 
 def test_more_depth_is_lost_at_edges(rng):
     image = flat(1.2)
-    image.depth[:, 160:] = 1.0
+    image.depth[:, 320:] = 1.0
     noise = CameraNoiseConfig(baseline=0)
     lost = np.isnan(add_noise(image, Camera.overhead(), noise, rng).depth)
     edge = np.zeros_like(lost)
-    edge[:, 159:161] = True
+    edge[:, 319:321] = True
     assert lost[edge].mean() == pytest.approx(noise.edge_loss, abs=0.08)
     assert lost[~edge].mean() == pytest.approx(noise.loss, rel=0.15)
 
@@ -173,3 +174,18 @@ def test_unknown_depth_stays_unknown(rng):
 def test_negative_noise_raises():
     with pytest.raises(ValueError, match="noise.depth_std must be 0 or more, got -1"):
         CameraNoiseConfig(depth_std=-1)
+
+
+def test_binned_image_is_that_of_the_binned_camera(rng):
+    camera = Camera.overhead()
+    points = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
+    image = SimulatedCamera(camera, RopeConfig(radius=0.008)).view(points).image
+    image.depth[:40, :40] = np.nan
+    coarse = image.binned(2)
+    small = SimulatedCamera(camera.binned(2), RopeConfig(radius=0.008)).view(points).image
+    assert coarse.rgb.shape == (240, 320, 3) and coarse.depth.dtype == np.float32
+    assert np.isnan(coarse.depth[:20, :20]).all() and np.isfinite(coarse.depth[20:]).all()
+    # They differ at edges alone, where squares are half rope, half table.
+    assert (np.abs(coarse.depth - small.depth)[20:] < 1e-3).mean() > 0.97
+    assert (np.abs(coarse.rgb.astype(int) - small.rgb)[20:] < 3).mean() > 0.97
+    assert image.binned(1) is image

@@ -78,7 +78,7 @@ def test_plans_from_estimates_and_from_true_ropes(results):
     ("method", "label"),
     [
         ("network_without_strands", "network, without strand tracing"),
-        ("network_tracing_rendering_fine", "network + skeleton + rendering, finer images"),
+        ("network_tracing_rendering_coarse", "network + skeleton + rendering, coarser images"),
         ("my_own", "my own"),
     ],
 )

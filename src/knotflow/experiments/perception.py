@@ -60,14 +60,14 @@ POOR = 0.03  # root mean square error of a poor start, metres
 SUPERVISED, SELF_SUPERVISED = "supervised", "self_supervised"
 """Networks: as trained on simulated ropes, and after learning from images alone besides; both have
 the same network that follows strands."""
-MARKED, PLAIN, FINE = "marked", "plain", "fine"
-"""Images of a rope: its head coloured, not coloured, and coloured with twice as many pixels along
+MARKED, PLAIN, COARSE = "marked", "plain", "coarse"
+"""Images of a rope: its head coloured, not coloured, and coloured with half as many pixels along
 each side."""
 ROPES, WEIGHTS = "ropes.npz", "network.safetensors"
 SHARD_ROPES = 32  # ropes of a shard of `ropes`
 NOMINAL = 1.0
 """Level of noise of the images that are drawn, and at which all methods are compared."""
-CAMERAS = {MARKED: Camera.overhead(), PLAIN: Camera.overhead(), FINE: Camera.overhead(640, 480)}
+CAMERAS = {MARKED: Camera.overhead(), PLAIN: Camera.overhead(), COARSE: Camera.overhead(320, 240)}
 """Camera of a method's view of a rope."""
 DRAWN = "network_tracing_rendering"
 """The method whose estimates are drawn."""
@@ -313,12 +313,12 @@ METHODS = {
     "network_tracing_rendering": BOTH,
     "network_tracing_rendering_without_strands": replace(BOTH, strands=False),
     "network_tracing_rendering_plain_rope": replace(BOTH, view=PLAIN),
-    "network_tracing_rendering_fine": replace(BOTH, view=FINE),
+    "network_tracing_rendering_coarse": replace(BOTH, view=COARSE),
 }
 """What the experiment compares, by name."""
 EVERY_LEVEL = [
     *("network", "network_rendering", "network_tracing_rendering"),
-    "network_tracing_rendering_fine",
+    "network_tracing_rendering_coarse",
 ]
 """Methods compared at all levels of noise; others at the nominal one only."""
 
@@ -433,7 +433,7 @@ def perception(
             noise = replace(camera_noise, level=level)
             appearance = Appearance.draw(rng, noise)
             compared = [one for one in methods if level == NOMINAL or one in EVERY_LEVEL]
-            looks = {MARKED: appearance, PLAIN: replace(appearance, head=None), FINE: appearance}
+            looks = {MARKED: appearance, PLAIN: replace(appearance, head=None), COARSE: appearance}
             images = {
                 view: _noisy_image(SimulatedCamera(CAMERAS[view], rope, noise, look), truth, rng)
                 for view, look in looks.items()

@@ -25,7 +25,8 @@ BASES = {
     "network_rendering": "network + rendering",
     "network_tracing_rendering": "network + skeleton + rendering",
     "network_tracing_rendering_plain_rope": "network + skeleton + rendering, head not coloured",
-    "network_tracing_rendering_fine": "network + skeleton + rendering, finer images",
+    "network_tracing_rendering_fine": "network + skeleton + rendering, finer images",  # 0.2.0
+    "network_tracing_rendering_coarse": "network + skeleton + rendering, coarser images",
 }
 """Methods and what the report calls them; ablations are called after what they leave out."""
 SHOWN = ("network_tracing_rendering", "rendering")

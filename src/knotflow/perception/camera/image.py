@@ -3,6 +3,7 @@ depth, shadows of the projector without depth."""
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -67,6 +68,22 @@ class RgbdImage:
                 f"the image is {_size(self.depth)} pixels, but the camera's are "
                 f"{camera.width}x{camera.height}; give the calibration of this image size"
             )
+
+    def binned(self, factor: int) -> RgbdImage:
+        """The image of a camera `binned` by that factor: mean colours and median depths."""
+        if factor == 1:
+            return self
+        height, width = (size // factor * factor for size in self.depth.shape)
+
+        def squares(values: NDArray) -> NDArray:
+            cut = values[:height, :width]
+            split = cut.reshape(height // factor, factor, width // factor, factor, *cut.shape[2:])
+            return split.swapaxes(1, 2).reshape(*split.shape[::2][:2], factor**2, *cut.shape[2:])
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # no depth in a square is NaN
+            depth = np.nanmedian(squares(self.depth), axis=2).astype(np.float32)
+        return RgbdImage(squares(self.rgb).mean(axis=2).round().astype(np.uint8), depth, self.time)
 
     @classmethod
     def read(cls, rgb: Path | str, depth: Path | str, camera: Camera | None = None) -> RgbdImage:

@@ -146,7 +146,7 @@ class Camera:
 
     @classmethod
     def overhead(
-        cls, width: int = 320, height: int = 240, distance: float = 1.2, field_of_view: float = 60.0
+        cls, width: int = 640, height: int = 480, distance: float = 1.2, field_of_view: float = 60.0
     ) -> Camera:
         """A camera `distance` metres above the middle of the table, the image's top towards +y; the
         `field_of_view`, degrees from top to bottom, is by default a Kinect v2's."""

@@ -48,6 +48,7 @@ Floats = NDArray[np.float64]
 _MIN_CERTAINTY, _MIN_COVERAGE = 0.95, 0.98  # of a crossing and a shape that are not ambiguous
 _SETTLED = 0.99  # coverage fraction of a likely shape that needs no comparison or further search
 _RIVAL_MARGIN = 1.5  # log likelihood by which a path with other crossings is lower, at most
+_PIXELS = 5.0  # width of the rope, about which finer images are binned
 _HEAD_CONTRAST = 0.15  # distance in RGB (0..1) from the rope's colour that marks a head
 
 
@@ -132,6 +133,8 @@ def estimate(
         TraceError: no rope in the image, and no `initial` shape.
     """
     config = config or EstimateConfig()
+    factor = _binning(image, camera, rope)
+    image, camera = image.binned(factor), camera.binned(factor)
     target = observe(image, camera, rope)
     if initial is not None:
         target = _with_radius(initial, target, config)
@@ -140,6 +143,13 @@ def estimate(
     else:
         best, target = _search_all(target, image, config, network, likely, progress)
     return _head_first(best, target, image, earlier)
+
+
+def _binning(image: RgbdImage, camera: Camera, rope: RopeConfig) -> int:
+    """The factor by which an image is coarser where it shows a rope as wide as the search needs."""
+    image.check(camera)
+    width = 2 * rope.radius * camera.fx / float(np.nanmedian(image.depth))
+    return max(1, round(width / _PIXELS))
 
 
 def propose(image: RgbdImage, camera: Camera, rope: RopeConfig, network: Network) -> RopeEstimate:

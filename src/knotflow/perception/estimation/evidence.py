@@ -59,8 +59,8 @@ class Target:
         return bool(self.mask.sum() > inner.sum())
 
     def required_coverage(self, fraction: float) -> float:
-        """A coverage fraction that is demanded of images of 320 pixels, in this image: in finer
-        ones less of the rope is edge, where pixels err."""
+        """A coverage fraction that is demanded of a rope three pixels wide, in this image: of a
+        wider one less is edge, where pixels err."""
         return 1.0 - (1.0 - fraction) * (CORRELATED / self.correlated) ** 0.5
 
     def occupancy(self, shape: NDArray) -> Tensor:
