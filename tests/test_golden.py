@@ -360,7 +360,7 @@ def perception() -> dict[str, Any]:
     return {
         "estimate": found.points[::10],
         "explained": [found.coverage_fraction, found.seen_radius],
-        "depth": view.image.depth[::30, ::40],
+        "depth": view.image.depth[::60, ::80],
         "noise": [np.isnan(image.depth).mean(), np.nanstd(image.depth - view.image.depth)],
         "colour": image.rgb.reshape(-1, 3).mean(0) / 255,
         "shares": [np.bincount(one.ravel(), minlength=4) / one.size for one in labels],
