@@ -32,7 +32,8 @@ $(VENV)/.docs: $(VENV)/.package
 .PHONY: run test quick check coverage docs lock lock-check smoke smoke-all report stale benchmark
 
 # Two workers with one thread each; the tests of a file share fixtures, so they stay on one worker.
-PYTEST = OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+# Compiled tests are kept, else every worker would compile all of them.
+PYTEST = OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 run: $(VENV)/.package  ## plan an overhand in a random rope, with the shipped primitives
 	$(BIN)/knotflow plan overhand

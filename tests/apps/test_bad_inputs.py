@@ -251,7 +251,6 @@ def test_rope_files(file, unit):
         assert rope.shape == (ROPE.num_vertices, 3) and np.isfinite(rope).all()
 
 
-@pytest.mark.slow
 @bad_inputs(0.12)
 @given(points=broken(shapes))
 def test_rope_arrays(points):
@@ -291,7 +290,6 @@ def tokens(draw):
 goals = st.one_of(tokens(), states().map(str), st.text(max_size=20), nested.map(str))
 
 
-@pytest.mark.slow
 @bad_inputs(0.12)
 @given(text=goals, rope=st.sampled_from([ROPE, None]))
 def test_goals(text, rope):
