@@ -5,7 +5,7 @@ from enum import Enum
 from pathlib import PurePosixPath
 
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from knotflow.workflow.key import canonical_json, digest, key_of, plain
@@ -15,6 +15,9 @@ VALUES = st.recursive(
     lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
     max_leaves=10,
 )
+
+# A busy machine is no fault.
+unhurried = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
 
 class Colour(Enum):
@@ -27,11 +30,13 @@ class Part:
     threads: int = field(default=1, metadata={"affects_result": False})
 
 
+@unhurried
 @given(VALUES)
 def test_plain_is_idempotent(value):
     assert plain(plain(value)) == plain(value)
 
 
+@unhurried
 @given(st.dictionaries(st.text(), st.integers(), min_size=2))
 def test_key_ignores_the_order_of_mappings(mapping):
     assert key_of(mapping) == key_of(dict(reversed(mapping.items())))
