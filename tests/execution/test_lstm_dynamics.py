@@ -22,6 +22,7 @@ def test_training_lowers_the_error(motions):
     assert set(history[0]) == {"step", "error_mm", *(f"validation_{n}_mm" for n in (1, 10, 25))}
 
 
+@pytest.mark.slow
 def test_held_out_motions_are_not_trained_on(motions):
     other = Motions(**vars(motions) | {"points": motions.points.copy()})
     other.points[-1] += 1.0  # one of eight is held out

@@ -199,6 +199,7 @@ def test_lengths_that_need_a_unit_are_asked_for(tmp_path):
     assert measured(tmp_path, points, length="1.03m").size.length == 1.03
 
 
+@pytest.mark.slow
 def test_tight_loops_get_shorter_links_or_are_refused(tmp_path):
     angle = np.linspace(-0.9 * np.pi, 0.9 * np.pi, 60)
     loop = np.column_stack([np.sin(angle), -np.cos(angle)])
