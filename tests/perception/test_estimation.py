@@ -157,6 +157,7 @@ def test_undetermined_crossing_is_ambiguous():
     assert crossing.certainty < 0.95
 
 
+@pytest.mark.slow
 def test_low_coverage_is_ambiguous():
     away = s_curve() + [0, 0.3, 0]
     found = estimate(image(s_curve()), CAMERA, ROPE, initial=away, config=QUICK)

@@ -130,6 +130,7 @@ def test_path_follows_rope(shape):
     assert ends == pytest.approx(truth, abs=3)
 
 
+@pytest.mark.slow
 def test_path_does_not_repeat_itself():
     for path in trace_strands(Hound(), table_map(loop(1)), LENGTH):
         steps = np.linalg.norm(np.diff(path.points[:, :2], axis=0), axis=1)

@@ -43,6 +43,7 @@ class Rope:
         )
 
 
+@pytest.mark.slow
 def test_shape_nearest_to_the_wanted_lengths_is_kept(world, shape_of, rng, monkeypatch):
     points, config = shape_of(OVERHAND), world.config
     head, *inner, _ = segment_lengths(points) * config.rope.length

@@ -93,6 +93,7 @@ def test_by_the_papers_rule_no_end_is_kept_at_an_earlier_stage(world, shape_of):
     assert search(goal, back, start=shape_of(loop), rule="paper", max_branches=9).kept == 9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("path", "end", "written"),
     [

@@ -63,6 +63,7 @@ def test_imitation_against_random(write, rate_counts, imitation, verdict):
     assert judgement(write, 0).verdict is verdict
 
 
+@pytest.mark.slow
 def test_a_direction_that_holds_without_the_size_says_so(write, rate_counts, report):
     counts = dict.fromkeys(rate_counts(("random", "imitation")), (20, 400))
     counts |= {key: (300, 400) for key in counts if key[0] == "imitation"}

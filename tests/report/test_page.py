@@ -78,6 +78,7 @@ def test_empty_results_folder_says_how_to_run(write, report):
     assert "Of 10 claims, 10 were not run." in text
 
 
+@pytest.mark.slow
 def test_only_the_baselines(write, rate_counts, report):
     write.rates("single_stage", rate_counts(("random", "icp")))
     text = report()
@@ -93,6 +94,7 @@ def test_smoke_runs_are_marked(write, rate_counts, report):
     assert "(smoke run)" in text
 
 
+@pytest.mark.slow
 def test_stale_results_are_marked(write, rate_counts, report):
     write.rates("single_stage", rate_counts(("random", "imitation")))
     assert "stale:" not in report()
@@ -155,6 +157,7 @@ def test_report_imports_nothing_that_simulates():
     assert packages <= {"report", "viz", "topology", "arrays", "statistics", "versions"}
 
 
+@pytest.mark.slow
 def test_each_section_has_its_words_and_the_slots_of_its_parts(everything, undrawn):
     assert texts().keys() == SECTIONS.keys()
     results = Results(everything)

@@ -79,6 +79,7 @@ def animation(plan, tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_animation_lasts_as_long_as_the_plan(plan, animation):
     with Image.open(animation) as image:
         milliseconds = 0

@@ -15,6 +15,7 @@ def recording(tmp_path, make_rollout):
     return path
 
 
+@pytest.mark.slow
 def test_chosen_rollouts_are_converted(recording, monkeypatch):
     calls = []
 
@@ -43,6 +44,7 @@ def test_damaged_recording_is_not_converted(tmp_path, make_rollout):
     assert not (tmp_path / "out.rrd").exists()
 
 
+@pytest.mark.slow
 def test_error_of_rerun_is_quoted(tmp_path):
     pytest.importorskip("rerun")
     with pytest.raises(ViewerError, match=r"rerun rrd merge .*nothing\.rrd"):
