@@ -18,6 +18,7 @@ from knotflow.simulation import (
     RopeConfig,
     build_model,
     check_points,
+    nearest_link,
     perturb_rope,
     pose,
 )
@@ -154,14 +155,10 @@ class Twin:
         """The fingers hold the rope where they caught it."""
         points, fingers = self.points, self.position
         fingers[:2] += self._grasping.normal(0.0, self._errors.grasp, 2)
-        along = np.diff(points, axis=0)
-        share = ((fingers - points[:-1]) * along).sum(1) / (along**2).sum(1)
-        nearest = points[:-1] + np.clip(share, 0, 1)[:, None] * along
-        distance = np.linalg.norm(nearest - fingers, axis=1)
-        link = int(distance.argmin())
+        link, distance = nearest_link(points, fingers)
         self._closed = True
-        self.missed_grasps += bool(distance[link] > self.config.reach)
-        if not self.grasped and distance[link] <= self.config.reach:
+        self.missed_grasps += bool(distance > self.config.reach)
+        if not self.grasped and distance <= self.config.reach:
             self._grasp_offset = (points[link] + points[link + 1]) / 2 - self.position
             self._data.mocap_pos[0] = self.position + self._grasp_offset
             self._data.eq_active[link] = 1

@@ -40,5 +40,6 @@ from knotflow.simulation.worlds import (
     World,
     WorldsConfig,
     draw_worlds,
+    nearest_link,
     perturb_rope,
 )

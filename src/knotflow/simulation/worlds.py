@@ -42,6 +42,16 @@ def perturb_rope(rope: RopeConfig, level: int, rng: np.random.Generator) -> Rope
     return replace(rope, **{name: getattr(rope, name) * f for name, f in factors.items()})
 
 
+def nearest_link(points: Floats, place: Floats) -> tuple[int, float]:
+    """The link of a rope (V, 3) whose centre line is nearest to a place (3,), and its distance."""
+    along = np.diff(points, axis=0)
+    share = ((place - points[:-1]) * along).sum(1) / (along**2).sum(1)
+    nearest = points[:-1] + np.clip(share, 0, 1)[:, None] * along
+    distance = np.linalg.norm(nearest - place, axis=1)
+    link = int(distance.argmin())
+    return link, float(distance[link])
+
+
 @dataclass(frozen=True)
 class World:
     """What a spline is executed with."""
@@ -61,16 +71,11 @@ class World:
         The fingers catch the nearest link within `GRASP_REACH`, or none. It keeps its distance from
         them.
         """
-        along = np.diff(points, axis=0)
-        fingers = controls[0] + [*self.grasp, 0.0]
-        share = ((fingers - points[:-1]) * along).sum(1) / (along**2).sum(1)
-        nearest = points[:-1] + np.clip(share, 0, 1)[:, None] * along
-        distance = np.linalg.norm(nearest - fingers, axis=1)
-        link = int(distance.argmin())
+        link, distance = nearest_link(points, controls[0] + [*self.grasp, 0.0])
         moved = controls.copy()
         moved[:, :2] += (points[link] + points[link + 1])[:2] / 2 - controls[0, :2]
         moved[1:, :2] += self.shift
-        return (link if distance[link] <= GRASP_REACH else None), moved
+        return (link if distance <= GRASP_REACH else None), moved
 
 
 @dataclass
