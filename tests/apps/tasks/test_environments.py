@@ -1,4 +1,4 @@
-"""The environments keep their interfaces' contracts and the rules of the game."""
+"""The environment keeps its interface's contract and the rules of the game."""
 
 from __future__ import annotations
 
@@ -13,13 +13,12 @@ from knotflow.apps.tasks import (
     ENV_ID,
     TieEnv,
     TieTask,
-    TieVectorEnv,
     register_envs,
     to_box,
     to_splines,
 )
 from knotflow.samplers.demonstrations import heuristic_splines
-from knotflow.simulation import SimulationConfig, arc, straight
+from knotflow.simulation import SimulationConfig, straight
 from knotflow.topology import parse_action
 
 NOTHING = to_box(np.array([0.5, 0.0, 0.0, 0.02, 0.0, 0.0]))
@@ -69,44 +68,23 @@ def test_episode_continues_until_splines_are_used_up(rope):
     assert env.step(NOTHING)[2:4] == (False, True)
 
 
-def test_vector_env_matches_single_env():
-    config = SimulationConfig().rope
-    task = TieTask.single("R1(0,1,1)", np.stack([straight(config), arc(config)]))
-    actions = np.float32([[0.9, 0.1, -0.3, 0.2, 0.4, 0.5], [-0.9, 0.2, 0.1, -0.3, -0.2, 0.1]])
-    env, vector = TieEnv(task), TieVectorEnv(2, task)
-    first, _ = vector.reset(seed=3)
-    observations, rewards, terminated, truncated, infos = vector.step(actions)
-    assert observations in vector.observation_space and first in vector.observation_space
-    for row in range(2):
-        starts = task.starts.astype(np.float32)
-        index = int(np.flatnonzero((starts == first["points"][row]).all((1, 2)))[0])
-        env.reset(options={"start": index})
-        observation, reward, *ended, info = env.step(actions[row])
-        np.testing.assert_allclose(observation["points"], observations["points"][row], atol=1e-6)
-        assert [reward, *ended] == [rewards[row], terminated[row], truncated[row]]
-        assert info == {name: values[row] for name, values in infos.items()}
-
-
-def test_vector_env_resets_ended_episodes_in_the_next_step(rope):
-    vector = TieVectorEnv(2, TieTask.tie("overhand", rope[None], splines=2))
-    before, _ = vector.reset(seed=0)
-    vector.episodes.used[0] = 1  # so that only the first episode ends
-    *_, truncated, _ = vector.step(np.stack([NOTHING, NOTHING]))
-    assert truncated.tolist() == [True, False]
-    action = to_box(np.array([0.5, 0.1, 0.1, 0.1, 0.1, 0.2]))
-    after, rewards, terminated, truncated, _ = vector.step(np.stack([action, action]))
-    assert truncated.tolist() == [False, True] and not terminated[0] and not rewards[0]
-    laid_anew = (after["points"] == before["points"]).all((1, 2))
-    assert laid_anew.tolist() == [True, False]
-    assert vector.episodes.used[0] == 0
+def test_step_executes_the_spline_of_its_box(loop):
+    box = to_box(np.array([0.1, 0.2, 0.1, 0.1, -0.2, 0.1]))
+    ends = []
+    for execute, given in ((loop.execute, to_splines(box)), (loop.step, box)):
+        loop.reset(seed=0)
+        ends.append(execute(given)[0]["points"])
+    np.testing.assert_array_equal(*ends)
 
 
 @pytest.mark.slow
-def test_make_vec_makes_the_vector_env():
+def test_make_vec_makes_many():
     register_envs()
-    env = gymnasium.make_vec(ENV_ID, num_envs=2, vectorization_mode="vector_entry_point")
-    assert isinstance(env.unwrapped, TieVectorEnv)
-    assert env.reset(seed=0)[0]["points"].shape[0] == 2
+    env = gymnasium.make_vec(ENV_ID, num_envs=2)
+    observation, _ = env.reset(seed=0)
+    assert observation["points"].shape == (2, 41, 3)
+    assert not np.array_equal(*observation["points"])
+    assert env.step(np.stack([NOTHING, NOTHING]))[1].tolist() == [0, 0]
 
 
 def test_box_holds_every_spline(rng):
@@ -122,5 +100,3 @@ def test_wrong_arguments_are_named(rope):
         TieEnv().reset(options={"rope": 1})
     with pytest.raises(ValueError, match="draws random curves"):
         TieEnv().reset(options={"start": 0})
-    with pytest.raises(ValueError, match="at least 1 rope"):
-        TieVectorEnv(0)

@@ -1,8 +1,8 @@
-"""Tying as a task for others' methods: environments, public tasks, a leaderboard.
+"""Tying as a task for others' methods: an environment, public tasks, and how methods do in them.
 
-`TieEnv` is the Gymnasium environment "knotflow/Tie-v0", `TieVectorEnv` the same for many ropes at
-once; both need the extra `gym`. `public_tasks` are the ropes and goals on which methods are
-compared. Names are loaded when they are used, from the files that `__init__.pyi` gives.
+`TieEnv` is the Gymnasium environment "knotflow/Tie-v0" (extra `gym`); `gymnasium.make_vec` makes
+many. `public_tasks` are the ropes and goals on which methods are compared. A name is loaded when it
+is used, from the file that `__init__.pyi` gives.
 """
 
 import lazy_loader
@@ -18,9 +18,4 @@ def register_envs() -> None:
     from gymnasium.envs.registration import register, registry
 
     if ENV_ID not in registry:
-        environments = "knotflow.apps.tasks.environments"
-        register(
-            ENV_ID,
-            entry_point=f"{environments}:TieEnv",
-            vector_entry_point=f"{environments}:TieVectorEnv",
-        )
+        register(ENV_ID, entry_point="knotflow.apps.tasks.environments:TieEnv")

@@ -1,9 +1,4 @@
-"""Tying tasks, their episodes, and goals and actions as arrays.
-
-An episode begins with a rope at rest. After each spline the state is read: in a goal state the
-episode is won, with a reward of 1; off the solution DAG, unreadable or diverged it is lost; else it
-continues until its splines are used up.
-"""
+"""Tying tasks, and their goals, actions and splines as arrays."""
 
 from __future__ import annotations
 
@@ -17,13 +12,10 @@ from knotflow.simulation import (
     SPLINE_HIGH,
     SPLINE_LOW,
     RopeConfig,
-    RopeSimulator,
     StartsConfig,
     check_points,
     clip_splines,
-    end_states,
     random_curve,
-    state_or_none,
 )
 from knotflow.topology import R1, R2, Action, Cross, TopologicalState, parse_action
 
@@ -85,12 +77,13 @@ class TieTask:
             ShapeError: the starts are not shapes of this rope.
             ValueError: there is no start of this index.
         """
-        if index is not None and not 0 <= index < (0 if self.starts is None else len(self.starts)):
-            has = "draws random curves" if self.starts is None else f"has {len(self.starts)} starts"
-            raise ValueError(f"there is no start {index}: the task {has}")
         if self.starts is None:
+            if index is not None:
+                raise ValueError(f"there is no start {index}: the task draws random curves")
             return random_curve(rope, rng, StartsConfig())
         row = int(rng.integers(len(self.starts))) if index is None else index
+        if not 0 <= row < len(self.starts):
+            raise ValueError(f"there is no start {row}: the task has {len(self.starts)} starts")
         return check_points(self.starts[row], rope)
 
     def actions(self, state: TopologicalState | None) -> tuple[Action, ...]:
@@ -106,73 +99,25 @@ def _checked(starts: NDArray[np.float64]) -> NDArray[np.float64]:
     return starts
 
 
-@dataclass(frozen=True)
-class StepResult:
-    """Outcome of one spline on each of B ropes."""
-
-    success: NDArray[np.bool_]  # (B,) whether the rope is in a goal state
-    terminated: NDArray[np.bool_]  # (B,) whether the episode is won or lost
-    truncated: NDArray[np.bool_]  # (B,) whether its splines are used up, neither won nor lost
-    diverged: NDArray[np.bool_]  # (B,) whether the simulation diverged
-
-
-class Episodes:
-    """An episode of a task on each of B ropes, simulated together."""
-
-    def __init__(self, task: TieTask, batch: int, simulator: RopeSimulator) -> None:
-        self.task = task
-        self.simulator = simulator
-        self.points = np.zeros((batch, simulator.config.rope.num_vertices, 3))
-        """(B, V, 3) the ropes as they lie, metres."""
-        self.states: list[TopologicalState | None] = [None] * batch
-        """(B,) their states; None where one cannot be read."""
-        self.used = np.zeros(batch, np.intp)
-        """(B,) splines executed in this episode."""
-
-    def reset(self, row: int, rng: np.random.Generator, index: int | None = None) -> None:
-        """Begin an episode with a start of the task; see `TieTask.start`."""
-        self.points[row] = self.task.start(rng, self.simulator.config.rope, index)
-        self.states[row] = state_or_none(self.points[row])
-        self.used[row] = 0
-
-    def step(self, splines: NDArray) -> StepResult:
-        """Execute splines (B, 6), one on each rope.
-
-        Raises:
-            SplineError: for splines out of range.
-        """
-        rollouts = self.simulator.execute(self.points, splines)
-        self.points = rollouts.end_points
-        self.states = list(end_states(rollouts))
-        self.used = self.used + 1
-        goal = self.task.goal
-        success = np.array([state in goal.states for state in self.states], bool)
-        lost = np.array([state is None or state not in goal.dag for state in self.states], bool)
-        terminated = success | lost
-        used_up = (self.used >= self.task.splines) & ~terminated
-        return StepResult(success, terminated, used_up, rollouts.diverged)
-
-
 def goal_codes(task: TieTask) -> NDArray[np.int8]:
     """(G, C, 3) the signed Gauss codes of a task's goal states, sorted.
 
     A row is one crossing (over, under, sign) as in Eq. 1, or zeros.
     """
     states = sorted(task.goal.states)
-    codes = np.zeros((len(states), max(1, *(s.num_crossings for s in states)), 3), np.int8)
+    most = max(1, *(state.num_crossings for state in states))
+    codes = np.zeros((len(states), most, 3), np.int8)
     for code, state in zip(codes, states, strict=True):
-        for row, crossing in enumerate(state.crossings):
-            code[row] = crossing
+        code[: state.num_crossings] = np.reshape(state.crossings, (-1, 3))
     return codes
 
 
 def action_code(action: Action | None) -> NDArray[np.int8]:
     """(5,) kind and parameters in the paper's order (Table I), filled up with zeros."""
     code = np.zeros(ACTION_SIZE, np.int8)
-    for kind, cls in enumerate(KINDS, 1):
-        if isinstance(action, cls):
-            parameters = astuple(action)
-            code[: 1 + len(parameters)] = [kind, *parameters]
+    if isinstance(action, KINDS):
+        parameters = astuple(action)
+        code[: 1 + len(parameters)] = 1 + KINDS.index(type(action)), *parameters
     return code
 
 
