@@ -36,7 +36,7 @@ from knotflow.perception import (
     estimate,
     segment,
 )
-from knotflow.planning import Goal, PlannerConfig, PlanStep, SolutionDag, plan_knot
+from knotflow.planning import PlannerConfig, PlanStep, SolutionDag, parse_goal, plan_knot
 from knotflow.planning.config import RULES
 from knotflow.planning.rules import Node, PosteriorRule, node_probabilities
 from knotflow.recording import load, read_recording, recorded, write_recording
@@ -317,7 +317,7 @@ def searched(rule: str, state: TopologicalState | None = None) -> list[Any]:
     world = Obedient(every=30 if state else 3)
     start = world.shape(state) if state else straight(world.config.rope)
     config = PlannerConfig(rule=rule, batch=4, max_branches=40)
-    goal, rng = Goal.named("overhand"), np.random.default_rng(0)
+    goal, rng = parse_goal("overhand"), np.random.default_rng(0)
     plan = plan_knot(start, goal, world, world, rng, config)
     tried = [
         [str(one.state), str(one.action), one.outcome, one.success, one.branches]

@@ -34,6 +34,7 @@ import knotflow
 from knotflow.apps.tasks import TieTask
 from knotflow.perception import SAMPLE, Calibration, Camera, RgbdImage, segment
 from knotflow.planning import parse_goal, parse_rope
+from knotflow.planning.rope_files import read_table
 from knotflow.recording import RecordedRollout, read_recording, write_recording
 from knotflow.samplers.demonstrations import SHIPPED, load_demonstrations
 from knotflow.simulation import (
@@ -247,7 +248,11 @@ def test_rope_files(file, unit):
     with answered() as folder:
         path = folder / f"rope{suffix}"
         path.write_bytes(content)
-        rope = parse_rope(str(path), ROPE, np.random.default_rng(0), unit=unit)
+        read_table(path, unit)
+    with answered() as folder:
+        path = folder / f"rope{suffix}"
+        path.write_bytes(content)
+        rope = parse_rope(str(path), ROPE, np.random.default_rng(0))
         assert rope.shape == (ROPE.num_vertices, 3) and np.isfinite(rope).all()
 
 

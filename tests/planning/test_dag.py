@@ -5,7 +5,7 @@ from __future__ import annotations
 import networkx as nx
 import pytest
 
-from knotflow.planning import Goal, SearchGraph, SolutionDag, UnreachableGoalError, parse_goal
+from knotflow.planning import SearchGraph, SolutionDag, UnreachableGoalError, parse_goal
 from knotflow.topology import IllegalActionError, TopologicalState, Undo, knot, parse_action
 
 TRIVIAL = TopologicalState.trivial()
@@ -17,7 +17,7 @@ PATH = [parse_action(text) for text in ("R1(0,1,1)", "C(0,1,1)", "C(2,0,1)")]
 
 @pytest.mark.parametrize("name", ["overhand", "figure_eight", "pentagram"])
 def test_distance_is_one_more_than_at_nearest_neighbour(name):
-    dag = Goal.named(name).dag
+    dag = parse_goal(name).dag
     assert dag.goals == knot(name)
     for state in dag.graph:
         nearest = [dag.distance(onward) for _, onward in dag.edges_from(state)]
@@ -51,7 +51,7 @@ def test_illegal_path_is_refused():
 
 
 def test_after_keeps_what_leads_to_the_goal():
-    dag = Goal.named("pentagram").dag
+    dag = parse_goal("pentagram").dag
     overhand = TopologicalState.parse("4o1+2o5+6o3+")
     part = dag.after(overhand)
     assert overhand in part and TRIVIAL not in part
@@ -60,13 +60,13 @@ def test_after_keeps_what_leads_to_the_goal():
 
 
 def test_unreachable_goal_is_explained():
-    dag = Goal.named("overhand").dag
+    dag = parse_goal("overhand").dag
     stray = TRIVIAL.apply(parse_action("R2(0,0,1,1)"))
     for call in (dag.distance, dag.check_start, dag.after):
-        with pytest.raises(UnreachableGoalError, match="no sequence of R1, R2 and Cross completes"):
+        with pytest.raises(UnreachableGoalError, match="no known actions lead"):
             call(stray)
     deep = TopologicalState.parse("6o1+2o7+8o3+4o9+10o5+")
-    with pytest.raises(UnreachableGoalError, match="has 5 and the goal has 3"):
+    with pytest.raises(UnreachableGoalError, match="choose a goal that contains them"):
         dag.check_start(deep)
 
 
@@ -99,7 +99,7 @@ def test_every_state_has_a_path_to_every_goal(all_states, text):
 
 
 def test_edges_are_undoings_and_forward_edges(all_states):
-    dag = Goal.named("overhand").dag
+    dag = parse_goal("overhand").dag
     graph = SearchGraph(dag, *all_states[::7])
     for state in graph.graph:
         forward = tuple(e for e in graph.edges_from(state) if not isinstance(e[0], Undo))
@@ -111,7 +111,7 @@ def test_edges_are_undoings_and_forward_edges(all_states):
 
 def test_distances_do_not_depend_on_order_of_extension(all_states):
     starts = all_states[::11]
-    dag = Goal.named("figure_eight").dag
+    dag = parse_goal("figure_eight").dag
     at_once, one_by_one = SearchGraph(dag, *starts), SearchGraph(dag)
     for start in reversed(starts):
         one_by_one.extend(start)
@@ -127,14 +127,14 @@ def test_distances_do_not_depend_on_order_of_extension(all_states):
 
 
 def test_search_graph_leaves_its_dag_unchanged():
-    dag = Goal.named("overhand").dag
+    dag = parse_goal("overhand").dag
     graph = SearchGraph(dag, STRAY)
     # The head is pulled off its strand, and the loop that is left grows to an overhand.
     assert graph.distance(STRAY) == 3
     undone = [str(action) for action, _ in graph.edges_from(STRAY)]
     assert undone == ["undo C(0,2,1)", "undo R1(1,1,-1)", "undo R2(0,0,1,1)"]
     assert STRAY not in dag and len(dag) == 13
-    with pytest.raises(UnreachableGoalError, match="no sequence of R1, R2 and Cross completes"):
+    with pytest.raises(UnreachableGoalError, match="no known actions lead"):
         dag.check_start(STRAY)
 
 
@@ -145,11 +145,11 @@ def test_trivial_goal_is_reached_by_undoing():
 
 
 def test_states_with_many_crossings_are_added():
-    graph = SearchGraph(Goal.named("overhand").dag)
+    graph = SearchGraph(parse_goal("overhand").dag)
     deep = OVERHAND
     for text in ("C(0,3,1)", "C(4,0,1)", "R1(3,1,1)"):
         deep = deep.apply(parse_action(text))
-    with pytest.raises(UnreachableGoalError, match="no undoings are known"):
+    with pytest.raises(UnreachableGoalError, match="no known actions lead"):
         graph.distance(deep)
     graph.extend(deep)
     assert deep.num_crossings == 6
@@ -163,7 +163,7 @@ def test_path_from_tangled_start_keeps_what_leads_to_its_end():
     assert TRIVIAL not in graph
     for state in graph.graph:
         assert all(onward in graph for _, onward in graph.edges_from(state))
-    with pytest.raises(UnreachableGoalError, match="no undoings are known"):
+    with pytest.raises(UnreachableGoalError, match="no known actions lead"):
         graph.extend(STRAY)
     assert STRAY not in graph and STRAY not in graph.graph
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from knotflow.planning import Goal, PlannerConfig, SearchGraph
+from knotflow.planning import PlannerConfig, SearchGraph, parse_goal
 from knotflow.planning.proposals import UNDO_VALUE, Proposals, group_by_query
 from knotflow.planning.rules import ACT, ARRANGE, Expansion, Node
 from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW
@@ -29,14 +29,14 @@ class Critic:
 
 @pytest.fixture
 def node(shape_of):
-    graph = SearchGraph(Goal.named("overhand").dag)
+    graph = SearchGraph(parse_goal("overhand").dag)
     return Node(shape_of(LOOP), LOOP, graph.distance(LOOP), graph.edges_from(LOOP))
 
 
 @pytest.mark.parametrize("capabilities", [{"values"}, {"values", "undo"}])
 def test_undoing_is_aimed_for_sampler_without_it(node, capabilities):
     critic, rng = Critic(capabilities), np.random.default_rng(0)
-    proposals = Proposals(critic, Goal.named("overhand"), PlannerConfig(), rng)
+    proposals = Proposals(critic, parse_goal("overhand"), PlannerConfig(), rng)
     undoing = np.array([isinstance(action, Undo) for action, _ in node.edges])
     assert 0 < undoing.sum() < len(undoing)
     proposals.evaluate([node])
@@ -54,7 +54,7 @@ def test_undoing_is_aimed_for_sampler_without_it(node, capabilities):
 
 def test_sampler_is_asked_once_per_query(node):
     critic = Critic(set())
-    proposals = Proposals(critic, Goal.named("overhand"), PlannerConfig(), np.random.default_rng(0))
+    proposals = Proposals(critic, parse_goal("overhand"), PlannerConfig(), np.random.default_rng(0))
     edges = [0, 1, 0, 1, 0]
     branches = group_by_query([Expansion(node, edge, ACT) for edge in edges])
     assert [branch.edge for branch in branches] == sorted(edges)
@@ -70,7 +70,7 @@ def test_sampler_is_asked_once_per_query(node):
 def test_guesses_are_mixed_in_at_low_values(node, value, rule, share):
     config = PlannerConfig(rule=rule, guess_fraction=0.5, guess_below_value=0.3)
     rng = np.random.default_rng(0)
-    proposals = Proposals(Critic(set()), Goal.named("overhand"), config, rng)
+    proposals = Proposals(Critic(set()), parse_goal("overhand"), config, rng)
     node.values = np.full(len(node.edges), value)
     (splines,) = proposals.splines([Expansion(node, 0)] * 200)
     guessed = (splines != (SPLINE_LOW + SPLINE_HIGH) / 2).any(axis=1)
@@ -80,7 +80,7 @@ def test_guesses_are_mixed_in_at_low_values(node, value, rule, share):
 @pytest.mark.slow
 def test_guesses_are_mixed_in_after_a_success(node):
     proposals = Proposals(
-        Critic(set()), Goal.named("overhand"), PlannerConfig(), np.random.default_rng(0)
+        Critic(set()), parse_goal("overhand"), PlannerConfig(), np.random.default_rng(0)
     )
     node.values = np.full(len(node.edges), 0.9)
     node.successes[ACT, 0] = 1

@@ -72,7 +72,7 @@ class Critic(Blind):
 
 
 def test_paper_rule_asks_no_critic(world):
-    goal, critic = Goal.named("overhand"), Critic()
+    goal, critic = parse_goal("overhand"), Critic()
     nodes = [root(goal, world)]
     evaluate(nodes, goal, critic, PlannerConfig(rule="paper"))
     assert not critic.asked
@@ -80,7 +80,7 @@ def test_paper_rule_asks_no_critic(world):
 
 
 def test_missing_capability_is_not_used(world):
-    goal, critic = Goal.named("overhand"), Critic()
+    goal, critic = parse_goal("overhand"), Critic()
     critic.capabilities = set()
     nodes = [root(goal, world)]
     evaluate(nodes, goal, critic, PlannerConfig())
@@ -205,7 +205,7 @@ def test_dead_ends_are_abandoned(world, path_goal, seed, batch):
 
 
 def test_evidence_finds_the_path_that_works(world):
-    goal = Goal.named("overhand")
+    goal = parse_goal("overhand")
 
     class OnlyOne(world):
         def sample(self, points, action, count, rng):

@@ -5,14 +5,12 @@ from .goals import (
     SearchGraph,
     SolutionDag,
     UnreachableGoalError,
-    most_crossings,
     parse_goal,
 )
 from .plan import KnotPlan, PlanFormatError, PlanStep
 from .proposals import attempt_arranged
-from .rope_files import RopeInputError
+from .rope_files import ROPE_NAMES, RopeInputError
 from .ropes import (
-    ROPE_NAMES,
     MeasuredRope,
     lay_down,
     measured_rope,
@@ -33,6 +31,6 @@ __all__ = [
     "Placement", "PlanFormatError", "PlanStep", "PlannerConfig", "RopeInputError", "RopeOptions",
     "SearchGraph", "SearchUpdate", "SolutionDag", "TreeSearch", "UnreachableGoalError",
     "Waypoints", "attempt_arranged", "check_steps", "estimate_success", "find_penetrations",
-    "lay_down", "measured_rope", "most_crossings", "parse_goal", "parse_rope", "plan_knot",
+    "lay_down", "measured_rope", "parse_goal", "parse_rope", "plan_knot",
     "plan_name", "plan_rope", "read_rope", "replay",
 ]  # fmt: skip

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -13,7 +12,6 @@ from knotflow.simulation import RopeConfig
 from knotflow.topology import (
     KNOT_NAMES,
     Action,
-    InvalidStateError,
     TopologicalState,
     knot,
     parse_action,
@@ -23,8 +21,7 @@ from knotflow.topology import (
 Edge = tuple[Action, TopologicalState]
 """An action and the state it leads to."""
 
-SEGMENT_RADII = 4.0
-"""Least length of a segment in rope radii: see `most_crossings`."""
+SEGMENT_RADII = 4.0  # least length of a segment, tightly packed
 
 _ACTION = re.compile(r"(?:undo\s+)?[A-Z]\w*\s*\([^()]*\)")
 
@@ -102,20 +99,12 @@ class SolutionDag:
 
     def check_start(self, state: TopologicalState) -> None:
         """Raise an `UnreachableGoalError` for a state that is not in this graph."""
-        if state in self:
-            return
-        count, most = state.num_crossings, max(goal.num_crossings for goal in self.goals)
-        why = (
-            "no sequence of R1, R2 and Cross completes these crossings to the goal"
-            if count < most
-            else "R1, R2 and Cross only add crossings, but the rope already has "
-            f"{count} and the goal has {most}"
-        )
-        raise UnreachableGoalError(
-            f"the rope is in the state {state}, which is none of the {len(self)} states that lead "
-            f"to {_names(self.goals)}: {why}. Lay the rope without these crossings, or choose a "
-            "goal that contains them"
-        )
+        if state not in self:
+            raise UnreachableGoalError(
+                f"no known actions lead from the rope's state {state} to "
+                f"{', '.join(sorted(map(str, self.goals)))}: lay the rope without these crossings, "
+                "or choose a goal that contains them"
+            )
 
     def after(self, start: TopologicalState) -> SolutionDag:
         """The part of this graph that can be reached from a state; raises as `check_start`."""
@@ -161,14 +150,6 @@ class SearchGraph(SolutionDag):
             self._distance[below] = 1 + min(self._distance[previous] for _, previous in edges)
         self.check_start(state)
 
-    def check_start(self, state: TopologicalState) -> None:
-        """Raise an `UnreachableGoalError` for a state that is not in this graph."""
-        if state not in self:
-            raise UnreachableGoalError(
-                f"no undoings are known from the state {state} to any of the {len(self)} states "
-                f"from which actions and undoings lead to {_names(self.goals)}"
-            )
-
 
 @dataclass(frozen=True)
 class Goal:
@@ -181,11 +162,6 @@ class Goal:
     def states(self) -> frozenset[TopologicalState]:
         """The states in which the knot is tied."""
         return self.dag.goals
-
-    @classmethod
-    def named(cls, name: str) -> Goal:
-        """Every state of a knot of this name."""
-        return cls(name, SolutionDag.to(*knot(name)))
 
     @classmethod
     def state(cls, state: TopologicalState) -> Goal:
@@ -204,7 +180,7 @@ def parse_goal(text: str, rope: RopeConfig | None = None) -> Goal:
     Args:
         text: one of
             a knot's name: "overhand", "figure_eight", "pentagram", ...;
-            crossings "4o1+2o5+6o3+" or (over, under, sign) triples "[(4,1,1),(2,5,1),(6,3,1)]";
+            crossings "4o1+2o5+6o3+";
             a topological path from the untangled rope: "R1(0,1,1) C(0,1,1) undo C(0,1,1)".
         rope: refuse a goal that this rope has no room for; not checked if None.
 
@@ -220,26 +196,28 @@ def parse_goal(text: str, rope: RopeConfig | None = None) -> Goal:
         goal = Goal.path([parse_action(action) for action in actions])
         _check_room(text, goal.states, rope)
         return goal
-    states = [*knot(text)] if text in KNOT_NAMES else [_parse_state(text)]
+    if text in KNOT_NAMES:
+        states = knot(text)
+    elif re.match(r"\d|trivial$", text):
+        state = TopologicalState.parse(text)
+        text, states = str(state), frozenset([state])
+    else:
+        raise ValueError(
+            f"unknown knot {text!r}; write a knot's name ({', '.join(KNOT_NAMES)}), crossings "
+            "('4o1+2o5+6o3+'), or a topological path ('R1(0,1,1) C(0,1,1) C(2,0,1)')"
+        )
     _check_room(text, states, rope)  # first, for the DAG of very many crossings is large
-    return Goal.named(text) if text in KNOT_NAMES else Goal.state(states[0])
-
-
-def most_crossings(rope: RopeConfig) -> int:
-    """How many crossings fit on a rope, tightly packed.
-
-    Each of the 2c + 1 segments takes at least `SEGMENT_RADII` radii and one link of the model.
-    """
-    segment = max(SEGMENT_RADII * rope.radius, rope.link_length)
-    # Half a micrometre of slack, for 1 m over 40 links is 25 mm only up to rounding.
-    return max(0, int((rope.length + 5e-7) / segment - 1) // 2)
+    return Goal(text, SolutionDag.to(*states))
 
 
 def _check_room(text: str, goals: Iterable[TopologicalState], rope: RopeConfig | None) -> None:
+    """Refuse crossings of which each of the 2c + 1 segments does not get its least length."""
     if rope is None:
         return
     crossings = min(goal.num_crossings for goal in goals)
-    room = most_crossings(rope)
+    segment = max(SEGMENT_RADII * rope.radius, rope.link_length)
+    # Half a micrometre of slack, for 1 m over 40 links is 25 mm only up to rounding.
+    room = max(0, int((rope.length + 5e-7) / segment - 1) // 2)
     if crossings > room:
         raise ValueError(
             f"the goal {text} has {crossings} crossings, but a rope of {rope.length:g} m with a "
@@ -247,30 +225,6 @@ def _check_room(text: str, goals: Iterable[TopologicalState], rope: RopeConfig |
             f"each of the 2c + 1 segments takes at least {SEGMENT_RADII:g} radii and one link; "
             "take a longer or thinner rope"
         )
-
-
-def _parse_state(text: str) -> TopologicalState:
-    forms = (
-        f"write a knot's name ({', '.join(KNOT_NAMES)}), crossings ('4o1+2o5+6o3+' or "
-        "'[(4,1,1),(2,5,1),(6,3,1)]' as (over, under, sign)), or a topological path "
-        "('R1(0,1,1) C(0,1,1) C(2,0,1)')"
-    )
-    if text.startswith(("[", "(")):
-        try:
-            triples = ast.literal_eval(text)
-        except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
-            raise ValueError(f"the crossings {text!r} cannot be read; {forms}") from None
-        listed = isinstance(triples, list | tuple)
-        if not listed or not all(isinstance(triple, list | tuple) for triple in triples):
-            raise InvalidStateError(f"{text!r} is not a list of crossings; {forms}")
-        return TopologicalState.from_crossings(triples)
-    if not re.match(r"\d|trivial$", text):
-        raise ValueError(f"unknown knot {text!r}; {forms}")
-    return TopologicalState.parse(text)
-
-
-def _names(states: Iterable[TopologicalState]) -> str:
-    return ", ".join(sorted(map(str, states)))
 
 
 def _sorted(edges: Iterable[Edge]) -> tuple[Edge, ...]:

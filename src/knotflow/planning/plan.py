@@ -192,9 +192,10 @@ class KnotPlan:
 
         Without `trajectories` a step keeps its frames' times and gripper only.
         """
-        head: dict[str, Any] = {"format": FORMAT, "version": VERSION}
-        head |= {name: getattr(self, name) for name in _PLAIN}
-        head |= {
+        head = {
+            "format": FORMAT,
+            "version": VERSION,
+            **{name: getattr(self, name) for name in _PLAIN},
             "seconds_s": self.seconds,
             "goal_states": [str(state) for state in self.goal_states],
             "radius_m": self.radius,
@@ -253,9 +254,8 @@ class KnotPlan:
     def _parse(cls, data: dict[str, Any]) -> KnotPlan:
         state = TopologicalState.parse
         start = shape = np.array(data["start_m"], np.float64)
-        steps = []
+        steps: list[PlanStep] = []
         for step in data["steps"]:
-            trajectory = np.array(step["trajectory_m"], np.float32)
             steps.append(
                 PlanStep(
                     action=parse_action(step["action"]),
@@ -265,18 +265,14 @@ class KnotPlan:
                     end=np.array(step["end_m"], np.float64),
                     end_state=state(step["end_state"]),
                     times=np.array(step["times_s"], np.float64),
-                    trajectory=trajectory.reshape(-1, len(start), 3),
+                    trajectory=np.array(step["trajectory_m"], np.float32).reshape(-1, *start.shape),
                     gripper=np.array(step["gripper_m"], np.float32).reshape(-1, 3),
                     release_time=step["release_time_s"],
                 )
             )
             shape = steps[-1].end
         tried = [
-            ExpansionStats(
-                state(one["state"]),
-                parse_action(one["action"]),
-                *(one[name] for name in ("outcome", "success", "branches")),
-            )
+            ExpansionStats(state(one.pop("state")), parse_action(one.pop("action")), **one)
             for one in data["tried"]
         ]
         return cls(

@@ -11,16 +11,12 @@ from knotflow.simulation import RopeConfig
 from knotflow.topology import CurveCrossings, DegenerateCurveError, project
 from knotflow.topology.polyline import Floats, arc_lengths
 
-SAMPLES = 4
-"""Points of the curve that a link is fitted to."""
-STIFFNESS = 0.03
-"""Links that a point may be off for a radian by which neighbouring bends differ."""
-GAP = 2.5
-"""Radii between the centre lines of the strands of a crossing."""
+SAMPLES = 4  # points of the curve that a link is fitted to
+STIFFNESS = 0.03  # links that a point may be off for a radian by which neighbouring bends differ
+GAP = 2.5  # radii between the centre lines of the strands of a crossing
 RISE = 0.07
 """Radians a radius by which the rope bends upward to a crossing; more where there is no room."""
-ALIKE = 0.01
-"""Relative difference of the links of a shape of the model rope."""
+ALIKE = 0.01  # relative difference of the links of a shape of the model rope
 
 
 class Fit(NamedTuple):
@@ -109,21 +105,9 @@ def _chain(targets: Floats, places: Floats, spans: Floats, rope: RopeConfig) -> 
         off = values[:2, None] + links_of(values) @ before.T - targets.T  # (2, M)
         return np.concatenate([off.ravel() / rope.link_length, smooth @ values[3:]])
 
-    def jacobian(values: Floats) -> Floats:
-        x, y = links_of(values)
-        # A bend turns all links behind it.
-        turned = [np.cumsum((before * way)[:, ::-1], axis=1)[:, ::-1] for way in (-y, x)]
-        count = len(places)
-        rows = np.zeros((2 * count + links - 2, links + 2))
-        rows[:count, 0] = rows[count : 2 * count, 1] = 1.0
-        rows[:count, 2:], rows[count : 2 * count, 2:] = turned
-        rows[: 2 * count] /= rope.link_length
-        rows[2 * count :, 3:] = smooth
-        return rows
-
     bound = np.r_[np.full(3, np.inf), np.full(links - 1, limit)]
     first = np.r_[targets[0], headings[0], bends]
-    found = least_squares(residuals, first, jacobian, bounds=(-bound, bound), ftol=1e-4).x
+    found = least_squares(residuals, first, bounds=(-bound, bound), ftol=1e-4).x
     return np.cumsum(np.concatenate([found[None, :2], links_of(found).T]), axis=0)
 
 

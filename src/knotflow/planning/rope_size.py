@@ -1,9 +1,7 @@
 """The size of a rope, and the rope of 1 m in whose units it is planned for.
 
 Lengths are divided by the rope's and times by the square root of its metres, so that gravity stays
-what it is; nothing that moves depends on mass alone. A rope of 1 m with the same diameter and
-bending length relative to its length thus moves exactly as the rope itself does, and shapes,
-splines and heights are those that samplers know.
+what it is and a rope of the same proportions moves exactly alike.
 """
 
 from __future__ import annotations
@@ -23,15 +21,14 @@ BENDING_LENGTH = 0.0433
 """Of the model rope, in its lengths: (E I / w)^(1/3) of its stiffness E I and weight w a metre."""
 STIFFNESS = {"soft": 0.5, "medium": 1.0, "stiff": 2.0}
 """Bending lengths relative to one of the model rope's material."""
-LINKS = 0.4
-"""Links for each diameter in a rope's length."""
+LINKS = 0.4  # for each diameter in a rope's length
 FEWEST_LINKS, MOST_LINKS = 16, 50
 THINNEST, THICKEST = 1 / 500, 1 / 20
 """Diameters in lengths of the rope; thinner ropes are simulated as the thinnest."""
-UNLIKE = 0.1
-"""Relative difference from the ropes that primitives were trained with that is worth a word."""
+UNLIKE = 0.1  # relative difference from the ropes of trained primitives that is worth a word
 
-_QUANTITY = re.compile(r"\s*([0-9.]+(?:e-?\d+)?)\s*(mm|cm|m|)\s*", re.IGNORECASE)
+_NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:e-?\d+)?"
+_QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(mm|cm|m|)\s*", re.IGNORECASE)
 
 
 def parse_metres(text: str, what: str) -> float:
@@ -41,10 +38,7 @@ def parse_metres(text: str, what: str) -> float:
         RopeInputError: it is no positive length; says of `what`.
     """
     match = _QUANTITY.fullmatch(text)
-    try:
-        value = float(match[1]) * METRES[match[2].lower() or "m"] if match else 0.0
-    except ValueError:
-        value = 0.0
+    value = float(match[1]) * METRES[match[2].lower() or "m"] if match else 0.0
     if not 0.0 < value < 1e6:
         raise RopeInputError(f"{what} {text!r} is no length: write 6mm, 0.6cm or 0.006")
     return value

@@ -13,9 +13,9 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.planning.config import Axis, RopeOptions, Unit
+from knotflow.planning.config import Axis, RopeOptions
 from knotflow.planning.frame import Frame, Placement
-from knotflow.planning.rope_files import METRES, SUFFIXES, RopeInputError, RopeTable, read_table
+from knotflow.planning.rope_files import METRES, ROPE_NAMES, RopeInputError, RopeTable, read_table
 from knotflow.planning.rope_fit import Fit, fit_rope, planar_code, rests
 from knotflow.planning.rope_size import RopeSize, parse_metres
 from knotflow.simulation import (
@@ -29,31 +29,19 @@ from knotflow.simulation import (
 from knotflow.topology import CurveCrossings, DegenerateCurveError, TopologicalState
 from knotflow.topology.polyline import Floats, arc_lengths
 
-LENGTH_TOLERANCE = 0.05
-"""Relative difference of a file's rope length from a given one that counts as measuring error."""
-USUAL_LENGTHS = (0.05, 20.0)
-"""Metres. Outside, a file has to state its unit."""
+LENGTH_TOLERANCE = 0.05  # relative difference of a file's rope from a given length
+USUAL_LENGTHS = (0.05, 20.0)  # metres; outside, a file has to state its unit
 LYING = (6.0, 0.05)
 """Greatest height of a rope that lies on a table: the greater of so many diameters, and of this
 share of its length."""
-MOST_TILT = np.deg2rad(45.0)
-"""Of the table; beyond, `up` has to be said."""
-CUT_OUT = 0.02
-"""Share of a closed curve that is left out where it is cut."""
-LEAST_GAP = 0.1
-"""Diameters by which the strands of a crossing differ in height at least."""
-DENSE = 100
-"""Points from which on a centre line is smoothed."""
-MOST_NOISE = 0.02
-"""Greatest noise of smoothed points, in lengths of the rope."""
-MOST_OFF = 0.015
-"""Farthest that a rope may lie from its curve, in its lengths."""
-FINER, MAX_LINKS = 10, 100
-"""Links by which a rope gets more where its shape needs them, and the most it gets."""
-SHORTEST_LINK = 1.5
-"""Least length of a link, in diameters."""
-
-ROPE_NAMES = ("straight", "arc", "random")
+MOST_TILT = np.deg2rad(45.0)  # of the table; beyond, `up` has to be said
+CUT_OUT = 0.02  # share of a closed curve that is left out where it is cut
+LEAST_GAP = 0.1  # diameters by which the strands of a crossing differ in height at least
+DENSE = 100  # points from which on a centre line is smoothed
+MOST_NOISE = 0.02  # of smoothed points, in lengths of the rope
+MOST_OFF = 0.015  # farthest that a rope may lie from its curve, in its lengths
+FINER, MAX_LINKS = 10, 100  # links more where the shape needs them, and the most there are
+SHORTEST_LINK = 1.5  # diameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +78,8 @@ def measured_rope(text: str, options: RopeOptions, rng: np.random.Generator) -> 
         length = parse_metres(options.length or "1m", "--length")
         size = RopeSize.of(length, options.diameter, options.stiffness)
         points = parse_rope(text, size.model(), rng)
-        return MeasuredRope(points, size, Placement(length), Frame(unit="m"))
-    return _measure(_path(text), options)
+        return MeasuredRope(points, size, Placement(length), Frame())
+    return _measure(Path(text), options)
 
 
 def parse_rope(
@@ -99,7 +87,6 @@ def parse_rope(
     rope: RopeConfig,
     rng: np.random.Generator,
     starts: StartsConfig | None = None,
-    unit: Unit | None = None,
 ) -> Floats:
     """The rope shape (V, 3), metres, that a text names.
 
@@ -112,19 +99,10 @@ def parse_rope(
         return random_curve(rope, rng, starts or StartsConfig())
     if text in ROPE_NAMES:
         return straight(rope) if text == "straight" else arc(rope)
-    return read_rope(_path(text), rope, unit)
+    return read_rope(Path(text), rope)
 
 
-def _path(text: str) -> Path:
-    if Path(text).suffix.lower() not in SUFFIXES:
-        raise RopeInputError(
-            f"unknown rope {text!r}: give one of {', '.join(ROPE_NAMES)}, or a file "
-            f"*{' or *'.join(SUFFIXES)} of points (N, 3)"
-        )
-    return Path(text)
-
-
-def read_rope(path: Path, rope: RopeConfig, unit: Unit | None = None) -> Floats:
+def read_rope(path: Path, rope: RopeConfig) -> Floats:
     """A measured rope (V, 3), metres, as the given model rope at rest on the table, z = 0.
 
     The file has points of the centre line, one a row: x, y, z, z up, head first, any table height.
@@ -133,8 +111,8 @@ def read_rope(path: Path, rope: RopeConfig, unit: Unit | None = None) -> Floats:
     Raises:
         RopeInputError: an unreadable file, or a rope that the model cannot be or splines not reach.
     """
-    options = RopeOptions(unit, f"{rope.length:.9g}", f"{2 * rope.radius:.9g}")
-    line = _CentreLine.read(path, options)
+    length, diameter = f"{rope.length:.9g}", f"{2 * rope.radius:.9g}"
+    line = _CentreLine.read(path, RopeOptions(length=length, diameter=diameter))
     points: Floats = line.fit(rope).points + [*line.middle, 0.0]
     reach = float(SPLINE_HIGH[-1])
     far = np.abs(points[:, :2]).max(axis=1)
@@ -184,7 +162,7 @@ def _measure(path: Path, options: RopeOptions) -> MeasuredRope:
     ]
     off = 1e3 * line.length * fit.deviations
     told = (
-        f"{size.describe()}" + (f"; taken to be {' and '.join(assumed)}" if assumed else ""),
+        size.describe() + (f"; taken to be {' and '.join(assumed)}" if assumed else ""),
         f"laid with {links} links, {off.max():.2g} mm off at most, {np.sqrt((off**2).mean()):.2g} "
         f"mm rms; its state is {line.state}",
     )
@@ -218,17 +196,7 @@ class _CentreLine:
         table, smoothed = _smoothed(path, read_table(path, options.rope_unit))
         table, cut = _cut(path, table, options.cut)
         points = table.points
-        length = float(arc_lengths(points)[-1])
-        if options.length is not None:
-            given = parse_metres(options.length, "--length")
-            _check_length(path, length, given, table.unit)
-            length = given
-        elif table.unit is None and not USUAL_LENGTHS[0] <= length <= USUAL_LENGTHS[1]:
-            units = (f"{unit} ({length * metres:.3g} m)" for unit, metres in METRES.items())
-            raise RopeInputError(
-                f"{path}: in metres this rope would be {length:.3g} m long; give --rope-unit "
-                f"{', '.join(units)}"
-            )
+        length = _length(path, table, options.length)
         thick = RopeSize.of(length, options.diameter).diameter
         frame, tilted = _table_frame(path, points, options.up, length, thick)
         frame = replace(frame, unit=table.unit or "m")
@@ -241,7 +209,7 @@ class _CentreLine:
                 f"{path}: how this rope crosses itself cannot be read when seen from above: "
                 f"{error}. Neither an end nor two strands may lie exactly on another in x and y"
             ) from error
-        later = _later_over(path, points, crossings, table, options.crossings, LEAST_GAP * thick)
+        later = _later_over(path, points, crossings, table, options.crossings, thick)
         remarks = (*smoothed, *cut, *tilted)
         return cls(str(path), points, crossings, later, length, frame, remarks)
 
@@ -281,16 +249,14 @@ class _CentreLine:
         metres = self.length / rope.length
         thick, link = (1e3 * metres * size for size in (2 * rope.radius, rope.link_length))
         raise RopeInputError(
-            f"{self.name}: "
+            f"{self.name}: a rope of {thick:.3g} mm in {rope.links} links of {link:.3g} mm "
             + (
-                f"a rope of {thick:.3g} mm in {rope.links} links of {link:.3g} mm lies at least "
-                f"{1e3 * metres * fit.deviations.max():.2g} mm off these points"
+                f"lies at least {1e3 * metres * fit.deviations.max():.2g} mm off these points"
                 if keeps
-                else f"its {len(self.later_over)} crossings, {self.state}, are closer together "
-                f"than a rope of {thick:.3g} mm in {rope.links} links of {link:.3g} mm can lie"
+                else f"cannot lie with these {len(self.later_over)} crossings, {self.state}"
             )
-            + ": tighter than a rope of this size bends; give --diameter, the rope's own. Points "
-            "that are noisy or out of order look alike"
+            + ": they are tighter than a rope of this size bends; give --diameter, the rope's own. "
+            "Points that are noisy or out of order look alike"
         )
 
 
@@ -347,23 +313,28 @@ def _smoothed(path: Path, table: RopeTable) -> tuple[RopeTable, tuple[str, ...]]
     return replace(table, points=smooth), (told,)
 
 
-def _check_length(path: Path, length: float, given: float, unit: str | None) -> None:
-    if abs(length / given - 1.0) <= LENGTH_TOLERANCE:
-        return
-    cure = "that is more than measuring error; without --length the file's is taken"
-    for name, metres in METRES.items():
-        if unit is None and abs(length * metres / given - 1.0) <= LENGTH_TOLERANCE:
-            cure = (
-                f"its numbers look like {name}: give --rope-unit {name}, or name the columns with "
-                f"the unit, as in x [{name}]"
-            )
-    raise RopeInputError(f"{path}: the rope is {length:.3g} m long, not {given:.3g} m: {cure}")
+def _length(path: Path, table: RopeTable, text: str | None) -> float:
+    """The rope's length, metres: as given by a text, or that of its points."""
+    length = float(arc_lengths(table.points)[-1])
+    given = length if text is None else parse_metres(text, "--length")
+    usual = text or table.unit or USUAL_LENGTHS[0] <= length <= USUAL_LENGTHS[1]
+    if usual and abs(length / given - 1.0) <= LENGTH_TOLERANCE:
+        return given
+    expected = "" if text is None else f", not {given:.3g} m"
+    in_file = length / METRES[table.unit or "m"]
+    units = (f"{unit} ({in_file * metres:.3g} m)" for unit, metres in METRES.items())
+    raise RopeInputError(
+        f"{path}: this rope would be {length:.3g} m long{expected}: give its --length, or "
+        f"--rope-unit {', '.join(units)}"
+    )
 
 
 def _table_frame(
     path: Path, points: Floats, up: str, length: float, thick: float
 ) -> tuple[Frame, tuple[str, ...]]:
     """The frame of the table on which points (N, D), metres, lie, and what is to be said of it."""
+    from scipy.spatial.transform import Rotation  # slow to import
+
     if points.shape[1] == 2:
         return Frame(), ()
     axis = "xyz".index(up[-1])
@@ -388,23 +359,14 @@ def _table_frame(
                 f"{tilt if flat else ''}. Where another axis points up from the table, say which: "
                 f"--up {', '.join(get_args(Axis))}"
             )
-        rotation = _turn_to(normal, rotation)
+        turn, _ = Rotation.align_vectors(normal, rotation[:, 2])
+        rotation = turn.as_matrix() @ rotation
         heights = points @ normal
         told = (
             f"the table is the plane of the points, tilted by {np.rad2deg(np.arccos(cosine)):.1f} "
             f"degrees; {up} is on its upper side",
         )
     return Frame(rotation, float(np.median(heights)) - thick / 2), told
-
-
-def _turn_to(normal: Floats, rotation: Floats) -> Floats:
-    """Axes (3, 3) turned the shortest way until the third is `normal` (3,)."""
-    from scipy.spatial.transform import Rotation
-
-    axis = np.cross(rotation[:, 2], normal)
-    angle = np.arctan2(np.linalg.norm(axis), rotation[:, 2] @ normal)
-    turn = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
-    return np.asarray(turn.as_matrix() @ rotation)
 
 
 def _at_crossings(values: Floats, curve: Floats, crossings: CurveCrossings) -> Floats:
@@ -420,7 +382,7 @@ def _later_over(
     crossings: CurveCrossings,
     table: RopeTable,
     text: str | None,
-    least: float,
+    thick: float,
 ) -> NDArray[np.bool_]:
     """(c,) whether the later strand of each crossing is on top: by text, by a column, or by z."""
     either = [
@@ -435,28 +397,23 @@ def _later_over(
                 f"{path}: --crossings {text} are not this curve's; seen from above it has {choices}"
             )
         return np.array([pair[0] in named for pair in either], bool)
+    if not either:
+        return np.zeros(0, bool)
     cure = f"give a column over (1 on upper strands), or --crossings: {choices}"
     if table.over is not None:
-        earlier, later = _at_crossings(table.over, points, crossings)
-        if (unknown := np.flatnonzero(earlier == later)).size:
-            raise RopeInputError(
-                f"{path}: its column over says {earlier[unknown[0]]:g} of both strands of "
-                f"{' or '.join(either[unknown[0]])}; complete it, or give --crossings: {choices}"
-            )
+        column, values, least = "over", table.over, 0.0
     elif table.points.shape[1] == 3:
-        earlier, later = _at_crossings(points[:, 2], points, crossings)
-        gaps = np.abs(later - earlier)
-        if len(gaps) and gaps.min() < least:
-            raise RopeInputError(
-                f"{path}: the strands of a crossing are {1e3 * gaps.min():.2g} mm apart in height, "
-                f"{1e3 * least:.2g} mm at least are needed to tell: z must say which one is on "
-                f"top; or {cure}"
-            )
-    elif either:
+        column, values, least = "z", points[:, 2], LEAST_GAP * thick
+    else:
         raise RopeInputError(
             f"{path}: has no z, and crosses itself {len(either)} times when seen from above; which "
             f"strand is on top? Add z, or {cure}"
         )
-    else:
-        return np.zeros(0, bool)
+    earlier, later = _at_crossings(values, points, crossings)
+    gaps = np.abs(later - earlier)
+    if (closest := gaps.min()) <= least:
+        raise RopeInputError(
+            f"{path}: {column} must say which strand of {' or '.join(either[gaps.argmin()])} is on "
+            f"top, and differ by more than {least:.2g}, but differs by {closest:.2g}; or {cure}"
+        )
     return np.asarray(later > earlier)

@@ -13,12 +13,9 @@ from knotflow.simulation import RopeSimulator, SimulationConfig, attempt, end_st
 from knotflow.topology import DegenerateCurveError
 from knotflow.topology.polyline import Floats, planar_crossings
 
-RECORD_RATE = 50.0
-"""Frames per second of a plan's trajectories; no shape depends on it."""
-HOLD_TIME = 3.0
-"""Seconds after a step's end for which its state has to last."""
-CHUNK = 64
-"""Steps that are simulated at once; all their frames are kept in memory."""
+RECORD_RATE = 50.0  # frames per second of a plan's trajectories; no shape depends on it
+HOLD_TIME = 3.0  # seconds after a step's end for which its state has to last
+CHUNK = 64  # steps that are simulated at once; all their frames are kept in memory
 MAX_SHIFT = 1.5
 """Links by which a crossing may move along either strand between two frames to be the same."""
 
@@ -76,17 +73,16 @@ def estimate_success(
     step: PlanStep,
     rng: np.random.Generator,
     repeats: int,
-    simulation: SimulationConfig | None = None,
-    deviation: float = 0.005,
+    simulation: SimulationConfig,
+    deviation: float,
 ) -> float:
     """The share of disturbed repetitions of a step that reach its state.
 
-    Standard deviations are those given, metres, of the grasp along the rope and per axis of the
+    `deviation` is the standard deviation, metres, of the grasp along the rope and per axis of the
     control points.
     """
     from knotflow.samplers.demonstrations import NoiseConfig, noisy_copies
 
-    simulation = simulation or SimulationConfig()
     noise = NoiseConfig(deviation / simulation.rope.length, middle=deviation, end=deviation)
     splines = noisy_copies(step.spline, repeats, rng, noise)
     simulator = RopeSimulator(simulation)

@@ -1,13 +1,7 @@
 """From a plan to timed gripper waypoints that a robot executes (Sec. VI).
 
-Between splines the gripper is open and moves above the rope. For each spline it
-
-    travel   goes above the grasp point,
-    descend  comes straight down on it,
-    close    closes,
-    drag     moves along the spline with the rope, timed as it was simulated or slower,
-    open     lets go on the table,
-    rise     goes straight up.
+For each spline the gripper travels above the grasp point, descends on it, closes, drags the rope
+along the spline, timed as it was simulated or slower, opens on the table, and rises.
 
 Positions are of the grasped point of the rope's centre line, metres, world frame. Every phase takes
 a whole number of sampling intervals, rounded up.
@@ -17,16 +11,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.planning.frame import Frame
-from knotflow.topology import Action
+from knotflow.topology.polyline import Floats
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from knotflow.planning.plan import PlanStep
 
 
 @dataclass
@@ -84,7 +80,7 @@ class Waypoints:
     def __len__(self) -> int:
         return len(self.times)
 
-    def to_csv(self, path: Path, frame: Frame | None = None) -> None:
+    def to_csv(self, file: Path | StringIO, frame: Frame | None = None) -> None:
         """Write a row a waypoint: time_s, x_m, y_m, z_m, closed (0 or 1), step, action, phase.
 
         Positions are in the unit of the `frame`, which the columns name.
@@ -97,24 +93,11 @@ class Waypoints:
         table.insert(0, "time_s", self.times)
         table = table.assign(closed=self.closed.astype(int), step=self.step)
         table = table.assign(action=self.actions, phase=self.phases)
-        table.to_csv(path, index=False, float_format="%.6f", lineterminator="\r\n")
-
-
-class Drag(Protocol):
-    """What waypoints need to know of a `PlanStep`."""
-
-    @property
-    def action(self) -> Action: ...
-    @property
-    def times(self) -> Floats: ...
-    @property
-    def gripper(self) -> NDArray[np.float32]: ...
-    @property
-    def release_time(self) -> float: ...
+        table.to_csv(file, index=False, float_format="%.6f", lineterminator="\r\n")
 
 
 def trace_waypoints(
-    steps: Sequence[Drag],
+    steps: Sequence[PlanStep],
     shapes: Floats,
     radius: float,
     rate_hz: float,
@@ -134,72 +117,65 @@ def trace_waypoints(
     """
     if not rate_hz > 0.0:
         raise ValueError(f"the rate must be above 0 Hz, got {rate_hz}")
-    _check_heights(shapes, radius, config)
-    rows: list[tuple[Floats, bool, int, str, str]] = []
-    here: Floats | None = None
+    top = float(shapes[..., 2].max()) + radius
+    for name in ("approach_height", "retreat_height"):
+        if not (height := getattr(config, name)) >= top + config.clearance:
+            raise ValueError(
+                f"gripper.{name} is {height:g} m, but the rope lies up to {top:.3f} m high and "
+                f"gripper.clearance is {config.clearance:g} m: take at least "
+                f"{top + config.clearance:.3f} m"
+            )
+    rows: list[tuple[Floats, int, str, str]] = []
     for number, step in enumerate(steps):
         path = _drag(step, rate_hz, config.drag_speed)
         path[:, 2] = np.maximum(path[:, 2], config.lowest)
-        for phase, closed, positions in _phases(here, path, rate_hz, config):
-            action = str(step.action)
-            rows.extend((position, closed, number, action, phase) for position in positions)
-        here = rows[-1][0]
+        here = rows[-1][0] if rows else None
+        for phase, positions in _phases(here, path, rate_hz, config).items():
+            rows += [(place, number, str(step.action), phase) for place in positions]
     return Waypoints(
         times=np.arange(len(rows)) / rate_hz,
         positions=np.array([row[0] for row in rows]).reshape(-1, 3),
-        closed=np.array([row[1] for row in rows], bool),
-        step=np.array([row[2] for row in rows], np.int64),
-        actions=tuple(row[3] for row in rows),
-        phases=tuple(row[4] for row in rows),
+        closed=np.array([row[3] in ("close", "drag") for row in rows], bool),
+        step=np.array([row[1] for row in rows], np.int64),
+        actions=tuple(row[2] for row in rows),
+        phases=tuple(row[3] for row in rows),
     )
 
 
 def _phases(
     here: Floats | None, drag: Floats, rate_hz: float, config: GripperConfig
-) -> list[tuple[str, bool, Floats]]:
-    """Phases of a step with a drag (n + 1, 3), from `here` (3,): name, closed, positions (N, 3)."""
+) -> dict[str, Floats]:
+    """Positions (N, 3) in each phase of a step with a drag (n + 1, 3), from `here` (3,)."""
     grasp, release = drag[0], drag[-1]
     above = np.array([*grasp[:2], config.approach_height])
     up = np.array([*release[:2], config.retreat_height])
-    travel = above[None] if here is None else _move(here, above, config.travel_speed, rate_hz)
-    return [
-        ("travel", False, travel),
-        ("descend", False, _move(above, grasp, config.vertical_speed, rate_hz)),
-        ("close", True, _stay(grasp, config.close_time, rate_hz)),
-        ("drag", True, drag[1:]),
-        ("open", False, _stay(release, config.open_time, rate_hz)),
-        ("rise", False, _move(release, up, config.vertical_speed, rate_hz)),
-    ]
+    return {
+        "travel": above[None] if here is None else _move(here, above, config.travel_speed, rate_hz),
+        "descend": _move(above, grasp, config.vertical_speed, rate_hz),
+        "close": np.tile(grasp, (_intervals(config.close_time, rate_hz), 1)),
+        "drag": drag[1:],
+        "open": np.tile(release, (_intervals(config.open_time, rate_hz), 1)),
+        "rise": _move(release, up, config.vertical_speed, rate_hz),
+    }
 
 
-def _drag(step: Drag, rate_hz: float, speed: float) -> Floats:
+def _drag(step: PlanStep, rate_hz: float, speed: float) -> Floats:
     """The gripper path (T, 3) at n + 1 even times, slowed as a whole to `speed` at most."""
-    times, gripper = step.times, np.asarray(step.gripper, np.float64)
+    from scipy.interpolate import CubicHermiteSpline  # slow to import
+
+    gripper = np.asarray(step.gripper, np.float64)
+    slope = np.gradient(gripper, step.times, axis=0)
+    slope[[0, -1]] = 0.0  # it starts and ends at rest
+    curve = CubicHermiteSpline(step.times, gripper, slope)
     seconds = step.release_time
     for _ in range(3):  # a finer look may find a slightly higher peak
         count = _intervals(seconds, rate_hz)
-        path = _interpolate(times, gripper, np.linspace(0.0, step.release_time, count + 1))
+        path: Floats = curve(np.linspace(0.0, step.release_time, count + 1))
         path[-1] = gripper[-1]  # where it lets go, whether or not a frame falls on that moment
         peak = float(np.linalg.norm(np.diff(path, axis=0), axis=1).max()) * rate_hz
         if peak <= speed:
             break
         seconds = count / rate_hz * peak / speed
-    return path
-
-
-def _interpolate(times: Floats, gripper: Floats, at: Floats) -> Floats:
-    """The gripper (N, 3) at times `at` (N,), by a cubic with the frames' slopes."""
-    slope = np.gradient(gripper, times, axis=0)
-    slope[[0, -1]] = 0.0  # it starts and ends at rest
-    frame = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
-    span = (times[frame + 1] - times[frame])[:, None]
-    u = (at[:, None] - times[frame, None]) / span
-    path: Floats = (
-        (1 + 2 * u) * (1 - u) ** 2 * gripper[frame]
-        + u * (1 - u) ** 2 * span * slope[frame]
-        + u**2 * (3 - 2 * u) * gripper[frame + 1]
-        + u**2 * (u - 1) * span * slope[frame + 1]
-    )
     return path
 
 
@@ -211,22 +187,6 @@ def _move(begin: Floats, end: Floats, speed: float, rate_hz: float) -> Floats:
     return begin + u**2 * (3.0 - 2.0 * u) * (end - begin)
 
 
-def _stay(place: Floats, seconds: float, rate_hz: float) -> Floats:
-    return np.repeat(place[None], _intervals(seconds, rate_hz), axis=0)
-
-
 def _intervals(seconds: float, rate_hz: float) -> int:
     """At least one; 1.8 s at 10 Hz are 18 intervals in spite of rounding."""
     return max(1, int(np.ceil(seconds * rate_hz - 1e-9)))
-
-
-def _check_heights(shapes: Floats, radius: float, config: GripperConfig) -> None:
-    top = float(shapes[..., 2].max()) + radius
-    for name in ("approach_height", "retreat_height"):
-        height = getattr(config, name)
-        if not height >= top + config.clearance:
-            raise ValueError(
-                f"gripper.{name} is {height:g} m, but the rope lies up to {top:.3f} m high and "
-                f"gripper.clearance is {config.clearance:g} m: take at least "
-                f"{top + config.clearance:.3f} m"
-            )
