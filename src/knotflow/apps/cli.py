@@ -24,10 +24,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import App, CycloptsError, Parameter
 from cyclopts.validators import Number
 
-from knotflow.planning.config import RopeOptions
+from knotflow import planning  # its names are loaded when they are used
+from knotflow.planning.config import FAST_SEARCH, RopeOptions, plan_name
 
 if TYPE_CHECKING:
-    from knotflow.planning import KnotPlan, MeasuredRope
     from knotflow.simulation import Attempts, RopeConfig
 
 EXAMPLES = """\
@@ -96,26 +96,21 @@ def plan(
         margin: Metres of rope that every step leaves between crossings; use 0.05 for a real rope.
         overwrite: Replace the plan in that folder; other files there are kept.
     """
-    from knotflow.planning import plan_name
-
     measured = _read_rope(rope, options, seed)
     folder = out if out is not None else Path("plans") / plan_name(knot, rope, seed)
     what = _digest(Path(rope)) if Path(rope).is_file() else rope
     request: dict[str, Any] = {"knot": knot, "rope": what, "seed": seed}
     request |= {"max_seconds": max_seconds, "margin": margin}
     request |= vars(options or RopeOptions()) | _provenance()
-    stored = None if overwrite else _stored_outcome(folder, request)
+    stored = _stored_outcome(folder, request, overwrite)
     if stored is not None:
         print(f"{stored['text']}\n{folder}: already planned; --overwrite plans again")
         return _outcome(stored["success"], max_seconds)
-    _check_plan_folder(folder)
     found, last = _search(knot, measured, seed, max_seconds, margin)
     found = found.placed(measured.placement, measured.frame)
     last = last and measured.placement.attempts(last)
-    kept = _write_plan(folder, found, last, measured.rope, request)
+    _write_plan(folder, found, last, measured.rope, request)
     print(f"{found.summary()}\n{folder}: plan.png, plan.gif, plan.mcap, waypoints.csv and others")
-    if kept:
-        print(f"not part of this plan, but kept: {', '.join(kept)}")
     return _outcome(found.solved, max_seconds)
 
 
@@ -149,26 +144,23 @@ def next_step(
         _check_free(out)
     if (rope is None) == (image is None) or (image is None) != (camera is None):
         raise ValueError("next takes either --rope, or --image COLOUR DEPTH with --camera")
-    if image is not None and camera is not None:
-        from knotflow.perception import io
+    with tempfile.TemporaryDirectory() as folder:
+        if image and camera:
+            from knotflow.perception import io
 
-        seen, capture = io.see(*image, camera, depth_unit=_depth_unit(depth_unit))
-        print(io.describe(seen, capture))
-        if seen.ambiguous:
-            print("the rope is ambiguous: spread its crossings apart and take another image")
-            return 1
-        with tempfile.TemporaryDirectory() as folder:
-            io.write_rope(written := Path(folder) / "seen.csv", seen.points)
-            measured = _read_rope(str(written), options, seed)
-    else:
-        assert rope is not None
-        measured = _read_rope(rope, options, seed)
+            seen, capture = io.see(*image, camera, depth_unit=_depth_unit(depth_unit))
+            print(io.describe(seen, capture))
+            if seen.ambiguous:
+                print("the rope is ambiguous: spread its crossings apart and take another image")
+                return 1
+            rope = f"{folder}/seen.csv"
+            io.write_rope(Path(rope), seen.points)
+        measured = _read_rope(str(rope), options, seed)
     found, _ = _search(knot, measured, seed, max_seconds, margin)
     if not found.solved:
         tighter = f"; tighter loops: --margin {margin / 2:g}" if margin else ""
         print(f"{found.summary()}\nlonger: --max-seconds {2 * max_seconds:g}{tighter}")
         return 1
-    from knotflow.planning import estimate_success
     from knotflow.seeding import rng_of
     from knotflow.simulation import SimulationConfig
     from knotflow.topology.action_text import describe
@@ -176,7 +168,7 @@ def next_step(
     step = found.steps[0]
     size, simulation = measured.size, SimulationConfig(rope=measured.model)
     error = GRIPPER_ERROR / size.length
-    share = estimate_success(step, rng_of(seed, 2), REPEATS, simulation, error)
+    share = planning.estimate_success(step, rng_of(seed, 2), REPEATS, simulation, error)
     found = found.placed(measured.placement, measured.frame)
     unit, digits = found.frame.unit, {"m": 3, "cm": 1, "mm": 0}[found.frame.unit]
     grasp, middle, end = (
@@ -200,16 +192,13 @@ def next_step(
 
 
 @app.command
-def explain(
-    what: str = "", /, *, state: str = "trivial", out: Path | None = None, overwrite: bool = False
-) -> int:
+def explain(what: str = "", /, *, state: str = "trivial", out: Path | None = None) -> None:
     """Draw an action, a state, or the paths to a knot.
 
     Args:
         what: An action "C(0,2,-1)", a state 4o1+2o5+6o3+ or a knot; by default each kind of action.
         state: The state before the action.
         out: PNG, SVG or PDF; explain-WHAT.png here by default.
-        overwrite: Replace an existing file.
     """
     from knotflow.topology import KNOT_NAMES, TopologicalState, knot, parse_action
     from knotflow.topology.action_text import describe
@@ -221,14 +210,13 @@ def explain(
     path = out if out is not None else Path(f"explain-{word or 'all'}.png")
     if path.suffix not in (".png", ".svg", ".pdf"):
         raise ValueError(f"--out {path}: a picture is a .png, .svg or .pdf file")
-    if out is not None and not overwrite:
-        _check_free(path)
+    if out is not None:
+        _check_free(out)
     if what in KNOT_NAMES:
-        from knotflow.planning.goals import SolutionDag
         from knotflow.viz.dag import draw_dag
 
         states = sorted(knot(what))
-        draw_dag(SolutionDag.to(states[-1]), [path])
+        draw_dag(planning.SolutionDag.to(states[-1]), [path])
         print(f"every path to {states[-1]}, one of {len(states)} states of {what}")
     elif not what:
         draw_notation(path)
@@ -246,7 +234,6 @@ def explain(
             "'C(0,2,-1)', or a state such as 4o1+2o5+6o3+"
         )
     print(path)
-    return 0
 
 
 @app.command
@@ -297,13 +284,12 @@ def export(
         out: File to write; next to the plan by default.
     """
     from knotflow.execution import export_plan
-    from knotflow.planning import KnotPlan
 
     source = plan / "plan.json" if plan.is_dir() else plan
     suffix = "csv" if format == "csv" else "yaml"
     path = out if out is not None else source.with_name(f"{Path(arm).stem}-{space}.{suffix}")
     _check_free(path)
-    found = KnotPlan.from_json(source.read_text(encoding="utf-8"))
+    found = planning.KnotPlan.from_json(source.read_text(encoding="utf-8"))
     exported = export_plan(found, arm, base, max_speed, format, space, tip=tip)
     path.write_text(exported.text, encoding="utf-8")
     print(f"{exported.summary()}\n{path}")
@@ -317,7 +303,7 @@ def studio(
     demonstrations: Path = Path("demonstrations.jsonl"),
     host: str = "localhost",
     port: Annotated[int, Parameter(validator=Number(gte=1, lte=65535))] = 8080,
-) -> int:
+) -> None:
     """Place ropes, plan, watch and demonstrate in the browser.
 
     Args:
@@ -341,11 +327,10 @@ def studio(
         page.serve()
     finally:
         page.close()
-    return 0
 
 
 @app.command
-def merge(files: list[Path], /, *, out: Path) -> int:
+def merge(files: list[Path], /, *, out: Path) -> None:
     """Merge demonstration files into one.
 
     Args:
@@ -359,7 +344,6 @@ def merge(files: list[Path], /, *, out: Path) -> int:
     save_demonstrations(out, merged)
     people = sorted({one.who or one.source for one in merged})
     print(f"{out}: {len(merged)} demonstrations by {', '.join(people)}")
-    return 0
 
 
 @app.command
@@ -371,7 +355,6 @@ def see(
     camera: Path,
     depth_unit: str | None = None,
     out: Path,
-    picture: Path | None = None,
     length: float | None = None,
     radius: float | None = None,
     overwrite: bool = False,
@@ -383,13 +366,12 @@ def see(
         depth: Registered depth: 16-bit PNG or NPY.
         camera: YAML or JSON, also of OpenCV, ROS, RealSense and Open3D; its pose may be left out.
         depth_unit: mm, m or another, as in 0.25mm; by default the camera file's, or recognised.
-        out: CSV file for the rope's points, head first.
-        picture: Picture of the image with the estimate; next to the CSV file by default.
+        out: CSV file for the rope's points, head first; a picture of the estimate beside it.
         length: Of the rope, metres.
         radius: Of the rope, metres.
         overwrite: Replace existing files.
     """
-    drawing = picture if picture is not None else out.with_suffix(".png")
+    drawing = out.with_suffix(".png")
     for path in (out, drawing):
         (_check_writable if overwrite else _check_free)(path)
 
@@ -442,54 +424,45 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
 
 
-def _read_rope(rope: str, options: RopeOptions | None, seed: int) -> MeasuredRope:
-    from knotflow.planning import measured_rope
+def _read_rope(rope: str, options: RopeOptions | None, seed: int) -> planning.MeasuredRope:
     from knotflow.seeding import rng_of
 
-    found = measured_rope(rope, options or RopeOptions(), rng_of(seed, 0))
-    print(*found.remarks, sep="\n", end="\n" if found.remarks else "")
+    found = planning.measured_rope(rope, options or RopeOptions(), rng_of(seed, 0))
+    for remark in found.remarks:
+        print(remark)
     return found
 
 
 def _depth_unit(text: str | None) -> float | None:
     """A unit in metres: mm, m, or a number of them."""
-    if text is None:
-        return None
-    match = re.fullmatch(r"([0-9.]*)\s*(mm|m)", text)
-    number = float(match[1] or 1) if match and match[1].count(".") < 2 and match[1] != "." else 0.0
-    if match is None or number == 0:
-        raise ValueError(f"--depth-unit {text}: a unit is mm, m or a number of them, as in 0.25mm")
-    return number * (1e-3 if match[2] == "mm" else 1.0)
+    from knotflow.planning.rope_size import METRES, parse_metres
+
+    return parse_metres(f"1{text}" if text in METRES else text, "--depth-unit") if text else None
 
 
 def _search(
-    knot: str, measured: MeasuredRope, seed: int, max_seconds: float, margin: float
-) -> tuple[KnotPlan, Attempts | None]:
+    knot: str, measured: planning.MeasuredRope, seed: int, max_seconds: float, margin: float
+) -> tuple[planning.KnotPlan, Attempts | None]:
     """The plan for the model of the rope, solved or not, and the last attempts, if any."""
     from tqdm import tqdm
 
-    from knotflow.planning import FAST_SEARCH, SearchUpdate, parse_goal, plan_rope
     from knotflow.samplers.primitives import SHIPPED_PRIMITIVES, PrimitiveLibrary
     from knotflow.samplers.primitives.library import UnlikeRopeWarning
     from knotflow.seeding import rng_of
     from knotflow.simulation import RopeConfig, SimulationConfig
 
-    parse_goal(knot, measured.rope)  # refuses it before the slow import
+    planning.parse_goal(knot, measured.rope)  # refuses it before the slow import
     library = PrimitiveLibrary.load(Path(SHIPPED_PRIMITIVES), RopeConfig())
     margin /= measured.size.length
     config = replace(FAST_SEARCH, max_seconds=max_seconds, margin=margin)
     tried: deque[Attempts] = deque(maxlen=1)
-
-    def show(update: SearchUpdate) -> None:
-        bar.update(update.branches - bar.n)
-
     bar = tqdm(desc="simulated", unit=" splines", disable=None)
     with bar, warnings.catch_warnings():
         warnings.simplefilter("ignore", UnlikeRopeWarning)  # in units of its length
-        found = plan_rope(
+        found = planning.plan_rope(
             measured.points, knot, rng_of(seed, 1),
             sampler=library, simulation=SimulationConfig(rope=measured.model), config=config,
-            progress=show, observe=tried.append,
+            progress=lambda update: bar.update(update.branches - bar.n), observe=tried.append,
         )  # fmt: skip
     return found, tried[-1] if tried else None
 
@@ -510,44 +483,46 @@ def _digest(*files: Path) -> str:
     return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:16]
 
 
-def _stored_outcome(folder: Path, request: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The outcome of the same request; a ValueError if the folder holds another plan."""
+def _stored_outcome(
+    folder: Path, request: Mapping[str, Any], overwrite: bool
+) -> dict[str, Any] | None:
+    """The outcome of the same request, unless it is to be overwritten.
+
+    Raises:
+        ValueError: the folder holds another plan, or other files, or cannot be written.
+    """
     from knotflow.viz.plan_folder import OUTCOME, REQUEST
-
-    if not (folder / REQUEST).is_file() or not (folder / OUTCOME).is_file():
-        return None
-    stored = json.loads((folder / REQUEST).read_text("utf-8"))
-    if stored == request:
-        return dict(json.loads((folder / OUTCOME).read_text("utf-8")))
-    differing = ", ".join(
-        f"{key} {stored.get(key)!r} there and {request.get(key)!r} here"
-        for key in sorted({*stored, *request})
-        if stored.get(key) != request.get(key)
-    )
-    raise ValueError(
-        f"{folder} holds another plan ({differing}); --overwrite replaces it, "
-        "--out DIR writes elsewhere"
-    )
-
-
-def _check_plan_folder(folder: Path) -> None:
-    from knotflow.viz.plan_folder import REQUEST
 
     if folder.is_file():
         raise ValueError(f"--out {folder} is a file; a plan needs a folder")
-    if folder.exists() and any(folder.iterdir()) and not (folder / REQUEST).is_file():
-        raise ValueError(f"{folder} holds files, but no plan; name another folder with --out")
+    if not (folder / REQUEST).is_file():
+        if folder.exists() and any(folder.iterdir()):
+            raise ValueError(f"{folder} holds files, but no plan; name another folder with --out")
+    elif not overwrite and (folder / OUTCOME).is_file():
+        stored = json.loads((folder / REQUEST).read_text("utf-8"))
+        if stored == request:
+            return dict(json.loads((folder / OUTCOME).read_text("utf-8")))
+        differing = ", ".join(
+            f"{key} {stored.get(key)!r} there and {request.get(key)!r} here"
+            for key in sorted({*stored, *request})
+            if stored.get(key) != request.get(key)
+        )
+        raise ValueError(
+            f"{folder} holds another plan ({differing}); --overwrite replaces it, "
+            "--out DIR writes elsewhere"
+        )
     _check_writable(folder)
+    return None
 
 
 def _write_plan(
     folder: Path,
-    found: KnotPlan,
+    found: planning.KnotPlan,
     last: Attempts | None,
     rope: RopeConfig,
     request: Mapping[str, Any],
-) -> list[str]:
-    """Write a plan's folder, its outcome last; the names of other files in it."""
+) -> None:
+    """Write a plan's folder, its outcome last."""
     from knotflow.viz.plan_folder import OUTCOME, PLAN_FILES, write_plan_folder
 
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -559,7 +534,6 @@ def _write_plan(
             (folder / file).unlink(missing_ok=True)
         for path in sorted(made.iterdir(), key=lambda path: path.name == OUTCOME):
             path.replace(folder / path.name)
-    return sorted(path.name for path in folder.iterdir() if path.name not in PLAN_FILES)
 
 
 def _outcome(tied: bool, max_seconds: float) -> int:
