@@ -1,9 +1,9 @@
-"""Playbacks of plans and single splines."""
+"""Frames of single splines."""
 
 import numpy as np
 import pytest
 
-from knotflow.apps.studio.playback import Playback
+from knotflow.apps.studio.playback import attempt_frames
 from knotflow.samplers.demonstrations import load_demonstrations
 from knotflow.simulation import Attempts, Rollouts, straight
 from knotflow.simulation.rope import RopeConfig
@@ -22,9 +22,9 @@ def attempts():
 
 
 @pytest.mark.parametrize(("row", "words"), [(0, "ends in trivial"), (1, "ends in unreadable")])
-def test_playback_of_attempt_names_outcome(attempts, row, words):
-    shown = Playback.of_attempt(attempts, row, ROPE.radius)
-    assert len(shown) == len(shown.ropes) == len(shown.grippers) == 2
-    assert shown.controls.shape == (1, 3, 3)
-    assert shown.caption(1) == f"1.0 s: R1(0,1,1), {words}"
-    assert np.isclose(shown.controls[0, 2], [*attempts.splines[row, 4:], ROPE.radius]).all()
+def test_frames_of_attempt_name_outcome(attempts, row, words):
+    shown = attempt_frames(attempts, row, ROPE.radius)
+    assert len(shown) == 2
+    assert shown[0].controls.shape == (3, 3)
+    assert shown[1].caption == f"1.0 s: R1(0,1,1), {words}"
+    assert np.isclose(shown[0].controls[2], [*attempts.splines[row, 4:], ROPE.radius]).all()

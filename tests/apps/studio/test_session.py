@@ -102,12 +102,12 @@ def test_another_rope_drops_draft_and_plan(session):
 
 @pytest.mark.slow
 def test_plan_is_found_and_can_be_played(session):
-    from knotflow.apps.studio.playback import Playback
+    from knotflow.apps.studio.playback import plan_frames
 
     updates = []
     plan = session.search("R1(0,1,1)", updates.append)
     assert plan.solved and updates
-    shown = Playback.of_plan(plan)
+    shown = plan_frames(plan)
     assert len(shown) == len(plan.steps[0].times)
-    assert shown.ropes[0] == pytest.approx(session.points, abs=1e-6)
-    assert "R1(0,1,1)" in shown.caption(0)
+    assert shown[0].rope == pytest.approx(session.points, abs=1e-6)
+    assert "R1(0,1,1)" in shown[0].caption

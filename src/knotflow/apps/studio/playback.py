@@ -8,11 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.planning import KnotPlan
-from knotflow.simulation import Attempts, control_points
+from knotflow.planning import KnotPlan, PlanStep
+from knotflow.simulation import Attempts, Motion, control_points
 
 if TYPE_CHECKING:
     import viser
@@ -24,52 +23,40 @@ _FRAME_SECONDS = 0.08
 
 
 @dataclass(frozen=True, eq=False)
-class Playback:
-    """Frames in a row, metres and seconds."""
+class Frame:
+    """What is to be seen at one moment, metres."""
 
-    times: NDArray[np.float64]  # (T,); a step begins where the one before has ended
-    ropes: NDArray[np.float32]  # (T, V, 3)
-    grippers: NDArray[np.float32]  # (T, 3)
-    step: NDArray[np.intp]  # (T,) index of the step that a frame belongs to
-    captions: tuple[str, ...]  # of each step
-    controls: NDArray[np.float64]  # (n, 3, 3) of each step's spline
+    rope: NDArray  # (V, 3)
+    gripper: NDArray  # (3,)
+    controls: NDArray  # (3, 3) of the spline
+    caption: str
 
-    def __len__(self) -> int:
-        return len(self.times)
 
-    def caption(self, frame: int) -> str:
-        """Time and step of a frame."""
-        return f"{self.times[frame]:.1f} s: {self.captions[self.step[frame]]}"
+def plan_frames(plan: KnotPlan) -> list[Frame]:
+    """The steps of a plan with its trajectories, one after the other."""
+    frames: list[Frame] = []
+    begin = 0.0
+    for number, (step, controls) in enumerate(zip(plan.steps, plan.controls, strict=True), 1):
+        what = f"step {number} of {len(plan.steps)}, {step.action}, to {step.end_state}"
+        frames += _frames(step, begin, controls, what)
+        begin += step.times[-1]
+    return frames
 
-    @classmethod
-    def of_plan(cls, plan: KnotPlan) -> Playback:
-        """All steps of a plan with at least one, and with its trajectories."""
-        ends = np.cumsum([0.0, *(step.times[-1] for step in plan.steps)])
-        return cls(
-            times=np.concatenate([s.times + t for s, t in zip(plan.steps, ends, strict=False)]),
-            ropes=np.concatenate([step.trajectory for step in plan.steps]),
-            grippers=np.concatenate([step.gripper for step in plan.steps]),
-            step=np.repeat(np.arange(len(plan.steps)), [len(s.times) for s in plan.steps]),
-            captions=tuple(
-                f"step {number} of {len(plan.steps)}, {step.action}, to {step.end_state}"
-                for number, step in enumerate(plan.steps, 1)
-            ),
-            controls=plan.controls,
+
+def attempt_frames(attempts: Attempts, row: int, radius: float) -> list[Frame]:
+    """One spline of a batch, on a rope of that radius in metres."""
+    controls = control_points(attempts.points[row], attempts.splines[row], radius)
+    what = f"{attempts.action}, ends in {attempts.ends[row] or 'unreadable'}"
+    return _frames(attempts.rollouts.motion(row), 0.0, controls, what)
+
+
+def _frames(motion: Motion | PlanStep, begin: float, controls: NDArray, what: str) -> list[Frame]:
+    return [
+        Frame(rope, gripper, controls, f"{begin + seconds:.1f} s: {what}")
+        for seconds, rope, gripper in zip(
+            motion.times, motion.trajectory, motion.gripper, strict=True
         )
-
-    @classmethod
-    def of_attempt(cls, attempts: Attempts, row: int, radius: float) -> Playback:
-        """One spline of a batch, on a rope of that radius in metres."""
-        motion = attempts.rollouts.motion(row)
-        outcome = attempts.ends[row] or "unreadable"
-        return cls(
-            times=motion.times,
-            ropes=motion.trajectory,
-            grippers=motion.gripper,
-            step=np.zeros(len(motion.times), np.intp),
-            captions=(f"{attempts.action}, ends in {outcome}",),
-            controls=control_points(attempts.points[row], attempts.splines[row], radius)[None],
-        )
+    ]
 
 
 class Player:
@@ -78,8 +65,8 @@ class Player:
     def __init__(self, gui: viser.GuiApi, scene: Scene, guarded: Callable[[Any], Any]) -> None:
         """At the end of the panel; `guarded` wraps its handlers."""
         self._gui, self._scene, self._guarded = gui, scene, guarded
-        self._playback: Playback | None = None
-        self._drawn_step: int | None = None
+        self._frames: list[Frame] = []
+        self._drawn: NDArray | None = None  # the control points in the scene
         self._playing = threading.Lock()
         self._folder = gui.add_folder("Watch", visible=False, order=_LAST)
         with self._folder:
@@ -87,12 +74,12 @@ class Player:
             gui.add_button("Play", color="gray").on_click(guarded(self._play))
         self._slider: viser.GuiSliderHandle[int] | None = None
 
-    def show(self, playback: Playback) -> None:
+    def show(self, frames: list[Frame]) -> None:
         """Offer frames to play, and show the last."""
-        self._playback, self._drawn_step = playback, None
+        self._frames, self._drawn = frames, None
         if self._slider is not None:
             self._slider.remove()
-        last = len(playback) - 1
+        last = len(frames) - 1
         with self._folder:
             self._slider = slider = self._gui.add_slider("Frame", 0, last, 1, last)
         slider.on_update(self._guarded(lambda event: self._draw(int(slider.value))))
@@ -100,28 +87,28 @@ class Player:
         self._draw(last)
 
     def hide(self) -> None:
-        self._playback, self._folder.visible = None, False
+        self._frames, self._folder.visible = [], False
 
-    def _draw(self, frame: int) -> None:
-        playback = self._playback
-        if playback is None or frame >= len(playback):
+    def _draw(self, number: int) -> None:
+        if number >= len(self._frames):
             return
-        self._scene.move(playback.ropes[frame])
-        self._scene.gripper(playback.grippers[frame])
-        if (step := int(playback.step[frame])) != self._drawn_step:
-            self._scene.spline(playback.controls[step])
-            self._drawn_step = step
-        self._caption.content = playback.caption(frame)
+        frame = self._frames[number]
+        self._scene.move(frame.rope)
+        self._scene.gripper(frame.gripper)
+        if frame.controls is not self._drawn:
+            self._scene.spline(frame.controls)
+            self._drawn = frame.controls
+        self._caption.content = frame.caption
 
     def _play(self, event: viser.GuiEvent) -> None:
         if not self._playing.acquire(blocking=False):
             return
         try:
-            playback, slider = self._playback, self._slider
-            for frame in range(0 if playback is None else len(playback)):
-                if playback is not self._playback or slider is None:
+            frames, slider = self._frames, self._slider
+            for number in range(len(frames)):
+                if frames is not self._frames or slider is None:
                     return
-                slider.value = frame  # type: ignore[misc]  # mypy misses the setter
+                slider.value = number  # type: ignore[misc]  # mypy misses the setter
                 time.sleep(_FRAME_SECONDS)
         finally:
             self._playing.release()

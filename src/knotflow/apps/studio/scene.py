@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import wraps
 from threading import RLock
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,18 +24,16 @@ _FADED = 0.75  # towards paper: the segments that an action does not name
 _POINT = 0.012  # metres, radius of a control point
 _CURVE = np.linspace(0.0, 1.0, 33)
 
-Drawing = TypeVar("Drawing", bound=Callable[..., None])
 
-
-def _exclusive(draw: Drawing) -> Drawing:
+def _exclusive(draw: Callable[..., None]) -> Callable[..., None]:
     """One drawing at a time: viser handles events on several threads."""
 
     @wraps(draw)
-    def run(scene: Any, *args: Any) -> None:
+    def run(scene: Scene, *args: Any) -> None:
         with scene._lock:
             draw(scene, *args)
 
-    return cast(Drawing, run)
+    return run
 
 
 class Scene:
@@ -72,13 +70,11 @@ class Scene:
             chosen = {under: ("under", UNDER), over: ("over", OVER)}
             if over == under:
                 chosen = {over: ("over itself", OVER)}
-            intervals = segment_intervals(points)
             for segment, (word, colour) in chosen.items():
-                low, high = intervals[segment]
+                low, high = segment_intervals(points)[segment]
                 colours[(middles >= low) & (middles <= high)] = rgb(colour)
-                middle = (low + high) / 2
-                place = np.array([np.interp(middle, along, column) for column in points.T])
-                labels.append((f"{segment}: {word}", place))
+                place = [np.interp((low + high) / 2, along, column) for column in points.T]
+                labels.append((f"{segment}: {word}", np.array(place)))
         self._capsules(points, colours)
         self._clear("labels")
         self._handles["labels"] = self._labels("rope", labels)
@@ -93,16 +89,15 @@ class Scene:
     def spline(self, controls: NDArray) -> None:
         """Up to three control points (n, 3), metres, and with three of them their curve."""
         self._clear("spline")
-        nodes: list[viser.SceneNodeHandle] = []
-        for name, place in zip(CLICKS, np.asarray(controls, float), strict=False):
-            nodes.append(self._ball(f"/spline/{name}", _POINT, SPLINE, place))
+        labels = list(zip(CLICKS, np.asarray(controls, float), strict=False))
+        nodes = self._labels("spline", labels)
+        nodes += [self._ball(f"/spline/{name}", _POINT, SPLINE, place) for name, place in labels]
         if len(controls) > 1:  # how high the middle is
             foot = controls[1] * (1.0, 1.0, 0.0)
             nodes.append(self._line("/spline/stem", np.stack([foot, controls[1]]), MUTED, 2.0))
         if len(controls) == len(CLICKS):
             nodes.append(self._line("/spline/curve", spline_path(controls, _CURVE), SPLINE, 5.0))
-        labels = list(zip(CLICKS, np.asarray(controls), strict=False))
-        self._handles["spline"] = nodes + self._labels("spline", labels)
+        self._handles["spline"] = nodes
 
     @_exclusive
     def gripper(self, place: NDArray | None) -> None:
@@ -119,12 +114,9 @@ class Scene:
         """A drawing in the making: points (N, 2) on the table."""
         self._clear("polyline")
         flat = np.column_stack([corners, np.full(len(corners), self._rope.radius)])
-        nodes: list[viser.SceneNodeHandle] = [
-            self._ball(f"/drawn/{n}", 0.006, INK, place) for n, place in enumerate(flat)
-        ]
-        if len(flat) > 1:
-            nodes.append(self._line("/drawn/line", flat, INK, 3.0))
-        self._handles["polyline"] = nodes
+        balls = [self._ball(f"/drawn/{n}", 0.006, INK, place) for n, place in enumerate(flat)]
+        lines = [self._line("/drawn/line", flat, INK, 3.0)] if len(flat) > 1 else []
+        self._handles["polyline"] = [*balls, *lines]
 
     @_exclusive
     def clear(self) -> None:
@@ -148,15 +140,11 @@ class Scene:
         rope = self._rope
         mesh = capsule(height=rope.link_length, radius=rope.radius, count=[12, 12])
         mesh.apply_translation(-mesh.bounds.mean(axis=0))
+        light = _linear(_colours(len(steps)) if colours is None else colours)
         self._links = self._scene.add_batched_meshes_simple(
-            "/rope",
-            mesh.vertices,
-            mesh.faces,
-            batched_wxyzs=turn,
-            batched_positions=middles,
-            batched_colors=_linear(_colours(len(steps)) if colours is None else colours),
-            lod="off",
-        )
+            "/rope", mesh.vertices, mesh.faces, batched_wxyzs=turn, batched_positions=middles,
+            batched_colors=light, lod="off",
+        )  # fmt: skip
 
     def _ball(
         self, name: str, radius: float, colour: str, place: NDArray, opacity: float | None = None
@@ -170,11 +158,11 @@ class Scene:
         )
 
     def _labels(self, name: str, labels: list[tuple[str, NDArray]]) -> list[viser.SceneNodeHandle]:
-        nodes: list[viser.SceneNodeHandle] = []
-        for n, (text, place) in enumerate(labels):
-            above, path = np.asarray(place) + (0.0, 0.0, 0.03), f"/labels/{name}/{n}"
-            nodes.append(self._scene.add_label(path, text, position=above, anchor="bottom-center"))
-        return nodes
+        raised = [(text, place + [0.0, 0.0, 0.03]) for text, place in labels]
+        return [
+            self._scene.add_label(f"/labels/{name}/{n}", text, position=at, anchor="bottom-center")
+            for n, (text, at) in enumerate(raised)
+        ]
 
     def _clear(self, name: str) -> None:
         for handle in self._handles.pop(name, []):

@@ -52,10 +52,6 @@ class StudioError(ValueError):
     """Something that cannot be done now; names what has to come first."""
 
 
-class SearchStopped(Exception):
-    """A search was stopped from the page."""
-
-
 class Session:
     """A rope on the table, its plan and its demonstration.
 
@@ -117,7 +113,7 @@ class Session:
             self.lay(parse_rope(name, rope, self._rng))
 
     def lay_file(self, path: Path) -> None:
-        """Lay the rope of a CSV or NPY file; see `planning.read_rope` for its errors."""
+        """Lay the rope of a file; see `planning.read_rope` for its errors."""
         self.lay(parse_rope(str(path), self.simulation.rope, self._rng))
 
     def lay_upload(self, name: str, content: bytes) -> None:
@@ -141,34 +137,25 @@ class Session:
         from knotflow.perception import estimate, read_capture
 
         with tempfile.TemporaryDirectory() as folder:
-            rgb, depth, pose = (Path(folder) / n for n in ("rgb.png", "depth.png", "camera.yaml"))
-            for name, path in (("rgb", rgb), ("depth", depth), ("camera", pose)):
-                path.write_bytes(files[name])
-            seen = read_capture(rgb, depth, pose)
+            home = Path(folder)
+            paths = home / "rgb.png", home / "depth.png", home / "camera.yaml"
+            for path in paths:
+                path.write_bytes(files[path.stem])
+            seen = read_capture(*paths)
         with self._busy, one_thread():
             found = estimate(seen.image, seen.camera, self.simulation.rope)
         self.lay(found.points)
         return found.all_ambiguities
 
     def search(
-        self,
-        knot: str,
-        progress: Callable[[SearchUpdate], None],
-        stop: threading.Event | None = None,
-        max_seconds: float = 60.0,
+        self, knot: str, progress: Callable[[SearchUpdate], None], max_seconds: float = 60.0
     ) -> KnotPlan:
-        """Plan a knot for the rope, see `planning.plan_rope`, until `stop` is set."""
-
-        def report(update: SearchUpdate) -> None:
-            progress(update)
-            if stop is not None and stop.is_set():
-                raise SearchStopped
-
+        """Plan a knot for the rope, see `planning.plan_rope`; what `progress` raises ends it."""
         with self._busy:
             config = replace(FAST_SEARCH, max_seconds=max_seconds)
             plan = plan_rope(
                 self.points, knot, self._rng,
-                sampler=self.library, simulation=self.simulation, config=config, progress=report,
+                sampler=self.library, simulation=self.simulation, config=config, progress=progress,
             )  # fmt: skip
         self.plan = subsample(plan)
         return self.plan

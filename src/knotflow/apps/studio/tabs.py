@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import tempfile
 import threading
 from collections.abc import Callable
 from functools import lru_cache, wraps
-from pathlib import Path
+from io import StringIO
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,9 @@ import viser
 from numpy.typing import NDArray
 
 from knotflow.apps.studio.demonstration import HEIGHTS, Draft, rope_from_drawing, table_point
-from knotflow.apps.studio.playback import Playback, Player
+from knotflow.apps.studio.playback import Player, attempt_frames, plan_frames
 from knotflow.apps.studio.scene import Scene
-from knotflow.apps.studio.session import ROPES, SearchStopped, Session, StudioError
+from knotflow.apps.studio.session import ROPES, Session, StudioError
 from knotflow.planning import KnotPlan, SearchUpdate
 from knotflow.topology import KNOT_NAMES, knot, parse_action
 from knotflow.topology.action_text import describe
@@ -75,8 +74,6 @@ class AppState:
         def run(*arguments: Any) -> None:
             try:
                 handler(*arguments)
-            except SearchStopped:
-                self.say("Stopped.")
             except (ValueError, OSError, ImportError) as error:
                 self.say(str(error), good=False)
 
@@ -200,9 +197,11 @@ class PlanTab:
                 f"{update.branches} splines tried, {update.kept} shapes kept, "
                 f"{update.distance} actions to go, {update.seconds:.0f} s"
             )
+            if self._stop.is_set():
+                raise StudioError("the search was stopped")
 
         try:
-            plan = state.session.search(goal, report, self._stop, limit)
+            plan = state.session.search(goal, report, limit)
         finally:
             self._begin.disabled = self._end.visible = self._bar.visible = False
         self._show(plan)
@@ -220,7 +219,7 @@ class PlanTab:
             f"{plan.goal} {outcome}, {plan.branches} splines, {plan.seconds:.1f} s", plan.solved
         )
         if plan.steps:
-            state.player.show(Playback.of_plan(plan))
+            state.player.show(plan_frames(plan))
 
     def _export_json(self, event: viser.GuiEvent) -> None:
         if (plan := self._state.session.plan) is not None:
@@ -228,10 +227,8 @@ class PlanTab:
 
     def _export_csv(self, event: viser.GuiEvent) -> None:
         if (plan := self._state.session.plan) is not None:
-            with tempfile.TemporaryDirectory() as folder:
-                path = Path(folder) / "waypoints.csv"
-                plan.waypoints().to_csv(path)
-                self._send(event, path.name, path.read_bytes())
+            plan.waypoints().to_csv(table := StringIO())
+            self._send(event, "waypoints.csv", table.getvalue().encode())
 
     def _send(self, event: viser.GuiEvent, name: str, content: bytes) -> None:
         if event.client is not None:
@@ -314,7 +311,7 @@ class DemonstrateTab:
         simulated = state.session.simulate()
         reached = bool(simulated.success[0])
         end = simulated.ends[0] or "a shape that cannot be read"
-        state.player.show(Playback.of_attempt(simulated, 0, draft.rope.radius))
+        state.player.show(attempt_frames(simulated, 0, draft.rope.radius))
         if reached:
             state.say(f"`{draft.goal}` is **reached**: keep it.", good=True)
         else:
