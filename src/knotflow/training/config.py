@@ -93,7 +93,7 @@ class ReinforcementConfig:
     """Optimiser and batches."""
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     """How the behaviour policy differs from the policy."""
-    rounds: list[int] = field(default_factory=lambda: [10, 20, 20, 80])
+    rounds: list[int] = field(default_factory=lambda: [10, 10, 15, 40])
     """Rounds of attempts and gradient steps of primitives 1 to 4; the last has hard tasks."""
     ropes: int = 48
     """Start shapes of each task in a round."""
