@@ -30,7 +30,7 @@ def columns(text, names):
 
 
 def test_exported_joints_reach_every_waypoint(exported):
-    arm, waypoints = panda(), exported.trajectory.waypoints
+    arm, waypoints = panda(), exported.waypoints
     model = arm.model(UPRIGHT)
     data = mujoco.MjData(model)
     joints = columns(exported.text, arm.joints)
@@ -52,14 +52,14 @@ def test_frame_of_the_measured_rope_is_that_of_base_and_poses(still, exported):
     rpy = Rotation.from_matrix(frame.rotation).as_euler("xyz", degrees=True)
     base = Base(frame.to_file(UPRIGHT.position).tolist(), rpy.tolist())
     there = export_plan(replace(still, frame=frame), "panda", base, space="cartesian")
-    np.testing.assert_allclose(there.trajectory.ik.joints, exported.trajectory.ik.joints, atol=1e-4)
+    np.testing.assert_allclose(there.ik.joints, exported.ik.joints, atol=1e-4)
     positions = columns(there.text, ["x_m", "y_m", "z_m"])
-    expected = frame.to_file(exported.trajectory.ik.positions)
+    expected = frame.to_file(exported.ik.positions)
     np.testing.assert_allclose(positions, expected, atol=1e-4)
     quaternions = columns(there.text, ["qw", "qx", "qy", "qz"])
     down = Rotation.from_quat(quaternions, scalar_first=True).apply([0.0, 0.0, 1.0])
     tilt = np.arccos(np.clip(-down @ frame.rotation[:, 2], -1, 1))
-    np.testing.assert_allclose(tilt, exported.trajectory.ik.tilt, atol=1e-3)
+    np.testing.assert_allclose(tilt, exported.ik.tilt, atol=1e-3)
 
 
 @pytest.mark.parametrize("max_speed", [0.1, 0.25])
@@ -68,24 +68,22 @@ def test_speed_limits_hold(still, max_speed):
     exported = export_plan(still, arm, UPRIGHT, max_speed, rate_hz=10.0)
     seconds = np.diff(columns(exported.text, ["time_s"]), axis=0)
     assert (seconds > 0).all()
-    places = exported.trajectory.ik.positions
+    places = exported.ik.positions
     speed = np.linalg.norm(np.diff(places, axis=0), axis=1)
     assert (speed <= max_speed * seconds[:, 0] + 3e-6).all()  # what rounding adds
     turning = np.abs(np.diff(columns(exported.text, arm.joints), axis=0))
     assert (turning <= arm.max_speed * seconds + 3e-6).all()
-    peaks = exported.trajectory.peaks()
+    peaks = exported.peaks()
     assert peaks["tip_speed"] <= max_speed * (1 + 1e-9)
     assert max(peaks["joint_speed"], peaks["joint_acceleration"]) <= 1 + 1e-6
 
 
 def test_fingers_close_across_the_strand(exported, still):
-    trajectory = exported.trajectory
     for index in range(len(still.steps)):
         grasp = np.flatnonzero(
-            (trajectory.waypoints.step == index)
-            & (np.array(trajectory.waypoints.phases) == "close")
+            (exported.waypoints.step == index) & (np.array(exported.waypoints.phases) == "close")
         )[0]
-        w, x, y, z = trajectory.ik.quaternions[grasp]
+        w, x, y, z = exported.ik.quaternions[grasp]
         along, across = 2 * (x * y - w * z), w * w - x * x + y * y - z * z
         assert abs(along) < 0.05  # the rope lies along x
         assert abs(across) > 0.99
@@ -94,7 +92,7 @@ def test_fingers_close_across_the_strand(exported, still):
 @pytest.mark.slow
 def test_unreachable_waypoints_are_named(still):
     far = export_plan(still, "panda", Base([-1.1, 0.0, 0.0]), rate_hz=2.0)
-    missed = np.flatnonzero(~far.trajectory.ik.ok)
+    missed = np.flatnonzero(~far.ik.ok)
     assert not far.reachable and len(missed)
     assert f"{len(missed)} waypoints cannot be reached" in far.summary()
     assert f"  {missed[0]} to " in far.summary()
@@ -103,7 +101,7 @@ def test_unreachable_waypoints_are_named(still):
 
 @pytest.mark.slow
 def test_ros2_messages(still):
-    csv_like = export_plan(still, "panda", UPRIGHT, rate_hz=5.0).trajectory
+    csv_like = export_plan(still, "panda", UPRIGHT, rate_hz=5.0)
     joint = yaml.safe_load(export_plan(still, "panda", UPRIGHT, format="ros2", rate_hz=5.0).text)
     assert set(joint) == {"header", "joint_names", "points"}
     assert len(joint["joint_names"]) == 8
@@ -129,7 +127,7 @@ def test_gripper_moves_while_the_arm_stands(exported):
 def test_loaded_arm_executes_a_plan(still, scara):
     exported = export_plan(still, load_arm(scara), Base([-0.4, -0.3, 0.0]), rate_hz=10.0)
     assert exported.reachable, exported.summary()
-    assert exported.trajectory.peaks()["joint_speed"] <= 1 + 1e-6
+    assert exported.peaks()["joint_speed"] <= 1 + 1e-6
 
 
 def test_invalid_exports_are_refused(still):

@@ -29,13 +29,26 @@ SUBDIVISIONS = 8  # between two waypoints, to measure the tip's speed
 
 
 @dataclass(frozen=True, eq=False)
-class JointTrajectory:
-    """N configurations in time, at rest between phases."""
+class Export:
+    """A plan as N configurations of an arm in time, at rest between phases."""
 
     arm: Arm
     waypoints: Waypoints  # with their original times
     ik: IkSolution
     times: NDArray[np.float64]  # (N,) seconds, increasing
+    slowed: float  # duration of the drags relative to the simulated ones, 1 or more
+    format: str  # of its file, one of `FORMATS`
+    space: str  # one of `SPACES`
+
+    @property
+    def text(self) -> str:
+        """The file's contents."""
+        return (_csv if self.format == "csv" else _ros2)(self)
+
+    @property
+    def reachable(self) -> bool:
+        """Whether the arm reaches every waypoint."""
+        return bool(self.ik.ok.all())
 
     def peaks(self) -> dict[str, float]:
         """Peak tip speed (m/s) and acceleration (m/s^2), and joints' as shares of their limits."""
@@ -61,14 +74,44 @@ class JointTrajectory:
         rates[[rows[-1] for rows in _phases(self.waypoints)]] = 0.0
         return rates
 
+    def summary(self) -> str:
+        """Duration, peaks, and what cannot be reached, for printing."""
+        ik, waypoints, peaks = self.ik, self.waypoints, self.peaks()
+        lines = [
+            f"{self.arm.name}: {len(self.times)} waypoints, {self.times[-1]:.1f} s; the rope moves "
+            f"{self.slowed:.1f} times slower than simulated",
+            f"peak at the tip {peaks['tip_speed']:.3f} m/s and "
+            f"{peaks['tip_acceleration']:.2f} m/s^2; in the joints {peaks['joint_speed']:.0%} of "
+            f"the speed limit, {peaks['joint_acceleration']:.0%} of the acceleration limit",
+        ]
+        if self.reachable:
+            lines.append(
+                f"all waypoints reached: at most {ik.error.max() * 1e3:.2f} mm off, gripper "
+                f"tilted by at most {np.rad2deg(ik.tilt.max()):.0f} degrees"
+            )
+            return "\n".join(lines)
+        missed = ~ik.ok
+        lines.append(f"{missed.sum()} waypoints cannot be reached; do not execute this trajectory:")
+        ranges = _runs(missed)
+        for rows in ranges[:MAX_LISTED]:
+            worst = rows[int(ik.error[rows].argmax())]
+            position = ", ".join(f"{number:.3f}" for number in waypoints.positions[worst])
+            lines.append(
+                f"  {rows[0]} to {rows[-1]} ({waypoints.actions[worst]}, "
+                f"{waypoints.phases[worst]}): up to {ik.error[worst] * 1e3:.1f} mm off at "
+                f"({position}) m, tilt {np.rad2deg(ik.tilt[rows].max()):.0f} and turn "
+                f"{np.rad2deg(ik.turn[rows].max()):.0f} degrees"
+            )
+        if len(ranges) > MAX_LISTED:
+            lines.append(f"  and {len(ranges) - MAX_LISTED} more ranges")
+        return "\n".join(lines)
 
-def time_joints(
+
+def _time_joints(
     arm: Arm, waypoints: Waypoints, ik: IkSolution, max_speed: float
-) -> JointTrajectory:
-    """Slow each phase, from rest to rest, as a whole until tip (m/s) and joints keep their limits.
-
-    The waypoints are evenly spaced in time.
-    """
+) -> NDArray[np.float64]:
+    """Times (N,) of evenly spaced waypoints, each phase slowed as a whole, from rest to rest, until
+    tip (m/s) and joints keep their limits."""
     even = float(waypoints.times[1] - waypoints.times[0]) if len(waypoints) > 1 else 0.0
     intervals = np.full(len(waypoints), even)
     lengths = _tip_path_lengths(arm, ik.joints)
@@ -83,7 +126,7 @@ def time_joints(
             np.sqrt(_share(acceleration, arm.max_acceleration)),
         )
     intervals[:1] = 0.0
-    return JointTrajectory(arm, waypoints, ik, np.cumsum(intervals))
+    return np.cumsum(intervals)
 
 
 def _tip_path_lengths(arm: Arm, joints: NDArray) -> NDArray[np.float64]:
@@ -112,54 +155,6 @@ def _differences(values: NDArray, interval: float) -> tuple[NDArray, NDArray]:
 
 def _share(values: NDArray, limits: NDArray) -> float:
     return float((np.abs(values) / limits).max(initial=0.0))
-
-
-@dataclass(frozen=True, eq=False)
-class Export:
-    """An exported plan."""
-
-    text: str  # the file's contents
-    trajectory: JointTrajectory
-    slowed: float  # duration of the drags relative to the simulated ones, 1 or more
-
-    @property
-    def reachable(self) -> bool:
-        """Whether the arm reaches every waypoint."""
-        return bool(self.trajectory.ik.ok.all())
-
-    def summary(self) -> str:
-        """Duration, peaks, and what cannot be reached, for printing."""
-        trajectory, ik, waypoints = self.trajectory, self.trajectory.ik, self.trajectory.waypoints
-        peaks = trajectory.peaks()
-        lines = [
-            f"{trajectory.arm.name}: {len(trajectory.times)} waypoints, "
-            f"{trajectory.times[-1]:.1f} s; the rope moves {self.slowed:.1f} times slower than "
-            "simulated",
-            f"peak at the tip {peaks['tip_speed']:.3f} m/s and "
-            f"{peaks['tip_acceleration']:.2f} m/s^2; in the joints {peaks['joint_speed']:.0%} of "
-            f"the speed limit, {peaks['joint_acceleration']:.0%} of the acceleration limit",
-        ]
-        if self.reachable:
-            lines.append(
-                f"all waypoints reached: at most {ik.error.max() * 1e3:.2f} mm off, gripper "
-                f"tilted by at most {np.rad2deg(ik.tilt.max()):.0f} degrees"
-            )
-            return "\n".join(lines)
-        missed = ~ik.ok
-        lines.append(f"{missed.sum()} waypoints cannot be reached; do not execute this trajectory:")
-        ranges = _runs(missed)
-        for rows in ranges[:MAX_LISTED]:
-            worst = rows[int(ik.error[rows].argmax())]
-            position = ", ".join(f"{number:.3f}" for number in waypoints.positions[worst])
-            lines.append(
-                f"  {rows[0]} to {rows[-1]} ({waypoints.actions[worst]}, "
-                f"{waypoints.phases[worst]}): up to {ik.error[worst] * 1e3:.1f} mm off at "
-                f"({position}) m, tilt {np.rad2deg(ik.tilt[rows].max()):.0f} and turn "
-                f"{np.rad2deg(ik.turn[rows].max()):.0f} degrees"
-            )
-        if len(ranges) > MAX_LISTED:
-            lines.append(f"  and {len(ranges) - MAX_LISTED} more ranges")
-        return "\n".join(lines)
 
 
 def export_plan(
@@ -210,12 +205,11 @@ def export_plan(
     waypoints = replace(waypoints, positions=frame.to_file(waypoints.positions))
     positions, quaternions = frame.to_file(ik.positions), frame.turned(ik.quaternions)
     ik = replace(ik, positions=positions, quaternions=quaternions)
-    trajectory = time_joints(arm, waypoints, ik, max_speed)
+    times = _time_joints(arm, waypoints, ik, max_speed)
     dragging = np.array(waypoints.phases) == "drag"
-    seconds = float(np.diff(trajectory.times, prepend=0.0)[dragging].sum())
-    slowed = max(1.0, seconds / (sum(step.release_time for step in plan.steps)))
-    text = (_csv if format == "csv" else _ros2)(trajectory, space)
-    return Export(text, trajectory, slowed)
+    seconds = float(np.diff(times, prepend=0.0)[dragging].sum())
+    slowed = max(1.0, seconds / sum(step.release_time for step in plan.steps))
+    return Export(arm, waypoints, ik, times, slowed, format, space)
 
 
 def _runs(mask: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
@@ -224,11 +218,11 @@ def _runs(mask: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
     return [run for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(run)]
 
 
-def _gripper_positions(trajectory: JointTrajectory) -> NDArray[np.float64]:
+def _gripper_positions(export: Export) -> NDArray[np.float64]:
     """Positions (N,) of the gripper's joint, which moves while the arm stands."""
-    opened, closed = trajectory.arm.opening
-    phases = np.array(trajectory.waypoints.phases)
-    share = trajectory.waypoints.closed.astype(float)
+    opened, closed = export.arm.opening
+    phases = np.array(export.waypoints.phases)
+    share = export.waypoints.closed.astype(float)
     for phase in ("close", "open"):
         for rows in _runs(phases == phase):
             u = np.arange(1, len(rows) + 1) / len(rows)
@@ -236,37 +230,37 @@ def _gripper_positions(trajectory: JointTrajectory) -> NDArray[np.float64]:
     return opened + (closed - opened) * share
 
 
-def _csv(trajectory: JointTrajectory, space: str) -> str:
-    waypoints, ik = trajectory.waypoints, trajectory.ik
-    if space == "joint":
-        names, values = [*trajectory.arm.joints], ik.joints
+def _csv(export: Export) -> str:
+    waypoints, ik = export.waypoints, export.ik
+    if export.space == "joint":
+        names, values = [*export.arm.joints], ik.joints
     else:
         names = ["x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"]
         values = np.concatenate([ik.positions, ik.quaternions], axis=1)
     table = pd.DataFrame(values, columns=names)
-    table.insert(0, "time_s", trajectory.times)
-    table[trajectory.arm.gripper] = _gripper_positions(trajectory)
+    table.insert(0, "time_s", export.times)
+    table[export.arm.gripper] = _gripper_positions(export)
     table["closed"], table["reached"] = waypoints.closed.astype(int), ik.ok.astype(int)
     table["step"], table["action"] = waypoints.step, waypoints.actions
     table["phase"] = waypoints.phases
     return table.to_csv(index=False, float_format="%.6f", lineterminator="\n")
 
 
-def _ros2(trajectory: JointTrajectory, space: str) -> str:
-    arm, ik, times = trajectory.arm, trajectory.ik, trajectory.times
+def _ros2(export: Export) -> str:
+    arm, ik, times = export.arm, export.ik, export.times
     points: list[dict[str, Any]] = []
-    if space == "joint":
+    if export.space == "joint":
         kind, names, frame = "JointTrajectory", [*arm.joints, arm.gripper], ""
-        gripper = _gripper_positions(trajectory)
+        gripper = _gripper_positions(export)
         positions = np.column_stack([ik.joints, gripper])
-        speeds = np.column_stack([trajectory.rates(ik.joints), np.gradient(gripper, times)])
+        speeds = np.column_stack([export.rates(ik.joints), np.gradient(gripper, times)])
         points = [
             {"positions": position, "velocities": speed}
             for position, speed in zip(_rounded(positions), _rounded(speeds), strict=True)
         ]
     else:
         kind, names, frame = "MultiDOFJointTrajectory", [arm.tip], "world"
-        columns = map(_rounded, (ik.positions, ik.quaternions, trajectory.rates(ik.positions)))
+        columns = map(_rounded, (ik.positions, ik.quaternions, export.rates(ik.positions)))
         for position, (w, x, y, z), speed in zip(*columns, strict=True):
             turn = {"x": x, "y": y, "z": z, "w": w}
             pose = {"translation": dict(zip("xyz", position, strict=True)), "rotation": turn}
@@ -276,7 +270,7 @@ def _ros2(trajectory: JointTrajectory, space: str) -> str:
         seconds, nanoseconds = divmod(round(float(time) * 1e9), 10**9)
         point["time_from_start"] = {"sec": seconds, "nanosec": nanoseconds}
     # For arms whose gripper is commanded apart:
-    phases = np.array(trajectory.waypoints.phases)
+    phases = np.array(export.waypoints.phases)
     events = sorted(
         (times[rows[0]], phase) for phase in ("close", "open") for rows in _runs(phases == phase)
     )

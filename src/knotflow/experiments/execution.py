@@ -250,23 +250,22 @@ def check_arm(arm: Arm, export: Export) -> dict[str, float]:
     Errors are of the waypoints that it says it reaches; `limit_margin_deg` is how far any joint
     stays from the ends of its range, degrees.
     """
-    trajectory = export.trajectory
-    joints, times = trajectory.ik.joints, trajectory.times
+    joints, times, ik = export.ik.joints, export.times, export.ik
     even = np.linspace(0.0, 1.0, CHECKED_BETWEEN, endpoint=False)
     fine = (times[:-1, None] + np.diff(times)[:, None] * even).ravel()
     passed = np.stack([np.interp(fine, times, joint) for joint in joints.T], axis=1)
     tips, model = arm.tip_positions(passed), arm.model()
     low, high = model.jnt_range[arm.joint_ids(model)].T
-    error = np.linalg.norm(arm.tip_positions(joints) - trajectory.waypoints.positions, axis=1)
+    error = np.linalg.norm(arm.tip_positions(joints) - export.waypoints.positions, axis=1)
     speeds = np.linalg.norm(np.diff(tips, axis=0), axis=1) / np.diff(fine)
     margin = np.minimum(joints - low, high - joints).min()
     return {
         "waypoints": len(times),
-        "unreached": int((~trajectory.ik.ok).sum()),
-        "tip_error_mm": round(1e3 * float(error[trajectory.ik.ok].max(initial=0.0)), 3),
+        "unreached": int((~ik.ok).sum()),
+        "tip_error_mm": round(1e3 * float(error[ik.ok].max(initial=0.0)), 3),
         "tip_speed": round(float(speeds.max()), 4),
         "limit_margin_deg": round(float(np.rad2deg(margin)), 2),
-        "joint_speed_share": round(trajectory.peaks()["joint_speed"], 3),
+        "joint_speed_share": round(export.peaks()["joint_speed"], 3),
         "seconds": round(float(times[-1]), 1),
         "slowed": round(export.slowed, 2),
     }
