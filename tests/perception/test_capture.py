@@ -193,9 +193,10 @@ def test_table_is_found_without_a_pose(eye, tmp_path):
     noise, rng = CameraNoiseConfig(), np.random.default_rng(1)
     view = SimulatedCamera(eye, ROPE, noise, Appearance()).view(s_curve(), s_curve()[20])
     seen = SimulatedCamera(eye, ROPE, noise, Appearance()).capture(s_curve(), rng, s_curve()[20])
-    seen.write(tmp_path / "rgb.png", tmp_path / "depth.png")
+    Image.fromarray(seen.rgb).save(tmp_path / "rgb.png")
+    np.save(tmp_path / "depth.npy", seen.depth)
     calibration = Calibration((eye.fx, eye.fy), (eye.cx, eye.cy), (160, 120))
-    found = read_capture(tmp_path / "rgb.png", tmp_path / "depth.png", calibration)
+    found = read_capture(tmp_path / "rgb.png", tmp_path / "depth.npy", calibration)
     assert "the table is found in the depth image" in found.notes[-1]
     true = eye.points(view.image.depth)[..., 2]
     there = found.camera.points(view.image.depth)[..., 2]

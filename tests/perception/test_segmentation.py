@@ -16,9 +16,9 @@ from knotflow.perception import (
     CameraNoiseConfig,
     ImageError,
     Label,
-    RgbdImage,
     SimulatedCamera,
     add_noise,
+    read_capture,
     segment,
 )
 from knotflow.perception.camera.simulated import TAPE
@@ -97,7 +97,8 @@ def test_segment_corrects_pose_error(camera, overhand, rng):
 
 
 def test_the_shipped_sample_is_segmented(camera, overhand):
-    image = RgbdImage.read(SAMPLE / "overhand.png", SAMPLE / "overhand-depth.png", camera)
+    files = [SAMPLE / name for name in ("overhand.png", "overhand-depth.png", "camera.yaml")]
+    image = read_capture(*files).image
     true = SimulatedCamera(camera, ROPE).view(overhand).labels == Label.ROPE
     found = segment(image, camera, ROPE.radius)
     assert iou(found.rope, true & ~(found.labels == Label.UNKNOWN)) > 0.85

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from knotflow.perception import SAMPLE, Calibration, FitConfig, RgbdImage, fit, observe
+from knotflow.perception import SAMPLE, FitConfig, fit, observe, read_capture
 from knotflow.simulation import (
     RopeConfig,
     RopeSimulator,
@@ -68,10 +68,10 @@ def gradient_steps(run: StageRun, *, rope: RopeConfig, steps: int = 80, repeat: 
 
     Makes gradient_steps.csv by the pixels along each side of one of the grid of a step.
     """
-    camera = Calibration.load(SAMPLE / "camera.yaml").camera()
-    image = RgbdImage.read(SAMPLE / "overhand.png", SAMPLE / "overhand-depth.png", camera)
+    files = [SAMPLE / name for name in ("overhand.png", "overhand-depth.png", "camera.yaml")]
+    seen = read_capture(*files)
     points = resample(np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1), rope)
-    target, once = observe(image, camera, rope), FitConfig(steps=1)
+    target, once = observe(seen.image, seen.camera, rope), FitConfig(steps=1)
     rows = []
     for grid in (1, 2):
         coarse = target.binned(grid)

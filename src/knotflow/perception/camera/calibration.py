@@ -40,11 +40,6 @@ _BROWN = (
     *("rationalpolynomial", "opencv"),
 )
 _FISHEYE = ("equidistant", "fisheye", "kannalabrandt", "kannalabrandt4")
-_ATTRIBUTES = (
-    *("width", "height", "fx", "fy", "ppx", "ppy", "model", "coeffs", "depth_scale"),
-    *("k", "K", "d", "D", "distortion_model", "roi"),
-)
-"""Of messages and of RealSense's objects."""
 _ROUNDS = 20  # of inverting a distortion
 
 
@@ -97,7 +92,8 @@ class Calibration:
             CameraError: naming the `source` and what is wrong with it.
         """
         if not isinstance(values, Mapping):
-            values = {name: _attribute(values, name) for name in _ATTRIBUTES}
+            public = [name for name in dir(values) if not name.startswith("_")]
+            values = {name: getattr(values, name) for name in public}
         try:
             return _calibration(_flat(values), source)
         except CameraError as error:
@@ -207,11 +203,15 @@ def _brown(places: Floats, coefficients: Floats) -> Floats:
     return np.stack([x * radial + across, y * radial + down], axis=-1)
 
 
+def _plain(name: object) -> str:
+    return re.sub("[^a-z0-9]", "", str(name).lower())
+
+
 def _flat(values: Mapping[Any, Any]) -> dict[str, Any]:
     """Values by their names in lower case without punctuation, those of sections too."""
     found: dict[str, Any] = {}
     for key, value in values.items():
-        name = re.sub("[^a-z0-9]", "", str(key).lower())
+        name = _plain(key)
         if name == "roi":
             found[name] = any(_attribute(value, one) for one in ("x_offset", "y_offset"))
         elif name in _SECTIONS and isinstance(value, Mapping):
@@ -222,8 +222,9 @@ def _flat(values: Mapping[Any, Any]) -> dict[str, Any]:
 
 
 def _calibration(values: Mapping[str, Any], source: str) -> Calibration:
-    matrix = _first(values, _MATRIX)
-    if matrix is not None:
+    names = (("fx",), ("fy",), ("cx", "ppx"), ("cy", "ppy"))
+    lens = [_first(values, options) for options in names]
+    if (matrix := _first(values, _MATRIX)) is not None:
         k = _numbers(matrix, "the camera matrix")
         if k.size == 9:
             k = k.reshape(3, 3)
@@ -231,19 +232,11 @@ def _calibration(values: Mapping[str, Any], source: str) -> Calibration:
             k = k[[0, 1, 0, 1], [0, 1, 2, 2]]
         if k.shape != (4,):
             raise CameraError(f"a camera matrix has 9 numbers, got {k.size}")
-        fx, fy, cx, cy = k
-    else:
-        names = (("fx",), ("fy",), ("cx", "ppx"), ("cy", "ppy"))
-        given = [_first(values, options) for options in names]
-        missing = [options[0] for options, one in zip(names, given, strict=True) if one is None]
-        if missing:
-            raise CameraError(
-                f"lacks {', '.join(missing)}; a camera file has fx, fy, cx and cy, or a camera "
-                "matrix (camera_matrix, intrinsic_matrix, K)"
-            )
-        fx, fy, cx, cy = (
-            _one(number, f"a camera's {name}")
-            for number, name in zip(given, ("fx", "fy", "cx", "cy"), strict=True)
+        lens = [*k]
+    if missing := [options[0] for options, one in zip(names, lens, strict=True) if one is None]:
+        raise CameraError(
+            f"lacks {', '.join(missing)}; a camera file has fx, fy, cx and cy, or a camera matrix "
+            "(camera_matrix, intrinsic_matrix, K)"
         )
     sides = [_first(values, (f"image{name}", name)) for name in ("width", "height")]
     if "resolution" in values:
@@ -253,35 +246,29 @@ def _calibration(values: Mapping[str, Any], source: str) -> Calibration:
     if (sides[0] is None) != (sides[1] is None):
         raise CameraError(f"lacks {'width' if sides[0] is None else 'height'}")
     width, height = (1, 1) if sides[0] is None else sides
-    checked = Camera(width, height, fx, fy, cx, cy, np.zeros(3), np.eye(3))
+    checked = Camera(width, height, *lens, np.zeros(3), np.eye(3))
+    focal, centre = (checked.fx, checked.fy), (checked.cx, checked.cy)
     size = None if sides[0] is None else (checked.width, checked.height)
-    distortion, model = _distortion(values)
-    scale = _first(values, ("depthscale", "depthunit", "depthunits"))
     unit = None
-    if scale is not None:
+    if (scale := _first(values, ("depthscale", "depthunit", "depthunits"))) is not None:
         unit = _one(scale, "depth_scale")
         if not 0 < unit < 1e9:
             raise CameraError(f"depth_scale is positive, got {unit}")
         unit = 1 / unit if unit > 1 else unit  # Open3D says how many are a metre
-    return Calibration((fx, fy), (cx, cy), size, distortion, model, _poses(values), unit, source)
+    return Calibration(focal, centre, size, *_distortion(values), _poses(values), unit, source)
 
 
 def _distortion(values: Mapping[str, Any]) -> tuple[Floats, str]:
     given = _first(values, _DISTORTION)
     if given is None:
-        coefficients = np.array(
-            [_one(values.get(one, 0), f"a camera's {one}") for one in _COEFFICIENTS]
-        )
-    else:
-        coefficients = _numbers(given, "distortion")
+        given = [values.get(one, 0) for one in _COEFFICIENTS]
+    coefficients = _numbers(given, "distortion")
     if not coefficients.any():
         return np.zeros(0), ""
     told = _first(values, ("distortionmodel", "model", "cameramodel")) or ""
     if isinstance(told, int) and 0 <= told < len(_REALSENSE):
         told = _REALSENSE[told]
-    word = re.sub(
-        "rs2distortion|distortion|[^a-z0-9]", "", re.sub("[^a-z0-9]", "", str(told).lower())
-    )
+    word = re.sub("rs2distortion|distortion", "", _plain(told))
     if word == "inversebrownconrady":
         return coefficients, "inverse"
     if word in _FISHEYE:

@@ -18,7 +18,7 @@ from knotflow.perception.camera.image import (
     read_depth,
 )
 from knotflow.perception.camera.pinhole import Camera, CameraError
-from knotflow.perception.camera.table import find_plane, table_error
+from knotflow.perception.camera.table import find_table, table_error
 
 Floats = NDArray[np.float64]
 
@@ -174,8 +174,7 @@ def _misfit(metres: NDArray, calibration: Calibration, depth: Path | str) -> str
 
 
 def _fits(metres: NDArray, calibration: Calibration, pose: Floats) -> bool:
-    """Whether a pose (4, 4) puts the table of a depth image (H, W), metres, at z = 0, seen from
-    above."""
+    """Whether a pose (4, 4) puts the table of a depth image (H, W), metres, below it, at z = 0."""
     camera = calibration.at(_upright(pose))
     off, tilt = table_error(metres, camera)
     middle = camera.rays()[camera.height // 2, camera.width // 2]
@@ -191,18 +190,18 @@ def _above_table(
     metres: NDArray, calibration: Calibration, depth: Path | str
 ) -> tuple[Camera, list[str]]:
     """The camera above the table that is found in a depth image (H, W), metres."""
-    plane = find_plane(metres, calibration)
-    camera = calibration.at(plane.pose(calibration))
+    pose, share, rms = find_table(metres, calibration)
+    camera = calibration.at(pose)
     slope = -float(camera.rays()[camera.height // 2, camera.width // 2, 2])
-    if plane.share < _LEAST_TABLE or slope < _GRAZING:
+    if share < _LEAST_TABLE or slope < _GRAZING:
         raise ImageError(
-            f"{depth}: no table is found: the largest plane is {plane.share:.0%} of the image, "
+            f"{depth}: no table is found: the largest plane is {share:.0%} of the image, "
             f"seen at {np.rad2deg(np.arcsin(slope)):.0f} degrees; let the table fill most of it, "
             "or add the camera's pose to its file (position and rotation, the table at z = 0)"
         )
     return camera, [
-        f"the table is found in the depth image, {plane.share:.0%} of it with "
-        f"{1e3 * plane.rms:.1f} mm rms: the camera is {camera.position[2]:.3f} m above it, and "
+        f"the table is found in the depth image, {share:.0%} of it with "
+        f"{1e3 * rms:.1f} mm rms: the camera is {camera.position[2]:.3f} m above it, and "
         f"looks {90 - np.rad2deg(np.arcsin(slope)):.1f} degrees off straight down; x is to the "
         "image's right, the origin on the table in the image's middle"
     ]

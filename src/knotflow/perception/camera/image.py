@@ -73,48 +73,14 @@ class RgbdImage:
         """The image of a camera `binned` by that factor: mean colours and median depths."""
         if factor == 1:
             return self
+        from skimage.measure import block_reduce  # slow to import
+
         height, width = (size // factor * factor for size in self.depth.shape)
-
-        def squares(values: NDArray) -> NDArray:
-            cut = values[:height, :width]
-            split = cut.reshape(height // factor, factor, width // factor, factor, *cut.shape[2:])
-            return split.swapaxes(1, 2).reshape(*split.shape[::2][:2], factor**2, *cut.shape[2:])
-
+        rgb = block_reduce(self.rgb[:height, :width], (factor, factor, 1), np.mean)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # no depth in a square is NaN
-            depth = np.nanmedian(squares(self.depth), axis=2).astype(np.float32)
-        return RgbdImage(squares(self.rgb).mean(axis=2).round().astype(np.uint8), depth, self.time)
-
-    @classmethod
-    def read(cls, rgb: Path | str, depth: Path | str, camera: Camera | None = None) -> RgbdImage:
-        """The image of two files, of the camera's size if one is given: colour as PNG (or in
-        another format that Pillow reads), depth in millimetres or metres as PNG of 16 bits or NPY,
-        in which 0 and what is not finite are unknown. `read_capture` reads what is less regular.
-
-        Raises:
-            ImageError: naming the file and what is wrong with it.
-        """
-        colour, distances = read_colour(Path(rgb)), read_depth(Path(depth))
-        if np.isfinite(distances).any():
-            distances *= conventional_unit(distances, depth)
-        try:
-            image = cls(colour, distances.astype(np.float32))
-            if camera is not None:
-                image.check(camera)
-        except ImageError as error:
-            raise ImageError(f"{rgb}, {depth}: {error}") from error
-        return image
-
-    def write(self, rgb: Path | str, depth: Path | str) -> None:
-        """Write the files that `read` reads; depth as 16-bit PNG (whole millimetres) or NPY."""
-        from PIL import Image
-
-        Image.fromarray(self.rgb).save(rgb)
-        if Path(depth).suffix.lower() == ".npy":
-            np.save(depth, self.depth)
-            return
-        millimetres = np.round(np.nan_to_num(self.depth) * 1000).clip(0, 2**16 - 1)
-        Image.fromarray(millimetres.astype(np.uint16)).save(depth)
+            depth = block_reduce(self.depth[:height, :width], factor, np.nanmedian)
+        return RgbdImage(rgb.round().astype(np.uint8), depth.astype(np.float32), self.time)
 
 
 def _read_pixels(path: Path, kind: str, mode: str | None = None) -> NDArray:

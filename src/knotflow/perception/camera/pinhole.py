@@ -88,6 +88,11 @@ class Camera:
         """Points (..., 3), metres, at pixels (..., 2) with depths (...), metres."""
         return self.position + self._directions(pixels) * np.asarray(depth)[..., None]
 
+    def nearest_pixels(self, points: ArrayLike) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Rows and columns (N,) of the pixels nearest to points (N, 3), metres, in the image."""
+        u, v, _ = np.nan_to_num(self.project(points)).round().T
+        return v.clip(0, self.height - 1).astype(int), u.clip(0, self.width - 1).astype(int)
+
     def rays(self) -> Floats:
         """Unit directions (height, width, 3) of the pixels' rays, world frame."""
         rays = self._pixel_directions
@@ -129,8 +134,7 @@ class Camera:
         )
 
     def binning(self, points: NDArray, size: float, pixels: float) -> int:
-        """The factor by which to bin so that something of a size, metres, at points (N, 3) is about
-        so many pixels across."""
+        """The factor by which to bin so that a size, metres, at points (N, 3) is so many pixels."""
         distance = float(np.median(self.project(points)[:, 2]))
         if not distance > 0:
             return 1

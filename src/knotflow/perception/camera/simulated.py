@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +16,7 @@ from knotflow.simulation import RopeConfig, check_points
 if TYPE_CHECKING:
     import mujoco
 
-Colour = tuple[float, float, float]
+Colour = tuple[float, ...]
 
 TAPE: Colour = (0.85, 0.10, 0.12)  # red tape around the rope's head
 _HEAD_LENGTH = 0.05  # metres: two turns of tape
@@ -23,8 +24,6 @@ _FINGER = (0.014, 0.008, 0.060)  # size, metres: along the rope it holds, across
 _PALM = (0.030, 0.090, 0.050)  # size of the palm that carries the fingers, metres
 _WRIST = (0.025, 0.120)  # radius and length above the palm, metres
 _OPEN = 0.050  # metres between the open fingers; closed they touch the rope
-
-_Bare = tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32]]  # labels, rgb, depth
 
 
 @dataclass(frozen=True)
@@ -36,13 +35,13 @@ class Appearance:
     gripper: Colour = (0.12, 0.12, 0.13)
     head: Colour | None = None
     """Colour of the rope's first 50 mm; None is a rope whose ends look alike."""
-    light: tuple[float, float, float] = (0.2, -0.3, 1.0)
+    light: tuple[float, ...] = (0.2, -0.3, 1.0)
     """Direction towards the light."""
     ambient: float = 0.5
     """Share of the light that comes from everywhere, 0 to 1."""
     brightness: Colour = (1.0, 1.0, 1.0)
     """Strength of the light in red, green and blue: exposure and white balance."""
-    grain: tuple[tuple[float, float, float, float], ...] = ()
+    grain: tuple[tuple[float, ...], ...] = ()
     """The table's grain: waves of brightness, each a wave vector x and y (1/m), phase (radians) and
     amplitude (share of the brightness)."""
 
@@ -72,18 +71,16 @@ class Appearance:
             ]
         )
         return cls(
-            rope=_triple(rope),
-            table=_triple(table),
-            gripper=_triple(rng.uniform(0.05, 0.25) + rng.uniform(-0.03, 0.03, 3)),
+            rope=tuple(rope),
+            table=tuple(table),
+            gripper=tuple(rng.uniform(0.05, 0.25) + rng.uniform(-0.03, 0.03, 3)),
             head=head,
-            light=_triple(
-                [np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)]
+            light=(np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)),
+            ambient=rng.uniform(0.35, 0.65),
+            brightness=tuple(
+                rng.uniform(0.75, 1.0) + level * rng.normal(0, noise.white_balance, 3)
             ),
-            ambient=float(rng.uniform(0.35, 0.65)),
-            brightness=_triple(
-                rng.uniform(0.75, 1.0) + level * rng.normal(0.0, noise.white_balance, 3)
-            ),
-            grain=tuple((float(x), float(y), float(phase), float(a)) for x, y, phase, a in grain),
+            grain=tuple(map(tuple, grain)),
         )
 
     def shade(
@@ -105,11 +102,6 @@ class Appearance:
         return np.rint(255.0 * rgb.clip(0.0, 1.0)).astype(np.uint8)
 
 
-def _triple(values: ArrayLike) -> tuple[float, float, float]:
-    one, two, three = (float(value) for value in np.asarray(values))
-    return one, two, three
-
-
 @dataclass(frozen=True, eq=False)
 class View:
     """An image without noise, and the `Label` (H, W) of each pixel."""
@@ -129,7 +121,7 @@ class SimulatedCamera:
         noise: CameraNoiseConfig | None = None,
         appearance: Appearance | None = None,
     ) -> None:
-        """A camera for one rope; `appearance` may be replaced between images."""
+        """A camera for one rope."""
         import mujoco
 
         self.camera, self.rope = camera, rope
@@ -143,7 +135,7 @@ class SimulatedCamera:
         self._labels = np.where(links < rope.links, Label.ROPE, Label.GRIPPER).astype(np.uint8)
         self._labels[0] = Label.TABLE
         self._head = (links >= 0) & (links < round(_HEAD_LENGTH / rope.link_length))
-        self._table: tuple[Appearance, _Bare] | None = None
+        self._table = self._draw_table()
 
     def capture(
         self,
@@ -171,41 +163,32 @@ class SimulatedCamera:
     ) -> View:
         """The image without noise; arguments as in `capture`."""
         self._place(check_points(points, self.rope), gripper, closed)
-        bare = self._bare()
-        labels, rgb, depth = bare[0].copy(), bare[1].copy(), bare[2].copy()
+        labels, rgb, depth = (one.copy() for one in self._table)
         window = self._window(gripper is not None)
         rays = np.ascontiguousarray(self._rays[window])
         if rays.size:
             geom, distance, normals = self._cast(rays, gripper is not None)
             seen = geom >= 0
             labels[window] = np.where(seen, self._labels[geom], Label.UNKNOWN)
-            rgb[window] = self.appearance.shade(
-                labels[window],
-                seen & self._head[geom],
-                normals,
-                self.camera.position + distance[..., None] * rays,
-            )
+            points = self.camera.position + distance[..., None] * rays
+            head = seen & self._head[geom]
+            rgb[window] = self.appearance.shade(labels[window], head, normals, points)
             along = distance * self._depth_per_distance[window]
             depth[window] = np.where(seen, along, np.nan)
         return View(RgbdImage(rgb, depth, time), labels)
 
-    def _bare(self) -> _Bare:
-        """The table alone, computed once for an appearance."""
-        if self._table is None or self._table[0] is not self.appearance:
-            with np.errstate(divide="ignore"):
-                distance = -self.camera.position[2] / self._rays[..., 2]
-            seen = (distance > 0) & np.isfinite(distance)
-            distance = np.where(seen, distance, 0.0)
-            labels = np.where(seen, Label.TABLE, Label.UNKNOWN).astype(np.uint8)
-            rgb = self.appearance.shade(
-                labels,
-                np.zeros_like(seen),
-                np.broadcast_to([0.0, 0.0, 1.0], self._rays.shape),
-                self.camera.position + distance[..., None] * self._rays,
-            )
-            depth = np.where(seen, distance * self._depth_per_distance, np.nan).astype(np.float32)
-            self._table = self.appearance, (labels, rgb, depth)
-        return self._table[1]
+    def _draw_table(self) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32]]:
+        """Labels, colours and depth of the table alone."""
+        with np.errstate(divide="ignore"):
+            distance = -self.camera.position[2] / self._rays[..., 2]
+        seen = (distance > 0) & np.isfinite(distance)
+        distance = np.where(seen, distance, 0.0)
+        labels = np.where(seen, Label.TABLE, Label.UNKNOWN).astype(np.uint8)
+        normals = np.broadcast_to([0.0, 0.0, 1.0], self._rays.shape)
+        points = self.camera.position + distance[..., None] * self._rays
+        rgb = self.appearance.shade(labels, np.zeros_like(seen), normals, points)
+        depth = np.where(seen, distance * self._depth_per_distance, np.nan).astype(np.float32)
+        return labels, rgb, depth
 
     def _cast(
         self, rays: NDArray, gripper: bool
@@ -232,28 +215,18 @@ class SimulatedCamera:
         return geom, distance, normals
 
     def _window(self, gripper: bool) -> tuple[slice, slice]:
-        """Rows and columns around the bounding spheres of all links and parts of the gripper;
-        outside of them there is nothing but the table."""
-        camera = self.camera
+        """Rows and columns around all links and parts of the gripper; elsewhere is bare table."""
         geoms = slice(1, None if gripper else 1 + self.rope.links)
-        radius = self._model.geom_rbound[geoms]
-        centre = (self._data.geom_xpos[geoms] - camera.position) @ camera.rotation
-        away, ahead = np.linalg.norm(centre, axis=1), centre[:, 2]
-        sine = radius / np.maximum(away, radius)  # of the angle that a ball is seen at
-        cosine = ahead / np.maximum(away, 1e-9)  # of the angle off the axis
-        # tan(off + seen) - tan(off), the ball's extent in the image, is sine / (cosine * farthest)
-        farthest = cosine * np.sqrt(1 - sine**2) - np.sqrt(1 - cosine**2) * sine
-        if min(cosine.min(), farthest.min()) <= 0:
+        corners = (
+            np.array([*product((-1, 1), repeat=3)]) * self._model.geom_rbound[geoms, None, None]
+        )
+        pixels = self.camera.project(self._data.geom_xpos[geoms, None] + corners).reshape(-1, 3)
+        if pixels[:, 2].min() <= 0:
             return slice(None), slice(None)  # beside or behind the camera
-        spans = []
-        for axis, focal, middle, size in (
-            (1, camera.fy, camera.cy, camera.height),
-            (0, camera.fx, camera.cx, camera.width),
-        ):
-            at, half = focal * centre[:, axis] / ahead + middle, focal * sine / (cosine * farthest)
-            low, high = np.floor((at - half).min()), np.ceil((at + half).max()) + 1
-            spans.append(slice(*(int(one) for one in np.clip([low, high], 0, size))))
-        return spans[0], spans[1]
+        size = [self.camera.width, self.camera.height]
+        low = np.clip(np.floor(pixels[:, :2].min(axis=0)), 0, size).astype(int)
+        high = np.clip(np.ceil(pixels[:, :2].max(axis=0)) + 1, 0, size).astype(int)
+        return slice(low[1], high[1]), slice(low[0], high[0])
 
     def _place(self, points: NDArray, gripper: ArrayLike | None, closed: bool) -> None:
         """Move the scene's bodies: links first, then palm and both fingers."""

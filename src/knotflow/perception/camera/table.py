@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,33 +16,15 @@ _LARGEST, _LEAST = 0.01, 0.002  # share of its distance, by which a point of the
 _ROUNDS = 8
 
 
-@dataclass(frozen=True, eq=False)
-class Plane:
-    """The plane of points P with `inverse` (3,) . P = 1, camera frame, in the depth's unit; a
-    `share` of the depths lies on it, 0..1, at a root mean square distance of `rms`."""
-
-    inverse: Floats
-    share: float
-    rms: float
-
-    def pose(self, calibration: Calibration) -> Floats:
-        """World from camera (4, 4), the plane at z = 0: x is the image's right, the origin what the
-        middle of the image shows, lengths in the depth's unit."""
-        assert calibration.size is not None
-        middle = (np.array(calibration.size) - 1) / 2
-        ray = np.r_[(middle - calibration.centre) / calibration.focal, 1.0]
-        up = -self.inverse / np.linalg.norm(self.inverse)
-        right = np.array([1.0, 0.0, 0.0]) - up[0] * up
-        right /= np.linalg.norm(right)
-        pose = np.eye(4)
-        pose[:3, :3] = right, np.cross(up, right), up
-        pose[:3, 3] = -pose[:3, :3] @ ray / (self.inverse @ ray)
-        return pose
-
-
-def find_plane(depth: NDArray, calibration: Calibration) -> Plane:
+def find_table(depth: NDArray, calibration: Calibration) -> tuple[Floats, float, float]:
     """The plane on which most of a depth image (H, W) lies, NaN where unknown: by random sample
-    consensus (Fischler and Bolles, 1981), then least squares on what is near."""
+    consensus (Fischler and Bolles, 1981), then least squares on what is near.
+
+    Returns:
+        pose: world from camera (4, 4), the plane at z = 0, x the image's right, the origin what the
+            middle of the image shows, lengths in the depth's unit.
+        share, rms: of the depths that lie on it, 0..1, and their root mean square distance.
+    """
     v, u = np.nonzero(np.isfinite(depth))
     rng = np.random.default_rng(0)
     chosen = rng.permutation(len(u))[: 10 * _SAMPLE]
@@ -54,6 +34,7 @@ def find_plane(depth: NDArray, calibration: Calibration) -> Plane:
     triples = points[rng.integers(len(points), size=(_PLANES, 3))]
     planes = np.linalg.pinv(triples).sum(axis=2)  # (M, 3)
     near = np.abs(points[:_SAMPLE] @ planes.T - 1) < _LARGEST
+    # Points P of a plane have plane (3,) . P = 1 in the camera's frame.
     plane, tolerance = planes[near.sum(axis=0).argmax()], _LARGEST
     for _ in range(_ROUNDS):
         off = np.abs(points @ plane - 1)
@@ -62,11 +43,19 @@ def find_plane(depth: NDArray, calibration: Calibration) -> Plane:
             break
         plane = np.linalg.lstsq(points[on], np.ones(on.sum()), rcond=None)[0]
         tolerance = float(np.clip(4 * np.median(off[on]), _LEAST, _LARGEST))
-    off = (points @ plane - 1) / np.linalg.norm(plane)
-    on = np.abs(off) * np.linalg.norm(plane) < tolerance
-    return Plane(
-        plane, float(on.mean()), float(np.sqrt((off[on] ** 2).mean())) if on.any() else 0.0
-    )
+    size = np.linalg.norm(plane)
+    off = (points @ plane - 1) / size
+    on = np.abs(off) * size < tolerance
+    rms = float(np.sqrt((off[on] ** 2).mean())) if on.any() else 0.0
+    up = -plane / size
+    right = np.array([1.0, 0.0, 0.0]) - up[0] * up
+    right /= np.linalg.norm(right)
+    middle = (np.array(depth.shape[::-1]) - 1) / 2
+    ray = np.r_[(middle - calibration.centre) / calibration.focal, 1.0]
+    pose = np.eye(4)
+    pose[:3, :3] = right, np.cross(up, right), up
+    pose[:3, 3] = -pose[:3, :3] @ ray / (plane @ ray)
+    return pose, float(on.mean()), rms
 
 
 def table_near_zero(depth: NDArray, camera: Camera) -> tuple[NDArray, NDArray | None]:
