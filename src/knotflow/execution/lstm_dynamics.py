@@ -78,18 +78,13 @@ class LstmDynamics(nn.Module):
             pull.norm(dim=-1, keepdim=True) / DISPLACEMENT_SCALE,
             speed.norm(dim=-1, keepdim=True) * STEP / DISPLACEMENT_SCALE,
         ]
-        out = self._read_vertices(torch.cat(features, -1))
+        rows, group = len(points), self.config.group
+        read = pad(torch.cat(features, -1), (0, 0, 0, -count % group))  # (B, V', FEATURES)
+        read = self.read(read.reshape(rows, -1, group * FEATURES))
+        out: Tensor = self.out(self.lstm(read)[0]).reshape(rows, -1, OUTPUTS)[:, :count]
         residual = DISPLACEMENT_SCALE * out[..., :3]
         moved = residual + out[..., 3:4] * pull + out[..., 4:] * speed * STEP
         return self._restore_lengths(points + _rotate(moved, heading, 1))
-
-    def _read_vertices(self, features: Tensor) -> Tensor:
-        """(B, V, features) -> (B, V, outputs)."""
-        rows, count, size = features.shape
-        group = self.config.group
-        grouped = pad(features, (0, 0, 0, -count % group)).reshape(rows, -1, group * size)
-        out: Tensor = self.out(self.lstm(self.read(grouped))[0])
-        return out.reshape(rows, -1, OUTPUTS)[:, :count]
 
     @one_thread()
     def predict(

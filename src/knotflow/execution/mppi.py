@@ -91,8 +91,7 @@ class Mppi:
 
     @one_thread()
     def _predict_plan(self, points: Tensor) -> Tensor:
-        """(T, horizon + 1, V, 3) metres: predictions from each frame of the planned rope (T, V, 3)
-        under the planned motion."""
+        """Predictions (T, horizon + 1, V, 3) from each frame of the planned rope (T, V, 3)."""
         with torch.no_grad():
             velocities = torch.diff(points, dim=0, prepend=points[:1]) / STEP
             gripper = (points[:, self._grasped] + points[:, self._grasped + 1]) / 2
