@@ -16,7 +16,6 @@ PIXELS = CAMERA.fx / CAMERA.position[2]  # of a metre on the table
 def test_trace_and_lift(points):
     depth, mask = seen_exactly(points)
     path = trace(mask, 2 * ROPE.radius * PIXELS, PIXELS)[0]
-    assert path.covered == pytest.approx(1)
     guess = lift(path, mask, depth, CAMERA, ROPE)
     off = min(np.linalg.norm(turned - points, axis=1).mean() for turned in (guess, guess[::-1]))
     assert off < 0.012
@@ -33,9 +32,7 @@ def test_trace_continues_straight_at_crossings(angle):
     mask |= np.abs((u - 50) * np.sin(turn) - (v - 40) * np.cos(turn)) < 2
     mask[0:6] = mask[-6:] = False
     mask[:, 0:6] = mask[:, -6:] = False
-    found = trace(mask, 4.0)
-    assert all(one.covered < 0.75 for one in found)  # two ropes, and a path is one of them
-    path = found[0].pixels
+    path = trace(mask, 4.0)[0]  # two ropes, and a path is one of them
     straight = path[0] + np.linspace(0, 1, len(path))[:, None] * (path[-1] - path[0])
     assert np.abs(path - straight).max() < 3
 

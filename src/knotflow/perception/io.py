@@ -70,8 +70,7 @@ def _check_unit(seen: Capture, rope: RopeConfig, depth: Path) -> None:
 
 
 def describe(found: RopeEstimate, seen: Capture | None = None) -> str:
-    """What was made of the files, state, crossings with their certainty, and ambiguities, in
-    lines."""
+    """What was made of the files, state, crossings with their certainty, ambiguities, in lines."""
     state = "unknown" if found.state is None else str(found.state)
     lines = [f"input     {note}" for note in (seen.notes if seen else ())]
     lines += [f"state     {state}" + (" (in doubt)" if found.ambiguous and found.state else "")]

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 from torch import Tensor
 
 from knotflow.perception.camera.image import RgbdImage
@@ -28,12 +29,10 @@ from knotflow.perception.estimation.evidence import (
     Target,
     coverage_fraction,
     measure_radius,
-    nearest_pixels,
     observe,
     visible_vertices,
 )
 from knotflow.perception.estimation.fitting import FitConfig, fit, project_lengths, register
-from knotflow.perception.estimation.search import PIXELS_ACROSS
 from knotflow.perception.estimation.skeleton import TraceError
 from knotflow.perception.networks.network import Network
 from knotflow.simulation import RopeConfig, state_or_none
@@ -133,18 +132,16 @@ class Tracker:
         held = self._held_place(gripper, grasped)
         seconds = 0.0 if self._time is None else max(0.0, image.time - self._time)
         self._time = image.time
-        now = self.points, self.velocities, seconds
-        if self._predict is None:
-            predicted = constant_velocity(*now, held, grasped)
-        else:  # a model knows how far behind the gripper its link is
-            predicted = self._predict(*now, None if grasped is None else gripper, grasped)
+        # A model knows how far behind the gripper its link is.
+        towards = gripper if self._predict and held is not None else held
+        predict = self._predict or constant_velocity
+        predicted = predict(self.points, self.velocities, seconds, towards, grasped)
         target = replace(observe(image, self.camera, self.rope), seen_radius=self._seen_radius)
-        coarse = target.coarse(predicted, PIXELS_ACROSS)
+        coarse = target.coarse(predicted)
         shape = predicted
         if bool(target.mask.any()):
-            cloud = rope_points(image, target, _POINTS)
-            registered = register(predicted, cloud, self.rope)
-            known = target.known.numpy()[nearest_pixels(registered, self.camera)]
+            registered = register(predicted, rope_points(image, target), self.rope)
+            known = target.known.numpy()[self.camera.nearest_pixels(registered)]
             shape = self._fit(registered, known, coarse, held, grasped)
         shape, crossings = self._crossings.update(shape, coarse, self.config.fit)
         if self._seen_radius is None:
@@ -159,8 +156,11 @@ class Tracker:
             self.velocities = np.zeros_like(shape)  # those of a lost rope say nothing
         else:
             self._waited = self.config.patience
-            if seconds > 0:
-                self.velocities = self._without_noise(shape - self.points) / seconds
+            if seconds > 0:  # moves of less than half a pixel are noise, and would add up
+                moves = shape - self.points
+                square = (moves**2).sum(axis=1, keepdims=True)
+                moves = moves * square / (square + (0.5 * self._resolution) ** 2)
+                self.velocities = moves / seconds
         self.points = shape
         if grasped is not None:
             self._trailing = shape[grasped : grasped + 2].mean(axis=0) - np.asarray(gripper)
@@ -243,11 +243,6 @@ class Tracker:
         reason = "the track was lost, and the rope estimated anew"
         return replace(found, ambiguities=(reason, *found.ambiguities))
 
-    def _without_noise(self, moves: Floats) -> Floats:
-        """Moves (V, 3), metres, with those of less than half a pixel damped: they would add up."""
-        square = (moves**2).sum(axis=1, keepdims=True)
-        return moves * square / (square + (0.5 * self._resolution) ** 2)
-
     def _held_place(self, gripper: NDArray | None, grasped: int | None) -> Floats | None:
         """Where the gripper has the held link's centre (3,), which trails behind the gripper by as
         much as in the last image; None where it holds nothing."""
@@ -278,11 +273,11 @@ def constant_velocity(
     return project_lengths(moved, link, mobility)
 
 
-def rope_points(image: RgbdImage, target: Target, count: int) -> Floats:
-    """At most `count` points (N, 3) of the rope's axis, metres: below its surface in the image by
+def rope_points(image: RgbdImage, target: Target) -> Floats:
+    """At most `_POINTS` points (N, 3) of the rope's axis, metres: below its surface in the image by
     what the upper half of a round rope is higher than its axis on average."""
     row, column = np.nonzero(target.mask.numpy() & np.isfinite(image.depth))
-    chosen = np.linspace(0, len(row) - 1, min(count, len(row))).astype(int)
+    chosen = np.linspace(0, len(row) - 1, min(_POINTS, len(row))).astype(int)
     row, column = row[chosen], column[chosen]
     depth = image.depth[row, column].astype(np.float64) + 0.25 * np.pi * target.rope.radius
     return target.camera.unproject(np.stack([column, row], axis=1), depth)
@@ -311,7 +306,7 @@ class CpdTracker:
         if self.predict:
             start = constant_velocity(start, self._velocities, seconds, gripper, grasped)
         target = observe(image, self.camera, self.rope)
-        shape = drift(start, rope_points(image, target, _POINTS), self.rope)
+        shape = drift(start, rope_points(image, target), self.rope)
         if seconds > 0:
             self._velocities = (shape - self.points) / seconds
         self.points = shape
@@ -331,13 +326,13 @@ def drift(start: Floats, cloud: Floats, rope: RopeConfig) -> Floats:
     count = len(start)
     along = np.arange(count) * rope.link_length
     kernel = np.exp(-((along[:, None] - along) ** 2) / (2 * _COHERENCE**2))  # (V, V)
-    near = np.sqrt(_squares(start, cloud).min(axis=1))
+    near = cdist(start, cloud).min(axis=1)
     likely = np.exp(-((near / _SEEN) ** 2))
     likely /= likely.sum()
     shape, variance = start, _DEVIATION**2
     box = float(np.prod(np.ptp(cloud, axis=0) + _DEVIATION))
     for _ in range(_ITERATIONS):
-        square = _squares(shape, cloud)
+        square = cdist(shape, cloud, "sqeuclidean")
         density = np.exp(-square / (2 * variance)) / (2 * np.pi * variance) ** 1.5
         joint = (1 - _OUTLIERS) * likely[:, None] * density
         share = joint / (joint.sum(axis=0) + _OUTLIERS / box)  # (V, N)
@@ -345,13 +340,8 @@ def drift(start: Floats, cloud: Floats, rope: RopeConfig) -> Floats:
         pull = share @ cloud - mass[:, None] * start
         stiff = _STIFFNESS * variance * np.eye(count)
         shape = start + kernel @ np.linalg.solve(mass[:, None] * kernel + stiff, pull)
-        left = (share * _squares(shape, cloud)).sum() / (3 * max(mass.sum(), 1e-9))
+        left = (share * cdist(shape, cloud, "sqeuclidean")).sum() / (3 * max(mass.sum(), 1e-9))
         variance = max(float(left), (0.25 * rope.radius) ** 2)
     shape = project_lengths(shape, rope.link_length)
     shape[:, 2] = np.maximum(shape[:, 2], rope.radius)
     return shape
-
-
-def _squares(points: Floats, cloud: Floats) -> Floats:
-    """Squared distances (V, N)."""
-    return ((points[:, None] - cloud) ** 2).sum(axis=2)

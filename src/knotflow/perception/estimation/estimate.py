@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence, Set
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,6 @@ from knotflow.perception.estimation.evidence import (
 )
 from knotflow.perception.estimation.fitting import FitConfig, fit
 from knotflow.perception.estimation.search import (
-    PIXELS_ACROSS,
     Progress,
     SearchConfig,
     SearchResult,
@@ -49,7 +49,6 @@ _MIN_CERTAINTY, _MIN_COVERAGE = 0.95, 0.98  # of a crossing and a shape that are
 _SETTLED = 0.99  # coverage fraction of a likely shape that needs no comparison or further search
 _RIVAL_MARGIN = 1.5  # log likelihood by which a path with other crossings is lower, at most
 _PIXELS = 5.0  # width of the rope, about which finer images are binned
-_HEAD_CONTRAST = 0.15  # distance in RGB (0..1) from the rope's colour that marks a head
 
 
 @dataclass
@@ -90,7 +89,7 @@ class RopeEstimate:
     head_known: bool
     """Whether a colour or an earlier shape distinguished head from tail."""
     ambiguities: tuple[str, ...]
-    """Why the state may be another one, in words, beside the ends."""
+    """Why the state may be another one, beside the ends."""
     seen_radius: float | None = None
     """Of its silhouette, metres, see `Target`; None where it was not measured."""
     ambiguous_ends: tuple[int, ...] = ()
@@ -133,7 +132,9 @@ def estimate(
         TraceError: no rope in the image, and no `initial` shape.
     """
     config = config or EstimateConfig()
-    factor = _binning(image, camera, rope)
+    image.check(camera)
+    width = 2 * rope.radius * camera.fx / float(np.nanmedian(image.depth))
+    factor = max(1, round(width / _PIXELS))
     image, camera = image.binned(factor), camera.binned(factor)
     target = observe(image, camera, rope)
     if initial is not None:
@@ -145,13 +146,6 @@ def estimate(
     return _head_first(best, target, image, earlier)
 
 
-def _binning(image: RgbdImage, camera: Camera, rope: RopeConfig) -> int:
-    """The factor by which an image is coarser where it shows a rope as wide as the search needs."""
-    image.check(camera)
-    width = 2 * rope.radius * camera.fx / float(np.nanmedian(image.depth))
-    return max(1, round(width / _PIXELS))
-
-
 def propose(image: RgbdImage, camera: Camera, rope: RopeConfig, network: Network) -> RopeEstimate:
     """A network's likeliest guess at the rope of an image, without gradient steps and comparing of
     crossings; raises as `estimate`."""
@@ -161,8 +155,7 @@ def propose(image: RgbdImage, camera: Camera, rope: RopeConfig, network: Network
     return _head_first(best, target, image)
 
 
-@dataclass(frozen=True, eq=False)
-class _Candidate:
+class _Candidate(NamedTuple):
     """The likeliest of several shapes, its coverage `fraction`, and `reasons` to doubt it."""
 
     shape: Floats
@@ -170,18 +163,9 @@ class _Candidate:
     fraction: float
     reasons: tuple[str, ...] = ()
 
-    def reversed(self) -> _Candidate:
-        crossings = (one.reversed() for one in self.crossings)
-        ordered = tuple(sorted(crossings, key=lambda one: one.fractions))
-        return replace(self, shape=self.shape[::-1].copy(), crossings=ordered)
-
-    def state(self, target: Target) -> TopologicalState | None:
-        """Its state, where the image shows all of the rope and its projection can be read."""
-        return None if target.leaves_image else state_or_none(self.shape)
-
-    def ambiguities(self, target: Target) -> list[str]:
-        state = self.state(target)
-        return [*list_ambiguities(state, self.crossings, self.fraction, target), *self.reasons]
+    def ambiguities(self, target: Target) -> tuple[str, ...]:
+        state = state_or_none(self.shape)
+        return (*list_ambiguities(state, self.crossings, self.fraction, target), *self.reasons)
 
 
 def list_ambiguities(
@@ -210,23 +194,25 @@ def _head_first(
     best: _Candidate, target: Target, image: RgbdImage, earlier: NDArray | None = None
 ) -> RopeEstimate:
     """The estimate, its head by colour, or else as in an `earlier` shape (V, 3)."""
-    head = find_head(head_contrast(best.shape, target, image), _HEAD_CONTRAST)
+    shape, crossings = best.shape, best.crossings
+    head = find_head(head_contrast(shape, target, image))
     if head is None and earlier is not None:
-        closer = mean_distance(best.shape[::-1], earlier) < mean_distance(best.shape, earlier)
+        closer = mean_distance(shape[::-1], earlier) < mean_distance(shape, earlier)
         head = -1 if closer else 0
     if head == -1:
-        best = best.reversed()
-    mask, camera, rope = target.mask.numpy(), target.camera, target.rope
+        turned = (one.reversed() for one in crossings)
+        shape, crossings = shape[::-1].copy(), tuple(sorted(turned, key=lambda one: one.fractions))
+    best = best._replace(shape=shape, crossings=crossings)
     return RopeEstimate(
-        best.shape,
-        visible_vertices(best.shape, mask, image, camera, rope),
-        best.state(target),
-        best.crossings,
+        shape,
+        visible_vertices(shape, target.mask.numpy(), image, target.camera, target.rope),
+        None if target.leaves_image else state_or_none(shape),
+        crossings,
         best.fraction,
         head is not None,
-        tuple(best.ambiguities(target)),
+        best.ambiguities(target),
         target.seen_radius,
-        ambiguous_ends(best.shape, rope),
+        ambiguous_ends(shape, target.rope),
     )
 
 
@@ -251,10 +237,13 @@ def _search_all(
             return _select(shapes, near, target, image, config), target
     expected = {state_or_none(one) for fitted in shapes for one in (fitted, fitted[::-1])} - {None}
     efforts = [one for one in (config.search, config.fallback_search) if one is not None]
-    paths = _trace_paths(target, image, max(effort.paths for effort in efforts))
-    proposed: list[Floats] = []
-    if config.propose:
-        proposed = (network or shipped_network()).guesses(target)
+    mask, camera, rope = target.mask.numpy(), target.camera, target.rope
+    pixels = pixels_per_metre(mask, image, camera)
+    traced = trace(target.coverage.numpy(), 2 * rope.radius * pixels, rope.length * pixels)
+    traced = [path for path in traced if np.ptp(path, axis=0).any()]  # no single dots
+    most = max(effort.paths for effort in efforts)
+    paths = [lift(path, mask, image.depth, camera, rope) for path in traced[:most]]
+    proposed = (network or shipped_network()).guesses(target) if config.propose else []
     guesses = [*paths, *proposed, *shapes]
     target = _with_radius(guesses[0], target, config)
     near = target.around(guesses)
@@ -281,11 +270,7 @@ def _select(
 ) -> _Candidate:
     """The likeliest of shapes (V, 3) fitted to the part of the image `near` them, those in a state
     that is `expected` with credit; one with a head inside only where all are."""
-    headed = [
-        one
-        for one in shapes
-        if not is_head_inside(head_contrast(one, target, image), _HEAD_CONTRAST)
-    ]
+    headed = [one for one in shapes if not is_head_inside(head_contrast(one, target, image))]
     shapes = headed or shapes
     losses = total_loss(np.stack(shapes), near, config.fit)
     if expected:
@@ -307,20 +292,10 @@ def _select(
     return _Candidate(shape, crossings, coverage_fraction(shape, near), tuple(reasons))
 
 
-def _trace_paths(target: Target, image: RgbdImage, count: int) -> list[Floats]:
-    """First shapes (V, 3) along so many paths through the mask, the likeliest first."""
-    mask, camera, rope = target.mask.numpy(), target.camera, target.rope
-    pixels = pixels_per_metre(mask, image, camera)
-    paths = trace(target.coverage.numpy(), 2 * rope.radius * pixels, rope.length * pixels)
-    paths = [path for path in paths if np.ptp(path.pixels, axis=0).any()]  # no single dots
-    return [lift(path, mask, image.depth, camera, rope) for path in paths[:count]]
-
-
 def _with_radius(guess: NDArray, target: Target, config: EstimateConfig) -> Target:
     """The target with the rope's apparent radius along a first guess (V, 3)."""
     near = target.around([guess])
-    coarse = near.coarse(guess, PIXELS_ACROSS)
-    shape = fit(guess, coarse, config.search.coarse)
+    shape = fit(guess, near.coarse(guess), config.search.coarse)
     return replace(target, seen_radius=measure_radius(shape, near))
 
 

@@ -22,6 +22,7 @@ Floats = NDArray[np.float64]
 
 CORRELATED = 4.0  # pixels that share their error, as neighbours do
 _CORRELATED_WIDTHS = 0.7  # widths of the rope, within which errors of its shape are the same error
+_PIXELS_ACROSS = 1.4  # a rope's width on the coarser grid
 _BORDER = 2  # pixels: the last one may have lost its depth
 _MARGIN = 10  # pixels around what is seen of a rope, that a fit looks at
 _CLEAR_DIFFERENCE = 0.7  # in the share of a pixel that is rope: more than at an edge
@@ -29,6 +30,7 @@ _SOFTNESS = 1.5e-3  # metres, at which silhouettes are compared
 _AROUND = 1.2  # widths of the rope from its centre line, within which its thickness is measured
 _RADII = (0.7, 1.4)  # smallest and largest apparent radius, in the rope's
 _HEAD_VERTICES = 2  # that have the head's colour
+_HEAD_CONTRAST = 0.15  # distance in RGB (0..1) from the rope's colour that marks a head
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +50,7 @@ class Target:
 
     @property
     def independent_pixels(self) -> float:
-        """Pixels of rope with independent errors: a loss times these is the negative logarithm of a
-        likelihood."""
+        """Pixels with independent errors; a loss times these is a negative log likelihood."""
         return float(self.mask.sum()) / self.correlated
 
     @property
@@ -87,9 +88,9 @@ class Target:
         }
         return replace(self, camera=self.camera.cropped(rows, columns), **parts)
 
-    def coarse(self, shape: NDArray, pixels_across: float) -> Target:
-        """The same on a grid on which a rope along a shape (V, 3) is so many pixels wide."""
-        return self.binned(self.camera.binning(shape, 2 * self.rope.radius, pixels_across))
+    def coarse(self, shape: NDArray) -> Target:
+        """The same on a grid on which a rope along a shape (V, 3) is hardly wider than a pixel."""
+        return self.binned(self.camera.binning(shape, 2 * self.rope.radius, _PIXELS_ACROSS))
 
     def binned(self, factor: int) -> Target:
         """The same for a camera `binned` by that factor."""
@@ -164,7 +165,7 @@ def measure_radius(shape: NDArray, target: Target) -> float:
     rows, columns = np.indices(target.mask.shape).reshape(2, -1)
     distance, nearest = cKDTree(np.stack([column, row], 1)).query(np.stack([columns, rows], 1))
     width = 2 * radius * camera.fx / float(depth.mean())
-    on_rope = target.mask.numpy()[nearest_pixels(fine, camera)]
+    on_rope = target.mask.numpy()[camera.nearest_pixels(fine)]
     near = on_rope[nearest] & (distance < _AROUND * width)
     compared = torch.as_tensor(near).view_as(target.known) & target.known
     if not compared.any():
@@ -187,18 +188,9 @@ def visible_vertices(
     inside = (np.abs(column - (camera.width - 1) / 2) < camera.width / 2) & (
         np.abs(row - (camera.height - 1) / 2) < camera.height / 2
     )
-    pixels = nearest_pixels(shape, camera)
+    pixels = camera.nearest_pixels(shape)
     off = np.abs(image.depth[pixels] - (depth - rope.radius))
     return np.asarray(inside & mask[pixels] & (off < 1.5 * rope.radius))
-
-
-def nearest_pixels(points: NDArray, camera: Camera) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns (N,) of the pixels nearest to points (N, 3), metres, within the image."""
-    u, v, _ = np.nan_to_num(camera.project(points)).T
-    return (
-        np.clip(np.round(v), 0, camera.height - 1).astype(np.intp),
-        np.clip(np.round(u), 0, camera.width - 1).astype(np.intp),
-    )
 
 
 def head_contrast(shape: NDArray, target: Target, image: RgbdImage) -> Floats:
@@ -216,7 +208,7 @@ def head_contrast(shape: NDArray, target: Target, image: RgbdImage) -> Floats:
     return found
 
 
-def find_head(contrasts: NDArray, least: float) -> int | None:
+def find_head(contrasts: NDArray, least: float = _HEAD_CONTRAST) -> int | None:
     """0 where the first vertices are of another colour than the rope, -1 where the last are; None
     where neither stand out by `least`, and twice as much as the other."""
     first, last = contrasts[:_HEAD_VERTICES].max(), contrasts[-_HEAD_VERTICES:].max()
@@ -225,7 +217,7 @@ def find_head(contrasts: NDArray, least: float) -> int | None:
     return 0 if first > last else -1
 
 
-def is_head_inside(contrasts: NDArray, least: float) -> bool:
+def is_head_inside(contrasts: NDArray, least: float = _HEAD_CONTRAST) -> bool:
     """Whether a head is seen along the shape, where it cannot be."""
     ends = max(contrasts[:_HEAD_VERTICES].max(), contrasts[-_HEAD_VERTICES:].max())
     along = contrasts[_HEAD_VERTICES:-_HEAD_VERTICES].max(initial=0.0)

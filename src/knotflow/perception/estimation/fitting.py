@@ -145,8 +145,7 @@ def overlap(ropes: Floats, radius: float) -> tuple[Floats, Floats]:
 
 
 def silhouette_loss(occupancy: Tensor, target: Target) -> Tensor:
-    """Squared difference of the coverage of known pixels, per pixel of rope, of images
-    (..., H, W)."""
+    """Squared difference in the coverage (..., H, W) of known pixels, per pixel of rope."""
     difference = (occupancy - target.coverage.to(occupancy)) * target.known
     return difference.square().sum((-2, -1)) / target.mask.sum().clamp(min=1)
 

@@ -33,7 +33,6 @@ from knotflow.topology import TopologicalState
 Floats = NDArray[np.float64]
 Progress = Callable[[], object]
 
-PIXELS_ACROSS = 1.4  # a rope's width on the coarser grid
 _MAX_ROPE_COST = 4.0  # negative log likelihood of a plausible shape, whatever the image
 _CONTACTS = 8  # places where strands meet or nearly do, the closest ones, that are rewired
 _FINE = 4  # places of a link at which strands are compared
@@ -89,7 +88,7 @@ def search(
     the search made `before`. `progress` is called in each round."""
     config, fine = config or SearchConfig(), fine or FitConfig()
     rope, known = target.rope, before.shapes if before else guesses
-    coarse = target.coarse(known[0], PIXELS_ACROSS)
+    coarse = target.coarse(known[0])
 
     def ordered(shapes: Sequence[Floats]) -> list[Floats]:
         """Different shapes, the likeliest first."""
@@ -215,8 +214,7 @@ def extend_to_missed(shape: Floats, target: Target) -> list[Floats]:
 
 
 def _contacts(shape: Floats, rope: RopeConfig) -> list[tuple[float, float, bool]]:
-    """Where strands meet or nearly do, the closest first: both fractions of the rope's length, and
-    whether they cross."""
+    """Where strands meet or nearly do: both fractions of the length, and whether they cross."""
     links = len(shape) - 1
     found = [(0.0, float(one), float(other), True) for one, other in passages(shape) / links]
     along = np.linspace(0, 1, _FINE * links + 1)

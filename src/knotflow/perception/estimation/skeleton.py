@@ -7,7 +7,6 @@ at all junctions at once: straight on, leaving little of the skeleton out.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
 
 import networkx as nx
 import numpy as np
@@ -43,22 +42,10 @@ class TraceError(ValueError):
     """A mask in which no rope can be followed."""
 
 
-@dataclass(frozen=True, eq=False)
-class Trace:
-    """A rope followed in an image.
-
-    `pixels` (N, 2) are u, v along the rope, from either end; `cost` the squared turning at
-    junctions, radians, and what was left out; `covered` the share of the skeleton that it follows.
-    """
-
-    pixels: Floats
-    cost: float
-    covered: float
-
-
-def trace(mask: NDArray, width: float, length: float | None = None) -> list[Trace]:
-    """The likeliest paths of the rope in its mask (H, W), shares 0..1 or bool, best first; at least
-    one. The rope's `width` and `length`, if known, are in pixels.
+def trace(mask: NDArray, width: float, length: float | None = None) -> list[Floats]:
+    """The likeliest paths of the rope in its mask (H, W), shares 0..1 or bool, best first, at least
+    one: pixels (N, 2), u and v, from either end. The rope's `width` and `length`, if known, are in
+    pixels. A path costs the squared turning at junctions, radians, and what it leaves out.
 
     Raises:
         TraceError: the mask holds nothing as long as it is wide.
@@ -75,22 +62,21 @@ def trace(mask: NDArray, width: float, length: float | None = None) -> list[Trac
     while np.prod([len(one) for one in choices], dtype=float) > _MOST_PAIRINGS:
         longest = max(range(len(choices)), key=lambda k: len(choices[k]))
         choices[longest] = choices[longest][:-1]
-    found: dict[tuple[ArmEnd, ...], Trace] = {}
+    found: dict[tuple[ArmEnd, ...], tuple[float, Floats]] = {}
     for pairing in itertools.product(*choices):
         turning = sum(cost for cost, _ in pairing)
         onward = {a: b for _, pairs in pairing for pair in pairs for a, b in (pair, pair[::-1])}
         for walk in _walks(len(arms), onward):
             covered = sum(_length(arms[arm]) for arm, _ in walk) / total
-            path = found.get(walk) or _follow(walk, arms, covered)
+            least, path = found.get(walk) or (np.inf, _follow(walk, arms))
             cost = turning + _LEFT_OUT * (1 - covered)
             if length:
-                misfit = abs(_length(path.pixels) / (_RAGGED * length) - 1)
+                misfit = abs(_length(path) / (_RAGGED * length) - 1)
                 cost += _LEFT_OUT * max(0.0, misfit - _TOLERANCE)
-            if cost < path.cost:
-                found[walk] = replace(path, cost=cost)
-    likeliest = sorted(found.values(), key=lambda one: one.cost)[:_MOST_PATHS]
-    distinct: list[Trace] = []
-    for path in likeliest:
+            if cost < least:
+                found[walk] = cost, path
+    distinct: list[Floats] = []
+    for _, path in sorted(found.values(), key=lambda one: one[0])[:_MOST_PATHS]:
         if all(_apart(path, other) > 0.5 * width / _ZOOM for other in distinct):
             distinct.append(path)
     return distinct
@@ -197,8 +183,8 @@ def _walks(count: int, onward: dict[ArmEnd, ArmEnd]) -> list[tuple[ArmEnd, ...]]
     return walks or [((0, 0),)]
 
 
-def _follow(walk: tuple[ArmEnd, ...], arms: list[Floats], covered: float) -> Trace:
-    """The path through arms, with straight bridges between them."""
+def _follow(walk: tuple[ArmEnd, ...], arms: list[Floats]) -> Floats:
+    """The path (N, 2), pixels u and v, through arms, with straight bridges between them."""
     parts: list[Floats] = []
     for arm, entered in walk:
         path = arms[arm] if entered == 0 else arms[arm][::-1]
@@ -208,15 +194,14 @@ def _follow(walk: tuple[ArmEnd, ...], arms: list[Floats], covered: float) -> Tra
             share = np.arange(1, steps)[:, None] / steps
             parts.append(parts[-1][-1] + share * gap)
         parts.append(path)
-    pixels = (np.concatenate(parts)[:, ::-1] + 0.5) / _ZOOM - 0.5
-    return Trace(pixels, np.inf, covered)
+    return (np.concatenate(parts)[:, ::-1] + 0.5) / _ZOOM - 0.5
 
 
-def _apart(one: Trace, other: Trace) -> float:
+def _apart(one: Floats, other: Floats) -> float:
     """Mean distance of two paths, pixels, in whichever direction they are nearer."""
     first, second = (
         interpolate(np.linspace(0, 1, 60), np.linspace(0, 1, len(path)), path)
-        for path in (one.pixels, other.pixels)
+        for path in (one, other)
     )
     return float(
         min(np.linalg.norm(first - turned, axis=1).mean() for turned in (second, second[::-1]))
@@ -228,15 +213,16 @@ def _length(path: NDArray) -> float:
 
 
 def lift(
-    path: Trace, mask: NDArray[np.bool_], depth: NDArray, camera: Camera, rope: RopeConfig
+    path: Floats, mask: NDArray[np.bool_], depth: NDArray, camera: Camera, rope: RopeConfig
 ) -> Floats:
-    """The rope (V, 3), metres, world frame, along a path in an image of depth (H, W), metres, whose
-    rope is the `mask` (H, W)."""
-    axis = _axis(path.pixels, mask, depth, camera, rope.radius)  # (N, 3)
+    """The rope (V, 3), metres, world frame, along a path of pixels (N, 2) in an image of depth
+    (H, W), metres, whose rope is the `mask` (H, W)."""
+    axis = _axis(path, mask, depth, camera, rope.radius)  # (N, 3)
     along = arc_lengths(axis[:, :2])
     even = np.linspace(0.0, along[-1], rope.num_vertices)
     width = max(1, round(2 * rope.radius / (along[-1] / len(along))))  # path steps in a width
-    smooth = _running_mean(axis, width)
+    padded = np.pad(axis, ((width, width), (0, 0)), "reflect", reflect_type="odd")
+    smooth = ndimage.uniform_filter1d(padded, 2 * (width // 2) + 1, axis=0)[width:-width]
     shape = interpolate(even, along, smooth)
     shape[:, 2] = np.maximum(shape[:, 2], rope.radius)
     shape = _part_strands(shape, rope)
@@ -305,11 +291,3 @@ def passages(shape: NDArray) -> Floats:
         else:
             return np.stack([met.first + met.first_along, met.second + met.second_along], axis=1)
     return np.empty((0, 2))  # it ends along a strand
-
-
-def _running_mean(curve: Floats, width: int) -> Floats:
-    """A curve (N, 3) averaged over `width` points; its ends stay where they are."""
-    ends = 2 * curve[0] - curve[width:0:-1], 2 * curve[-1] - curve[-2 : -width - 2 : -1]
-    padded = np.concatenate([ends[0], curve, ends[1]])
-    smooth = ndimage.uniform_filter1d(padded, 2 * (width // 2) + 1, axis=0)
-    return smooth[len(ends[0]) :][: len(curve)]

@@ -58,8 +58,7 @@ class Patch:
 
     @classmethod
     def around(cls, places: NDArray, radius: float, length: float) -> Patch:
-        """The patch of a rope of which places (N, 2) of the plane are seen, metres; the directions
-        of its axes are arbitrary."""
+        """The patch of a rope seen at places (N, 2), metres; its axes' directions are arbitrary."""
         middle = places.mean(axis=0)
         _, axes = np.linalg.eigh(np.cov((places - middle).T))
         axes = axes[:, ::-1].copy()  # torch knows no negative strides
@@ -331,8 +330,7 @@ def _view_at_random(
 
 
 def _degrade(covered: Tensor, top: Tensor, config: ExamplesConfig, draw: _Draw) -> Tensor:
-    """A crop (N, 3, S, S) of a rope's share and height (N, S, S), see `Patch.crop`, with errors of
-    segmentation and depth."""
+    """A crop, see `Patch.crop`, of a rope's share and height (N, S, S), with a camera's errors."""
     size = covered.shape[-1]
     blurred = avg_pool2d(covered[:, None], 3, 1, 1, count_include_pad=True)[:, 0]
     covered = torch.lerp(covered, blurred, draw.uniform(0, config.blur, 1, 1))

@@ -136,11 +136,6 @@ class StrandPath:
     along: int = 0  # steps, up to the last, for which it has run along itself
     ended: bool = False  # whether the rope ends there
 
-    @classmethod
-    def begun(cls, place: NDArray, direction: float) -> StrandPath:
-        """At a place (3,)."""
-        return cls(place[None], np.ones(1), direction)
-
     @property
     def length(self) -> float:
         """In the plane, radii."""
@@ -159,8 +154,7 @@ class StrandPath:
 
 
 def trace_rope(network: StrandNetwork, target: Target) -> list[Floats]:
-    """Shapes (V, 3), metres, from either end, that the rope of an image may have, the likeliest
-    first; none where none is found."""
+    """Shapes (V, 3), metres, from either end, that an image's rope may have, likeliest first."""
     camera, rope = target.camera, target.rope
     places = camera.on_plane(target.mask.numpy(), rope.radius)
     if len(places) < 2:
@@ -192,7 +186,7 @@ def trace_strands(network: StrandNetwork, seen: Tensor, length: float) -> list[S
         return _LENGTH_OFF * abs(path.length / length - 1) - path.likelihood
 
     halves = [
-        StrandPath.begun(np.r_[place, 1.0], direction + turn)
+        StrandPath(np.array([[*place, 1.0]]), np.ones(1), direction + turn)
         for place, direction in _seeds(seen)
         for turn in (0.0, np.pi)
     ]
@@ -206,8 +200,8 @@ def trace_strands(network: StrandNetwork, seen: Tensor, length: float) -> list[S
         for last, before in (path.points[:2], path.points[:-3:-1]):
             apart = [np.hypot(*(last - other.points[0])[:2]) for other in ends]
             if len(ends) < _ENDS and min(apart, default=np.inf) > 2 * STEP:
-                back = before - last
-                ends.append(StrandPath.begun(last, float(np.arctan2(back[1], back[0]))))
+                x, y, _ = before - last
+                ends.append(StrandPath(last[None], np.ones(1), float(np.arctan2(y, x))))
     for paths in _follow(network, seen, ends, length, _BEAM, _SHORTEST * length):
         found += paths
     whole = [one for one in found if _SHORTEST <= one.length / length <= _LONGEST]
