@@ -246,7 +246,8 @@ def _calibration(values: Mapping[str, Any], source: str) -> Calibration:
     if (sides[0] is None) != (sides[1] is None):
         raise CameraError(f"lacks {'width' if sides[0] is None else 'height'}")
     width, height = (1, 1) if sides[0] is None else sides
-    checked = Camera(width, height, *lens, np.zeros(3), np.eye(3))
+    fx, fy, cx, cy = lens
+    checked = Camera(width, height, fx, fy, cx, cy, np.zeros(3), np.eye(3))
     focal, centre = (checked.fx, checked.fy), (checked.cx, checked.cy)
     size = None if sides[0] is None else (checked.width, checked.height)
     unit = None

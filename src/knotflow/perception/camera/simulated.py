@@ -163,7 +163,7 @@ class SimulatedCamera:
     ) -> View:
         """The image without noise; arguments as in `capture`."""
         self._place(check_points(points, self.rope), gripper, closed)
-        labels, rgb, depth = (one.copy() for one in self._table)
+        labels, rgb, depth = self._table[0].copy(), self._table[1].copy(), self._table[2].copy()
         window = self._window(gripper is not None)
         rays = np.ascontiguousarray(self._rays[window])
         if rays.size:
