@@ -161,7 +161,7 @@ def _read_csv(path: Path) -> RopeTable:
     if mark == ";":  # decimal commas
         text = text.replace(",", ".")
     lines = [[cell.strip(' "') for cell in line.split(mark)] for line in text.splitlines()]
-    cells = pd.DataFrame([*zip_longest(*lines)]).T
+    cells = pd.DataFrame([*zip_longest(*lines)], dtype=object).T
     cells.index += 1  # as editors count lines
     cells = cells.mask(cells == "").dropna(how="all")
     if cells.empty:
