@@ -119,7 +119,8 @@ def test_estimate_starts_at_likely_shapes_and_resets_the_tracker(monkeypatch):
     monkeypatch.setattr(
         "knotflow.perception.estimate", lambda *_, **named: asked.update(named) or SEEN
     )
-    robot, tracker = Filmed(), Tracker(CAMERA, RopeConfig(), STRAIGHT + [0.0, 0.1, 0.0])
+    robot, shifted = Filmed(), STRAIGHT + [0.0, 0.1, 0.0]
+    tracker = Tracker(CAMERA, RopeConfig(), shifted, lambda points, *_: points)
     estimator = ImageStateEstimator(CAMERA, tracker=tracker)
     estimator.estimate(robot)
     robot.move_to(robot.position, STEP)

@@ -112,7 +112,7 @@ def test_expected_state_yields_to_much_likelier_state(monkeypatch, credit, kept)
     monkeypatch.setattr(estimation, "is_plausible", lambda *_: False)
     monkeypatch.setattr(estimation, "search", lambda *_: SearchResult([other, likely], []))
     monkeypatch.setattr(estimation, "total_loss", losses)
-    config = replace(QUICK, prior_credit=credit, propose=False)
+    config = replace(QUICK, prior_credit=credit)
     found = estimate(image(likely), CAMERA, ROPE, config=config, likely=[likely])
     assert found.state == TopologicalState.from_curve(likely if kept else other)
     # Either way they are near each other: the other one is named as a doubt.
@@ -203,8 +203,8 @@ def test_shipped_network_is_default(monkeypatch):
 
     monkeypatch.setattr(Network, "guesses", propose)
     given = Network(shipped_network().model)
-    for network, config in ((None, QUICK), (given, QUICK), (None, replace(QUICK, propose=False))):
-        estimate(image(s_curve()), CAMERA, ROPE, config=config, network=network)
+    for network in (None, given):
+        estimate(image(s_curve()), CAMERA, ROPE, config=QUICK, network=network)
     assert asked == [shipped_network(), given]
 
 

@@ -11,10 +11,9 @@ from knotflow.perception.estimation.evidence import observe
 from knotflow.perception.estimation.skeleton import TraceError
 from knotflow.perception.networks.network import CoarseToFine, Network, NetworkError
 from knotflow.perception.networks.patches import crop_rope
-from knotflow.perception.networks.training import SelfSupervisionConfig, self_supervise
 from knotflow.simulation import RopeConfig
 
-from .shapes import CAMERA, ROPE, bare, image, loop, s_curve, target
+from .shapes import CAMERA, ROPE, bare, image, loop, nodes_in, s_curve, target
 from .test_training import TINY
 
 
@@ -25,7 +24,7 @@ def knowing(points: np.ndarray, off: float = 0.0, looks: bool = False) -> Networ
         torch.manual_seed(0)
         network = Network(CoarseToFine(TINY))
     patch, _ = crop_rope(target(points), TINY.size)
-    nodes = torch.as_tensor(patch.from_world(points, CAMERA), dtype=torch.float32)
+    nodes = torch.as_tensor(nodes_in(patch, points), dtype=torch.float32)
     nodes[:, 1] += off / patch.half
     nodes[:, 2] -= 1
     last = network.model.coarse[-1]
@@ -107,19 +106,3 @@ def test_invalid_network_files_raise(tmp_path):
 def test_guesses_without_rope_raise(network):
     with pytest.raises(TraceError):
         network.guesses(bare())
-
-
-@pytest.mark.slow
-def test_self_supervision_reduces_error():
-    network = knowing(s_curve(), off=0.03)
-    picture = image(s_curve())
-
-    def error() -> float:
-        return shape_error(network.guesses(target(s_curve()))[0], s_curve())
-
-    before = error()
-    config = SelfSupervisionConfig(steps=50, batch=4, learning_rate=3e-3)
-    for shape in (s_curve(), s_curve()[::-1]):
-        losses = list(self_supervise(network, [picture], [shape], CAMERA, ROPE, config))
-        assert len(losses) == 50 and losses[-1] < losses[0]
-    assert error() < 0.5 * before

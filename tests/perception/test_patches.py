@@ -14,7 +14,7 @@ from knotflow.perception.networks.patches import (
     rasterise,
 )
 
-from .shapes import CAMERA, ROPE, bare, loop, s_curve, target
+from .shapes import CAMERA, ROPE, bare, loop, nodes_in, s_curve, target
 
 SIZE = 48
 PERFECT = ExamplesConfig(scale=0, turn=0, shift=0, noise=0, blur=0, sharpen=0, lost=0, hidden=0)
@@ -30,9 +30,9 @@ def mirror_images(crop: np.ndarray) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("points", [s_curve(), loop(1)], ids=["flat", "crossing"])
-def test_to_world_inverts_from_world(points):
+def test_to_world_puts_nodes_back(points):
     patch, _ = crop_rope(target(points), SIZE)
-    nodes = patch.from_world(points, CAMERA)
+    nodes = nodes_in(patch, points)
     assert np.abs(nodes[:, :2]).max() < 1
     assert nodes[:, 2] == pytest.approx(points[:, 2] / ROPE.radius)
     assert patch.to_world(nodes, CAMERA) == pytest.approx(points, abs=1e-12)
@@ -94,7 +94,7 @@ def batch(*shapes: np.ndarray) -> torch.Tensor:
 @pytest.mark.parametrize("points", [s_curve(), loop(1), loop(-1)], ids=["flat", "over", "under"])
 def test_rasterised_rope_matches_camera(points):
     patch, crop = crop_rope(target(points), 64)
-    nodes = batch(patch.from_world(points, CAMERA))
+    nodes = batch(nodes_in(patch, points))
     covered, height = rasterise(nodes, torch.tensor([ROPE.radius / patch.half]), 64)
     assert covered.sum().item() == pytest.approx(crop[0].sum(), rel=0.15)
     assert np.abs(covered[0].numpy() - crop[0]).mean() < 0.25 * crop[0].mean()

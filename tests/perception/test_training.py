@@ -28,7 +28,7 @@ from knotflow.perception.networks.training import (
 )
 from knotflow.topology import TopologicalState
 
-from .shapes import CAMERA, ROPE, loop, s_curve, target
+from .shapes import ROPE, loop, nodes_in, s_curve, target
 
 TINY = CoarseToFineConfig(size=32, channels=(8, 16, 16), nodes=(5, 9, 41), width=16, layers=1)
 SHAPES = np.stack([s_curve(), loop(1), loop(-1)] * 4)
@@ -89,7 +89,7 @@ def test_invalid_shapes_raise(shapes):
 
 def nodes_of(points):
     patch, _ = crop_rope(target(points), 32)
-    return torch.as_tensor(patch.from_world(points, CAMERA))[None]
+    return torch.as_tensor(nodes_in(patch, points))[None]
 
 
 def found(places: torch.Tensor) -> list[Nodes]:

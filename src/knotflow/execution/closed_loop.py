@@ -272,7 +272,7 @@ def run_trial(
     elif spec.state == "vision":
         assert camera is not None
         prediction = ModelPrediction(MujocoDynamics(simulation))
-        tracker = Tracker(camera, simulation.rope, plan.start, predict=prediction, network=network)
+        tracker = Tracker(camera, simulation.rope, plan.start, prediction, network=network)
         source = TrackedRope(tracker)
         estimator = ImageStateEstimator(camera, simulation.rope, network=network, tracker=tracker)
     if spec.tracks:

@@ -125,16 +125,6 @@ def _draw_tracked(axes: Axes, camera: Camera, points: NDArray[np.float64]) -> No
     axes.plot(*pixels, "o", markersize=2.2, color=TRACKED_COLOUR, mec=INK, mew=0.4)
 
 
-@dataclass(frozen=True, eq=False)
-class FilmedRollout:
-    """A rollout and its T + 1 images: one a frame, and one of the end without the gripper."""
-
-    attempts: Attempts
-    images: tuple[RgbdImage, ...]
-    visible: NDArray[np.bool_]  # (T + 1, V) whether an image shows a vertex
-    camera: Camera  # at its true pose
-
-
 def film_rollout(
     demonstrations: Sequence[Demonstration],
     rope: RopeConfig,
@@ -142,19 +132,16 @@ def film_rollout(
     simulation: SimulationConfig,
     noise: CameraNoiseConfig,
     rng: np.random.Generator,
-) -> FilmedRollout:
+) -> tuple[Attempts, list[RgbdImage], Camera]:
     """One of an action's demonstrations, on a `rope` other than that of the `simulation`.
 
     The simulation's record rate is the camera's; `level` is of its pose error (`ERROR_LEVELS`).
+
+    Returns:
+        the rollout; its images, one a frame and one of the end without the gripper; the camera at
+        its true pose.
     """
-    from knotflow.perception import (
-        Appearance,
-        Camera,
-        Label,
-        SimulatedCamera,
-        add_noise,
-        visible_vertices,
-    )
+    from knotflow.perception import Appearance, Camera, SimulatedCamera
 
     simulator, attempts = RopeSimulator(replace(simulation, rope=rope)), None
     while attempts is None or attempts.rollouts.diverged.any():
@@ -168,12 +155,8 @@ def film_rollout(
     times = [*rollouts.times, rollouts.times[-1] + 1 / simulation.record_rate]
     ropes = rollouts.trajectory[0].astype(np.float64)
     ropes, grippers = [*ropes, ropes[-1]], [*rollouts.gripper[0], None]
-    images, visible = [], []
+    images = []
     for seconds, points, gripper in zip(times, ropes, grippers, strict=True):
-        closed = 0 < seconds < rollouts.release_times[0]
-        view = simulated.view(points, gripper, bool(closed), float(seconds))
-        images.append(add_noise(view.image, camera, noise, rng))
-        visible.append(
-            visible_vertices(points, view.labels == Label.ROPE, view.image, camera, rope)
-        )
-    return FilmedRollout(attempts, tuple(images), np.stack(visible), camera)
+        closed = bool(0 < seconds < rollouts.release_times[0])
+        images.append(simulated.capture(points, rng, gripper, closed, float(seconds)))
+    return attempts, images, camera

@@ -30,8 +30,8 @@ SECTIONS = (
     *("reachable", "learning_options", "tree_size", "joint_finetuning", "causal_infogan"),
     *("infogan_single", "infogan_all", "causal_infogan_ends", "causal_infogan_plans", "pull"),
     *("pentagram", "knots", "goals", "goals_ablation", "actions", "overhand", "training_ropes"),
-    *("perception_training", "strand_training", "unseen_ropes", "adaptation_ropes"),
-    *("perception_networks", "perception", "perceived_plans", "tracking", "dynamics_training"),
+    *("perception_training", "strand_training", "unseen_ropes"),
+    *("perception", "perceived_plans", "tracking", "dynamics_training"),
     *("dynamics", "closed_loop", "closed_loop_ablation", "arm", "benchmark"),
 )
 """Stages, nodes and experiments that have a section of arguments, see `workflow.workflow`."""

@@ -7,9 +7,7 @@ closed loop. Every tracker begins with the true shape.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +26,10 @@ from knotflow.execution import (
 from knotflow.perception import (
     Camera,
     CameraNoiseConfig,
-    CpdTracker,
     Network,
     Tracker,
     TrackerConfig,
+    estimate,
 )
 from knotflow.recording import RolloutImages, recorded, write_recording
 from knotflow.samplers.demonstrations import TASKS, load_demonstrations
@@ -44,10 +42,6 @@ TRACKER, AT_REST = "rendering_mujoco", "rendering_mujoco_at_rest"
 estimated once more when it has come to rest and the gripper has left the image."""
 MISPLACED = "camera_misplaced"
 """The true rope at rest, moved by how far the camera is from where it is believed to be."""
-COLUMNS = [
-    *("method", "level", "action", "rollout", "frame", "mean_error_mm", "visible_share"),
-    *("state_correct", "lost", "moving", "seconds"),
-]
 
 
 @stage
@@ -76,70 +70,62 @@ def tracking(
     ]
     believed, camera = simulation.rope, Camera.overhead()
 
-    def trackers(start: NDArray[np.float64]) -> dict[str, Callable[[], Tracker | CpdTracker]]:
-        """What makes each tracker, by method, from the rope (V, 3) at the start."""
-        seen = Network.load(network)
-        predictions = {
-            "rendering": None,
-            "rendering_lstm": ModelPrediction(LstmDynamics.load(dynamics_weights)),
-            TRACKER: ModelPrediction(MujocoDynamics(replace(simulation, threads=1))),
-        }
-        drifts = {"point_drift": False, "point_drift_predicted": True}
-        return {
-            method: partial(Tracker, camera, believed, start, tracker, prediction, seen)
-            for method, prediction in predictions.items()
-        } | {
-            method: partial(CpdTracker, camera, believed, start, predict)
-            for method, predict in drifts.items()
-        }
-
     def track(name: str) -> pd.DataFrame:
         """One rollout; the first of all is recorded with its images."""
         level, action, number = name.split("-")
+        trained = Network.load(network)
         rng = rng_of(seed, int(level), *map(ord, action), int(number))
         rope = perturb_rope(believed, int(level), rng)
         own = [one for one in load_demonstrations(demonstrations_file) if one.task.name == action]
-        film = film_rollout(own, rope, int(level), simulation, camera_noise, rng)
-        (*images, at_rest), (*shows, rest_shows) = film.images, film.visible
-        moves = film.attempts.rollouts
-        truth = moves.trajectory[0].astype(np.float64)
+        attempts, (*images, at_rest), true_camera = film_rollout(
+            own, rope, int(level), simulation, camera_noise, rng
+        )
+        moves = attempts.rollouts
+        truth, gripper = (one[0].astype(np.float64) for one in (moves.trajectory, moves.gripper))
         held = moves.times < moves.release_times[0] - 1e-6
         held[0] = False
-        link = int(grasped_link(film.attempts.splines[0], rope.links))
+        link = int(grasped_link(attempts.splines[0], rope.links))
         rows: list[dict[str, Any]] = []
-        for method, make in trackers(truth[0]).items():
-            follower, found = make(), []
+        predictions = {
+            "rendering_lstm": ModelPrediction(LstmDynamics.load(dynamics_weights)),
+            TRACKER: ModelPrediction(MujocoDynamics(replace(simulation, threads=1))),
+        }
+        for method, prediction in predictions.items():
+            follower = Tracker(camera, believed, truth[0], prediction, tracker, trained)
+            found = []
             for frame, image in enumerate(images):
                 began = time.process_time()
-                gripper = moves.gripper[0, frame].astype(np.float64)
-                found.append(follower.update(image, gripper, link if held[frame] else None))
+                grasped = link if held[frame] else None
+                found.append(follower.update(image, gripper[frame], grasped))
                 seconds = time.process_time() - began
-                rows.append(_row(method, frame, found[-1], truth[frame], shows[frame], seconds))
-                rows[-1]["moving"] = int(held[frame])
-            if method == TRACKER and isinstance(follower, Tracker):
-                began = time.process_time()
-                seen, seconds = follower.look(at_rest), time.process_time() - began
-                rows.append(_row(AT_REST, len(images), seen, truth[-1], rest_shows, seconds))
+                rows.append(_row(method, frame, found[-1], truth[frame], seconds, held[frame]))
+            if method == TRACKER:
+                began, last = time.process_time(), follower.points
+                seen = estimate(
+                    at_rest, camera, believed, None, tracker.estimate, last, trained, [last]
+                )
+                seconds = time.process_time() - began
+                rows.append(_row(AT_REST, len(images), seen, truth[-1], seconds))
                 if name == names[0]:
                     points = np.stack([one.points for one in found]).astype(np.float32)
-                    (rollout,) = recorded(film.attempts, rope, "tracking", run.key)
+                    (rollout,) = recorded(attempts, rope, "tracking", run.key)
                     pictures = RolloutImages(tuple(map(encode_jpeg, images)), points)
                     with run.atomic("recordings/tracked.mcap") as path:
                         facts = {"source": "tracking", "signature": run.key}
                         write_recording(path, [replace(rollout, camera=pictures)], facts)
-        pixels = film.camera.project(truth[-1])
+        pixels = true_camera.project(truth[-1])
         moved = Observation.of(camera.unproject(pixels[:, :2], pixels[:, 2]))
-        rows.append(_row(MISPLACED, len(images), moved, truth[-1], np.ones(1), 0.0))
+        rows.append(_row(MISPLACED, len(images), moved, truth[-1]))
         table = pd.DataFrame(rows).assign(level=int(level), action=action, rollout=name)
-        return table[COLUMNS].round({"mean_error_mm": 3, "visible_share": 3, "seconds": 4})
+        return table.round({"mean_error_mm": 3, "seconds": 4})
 
     run.table("tracks.csv", track, names, "tracking")
 
 
 def _row(
-    method: str, frame: int, found: Any, truth: NDArray, visible: NDArray, seconds: float
+    method: str, frame: int, found: Any, truth: NDArray, seconds: float = 0.0, moving: bool = False
 ) -> dict[str, Any]:
-    """A row of the table, of a rope at rest."""
+    """A row of the table."""
     state = state_or_none(truth)
     return {
         "method": method,
@@ -147,7 +133,6 @@ def _row(
         "mean_error_mm": 1e3 * np.linalg.norm(found.points - truth, axis=1).mean(),
         "state_correct": int(state is not None and found.state == state),
         "lost": int(any("lost" in one for one in found.ambiguities)),
-        "visible_share": visible.mean(),
-        "moving": 0,
+        "moving": int(moving),
         "seconds": seconds,
     }

@@ -7,7 +7,7 @@ from .camera.pinhole import Camera, CameraError
 from .camera.simulated import Appearance, SimulatedCamera
 from .estimation.crossings import END_AMBIGUITIES
 from .estimation.estimate import EstimateConfig, RopeEstimate, estimate
-from .estimation.evidence import observe, visible_vertices
+from .estimation.evidence import observe
 from .estimation.fitting import FitConfig, fit
 from .estimation.search import SearchConfig
 from .estimation.segmentation import segment
@@ -16,22 +16,19 @@ from .io import see
 from .networks.network import Network
 from .networks.training import (
     CoarseToFineTrainer,
-    SelfSupervisionConfig,
     StrandTrainer,
     StrandTrainingConfig,
     TrainingConfig,
-    self_supervise,
 )
-from .tracking import CpdTracker, Tracker, TrackerConfig
+from .tracking import Tracker, TrackerConfig
 
 SHIPPED_NETWORK: pathlib.Path
 
 __all__ = [
     "END_AMBIGUITIES", "SAMPLE", "SHIPPED_NETWORK", "Appearance", "Calibration", "Camera",
-    "CameraError", "CameraNoiseConfig", "Capture", "CoarseToFineTrainer", "CpdTracker",
-    "EstimateConfig", "FitConfig", "ImageError", "Label", "Network", "RgbdImage", "RopeEstimate",
-    "SearchConfig", "SelfSupervisionConfig", "SimulatedCamera", "StrandTrainer",
-    "StrandTrainingConfig",
-    "TraceError", "Tracker", "TrackerConfig", "TrainingConfig", "add_noise", "estimate", "fit",
-    "observe", "read_capture", "see", "segment", "self_supervise", "visible_vertices",
+    "CameraError", "CameraNoiseConfig", "Capture", "CoarseToFineTrainer", "EstimateConfig",
+    "FitConfig", "ImageError", "Label", "Network", "RgbdImage", "RopeEstimate", "SearchConfig",
+    "SimulatedCamera", "StrandTrainer", "StrandTrainingConfig", "TraceError", "Tracker",
+    "TrackerConfig", "TrainingConfig", "add_noise", "estimate", "fit", "observe", "read_capture",
+    "see", "segment",
 ]  # fmt: skip

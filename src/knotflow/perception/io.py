@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +16,6 @@ from knotflow.perception.estimation.estimate import RopeEstimate, estimate
 from knotflow.perception.estimation.segmentation import segment
 from knotflow.perception.estimation.skeleton import TraceError
 from knotflow.simulation import RopeConfig
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 _CLUTTER = 4.0  # times the rope's area, that stands above a table whose depth has the right unit
 
@@ -99,79 +93,32 @@ def write_rope(path: Path, points: NDArray) -> None:
 def draw_overlay(
     path: Path, image: RgbdImage, camera: Camera, rope: RopeConfig, found: RopeEstimate
 ) -> None:
-    """Write a picture: the image, and beside it where the rope is, with the estimate on it."""
+    """Write a picture: the image, and beside it where the rope is, with the estimate on it; hidden
+    vertices are ringed."""
     from matplotlib.figure import Figure
 
-    from knotflow.viz.style import PNG_DPI, WIDTH, styled
+    from knotflow.viz.rope import draw_rope
+    from knotflow.viz.style import BAD, PNG_DPI, WIDTH, styled
 
+    pixels, hidden = camera.project(found.points), ~found.visible
+    column, row, depth = pixels.T
+    width = 2 * rope.radius * camera.fx / float(np.median(depth))
+    middle, half = (pixels.max(0) + pixels.min(0)) / 2, np.ptp(pixels[:, :2], axis=0).max() / 2 + 12
+    across = half * camera.width / camera.height
     with styled():
         figure = Figure((WIDTH, 0.4 * WIDTH), layout="constrained")
         bare, drawn = figure.subplots(1, 2)
         for axes in (bare, drawn):
             axes.imshow(image.rgb)
             axes.set_axis_off()
-        _draw_rope(drawn, camera, rope, found.points, found.visible)
-        _zoom(drawn, camera, found.points)
+        # The nearest strand is on top, as heights are in a drawing, thinner than it is.
+        draw_rope(drawn, np.stack([column, row, depth.max() - depth], 1), 0.6 * width, zorder=3)
+        drawn.scatter(
+            column[hidden], row[hidden], s=14, facecolors="none", edgecolors=BAD, zorder=4
+        )
+        drawn.set_xlim(middle[0] - across, middle[0] + across)
+        drawn.set_ylim(middle[1] + half, middle[1] - half)
         bare.set_title("image")
         reservation = " (in doubt)" if found.ambiguous else ""
         drawn.set_title(f"estimate: {found.state or 'state unknown'}{reservation}")
         figure.savefig(path, dpi=PNG_DPI)
-
-
-@dataclass(frozen=True, eq=False)
-class DrawnEstimate:
-    """What a picture of an estimate needs: the image's `rgb` (H, W, 3) uint8, the points `found`
-    (V, 3), metres, which of them are `visible` (V,), and the `truth` (V, 3), metres."""
-
-    rgb: NDArray[np.uint8]
-    found: NDArray
-    visible: NDArray[np.bool_]
-    truth: NDArray
-
-
-def draw_estimates(
-    path: Path, estimates: Sequence[DrawnEstimate], camera: Camera, rope: RopeConfig
-) -> None:
-    """Write a picture with a row an estimate: image, estimate over it, error along the rope."""
-    from matplotlib.figure import Figure
-
-    from knotflow.viz.style import PNG_DPI, WIDTH, styled
-
-    with styled():
-        figure = Figure((WIDTH, 0.22 * WIDTH * len(estimates)), layout="constrained")
-        rows = figure.subplots(len(estimates), 3, squeeze=False)
-        for (bare, drawn, errors), one in zip(rows, estimates, strict=True):
-            for axes in (bare, drawn):
-                axes.imshow(one.rgb)
-                axes.set_axis_off()
-                _zoom(axes, camera, one.truth)
-            _draw_rope(drawn, camera, rope, one.found, one.visible)
-            along = np.linspace(0, 100, len(one.truth))
-            errors.plot(along, 1e3 * np.linalg.norm(one.found - one.truth, axis=1))
-            errors.set(ylabel="error, mm", ylim=(0, None), xlim=(0, 100))
-        rows[-1, 2].set_xlabel("along the rope from its head, %")
-        figure.savefig(path, dpi=PNG_DPI)
-
-
-def _zoom(axes: Axes, camera: Camera, points: NDArray) -> None:
-    """Show the part of an image in `axes` where points (V, 3) are."""
-    pixels = camera.project(points)[:, :2]
-    middle, half = (pixels.max(0) + pixels.min(0)) / 2, np.ptp(pixels, axis=0).max() / 2 + 12
-    across = half * camera.width / camera.height
-    axes.set_xlim(middle[0] - across, middle[0] + across)
-    axes.set_ylim(middle[1] + half, middle[1] - half)
-
-
-def _draw_rope(
-    axes: Axes, camera: Camera, rope: RopeConfig, points: NDArray, visible: NDArray[np.bool_]
-) -> None:
-    """The estimated rope (V, 3) over its image, thinner than it is; hidden vertices are ringed."""
-    from knotflow.viz.rope import draw_rope
-    from knotflow.viz.style import BAD
-
-    column, row, depth = camera.project(points).T
-    width = 2 * rope.radius * camera.fx / float(np.median(depth))
-    # The nearest strand is on top, as heights are in a drawing.
-    draw_rope(axes, np.stack([column, row, depth.max() - depth], axis=1), 0.6 * width, zorder=3)
-    hidden = ~visible
-    axes.scatter(column[hidden], row[hidden], s=14, facecolors="none", edgecolors=BAD, zorder=4)

@@ -1,8 +1,5 @@
 """A rope followed from image to image (Sec. VI): predicted, registered to its points, and fitted by
 a few gradient steps on a grid coarser than the image. A lost rope is estimated from the image.
-
-The classical baseline is coherent point drift (Myronenko and Song, PAMI 2010) with, as in TrackDLO
-(Xiang et al., RA-L 2023), neighbours along the rope, hidden vertices and its length.
 """
 
 from __future__ import annotations
@@ -13,7 +10,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
 from torch import Tensor
 
 from knotflow.perception.camera.image import RgbdImage
@@ -32,7 +28,7 @@ from knotflow.perception.estimation.evidence import (
     observe,
     visible_vertices,
 )
-from knotflow.perception.estimation.fitting import FitConfig, fit, project_lengths, register
+from knotflow.perception.estimation.fitting import FitConfig, fit, register
 from knotflow.perception.estimation.skeleton import TraceError
 from knotflow.perception.networks.network import Network
 from knotflow.simulation import RopeConfig, state_or_none
@@ -42,23 +38,13 @@ Floats = NDArray[np.float64]
 Predict = Callable[[Floats, Floats, float, Floats | None, int | None], Floats]
 """Predicts the rope (V, 3), metres, from its points, its velocities (V, 3), metres a second, the
 seconds that pass, the gripper's place (3,) then, and the link that it holds; both are None where it
-holds nothing. `constant_velocity` is one, `execution.ModelPrediction` another."""
+holds nothing. `execution.ModelPrediction` is one."""
 
 _POINTS = 400  # of the rope's image that the prediction is registered to
 # Weights of the prediction where the image shows nothing, and elsewhere, where it keeps the rope
 # from sliding along itself; and of the held link's place in the gripper.
 _HIDDEN, _VISIBLE, _HELD = 0.2, 0.02, 0.1
 _UNIT = 0.01  # metres, by which distances from the prediction are measured
-_LONGEST = 0.2  # seconds that a velocity holds: the table's friction stops a rope sooner
-_STIFF = 1e-3  # mobility of the held link beside that of the others
-_ITERATIONS = 30  # of expectation and maximisation in coherent point drift
-_COHERENCE = 0.3  # metres along the rope over which vertices move together
-# Weight of moving together, 1/m^2: lambda of Myronenko and Song, whose points have unit variance,
-# over the variance of the rope's points.
-_STIFFNESS = 3000.0
-_DEVIATION = 0.06  # metres: standard deviation of the points around the vertices at first
-_OUTLIERS = 0.05  # share of points that belong to no vertex
-_SEEN = 0.03  # metres: a vertex farther than about this from all points is hidden
 
 
 @dataclass
@@ -74,7 +60,7 @@ class TrackerConfig:
     patience: int = 5
     """Images from one attempt to find a lost rope to the next, which takes seconds."""
     estimate: EstimateConfig = field(default_factory=EstimateConfig)
-    """How a lost rope is found, and one at rest is looked at."""
+    """How a lost rope is found."""
 
 
 class Tracker:
@@ -85,15 +71,14 @@ class Tracker:
         self,
         camera: Camera,
         rope: RopeConfig,
-        initial: RopeEstimate | NDArray,
+        points: NDArray,
+        predict: Predict,
         config: TrackerConfig | None = None,
-        predict: Predict | None = None,
         network: Network | None = None,
     ) -> None:
-        """Take up a rope from an estimate or its true points (V, 3), metres, head first.
+        """Take up a rope from its true points (V, 3), metres, head first; see also `restart`.
 
-        `predict` is `constant_velocity` by default; a `network`, by default the shipped one,
-        proposes guesses where a lost rope is looked for.
+        A `network`, by default the shipped one, proposes guesses where a lost rope is looked for.
 
         Raises:
             ValueError: points of another rope.
@@ -104,18 +89,15 @@ class Tracker:
         self._waited = self.config.patience
         self._trailing: Floats | None = None
         self._seen_radius: float | None = None
-        points = np.array(initial.points if isinstance(initial, RopeEstimate) else initial, float)
+        points = np.array(points, np.float64)
         if points.shape != (rope.num_vertices, 3) or not np.isfinite(points).all():
             raise ValueError(
                 f"a track begins with points ({rope.num_vertices}, 3) in metres, all finite; got "
                 f"shape {points.shape}"
             )
         self._resolution = float(camera.project(points)[:, 2].mean()) / camera.fx  # m a pixel
-        if isinstance(initial, RopeEstimate):
-            self.restart(initial, None)
-        else:
-            self.points, self.velocities = points, np.zeros_like(points)
-            self._crossings = CrossingMemory.of_shape(points)
+        self.points, self.velocities = points, np.zeros_like(points)
+        self._crossings = CrossingMemory.of_shape(points)
 
     def update(
         self, image: RgbdImage, gripper: NDArray | None = None, grasped: int | None = None
@@ -133,9 +115,8 @@ class Tracker:
         seconds = 0.0 if self._time is None else max(0.0, image.time - self._time)
         self._time = image.time
         # A model knows how far behind the gripper its link is.
-        towards = gripper if self._predict and held is not None else held
-        predict = self._predict or constant_velocity
-        predicted = predict(self.points, self.velocities, seconds, towards, grasped)
+        towards = None if held is None else gripper
+        predicted = self._predict(self.points, self.velocities, seconds, towards, grasped)
         target = replace(observe(image, self.camera, self.rope), seen_radius=self._seen_radius)
         coarse = target.coarse(predicted)
         shape = predicted
@@ -178,28 +159,12 @@ class Tracker:
             ambiguous_ends(shape, self.rope),
         )
 
-    def look(self, image: RgbdImage) -> RopeEstimate:
-        """The rope at rest, estimated from the image with the tracked shape as a likely one.
-
-        Raises:
-            ImageError: an image of another size.
-            TraceError: no rope in the image.
-        """
-        found = self._estimate(image, self.config.estimate, self.points, [self.points])
-        self.restart(found, image.time)
-        return found
-
     def restart(self, found: RopeEstimate, time: float | None) -> None:
         """Continue from an estimate of the rope at rest, from an image of that time, seconds."""
         self._time = time
         self.points, self.velocities = found.points.copy(), np.zeros_like(found.points)
         self._crossings = CrossingMemory.of(found.crossings)
         self._seen_radius = found.seen_radius
-
-    def _estimate(
-        self, image: RgbdImage, config: EstimateConfig, earlier: Floats, likely: list[Floats]
-    ) -> RopeEstimate:
-        return estimate(image, self.camera, self.rope, None, config, earlier, self._network, likely)
 
     def _fit(
         self,
@@ -234,7 +199,7 @@ class Tracker:
         self._waited = 0
         brief = replace(self.config.estimate, fallback_search=None)
         try:
-            found = self._estimate(image, brief, predicted, [])
+            found = estimate(image, self.camera, self.rope, None, brief, predicted, self._network)
         except TraceError:
             return None
         if found.coverage_fraction <= fraction:
@@ -257,22 +222,6 @@ class Tracker:
         return place if self._trailing is None else place + self._trailing
 
 
-def constant_velocity(
-    points: Floats, velocities: Floats, seconds: float, gripper: Floats | None, grasped: int | None
-) -> Floats:
-    """A `Predict`: a held rope goes on at constant velocity, its held link to the gripper, with
-    links as long as before on average; a rope that is let go stays where it is."""
-    if gripper is None or grasped is None:
-        return points.copy()
-    moved = points + velocities * min(seconds, _LONGEST)
-    ends = slice(grasped, grasped + 2)
-    moved[ends] += gripper - moved[ends].mean(axis=0)
-    mobility = np.ones(len(points))
-    mobility[ends] = _STIFF
-    link = float(np.linalg.norm(np.diff(points, axis=0), axis=1).mean())
-    return project_lengths(moved, link, mobility)
-
-
 def rope_points(image: RgbdImage, target: Target) -> Floats:
     """At most `_POINTS` points (N, 3) of the rope's axis, metres: below its surface in the image by
     what the upper half of a round rope is higher than its axis on average."""
@@ -281,67 +230,3 @@ def rope_points(image: RgbdImage, target: Target) -> Floats:
     row, column = row[chosen], column[chosen]
     depth = image.depth[row, column].astype(np.float64) + 0.25 * np.pi * target.rope.radius
     return target.camera.unproject(np.stack([column, row], axis=1), depth)
-
-
-class CpdTracker:
-    """Follows one rope, with the methods of `Tracker`."""
-
-    def __init__(
-        self, camera: Camera, rope: RopeConfig, initial: NDArray, predict: bool = False
-    ) -> None:
-        """Take up a rope (V, 3), metres, head first; with `predict` it first moves on as in
-        `Tracker`, with the gripper that holds it."""
-        self.camera, self.rope, self.predict = camera, rope, predict
-        self.points = np.array(initial, np.float64)
-        self._velocities = np.zeros_like(self.points)
-        self._time: float | None = None
-
-    def update(
-        self, image: RgbdImage, gripper: NDArray | None = None, grasped: int | None = None
-    ) -> RopeEstimate:
-        """See `Tracker.update`; crossings have no certainty."""
-        seconds = 0.0 if self._time is None else image.time - self._time
-        self._time = image.time
-        start = self.points
-        if self.predict:
-            start = constant_velocity(start, self._velocities, seconds, gripper, grasped)
-        target = observe(image, self.camera, self.rope)
-        shape = drift(start, rope_points(image, target), self.rope)
-        if seconds > 0:
-            self._velocities = (shape - self.points) / seconds
-        self.points = shape
-        fraction = coverage_fraction(shape, target)
-        visible = visible_vertices(shape, target.mask.numpy(), image, self.camera, self.rope)
-        return RopeEstimate(shape.copy(), visible, state_or_none(shape), (), fraction, True, ())
-
-
-def drift(start: Floats, cloud: Floats, rope: RopeConfig) -> Floats:
-    """The rope near `start` (V, 3) that points (N, 3) belong to, metres.
-
-    Moves are G W with the kernel G; W solves (P1 G + lambda sigma^2) W = P X - P1 Y0 (Myronenko and
-    Song, Eq. 22), where P (V, N) are the points' shares in each vertex. Without points it stays.
-    """
-    if len(cloud) == 0:
-        return start
-    count = len(start)
-    along = np.arange(count) * rope.link_length
-    kernel = np.exp(-((along[:, None] - along) ** 2) / (2 * _COHERENCE**2))  # (V, V)
-    near = cdist(start, cloud).min(axis=1)
-    likely = np.exp(-((near / _SEEN) ** 2))
-    likely /= likely.sum()
-    shape, variance = start, _DEVIATION**2
-    box = float(np.prod(np.ptp(cloud, axis=0) + _DEVIATION))
-    for _ in range(_ITERATIONS):
-        square = cdist(shape, cloud, "sqeuclidean")
-        density = np.exp(-square / (2 * variance)) / (2 * np.pi * variance) ** 1.5
-        joint = (1 - _OUTLIERS) * likely[:, None] * density
-        share = joint / (joint.sum(axis=0) + _OUTLIERS / box)  # (V, N)
-        mass = share.sum(axis=1)
-        pull = share @ cloud - mass[:, None] * start
-        stiff = _STIFFNESS * variance * np.eye(count)
-        shape = start + kernel @ np.linalg.solve(mass[:, None] * kernel + stiff, pull)
-        left = (share * cdist(shape, cloud, "sqeuclidean")).sum() / (3 * max(mass.sum(), 1e-9))
-        variance = max(float(left), (0.25 * rope.radius) ** 2)
-    shape = project_lengths(shape, rope.link_length)
-    shape[:, 2] = np.maximum(shape[:, 2], rope.radius)
-    return shape

@@ -23,9 +23,8 @@ CONTROLLERS = {
     "mppi_replan": ("MPPI + replanning", "#009e73"),
     "mppi_replan_true_state": ("MPPI + replanning, true state", "#7fc8a9"),
 }
-"""Controllers in the order shown: what they are called, and their colour."""
-REMOVED = "open_loop_robust"
-"""Of the planner's ensemble, which is gone; its executions are not shown."""
+"""Controllers in the order shown: what they are called, and their colour; others, of older results,
+are not shown."""
 TRUE_STATE = "_true_state"
 """How the names of controllers end that are given the true state."""
 TICK = {"image_ms": "image", "track_ms": "tracking", "mppi_ms": "MPPI", "tick_ms": "both"}
@@ -91,24 +90,19 @@ def read_executions(results: Results, experiment: str) -> pd.DataFrame | None:
     if runs is None:
         return None
     refuse(runs, runs["tied"] & (runs["cause"] != ""), "tied, and failed by {cause}")
-    return runs[runs["controller"] != REMOVED]
+    return runs[runs["controller"].isin(CONTROLLERS)]
 
 
 def _groups(runs: pd.DataFrame) -> Groups:
     """Executions without faults: knots as they stand in the table, levels rising."""
     groups = dict(iter(runs[runs["fault"] == ""].groupby(["knot", "level", "controller"])))
-    names = [*CONTROLLERS, *sorted(set(runs["controller"]) - CONTROLLERS.keys())]
     return {
         (knot, level, name): groups[knot, level, name].sort_values("twin")
         for knot in runs["knot"].unique()
         for level in sorted(runs["level"].unique())
-        for name in names
+        for name in CONTROLLERS
         if (knot, level, name) in groups
     }
-
-
-def _label(controller: str) -> str:
-    return CONTROLLERS.get(controller, (controller.replace("_", " "), ""))[0]
 
 
 def _table(groups: Groups, every: Groups) -> str:
@@ -132,7 +126,7 @@ def _table(groups: Groups, every: Groups) -> str:
 
 
 def _first_cells(knot: str, level: int, name: str) -> dict[str, str]:
-    return {"knot": knot.replace("_", " "), "level": str(level), "controller": _label(name)}
+    return {"knot": knot.replace("_", " "), "level": str(level), "controller": CONTROLLERS[name][0]}
 
 
 def _mean(values: pd.Series, unit: str) -> str:
@@ -167,7 +161,8 @@ def _ticks(groups: Groups) -> str:
         return ""
     runs = pd.concat(groups.values())
     rows = [
-        {"controller": _label(name)} | {TICK[one]: _mean(own[one], "ms") for one in TICK}
+        {"controller": CONTROLLERS[str(name)][0]}
+        | {TICK[one]: _mean(own[one], "ms") for one in TICK}
         for name, own in runs[runs["tick_ms"].notna()].groupby("controller", sort=False)
     ]
     return md.table(
@@ -187,7 +182,7 @@ def _faults(runs: pd.DataFrame) -> str:
         rows.append(
             {
                 "fault": str(fault),
-                "controller": _label(name),
+                "controller": CONTROLLERS[str(name)][0],
                 "twins": str(len(own)),
                 "recovered": str((reported & own["tied"]).sum()),
                 "stopped": str((~reported).sum()),

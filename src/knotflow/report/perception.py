@@ -8,45 +8,37 @@ from matplotlib.figure import Figure
 from knotflow.report import markdown as md
 from knotflow.report.results import Results
 from knotflow.report.section import COLOURS, Figures, Parts, bare_axis
-from knotflow.statistics import bootstrap, mean_difference
+from knotflow.statistics import bootstrap
 
 EXPERIMENT = "perception"
 COLUMNS = {"method": str, "noise": float, "crossings": int, "rope": int, "seconds": float}
-COLUMNS |= dict.fromkeys(("mean_error_mm", "off_curve_error_mm", "rope_iou"), float)
+COLUMNS |= dict.fromkeys(("mean_error_mm", "off_curve_error_mm"), float)
 COLUMNS |= dict.fromkeys(("state_correct", "head_correct", "doubtful"), bool)
 KEY = ("method", "noise", "crossings", "rope")
 PLANS = {"rope": str, "planned_from": str, "planned": bool, "tied": bool}
 GROUPS = ((0, 3), (4, 5))
 """Ropes are grouped by their number of crossings, from and to."""
-BASES = {
-    "rendering": "skeleton + rendering",
-    "rendering_poor_start": "rendering from a poor start",
+FULL = "full"
+METHODS = {
     "network": "network",
     "network_rendering": "network + rendering",
-    "network_tracing_rendering": "network + skeleton + rendering",
-    "network_tracing_rendering_plain_rope": "network + skeleton + rendering, head not coloured",
-    "network_tracing_rendering_fine": "network + skeleton + rendering, finer images",  # 0.2.0
-    "network_tracing_rendering_coarse": "network + skeleton + rendering, coarser images",
+    FULL: "complete",
+    "full_without_strands": "complete, without strand tracing",
+    "full_without_depth": "complete, without depth",
 }
-"""Methods and what the report calls them; ablations are called after what they leave out."""
-SHOWN = ("network_tracing_rendering", "rendering")
-"""The figure's method is the first of these that was run."""
-
+"""Methods and what the report calls them; others, of older results, are not shown."""
+FORMERLY = {"network_tracing_rendering_fine": FULL}  # in results of version 0.2.0
 
 TRACKS = {"method": str, "level": int, "action": str, "rollout": str, "frame": int}
 TRACKS |= {"mean_error_mm": float, "seconds": float}
 TRACKS |= dict.fromkeys(("state_correct", "lost", "moving"), bool)
 TRACKERS = {
-    "rendering": "rendering",
-    "rendering_lstm": "rendering, LSTM",
-    "rendering_mujoco": "rendering, MuJoCo",
-    "rendering_mujoco_at_rest": "rendering, MuJoCo, refined at rest",
-    "point_drift": "point drift",
-    "point_drift_predicted": "point drift, predicted",
+    "rendering_lstm": "LSTM",
+    "rendering_mujoco": "MuJoCo",
+    "rendering_mujoco_at_rest": "MuJoCo, refined at rest",
     "camera_misplaced": "calibration error alone",
 }
-"""Methods and what the report calls them."""
-TRACKER, BASELINE, CALIBRATION = "rendering_mujoco", "point_drift", "camera_misplaced"
+"""Methods and what the report calls them; others, of older results, are not shown."""
 MODELS = {"still": "static", "lstm": "bidirectional LSTM", "mujoco": "MuJoCo, nominal rope"}
 """Models of the rope's dynamics in the order shown, and what they are called."""
 STEP = 0.1  # s
@@ -58,44 +50,35 @@ def perception(results: Results, figures: Figures) -> Parts | None:
     table = results.table(EXPERIMENT, "estimates.csv", COLUMNS, KEY)
     if table is None:
         return None
-    run = set(table["method"])
-    shown = next((method for method in SHOWN if method in run), table["method"].iloc[0])
-    own = table[table["method"] == shown]
-    label = _label(shown)
-    images = table.drop_duplicates(["noise", "crossings", "rope"]).groupby("noise")
+    table["method"] = table["method"].replace(FORMERLY)
+    known = table["method"].isin(METHODS)
+    others, table = table.loc[~known, "method"].nunique(), table[known]
+    own = table[table["method"] == FULL]
     lines = [
         _line(str(method), noise, some)
         for (method, noise), every in table.groupby(["method", "noise"], sort=False)
         for low, high in GROUPS
         if len(some := every[every["crossings"].between(low, high)])
     ]
-    overlap = [f"{one['rope_iou'].mean():.2f} at noise {noise:g}" for noise, one in images]
     return {
         "figure": figures.draw(
             EXPERIMENT,
-            f"State accuracy and vertex error by number of crossings, {label}.",
+            "State accuracy and vertex error of the complete method by number of crossings.",
             2.6,
             lambda figure: _plot(figure, own),
         ),
         "methods": md.table(lines),
-        "unambiguous": _unambiguous(own, label),
-        "examples": figures.own(
+        "older": f"These estimates are of an older set of methods: {others} others are not shown."
+        if others
+        else "",
+        "unambiguous": _unambiguous(own),
+        "example": figures.own(
             EXPERIMENT,
             "estimates.png",
-            "Estimates at noise 1, a row a number of crossings: the image, the estimate over it, "
-            "and its error along the rope. Vertices that the image does not show are ringed.",
+            "The complete method at noise 1. Vertices that the image does not show are ringed.",
         ),
-        "overlap": md.listed(overlap),
         "plans": _plans(results),
     }
-
-
-def _label(method: str) -> str:
-    base, _, without = method.partition("_without_")
-    both = "strand tracing and self-supervision"
-    parts = {"strands": "strand tracing", "strands_self_supervision": both}
-    name = BASES.get(base, base.replace("_", " "))
-    return f"{name}, without {parts.get(without, without)}" if without else name
 
 
 def _mean(errors: pd.Series) -> str:
@@ -106,7 +89,7 @@ def _mean(errors: pd.Series) -> str:
 def _line(method: str, noise: float, some: pd.DataFrame) -> dict[str, str]:
     wrong = some[~some["state_correct"]]
     return {
-        "method": _label(method),
+        "method": METHODS[method],
         "noise": f"{noise:g}",
         "crossings": f"{some['crossings'].min()} to {some['crossings'].max()}",
         "ropes": str(len(some)),
@@ -119,7 +102,7 @@ def _line(method: str, noise: float, some: pd.DataFrame) -> dict[str, str]:
     }
 
 
-def _unambiguous(shown: pd.DataFrame, label: str) -> str:
+def _unambiguous(shown: pd.DataFrame) -> str:
     """For each level of noise, how many estimates are unambiguous, and how many of these right."""
     parts = [
         f"{md.rate(sure['state_correct'])} at noise {noise:g} ({len(sure)} of {len(own)} ropes)"
@@ -128,7 +111,7 @@ def _unambiguous(shown: pd.DataFrame, label: str) -> str:
     ]
     about = (
         "An estimate reports whether it is ambiguous. The state accuracy of unambiguous estimates "
-        f"by {label} is {md.listed(parts)}."
+        f"by the complete method is {md.listed(parts)}."
     )
     return about if parts else ""
 
@@ -167,16 +150,12 @@ def tracking(results: Results, figures: Figures) -> Parts | None:
     tracks = results.table("tracking", "tracks.csv", TRACKS, ("method", "rollout", "frame"))
     if tracks is None:
         return None
+    tracks = tracks[tracks["method"].isin(TRACKERS)]
     rows = [
-        {"method": TRACKERS.get(method, method), "level": str(level)} | _track_line(own)
+        {"method": TRACKERS[str(method)], "level": str(level)} | _track_line(own)
         for (method, level), own in tracks.groupby(["method", "level"], sort=False)
     ]
     return {
-        "calibration": " *Calibration error alone* is no tracker: the true rope at rest, moved as "
-        "far as the camera is from where it is believed to be."
-        if CALIBRATION in set(tracks["method"])
-        else "",
-        "difference": _against_baseline(tracks),
         "figure": figures.draw(
             "tracking",
             "Mean vertex error from image to image, by method and level.",
@@ -185,19 +164,6 @@ def tracking(results: Results, figures: Figures) -> Parts | None:
         ),
         "methods": md.table(rows),
     }
-
-
-def _against_baseline(tracks: pd.DataFrame) -> str:
-    """The difference in motion, paired by rollout; '' where one of the two is missing."""
-    moving = tracks[tracks["moving"]]
-    means = moving.groupby(["method", "rollout"])["mean_error_mm"].mean()
-    if not {TRACKER, BASELINE} <= set(moving["method"]):
-        return ""
-    difference = md.estimate(mean_difference(means[TRACKER], means[BASELINE], paired=True))
-    return (
-        f"While the rope moves, the mean error of {TRACKERS[TRACKER]} minus that of "
-        f"{TRACKERS[BASELINE]} is {difference} mm, paired by rollout."
-    )
 
 
 def _track_line(own: pd.DataFrame) -> dict[str, str]:
@@ -224,7 +190,7 @@ def _plot_tracks(figure: Figure, tracks: pd.DataFrame) -> None:
         methods = followed[followed["level"] == level].groupby("method", sort=False)
         for colour, (method, own) in zip(COLOURS, methods, strict=False):
             error = own.groupby("frame")["mean_error_mm"].mean()
-            axes.plot(error, color=colour, label=TRACKERS.get(method, method))
+            axes.plot(error, color=colour, label=TRACKERS[str(method)])
         axes.set_title(f"level {level}", fontsize=8.5)
         axes.set_xlabel("image")
         bare_axis(axes, "y")

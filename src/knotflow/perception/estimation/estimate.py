@@ -57,8 +57,6 @@ class EstimateConfig:
 
     fit: FitConfig = field(default_factory=FitConfig)
     """The gradient steps."""
-    propose: bool = True
-    """Whether a network proposes first guesses, beside the paths through the mask."""
     search: SearchConfig = field(default_factory=SearchConfig)
     """How first guesses are chosen among, and rewired."""
     fallback_search: SearchConfig | None = field(
@@ -243,7 +241,7 @@ def _search_all(
     traced = [path for path in traced if np.ptp(path, axis=0).any()]  # no single dots
     most = max(effort.paths for effort in efforts)
     paths = [lift(path, mask, image.depth, camera, rope) for path in traced[:most]]
-    proposed = (network or shipped_network()).guesses(target) if config.propose else []
+    proposed = (network or shipped_network()).guesses(target)
     guesses = [*paths, *proposed, *shapes]
     target = _with_radius(guesses[0], target, config)
     near = target.around(guesses)

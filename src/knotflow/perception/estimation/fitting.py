@@ -55,11 +55,10 @@ class FitConfig:
     """Weight of the depth image beside the silhouette; 0 fits to colour alone."""
 
 
-def project_lengths(points: NDArray, link_length: float, mobility: NDArray | None = None) -> Floats:
-    """The shape with links of equal length nearest to `points` (V, 3), metres, by Newton's method.
-    Vertices move in proportion to their `mobility` (V,), positive; by default all alike."""
+def project_lengths(points: NDArray, link_length: float) -> Floats:
+    """The shape with links of equal length nearest to `points` (V, 3), metres, by Newton's
+    method."""
     shape = np.array(points, np.float64)
-    ease = np.ones(len(shape)) if mobility is None else np.asarray(mobility, np.float64)
     for _ in range(50):
         span = np.diff(shape, axis=0)
         length = np.linalg.norm(span, axis=1)
@@ -67,12 +66,11 @@ def project_lengths(points: NDArray, link_length: float, mobility: NDArray | Non
         if np.abs(error).max() < 1e-9 * link_length:
             break
         unit = span / np.maximum(length, 1e-12)[:, None]
-        # J J^T, weighted by mobility, is tridiagonal: neighbours share a vertex.
-        beside = -ease[1:-1] * (unit[1:] * unit[:-1]).sum(1)
-        gram = np.diag(ease[1:] + ease[:-1]) + np.diag(beside, 1) + np.diag(beside, -1)
+        beside = -(unit[1:] * unit[:-1]).sum(1)  # J J^T is tridiagonal: neighbours share a vertex
+        gram = 2.0 * np.eye(len(unit)) + np.diag(beside, 1) + np.diag(beside, -1)
         pull = np.linalg.solve(gram, error)[:, None] * unit
-        shape[:-1] += ease[:-1, None] * pull
-        shape[1:] -= ease[1:, None] * pull
+        shape[:-1] += pull
+        shape[1:] -= pull
     return shape
 
 

@@ -23,7 +23,7 @@ from knotflow.perception import SHIPPED_NETWORK
 from knotflow.perception.camera.rendering import render
 from knotflow.perception.estimation.evidence import Target
 from knotflow.perception.estimation.fitting import project_lengths
-from knotflow.perception.networks.patches import FLIPS, crop_rope, mirrored
+from knotflow.perception.networks.patches import crop_rope
 from knotflow.perception.networks.strands import (
     Residual,
     StrandNetwork,
@@ -36,6 +36,7 @@ from knotflow.threads import one_thread
 
 FORMAT, VERSION = "knotflow state estimation", "1"
 """Of a file; the version is raised when older weights would mean something else."""
+_FLIPS = ((1, 1), (-1, 1), (1, -1), (-1, -1))  # signs of a patch's axes in its mirror images
 _PATHS = 12  # along the strands that are guesses, most
 _SOFTNESS = 4e-3  # of the rendering by which guesses are compared, metres
 _STRANDS = "strands."  # begins the names of the second network's weights
@@ -164,10 +165,11 @@ class Network:
         camera, rope = target.camera, target.rope
         patch, crop = crop_rope(target, self.model.config.size)
         self.model.eval()
-        nodes = self.model(torch.stack(list(mirrored(torch.as_tensor(crop)))))[-1]
+        mirrored = np.stack([crop[:, ::across, ::along] for along, across in _FLIPS])
+        nodes = self.model(torch.from_numpy(mirrored))[-1]
         found: list[NDArray[np.float64]] = []
-        for flip, places in zip(FLIPS, nodes.places, strict=True):
-            shape = patch.flipped(*flip).to_world(places.double().numpy(), camera)
+        for flip, places in zip(_FLIPS, nodes.places.double().numpy(), strict=True):
+            shape = patch.to_world(places * [*flip, 1], camera)
             found.append(resample(project_lengths(shape, rope.length / (len(shape) - 1)), rope))
         if self.strands is not None:
             found += trace_rope(self.strands, target)[:_PATHS]

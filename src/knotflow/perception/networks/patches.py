@@ -9,9 +9,8 @@ know neither the camera nor where on the table the rope lies.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -25,10 +24,7 @@ from knotflow.perception.estimation.evidence import Target
 from knotflow.perception.estimation.skeleton import TraceError
 
 Floats = NDArray[np.float64]
-Array = TypeVar("Array", Floats, Tensor)
 
-FLIPS = ((1, 1), (-1, 1), (1, -1), (-1, -1))
-"""A patch's mirror images: signs of its first and second axis."""
 SIDE = 48  # pixels of a window's side
 HALF = 12.0  # half its side, radii of the rope
 STEP = 2.0  # length of a step along a strand, radii
@@ -67,10 +63,6 @@ class Patch:
         half = max(0.5 * _MARGIN * float((high - low).max()), 0.5 * _SMALLEST * length)
         return cls(middle + axes @ (0.5 * (low + high)), axes, half, radius)
 
-    def flipped(self, along: int, across: int) -> Patch:
-        """The same square with its axes times +1 or -1."""
-        return Patch(self.centre, self.axes * [along, across], self.half, self.radius)
-
     def crop(self, target: Target, size: int) -> NDArray[np.float32]:
         """What the camera sees of the patch.
 
@@ -105,14 +97,8 @@ class Patch:
         reach = (eye[2] - height) / (eye[2] - self.radius)
         return np.concatenate([eye[:2] + (places - eye[:2]) * reach, height], axis=1)
 
-    def from_world(self, points: NDArray, camera: Camera) -> Floats:
-        """Nodes (V, 3) of points (V, 3), the inverse of `to_world`."""
-        places = project_to_plane(points, camera.position, self.radius)
-        nodes = (places - self.centre) @ self.axes / self.half
-        return np.column_stack([nodes, points[:, 2] / self.radius])
 
-
-def project_to_plane(points: Array, eye: Array, radius: float) -> Array:
+def project_to_plane(points: Tensor, eye: Tensor, radius: float) -> Tensor:
     """The places (..., 2) of the plane z = radius that an eye (..., 3) sees points (..., 3) at."""
     reach = (eye[..., 2:] - radius) / (eye[..., 2:] - points[..., 2:])
     return eye[..., :2] + (points[..., :2] - eye[..., :2]) * reach
@@ -130,13 +116,6 @@ def crop_rope(target: Target, size: int) -> tuple[Patch, NDArray[np.float32]]:
         raise TraceError("no rope is seen, so none can be proposed")
     patch = Patch.around(places, rope.radius, rope.length)
     return patch, patch.crop(target, size)
-
-
-def mirrored(crop: Tensor) -> Iterable[Tensor]:
-    """The crop (3, S, S) in each of `FLIPS`."""
-    for along, across in FLIPS:
-        axes = [axis for axis, sign in ((2, along), (1, across)) if sign < 0]
-        yield crop.flip(axes) if axes else crop
 
 
 def rasterise(nodes: Tensor, radius: Tensor, size: int) -> tuple[Tensor, Tensor]:
@@ -222,8 +201,8 @@ class _Draw(NamedTuple):
 
 
 class Examples(NamedTuple):
-    """`patches` (N, 3, S, S) as `Patch.crop` gives them, `nodes` (N, V, 3) as `Patch.from_world`,
-    and `half` (N,), half the side of each patch in metres."""
+    """`patches` (N, 3, S, S) as `Patch.crop` gives them, `nodes` (N, V, 3) as `Patch.to_world`
+    takes them, and `half` (N,), half the side of each patch in metres."""
 
     patches: Tensor
     nodes: Tensor

@@ -1,10 +1,10 @@
-"""Training of both networks on simulated ropes, and of one on images alone (Sec. VI, [15])."""
+"""Training of both networks on simulated ropes (Sec. VI, [15])."""
 
 from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,33 +14,25 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits, nll_loss, smooth_l1_loss
 
-from knotflow.perception.camera.image import RgbdImage
-from knotflow.perception.camera.pinhole import Camera
-from knotflow.perception.estimation.evidence import observe
 from knotflow.perception.networks.network import (
     CoarseToFine,
     CoarseToFineConfig,
-    Network,
     Nodes,
     resample_nodes,
 )
 from knotflow.perception.networks.patches import (
-    FLIPS,
     HEADINGS,
     WIDEST,
     Examples,
     ExamplesConfig,
     Windows,
-    crop_rope,
     draw_patches,
     draw_windows,
     find_crossings,
     heights_at,
-    mirrored,
 )
 from knotflow.perception.networks.strands import NextStep, StrandNetwork, StrandNetworkConfig
 from knotflow.simulation import RopeConfig
-from knotflow.threads import one_thread
 from knotflow.training.trainer import SupervisedTrainer
 
 _VALIDATION = 256  # patches that are held out, most
@@ -259,58 +251,3 @@ class StrandTrainer(RopeTrainer):
             "validation_height": float((found.height - truth.next_height)[on].abs().mean()),
             "validation_ends": float(((found.end > 0) == truth.end).float().mean()),
         }
-
-
-@dataclass
-class SelfSupervisionConfig:
-    """The effort of `self_supervise`."""
-
-    steps: int = 200
-    """Gradient steps."""
-    batch: int = 16
-    """Images of a step, each in one of the patch's mirror images."""
-    learning_rate: float = 1e-4
-    """AdamW's first one; it falls to nothing as a cosine."""
-
-
-def self_supervise(
-    network: Network,
-    images: Sequence[RgbdImage],
-    shapes: Sequence[NDArray],
-    camera: Camera,
-    rope: RopeConfig,
-    config: SelfSupervisionConfig | None = None,
-    seed: int = 0,
-) -> Iterator[float]:
-    """Training of a network's model of whole ropes, in place, on images alone: it learns to guess
-    their estimates. [15] descends the rendering's loss itself instead.
-
-    The `shapes` (V, 3), metres, one an image, are unambiguous estimates; the network has as many
-    nodes as they have vertices. Yields each step's loss.
-
-    Raises:
-        TraceError: an image without rope.
-    """
-    config, model = config or SelfSupervisionConfig(), network.model
-    crops: list[Tensor] = []
-    targets: list[NDArray] = []
-    for image, shape in zip(images, shapes, strict=True):
-        patch, crop = crop_rope(observe(image, camera, rope), model.config.size)
-        crops += mirrored(torch.as_tensor(crop))
-        targets += [patch.flipped(*flip).from_world(shape, camera) for flip in FLIPS]
-    seen, nodes = torch.stack(crops), torch.as_tensor(np.stack(targets), dtype=torch.float32)
-    optimizer = torch.optim.AdamW(model.parameters(), config.learning_rate)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, config.steps)
-    rng = np.random.default_rng(seed)
-    # Batch normalisation keeps its statistics: a few images would give worse ones.
-    model.eval()
-    for _ in range(config.steps):
-        chosen = rng.integers(len(seen), size=config.batch)
-        with one_thread():
-            loss = nodes_loss(model(seen[chosen]), nodes[chosen]).mean()
-            optimizer.zero_grad(set_to_none=True)
-            loss.backward()
-            torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
-            optimizer.step()
-            schedule.step()
-        yield float(loss.detach())
