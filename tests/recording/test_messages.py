@@ -5,8 +5,6 @@ import itertools
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
-from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
-from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from knotflow.recording import messages
 from knotflow.simulation import RopeConfig, control_points, straight
@@ -16,13 +14,15 @@ def test_cloud_and_gripper_are_exact(make_rollout):
     rollout = make_rollout(3)
     cloud = messages.RopeCloud(41)
     for points, place in zip(rollout.points, rollout.gripper, strict=True):
-        np.testing.assert_array_equal(messages.cloud_points(cloud.frame(5, points)), points)
-        back = np.float32(messages.gripper_position(messages.gripper_message(5, place)))
+        data = cloud.frame(5, points).SerializeToString()
+        np.testing.assert_array_equal(messages.cloud_points(data), points)
+        message = messages.gripper_message(5, place).SerializeToString()
+        back = np.float32(messages.gripper_position(message))
         np.testing.assert_array_equal(back, place)
 
 
 def test_cloud_fades_from_blue_head_to_orange_tail(make_rollout):
-    message = PointCloud.FromString(messages.RopeCloud(41).frame(5, make_rollout(3).points[0]))
+    message = messages.RopeCloud(41).frame(5, make_rollout(3).points[0])
     table = np.frombuffer(message.data, np.uint8).reshape(41, message.point_stride)
     offsets = {field.name: field.offset for field in message.fields}
     colours = table[:, [offsets[name] for name in ("red", "green", "blue")]]
@@ -33,7 +33,7 @@ def test_cloud_fades_from_blue_head_to_orange_tail(make_rollout):
 @pytest.mark.parametrize("vertices", [2, 5, 41])
 def test_line_passes_all_vertices_in_order(make_rollout, vertices):
     points = make_rollout(3, vertices=vertices).points[4]
-    message = SceneUpdate.FromString(messages.RopeLine(vertices, 0.008).frame(5, points))
+    message = messages.RopeLine(vertices, 0.008).frame(5, points)
     pieces = [
         np.array([[point.x, point.y, point.z] for point in line.points])
         for line in message.entities[0].lines
@@ -45,10 +45,10 @@ def test_line_passes_all_vertices_in_order(make_rollout, vertices):
 
 
 def test_logs_state_goal_and_outcome(make_rollout):
-    start = Log.FromString(messages.start_message(5, make_rollout(3))).message
+    start = messages.start_message(5, make_rollout(3)).message
     assert all(part in start for part in ("#3", "C(0,1,1)", "[(2,1,+1)]", "[(1,3,+1),(4,2,+1)]"))
-    success = Log.FromString(messages.end_message(5, make_rollout(3)))
-    failure = Log.FromString(messages.end_message(5, make_rollout(4)))
+    success = messages.end_message(5, make_rollout(3))
+    failure = messages.end_message(5, make_rollout(4))
     assert "SUCCESS" in success.message and success.level == Log.INFO
     assert "no readable state" in failure.message and failure.level == Log.WARNING
 
@@ -60,5 +60,5 @@ def test_rope_radius_is_read_from_spline(radius):
     found = messages.rope_radius(control_points(straight(rope), spline, radius))
     assert found == pytest.approx(radius)
     points = straight(rope).astype(np.float32)
-    message = SceneUpdate.FromString(messages.RopeLine(len(points), found).frame(5, points))
+    message = messages.RopeLine(len(points), found).frame(5, points)
     assert {line.thickness for line in message.entities[0].lines} == {2 * radius}

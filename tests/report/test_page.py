@@ -158,13 +158,13 @@ def test_report_imports_nothing_that_simulates():
 
 
 @pytest.mark.slow
-def test_each_section_has_its_words_and_the_slots_of_its_parts(everything, undrawn):
+def test_each_section_has_its_words_and_a_part_for_every_slot(everything, undrawn):
     assert texts().keys() == SECTIONS.keys()
     results = Results(everything)
     for section in SECTIONS.values():
         parts = section.parts(results, Figures(results))
         slots = {slot for _, slot, _, _ in Formatter().parse(section.text.results) if slot}
-        assert parts is None or parts.keys() == slots
+        assert parts is None or slots <= parts.keys()
 
 
 def run_times(write):

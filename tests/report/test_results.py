@@ -1,7 +1,5 @@
 """The results folder: what is read of it, what is not, and what makes it unreadable."""
 
-import json
-
 import pytest
 import yaml
 
@@ -14,18 +12,6 @@ def test_missing_folder_is_refused_and_empty_one_has_no_results(tmp_path):
     with pytest.raises(ResultsError, match="nowhere: there is no such results folder"):
         Results(tmp_path / "nowhere")
     assert Results(tmp_path).experiments == {}
-
-
-def test_truncated_table_is_refused(tmp_path):
-    folder = tmp_path / "knots"
-    folder.mkdir()
-    (folder / "branches.csv").write_text("knot,branches\noverhand,3\noverhand,4\n")
-    size = (folder / "branches.csv").stat().st_size
-    (folder / "run.json").write_text(json.dumps({"bytes": {"branches.csv": size}}))
-    assert list(Results(tmp_path).experiments) == ["knots"]
-    (folder / "branches.csv").write_text("knot,branches\noverhand,3\n")
-    with pytest.raises(ResultsError, match="has 25 bytes, but 36 when it was made.*knots again"):
-        Results(tmp_path)
 
 
 @pytest.mark.parametrize("folder", ["stages", "metrics"])

@@ -170,12 +170,12 @@ class RopeCloud:
         for offset, name in enumerate(("red", "green", "blue", "alpha"), start=12):
             self._message.fields.add(name=name, offset=offset, type=PackedElementField.UINT8)
 
-    def frame(self, log_time: int, points: NDArray[np.float32]) -> bytes:
-        """The message for points (V, 3) m."""
+    def frame(self, log_time: int, points: NDArray[np.float32]) -> PointCloud:
+        """The message for points (V, 3) m; the next one changes it."""
         self._records["xyz"] = points
         self._message.data = self._records.tobytes()
-        _stamp(self._message.timestamp, log_time)
-        return self._message.SerializeToString()
+        self._message.timestamp.FromNanoseconds(log_time)
+        return self._message
 
 
 def cloud_points(data: bytes) -> NDArray[np.float32]:
@@ -198,23 +198,23 @@ class RopeLine:
             line = _add_line(entity, 2 * radius, rgb)
             self._points += [(vertex, line.points.add()) for vertex in range(first, last + 1)]
 
-    def frame(self, log_time: int, points: NDArray[np.float32]) -> bytes:
-        """The message for points (V, 3) m, rounded to ``LINE_STEP``."""
+    def frame(self, log_time: int, points: NDArray[np.float32]) -> SceneUpdate:
+        """The message for points (V, 3) m, rounded to ``LINE_STEP``; the next one changes it."""
         rounded = (np.rint(points / LINE_STEP) * LINE_STEP).tolist()
         for vertex, point in self._points:
             point.x, point.y, point.z = rounded[vertex]
-        _stamp(self._stamp, log_time)
-        return self._message.SerializeToString()
+        self._stamp.FromNanoseconds(log_time)
+        return self._message
 
 
-def gripper_message(log_time: int, position: NDArray[np.float32]) -> bytes:
+def gripper_message(log_time: int, position: NDArray[np.float32]) -> PoseInFrame:
     """The gripper at a position (3,) m, exact float32; its orientation is not used."""
     message = PoseInFrame(frame_id=WORLD)
     message.pose.orientation.w = 1.0
     place = message.pose.position
     place.x, place.y, place.z = position.tolist()
-    _stamp(message.timestamp, log_time)
-    return message.SerializeToString()
+    message.timestamp.FromNanoseconds(log_time)
+    return message
 
 
 def gripper_position(data: bytes) -> tuple[float, float, float]:
@@ -223,12 +223,12 @@ def gripper_position(data: bytes) -> tuple[float, float, float]:
     return place.x, place.y, place.z
 
 
-def image_message(log_time: int, image: bytes) -> bytes:
+def image_message(log_time: int, image: bytes) -> CompressedImage:
     """The message for an image's file, PNG or JPEG."""
     kind = next(name for start, name in IMAGE_FORMATS.items() if image.startswith(start))
     message = CompressedImage(frame_id=CAMERA[1:], data=image, format=kind)
-    _stamp(message.timestamp, log_time)
-    return message.SerializeToString()
+    message.timestamp.FromNanoseconds(log_time)
+    return message
 
 
 def image_file(data: bytes) -> bytes:
@@ -236,11 +236,11 @@ def image_file(data: bytes) -> bytes:
     return bytes(CompressedImage.FromString(data).data)
 
 
-def spline_message(log_time: int, control_points: NDArray[np.float64]) -> bytes:
+def spline_message(log_time: int, control_points: NDArray[np.float64]) -> SceneUpdate:
     """The spline's control points as spheres, its curve and its control polygon as lines."""
     message = SceneUpdate()
     entity = message.entities.add(id="spline", frame_id=WORLD)
-    _stamp(entity.timestamp, log_time)
+    entity.timestamp.FromNanoseconds(log_time)
     for x, y, z in control_points.tolist():
         sphere = entity.spheres.add(color=_color(CONTROL_RGB))
         sphere.pose.position.x, sphere.pose.position.y, sphere.pose.position.z = x, y, z
@@ -252,16 +252,16 @@ def spline_message(log_time: int, control_points: NDArray[np.float64]) -> bytes:
         line = _add_line(entity, thickness, rgb)
         for x, y, z in points.tolist():
             line.points.add(x=x, y=y, z=z)
-    return message.SerializeToString()
+    return message
 
 
-def start_message(log_time: int, rollout: RecordedRollout) -> bytes:
+def start_message(log_time: int, rollout: RecordedRollout) -> Log:
     """Action, start and goal state, as a log entry."""
     what = f"#{rollout.number} {rollout.action} by {rollout.source}"
     return _log(log_time, Log.INFO, f"{what}: {rollout.start_state} -> goal {rollout.goal_state}")
 
 
-def end_message(log_time: int, rollout: RecordedRollout) -> bytes:
+def end_message(log_time: int, rollout: RecordedRollout) -> Log:
     """Outcome and state reached, as a log entry."""
     reached = rollout.end_state or "no readable state"
     levels = {"success": Log.INFO, "failure": Log.WARNING, "diverged": Log.ERROR}
@@ -269,19 +269,19 @@ def end_message(log_time: int, rollout: RecordedRollout) -> bytes:
     return _log(log_time, levels[rollout.outcome], text)
 
 
-def root_frame(log_time: int) -> bytes:
+def root_frame(log_time: int) -> FrameTransforms:
     """The world as a child of Rerun's root frame; without it Rerun's 3-D view stays empty."""
     message = FrameTransforms()
     transform = message.transforms.add(parent_frame_id="tf#/", child_frame_id=WORLD)
     transform.rotation.w = 1.0
-    _stamp(transform.timestamp, log_time)
-    return message.SerializeToString()
+    transform.timestamp.FromNanoseconds(log_time)
+    return message
 
 
-def _log(log_time: int, level: Any, text: str) -> bytes:
+def _log(log_time: int, level: Any, text: str) -> Log:
     message = Log(level=level, message=text, name="topology")
-    _stamp(message.timestamp, log_time)
-    return message.SerializeToString()
+    message.timestamp.FromNanoseconds(log_time)
+    return message
 
 
 def _add_line(entity: Any, thickness: float, rgb: Any) -> Any:
@@ -289,10 +289,6 @@ def _add_line(entity: Any, thickness: float, rgb: Any) -> Any:
     line = entity.lines.add(type=strip, thickness=thickness, color=_color(rgb))
     line.pose.orientation.w = 1.0
     return line
-
-
-def _stamp(timestamp: Any, log_time: int) -> None:
-    timestamp.seconds, timestamp.nanos = divmod(log_time, NANOSECONDS)
 
 
 def _color(rgb: Any) -> Color:

@@ -11,14 +11,9 @@ from collections.abc import Iterable, Mapping
 from functools import cache
 from itertools import islice
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
-from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
-from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
-from foxglove_schemas_protobuf.Log_pb2 import Log
-from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
-from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
-from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from google.protobuf.message import Message
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
@@ -27,20 +22,6 @@ from .rollout import NANOSECONDS, RecordedRollout, RolloutImages
 
 GAP_NS = NANOSECONDS // 2  # between two rollouts on the timeline
 BATCH = 32  # rollouts that share a chunk of facts; also what the writer holds in memory
-_TYPES = {
-    messages.ROLLOUT: messages.RolloutMessage,
-    messages.FRAMES: FrameTransforms,
-    messages.ROPE: PointCloud,
-    messages.ROPE_LINE: SceneUpdate,
-    messages.GRIPPER: PoseInFrame,
-    messages.SPLINE: SceneUpdate,
-    messages.TOPOLOGY: Log,
-}
-_CAMERA_TYPES = {
-    messages.CAMERA: CompressedImage,
-    messages.ESTIMATE: PointCloud,
-    messages.REFERENCE: PointCloud,
-}
 
 
 def write_recording(
@@ -105,28 +86,18 @@ class _Timeline:
         self.writer.add_metadata(messages.METADATA, dict(metadata))
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
-        self._register(_TYPES)
         self._cloud = cache(messages.RopeCloud)
         self._line = cache(messages.RopeLine)
         self._rope_line = rope_line
         self._now = 0
         self._log(messages.FRAMES, 0, messages.root_frame(0))
 
-    def _register(self, types: Mapping[str, Any]) -> None:
-        for topic, kind in types.items():
-            name = kind.DESCRIPTOR.full_name
-            if name not in self._schemas:
-                self._schemas[name] = register_schema(self.writer, kind)
-            self._channels[topic] = self.writer.register_channel(
-                topic, "protobuf", self._schemas[name]
-            )
-
     def add(self, batch: list[RecordedRollout]) -> None:
         starts = []
         for rollout in batch:
             starts.append(self._now)
             facts = messages.encode_rollout(rollout, self._now)
-            self._log(messages.ROLLOUT, self._now, facts.SerializeToString())
+            self._log(messages.ROLLOUT, self._now, facts)
             self._now += facts.duration_ns + GAP_NS
         self.writer.flush()  # the facts' chunk ends here
         for start, rollout in zip(starts, batch, strict=True):
@@ -153,8 +124,6 @@ class _Timeline:
         self._log(messages.TOPOLOGY, end, messages.end_message(end, rollout))
 
     def _camera(self, log_time: int, camera: RolloutImages, frame: int) -> None:
-        if messages.CAMERA not in self._channels:  # most recordings have none
-            self._register(_CAMERA_TYPES)
         cloud = self._cloud(camera.points.shape[1])
         image = messages.image_message(log_time, camera.images[frame])
         self._log(messages.CAMERA, log_time, image)
@@ -163,5 +132,13 @@ class _Timeline:
             reference = cloud.frame(log_time, camera.reference[frame])
             self._log(messages.REFERENCE, log_time, reference)
 
-    def _log(self, topic: str, log_time: int, data: bytes) -> None:
+    def _log(self, topic: str, log_time: int, message: Message) -> None:
+        if topic not in self._channels:
+            kind = type(message)
+            name = kind.DESCRIPTOR.full_name
+            if name not in self._schemas:
+                self._schemas[name] = register_schema(self.writer, kind)
+            channel = self.writer.register_channel(topic, "protobuf", self._schemas[name])
+            self._channels[topic] = channel
+        data = message.SerializeToString()
         self.writer.add_message(self._channels[topic], log_time, data, publish_time=log_time)

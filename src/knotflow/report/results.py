@@ -95,20 +95,13 @@ class Experiment:
     """One folder of results/."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self.name = folder, folder.name
+        self.folder = folder
         self.run = _read(folder / "run.json", json.loads)
         self.config = _read(folder / "config.yaml", yaml.safe_load)
         self.stages: dict[str, dict[str, Any]] = self.run.get("stages") or {}
         """What run.json says of each node, in the order of execution."""
         self.budget = str(self.run.get("budget") or "unknown")
         """`paper` for the paper's counts, `smoke` for the short run of the same chain."""
-        for name, size in (self.run.get("bytes") or {}).items():
-            path = folder / name
-            if path.suffix == ".csv" and path.is_file() and path.stat().st_size != size:
-                raise ResultsError(
-                    f"{path}: has {path.stat().st_size} bytes, but {size} when it was made; take "
-                    f"it from the repository, or run +experiment={self.name} again"
-                )
 
     @cached_property
     def tables(self) -> list[Path]:
@@ -145,8 +138,7 @@ class Results:
     """Everything the report is made from.
 
     Raises:
-        ResultsError: the folder does not exist, run.json or config.yaml cannot be read, or a
-            table has another size than when it was made.
+        ResultsError: the folder does not exist, or run.json or config.yaml cannot be read.
     """
 
     def __init__(self, root: Path) -> None:

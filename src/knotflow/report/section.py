@@ -128,7 +128,7 @@ def bare_axis(axes: Axes, grid: str) -> None:
 
 
 Parts = Mapping[str, str]
-"""What the text of a section has slots for: tables, figures, numbers."""
+"""Tables, figures and numbers of a section by name, in their order."""
 
 
 class Text(NamedTuple):
@@ -137,13 +137,13 @@ class Text(NamedTuple):
     title: str
     paper: str  # where in the paper
     about: str
-    results: str  # what stands there once the experiment was run, with slots for the parts
+    results: str  # stands there once the experiment was run; parts without a slot in it follow
 
 
 @cache
 def texts() -> dict[str, Text]:
     """The text of each section in sections.md, by experiment."""
-    pattern = r"^### ([^\n]+)\n`(\w+)`, ([^\n]+)\n(.*?)^---\n(.*?)(?=^### |\Z)"
+    pattern = r"^### ([^\n]+)\n`(\w+)`, ([^\n]+)\n(.*?)(?:^---\n(.*?))?(?=^### |\Z)"
     whole = Path(__file__).with_name("sections.md").read_text("utf-8")
     return {
         experiment: Text(title, paper, about.strip(), text.strip())
@@ -163,9 +163,12 @@ class Section:
     def text(self) -> Text:
         """Its words; of an experiment of one's own, its name."""
         title = self.experiment.replace("_", " ").capitalize()
-        return texts().get(self.experiment, Text(title, "beyond the paper", "", "{tables}"))
+        return texts().get(self.experiment, Text(title, "beyond the paper", "", ""))
 
     def body(self, results: Results, figures: Figures) -> str | None:
-        """The text of its results, its slots filled; None where it was not run."""
-        parts = self.parts(results, figures)
-        return None if parts is None else md.join(*self.text.results.format(**parts).split("\n\n"))
+        """The text of its results with all parts; None where it was not run."""
+        parts, text = self.parts(results, figures), self.text.results
+        if parts is None:
+            return None
+        rest = [part for name, part in parts.items() if f"{{{name}}}" not in text]
+        return md.join(*text.format(**parts).split("\n\n"), *rest)

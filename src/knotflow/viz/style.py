@@ -71,12 +71,9 @@ def rope_colour(along: float) -> str:
 @contextmanager
 def styled() -> Iterator[None]:
     """Our style over matplotlib's own defaults, whatever the user's matplotlibrc says."""
-    import matplotlib
+    from matplotlib import style
 
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        for name, value in _STYLE.items():
-            matplotlib.rcParams[name] = value  # type: ignore[index]
+    with style.context(_STYLE, after_reset=True):  # type: ignore[arg-type]
         yield
 
 
