@@ -3,6 +3,9 @@
 import pandas as pd
 import pytest
 
+from knotflow.execution import CONTROLLERS
+from knotflow.experiments.perception import METHODS
+from knotflow.report import execution, perception
 from knotflow.report.page import SECTIONS
 from knotflow.report.results import Results
 from knotflow.report.section import Figures
@@ -72,6 +75,11 @@ def test_plans_from_estimates_and_from_true_ropes(results):
     text = body("perception", Results(results.root))
     assert "from estimated shapes, 100.0 % (51.0 to 100.0) of 4 random ropes" in text
     assert "a plan and 75.0 % (" in text
+
+
+def test_every_method_and_controller_is_shown():
+    assert METHODS.keys() == perception.METHODS.keys()
+    assert CONTROLLERS.keys() == execution.CONTROLLERS.keys()
 
 
 def test_older_methods_are_not_shown(results):
