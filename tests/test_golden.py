@@ -61,7 +61,6 @@ from knotflow.samplers.primitives import (
     encode,
 )
 from knotflow.samplers.primitives.distribution import Gaussian
-from knotflow.samplers.primitives.primitive import highest_value
 from knotflow.simulation import (
     LEVELS,
     SPLINE_HIGH,
@@ -228,7 +227,7 @@ def primitives() -> dict[str, Any]:
         "critic": logits,
         "search": found,
         "search_value": value,
-        "search_best": highest_value(*search),
+        "search_best": cross_entropy(*search, returns="best")[1],
     }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -15,52 +15,25 @@ NODES = 64
 """Nodes of the rope among which a categorical grasp chooses, evenly spaced from tip to tip."""
 
 
-class SplineDistribution(Protocol):
-    """One distribution for each of S ropes."""
+@dataclass(frozen=True)
+class Gaussian:
+    """N(mean, factor factor^T) for each of S ropes."""
+
+    mean: Tensor  # (S, 6)
+    factor: Tensor  # (S, 6, 6) lower Cholesky factors
 
     def draw(self, noise: Tensor) -> Tensor:
         """Splines (S, n, 6) from standard normal numbers of that shape."""
-        ...
-
-    def log_prob(self, splines: Tensor, owner: Tensor) -> Tensor:
-        """Log densities (N,) of splines (N, 6) on ropes `owner` (N,), int64."""
-        ...
-
-    @property
-    def entropy(self) -> Tensor:
-        """(S,) nats."""
-        ...
-
-    @property
-    def spread(self) -> Tensor:
-        """(S, ...) standard deviations."""
-        ...
-
-    def widened(self, factor: float, floor: float) -> SplineDistribution:
-        """Deviations times `factor`, and `floor` added to them in every direction."""
-        ...
-
-    def repeat(self, count: int) -> SplineDistribution:
-        """Each one `count` times, next to each other."""
-        ...
-
-
-@dataclass(frozen=True)
-class Gaussian:
-    """N(mean, factor factor^T): (S, 6), and (S, 6, 6) lower Cholesky factors."""
-
-    mean: Tensor
-    factor: Tensor
-
-    def draw(self, noise: Tensor) -> Tensor:
         return self.mean[:, None] + noise @ self.factor.mT
 
     def log_prob(self, splines: Tensor, owner: Tensor) -> Tensor:
+        """Log densities (N,) of splines (N, 6) on ropes `owner` (N,), int64."""
         density: Tensor = self._normal(owner).log_prob(splines)
         return density
 
     @property
     def entropy(self) -> Tensor:
+        """(S,) nats."""
         entropy: Tensor = self._normal(slice(None)).entropy()
         return entropy
 
@@ -70,14 +43,17 @@ class Gaussian:
 
     @property
     def spread(self) -> Tensor:
+        """(S, ...) standard deviations."""
         return self.factor.square().sum(-1).sqrt()
 
     def widened(self, factor: float, floor: float) -> Gaussian:
+        """Deviations times `factor`, and `floor` added to them in every direction."""
         added = floor**2 * torch.eye(SPLINE)
         covariance = factor**2 * self.factor @ self.factor.mT + added
         return Gaussian(self.mean, torch.linalg.cholesky(covariance))
 
     def repeat(self, count: int) -> Gaussian:
+        """Each one `count` times, next to each other."""
         return Gaussian(
             self.mean.repeat_interleave(count, 0), self.factor.repeat_interleave(count, 0)
         )
@@ -137,6 +113,9 @@ class NodeGaussian:
     def repeat(self, count: int) -> NodeGaussian:
         fields = self.log_share, self.mean, self.deviation, self.grasp
         return NodeGaussian(*(one.repeat_interleave(count, 0) for one in fields))
+
+
+SplineDistribution = Gaussian | NodeGaussian
 
 
 def _cells(node: Tensor) -> tuple[Tensor, Tensor]:

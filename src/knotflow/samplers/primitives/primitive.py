@@ -9,14 +9,11 @@ feature. That the MLPs come after the attention is our reading.
 
 Actor and critic each have a trunk of their own, which runs once a rope. Beyond the paper, a scored
 spline also attends to the rope near its path (`SplineRopeAttention`).
-
-Many distinct proposals a rope are wanted, so each is a search of its own, and all searches of all
-ropes run as one batch; TorchRL's CEMPlanner returns one elite mean a state.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -254,15 +251,6 @@ class Critic(nn.Module):
         return self.score(features, states[owner], splines[:, None])[:, 0]
 
 
-def log_value(logits: Tensor, use_next_value: bool) -> Tensor:
-    """Log Q (...) from a critic's logits (..., 2).
-
-    The probability of success, times the value of the next state if `use_next_value`.
-    """
-    success = logsigmoid(logits[..., 0])
-    return success + logsigmoid(logits[..., 1]) if use_next_value else success
-
-
 def _with_kind(feature: Tensor, states: TensorDict, kinds: int) -> Tensor:
     """The rope's feature (S, F), with the kind of action where a primitive serves several."""
     return torch.cat([feature, states["kind"]], dim=-1) if kinds else feature
@@ -295,35 +283,19 @@ def cross_entropy(
     Returns:
         A spline of each search (R, 6), and its value (R,).
     """
-    for kept, values in _iterate(score, first, noise, elites, full_covariance):
-        mean, best, value = kept.mean(dim=1), kept[:, 0], values[:, 0]
-    return (best, value) if returns == "best" else (mean, score(mean[:, None])[:, 0])
-
-
-def highest_value(score: Score, first: SplineDistribution, noise: Tensor, elites: int) -> Tensor:
-    """The highest value (R,) among the last splines of `cross_entropy` with these arguments."""
-    for _, values in _iterate(score, first, noise, elites, False):
-        best = values[:, 0]
-    return best
-
-
-def _iterate(
-    score: Score, first: SplineDistribution, noise: Tensor, elites: int, full_covariance: bool
-) -> Iterator[tuple[Tensor, Tensor]]:
-    """The elites (R, elites, 6) of each iteration, best first, and their values (R, elites)."""
     for numbers in noise:
         splines = first.draw(numbers)  # (R, P, 6)
         values, order = score(splines).topk(elites, dim=1)
-        kept = splines.gather(1, order[..., None].expand(-1, -1, splines.shape[-1]))
-        yield kept, values
+        kept = splines.gather(1, order[..., None].expand(-1, -1, SPLINE))  # best first
+        mean = kept.mean(dim=1)
         if len(kept):  # of no rope PyTorch warns that there are no degrees of freedom
-            mean, spread = kept.mean(dim=1), kept.std(dim=1, correction=0) + LEAST_SPREAD
-            factor = torch.diag_embed(spread)
+            factor = torch.diag_embed(kept.std(dim=1, correction=0) + LEAST_SPREAD)
             if full_covariance:
                 offsets = kept - mean[:, None]
                 least = LEAST_SPREAD**2 * torch.eye(SPLINE)
                 factor = torch.linalg.cholesky(offsets.mT @ offsets / elites + least)
             first = Gaussian(mean, factor)
+    return (kept[:, 0], values[:, 0]) if returns == "best" else (mean, score(mean[:, None])[:, 0])
 
 
 def standard_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> Tensor:
@@ -353,9 +325,8 @@ class Primitive(nn.Module):
     ) -> tuple[Tensor, Tensor | None]:
         """Splines (S, count, 6) in network space and their values (S, count), if there is a critic.
 
-        With a critic every spline is the outcome of a search of its own, for success or, if
-        `use_next_value`, for success times the value of the next state, from `first`, by
-        default `distribution`.
+        With a critic every spline is found by a search of its own from `first`, by default
+        `distribution`: for success or, if `use_next_value`, success times the next state's value.
         """
         cem, ropes = self.config.cem, len(encoded.frames)
         first = first or self.distribution(encoded.states)
@@ -384,8 +355,8 @@ class Primitive(nn.Module):
             ValueError: there is no critic.
         """
         elites = min(self.config.cem.elites, self.config.cem.valued)
-        score = self.scorer(states, use_next_value)
-        return highest_value(score, self.distribution(states), noise, elites).exp()
+        score, first = self.scorer(states, use_next_value), self.distribution(states)
+        return cross_entropy(score, first, noise, elites, returns="best")[1].exp()
 
     def value_noise(self, ropes: int, rng: np.random.Generator) -> Tensor:
         """Standard normal numbers (iterations, ropes, `valued`, 6) for `values`."""
@@ -417,7 +388,9 @@ class Primitive(nn.Module):
         return Gaussian(torch.zeros(ropes, SPLINE), factor)
 
     def scorer(self, states: TensorDict, use_next_value: bool = False) -> Score:
-        """The critic's log values (R, P) of splines (R, P, 6), of as many searches on each rope.
+        """Log Q (R, P) of splines (R, P, 6), of as many searches on each rope.
+
+        Q is the probability of success, times the next state's value if `use_next_value`.
 
         Raises:
             ValueError: there is no critic.
@@ -428,8 +401,10 @@ class Primitive(nn.Module):
         features = critic.features(states)
 
         def score(splines: Tensor) -> Tensor:
-            of_ropes = splines.reshape(len(states), -1, SPLINE)
-            logits = critic.score(features, states, of_ropes)
-            return log_value(logits, use_next_value).reshape(splines.shape[:2])
+            logits = critic.score(features, states, splines.reshape(len(states), -1, SPLINE))
+            value = logsigmoid(logits[..., 0])
+            if use_next_value:
+                value = value + logsigmoid(logits[..., 1])
+            return value.reshape(splines.shape[:2])
 
         return score
