@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import torch
 
@@ -10,7 +12,13 @@ from knotflow.samplers.primitives.canonical import ARRANGE, canonicalise
 from knotflow.simulation import RopeConfig, SimulationConfig, resample, straight
 from knotflow.topology import TopologicalState, parse_action
 from knotflow.topology.draw import draw
-from knotflow.training.transitions import Query, Sample, Transition, best_values, encode_samples
+from knotflow.training.transitions import (
+    Query,
+    Sample,
+    Transition,
+    TransitionTrainer,
+    encode_samples,
+)
 
 ROPE = SimulationConfig().rope
 TRIVIAL = TopologicalState.trivial()
@@ -67,6 +75,7 @@ def test_values_are_those_of_the_library(primitive_config, curves):
     primitive = Primitive(primitive_config).eval()
     library = PrimitiveLibrary({1: primitive}, {1: [action]}, RopeConfig())
     expected = library.values(curves, [action] * len(curves), np.random.default_rng(1))
-    found = best_values(primitive, states, np.random.default_rng(1))
+    trainer = SimpleNamespace(library=library, rng=np.random.default_rng(1))
+    found = TransitionTrainer.value(trainer, 1, states)
     np.testing.assert_allclose(found.numpy(), expected, atol=1e-6)
-    assert best_values(primitive, states[:0], np.random.default_rng(1)).shape == (0,)
+    assert TransitionTrainer.value(trainer, 1, states[:0]).shape == (0,)

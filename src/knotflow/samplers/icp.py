@@ -1,9 +1,8 @@
 """The second baseline: demonstrations interpolated by ICP distance (Sec. VII-A2).
 
 A Gaussian is fitted to the successful splines of each demonstrated rope; the exponentials of
-negative ICP distances weight the Gaussians' parameters. The paper gives neither the unit of the
-distance nor what becomes of the alignment. Here the distance is a root mean square in units of
-`length_scale`, and each Gaussian is carried along by its alignment: a stronger baseline.
+negative ICP distances weight the Gaussians' parameters. Our reading: distances are root mean
+squares in units of `length_scale`, and each Gaussian is carried along by its alignment.
 """
 
 from __future__ import annotations
@@ -26,8 +25,7 @@ class IcpConfig:
     """How demonstrations are interpolated."""
 
     length_scale: float = 0.003
-    """Metres of ICP distance over which a weight falls by e. On the demonstrations themselves, one
-    start left out at a time, 3 mm did better than 10 and 30 mm."""
+    """Metres of ICP distance over which a weight falls by e."""
 
 
 class IcpSampler:
@@ -63,14 +61,10 @@ class IcpSampler:
 
 
 def align(source: Floats, target: Floats) -> tuple[Floats, float]:
-    """Rigid motion on the table that brings one rope onto another by ICP.
+    """Rigid motion on the table that brings one rope (V, 3) onto another by ICP, metres.
 
-    The search starts from the motion that brings equal vertices closest, so a rope is not matched
-    head to tail. Shapes are (V, 3), metres.
-
-    Returns:
-        The motion of `source` as a homogeneous matrix (3, 3) for points on the table, and the root
-        mean square distance of closest points after it, metres.
+    It is a homogeneous matrix (3, 3); with it comes the root mean square distance of closest points
+    after it. The search starts from the motion that brings equal vertices closest.
     """
     import small_gicp
 

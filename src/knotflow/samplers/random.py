@@ -19,7 +19,6 @@ class RandomSampler:
     def sample(
         self, points: Floats, action: Action, count: int, rng: np.random.Generator
     ) -> Floats:
-        """Splines (count, 6), each number uniform over its range."""
         return rng.uniform(SPLINE_LOW, SPLINE_HIGH, (count, 6))
 
 

@@ -29,14 +29,14 @@ MODULES = {
     "primitives": "knotflow.samplers.primitives.library",
     "random": "knotflow.samplers.random",
 }
-"""Name of a sampler -> the module that registers it."""
+"""The modules that register samplers, by name."""
 
 
 class Sampler(Protocol):
-    """Proposes splines; all that planning, evaluation and training know of a method.
+    """Proposes splines; only `sample` is required.
 
-    Only `sample` is required. `capability` finds the optional methods, for one rope (V, 3) or
-    for S ropes (S, V, 3) with an action each:
+    `capability` finds the optional methods, for a rope (V, 3) or ropes (S, V, 3) with an action
+    each:
 
     * `sample_for_next(points, action, count, rng)`: as `sample`, for success times the value of the
       shape that results;
@@ -77,13 +77,13 @@ class SamplerConfig:
     name: str = "random"
     """A registered name."""
     settings: dict[str, Any] = field(default_factory=dict)
-    """Fields of that sampler's configuration."""
+    """Fields of its configuration."""
 
     def modules(self) -> tuple[str, ...]:
         """Dotted names of the modules that the choice adds to a stage.
 
         Raises:
-            ValueError: the name is unknown; names the valid ones.
+            ValueError: the name is unknown.
         """
         if self.name in MODULES:
             return (MODULES[self.name],)
@@ -111,10 +111,7 @@ _REQUIRED_INPUTS: dict[str, tuple[str, ...]] = {}
 
 
 def sampler(name: str, needs: tuple[str, ...] = ()) -> Callable[[Function], Function]:
-    """Register a factory `(config, inputs) -> Sampler`; its config type is its annotation.
-
-    `needs` are the inputs without which it cannot be made.
-    """
+    """Register a factory, which requires the inputs `needs`; its config type is its annotation."""
 
     def register(factory: Function) -> Function:
         _FACTORIES[name], _REQUIRED_INPUTS[name] = factory, needs
@@ -127,8 +124,7 @@ def build_sampler(config: SamplerConfig, inputs: Mapping[str, Path]) -> Sampler:
     """The sampler that a configuration names.
 
     Raises:
-        ValueError: for an unknown name, one whose inputs are missing, or unknown settings, naming
-            the valid ones.
+        ValueError: an unknown name, missing inputs or unknown settings; names the valid ones.
     """
     from omegaconf import OmegaConf  # slow to import
     from omegaconf.errors import OmegaConfBaseException

@@ -27,7 +27,7 @@ class Trials:
     splines: NDArray[np.float64]
     """(N, 6) splines."""
     success: NDArray[np.bool_]
-    """(N,) whether the rope at rest has exactly the state the action leads to."""
+    """(N,) whether the rope at rest has the goal's state."""
 
     def __len__(self) -> int:
         return len(self.splines)
@@ -39,11 +39,9 @@ class Trials:
 
     @property
     def goal(self) -> TopologicalState:
-        """The state the action leads to."""
         return self.start.apply(self.action)
 
     def save(self, path: Path) -> None:
-        """Write to an .npz file."""
         arrays = {name: getattr(self, name) for name in ("points", "splines", "success")}
         np.savez_compressed(path, action=str(self.action), start=str(self.start), **arrays)
 
@@ -63,7 +61,6 @@ class Attempts(Trials):
     """Trials with the simulated motion."""
 
     rollouts: Rollouts
-    """Their simulation."""
     ends: tuple[TopologicalState | None, ...]
     """(N,) states at rest; None where the projection cannot be read or the simulation diverged."""
 
@@ -99,8 +96,7 @@ def attempt(
     """Execute splines (B, 6) on ropes (B, V, 3) or on one rope (V, 3) and read the states.
 
     Raises:
-        IllegalActionError: the start state does not allow the action.
-        ShapeError, SplineError: see `RopeSimulator.execute`.
+        IllegalActionError, ShapeError, SplineError: see `TopologicalState.apply`, `RopeSimulator`.
     """
     start.apply(action)
     points = check_points(points, simulator.config.rope)

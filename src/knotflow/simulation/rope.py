@@ -16,17 +16,15 @@ from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from knotflow.arrays import floats
+from knotflow.topology.polyline import Floats
 
 if TYPE_CHECKING:
     import mujoco
 
-Floats = NDArray[np.float64]
-
 MOST_LINKS = 400
-"""The cost of a rope's model grows with the square of its links."""
 LENGTH_TOLERANCE = 0.01
 """Largest relative difference of a given link's length from the rope's."""
 EQUAL_LENGTHS = 1e-5
@@ -87,7 +85,6 @@ class RopeConfig:
 
     @property
     def root_link(self) -> int:
-        """Index of the link that floats freely, the middle one."""
         return self.links // 2
 
     @property
@@ -101,9 +98,7 @@ class ShapeError(ValueError):
 
 
 def check_points(points: ArrayLike, rope: RopeConfig) -> Floats:
-    """The points as float64 (..., V, 3) with links of the rope's length.
-
-    Links that are a little off keep their directions, outward from the root link.
+    """The points as float64 (..., V, 3) with links of the rope's length and the same directions.
 
     Raises:
         ShapeError: another number of vertices, values that are not finite, or a link's length off
@@ -141,8 +136,7 @@ def build_model(
     """The MuJoCo model of rope, table and floating gripper.
 
     Vertex i of the rope is the site `vertex_i`. The gripper is a mocap body; grasping link i is
-    the equality constraint i between sites. The links' order is the root, then that of
-    `RopeConfig.branches`. Time step and `contact_time` (MuJoCo's first `solref`) are in seconds.
+    the equality constraint i. Time step and `contact_time` (the first `solref`) are in seconds.
     """
     import mujoco  # here, so that the configuration is read without it
 
@@ -153,12 +147,11 @@ def build_model(
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
     spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON  # to convergence: ends depend on it
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 960
-    solref = [contact_time, 1.0]
+    spec.default.geom.solref = spec.default.equality.solref = [contact_time, 1.0]
     world = spec.worldbody
     table = world.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2, 2, 0.1])
     table.contype, table.conaffinity, table.condim = TABLE_BIT, TABLE_BIT, 1
     table.friction = [rope.table_friction, 0.005, 1e-4]
-    table.solref = solref
     world.add_light(pos=[0, -0.5, 2], dir=[0, 0.25, -1])
     gripper = world.add_body(name="gripper", mocap=True, pos=[0, 0, 0.5])
     gripper.add_site(name="gripper", size=[0.006, 0, 0])
@@ -168,19 +161,29 @@ def build_model(
         name=f"link_{rope.root_link}", pos=[rope.root_link * step, 0, rope.radius]
     )
     root.add_freejoint(name="root")
-    _add_link_geoms(root, rope.root_link, 0.0, rope, contact_time)
+    _add_link_geoms(root, rope.root_link, 0.0, rope)
     towards_head, towards_tail = rope.branches
     # A body's origin is the vertex it shares with its parent; the root's is its headward vertex.
-    parent = root
-    for link in towards_head:
-        parent = parent.add_body(name=f"link_{link}", pos=[0 if parent is root else -step, 0, 0])
-        _add_hinges(parent, ([0, -1, 0], [0, 0, -1]), rope)
-        _add_link_geoms(parent, link, -step, rope, contact_time)
-    parent = root
-    for link in towards_tail:
-        parent = parent.add_body(name=f"link_{link}", pos=[step, 0, 0])
-        _add_hinges(parent, ([0, 0, 1], [0, 1, 0]), rope)
-        _add_link_geoms(parent, link, 0.0, rope, contact_time)
+    # The hinge next to the parent comes first.
+    for links, first, outward, start, axes in (
+        (towards_head, 0.0, -step, -step, ([0, -1, 0], [0, 0, -1])),
+        (towards_tail, step, step, 0.0, ([0, 0, 1], [0, 1, 0])),
+    ):
+        body = root
+        for link in links:
+            place = first if body is root else outward
+            body = body.add_body(name=f"link_{link}", pos=[place, 0, 0])
+            for axis in axes:
+                body.add_joint(
+                    type=mujoco.mjtJoint.mjJNT_HINGE,
+                    axis=axis,
+                    damping=[rope.joint_damping, 0, 0],
+                    stiffness=[rope.joint_stiffness, 0, 0],
+                    armature=rope.joint_armature,
+                    limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+                    range=np.rad2deg([-rope.max_bend, rope.max_bend]).tolist(),
+                )
+            _add_link_geoms(body, link, start, rope)
     for i in range(rope.links):
         spec.add_equality(
             type=mujoco.mjtEq.mjEQ_CONNECT,
@@ -188,7 +191,6 @@ def build_model(
             name1=f"grasp_{i}",
             name2="gripper",
             active=False,
-            solref=solref,
         )
     try:
         model = spec.compile()
@@ -202,52 +204,33 @@ def build_model(
     return model
 
 
-def _add_hinges(body: mujoco.MjsBody, axes: tuple[list[int], list[int]], rope: RopeConfig) -> None:
-    """The two hinges of a link at its body's origin, the one next to its parent first."""
-    import mujoco
-
-    for axis in axes:
-        body.add_joint(
-            type=mujoco.mjtJoint.mjJNT_HINGE,
-            axis=axis,
-            damping=[rope.joint_damping, 0, 0],
-            stiffness=[rope.joint_stiffness, 0, 0],
-            armature=rope.joint_armature,
-            limited=mujoco.mjtLimited.mjLIMITED_TRUE,
-            range=np.rad2deg([-rope.max_bend, rope.max_bend]).tolist(),
-        )
-
-
-def _add_link_geoms(
-    body: mujoco.MjsBody, link: int, start: float, rope: RopeConfig, contact_time: float
-) -> None:
+def _add_link_geoms(body: mujoco.MjsBody, link: int, start: float, rope: RopeConfig) -> None:
     """Capsule, feet and sites of a link whose headward vertex lies at `start` on its x axis."""
     import mujoco
 
-    step, solref = rope.link_length, [contact_time, 1.0]
-    capsule = body.add_geom(
+    step = rope.link_length
+    body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,
         fromto=[start, 0, 0, start + step, 0, 0],
         size=[rope.radius, 0, 0],
         density=rope.density,
         friction=[rope.rope_friction, 0.005, 1e-4],
-        solref=solref,
+        contype=ROPE_BIT,
+        conaffinity=ROPE_BIT,
     )
-    capsule.contype, capsule.conaffinity = ROPE_BIT, ROPE_BIT
-    # Capsules touch each other; the table is touched by a sphere at each vertex, of which only
-    # every second one rubs: friction costs four constraint rows a contact, support one.
+    # The table is touched by a sphere at each vertex, of which only every second one rubs.
     vertices = [(link, start)] + [(rope.links, start + step)] * (link == rope.links - 1)
     for vertex, along in vertices:
-        foot = body.add_geom(
+        body.add_geom(
             type=mujoco.mjtGeom.mjGEOM_SPHERE,
             pos=[along, 0, 0],
             size=[rope.radius, 0, 0],
             mass=0.0,
             condim=3 if vertex % 2 == 0 else 1,
             friction=[rope.table_friction, 0.005, 1e-4],
-            solref=solref,
+            contype=TABLE_BIT,
+            conaffinity=0,
         )
-        foot.contype, foot.conaffinity = TABLE_BIT, 0
         body.add_site(name=f"vertex_{vertex}", pos=[along, 0, 0])
     body.add_site(name=f"grasp_{link}", pos=[start + step / 2, 0, 0])
 
@@ -255,15 +238,13 @@ def _add_link_geoms(
 def pose(points: ArrayLike, rope: RopeConfig) -> Floats:
     """Joint positions qpos (B, nq) of ropes (B, V, 3), metres, head first, world frame.
 
-    They are position (of the headward vertex) and quaternion (w, x, y, z) of the root, then two
-    hinge angles (radians) for each link of the branches. The head has no roll: its y axis is
-    horizontal.
+    The root's headward vertex and quaternion (w, x, y, z), then two hinge angles (radians) for each
+    link of the branches. The head has no roll: its y axis is horizontal.
     """
     points = check_points(points, rope)
     direction = np.diff(points, axis=1)  # (B, links, 3)
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
     frame = _turn(*_angles(direction[:, 0]))  # (B, 3, 3), columns are the link's axes
-    root = frame
     angles: list[tuple[Floats, Floats]] = []  # angles[i] of the joint between links i and i + 1
     for link in range(1, rope.links):
         yaw, pitch = _angles(np.einsum("bji,bj->bi", frame, direction[:, link]))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from knotflow.arrays import repeat_last
-from knotflow.simulation.rope import Floats, RopeConfig, build_model, check_points, pose
+from knotflow.simulation.rope import RopeConfig, build_model, check_points, pose
 from knotflow.simulation.spline import (
     along_path,
     check_splines,
@@ -21,6 +21,7 @@ from knotflow.simulation.spline import (
     polyline,
 )
 from knotflow.simulation.worlds import World
+from knotflow.topology.polyline import Floats
 
 SLOTS = 64
 """Ropes simulated at once: enough for every thread, small enough to bound memory."""
@@ -70,16 +71,12 @@ class SimulationConfig:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """The motion of one rope along a spline; metres and seconds, world frame."""
+    """A row of `Rollouts` of T frames."""
 
-    times: Floats
-    """(T,) time of each frame; the first is 0, before the grasp."""
-    trajectory: NDArray[np.float32]
-    """(T, V, 3) rope vertices."""
-    gripper: NDArray[np.float32]
-    """(T, 3) gripper positions."""
+    times: Floats  # (T,)
+    trajectory: NDArray[np.float32]  # (T, V, 3)
+    gripper: NDArray[np.float32]  # (T, 3)
     release_time: float
-    """From grasp to release."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +140,6 @@ class Rollouts:
         )
 
     def __getitem__(self, rows: slice | NDArray[Any] | list[int]) -> Rollouts:
-        """Some of the ropes, as a slice, a mask (B,) or indices select them."""
         return replace(self, **{name: getattr(self, name)[rows] for name in PER_ROPE})
 
 
@@ -168,9 +164,7 @@ class RopeSimulator:
     def execute(
         self, points: ArrayLike, splines: ArrayLike, worlds: Sequence[World] | None = None
     ) -> Rollouts:
-        """Simulate each spline (B, 6) on its rope (B, V, 3), metres, world frame, rest to rest.
-
-        Each in its one of B `worlds`, or in the nominal one.
+        """Simulate splines (B, 6) on ropes (B, V, 3), metres, in B `worlds` or the nominal one.
 
         Raises:
             ShapeError: points that are not shapes of this rope.
@@ -240,7 +234,8 @@ class RopeSimulator:
                     if self._rest_angles is not None:
                         self._rest_angles[slot] = poses[index]
                     if self._ropes:
-                        model = _model_of(moves[index].config)
+                        config = moves[index].config
+                        model = _model(astuple(config.rope), config.timestep, config.contact_time)
                         for name, rows in self._ropes.items():
                             rows[slot] = getattr(model, name)
             ids = sorted(slots)
@@ -272,7 +267,7 @@ class Move:
         self.step = 0
 
     def control(self, out: Floats) -> None:
-        """Write the inputs (steps, links + 3) of the next steps: grasps, then the gripper."""
+        """Write inputs (steps, links + 3): grasps, then the gripper."""
         steps = np.arange(self.step, self.step + len(out))
         if self.link is not None:
             out[steps < len(self.gripper), self.link] = 1.0
@@ -291,21 +286,15 @@ class Move:
         return settled >= self.config.settle_time or (still and settled >= CHECK_TIME)
 
 
-def _model_of(config: SimulationConfig) -> Any:
-    """The `MjModel` of a configuration, from a cache."""
-    return _cached_model(astuple(config.rope), config.timestep, config.contact_time)
-
-
 @lru_cache(512)
-def _cached_model(rope: tuple[Any, ...], timestep: float, contact_time: float) -> Any:
+def _model(rope: tuple[Any, ...], timestep: float, contact_time: float) -> Any:
     return build_model(RopeConfig(*rope), timestep, contact_time)
 
 
 def gripper_path(controls: Floats, config: SimulationConfig) -> Floats:
     """Gripper positions (steps, 3) at each time step of a move along control points (3, 3).
 
-    The pace is constant but for `ramp_time` at either end; a way too short to reach it is taken
-    with the same acceleration.
+    The pace is constant but for ramps at either end.
     """
     path = polyline(controls)
     length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
@@ -316,15 +305,12 @@ def gripper_path(controls: Floats, config: SimulationConfig) -> Floats:
         duration = 2 * ramp
     steps = max(2, int(np.ceil(duration / config.timestep - 1e-9)))
     time = np.arange(1, steps + 1) / steps
-    return along_path(path, _progress(time, ramp / duration))
-
-
-def _progress(time: Floats, ramp: float) -> Floats:
-    """Fraction of the path at each fraction of the time, with constant speed between ramps."""
+    ramp /= duration
     speed = 1 / (1 - ramp)
     up = speed * time**2 / (2 * ramp)
     down = 1 - speed * (1 - time) ** 2 / (2 * ramp)
-    return np.where(time < ramp, up, np.where(time > 1 - ramp, down, speed * (time - ramp / 2)))
+    even = speed * (time - ramp / 2)
+    return along_path(path, np.where(time < ramp, up, np.where(time > 1 - ramp, down, even)))
 
 
 def _default_threads() -> int:

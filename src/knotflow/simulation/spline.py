@@ -18,9 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from knotflow.arrays import floats
-from knotflow.topology.polyline import arc_lengths
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats, arc_lengths
 
 SPLINE_NAMES = ("grasp", "mid_x", "mid_y", "height", "end_x", "end_y")
 SPLINE_LOW = np.array([0.0, -0.6, -0.6, 0.02, -0.6, -0.6])
@@ -37,7 +35,7 @@ def check_splines(splines: ArrayLike) -> Floats:
     """The splines as float64 (..., 6), if all are in range.
 
     Raises:
-        SplineError: naming the first number that is out of range.
+        SplineError: another shape, or a number out of range.
     """
     splines = _as_splines(splines)
     inside = (splines >= SPLINE_LOW) & (splines <= SPLINE_HIGH)  # NaN is not inside
@@ -75,8 +73,7 @@ def grasped_link(splines: ArrayLike, links: int) -> NDArray[np.intp]:
 def control_points(points: ArrayLike, splines: ArrayLike, radius: float) -> Floats:
     """Control points (..., 3, 3) of splines (..., 6) on ropes (..., V, 3) or one (V, 3), metres.
 
-    The first is the centre of the grasped link, the last is `radius` above the table. The z of the
-    middle one is the height.
+    The first is the centre of the grasped link, the last is `radius` above the table.
     """
     points, splines = np.asarray(points, float), np.asarray(splines, float)
     points = np.broadcast_to(points, (*splines.shape[:-1], *points.shape[-2:]))
@@ -126,10 +123,7 @@ def polyline(controls: ArrayLike) -> Floats:
 
 
 def spline_path(controls: ArrayLike, shares: ArrayLike) -> Floats:
-    """Positions (..., N, 3) at shares (N,) of the length of paths, 0 to 1.
-
-    `controls` (..., 3, 3) are control points.
-    """
+    """Positions (..., N, 3) at shares (N,), 0 to 1, of paths with control points (..., 3, 3)."""
     paths = polyline(controls)
     found = [along_path(path, np.asarray(shares)) for path in paths.reshape(-1, SAMPLES, 3)]
     return np.reshape(found, (*paths.shape[:-2], np.shape(shares)[-1], 3))

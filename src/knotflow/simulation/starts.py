@@ -9,15 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from knotflow.simulation.attempt import Observer, attempt
-from knotflow.simulation.rope import Floats, RopeConfig
+from knotflow.simulation.rope import RopeConfig
 from knotflow.simulation.simulator import RopeSimulator
 from knotflow.simulation.spline import SPLINE_HIGH, SPLINE_LOW
 from knotflow.topology import Action, TopologicalState, segment_lengths
-from knotflow.topology.polyline import arc_lengths
+from knotflow.topology.polyline import Floats, arc_lengths
 
 Propose = Callable[[Floats, Action, int, np.random.Generator], Floats]
-"""Splines (count, 6) for a rope (V, 3) and an action: the `sample` of every sampler."""
-
+"""`Sampler.sample`."""
 
 MEMORY = 0.31
 """Share of the rope's length over which a random curve's heading forgets a wiggle."""
@@ -36,8 +35,7 @@ class StartsConfig:
     shift: float = 0.1
     """Largest distance of a random curve's middle from the origin in x and y, metres."""
     shortest_segment: float = 0.01
-    """Least length between neighbouring crossings, and from an end to the next crossing, of a
-    start reached by actions, metres. Tighter loops leave no room for a spline."""
+    """Least length of a segment of a start reached by actions, metres."""
     rounds: int = 6
     """Splines tried on a start before it is replaced by another."""
 
@@ -62,10 +60,9 @@ def arc(rope: RopeConfig, angle: float = np.pi) -> Floats:
 def random_curve(
     rope: RopeConfig, rng: np.random.Generator, config: StartsConfig | None = None
 ) -> Floats:
-    """A random rope (V, 3) without crossings, metres: a wiggling arc near the origin.
+    """A random rope (V, 3) without crossings, metres, near the origin.
 
-    The heading is an arc's plus an Ornstein-Uhlenbeck walk that forgets in `MEMORY` of the rope's
-    length; curves that cross or touch themselves are drawn again.
+    The heading is an arc's plus an Ornstein-Uhlenbeck walk that forgets in `MEMORY`.
     """
     config = config or StartsConfig()
     along = (np.arange(rope.links) + 0.5) / rope.links
@@ -187,10 +184,7 @@ class Starts:
 
 
 def resample(points: ArrayLike, rope: RopeConfig) -> Floats:
-    """A curve (N, 3), metres, as vertices (V, 3), evenly spaced and scaled to the rope's length.
-
-    The first vertex stays.
-    """
+    """A curve (N, 3), metres, as vertices (V, 3) of equal links of this rope; the first stays."""
     points = np.asarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
         raise ValueError(f"a curve has points of shape (N, 3) with N >= 2, got {points.shape}")

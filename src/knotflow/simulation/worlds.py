@@ -6,7 +6,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from knotflow.simulation.rope import Floats, RopeConfig
+from knotflow.simulation.rope import RopeConfig
+from knotflow.topology.polyline import Floats
 
 LEVELS = (0, 1, 2)
 """0 is the planner's rope, 1 a similar one, 2 a different one."""
@@ -66,11 +67,8 @@ class World:
     """Error in x and y of the middle and the end of the motion, metres."""
 
     def disturb(self, points: Floats, controls: Floats) -> tuple[int | None, Floats]:
-        """The link of a rope (V, 3) that is caught, and the control points (3, 3) of its motion.
-
-        The fingers catch the nearest link within `GRASP_REACH`, or none. It keeps its distance from
-        them.
-        """
+        """The link of a rope (V, 3) that is caught, the nearest within `GRASP_REACH` or none, and
+        the control points (3, 3) of its motion, in which it keeps its distance from the fingers."""
         link, distance = nearest_link(points, controls[0] + [*self.grasp, 0.0])
         moved = controls.copy()
         moved[:, :2] += (points[link] + points[link + 1])[:2] / 2 - controls[0, :2]

@@ -6,8 +6,7 @@ code.
 
 A degenerate projection (a vertex on another strand, strands on top of each other, three strands
 through one point, upright links) is perturbed: upright links are laid down, and the vertices moved
-by 1e-7 of the rope's length in fixed pseudo-random directions and their opposites. Where all these
-neighbours have the same crossings, they are the answer.
+in fixed pseudo-random directions. Where all neighbours have the same crossings, these are taken.
 """
 
 from __future__ import annotations
@@ -25,6 +24,7 @@ from knotflow.topology.polyline import (
     DegenerateCurveError,
     Floats,
     PlanarCrossings,
+    arc_lengths,
     planar_crossings,
 )
 
@@ -62,20 +62,15 @@ class CurveCrossings:
 
 
 def project(points: ArrayLike, min_gap: float = DEFAULT_MIN_GAP) -> CurveCrossings:
-    """The crossings of a rope's projection onto the table.
-
-    Args:
-        points: (V, 3) metres, head first, world frame, z up; V at least 2.
-        min_gap: metres; least difference in height between the strands of a crossing.
+    """The crossings of a rope (V, 3), metres, head first, z up, projected onto the table.
 
     Raises:
         DegenerateCurveError: the projection does not determine the state, or strands are closer in
-            height; says where on the rope.
+            height than `min_gap` metres; says where on the rope.
         ValueError: not finite (V, 3) numbers.
     """
     rope = _as_rope(points)
-    steps = np.linalg.norm(rope[1:] - rope[:-1], axis=1)
-    reached = np.concatenate(([0.0], np.cumsum(steps)))
+    reached = arc_lengths(rope)
     if reached[-1] == 0.0:
         raise DegenerateCurveError("all vertices of the rope are at one point")
     fractions = reached / reached[-1]
@@ -158,8 +153,7 @@ def _with_heights(
 def _part_upright(rope: Floats, distance: float, ahead: bool) -> Floats:
     """Lay upright links down along the rope, so that nudging them does not twist a loop in.
 
-    Vertices on top of each other in the projection are spread over `distance` metres toward the
-    next vertex that is apart (`ahead`), or toward the one before.
+    They are spread over `distance` metres toward the next vertex (`ahead`), or the one before.
     """
     if not ahead:
         return _part_upright(rope[::-1], distance, True)[::-1]

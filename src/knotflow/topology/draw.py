@@ -31,20 +31,14 @@ _REFRESH = 5  # steps between new initial Hessians
 
 
 def draw(state: TopologicalState, gap: float = ROPE_GAP, samples: int = 8) -> Floats:
-    """A rounded rope shape with the given state, 1 m long in the projection, always the same.
+    """A rounded rope shape (V, 3) with the given state, 1 m long in the projection.
 
-    Args:
-        state: any state.
-        gap: metres, height of the over strand at each crossing; under strands and ends are at 0.
-        samples: points for each of the 4 pieces of a segment.
-
-    Returns:
-        (V, 3) metres, head first, centred at the origin, V = 4 * samples * (2c + 1) + 1.
+    Always the same; metres, head first, centred at the origin. Over strands are `gap` high, under
+    strands and ends at 0. Each of the 4 pieces of a segment has so many `samples`.
 
     Raises:
         ValueError: gap is not above 0, or there is no sample.
-        RuntimeError: the drawing does not read back as the state: `samples` is too small, or the
-            crossings are very many (no failure is known with up to 12).
+        RuntimeError: the drawing does not read back as the state: `samples` is too small.
     """
     if not (gap > 0.0 and samples >= 1):
         raise ValueError(f"gap must be above 0 and samples at least 1, got {gap}, {samples}")

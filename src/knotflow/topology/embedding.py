@@ -131,10 +131,7 @@ def graph_laplacian(count: int, edges: Ints, weight: Floats) -> Floats:
 
 
 def _cotangent_weights(mesh: Mesh) -> Floats:
-    """(E,) weights with which the drawing is about conformal to the wanted shapes.
-
-    Equal weights would make thin triangles, which take `draw.relax` long to open.
-    """
+    """(E,) weights with which the drawing is about conformal to the wanted shapes."""
     weight = np.zeros((mesh.num_nodes, mesh.num_nodes))
     for corner in range(3):
         apex, first, second = np.roll(np.arange(3), -corner)

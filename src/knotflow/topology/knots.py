@@ -30,7 +30,7 @@ def knot(name: str) -> frozenset[TopologicalState]:
     """The states in which a rope is tied into the named knot with the fewest crossings.
 
     Raises:
-        ValueError: an unknown name; the message lists the valid ones.
+        ValueError: an unknown name.
     """
     if name not in _DIAGRAMS:
         raise ValueError(f"unknown knot {name!r}; valid names: {', '.join(KNOT_NAMES)}")
@@ -48,9 +48,7 @@ def knot(name: str) -> frozenset[TopologicalState]:
 
 
 def solution_graph(*goals: TopologicalState) -> nx.MultiDiGraph:
-    """Every action path from the trivial state to the goal (or to any of several goals).
-
-    It is searched for backward from the goal: few states are met.
+    """Every action path from the trivial state to any of the goals.
 
     Returns:
         A directed acyclic multigraph. Its nodes are the TopologicalStates on some path; an edge
@@ -82,9 +80,7 @@ def solution_graph(*goals: TopologicalState) -> nx.MultiDiGraph:
 
 
 def all_states(crossings: int) -> tuple[TopologicalState, ...]:
-    """Every state with so many crossings, sorted: 1, 4, 40, 528 and 7,968 of them with 0 to 4.
-
-    Four crossings take seconds, five take minutes.
+    """Every state with so many crossings, sorted; five take minutes.
 
     Raises:
         ValueError: a negative number.

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 LEFT = 1
 RIGHT = -1
@@ -40,7 +41,6 @@ class PlanarMap:
 
     @property
     def tail(self) -> int:
-        """Index of the tail segment."""
         return len(self.left) - 1
 
     def face(self, segment: int, side: int) -> int:
@@ -61,36 +61,27 @@ def trace_faces(crossings: Sequence[Crossing]) -> PlanarMap:
 
     Crossings that cannot be drawn in the plane give fewer than c + 1 faces.
     """
-    num_segments = 2 * len(crossings) + 1
-    # At position p the left turn leads onto the other strand: forward where that strand passes
-    # from right to left, else backward. Eq. 1: sign +1 means that the under strand, seen from the
-    # over strand, passes from right to left, and the over strand, seen from it, left to right.
-    left_turn: list[Side] = [(0, LEFT)] * num_segments
-    right_turn: list[Side] = [(0, LEFT)] * num_segments
+    tail = 2 * len(crossings)
+    # What follows each side on a walk round a face. At a crossing the left turn leads onto the
+    # other strand: forward where that strand passes from right to left, else backward. Eq. 1: sign
+    # +1 means that the under strand, seen from the over strand, passes from right to left, and the
+    # over strand, seen from it, left to right. Walking backward, the left hand is the rope's right.
+    following: dict[Side, Side] = {(tail, LEFT): (tail, RIGHT), (0, RIGHT): (0, LEFT)}
     for over, under, sign in crossings:
         for position, other, to_left in ((over, under, sign > 0), (under, over, sign < 0)):
             forward, backward = (other, LEFT), (other - 1, RIGHT)
-            left_turn[position] = forward if to_left else backward
-            right_turn[position] = backward if to_left else forward
-
-    def following(side: Side) -> Side:
-        segment, direction = side
-        if direction == LEFT:
-            last = segment == num_segments - 1
-            return (segment, RIGHT) if last else left_turn[segment + 1]
-        # Walking backward along the rope, the left hand is the rope's right.
-        return right_turn[segment] if segment else (0, LEFT)
-
-    sides: dict[int, list[int]] = {LEFT: [-1] * num_segments, RIGHT: [-1] * num_segments}
+            following[position - 1, LEFT] = forward if to_left else backward
+            following[position, RIGHT] = backward if to_left else forward
+    face_of: dict[Side, int] = {}
     faces: list[tuple[Side, ...]] = []
-    for start in ((segment, side) for segment in range(num_segments) for side in (LEFT, RIGHT)):
-        if sides[start[1]][start[0]] >= 0:
-            continue
+    for here in product(range(tail + 1), (LEFT, RIGHT)):
         walk: list[Side] = []
-        here = start
-        while sides[here[1]][here[0]] < 0:
-            sides[here[1]][here[0]] = len(faces)
+        while here not in face_of:
+            face_of[here] = len(faces)
             walk.append(here)
-            here = following(here)
-        faces.append(tuple(walk))
-    return PlanarMap(tuple(sides[LEFT]), tuple(sides[RIGHT]), tuple(faces))
+            here = following[here]
+        if walk:
+            faces.append(tuple(walk))
+    left = tuple(face_of[segment, LEFT] for segment in range(tail + 1))
+    right = tuple(face_of[segment, RIGHT] for segment in range(tail + 1))
+    return PlanarMap(left, right, tuple(faces))

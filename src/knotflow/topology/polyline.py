@@ -85,10 +85,7 @@ def planar_crossings(xy: Floats) -> PlanarCrossings:
 def _touching(
     links: Floats, length: Floats, dx: Floats, dy: Floats, near_line: NDArray[np.bool_]
 ) -> str:
-    """Name an upright link or a vertex that lies on another link; "" if there is none.
-
-    Raises DegenerateCurveError for the head or tail on another link.
-    """
+    """Name an upright link or a vertex that lies on another link; see `planar_crossings`."""
     tolerance = COINCIDENCE * float(length.sum())
     if length.min() <= tolerance:
         return f"link {int(length.argmin())} is upright"

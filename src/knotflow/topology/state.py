@@ -28,8 +28,7 @@ class TopologicalState:
     """A rope's crossings, as (over, under, sign) with positions 1..2c from head to tail.
 
     The sign is that of (over direction x under direction) . z (Eq. 1). The triples are sorted by
-    the first position at which each crossing is met. Which face of the projection is the outer one
-    does not matter.
+    the first position at which each crossing is met.
 
     Raises:
         InvalidStateError: the triples contradict each other or cannot be drawn in the plane.
@@ -50,16 +49,14 @@ class TopologicalState:
 
     @classmethod
     def trivial(cls) -> TopologicalState:
-        """The rope without crossings."""
         return cls._trusted(())
 
     @classmethod
     def from_crossings(cls, crossings: Iterable[Iterable[int]]) -> TopologicalState:
-        """A state from (over, under, sign) triples in any order, fully checked.
+        """A state from (over, under, sign) triples in any order.
 
         Raises:
-            InvalidStateError: says which triple or position is wrong, or that no plane curve has
-                these crossings.
+            InvalidStateError: says which is wrong, or that no plane curve has these crossings.
         """
         try:
             triples = tuple(crossings)
@@ -118,7 +115,6 @@ class TopologicalState:
 
     @cached_property
     def planar_map(self) -> PlanarMap:
-        """The faces of the projection and the segments round them."""
         return trace_faces(self.crossings)
 
     def apply(self, action: Action) -> TopologicalState:

@@ -1,10 +1,4 @@
-from .config import (
-    ImitationConfig,
-    JointConfig,
-    LearnerConfig,
-    ReinforcementConfig,
-    SelfPlayConfig,
-)
+from .config import ImitationConfig, JointConfig, LearnerConfig, ReinforcementConfig, SelfPlayConfig
 from .independent import Imitation, Reinforcement
 from .joint import JointFinetuning
 from .learner import Learner

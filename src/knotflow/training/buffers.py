@@ -33,7 +33,6 @@ class ReplayBuffer:
         return len(self._replay)
 
     def state_dict(self) -> dict[str, Any]:
-        """Contents and write cursor; the generator is its owner's to save."""
         return {
             "count": len(self),
             "items": self._replay[:].to_dict() if len(self) else {},
@@ -111,11 +110,9 @@ class TransitionBuffer(ReplayBuffer):
         return int((self._replay[:]["reward"] > 0.5).sum()) if len(self) else 0
 
     def extend(self, trials: TensorDict) -> None:
-        """Add trials [N]; the oldest are overwritten.
+        """Add trials [N], see `learner`; the oldest are overwritten.
 
-        Keys: "states" and "next_states" (encoded ropes), "next_primitive" (N,), int64, -1 where no
-        next action is valued, "spline" (N, 6) in network space, "reward", "baseline" and
-        "next_value" (N,), the last NaN where there is no next primitive.
+        Further keys are "next_states" [N] and "next_primitive" (N,), int64, -1 for none.
         """
         if len(trials):
             self._replay.extend(trials)
@@ -184,10 +181,8 @@ def augment(
 
 
 def add_random_splines(batch: TensorDict, share: float, generator: torch.Generator) -> TensorDict:
-    """A batch with a uniformly random spline of reward 0 beside each trial, of this weight in it.
-
-    Splines are uniform over the range of all splines, about the origin of the rope's frame.
-    """
+    """A batch with a spline of reward 0 beside each trial, uniform over the range of all splines
+    about the origin of the rope's frame; `share` is the weight of these in the batch."""
     owner = batch["owner"]
     low, high = (torch.from_numpy(bound).float() for bound in (SPLINE_LOW, SPLINE_HIGH))
     spline = low + (high - low) * torch.rand(len(owner), len(low), generator=generator)

@@ -46,11 +46,7 @@ class CausalInfoGanTrainer(Trainer):
         config: CausalInfoGanConfig,
         seed: int,
     ) -> None:
-        """Draws the first weights from `seed`.
-
-        Args:
-            shapes: (N, F, V, 3) rollouts of F frames in their start frames, metres.
-            starts: (N,) number of the demonstrated start of each.
+        """Shapes (N, F, V, 3) of F frames in their start frames, metres, and their starts (N,).
 
         Raises:
             ValueError: there is no rollout of at least two frames.

@@ -67,8 +67,7 @@ class ExplorationConfig:
     iterations: int = 3
     """Cross-entropy iterations of the search."""
     population: int = 256
-    """Splines scored in each iteration of every search in training: many, so that trials find
-    where the critic is wrong."""
+    """Splines scored in each iteration of every search in training."""
 
 
 @dataclass
@@ -127,8 +126,7 @@ class TransitionConfig:
     exploration: ExplorationConfig = field(
         default_factory=lambda: ExplorationConfig(search=0.2, spread=0.15, last=1.0)
     )
-    """How the behaviour policy differs from the policy: constant over the rounds, so that a short
-    training is the beginning of a long one."""
+    """How the behaviour policy differs from the policy, constant over the rounds."""
     rounds: int = 250
     """Rounds of trials and gradient steps."""
     capacity: int = 60000
@@ -170,11 +168,8 @@ class JointConfig(TransitionConfig):
     rounds: int = 30
     """Rounds of episodes and gradient steps."""
     memory: int = 2000
-    """Attempts of independent training that it begins with, the newest, for each action."""
     steps: int = 40
-    """Gradient steps of each primitive in a round."""
     new_steps: int = 40
-    """The same of one without demonstrations."""
     critic_reset_steps: int = 500
     """Gradient steps after the critics' reset at the end."""
 

@@ -10,13 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from knotflow.topology import (
-    R1,
-    Action,
-    ForwardAction,
-    TopologicalState,
-    parse_action,
-)
+from knotflow.topology import R1, Action, ForwardAction, TopologicalState, parse_action
 
 INNER_R1 = "inner R1"
 """The kind of R1 on a segment without a rope end."""

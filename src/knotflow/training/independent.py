@@ -97,12 +97,9 @@ class Reinforcement(Trainer):
         starts: StartsConfig | None = None,
         observe: Observer | None = None,
     ) -> None:
-        """Takes over `primitive`, which has imitated, and goes on training it.
+        """Goes on training a `primitive` that has imitated.
 
-        Args:
-            trials: demonstrations, of one rope each.
-            pools: start shapes (P, V, 3), metres, of each task of this primitive.
-            starts: what a start that attempts leave behind looks like.
+        `trials` are demonstrations, of one rope each; `pools` are start shapes (P, V, 3), metres.
 
         Raises:
             ValueError: there is no task, or a pool is empty.

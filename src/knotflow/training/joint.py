@@ -31,8 +31,7 @@ from knotflow.training.transitions import (
 class JointFinetuning(TransitionTrainer):
     """Trains those primitives of a library that a knot's DAG needs on episodes that tie it.
 
-    Metrics of a primitive are losses, and the success rate of the policy's own splines. "tied" is
-    the share of the episodes that tied the knot, "splines" the mean length of an episode.
+    "tied" is the share of the episodes that tied the knot, "splines" their mean length.
     """
 
     config: JointConfig
@@ -50,7 +49,6 @@ class JointFinetuning(TransitionTrainer):
         return numbers
 
     def collect(self) -> Metrics:
-        """A round of episodes."""
         config, rope, start = self.config, self.simulator.config.rope, TopologicalState.trivial()
         open_ = [
             (random_curve(rope, self.rng, self.starts), start) for _ in range(config.environments)

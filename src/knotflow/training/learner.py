@@ -31,12 +31,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 
 from knotflow.samplers.primitives.distribution import SPLINE, SplineDistribution
 from knotflow.samplers.primitives.encoding import Encoded, encode
-from knotflow.samplers.primitives.primitive import (
-    Actor,
-    Critic,
-    Primitive,
-    standard_normal,
-)
+from knotflow.samplers.primitives.primitive import Actor, Critic, Primitive, standard_normal
 from knotflow.simulation import Trials
 from knotflow.threads import one_thread
 from knotflow.training.buffers import (
@@ -54,7 +49,7 @@ _GLOBAL_GENERATOR = Lock()
 """Held while new weights are drawn from PyTorch's one global generator."""
 
 POLICY, SEARCH, SPREAD = 0, 1, 2
-"""The three ways in which a spline is proposed."""
+"""Ways in which a spline is proposed."""
 
 
 @torch.no_grad()
@@ -70,9 +65,7 @@ def explore(
     """Splines (S, count, 6) in network space to try on S ropes, and the way (S,) of each rope's.
 
     They are the policy's, the critic's best from a widened Gaussian of the actor, or drawn from it.
-
-    `progress` is 0 in the first round and 1 in the last; with `use_next_value` searches are for the
-    next action's value as well.
+    `progress` is 0 in the first round and 1 in the last.
     """
     left = 1 + progress * (config.last - 1)
     searched = left * config.search if primitive.critic is not None else 0.0
@@ -126,8 +119,7 @@ def returns(batch: TensorDict, success_share: float) -> Tensor:
 def critic_loss(critic: Critic, batch: TensorDict) -> dict[str, Tensor]:
     """Cross-entropy between the critic and the outcomes of trials, and `critic_accuracy`.
 
-    QT-Opt's r + gamma max Q (Sec. V-B c) in two factors: success, learned from every trial, and the
-    next value, learned from trials that succeeded and are valued.
+    QT-Opt's r + gamma max Q (Sec. V-B c) in two factors: success, and the next value of success.
     """
     reward, weight = batch["reward"], batch["weight"]
     logits = critic(batch["states"], batch["spline"], batch["owner"])
@@ -153,9 +145,8 @@ def actor_loss(
 ) -> dict[str, Tensor]:
     """Off-policy REINFORCE, -(R - b) log pi(a | s), and `actor_spread`, the normalised deviation.
 
-    b is `failure_weight` times the baseline; 0 gives reward-weighted maximum likelihood. As -log pi
-    has no upper bound, a failure counts only where its log density is within `REACH` of the
-    typical one. With `gains_only` trials below b are left out.
+    b is `failure_weight` times the baseline. As -log pi has no upper bound, a failure counts only
+    where its log density is within `REACH` of the typical one.
     """
     policy: SplineDistribution = actor(batch["states"])
     owner = batch["owner"]
@@ -308,13 +299,9 @@ def demonstration_buffer(trials: Sequence[Trials], generator: torch.Generator) -
         raise ValueError("there are no demonstrated trials to learn from")
     encoded = encode([some.points[0] for some in trials], [some.action for some in trials])
     splines = [
-        encoded.frames[row : row + 1].to_network(some.splines[None])[0]
+        torch.from_numpy(encoded.frames[row : row + 1].to_network(some.splines[None])[0])
         for row, some in enumerate(trials)
     ]
     buffer = TrialBuffer(len(trials), max(map(len, trials)), generator)
-    buffer.extend(
-        encoded.states,
-        [torch.from_numpy(one).float() for one in splines],
-        [torch.from_numpy(some.success.astype(np.float32)) for some in trials],
-    )
+    buffer.extend(encoded.states, splines, [torch.from_numpy(some.success) for some in trials])
     return buffer

@@ -20,11 +20,7 @@ from knotflow.samplers.primitives.config import PrimitiveConfig
 from knotflow.samplers.primitives.encoding import KINDS, encode_canonical
 from knotflow.samplers.primitives.library import PrimitiveLibrary
 from knotflow.samplers.primitives.primitive import Primitive
-from knotflow.simulation import (
-    Attempts,
-    random_curve,
-    state_or_none,
-)
+from knotflow.simulation import Attempts, random_curve, state_or_none
 from knotflow.topology import Action, TopologicalState
 from knotflow.topology.polyline import Floats
 from knotflow.topology.symmetry import representative
@@ -46,11 +42,7 @@ HEURISTIC = -1
 
 
 class SelfPlay(TransitionTrainer):
-    """Trains the primitives of a `completed` library on all actions.
-
-    Metrics of a primitive are losses and the success rate of the policy's own splines. The known
-    states and pairs are counted.
-    """
+    """Trains the primitives of a `completed` library on all actions."""
 
     config: SelfPlayConfig
 
@@ -63,7 +55,6 @@ class SelfPlay(TransitionTrainer):
         return self.library.primitives
 
     def collect(self) -> Metrics:
-        """One batch of trials."""
         queries, values = self._draw()
         splines, arranging, ways = self._propose(queries, values)
         transitions = self.execute(queries, splines, ways, arranging.tolist(), values)

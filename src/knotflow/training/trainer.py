@@ -21,10 +21,7 @@ Metrics = dict[str, float]
 
 
 class Trainer(ABC):
-    """A training in rounds; iterating over it trains, and yields the metrics of each round.
-
-    The same arguments give the same weights on one machine, interrupted between rounds or not.
-    """
+    """A training in rounds; iterating over it trains, and yields the metrics of each round."""
 
     def __init__(self, rounds: int) -> None:
         self.rounds = rounds
@@ -51,7 +48,6 @@ class Trainer(ABC):
         return {}
 
     def state_dict(self) -> dict[str, Any]:
-        """Tensors, numbers, texts, lists and dicts of them."""
         return {"history": self.history, **_state_of(self.parts)}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -156,13 +152,8 @@ def run_training(
     """Train to the end, from the checkpoint in `out` if there is one; makes out/curves.csv.
 
     A process that is killed at any time and started again ends with the same weights and curves.
-
-    Args:
-        trainer: as constructed.
-        out: folder of the checkpoint and of curves.csv.
-        name: of the bar that `progress` makes, as tqdm does.
-        save_every: rounds between two checkpoints.
-        finish: saves what was trained; afterwards the checkpoint is removed.
+    `name` is of the bar that `progress` makes, as tqdm does; `save_every` are the rounds between
+    two checkpoints. `finish` saves what was trained; afterwards the checkpoint is removed.
     """
     out.mkdir(parents=True, exist_ok=True)
     checkpoint = out / CHECKPOINT

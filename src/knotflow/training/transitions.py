@@ -22,16 +22,10 @@ from torch import Tensor
 from knotflow.samplers.primitives.canonical import ARRANGE, Canonical, canonicalise, primitive_of
 from knotflow.samplers.primitives.encoding import encode_canonical
 from knotflow.samplers.primitives.library import PrimitiveLibrary
-from knotflow.samplers.primitives.primitive import Primitive
 from knotflow.seeding import rng_of
 from knotflow.simulation import Attempts, RopeSimulator, StartsConfig, Trials, end_states
 from knotflow.threads import one_thread
-from knotflow.topology import (
-    Action,
-    DegenerateCurveError,
-    IllegalActionError,
-    TopologicalState,
-)
+from knotflow.topology import Action, DegenerateCurveError, IllegalActionError, TopologicalState
 from knotflow.topology.polyline import Floats
 from knotflow.training.buffers import TransitionBuffer
 from knotflow.training.config import TransitionConfig
@@ -72,16 +66,12 @@ class Transition:
     spline: Floats
     end_points: Floats
     end: TopologicalState | None
-    way: int = POLICY
-    """How the spline was proposed."""
-    arranging: bool = False
-    """Whether it was to arrange the rope for the action instead of doing it."""
-    value: float = 0.0
-    """Of the action before."""
+    way: int = POLICY  # in which the spline was proposed
+    arranging: bool = False  # the rope for the action, instead of doing it
+    value: float = 0.0  # of the action before
 
     @property
     def success(self) -> bool:
-        """Whether it ended in the action's state."""
         return self.end == self.query.state.apply(self.query.action)
 
     @property
@@ -91,22 +81,21 @@ class Transition:
 
 @dataclass(frozen=True)
 class Sample:
-    """A transition as a training sample of its action's primitive, or of the arranging one."""
+    """A transition as a training sample of its action's primitive, or of the arranging one.
+
+    Its next value is that of the best of `next_actions` at the end shape, or `next_value`, NaN if
+    unknown.
+    """
 
     transition: Transition
     reward: float
     next_actions: Sequence[Action] = ()
-    """The value of the best of them at the end shape is the next value."""
     next_value: float = np.nan
-    """Where there are no next actions; NaN if unknown."""
     arranging: bool = False
 
 
 class TransitionTrainer(Trainer):
-    """Trains the primitives of `library` on transitions, and so the values of what follows.
-
-    Metrics of a primitive are named "primitive/metric".
-    """
+    """Trains the primitives of `library`; metrics of one are named "primitive/metric"."""
 
     def __init__(
         self,
@@ -118,13 +107,7 @@ class TransitionTrainer(Trainer):
         seed: int,
         starts: StartsConfig | None = None,
     ) -> None:
-        """Trains primitives of the library.
-
-        Args:
-            library: with actor and critic.
-            trials: demonstrations by action, of one rope each.
-            earlier: attempts of independent training.
-            starts: what an untangled rope looks like.
+        """`trials` are demonstrations of one rope each, `earlier` attempts of independent training.
 
         Raises:
             ValueError: a primitive of the library lacks actor or critic.
@@ -239,7 +222,13 @@ class TransitionTrainer(Trainer):
                 self.buffers[number].extend(trials)
 
     def value(self, number: int, states: TensorDict) -> Tensor:
-        return best_values(self.library.primitives[number], states, self.rng)
+        """`Primitive.values` (N,) of ropes [N], in chunks on all cores."""
+        primitive = self.library.primitives[number]
+        chunks = [states[begin : begin + CHUNK] for begin in range(0, len(states), CHUNK)]
+        noises = [primitive.value_noise(len(some), self.rng) for some in chunks]
+        with one_thread(), ThreadPoolExecutor(os.cpu_count()) as pool:
+            found = list(pool.map(primitive.values, chunks, noises))
+        return torch.cat(found) if found else torch.zeros(0)
 
     @property
     def parts(self) -> dict[str, Any]:
@@ -310,12 +299,3 @@ def canonical_or_none(points: Floats, action: Action) -> Canonical | None:
         return canonicalise(points, action)
     except (DegenerateCurveError, IllegalActionError):
         return None
-
-
-def best_values(primitive: Primitive, states: TensorDict, rng: np.random.Generator) -> Tensor:
-    """`Primitive.values` (N,) of ropes [N], in chunks on all cores."""
-    chunks = [states[begin : begin + CHUNK] for begin in range(0, len(states), CHUNK)]
-    noises = [primitive.value_noise(len(some), rng) for some in chunks]
-    with one_thread(), ThreadPoolExecutor(os.cpu_count()) as pool:
-        found = list(pool.map(primitive.values, chunks, noises))
-    return torch.cat(found) if found else torch.zeros(0)

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from knotflow.topology.polyline import Floats
 
 CODE_DIM, NOISE_DIM = 7, 2
-"""Dimensions of the latent code, each uniform on [-1, 1], and of the generator's further noise,
-standard normal."""
+"""Dimensions of the latent code, uniform on [-1, 1], and of the generator's normal noise."""
 FRAMES = 16
 """Shapes of a training rollout, evenly spaced in time; a pair is two neighbouring ones."""
 PLAN_STEPS = 10

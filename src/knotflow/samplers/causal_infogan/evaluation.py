@@ -25,7 +25,7 @@ _LAST = task("C(2,0,1)")
 class ActionSequence:
     """A start state and the actions to execute from there."""
 
-    name: str  # as in the tables: an action, or "overhand"
+    name: str  # an action, or "overhand"
     first: Task  # whose unseen starts are taken
     actions: tuple[Action, ...]
 
@@ -51,9 +51,8 @@ def reachable_end(
 ) -> Floats | None:
     """A rope (V, 3) at rest in the goal's state, reached from a start (V, 3) in metres.
 
-    "Causal InfoGAN requires the end configuration to be given, and we guarantee there is a feasible
-    path": heuristic splines are executed until one reaches the goal state.
-    `rounds` batches for each action are proposed before the start is given up.
+    "We guarantee there is a feasible path": heuristic splines are executed until one reaches the
+    goal state, at most `rounds` batches for each action.
     """
     batches = iter(range(rounds * len(goal.actions)))
 
@@ -142,14 +141,10 @@ def panel_rows(
 
 
 def compare(plans: pd.DataFrame, outcomes: pd.DataFrame) -> pd.DataFrame:
-    """How often each method gets to the goal's state, on the starts that have an end shape.
+    """Trials and successes by method, action, training_seed and start, of starts with an end shape.
 
-    Args:
-        plans: a row a plan of Causal InfoGAN; one succeeds if the states of both ends are kept.
-        outcomes: of other methods (method, training_seed, action, start, success).
-
-    Returns:
-        method, action, training_seed, start, trials and successes.
+    A plan of Causal InfoGAN succeeds if the states of both ends are kept; `outcomes` are of other
+    methods (method, training_seed, action, start, success).
     """
     unseen = plans[plans["shapes"] == "unseen"]
     made = pd.DataFrame(

@@ -144,7 +144,7 @@ class Transition(nn.Module):
 
 
 class CausalInfoGan(nn.Module):
-    """The four networks together."""
+    """The four networks."""
 
     def __init__(self, config: CausalInfoGanConfig, scale: Scale, vertices: int) -> None:
         super().__init__()
@@ -212,10 +212,9 @@ SAMPLES = 1000
 
 @dataclass(frozen=True)
 class Health:
-    """A point of the training curves: what the generator makes, compared with the data.
+    """What the generator makes, compared with the data; distances are root mean squares, metres.
 
-    Distances are root mean squares over vertices, metres. The first three are near 1 for a healthy
-    model, and each near 0 for one of the ways to collapse.
+    The first three are near 1 for a healthy model, and each near 0 for one of the ways to collapse.
     """
 
     spread: float
@@ -242,8 +241,7 @@ class Health:
 class Checkup:
     """Compares a generator with a fixed sample of the data, the same for all models.
 
-    Training shapes (N, F, V, 3) are in start frames, metres, with the number of the demonstrated
-    start of each rollout (N,).
+    Shapes (N, F, V, 3) are in start frames, metres; starts (N,) are numbers of demonstrations.
     """
 
     def __init__(self, shapes: Tensor, starts: Tensor) -> None:

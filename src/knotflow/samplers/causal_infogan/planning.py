@@ -56,8 +56,8 @@ class Planner:
                 f"trained on, got {starts.shape} and {ends.shape}"
             )
         frame = StartFrame.of(starts)
-        first, code = self.project(_tensor(frame.enter(starts)), second=False)
-        last, goal = self.project(_tensor(frame.enter(ends)), second=True)
+        first, code = self.project(torch.from_numpy(frame.enter(starts)).float(), second=False)
+        last, goal = self.project(torch.from_numpy(frame.enter(ends)).float(), second=True)
         pairs = zip(code, goal, strict=True)
         between = torch.stack([self._interpolate(one, other, steps) for one, other in pairs])
         return Plans(*(frame.leave(part.double().numpy()) for part in (first, between, last)))
@@ -65,8 +65,7 @@ class Planner:
     def project(self, targets: Tensor, *, second: bool) -> tuple[Tensor, Tensor]:
         """Nearest generated shapes (B, V, 3), as first or second of a pair, and their codes.
 
-        The search is over noise and code (B, code_dim), from the nearest of many draws on; targets
-        (B, V, 3) are in start frames, metres.
+        Targets (B, V, 3) are in start frames, metres.
         """
         config, model = self.model.config, self.model
         with torch.no_grad():
@@ -112,7 +111,3 @@ class Planner:
         plans = torch.cat([first[:, :1], second], dim=1)
         belief = model.discriminator(plans[:, :-1].flatten(0, 1), plans[:, 1:].flatten(0, 1))
         return plans[belief.sigmoid().view(count, steps).mean(dim=1).argmax()]
-
-
-def _tensor(shapes: Floats) -> Tensor:
-    return torch.as_tensor(shapes, dtype=torch.float32)

@@ -25,7 +25,7 @@ from knotflow.topology.polyline import Floats
 class Task:
     """One topological action from one start state."""
 
-    action: Action  # the action to instantiate
+    action: Action
     start_actions: tuple[Action, ...]  # actions that lead from the trivial state to the start state
 
     @property
@@ -35,7 +35,6 @@ class Task:
 
     @property
     def start_state(self) -> TopologicalState:
-        """The state the rope is in before the action."""
         state = TopologicalState.trivial()
         for action in self.start_actions:
             state = state.apply(action)
@@ -43,7 +42,6 @@ class Task:
 
     @property
     def goal_state(self) -> TopologicalState:
-        """The state that counts as success."""
         return self.start_state.apply(self.action)
 
 
@@ -61,15 +59,14 @@ TASKS: tuple[Task, ...] = (
     _task("C(2,0,1)", "R1(0,1,1)", "C(0,1,1)"),
     _task("C(2,4,1)", "R1(0,1,1)", "C(0,1,1)"),
 )
-"""The actions that the authors' code demonstrates (its folders: 0 on 1, 0 on 2, 2 on 1 and 2 on 0
-from one loop; 2 on 0 and 2 on 4 from two crossings)."""
+"""The actions that the authors' code demonstrates."""
 
 
 def task(action: str) -> Task:
     """The task of an action written like "C(2,0,1)".
 
     Raises:
-        ValueError: for an action that is not one of the eight, naming those.
+        ValueError: not one of the eight.
     """
     tasks = {str(one.action): one for one in TASKS}
     if action not in tasks:
@@ -79,8 +76,7 @@ def task(action: str) -> Task:
 
 
 def task_at(state: TopologicalState, action: Action) -> Task:
-    """The task of an action in a state: one of the eight, or one whose start state is reached on a
-    shortest way from the trivial one.
+    """The task of an action in a state: one of the eight, or one with a shortest way to its start.
 
     Raises:
         IllegalActionError: the state does not allow the action.
@@ -174,7 +170,7 @@ def load_demonstrations(path: Path = SHIPPED) -> list[Demonstration]:
     """The demonstrations of a file.
 
     Raises:
-        DemonstrationError: naming the file, the line, and what is wrong with it.
+        DemonstrationError: a line cannot be used; names it, and says why.
     """
     demonstrations = []
     try:
@@ -211,7 +207,6 @@ def _demonstration(row: Any) -> Demonstration:
 
 
 def _line(one: Demonstration) -> str:
-    """JSON, positions to a micrometre."""
     start = None if one.task in TASKS else [str(action) for action in one.task.start_actions]
     row = {
         "action": str(one.task.action),

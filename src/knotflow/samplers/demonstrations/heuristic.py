@@ -35,10 +35,7 @@ UNDO_MARGIN = 0.1
 def heuristic_splines(
     points: Floats, action: Action, count: int, rng: np.random.Generator
 ) -> Floats:
-    """Splines (count, 6) in range that are likely to do an action of a rope (V, 3), metres.
-
-    For `Arrange` see `small_moves`.
-    """
+    """Splines (count, 6) in range that are likely to do an action of a rope (V, 3), metres."""
     if isinstance(action, Arrange):
         return small_moves(points, count, rng)
     segments = segment_intervals(points)
@@ -108,22 +105,17 @@ def _grasp_and_target(
     elif action.over_segment == action.under_segment:
         # A segment over itself: grasp and target lie at least a third of it apart.
         near, far = one / 3, 2 / 3 + other / 3
-        one, other = (near, far) if _first_is_over(action) else (far, near)
+        if isinstance(action, R2):
+            first_is_over = action.over_first == 1
+        else:  # a loop on the left turns the second passage to the right of the first, see Eq. 1
+            first_is_over = isinstance(action, R1) and action.left * action.sign == -1
+        one, other = (near, far) if first_is_over else (far, near)
     return over[0] + one * np.diff(over), under[0] + other * np.diff(under)
 
 
 def _covers_end(action: Action, num_segments: int) -> bool:
     """Whether a segment that is no end covers an end."""
     return isinstance(action, Cross) and action.over not in (0, num_segments - 1)
-
-
-def _first_is_over(action: Action) -> bool:
-    """Whether a segment that crosses itself has the strand nearer to the head on top."""
-    if isinstance(action, R2):
-        return action.over_first == 1
-    # A loop on the left turns the rope's second passage to the right of the first: sign +1 (Eq. 1)
-    # when the second is over.
-    return isinstance(action, R1) and action.left * action.sign == -1
 
 
 def _side(action: Action, num_segments: int) -> int:
@@ -203,12 +195,11 @@ def arranging_splines(
 
 
 class AimedSampler:
-    """The heuristic as a sampler: the strategy without learning; no baseline of the paper."""
+    """`heuristic_splines` as a sampler: no baseline of the paper."""
 
     def sample(
         self, points: Floats, action: Action, count: int, rng: np.random.Generator
     ) -> Floats:
-        """Splines (count, 6), see `heuristic_splines`."""
         return heuristic_splines(points, action, count, rng)
 
 

@@ -1,7 +1,7 @@
 """What a spline does to a rope, predicted without simulation: follow the leader.
 
 Each link turns towards the one before and keeps its length; bending, sliding and buckling are left
-out. A hundred predictions take the time of one simulation, which is enough to screen splines.
+out.
 """
 
 from __future__ import annotations
@@ -30,8 +30,7 @@ FALL = 0.02
 SHORTEST_LOOP = 4
 """Links of the shortest loop that a stiff rope forms; smaller ones are ignored."""
 SAME_CROSSING = 0.12
-"""Shares of the rope's length that a crossing may move along both of its strands, in all, and still
-be the same, with the same strand on top."""
+"""Shares of the rope's length that a crossing may move, in all, and still be the same."""
 MOST_CROSSINGS = 8
 """States of more are not read."""
 CANDIDATES, ARRANGING_CANDIDATES = 32, 16

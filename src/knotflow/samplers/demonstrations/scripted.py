@@ -1,12 +1,12 @@
 """The scripted demonstrator: heuristic splines, refined by cross-entropy search in the simulator.
 
-It stands in for the people who clicked on three points of an image (Sec. V-B a): it looks for a
-spline whose noisy copies succeed too, and whose end leaves clearance for the next actions.
+In place of people (Sec. V-B a), it looks for a spline whose noisy copies succeed too, and whose end
+leaves clearance for the next actions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -95,21 +95,17 @@ Demonstrated = tuple[Demonstration, Candidate, int]
 
 @dataclass(frozen=True)
 class Demonstrator:
-    """Demonstrates a task."""
+    """Demonstrates a task; `observe` is shown every attempt."""
 
     task: Task
     simulator: RopeSimulator
     rng: np.random.Generator
     config: DemonstratorConfig = field(default_factory=DemonstratorConfig)
     starts: StartsConfig = field(default_factory=StartsConfig)
-    """Distribution of random starts, where the task begins tangled."""
     observe: Observer | None = None
-    """Is shown every attempt."""
 
     def demonstrations(self) -> list[Demonstrated]:
-        """Demonstrations, each from the first start that allows one.
-
-        An untangled task begins with one shape, the straight rope, and has one: the best of a few.
+        """Demonstrations, each from the first start that allows one; from the straight rope one.
 
         Raises:
             RuntimeError: no start allowed one.
@@ -155,9 +151,8 @@ class Demonstrator:
     def demonstrate(self, points: Floats) -> Candidate | None:
         """The spline with the best score found on a rope (V, 3), metres, in the start state.
 
-        The search follows the half of the successes with the larger loops; the clearance of its
-        most promising candidates is measured. None where no spline succeeds with `least_share` of
-        its noisy copies.
+        The search follows the successes with the larger loops. None where no spline succeeds with
+        `least_share` of its noisy copies.
         """
         config, rng, task = self.config, self.rng, self.task
 
@@ -166,9 +161,16 @@ class Demonstrator:
                 self.simulator, points, splines, task.action, task.start_state, self.observe
             )
 
-        first, first_ends = self._heuristic_successes(points, execute)
+        hits: list[Attempts] = []
+        for begun in range(0, config.guesses, BATCH):
+            count = min(BATCH, config.guesses - begun)
+            hits.append(execute(heuristic_splines(points, task.action, count, rng)))
+            if sum(int(tried.success.sum()) for tried in hits) >= config.hits:
+                break
+        first = np.concatenate([tried.splines[tried.success] for tried in hits])
         if not len(first):
             return None
+        first_ends = np.concatenate([one.rollouts.end_points[one.success] for one in hits])
         rope = self.simulator.config.rope
         mean, spread = _fit(larger_loops(first, first_ends, rope), config.noise)
         candidates = []
@@ -193,20 +195,6 @@ class Demonstrator:
         robust.sort(key=lambda one: one.success_rate * one.loop_size, reverse=True)
         return self.best(robust[: config.finalists])
 
-    def _heuristic_successes(
-        self, points: Floats, execute: Callable[[Floats], Attempts]
-    ) -> tuple[Floats, Floats]:
-        """Heuristic splines (N, 6) that succeed and their ends (N, V, 3)."""
-        splines, ends = [np.empty((0, 6))], [np.empty((0, *points.shape))]
-        for begun in range(0, self.config.guesses, BATCH):
-            count = min(BATCH, self.config.guesses - begun)
-            tried = execute(heuristic_splines(points, self.task.action, count, self.rng))
-            splines.append(tried.splines[tried.success])
-            ends.append(tried.rollouts.end_points[tried.success])
-            if sum(map(len, splines)) >= self.config.hits:
-                break
-        return np.concatenate(splines), np.concatenate(ends)
-
     def best(self, finalists: Sequence[Candidate]) -> Candidate | None:
         """The finalist with the best score, None of none; all have the same next actions."""
         actions = next_actions(self.task, self.rng)
@@ -216,8 +204,7 @@ class Demonstrator:
     def clearance(self, ends: Floats, actions: Sequence[Action]) -> float:
         """Success rate of heuristic splines for the next actions from ropes (E, V, 3), 0 to 1.
 
-        The geometric mean over the actions of Laplace's (successes + 1) / (trials + 2), of
-        `room_guesses` trials each, which are shared out among the ropes.
+        The geometric mean over the actions of Laplace's (successes + 1) / (trials + 2).
         """
         trials, state = self.config.room_guesses, self.task.goal_state
         ropes = ends[np.arange(trials) % len(ends)]
@@ -242,10 +229,7 @@ def next_actions(task: Task, rng: np.random.Generator) -> tuple[Action, ...]:
 
 
 def loop_size(points: Floats, rope: RopeConfig) -> float:
-    """Length of the shortest segment between crossings of a rope (V, 3), metres.
-
-    An end counts twice: it is led through once, where a loop's strand goes there and back.
-    """
+    """Length of the shortest segment of a rope (V, 3), metres; ends count twice."""
     lengths = segment_lengths(points) * rope.length
     lengths[[0, -1]] *= 2
     return float(lengths.min())

@@ -1,10 +1,4 @@
-from .canonical import (
-    PRIMITIVES,
-    UNDO,
-    canonicalise,
-    kinds_of,
-    primitive_of,
-)
+from .canonical import PRIMITIVES, UNDO, canonicalise, kinds_of, primitive_of
 from .config import SHIPPED_PRIMITIVES, CemConfig, NetworkConfig, PrimitiveConfig
 from .encoding import encode
 from .library import FILE, LibraryError, PrimitiveLibrary, UnlikeRopeWarning

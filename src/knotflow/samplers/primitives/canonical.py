@@ -29,12 +29,10 @@ from knotflow.topology.symmetry import Symmetry
 
 PRIMITIVES = (1, 2, 3, 4)
 """The sets of actions of Sec. V-A, each with networks of its own."""
-ARRANGE = 5
-"""The primitive of splines that keep the state and make room for the action wanted next."""
-UNDO = 6
-"""The primitive of all undoings."""
+ARRANGE, UNDO = 5, 6
+"""The primitives beyond the paper: of splines that keep the state and make room for the action
+wanted next, and of all undoings."""
 ALL_PRIMITIVES = (*PRIMITIVES, ARRANGE, UNDO)
-"""Those of the paper, and those beyond it."""
 
 GRASP_SCALE = 0.3
 """Share of the over segment a unit of the grasp; its middle is 0. Of the whole rope where any part
@@ -83,11 +81,7 @@ def is_canonical(action: Action, num_segments: int) -> bool:
 
 @lru_cache(maxsize=4096)
 def canonical_symmetry(action: Action, num_segments: int) -> Symmetry:
-    """The one transformation that makes an action canonical.
-
-    Raises:
-        IllegalActionError: the action names a segment beyond the last.
-    """
+    """The one transformation that makes an action canonical; see `canonicalise`."""
     action.check_segments(num_segments)
     for symmetry in Symmetry.all():
         if is_canonical(symmetry.of_action(action, num_segments), num_segments):
@@ -97,7 +91,7 @@ def canonical_symmetry(action: Action, num_segments: int) -> Symmetry:
 
 @dataclass(frozen=True)
 class Canonical:
-    """A rope and an action brought to the learned counterpart."""
+    """A rope and an action brought to the learned counterpart by `symmetry`."""
 
     points: Floats  # (V, 3) the transformed rope, metres, its own head first
     action: Action  # the canonical one
@@ -106,7 +100,6 @@ class Canonical:
 
     @property
     def primitive(self) -> int:
-        """The primitive that instantiates the action."""
         return primitive_of(self.action, len(self.segments))
 
 
@@ -143,9 +136,8 @@ def streams_of(rope: Canonical) -> tuple[Floats, Floats]:
     """
     action, segments = rope.action, rope.segments
     if isinstance(action, Undo):
-        pulled, other = (
-            choose(len(segments)) for choose in (action.pulled_segment, action.other_segment)
-        )
+        pulled = action.pulled_segment(len(segments))
+        other = action.other_segment(len(segments))
         # Canonical: Cross is of the head, so its strand goes on behind the crossing.
         last = other if isinstance(action.action, Cross) else other + 1
         return segments[pulled], np.array([segments[other - 1, 0], segments[last, 1]])

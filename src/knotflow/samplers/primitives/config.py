@@ -6,9 +6,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 VARIANTS = ("actor_critic", "actor_only", "critic_only")
-ACTORS = ("gaussian", "nodes")
-GRASPS = ("all", "position")
-RETURNS = ("mean", "best")
 SHIPPED_PRIMITIVES = Path(__file__).parent / "data"
 """The library that comes with knotflow; `PrimitiveLibrary.load` reads it."""
 
@@ -57,13 +54,11 @@ class CemConfig:
     critic_only_iterations: int = 10
     """Iterations from a wide Gaussian, without an actor (Sec. VII-B1)."""
     population: int = 24
-    """Splines scored in each iteration of a search from the actor's Gaussian: few, because a critic
-    tells good splines from bad ones, but hardly good ones from each other."""
+    """Splines scored in each iteration of a search from the actor's Gaussian."""
     critic_only_population: int = 256
     """The same from a wide Gaussian."""
     valued: int = 64
-    """The same where the spline does not matter, but the value of the rope that the best one gives:
-    four times as many make it hardly larger."""
+    """The same where the value of the best one is wanted alone."""
     elites: int = 12
     """Best splines of a population, which the next one is fitted to."""
     full_covariance: bool = False
@@ -88,9 +83,9 @@ class PrimitiveConfig:
     def __post_init__(self) -> None:
         for name, value, known in (
             ("variant", self.variant, VARIANTS),
-            ("network.actor", self.network.actor, ACTORS),
-            ("network.critic_grasp", self.network.critic_grasp, GRASPS),
-            ("cem.returns", self.cem.returns, RETURNS),
+            ("network.actor", self.network.actor, ("gaussian", "nodes")),
+            ("network.critic_grasp", self.network.critic_grasp, ("all", "position")),
+            ("cem.returns", self.cem.returns, ("mean", "best")),
         ):
             if value not in known:
                 raise ValueError(

@@ -61,11 +61,8 @@ class Gaussian:
 
 @dataclass(frozen=True)
 class NodeGaussian:
-    """A categorical over the rope's nodes for the grasp, and a diagonal Gaussian over the other
-    five numbers given the node, as in the authors' code.
-
-    The grasp is uniform over what lies nearest to its node.
-    """
+    """A categorical over the rope's nodes for the grasp, uniform over what is nearest to the node,
+    and a diagonal Gaussian over the other numbers given the node, as in the authors' code."""
 
     log_share: Tensor  # (S, NODES) log probability of each node
     mean: Tensor  # (S, NODES, 5)

@@ -10,12 +10,11 @@ whole rope. R1 uses one segment for both, R2(i,i) its halves. Splines are normal
 this frame, and the grasp counts along the over segment, or from its tip where that is the rope's
 end (primitive 3).
 
-Undoing (primitive 6) pulls a piece of rope off a strand. The first stream is that piece, from
-crossing to crossing or to its tip, the second the strand, from the crossing before those taken back
-to the one after; channels say which is over. The origin is the crossing on the strand (of R2, the
-middle between the two; R1's strand is its under passage), and the x axis runs along the strand. The
-grasp counts from the piece's middle or, where it is the rope's end, from its crossing. Arranging
-(primitive 5) is encoded as the action wanted next, but its grasp counts along the whole rope.
+Undoing (primitive 6) pulls a piece of rope, the first stream, off a strand, the second; channels
+say which is over. The origin is the crossing on the strand (of R2, the middle between the two), and
+the x axis runs along the strand. The grasp counts from the piece's middle or, where it is the
+rope's end, from its crossing. Arranging (primitive 5) is encoded as the action wanted next, but its
+grasp counts along the whole rope.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ from knotflow.samplers.primitives.canonical import (
 )
 from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW
 from knotflow.topology import Action
-from knotflow.topology.polyline import Floats
+from knotflow.topology.polyline import Floats, arc_lengths
 
 STREAM_POINTS = (10, 10, 24)
 """Points of the over, the under and the whole stream."""
@@ -122,13 +121,14 @@ class Frames:
 
 @dataclass(frozen=True)
 class Encoded:
-    """S ropes with an action each, as the networks of one primitive see them."""
+    """S ropes with an action each, as the networks of one primitive see them.
+
+    `states` [S] have "streams" (S, sum of STREAM_POINTS, CHANNELS) and "grasp" (S, 2), float32; for
+    arranging also "kind" (S, KINDS), what is wanted next.
+    """
 
     states: TensorDict
-    """[S] with "streams" (S, sum of STREAM_POINTS, CHANNELS) and "grasp" (S, 2), float32; for
-    arranging also "kind" (S, KINDS), what is wanted next."""
     frames: Frames
-    """Where their splines lie."""
 
 
 def encode(
@@ -137,8 +137,7 @@ def encode(
     """Encode S ropes (V, 3) with an action each, for its primitive, or for arranging before it.
 
     Raises:
-        IllegalActionError: an action names a segment that its rope does not have.
-        DegenerateCurveError: the segments of a rope cannot be read.
+        IllegalActionError, DegenerateCurveError: see `canonicalise`.
     """
     ropes = [canonicalise(p, a) for p, a in zip(points, actions, strict=True)]
     return encode_canonical(ropes, arranging)
@@ -168,7 +167,7 @@ def _encode_one(rope: Canonical, arranging: bool) -> tuple[Floats, Floats, Float
     over, under = marks_of(rope)
     anchor, reach = anchor_of(rope)
     vertices = rope.points
-    along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(vertices, axis=0), axis=1))))
+    along = arc_lengths(vertices)
     along /= along[-1]
     spans = zip([*streams_of(rope), np.array([0.0, 1.0])], STREAM_POINTS, strict=True)
     at = np.concatenate([np.linspace(begin, end, count) for (begin, end), count in spans])
@@ -203,14 +202,9 @@ def _unit(x: Floats, y: Floats) -> tuple[Floats, Floats]:
 
 
 def control_features(states: TensorDict, splines: Tensor) -> Tensor:
-    """The critic's input: a spline's six numbers and the grasped point, interpolated on the rope.
+    """The critic's input (S, n, 12) for splines (S, n, 6) in network space on ropes [S].
 
-    Args:
-        states: [S] encoded ropes.
-        splines: (S, n, 6) in network space, n on each rope.
-
-    Returns:
-        (S, n, 12): the spline; position along the rope; grasped point x, y, z and direction x, y.
+    The spline; position along the rope; the grasped point's x, y, z and direction x, y.
     """
     centre, unit = states["grasp"][:, None].split(1, dim=2)
     grasp = (centre + unit * splines[..., :1]).clamp(0, 1)  # (S, n, 1)

@@ -47,10 +47,7 @@ class UnlikeRopeWarning(UserWarning):
 
 
 class PrimitiveLibrary:
-    """Primitives and the actions they were trained on; a sampler.
-
-    It computes on one thread of PyTorch, whatever the number of threads around it.
-    """
+    """Primitives and the actions they were trained on; a sampler, on one thread of PyTorch."""
 
     def __init__(
         self,
@@ -110,8 +107,7 @@ class PrimitiveLibrary:
     ) -> Floats:
         """Splines (count, 6) in range for a rope (V, 3), each from a search of its own.
 
-        Mirroring (or reversing) rope and action mirrors (or keeps) the proposals: exactly, up to
-        the rounding of 1 - grasp.
+        Mirroring (or reversing) rope and action mirrors (or keeps) the proposals.
 
         Raises:
             ValueError: there is no primitive for the action in this library.
@@ -153,10 +149,9 @@ class PrimitiveLibrary:
         use_next_value: bool = False,
         arranging: bool = False,
     ) -> Floats:
-        """Splines (S, count, 6) for ropes (S, V, 3) with an action each; one batch a primitive.
+        """Splines (S, count, 6) for ropes (S, V, 3) with an action each, or to arrange for it.
 
-        With `use_next_value` they are searched for success times the value of the next state, and
-        with `arranging` to arrange the rope for its action.
+        With `use_next_value` they are searched for success times the value of the next state.
         """
         out = np.empty((len(actions), count, 6))
         for number, rows, encoded in self._encoded(points, actions, arranging):
@@ -183,8 +178,7 @@ class PrimitiveLibrary:
         use_next_value: bool = False,
         arranging: bool = False,
     ) -> Floats:
-        """Max Q (S,) of ropes (S, V, 3): success probability of the best spline found for an
-        action each (Sec. V-B c); see `propose` for the rest.
+        """Max Q (S,) of ropes (S, V, 3) with an action each (Sec. V-B c); see `propose`.
 
         Raises:
             ValueError: a primitive has no critic, or there is none for an action.
@@ -240,12 +234,11 @@ class PrimitiveLibrary:
     def load(cls, path: Path, rope: RopeConfig | None = None) -> PrimitiveLibrary:
         """Read what `save` wrote.
 
-        The path is of the file, or a folder of files with some of the primitives each. If a rope
-        is given, the library must have been trained with it.
+        The path is of the file, or a folder of files with some of the primitives each.
 
         Raises:
             FileNotFoundError: there is no such file, or none in the folder.
-            LibraryError: it is damaged, of another format, or for another rope; says which.
+            LibraryError: it is damaged, of another format, or was trained with another `rope`.
         """
         path = Path(path)
         if path.is_dir() and (parts := sorted(path.glob("*.safetensors"))):
@@ -323,8 +316,7 @@ def _digest(weights: Mapping[str, Tensor]) -> str:
 
 @sampler("primitives", needs=("primitives",))
 def build(config: NoSettings, inputs: Mapping[str, Path]) -> PrimitiveLibrary:
-    """A library from the input `primitives`: the output of a training stage, or a file or folder
-    that `PrimitiveLibrary.load` reads."""
+    """From the output of a training stage, or what `PrimitiveLibrary.load` reads."""
     source = Path(inputs["primitives"])
     trained = source / FILE
     return PrimitiveLibrary.load(trained if trained.is_file() else source)

@@ -99,10 +99,8 @@ class Trunk(nn.Module):
 
 
 class SplineRopeAttention(nn.Module):
-    """Attention of points along a spline to the points of the whole rope.
-
-    It decays with the squared distance on the table, at a learned rate for each look-up.
-    """
+    """Attention of points along a spline to the points of the whole rope, which decays with the
+    squared distance on the table at a learned rate for each look-up."""
 
     def __init__(self, config: NetworkConfig, point_features: int) -> None:
         super().__init__()
@@ -154,8 +152,7 @@ _SITE = 4  # x, y, height and position along the spline
 
 
 class Actor(nn.Module):
-    """The distribution over splines in network space that Fig. 4 calls the actor: a Gaussian
-    N(mu, Sigma), or by the authors' code one for each node of the rope."""
+    """The distribution over splines in network space (Fig. 4): one Gaussian, or one a node."""
 
     _rows: Tensor
     _columns: Tensor
@@ -207,10 +204,9 @@ class Actor(nn.Module):
 
 
 class Critic(nn.Module):
-    """Two logits of a spline.
+    """Two logits of a spline: of success, and, given success, of the next state's value.
 
-    The first is the probability of success: Q of a single-step task. The second is, given success,
-    the value of the next state (Sec. V-B c). The Q of an action that others follow is the product.
+    Q is the first of a single-step task, the product where others follow (Sec. V-B c).
     """
 
     def __init__(self, config: NetworkConfig) -> None:
@@ -325,8 +321,7 @@ class Primitive(nn.Module):
     ) -> tuple[Tensor, Tensor | None]:
         """Splines (S, count, 6) in network space and their values (S, count), if there is a critic.
 
-        With a critic every spline is found by a search of its own from `first`, by default
-        `distribution`: for success or, if `use_next_value`, success times the next state's value.
+        With a critic each is found by a search of its own from `first`, by default `distribution`.
         """
         cem, ropes = self.config.cem, len(encoded.frames)
         first = first or self.distribution(encoded.states)
@@ -347,9 +342,7 @@ class Primitive(nn.Module):
 
     @torch.no_grad()
     def values(self, states: TensorDict, noise: Tensor, use_next_value: bool = False) -> Tensor:
-        """Max Q (S,), 0..1, over splines, of encoded ropes [S] (Sec. V-B c).
-
-        `noise` is `value_noise` of as many ropes, all the randomness there is.
+        """Max Q (S,), 0..1, over splines, of encoded ropes [S] (Sec. V-B c), from `value_noise`.
 
         Raises:
             ValueError: there is no critic.
