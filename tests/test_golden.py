@@ -94,7 +94,7 @@ from knotflow.training import Learner, LearnerConfig
 from knotflow.training.learner import actor_loss, critic_loss, demonstration_buffer
 from knotflow.training.trainer import SupervisedTrainer
 from knotflow.versions import COMPONENTS
-from knotflow.workflow.dependencies import component_versions, modules_of
+from knotflow.workflow.dependencies import ROOT, component_of, component_versions
 
 FOLDER = Path(__file__).parent / "golden"
 ATOL = 1e-4  # metres, network units, logits
@@ -487,7 +487,11 @@ def changed(package: str, golden: dict[str, Any]) -> list[str]:
 
 def versions(package: str) -> dict[str, int]:
     """The versions of a package and of those it uses."""
-    return component_versions(modules_of(package))
+    files = [file for file in ROOT.rglob("*.py") if file.name != "__init__.py"]
+    names = (
+        ".".join(("knotflow", *file.relative_to(ROOT).with_suffix("").parts)) for file in files
+    )
+    return component_versions(name for name in names if component_of(name) == package)
 
 
 def read(package: str) -> dict[str, Any]:

@@ -31,10 +31,21 @@ def folder(tmp_path, make_rollout):
 @pytest.fixture
 def opened(monkeypatch):
     windows = []
-    monkeypatch.setattr(
-        viewer, "open_recording", lambda path, number: windows.append((path.name, number))
-    )
+    monkeypatch.setattr(viewer, "open_rerun", windows.append)
     return windows
+
+
+@pytest.fixture
+def converted(monkeypatch):
+    """Recordings and numbers that Rerun files were asked of; none is written."""
+    asked = []
+
+    def save(path, target, number):
+        asked.append((path.name, number))
+        return Path(target)
+
+    monkeypatch.setattr(viewer, "save_rerun", save)
+    return asked
 
 
 def test_number_finds_its_file(folder):
@@ -47,22 +58,21 @@ def test_number_finds_its_file(folder):
         find_recording(folder, 5)
 
 
-def test_show_opens_the_recording_asked_for(folder, opened, capsys):
+def test_show_opens_the_recording_asked_for(folder, opened, converted, capsys):
     show(folder / "b.mcap")
     show(folder, 6)
     assert capsys.readouterr().out.count("showing b.mcap of 2 recordings: a.mcap, b.mcap") == 1
     show(folder)
     assert "showing a.mcap of 2 recordings" in capsys.readouterr().out
-    assert opened == [("b.mcap", None), ("b.mcap", 6), ("a.mcap", None)]
+    assert converted == [("b.mcap", None), ("b.mcap", 6), ("a.mcap", None)]
+    assert len(opened) == 3
 
 
-def test_web_serves_instead_of_opening(folder, opened, monkeypatch):
+def test_web_serves_instead_of_opening(folder, opened, converted, monkeypatch):
     served = []
-    monkeypatch.setattr(
-        viewer, "serve_recording", lambda path, number: served.append((path.name, number))
-    )
+    monkeypatch.setattr(viewer, "serve_rerun", served.append)
     show(folder, 6, web=True)
-    assert served == [("b.mcap", 6)] and opened == []
+    assert converted == [("b.mcap", 6)] and len(served) == 1 and opened == []
 
 
 def test_address_of_the_page_is_printed(folder, monkeypatch, capsys):
@@ -70,9 +80,8 @@ def test_address_of_the_page_is_printed(folder, monkeypatch, capsys):
         assert command[command.index("--web-viewer-port") + 1] == "9100"
         return subprocess.CompletedProcess(command, 0)
 
-    monkeypatch.setattr(viewer, "save_rerun", lambda path, target, number: Path(target))
     monkeypatch.setattr(viewer.subprocess, "run", run)
-    viewer.serve_recording(folder / "a.mcap", port=9100)
+    viewer.serve_rerun(folder / "a.rrd", port=9100)
     page = "http://localhost:9100?url=rerun%2Bhttp%3A%2F%2Flocalhost%3A9101%2Fproxy"
     assert capsys.readouterr().out.startswith(page)
 
@@ -104,11 +113,10 @@ def test_command_names_bad_paths_in_one_line(tmp_path, opened, capsys, name, wor
     assert opened == []
 
 
-def test_command_names_the_missing_viewer(folder, monkeypatch, capsys):
+def test_command_names_the_missing_viewer(folder, converted, monkeypatch, capsys):
     def fail(*arguments):
         raise ViewerError("no screen")
 
-    monkeypatch.setattr(viewer, "save_rerun", lambda path, target, number: Path(target))
     monkeypatch.setattr(viewer, "run_rerun", fail)
     assert main(["view", str(folder / "a.mcap")]) == 1
     assert "no screen; without a screen, use --save or --web" in capsys.readouterr().err

@@ -18,6 +18,7 @@ from knotflow.report.searches import (
     branches_figure,
     checks,
     count,
+    effort,
     mean_spread,
     median_size,
     read_searches,
@@ -98,16 +99,13 @@ def _refuse_missing(searches: Mapping[str, pd.DataFrame], experiment: str) -> No
 def _ranges(trees: dict[str, pd.DataFrame]) -> str:
     parts = []
     for start, own in trees.items():
-        kept, simulated, unsolved = sizes(own), own["simulated"], sum(~own["solved"])
-        middle = md.estimate(median_size(own), count)
-        trainings = own["training_seed"].nunique()
+        kept, simulated = effort(own)
+        unsolved, trainings = sum(~own["solved"]), own["training_seed"].nunique()
         parts.append(
-            f"{start}: {count(kept.min())} to {count(kept.max())} kept, median {middle}, "
-            f"{len(own)} searches"
+            f"{start}: {kept}, {len(own)} searches"
             + (f" of {trainings} trainings" if trainings > 1 else "")
             + (f", {unsolved} gave up" if unsolved else "")
-            + f" ({min(simulated):,} to {max(simulated):,} simulated, median "
-            f"{count(simulated.median())})"
+            + f" {simulated}"
         )
     return "; ".join(parts)
 

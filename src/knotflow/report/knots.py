@@ -12,7 +12,7 @@ from knotflow.report.searches import (
     OUTCOME,
     STATE_NOTATION,
     checks,
-    count,
+    effort,
     median_size,
     read_searches,
     search_table,
@@ -87,16 +87,11 @@ def judge_pentagram(results: Results) -> Judgement:
     searches = read_searches(results, "pentagram")
     if searches.empty:
         raise NotMeasured("needs searches in pentagram")
-    trees, simulated = sizes(searches), searches["simulated"]
-    ours = (
-        f"tied in {searches['solved'].sum()} of {len(searches)} searches; {count(trees.min())} to "
-        f"{count(trees.max())} kept, median {md.estimate(median_size(searches), count)} "
-        f"({min(simulated):,} to {max(simulated):,} simulated, median {count(simulated.median())})"
-    )
-    verdict = Verdict.PARTLY if trees.min() <= PAPER_BRANCHES else Verdict.FAILS
+    tied = f"tied in {searches['solved'].sum()} of {len(searches)} searches"
+    verdict = Verdict.PARTLY if sizes(searches).min() <= PAPER_BRANCHES else Verdict.FAILS
     if median_size(searches).estimate <= PAPER_BRANCHES:
         verdict = Verdict.HOLDS
-    return Judgement(ours, verdict)
+    return Judgement(f"{tied}; {' '.join(effort(searches))}", verdict)
 
 
 def knots(results: Results, _: Figures) -> Parts | None:

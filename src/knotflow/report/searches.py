@@ -81,6 +81,16 @@ def count(value: float) -> str:
     return "∞" if math.isinf(value) else f"{value:,g}"
 
 
+def effort(searches: pd.DataFrame) -> tuple[str, str]:
+    """Range and median of the splines kept and of those simulated."""
+    kept, simulated = sizes(searches), searches["simulated"]
+    middle = md.estimate(median_size(searches), count)
+    return (
+        f"{count(kept.min())} to {count(kept.max())} kept, median {middle}",
+        f"({min(simulated):,} to {max(simulated):,} simulated, median {count(simulated.median())})",
+    )
+
+
 def search_words(results: Results, experiment: str, node: str = "searches") -> str:
     """How the nodes of that name searched, from their resolved configuration; '' without it."""
     planner = results.setting(experiment, "planner", node)

@@ -55,7 +55,7 @@ def draw_curves(
     *,
     legend: bool = False,
 ) -> str:
-    """A figure of learning curves, a panel a title; `over` is what is at the x axis.
+    """A figure of learning curves, a panel a title; `over` is what is at the x axis. '' without.
 
     Panels named in `rates` are in per cent; `legend` shows the first one's above all.
     """
@@ -82,7 +82,7 @@ def draw_curves(
             style = {"ncols": 4, "frameon": False, "fontsize": 8}
             figure.legend(*grid[0].get_legend_handles_labels(), loc="outside upper left", **style)
 
-    return figures.draw(name, caption, 2.65, plot)
+    return figures.draw(name, caption, 2.65, plot) if any(panels.values()) else ""
 
 
 def read_curves(results: Results, experiment: str, name: str) -> Curves:
@@ -119,8 +119,6 @@ def imitation(results: Results, figures: Figures, experiment: str) -> str:
         "Learning curves of imitation by primitive, on held-out demonstrations (solid) and on "
         "training batches (pale). The last weights are kept."
     )
-    if not curves:
-        return ""
     rates = ["critic: accuracy"]
     return draw_curves(figures, "imitation", caption, panels, "validation", rates, legend=True)
 
@@ -140,8 +138,6 @@ def reinforcement(results: Results, figures: Figures, experiment: str) -> str:
         f"shapes of each round (dots) and as a moving mean of {SMOOTHED} rounds. These are starts "
         "of training, some of them left by failed attempts and harder than the unseen ones."
     )
-    if not panels:
-        return ""
     return draw_curves(figures, "reinforcement", caption, panels, rates=[*panels])
 
 
@@ -160,11 +156,7 @@ def joint(results: Results, figures: Figures, experiment: str) -> str:
         "splines along the paths of the DAG, as moving means. Right, the share of a round's "
         "episodes, exploration included, that tied the knot, and its moving mean."
     )
-    return (
-        draw_curves(figures, "joint_training", caption, panels, rates=[*panels], legend=True)
-        if curves
-        else ""
-    )
+    return draw_curves(figures, "joint_training", caption, panels, rates=[*panels], legend=True)
 
 
 def _own_success(curves: Curves) -> list[Line]:
@@ -201,17 +193,15 @@ def library(results: Results, figures: Figures) -> Parts | None:
         "success of the policy's own splines": _own_success(curves),
         "pairs of state and action": pairs,
     }
-    rates = [*panels][:1]
-    drawn = curves and draw_curves(
-        figures, "library_training", caption, panels, rates=rates, legend=True
-    )
-    return {"self_play": md.join(drawn or "", _trials(results, "library_training"))}
+    name, rates = "library_training", [*panels][:1]
+    drawn = draw_curves(figures, name, caption, panels, rates=rates, legend=True)
+    return {"self_play": md.join(drawn, _trials(results))}
 
 
-def _trials(results: Results, experiment: str) -> str:
+def _trials(results: Results) -> str:
     """How much was tried, and how much of it succeeded; '' without trials.csv."""
     columns = {"start": str, "action": str, "trials": int, "successes": int, "recent_rate": float}
-    table = results.table(experiment, "trials.csv", columns, key=("start", "action"))
+    table = results.table("library_training", "trials.csv", columns, key=("start", "action"))
     if table is None:
         return ""
     check_counts(table)

@@ -32,12 +32,15 @@ def show(
     if recording.is_dir() and len(files := recordings_in(recording)) > 1:
         names = ", ".join(file.name for file in files)
         print(f"showing {source.name} of {len(files)} recordings: {names}")
-    if save is not None:
-        print(f"saved {save_rerun(source, save, number=number)}")
-    if web:
-        serve_recording(source, number=number)
-    elif save is None:
-        open_recording(source, number=number)
+    with tempfile.TemporaryDirectory(prefix="knotflow-view-") as folder:
+        target = save or Path(folder) / "recording.rrd"
+        rrd = save_rerun(source, target, number=number)
+        if save is not None:
+            print(f"saved {rrd}")
+        if web:
+            serve_rerun(rrd)
+        elif save is None:
+            open_rerun(rrd)
 
 
 def find_recording(path: str | os.PathLike[str], number: int | None = None) -> Path:
@@ -65,28 +68,24 @@ def find_recording(path: str | os.PathLike[str], number: int | None = None) -> P
     return Path(files[0])
 
 
-def open_recording(path: Path, *, number: int | None = None) -> None:
-    """Show a recording, or one of its rollouts, in a Rerun window; returns when it is closed."""
-    with tempfile.TemporaryDirectory(prefix="knotflow-view-") as folder:
-        rrd = save_rerun(path, Path(folder) / "recording.rrd", number=number)
-        try:
-            # An open viewer would take the file over and return before it has read it.
-            run_rerun(str(rrd), "--new")
-        except ViewerError as error:
-            raise ViewerError(f"{error}; without a screen, use --save or --web") from error
+def open_rerun(rrd: Path) -> None:
+    """Show a Rerun file in a window; returns when it is closed."""
+    try:
+        # An open viewer would take the file over and return before it has read it.
+        run_rerun(str(rrd), "--new")
+    except ViewerError as error:
+        raise ViewerError(f"{error}; without a screen, use --save or --web") from error
 
 
-def serve_recording(path: Path, *, number: int | None = None, port: int = 9090) -> None:
-    """Serve a recording to web browsers with Rerun's web viewer, until interrupted.
+def serve_rerun(rrd: Path, port: int = 9090) -> None:
+    """Serve a Rerun file to web browsers with Rerun's web viewer, until interrupted.
 
     The page, whose address is printed, is on `port` and takes the data from the next one.
     """
-    with tempfile.TemporaryDirectory(prefix="knotflow-view-") as folder:
-        rrd = save_rerun(path, Path(folder) / "recording.rrd", number=number)
-        command = [rerun_program(), "--serve-web", str(rrd), "--bind", "127.0.0.1"]
-        command += ["--web-viewer-port", str(port), "--port", str(port + 1)]
-        data = quote(f"rerun+http://localhost:{port + 1}/proxy", safe="")
-        print(f"http://localhost:{port}?url={data} (Ctrl-C ends it)", flush=True)
-        quiet = {"RUST_LOG": "warn"} | os.environ  # else Rerun's log hides the address
-        if subprocess.run(command, check=False, env=quiet).returncode:
-            raise ViewerError(f"rerun could not serve on the ports {port} and {port + 1}")
+    command = [rerun_program(), "--serve-web", str(rrd), "--bind", "127.0.0.1"]
+    command += ["--web-viewer-port", str(port), "--port", str(port + 1)]
+    data = quote(f"rerun+http://localhost:{port + 1}/proxy", safe="")
+    print(f"http://localhost:{port}?url={data} (Ctrl-C ends it)", flush=True)
+    quiet = {"RUST_LOG": "warn"} | os.environ  # else Rerun's log hides the address
+    if subprocess.run(command, check=False, env=quiet).returncode:
+        raise ViewerError(f"rerun could not serve on the ports {port} and {port + 1}")

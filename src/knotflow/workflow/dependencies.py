@@ -12,8 +12,7 @@ import inspect
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
-from importlib import metadata
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +22,8 @@ from knotflow.versions import COMPONENTS, LIBRARIES
 ROOT = Path(knotflow.__file__).parent
 STAGES = "knotflow.experiments"
 """The package whose code counts line by line, not by a version."""
-packages_distributions = cache(metadata.packages_distributions)
-"""The distributions that fill each package; reading them takes a second."""
+DISTRIBUTIONS = {"skimage": "scikit-image"}
+"""Names of distributions that are not those of their packages."""
 _DEFINITIONS = (ast.FunctionDef, ast.ClassDef)
 _IGNORED = {"ctx", "kind", "type_comment", "type_params", "decorator_list"}
 
@@ -89,24 +88,13 @@ def component_of(module: str) -> str | None:
     return owners.get(max((p for p in owners if name.startswith(f"{p}.")), key=len, default=""))
 
 
-def modules_of(component: str) -> Iterator[str]:
-    """The modules that a component consists of."""
-    for prefix in COMPONENTS[component].modules:
-        path = ROOT.joinpath(*prefix.split("."))
-        for file in path.rglob("*.py") if path.is_dir() else [path.with_suffix(".py")]:
-            name = ".".join(("knotflow", *file.relative_to(ROOT).with_suffix("").parts))
-            if component_of(name) == component and file.name != "__init__.py":
-                yield name
-
-
 @cache
 def minor_version(library: str) -> str:
     """Such as "2.13" of a library by its import name, "" where it is not installed."""
-    names = packages_distributions().get(library, [])
-    if not names:
+    try:
+        return ".".join(version(DISTRIBUTIONS.get(library, library)).split(".")[:2])
+    except PackageNotFoundError:
         return ""
-    # Several distributions may fill one package, as mujoco-core does: its namesake counts.
-    return ".".join(version(library if library in names else names[0]).split(".")[:2])
 
 
 @cache
