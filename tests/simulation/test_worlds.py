@@ -14,6 +14,7 @@ from knotflow.simulation import (
     SimulationConfig,
     World,
     WorldsConfig,
+    control_points,
     draw_worlds,
     perturb_rope,
     random_trials,
@@ -105,3 +106,16 @@ def test_drawn_worlds_lie_in_their_ranges(rng):
     assert np.std([world.shift for world in worlds]) == pytest.approx(0.006 * 2**0.5, rel=0.1)
     exact = draw_worlds(RopeConfig(), 2, rng, WorldsConfig(0, 1.0, 1.0))
     assert exact == [World(), World()]
+
+
+def test_a_planned_motion_is_executed_blindly(fast, rng):
+    points, splines = trials(3, rng)
+    controls = control_points(points, splines, SIMULATION.rope.radius)
+    worlds = [World()] * 3
+    planned = fast.execute(points, splines, worlds)
+    blind = fast.execute(points, splines, worlds, controls)
+    np.testing.assert_allclose(blind.gripper, planned.gripper, atol=1e-6)
+    away = points + [10 * GRASP_REACH, 0.0, 0.0]
+    missed = fast.execute(away, splines, worlds, controls)
+    untouched = np.abs(missed.end_points - away).max(axis=(1, 2)) < 5e-3
+    assert untouched.any()

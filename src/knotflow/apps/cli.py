@@ -25,7 +25,7 @@ from cyclopts import App, CycloptsError, Parameter
 from cyclopts.validators import Number
 
 from knotflow import planning  # its names are loaded when they are used
-from knotflow.planning.config import FAST_SEARCH, RopeOptions, plan_name
+from knotflow.planning.config import FAST_SEARCH, RopeOptions, SurvivalConfig, plan_name
 
 if TYPE_CHECKING:
     from knotflow.simulation import Attempts, RopeConfig
@@ -69,6 +69,7 @@ Options = Annotated[RopeOptions, Parameter(name="*")]
 Seed = Annotated[int, Parameter(validator=Number(gte=0))]
 Seconds = Annotated[float, Parameter(validator=Number(gt=0), help="Time limit of the search.")]
 Margin = Annotated[float, Parameter(validator=Number(gte=0))]
+Worlds = Annotated[int, Parameter(validator=Number(gte=0))]
 
 REPEATS = 32  # disturbed, from which `next` estimates the success probability
 GRIPPER_ERROR = 0.005  # of its standard deviation there, metres
@@ -85,6 +86,7 @@ def plan(
     seed: Seed = 0,
     max_seconds: Seconds = 60.0,
     margin: Margin = 0.0,
+    worlds: Worlds = 0,
     overwrite: bool = False,
 ) -> int:
     """Plan how to tie a knot into a rope as it lies.
@@ -94,19 +96,21 @@ def plan(
         out: Folder for pictures, recording and waypoints; plans/KNOT-ROPE-SEED by default.
         seed: Of the random rope and of the search.
         margin: Metres of rope that every step leaves between crossings; use 0.05 for a real rope.
+        worlds: In which every plan is executed open loop, as 16; the search goes on until one ties
+            in nine of ten of them, or time is up. 0 takes the first plan.
         overwrite: Replace the plan in that folder; other files there are kept.
     """
     measured = _read_rope(rope, options, seed)
     folder = out if out is not None else Path("plans") / plan_name(knot, rope, seed)
     what = _digest(Path(rope)) if Path(rope).is_file() else rope
     request: dict[str, Any] = {"knot": knot, "rope": what, "seed": seed}
-    request |= {"max_seconds": max_seconds, "margin": margin}
+    request |= {"max_seconds": max_seconds, "margin": margin, "worlds": worlds}
     request |= vars(options or RopeOptions()) | _provenance()
     stored = _stored_outcome(folder, request, overwrite)
     if stored is not None:
         print(f"{stored['text']}\n{folder}: already planned; --overwrite plans again")
         return _outcome(stored["success"], max_seconds)
-    found, last = _search(knot, measured, seed, max_seconds, margin)
+    found, last = _search(knot, measured, seed, max_seconds, margin, worlds)
     found = found.placed(measured.placement, measured.frame)
     last = last and measured.placement.attempts(last)
     _write_plan(folder, found, last, measured.rope, request)
@@ -128,6 +132,7 @@ def next_step(
     seed: Seed = 0,
     max_seconds: Seconds = 60.0,
     margin: Margin = 0.05,
+    worlds: Worlds = 0,
 ) -> int:
     """Plan only the next action, with its success probability and what to check.
 
@@ -139,6 +144,7 @@ def next_step(
         out: CSV file for the gripper's waypoints of this action alone.
         seed: Of the search.
         margin: Metres of rope that every step leaves between crossings.
+        worlds: As in `knotflow plan`.
     """
     if out is not None:
         _check_free(out)
@@ -156,7 +162,7 @@ def next_step(
             rope = f"{folder}/seen.csv"
             io.write_rope(Path(rope), seen.points)
         measured = _read_rope(str(rope), options, seed)
-    found, _ = _search(knot, measured, seed, max_seconds, margin)
+    found, _ = _search(knot, measured, seed, max_seconds, margin, worlds)
     if not found.solved:
         tighter = f"; tighter loops: --margin {margin / 2:g}" if margin else ""
         print(f"{found.summary()}\nlonger: --max-seconds {2 * max_seconds:g}{tighter}")
@@ -441,7 +447,12 @@ def _depth_unit(text: str | None) -> float | None:
 
 
 def _search(
-    knot: str, measured: planning.MeasuredRope, seed: int, max_seconds: float, margin: float
+    knot: str,
+    measured: planning.MeasuredRope,
+    seed: int,
+    max_seconds: float,
+    margin: float,
+    worlds: int,
 ) -> tuple[planning.KnotPlan, Attempts | None]:
     """The plan for the model of the rope, solved or not, and the last attempts, if any."""
     from tqdm import tqdm
@@ -457,12 +468,18 @@ def _search(
     config = replace(FAST_SEARCH, max_seconds=max_seconds, margin=margin)
     tried: deque[Attempts] = deque(maxlen=1)
     bar = tqdm(desc="simulated", unit=" splines", disable=None)
+
+    def show(update: planning.SearchUpdate) -> None:
+        if update.survival:
+            bar.set_postfix_str(f"ties in {update.survival:.0%} of {worlds} worlds", refresh=False)
+        bar.update(update.branches - bar.n)
+
     with bar, warnings.catch_warnings():
         warnings.simplefilter("ignore", UnlikeRopeWarning)  # in units of its length
         found = planning.plan_rope(
             measured.points, knot, rng_of(seed, 1),
             sampler=library, simulation=SimulationConfig(rope=measured.model), config=config,
-            progress=lambda update: bar.update(update.branches - bar.n), observe=tried.append,
+            progress=show, observe=tried.append, survival=SurvivalConfig(worlds),
         )  # fmt: skip
     return found, tried[-1] if tried else None
 

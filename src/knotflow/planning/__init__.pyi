@@ -1,4 +1,4 @@
-from .config import FAST_SEARCH, PlannerConfig, RopeOptions, plan_name
+from .config import FAST_SEARCH, PlannerConfig, RopeOptions, SurvivalConfig, plan_name
 from .frame import Frame, Placement
 from .goals import (
     Goal,
@@ -8,6 +8,7 @@ from .goals import (
     parse_goal,
 )
 from .plan import KnotPlan, PlanFormatError, PlanStep
+from .planner import plan_rope
 from .proposals import attempt_arranged
 from .rope_files import ROPE_NAMES, RopeInputError
 from .ropes import (
@@ -17,7 +18,7 @@ from .ropes import (
     parse_rope,
     read_rope,
 )
-from .tree import SearchUpdate, TreeSearch, plan_knot, plan_rope
+from .tree import SearchUpdate, TreeSearch, plan_knot
 from .validation import (
     check_steps,
     estimate_success,
@@ -29,7 +30,8 @@ from .waypoints import GripperConfig, Waypoints
 __all__ = [
     "FAST_SEARCH", "ROPE_NAMES", "Frame", "Goal", "GripperConfig", "KnotPlan", "MeasuredRope",
     "Placement", "PlanFormatError", "PlanStep", "PlannerConfig", "RopeInputError", "RopeOptions",
-    "SearchGraph", "SearchUpdate", "SolutionDag", "TreeSearch", "UnreachableGoalError",
+    "SearchGraph", "SearchUpdate", "SolutionDag", "SurvivalConfig", "TreeSearch",
+    "UnreachableGoalError",
     "Waypoints", "attempt_arranged", "check_steps", "estimate_success", "find_penetrations",
     "lay_down", "measured_rope", "parse_goal", "parse_rope", "plan_knot",
     "plan_name", "plan_rope", "read_rope", "replay",

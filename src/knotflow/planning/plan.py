@@ -98,6 +98,8 @@ class KnotPlan:
         seconds: wall time of the search.
         radius: of the rope, metres.
         frame: in which the rope was measured.
+        worlds: in which the plan was executed open loop; 0 if it was not.
+        survived: those of them in which it tied.
     """
 
     goal: str
@@ -113,6 +115,8 @@ class KnotPlan:
     seconds: float
     radius: float
     frame: Frame = field(default_factory=Frame)
+    worlds: int = 0
+    survived: int = 0
 
     @property
     def actions(self) -> tuple[Action, ...]:
@@ -150,6 +154,14 @@ class KnotPlan:
             f"{outcome} ({self.reason}); {self.branches} splines simulated, {self.kept} kept, "
             f"{self.seconds:.2f} s"
         )
+        if self.worlds:
+            from knotflow.statistics import wilson  # here, as SciPy's statistics load slowly
+
+            share = wilson(self.survived, self.worlds)
+            lines.append(
+                f"ties in {self.survived} of {self.worlds} other worlds (95 % interval "
+                f"{100 * (share.low or 0):.0f} to {100 * (share.high or 1):.0f} %)"
+            )
         if self.solved:
             return "\n".join(lines)
         branches: Counter[tuple[TopologicalState, str]] = Counter()
@@ -200,6 +212,8 @@ class KnotPlan:
             "goal_states": [str(state) for state in self.goal_states],
             "radius_m": self.radius,
             "frame": self.frame.to_json(),
+            "worlds": self.worlds,
+            "survived": self.survived,
             "start_state": str(self.start_state),
             "start_m": self.start.tolist(),
             "steps": [
@@ -284,6 +298,8 @@ class KnotPlan:
             seconds=data["seconds_s"],
             radius=data["radius_m"],
             frame=Frame.from_json(data["frame"]) if "frame" in data else Frame(),
+            worlds=data.get("worlds", 0),
+            survived=data.get("survived", 0),
             **{name: data[name] for name in _PLAIN},
         )
 

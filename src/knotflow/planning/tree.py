@@ -17,27 +17,25 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from knotflow.planning.config import FAST_SEARCH, PlannerConfig
-from knotflow.planning.goals import Goal, SearchGraph, parse_goal
+from knotflow.planning.config import PlannerConfig
+from knotflow.planning.goals import Goal, SearchGraph
 from knotflow.planning.plan import ExpansionStats, KnotPlan, PlanStep
 from knotflow.planning.proposals import Proposals, group_by_query
 from knotflow.planning.rules import Expansion, Node, PaperRule, PosteriorRule
-from knotflow.planning.validation import RECORD_RATE, are_robust
+from knotflow.planning.validation import are_robust
 from knotflow.samplers.sampler import Sampler
 from knotflow.simulation import (
     Attempts,
     Observer,
     Rollouts,
     RopeSimulator,
-    SimulationConfig,
     check_points,
     end_states,
 )
-from knotflow.threads import one_thread
 from knotflow.topology import Action, Arrange, TopologicalState, segment_lengths
 from knotflow.topology.polyline import Floats
 
@@ -57,6 +55,7 @@ class SearchUpdate:
     kept: int  # of their ends, in the tree
     distance: int  # edges from the nearest node to the goal; 0 when solved
     seconds: float  # wall time so far
+    survival: float = 0.0  # share of worlds in which the best plan ties; see `planning.survival`
 
 
 Progress = Callable[[SearchUpdate], None]
@@ -92,7 +91,11 @@ class TreeSearch:
 
     def expand(self, count: int) -> SearchUpdate:
         """Choose, sample and simulate `count` expansions, and add those whose ends are kept."""
-        chosen = group_by_query(self._rule.choose(count))
+        return self.grow(self._rule.choose(count))
+
+    def grow(self, expansions: Sequence[Expansion]) -> SearchUpdate:
+        """Sample and simulate expansions, and add those whose ends are kept."""
+        chosen = group_by_query(expansions)
         splines, rollouts = self._simulate(chosen)
         ends = end_states(rollouts)
         children = [
@@ -114,13 +117,17 @@ class TreeSearch:
         self.nodes.extend(new)
         for node in new:
             self._rule.add(node)
-        self.branches += count
+        self.branches += len(chosen)
         self.kept += len(new)
         if self.observe is not None:
             for attempts in _group_by_action(chosen, splines, rollouts, ends):
                 self.observe(attempts)
+        return self.update()
+
+    def update(self) -> SearchUpdate:
+        """How far the search has come."""
         nearest = min(node.distance for node in self.nodes)
-        return SearchUpdate(self.branches, self.kept, nearest, self._elapsed())
+        return SearchUpdate(self.branches, self.kept, nearest, self.elapsed())
 
     def run(self, progress: Progress | None = None) -> KnotPlan:
         """Grow the tree; see `plan_knot`."""
@@ -130,16 +137,17 @@ class TreeSearch:
         self._rule.add(self.nodes[0])
         while not self._is_tied():
             if self.branches >= config.max_branches:
-                return self._plan(False, f"{config.max_branches} splines were simulated")
-            if self._elapsed() >= config.max_seconds:
-                return self._plan(False, f"{config.max_seconds:g} s passed")
+                return self.plan(False, f"{config.max_branches} splines were simulated")
+            if self.elapsed() >= config.max_seconds:
+                return self.plan(False, f"{config.max_seconds:g} s passed")
             update = self.expand(min(config.batch, config.max_branches - self.branches))
             if progress is not None:
                 progress(update)
         reason = "the goal was reached" if self.branches else "the rope was tied already"
-        return self._plan(True, reason)
+        return self.plan(True, reason)
 
-    def _elapsed(self) -> float:
+    def elapsed(self) -> float:
+        """Seconds since the search began."""
         return time.perf_counter() - self._began
 
     def _simulate(self, chosen: Sequence[Expansion]) -> tuple[Floats, Rollouts]:
@@ -218,7 +226,7 @@ class TreeSearch:
 
     def _is_tied(self) -> bool:
         """Whether a goal state is reached; with `steady`, drops what is not robust first."""
-        while (best := self._nearest()).distance == 0:
+        while (best := self.nearest()).distance == 0:
             unproven = [node for node in best.path() if not node.steady]
             if not (self.config.steady and unproven):
                 return True
@@ -233,11 +241,12 @@ class TreeSearch:
             self._rule.drop(below)
         return False
 
-    def _nearest(self) -> Node:
+    def nearest(self) -> Node:
         """The node at the goal or nearest to it; the one of the shortest path among equals."""
         return min(self.nodes, key=lambda node: (node.distance, len(node.path())))
 
-    def _plan(self, solved: bool, reason: str) -> KnotPlan:
+    def plan(self, solved: bool, reason: str, node: Node | None = None) -> KnotPlan:
+        """The plan that leads to a node, by default to the one nearest to the goal."""
         root, simulation = self.nodes[0], self.simulator.config
         return KnotPlan(
             goal=self.goal.name,
@@ -246,11 +255,11 @@ class TreeSearch:
             reason=reason if solved else f"{reason} without reaching the goal",
             start=root.points,
             start_state=root.state,
-            steps=_steps_to(self._nearest().path()),
+            steps=_steps_to((node or self.nearest()).path()),
             tried=tuple(ExpansionStats(*key, count) for key, count in self.tried.items()),
             branches=self.branches,
             kept=self.kept,
-            seconds=self._elapsed(),
+            seconds=self.elapsed(),
             radius=simulation.rope.radius,
         )
 
@@ -304,38 +313,3 @@ def plan_knot(
     if (warn := getattr(sampler, "warn_if_unlike", None)) is not None:
         warn(simulator.config.rope)
     return search.run(progress)
-
-
-def plan_rope(
-    points: Floats,
-    knot: str,
-    rng: np.random.Generator,
-    *,
-    sampler: Sampler,
-    simulation: SimulationConfig | None = None,
-    config: PlannerConfig | None = None,
-    progress: Progress | None = None,
-    observe: Observer | None = None,
-) -> KnotPlan:
-    """Plan how to tie a knot into a rope; the plan has its trajectories, solved or not.
-
-    The rope (V, 3), metres, head first, is at rest; the knot is a name, crossings or a path of
-    actions, see `parse_goal`. Simulation is recorded at `RECORD_RATE`; the default of `config` is
-    `FAST_SEARCH`. For the rest see `plan_knot`.
-
-    Raises:
-        ValueError: an unknown knot, one that is tied already, or one that cannot be reached from
-            this rope; see `parse_goal` and `plan_knot`.
-    """
-    simulation = replace(simulation or SimulationConfig(), record_rate=RECORD_RATE)
-    goal = parse_goal(knot, simulation.rope)
-    state = TopologicalState.from_curve(points)
-    if state in goal.states:
-        raise ValueError(
-            f"there is nothing to plan: the rope is in the state {state}, which is {knot} already"
-        )
-    simulator = RopeSimulator(simulation)
-    with one_thread():
-        return plan_knot(
-            points, goal, sampler, simulator, rng, config or FAST_SEARCH, progress, observe
-        )

@@ -162,9 +162,15 @@ class RopeSimulator:
         self._ropes: dict[str, NDArray[Any]] = {}  # of each slot, once there are several
 
     def execute(
-        self, points: ArrayLike, splines: ArrayLike, worlds: Sequence[World] | None = None
+        self,
+        points: ArrayLike,
+        splines: ArrayLike,
+        worlds: Sequence[World] | None = None,
+        controls: Floats | None = None,
     ) -> Rollouts:
         """Simulate splines (B, 6) on ropes (B, V, 3), metres, in B `worlds` or the nominal one.
+
+        In worlds, control points (B, 3, 3) that were planned for other shapes are followed blindly.
 
         Raises:
             ShapeError: points that are not shapes of this rope.
@@ -177,12 +183,15 @@ class RopeSimulator:
                 f"execute() takes points (B, V, 3) and splines (B, 6), got {points.shape} and "
                 f"{splines.shape}"
             )
-        controls = control_points(points, splines, rope.radius)
+        blind = controls is not None
+        if controls is None:
+            controls = control_points(points, splines, rope.radius)
         links = grasped_link(splines, rope.links)
         if worlds is None:
             moves = [Move(*one, self.config) for one in zip(points, controls, links, strict=True)]
         else:
-            moves = [self._move(*one) for one in zip(points, controls, links, worlds, strict=True)]
+            columns = zip(points, controls, links, worlds, strict=True)
+            moves = [self._move(*one, blind) for one in columns]
             if not self._ropes:
                 self._ropes = {name: self._batch.expand(name) for name in OF_ROPE}
         self._run(moves)
@@ -207,9 +216,11 @@ class RopeSimulator:
             diverged=np.array([move.diverged for move in moves], dtype=bool),
         )
 
-    def _move(self, start: Floats, controls: Floats, link: int | None, world: World) -> Move:
+    def _move(
+        self, start: Floats, controls: Floats, link: int | None, world: World, blind: bool
+    ) -> Move:
         config = replace(self.config, rope=world.rope, pace=self.config.pace * world.pace)
-        if any(world.grasp) or any(world.shift):
+        if blind or any(world.grasp) or any(world.shift):
             link, controls = world.disturb(start, controls)
         return Move(start, controls, link, config)
 

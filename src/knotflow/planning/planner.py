@@ -1,0 +1,60 @@
+"""From a rope and a knot to a plan: the one way for command, studio and stages."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from knotflow.planning.config import FAST_SEARCH, PlannerConfig, SurvivalConfig
+from knotflow.planning.goals import parse_goal
+from knotflow.planning.plan import KnotPlan
+from knotflow.planning.survival import SurvivalSearch
+from knotflow.planning.tree import Progress, TreeSearch
+from knotflow.planning.validation import RECORD_RATE
+from knotflow.samplers.sampler import Sampler
+from knotflow.simulation import Observer, RopeSimulator, SimulationConfig
+from knotflow.threads import one_thread
+from knotflow.topology import TopologicalState
+from knotflow.topology.polyline import Floats
+
+
+def plan_rope(
+    points: Floats,
+    knot: str,
+    rng: np.random.Generator,
+    *,
+    sampler: Sampler,
+    simulation: SimulationConfig | None = None,
+    config: PlannerConfig | None = None,
+    progress: Progress | None = None,
+    observe: Observer | None = None,
+    survival: SurvivalConfig | None = None,
+) -> KnotPlan:
+    """Plan how to tie a knot into a rope; the plan has its trajectories, solved or not.
+
+    The rope (V, 3), metres, head first, is at rest; the knot is a name, crossings or a path of
+    actions, see `parse_goal`. Simulation is recorded at `RECORD_RATE`; the default of `config` is
+    `FAST_SEARCH`. With `survival` the search goes on until a plan survives. For the rest see
+    `plan_knot`.
+
+    Raises:
+        ValueError: an unknown knot, one that is tied already, or one that cannot be reached from
+            this rope; see `parse_goal` and `plan_knot`.
+    """
+    simulation = replace(simulation or SimulationConfig(), record_rate=RECORD_RATE)
+    goal = parse_goal(knot, simulation.rope)
+    state = TopologicalState.from_curve(points)
+    if state in goal.states:
+        raise ValueError(
+            f"there is nothing to plan: the rope is in the state {state}, which is {knot} already"
+        )
+    search = TreeSearch(
+        points, goal, sampler, RopeSimulator(simulation), rng, config or FAST_SEARCH, observe
+    )
+    if (warn := getattr(sampler, "warn_if_unlike", None)) is not None:
+        warn(simulation.rope)
+    with one_thread():
+        if survival is None or not survival.worlds:
+            return search.run(progress)
+        return SurvivalSearch(search, survival, rng).run(progress)

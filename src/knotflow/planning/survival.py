@@ -1,0 +1,141 @@
+"""Plans that survive: a search goes on until one ties in most of many worlds.
+
+Beyond the paper. A plan is executed open loop in several worlds (`simulation.worlds`): each spline
+as it was planned, whatever the rope did. A world is lost once its rope is in another state than
+planned. The nodes of the tree carry their ropes in all worlds, so that plans share what they have
+in common, and the tree grows where the product of survival and value is highest.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.planning.config import SurvivalConfig
+from knotflow.planning.plan import KnotPlan, PlanStep
+from knotflow.planning.proposals import clearance
+from knotflow.planning.rules import Expansion, Node
+from knotflow.planning.tree import Progress, TreeSearch
+from knotflow.simulation import RopeSimulator, World, draw_worlds, end_states
+from knotflow.topology.polyline import Floats
+
+STEP = 0.7
+"""Share of worlds that a step not yet planned is expected to survive."""
+
+
+@dataclass(frozen=True)
+class Ropes:
+    """A node's rope in W worlds: (W, V, 3), metres, and whether it is in the node's state."""
+
+    points: Floats
+    intact: NDArray[np.bool_]
+
+    @property
+    def survival(self) -> float:
+        """Share of the worlds that are not lost."""
+        return float(self.intact.mean())
+
+
+class SurvivalSearch:
+    """A tree search that goes on after its first plan."""
+
+    def __init__(
+        self, search: TreeSearch, config: SurvivalConfig, rng: np.random.Generator
+    ) -> None:
+        """`search` has not begun."""
+        self._search, self._config, self._rng = search, config, rng
+        self._worlds: list[World] = []
+        root = search.nodes[0]
+        points = np.repeat(root.points[None], config.worlds, axis=0)
+        self._ropes = {root: Ropes(points, np.ones(config.worlds, bool))}
+        self._tries: Counter[tuple[Node, int]] = Counter()
+
+    def run(self, progress: Progress | None = None) -> KnotPlan:
+        """The plan that survives best; how often is measured in fresh worlds."""
+        search, config = self._search, self._config
+        first = search.run(progress)
+        if not (first.solved and first.steps):
+            return first
+        self._worlds, best = self._draw(), search.nearest()
+        self._simulate(best.path())
+        reason = f"it ties in at least {100 * config.least:g} % of {config.worlds} worlds"
+        while self._ropes[best].survival < config.least:
+            if search.branches >= search.config.max_branches:
+                reason = f"{search.config.max_branches} splines were simulated"
+                break
+            if search.elapsed() >= search.config.max_seconds:
+                reason = f"{search.config.max_seconds:g} s passed"
+                break
+            self._simulate(self._next())
+            tied = [node for node in self._ropes if node.distance == 0]
+            best = max(tied, key=lambda node: self._ropes[node].survival)
+            if progress is not None:
+                update = search.update()
+                progress(replace(update, survival=self._ropes[best].survival))
+        plan = search.plan(True, reason, best)
+        survived = self._count(plan.steps)
+        return replace(plan, worlds=config.worlds, survived=survived, seconds=search.elapsed())
+
+    def _draw(self) -> list[World]:
+        rope, config = self._search.simulator.config.rope, self._config
+        return draw_worlds(rope, config.worlds, self._rng, config.spread)
+
+    def _next(self) -> Sequence[Node]:
+        """The best new children of the most promising node."""
+        search = self._search
+
+        def promise(node: Node, edge: int) -> float:
+            tied = self._ropes[node].survival * float(node.values[edge]) * STEP**node.distance
+            return tied / (1 + self._tries[node, edge]) ** 0.5
+
+        pairs = [(node, edge) for node in self._ropes for edge in range(len(node.edges))]
+        node, edge = max(pairs, key=lambda pair: promise(*pair))
+        self._tries[node, edge] += 1
+        known = len(search.nodes)
+        search.grow([Expansion(node, edge)] * self._config.batch)
+        children = [one for one in search.nodes[known:] if one.state == node.edges[edge][1]]
+        return sorted(children, key=_prospect)[-self._config.tested :]
+
+    def _simulate(self, nodes: Sequence[Node]) -> None:
+        """Carry ropes to nodes, each after its parent."""
+        for node in nodes:
+            parent, step = node.parent, node.step
+            if parent is None or step is None or node in self._ropes:
+                continue
+            before = self._ropes[parent]
+            self._ropes[node] = self._execute(step, before, self._worlds)
+            self._search.branches += int(before.intact.sum())
+
+    def _execute(self, step: PlanStep, before: Ropes, worlds: Sequence[World]) -> Ropes:
+        """Execute a step blindly in the worlds that are not lost."""
+        simulator: RopeSimulator = self._search.simulator
+        rows = np.flatnonzero(before.intact)
+        points, intact = before.points.copy(), before.intact.copy()
+        controls = step.controls(simulator.config.rope.radius)
+        rollouts = simulator.execute(
+            points[rows],
+            np.repeat(step.spline[None], len(rows), axis=0),
+            [worlds[row] for row in rows.tolist()],
+            np.repeat(controls[None], len(rows), axis=0),
+        )
+        points[rows] = rollouts.end_points
+        intact[rows] = [end == step.end_state for end in end_states(rollouts)]
+        return Ropes(points, intact)
+
+    def _count(self, steps: Sequence[PlanStep]) -> int:
+        """In how many fresh worlds the steps tie."""
+        worlds = self._draw()
+        points = np.repeat(steps[0].start[None], len(worlds), axis=0)
+        ropes = Ropes(points, np.ones(len(worlds), bool))
+        for step in steps:
+            ropes = self._execute(step, ropes, worlds)
+        return int(ropes.intact.sum())
+
+
+def _prospect(node: Node) -> float:
+    """How promising a node is before it is simulated in any world."""
+    return clearance(node.points) * float(node.values.max(initial=0.0) if node.edges else 1.0)

@@ -1,0 +1,78 @@
+"""The search goes on until a plan ties in most worlds, and says in how many it does."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from knotflow.planning import KnotPlan, PlannerConfig, SurvivalConfig, TreeSearch
+from knotflow.planning.survival import SurvivalSearch
+from knotflow.simulation import straight
+
+
+class Brittle:
+    """Its splines succeed in the nominal world, a share of them, sturdy, in slow worlds too."""
+
+    def __init__(self, world, sturdy):
+        self.world, self.config, self.sturdy = world, world.config, sturdy
+        self.moves = {}
+
+    def sample(self, points, action, count, rng):
+        splines = self.world.sample(points, action, count, rng)
+        self.moves |= {spline.tobytes(): rng.random() < self.sturdy for spline in splines}
+        return splines
+
+    def execute(self, points, splines, worlds=None, controls=None):
+        rollouts = self.world.execute(points, splines)
+        for row, spline in enumerate(splines if worlds else ()):
+            if worlds[row].pace < 1 and not self.moves.get(spline.tobytes(), True):
+                rollouts.end_points[row] = points[row]
+        return rollouts
+
+
+def survive(brittle, goal, budget=1000, **options):
+    rng = np.random.default_rng(0)
+    start, config = straight(brittle.config.rope), PlannerConfig(max_branches=budget)
+    search = TreeSearch(start, goal, brittle, brittle, rng, config)
+    updates = []
+    survival = SurvivalSearch(search, SurvivalConfig(**options), rng)
+    return survival.run(updates.append), [one.survival for one in updates]
+
+
+def test_the_search_goes_on_until_a_plan_ties_in_most_worlds(world, path_goal):
+    plan, survivals = survive(Brittle(world(), 0.4), path_goal)
+    assert plan.solved
+    assert (plan.worlds, plan.survived) == (16, 16)
+    assert plan.branches > 3 + 3 * 16  # the first plan, in all worlds
+    assert survivals == sorted(survivals)
+    assert survivals[-1] >= 0.9
+
+
+def test_it_keeps_its_best_plan_when_the_budget_is_spent(world, path_goal):
+    plan, survivals = survive(Brittle(world(), 0.0), path_goal, budget=200)
+    assert plan.solved
+    assert plan.reason == "200 splines were simulated"
+    assert 0 < plan.survived < plan.worlds
+    assert max(survivals) < 0.9
+
+
+def test_a_plan_that_is_sure_at_once_costs_its_worlds_alone(world, path_goal):
+    plan, survivals = survive(Brittle(world(), 1.0), path_goal, worlds=4)
+    assert plan.branches == 3 + 3 * 4
+    assert plan.survived == plan.worlds == 4
+    assert not any(survivals)
+
+
+def test_how_sure_a_plan_is_is_said_and_stored(world, path_goal):
+    plan, _ = survive(Brittle(world(), 1.0), path_goal)
+    assert "ties in 16 of 16 other worlds (95 % interval 81 to 100 %)" in plan.summary()
+    read = KnotPlan.from_json(plan.to_json())
+    assert (read.worlds, read.survived) == (16, 16)
+    assert "other worlds" not in replace(plan, worlds=0).summary()
+
+
+def test_the_first_plan_is_that_of_a_search_without_worlds(world, path_goal):
+    brittle = Brittle(world(), 0.0)
+    rng = np.random.default_rng(0)
+    first = TreeSearch(straight(brittle.config.rope), path_goal, brittle, brittle, rng).run()
+    plan, _ = survive(Brittle(world(), 0.0), path_goal, least=0.0)
+    np.testing.assert_array_equal(plan.splines, first.splines)
