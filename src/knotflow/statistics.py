@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -78,8 +78,7 @@ def clustered_rate(successes: ArrayLike, trials: ArrayLike) -> Interval:
     counts = hit, tried = _counts(successes, trials)
     estimate = float(hit.sum() / tried.sum())
     if _all_alike(*counts):
-        limits = wilson(round(estimate * hit.shape[1]), hit.shape[1])
-        return Interval(estimate, limits.low, limits.high)
+        return replace(wilson(round(estimate * hit.shape[1]), hit.shape[1]), estimate=estimate)
     low, high = np.quantile(_resampled(counts), TAILS)
     return Interval(estimate, float(low), float(high))
 
@@ -134,8 +133,8 @@ def rate_ratio(top: Interval, base: Interval) -> Interval:
     return Interval(estimate, low, high)
 
 
-def bootstrap(values: ArrayLike, statistic: Callable[..., Any] = np.mean) -> Interval:
-    """Percentile bootstrap interval of `statistic` (np.mean or np.median) of a sample (n,).
+def bootstrap(values: ArrayLike) -> Interval:
+    """Mean of a sample (n,) with its percentile bootstrap interval.
 
     A sample of one value, or of equal ones, has an estimate and no limits. Raises ValueError on an
     empty sample.
@@ -143,10 +142,10 @@ def bootstrap(values: ArrayLike, statistic: Callable[..., Any] = np.mean) -> Int
     sample = np.asarray(values, dtype=float)  # (n,)
     if sample.size == 0:
         raise ValueError("an empty sample has no mean and no interval; needs at least one value")
-    estimate = float(statistic(sample))
+    estimate = float(sample.mean())
     if np.all(sample == sample[0]):
         return Interval(estimate, None, None)
-    return _percentile(estimate, (sample,), statistic)
+    return _percentile(estimate, (sample,), np.mean)
 
 
 def resamples(trainings: ArrayLike, units: ArrayLike | None = None) -> Floats:

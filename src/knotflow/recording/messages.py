@@ -231,11 +231,6 @@ def image_message(log_time: int, image: bytes) -> CompressedImage:
     return message
 
 
-def image_file(data: bytes) -> bytes:
-    """The image's file in an ``image_message``."""
-    return bytes(CompressedImage.FromString(data).data)
-
-
 def spline_message(log_time: int, control_points: NDArray[np.float64]) -> SceneUpdate:
     """The spline's control points as spheres, its curve and its control polygon as lines."""
     message = SceneUpdate()

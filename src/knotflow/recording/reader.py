@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import zstandard
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from google.protobuf.message import DecodeError
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, SeekingReader
@@ -29,7 +30,7 @@ _UNREADABLE = (
 _DECODERS = {
     messages.ROPE: messages.cloud_points,
     messages.GRIPPER: messages.gripper_position,
-    messages.CAMERA: messages.image_file,
+    messages.CAMERA: lambda data: CompressedImage.FromString(data).data,
     messages.ESTIMATE: messages.cloud_points,
     messages.REFERENCE: messages.cloud_points,
 }

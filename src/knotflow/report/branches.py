@@ -3,7 +3,6 @@ primitives trained independently and jointly (Sec. VII-B2)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
@@ -87,13 +86,9 @@ def _trees(results: Results, method: str) -> dict[str, pd.DataFrame]:
     """The searches of a method by start, some from each."""
     searches = _size_searches(results)
     trees = {start: select(searches, method, start) for start in STARTS}
-    _refuse_missing({f"{method} from {start}": own for start, own in trees.items()}, SIZE)
+    if missing := [f"{method} from {start}" for start, own in trees.items() if own.empty]:
+        raise NotMeasured(f"needs {md.listed(missing)} in {SIZE}")
     return trees
-
-
-def _refuse_missing(searches: Mapping[str, pd.DataFrame], experiment: str) -> None:
-    if missing := [name for name, own in searches.items() if own.empty]:
-        raise NotMeasured(f"needs {md.listed(missing)} in {experiment}")
 
 
 def _ranges(trees: dict[str, pd.DataFrame]) -> str:
@@ -182,7 +177,6 @@ def joint_finetuning(results: Results, figures: Figures) -> Parts | None:
 def fewer_branches(results: Results) -> Judgement:
     """Sec. VII-B2: 4.3 +- 2.6 branches independently, 3.4 +- 0.6 jointly, 50 random starts."""
     before, after = found = _by_training(results)
-    _refuse_missing({one.name: own for one, own in zip(TRAINED, found, strict=True)}, JOINT)
     unsolved = sum((~own["solved"]).sum() for own in found)
     test = stats.mannwhitneyu(sizes(after), sizes(before))
     fewer = test.statistic < len(before) * len(after) / 2
@@ -221,8 +215,12 @@ def few_large_trees(results: Results) -> str:
 
 
 def _by_training(results: Results) -> list[pd.DataFrame]:
+    """The searches of either kind of training, some of each."""
     searches = _joint_searches(results)
-    return [select(searches, one.name) for one in TRAINED]
+    found = {one.name: select(searches, one.name) for one in TRAINED}
+    if missing := [name for name, own in found.items() if own.empty]:
+        raise NotMeasured(f"needs {md.listed(missing)} in {JOINT}")
+    return [*found.values()]
 
 
 def _difference(before: pd.DataFrame, after: pd.DataFrame) -> Interval:
