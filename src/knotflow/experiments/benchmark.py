@@ -68,8 +68,8 @@ def gradient_steps(run: StageRun, *, rope: RopeConfig, steps: int = 80, repeat: 
 
     Makes gradient_steps.csv by the pixels along each side of one of the grid of a step.
     """
-    files = [SAMPLE / name for name in ("overhand.png", "overhand-depth.png", "camera.yaml")]
-    seen = read_capture(*files)
+    colour, depth = SAMPLE / "overhand.png", SAMPLE / "overhand-depth.png"
+    seen = read_capture(colour, depth, SAMPLE / "camera.yaml")
     points = resample(np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1), rope)
     target, once = observe(seen.image, seen.camera, rope), FitConfig(steps=1)
     rows = []

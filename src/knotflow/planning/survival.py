@@ -8,6 +8,7 @@ in common, and the tree grows where the product of survival and value is highest
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -90,7 +91,7 @@ class SurvivalSearch:
 
         def promise(node: Node, edge: int) -> float:
             tied = self._ropes[node].survival * float(node.values[edge]) * STEP**node.distance
-            return tied / (1 + self._tries[node, edge]) ** 0.5
+            return tied / math.sqrt(1 + self._tries[node, edge])
 
         pairs = [(node, edge) for node in self._ropes for edge in range(len(node.edges))]
         node, edge = max(pairs, key=lambda pair: promise(*pair))
