@@ -195,7 +195,7 @@ def test_the_next_action_says_what_how_sure_and_what_to_check(searches, here, ca
     assert "the rope must then be in the state 2o1+" in told
     assert "% of 32 repetitions" in told
     assert (here / "step.csv").read_text().startswith("time_s,")
-    assert [margin for *_, margin in searches] == [0.05]
+    assert [(margin, worlds) for *_, margin, worlds in searches] == [(0.05, 0)]
     assert main(["next", LOOP, "--rope", "straight", "--out", "step.csv"]) == 2
 
 

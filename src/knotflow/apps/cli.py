@@ -25,7 +25,7 @@ from cyclopts import App, CycloptsError, Parameter
 from cyclopts.validators import Number
 
 from knotflow import planning  # its names are loaded when they are used
-from knotflow.planning.config import FAST_SEARCH, RopeOptions, SurvivalConfig, plan_name
+from knotflow.planning.config import FAST_SEARCH, RopeOptions, plan_name
 
 if TYPE_CHECKING:
     from knotflow.simulation import Attempts, RopeConfig
@@ -479,7 +479,7 @@ def _search(
         found = planning.plan_rope(
             measured.points, knot, rng_of(seed, 1),
             sampler=library, simulation=SimulationConfig(rope=measured.model), config=config,
-            progress=show, observe=tried.append, survival=SurvivalConfig(worlds),
+            progress=show, observe=tried.append, survival=planning.SurvivalConfig(worlds),
         )  # fmt: skip
     return found, tried[-1] if tried else None
 

@@ -1,4 +1,4 @@
-from .config import FAST_SEARCH, PlannerConfig, RopeOptions, SurvivalConfig, plan_name
+from .config import FAST_SEARCH, PlannerConfig, RopeOptions, plan_name
 from .frame import Frame, Placement
 from .goals import (
     Goal,
@@ -18,6 +18,7 @@ from .ropes import (
     parse_rope,
     read_rope,
 )
+from .survival import SurvivalConfig
 from .tree import SearchUpdate, TreeSearch, plan_knot
 from .validation import (
     check_steps,

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
-
-from knotflow.simulation.worlds import WorldsConfig
 
 RULES = ("posterior", "paper")
 
@@ -59,23 +57,6 @@ class PlannerConfig:
 
 FAST_SEARCH = PlannerConfig(batch=4, steady=True, max_branches=20_000, max_seconds=60.0)
 """In batches, so that all cores are used; the default of `plan_rope`."""
-
-
-@dataclass
-class SurvivalConfig:
-    """When a plan is sure enough, see `planning.survival`."""
-
-    worlds: int = 16
-    """Worlds that every plan is executed in; 0 takes the first plan."""
-    least: float = 0.9
-    """Share of the worlds in which a plan has to tie, lest the search goes on."""
-    spread: WorldsConfig = field(default_factory=WorldsConfig)
-    """What the worlds are drawn from."""
-    batch: int = 8
-    """Splines tried from a rope before another one is chosen."""
-    tested: int = 3
-    """Most of their ends that are simulated in all worlds, those of the highest value."""
-
 
 Unit = Literal["m", "cm", "mm"]
 Axis = Literal["x", "-x", "y", "-y", "z", "-z"]

@@ -155,12 +155,12 @@ class KnotPlan:
             f"{self.seconds:.2f} s"
         )
         if self.worlds:
-            from knotflow.statistics import wilson  # here, as SciPy's statistics load slowly
+            from scipy.stats import binomtest  # here, as it loads slowly
 
-            share = wilson(self.survived, self.worlds)
+            low, high = binomtest(self.survived, self.worlds).proportion_ci(method="wilson")
             lines.append(
                 f"ties in {self.survived} of {self.worlds} other worlds (95 % interval "
-                f"{100 * (share.low or 0):.0f} to {100 * (share.high or 1):.0f} %)"
+                f"{100 * low:.0f} to {100 * high:.0f} %)"
             )
         if self.solved:
             return "\n".join(lines)

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from knotflow.planning.config import FAST_SEARCH, PlannerConfig, SurvivalConfig
+from knotflow.planning.config import FAST_SEARCH, PlannerConfig
 from knotflow.planning.goals import parse_goal
 from knotflow.planning.plan import KnotPlan
-from knotflow.planning.survival import SurvivalSearch
+from knotflow.planning.survival import SurvivalConfig, SurvivalSearch
 from knotflow.planning.tree import Progress, TreeSearch
 from knotflow.planning.validation import RECORD_RATE
 from knotflow.samplers.sampler import Sampler
