@@ -52,8 +52,6 @@ def plan_rope(
     search = TreeSearch(
         points, goal, sampler, RopeSimulator(simulation), rng, config or FAST_SEARCH, observe
     )
-    if (warn := getattr(sampler, "warn_if_unlike", None)) is not None:
-        warn(simulation.rope)
     with one_thread():
         if survival is None or not survival.worlds:
             return search.run(progress)

@@ -50,6 +50,11 @@ class Ropes:
     points: Floats
     intact: NDArray[np.bool_]
 
+    @classmethod
+    def alike(cls, points: Floats, worlds: int) -> Ropes:
+        """One rope (V, 3), metres, in all worlds."""
+        return cls(np.repeat(points[None], worlds, axis=0), np.ones(worlds, bool))
+
     @property
     def survival(self) -> float:
         """Share of the worlds that are not lost."""
@@ -66,8 +71,7 @@ class SurvivalSearch:
         self._search, self._config, self._rng = search, config, rng
         self._worlds: list[World] = []
         root = search.nodes[0]
-        points = np.repeat(root.points[None], config.worlds, axis=0)
-        self._ropes = {root: Ropes(points, np.ones(config.worlds, bool))}
+        self._ropes = {root: Ropes.alike(root.points, config.worlds)}
         self._tries: Counter[tuple[Node, int]] = Counter()
 
     def run(self, progress: Progress | None = None) -> KnotPlan:
@@ -80,11 +84,8 @@ class SurvivalSearch:
         self._simulate(best.path())
         reason = f"it ties in at least {100 * config.least:g} % of {config.worlds} worlds"
         while self._ropes[best].survival < config.least:
-            if search.branches >= search.config.max_branches:
-                reason = f"{search.config.max_branches} splines were simulated"
-                break
-            if search.elapsed() >= search.config.max_seconds:
-                reason = f"{search.config.max_seconds:g} s passed"
+            if (spent := search.spent()) is not None:
+                reason = spent
                 break
             self._simulate(self._next())
             tied = [node for node in self._ropes if node.distance == 0]
@@ -145,8 +146,7 @@ class SurvivalSearch:
     def _count(self, steps: Sequence[PlanStep]) -> int:
         """In how many fresh worlds the steps tie."""
         worlds = self._draw()
-        points = np.repeat(steps[0].start[None], len(worlds), axis=0)
-        ropes = Ropes(points, np.ones(len(worlds), bool))
+        ropes = Ropes.alike(steps[0].start, len(worlds))
         for step in steps:
             ropes = self._execute(step, ropes, worlds)
         return int(ropes.intact.sum())

@@ -82,6 +82,8 @@ class TreeSearch:
         self._paper = self.config.rule == "paper"
         undoing = self.config.undoing or not (self._paper or state.num_crossings == 0)
         self._dag = SearchGraph(goal.dag, state) if undoing else goal.dag
+        if (warn := getattr(sampler, "warn_if_unlike", None)) is not None:
+            warn(simulator.config.rope)
         self._proposals = Proposals(sampler, goal, self.config, rng)
         self._rule = PaperRule(rng) if self._paper else PosteriorRule(self.config, self._dag)
         self.nodes = [self._node(points, state)]
@@ -136,15 +138,21 @@ class TreeSearch:
         self._proposals.evaluate(self.nodes)
         self._rule.add(self.nodes[0])
         while not self._is_tied():
-            if self.branches >= config.max_branches:
-                return self.plan(False, f"{config.max_branches} splines were simulated")
-            if self.elapsed() >= config.max_seconds:
-                return self.plan(False, f"{config.max_seconds:g} s passed")
+            if (spent := self.spent()) is not None:
+                return self.plan(False, spent)
             update = self.expand(min(config.batch, config.max_branches - self.branches))
             if progress is not None:
                 progress(update)
         reason = "the goal was reached" if self.branches else "the rope was tied already"
         return self.plan(True, reason)
+
+    def spent(self) -> str | None:
+        """Which budget is spent, in words, if one is."""
+        if self.branches >= self.config.max_branches:
+            return f"{self.config.max_branches} splines were simulated"
+        if self.elapsed() >= self.config.max_seconds:
+            return f"{self.config.max_seconds:g} s passed"
+        return None
 
     def elapsed(self) -> float:
         """Seconds since the search began."""
@@ -309,7 +317,4 @@ def plan_knot(
     Warns:
         UnlikeRopeWarning: a trained sampler has learned with a rope of another size.
     """
-    search = TreeSearch(points, goal, sampler, simulator, rng, config, observe)
-    if (warn := getattr(sampler, "warn_if_unlike", None)) is not None:
-        warn(simulator.config.rope)
-    return search.run(progress)
+    return TreeSearch(points, goal, sampler, simulator, rng, config, observe).run(progress)
