@@ -1,6 +1,6 @@
 """Whatever is given, the answer is a valid result or an error of ours that says what is wrong.
 
-    BAD_INPUTS=10000 python -m pytest tests/test_bad_inputs.py -s
+    BAD_INPUTS=10000 python -m pytest tests/apps/test_bad_inputs.py -s
 
 makes so many inputs (a few hundred without it) and prints what they met: how many were refused, the
 slowest in seconds of processor time, and how far memory grew.
@@ -52,6 +52,7 @@ from knotflow.simulation import (
 )
 from knotflow.topology import R1, R2, Cross, TopologicalState, parse_action
 
+pytestmark = pytest.mark.slow
 TOTAL = int(os.environ.get("BAD_INPUTS", "300"))
 SECONDS = 2.0
 """Of processor time, that the answer to one input may take."""
@@ -249,7 +250,6 @@ def one_file_read(tmp_path_factory):
     read_table(path)
 
 
-@pytest.mark.slow
 @bad_inputs(0.16)
 @given(file=rope_files, unit=st.sampled_from([None, "m", "cm", "mm", "inch"]))
 def test_rope_files(one_file_read, file, unit):
