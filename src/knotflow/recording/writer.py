@@ -29,13 +29,13 @@ def write_recording(
     rollouts: Iterable[RecordedRollout],
     metadata: Mapping[str, str],
     *,
-    rope_line: bool | None = None,
+    rope_line: bool = True,
 ) -> None:
     """Write rollouts to one MCAP file, all or nothing: under another name, renamed when complete.
 
     The rollouts, at least one and with different numbers, are taken ``BATCH`` at a time; `metadata`
-    are facts about the whole file. With `rope_line`, by default in files of up to ``BATCH``
-    rollouts, the rope is also drawn as a thick line, a quarter of the file.
+    are facts about the whole file. With `rope_line`, in files of up to ``BATCH`` rollouts, the
+    rope is also drawn as a thick line, a quarter of the file.
 
     Raises:
         ValueError: no rollout, two of the same number, or metadata that is not text.
@@ -60,12 +60,12 @@ def _write(
     stream: IO[bytes],
     rollouts: Iterable[RecordedRollout],
     metadata: Mapping[str, str],
-    rope_line: bool | None,
+    rope_line: bool,
 ) -> None:
     batch, following = list(islice(rollouts, BATCH)), list(islice(rollouts, BATCH))
     if not batch:
         raise ValueError("a recording needs at least one rollout, got none")
-    mcap = _Timeline(stream, metadata, not following if rope_line is None else rope_line)
+    mcap = _Timeline(stream, metadata, rope_line and not following)
     seen: set[int] = set()
     while batch:
         for rollout in batch:

@@ -1,8 +1,4 @@
-"""A recording as a Rerun file: the rope in 3-D, its spline, and actions and outcomes beside it.
-
-Rerun draws point clouds, poses and logs by itself. Foxglove scenes (the rope's line, the spline)
-reach it as plain structs; component mappings say which of their fields a visualizer should take.
-"""
+"""A recording as a Rerun file: the rope in 3-D, its spline, and actions and outcomes beside it."""
 
 from __future__ import annotations
 
@@ -10,64 +6,60 @@ import os
 import shutil
 import subprocess
 import sysconfig
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from knotflow.recording import messages, read_metadata, read_recording, write_recording
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.recording import RecordedRollout, messages, read_recording
+from knotflow.simulation import spline_path
 
 if TYPE_CHECKING:
+    import rerun as rr
     import rerun.blueprint as rrb
-    from rerun.blueprint.encodings import VisualizerComponentMapping
-    from rerun.blueprint.visualizers import Visualizer
-    from rerun.chunk import Chunk
-    from rerun.encodings import EntityPathLike
 
 APPLICATION = "knotflow"
 """Rerun applies a blueprint to the recordings of the same application."""
 TIMELINE = "time"
 """Seconds of a recording."""
-
-_LOG_TIME = "message_log_time"  # Rerun's name for the time of an MCAP file's messages
-_SCENE = "foxglove.SceneUpdate:message"
-_LINES = ".entities[].lines[].points | map(pack(.x!, .y!, .z!))"
-_SPHERES = ".entities[].spheres[].pose.position | pack(.x!, .y!, .z!)"
-_ESTIMATE_RGB, _REFERENCE_RGB = (255, 255, 255), (204, 121, 167)
+GAP = 0.5  # seconds between two rollouts
+_LEVELS = {"success": "INFO", "failure": "WARN", "diverged": "ERROR"}
 
 
 class ViewerError(RuntimeError):
-    """Rerun refused a recording or could not open its window."""
+    """Rerun failed, or could not open its window."""
 
 
 def save_rerun(
     path: str | os.PathLike[str], target: str | os.PathLike[str], *, number: int | None = None
 ) -> Path:
-    """Write a recording and our blueprint as one ``.rrd`` that ``rerun`` opens as it is.
-
-    The rollouts, or the one of a number, are read and written again on the way, so that bulk data
-    get their rope line.
+    """Write the rollouts of a recording, or the one of a number, and our blueprint as one ``.rrd``
+    that ``rerun`` opens as it is.
 
     Raises:
         FileNotFoundError: the recording is not there.
         NotARecordingError, DamagedRecordingError: the file is no recording, or cut or changed.
         ValueError: no rollout has this number.
-        ViewerError: Rerun could not convert it.
     """
-    source = Path(path)
+    import rerun as rr
+
+    source, rrd = Path(path), Path(target)
     every = [*read_recording(source)]
     chosen = [rollout for rollout in every if number in (None, rollout.number)]
     if not chosen:
         raise ValueError(no_such_number(source, number, [rollout.number for rollout in every]))
-    radius = messages.rope_radius(chosen[0].control_points)
-    layout = blueprint(radius, camera=any(rollout.camera is not None for rollout in chosen))
-    with tempfile.TemporaryDirectory(prefix="knotflow-view-") as temporary:
-        folder = Path(temporary)
-        mcap, rrd, rbl = folder / "view.mcap", folder / "view.rrd", folder / "view.rbl"
-        write_recording(mcap, chosen, read_metadata(source), rope_line=True)
-        _convert(mcap, rrd, source.stem if number is None else f"{source.stem}#{number}")
-        layout.save(APPLICATION, rbl)
-        run_rerun("rrd", "merge", str(rrd), str(rbl), "-o", str(target))
-    return Path(target)
+    name = source.stem if number is None else f"{source.stem}#{number}"
+    with rr.RecordingStream(APPLICATION, recording_id=name) as stream:
+        stream.set_log_time_enabled(False)
+        stream.set_log_tick_enabled(False)
+        stream.save(rrd, blueprint(any(rollout.camera is not None for rollout in chosen)))
+        radius = messages.rope_radius(chosen[0].control_points)
+        _log_looks(stream, chosen[0].points.shape[1], radius)
+        start = 0.0
+        for rollout in chosen:
+            start = _log_rollout(stream, rollout, start) + GAP
+    return rrd
 
 
 def no_such_number(path: Path, number: int | None, numbers: list[int]) -> str:
@@ -95,56 +87,23 @@ def run_rerun(*arguments: str) -> None:
         raise ViewerError(f"rerun {' '.join(arguments)} failed with code {done.returncode}: {why}")
 
 
-def blueprint(rope_radius: float, camera: bool = False) -> rrb.Blueprint:
-    """The layout for a recording of a rope with that radius, metres.
-
-    With `camera`, the camera's images stand beside the rope, with estimate and reference.
-    """
-    import rerun as rr
+def blueprint(camera: bool = False) -> rrb.Blueprint:
+    """The layout of a recording; with `camera`, images, estimate and reference beside the rope."""
     import rerun.blueprint as rrb
     from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
-    overrides: dict[EntityPathLike, list[Visualizer]] = {
-        messages.ROPE: [rr.Points3D.from_fields(radii=rope_radius).visualizer()],
-        messages.ROPE_LINE: [
-            rr.LineStrips3D.from_fields(
-                radii=rope_radius, colors=messages.gradient(messages.LINE_PIECES)
-            ).visualizer(mappings=[_mapping("LineStrips3D:strips", _LINES)])
-        ],
-        messages.GRIPPER: [
-            rr.Ellipsoids3D.from_fields(
-                half_sizes=[(0.018, 0.018, 0.018)],
-                colors=[(*messages.GRIPPER_RGB, 255)],
-                fill_mode="solid",
-            ).visualizer()
-        ],
-        messages.SPLINE: [
-            rr.LineStrips3D.from_fields(
-                radii=[0.0025, 0.001], colors=[messages.SPLINE_RGB, messages.CONTROL_RGB]
-            ).visualizer(mappings=[_mapping("LineStrips3D:strips", _LINES)]),
-            rr.Points3D.from_fields(
-                radii=0.01,
-                colors=messages.CONTROL_RGB,
-                labels=["grasp", "middle", "end"],
-                show_labels=True,
-            ).visualizer(mappings=[_mapping("Points3D:positions", _SPHERES)]),
-        ],
-    }
+    contents = [messages.ROPE, messages.ROPE_LINE, messages.GRIPPER, messages.SPLINE]
     name = (
         "Rope (head blue, tail orange), gripper (yellow), spline (green) and its control points "
         "(pink), table (10 cm grid)"
     )
     if camera:
+        contents += [messages.ESTIMATE, messages.REFERENCE]
         name += ", estimate (white), reference (violet)"
-        ropes = {messages.ESTIMATE: _ESTIMATE_RGB, messages.REFERENCE: _REFERENCE_RGB}
-        for topic, rgb in ropes.items():
-            points = rr.Points3D.from_fields(radii=0.004, colors=[(*rgb, 255)])
-            overrides[topic] = [points.visualizer()]
     scene = rrb.Spatial3DView(
         origin="/",
         name=name,
-        contents=[str(topic) for topic in overrides],
-        overrides=overrides,
+        contents=contents,
         background=rrb.Background(color=(24, 26, 30)),
         line_grid=rrb.LineGrid3D(visible=True, spacing=0.1),  # the table, z = 0
         eye_controls=rrb.EyeControls3D(
@@ -175,36 +134,60 @@ def blueprint(rope_radius: float, camera: bool = False) -> rrb.Blueprint:
     )
 
 
-def _mapping(target: str, selector: str) -> VisualizerComponentMapping:
-    from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
+def _log_looks(stream: rr.RecordingStream, vertices: int, radius: float) -> None:
+    """Colours and sizes of a rope of a radius, metres, and of what is around it."""
+    import rerun as rr
 
-    return VisualizerComponentMapping(
-        target=target,
-        source_kind=ComponentSourceKind.SourceComponent,
-        source_component=_SCENE,
-        selector=selector,
+    points, lines = rr.Points3D.from_fields, rr.LineStrips3D.from_fields
+    spline = lines(radii=[0.0025, 0.001], colors=[messages.SPLINE_RGB, messages.CONTROL_RGB])
+    looks = (
+        (messages.ROPE, points(radii=radius, colors=messages.gradient(vertices))),
+        (messages.ROPE_LINE, lines(radii=radius, colors=messages.gradient(vertices - 1))),
+        (messages.GRIPPER, points(radii=0.018, colors=messages.GRIPPER_RGB)),
+        (messages.SPLINE, spline),
+        (messages.SPLINE, points(radii=0.01, colors=messages.CONTROL_RGB, show_labels=True)),
+        (messages.ESTIMATE, points(radii=0.004, colors=(255, 255, 255))),
+        (messages.REFERENCE, points(radii=0.004, colors=(204, 121, 167))),
     )
+    for topic, look in looks:
+        stream.log(topic, look, static=True, strict=True)
 
 
-def _convert(source: Path, target: Path, name: str) -> None:
-    """Write an MCAP as Rerun reads it, under a name, with the one timeline `TIMELINE`."""
-    from rerun.chunk import McapReader
+def _log_rollout(stream: rr.RecordingStream, rollout: RecordedRollout, start: float) -> float:
+    """Log a rollout from a time of the recording on, seconds; returns its end there."""
+    import rerun as rr
 
-    stream = McapReader(source, timeline_type="duration_ns").stream()  # from 0 s, not from 1970
-    stream.flat_map(_timed).write_rrd(target, application_id=APPLICATION, recording_id=name)
+    times = rollout.times - rollout.times[0] + start
+    moments = [rr.TimeColumn(TIMELINE, duration=times)]
 
+    def log(topic: str, what: rr.AsComponents, time: float = start) -> None:
+        stream.set_time(TIMELINE, duration=time)
+        stream.log(topic, what, strict=True)
 
-def _timed(chunk: Chunk) -> list[Chunk]:
-    """A chunk with `TIMELINE` in place of the timelines of Rerun's reader."""
-    import pyarrow as pa
-    from rerun.chunk import Chunk
+    def send_points(topic: str, places: NDArray) -> None:
+        """Points of every frame (T, N, 3), metres."""
+        columns = rr.Points3D.columns(positions=places.reshape(-1, 3))
+        stream.send_columns(topic, moments, columns.partition([places.shape[1]] * len(times)))
 
-    if chunk.is_static:
-        return [chunk]
-    others = [name for name in chunk.timeline_names if name != _LOG_TIME]
-    batch = chunk.to_record_batch().drop_columns(others)
-    column = batch.schema.get_field_index(_LOG_TIME)
-    old = batch.schema.field(column)
-    metadata = (old.metadata or {}) | {b"rerun:index_name": TIMELINE.encode()}
-    schema = batch.schema.set(column, old.with_name(TIMELINE).with_metadata(metadata))
-    return Chunk.from_record_batch(pa.RecordBatch.from_arrays(batch.columns, schema=schema))
+    send_points(messages.ROPE, rollout.points)
+    links = np.stack((rollout.points[:, :-1], rollout.points[:, 1:]), axis=2)  # (T, V - 1, 2, 3)
+    strips = rr.LineStrips3D.columns(strips=links.reshape(-1, 2, 3))
+    strips = strips.partition([links.shape[1]] * len(times))
+    stream.send_columns(messages.ROPE_LINE, moments, strips)
+    send_points(messages.GRIPPER, rollout.gripper[:, None])
+    controls = rollout.control_points
+    curve = spline_path(controls, np.linspace(0.0, 1.0, 33))
+    log(messages.SPLINE, rr.LineStrips3D([curve, controls]))
+    log(messages.SPLINE, rr.Points3D(controls, labels=["grasp", "middle", "end"]))
+    log(messages.ROLLOUT, rr.AnyValues(**{name: getattr(rollout, name) for name in messages.TEXTS}))
+    if (camera := rollout.camera) is not None:
+        send_points(messages.ESTIMATE, camera.points)
+        if camera.reference is not None:
+            send_points(messages.REFERENCE, camera.reference)
+        for time, image in zip(times, camera.images, strict=True):
+            kind = f"image/{messages.image_message(0, image).format}"
+            log(messages.CAMERA, rr.EncodedImage(contents=image, media_type=kind), time)
+    begun, ended = messages.start_message(0, rollout), messages.end_message(0, rollout)
+    log(messages.TOPOLOGY, rr.TextLog(begun.message, level="INFO"))
+    log(messages.TOPOLOGY, rr.TextLog(ended.message, level=_LEVELS[rollout.outcome]), times[-1])
+    return float(times[-1])
