@@ -16,7 +16,6 @@ from knotflow.statistics import (
     clustered_rate,
     clustered_ratio,
     hierarchical,
-    mean_difference,
     rate_columns,
     rate_ratio,
     resamples,
@@ -77,22 +76,12 @@ def test_bootstrap_of_the_mean_is_as_wide_as_theory_says():
 @pytest.mark.parametrize("sample", [[3], [3, 3, 3]])
 def test_equal_values_have_no_limits(sample):
     interval = bootstrap(sample)
-    assert (interval.estimate, interval.low, interval.high) == (3, None, None)
+    assert interval.estimate == 3 and math.isnan(interval.low) and math.isnan(interval.high)
 
 
 def test_bootstrap_refuses_an_empty_sample():
     with pytest.raises(ValueError, match="empty sample"):
         bootstrap([])
-
-
-def test_pairs_that_move_together_give_a_narrower_difference():
-    rng = np.random.default_rng(5)
-    base = rng.normal(0, 3, 50)
-    values = base - 1 + rng.normal(0, 0.2, 50)
-    paired = mean_difference(values, base, paired=True)
-    apart = mean_difference(values, base, paired=False)
-    assert paired.estimate == pytest.approx(apart.estimate)
-    assert paired.high - paired.low < 0.3 * (apart.high - apart.low)
 
 
 def test_starts_of_one_trial_are_as_wide_as_wilson_says():

@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,19 +27,19 @@ SEED = 0
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate and its 95 % limits, which are None where the data allow none."""
+    """An estimate and its 95 % limits, which are NaN where the data allow none."""
 
     estimate: float
-    low: float | None
-    high: float | None
+    low: float = math.nan
+    high: float = math.nan
 
     def lies_above(self, value: float) -> bool:
         """Whether the whole interval lies above `value`."""
-        return self.low is not None and self.low > value
+        return self.low > value
 
     def reaches(self, value: float) -> bool:
         """Whether `value` or more is compatible with the data."""
-        return (self.estimate if self.high is None else self.high) >= value
+        return (self.estimate if math.isnan(self.high) else self.high) >= value
 
 
 def wilson(successes: int, trials: int) -> Interval:
@@ -58,7 +57,7 @@ def wilson(successes: int, trials: int) -> Interval:
     return Interval(float(successes / trials), float(limits.low), float(limits.high))
 
 
-def rate_columns(successes: Iterable[int], trials: Iterable[int]) -> dict[str, list[float | None]]:
+def rate_columns(successes: Iterable[int], trials: Iterable[int]) -> dict[str, list[float]]:
     """The columns success_rate, ci_low and ci_high of a table, with Wilson's limits."""
     rates = [wilson(hits, count) for hits, count in zip(successes, trials, strict=True)]
     return {
@@ -89,8 +88,8 @@ def clustered_mean(counts: Sequence[tuple[ArrayLike, ArrayLike]]) -> Interval:
     every = [_counts(*one) for one in counts]
     estimate = np.mean([hit.sum() / tried.sum() for hit, tried in every])
     drawn = np.mean([_resampled(one, starts=number) for number, one in enumerate(every)], axis=0)
-    low, high = np.quantile(drawn, TAILS) if np.ptp(drawn) else (None, None)
-    return Interval(float(estimate), low, high)
+    low, high = np.quantile(drawn, TAILS) if np.ptp(drawn) else (math.nan, math.nan)
+    return Interval(float(estimate), float(low), float(high))
 
 
 def clustered_ratio(
@@ -120,8 +119,6 @@ def rate_ratio(top: Interval, base: Interval) -> Interval:
     both rates are 0.
     """
     p, q = top.estimate, base.estimate
-    assert top.low is not None and top.high is not None
-    assert base.low is not None and base.high is not None
     # The limits are the roots of r^2 a - 2 r p q + c = 0, for the lower one in the form that
     # also survives a = 0.
     a, c = base.high * (2 * q - base.high), top.low * (2 * p - top.low)
@@ -134,7 +131,7 @@ def rate_ratio(top: Interval, base: Interval) -> Interval:
 
 
 def bootstrap(values: ArrayLike) -> Interval:
-    """Mean of a sample (n,) with its percentile bootstrap interval.
+    """Mean of a sample (n,), such as differences of pairs, with its percentile bootstrap interval.
 
     A sample of one value, or of equal ones, has an estimate and no limits. Raises ValueError on an
     empty sample.
@@ -144,8 +141,16 @@ def bootstrap(values: ArrayLike) -> Interval:
         raise ValueError("an empty sample has no mean and no interval; needs at least one value")
     estimate = float(sample.mean())
     if np.all(sample == sample[0]):
-        return Interval(estimate, None, None)
-    return _percentile(estimate, (sample,), np.mean)
+        return Interval(estimate)
+    limits = stats.bootstrap(
+        (sample,),
+        np.mean,
+        confidence_level=LEVEL,
+        n_resamples=RESAMPLES,
+        method="percentile",
+        rng=np.random.default_rng(SEED),
+    ).confidence_interval
+    return Interval(estimate, float(limits.low), float(limits.high))
 
 
 def resamples(trainings: ArrayLike, units: ArrayLike | None = None) -> Floats:
@@ -202,39 +207,10 @@ def hierarchical(
     sample = np.asarray(values, float)
     estimate = float(statistic(sample, np.ones((1, len(sample))))[0])
     if np.all(sample == sample[0]):
-        return Interval(estimate, None, None)
+        return Interval(estimate)
     found = statistic(sample, resamples(trainings, units))
     low, high = np.quantile(found, TAILS, method="inverted_cdf")  # some may be infinite
     return Interval(estimate, float(low), float(high))
-
-
-def mean_difference(values: ArrayLike, base: ArrayLike, *, paired: bool) -> Interval:
-    """Mean of `values` less mean of `base`, percentile bootstrap; `paired` resamples pairs."""
-    first, second = np.asarray(values, dtype=float), np.asarray(base, dtype=float)
-    if paired:
-        return bootstrap(first - second)
-    estimate = float(first.mean() - second.mean())
-    if min(first.size, second.size) < 2:
-        return Interval(estimate, None, None)
-    return _percentile(
-        estimate,
-        (first, second),
-        lambda a, b, axis=-1: np.mean(a, axis=axis) - np.mean(b, axis=axis),
-    )
-
-
-def _percentile(
-    estimate: float, samples: tuple[Floats, ...], statistic: Callable[..., Any]
-) -> Interval:
-    limits = stats.bootstrap(
-        samples,
-        statistic,
-        confidence_level=LEVEL,
-        n_resamples=RESAMPLES,
-        method="percentile",
-        rng=np.random.default_rng(SEED),
-    ).confidence_interval
-    return Interval(estimate, float(limits.low), float(limits.high))
 
 
 def _counts(successes: ArrayLike, trials: ArrayLike) -> tuple[Floats, Floats]:

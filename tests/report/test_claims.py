@@ -45,7 +45,7 @@ def test_the_papers_numbers_are_all_there():
 def test_nothing_run_judges_nothing(write):
     found = [claim.judgement(Results(write.root)) for _, claim in CLAIMS]
     assert {outcome.verdict for outcome in found} == {Verdict.NOT_RUN}
-    assert "needs imitation and random in single_stage" in found[0].ours
+    assert "needs per_start.csv in single_stage" in found[0].ours
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ def test_times(ratio, written):
 
 
 def test_rates_and_estimates():
-    assert md.estimate(Interval(3.0, None, None)) == "3.0"
+    assert md.estimate(Interval(3.0)) == "3.0"
     assert md.percent(Interval(0.035, 0.021, 0.058)) == "3.5 % (2.1 to 5.8)"
     assert md.share([True, True, True, False]) == "75.0 % (30.1 to 95.4)<br>3 of 4"
     assert md.share([]) == md.NOTHING

@@ -60,10 +60,12 @@ def test_sheet_is_the_same_each_time(write):
     assert first.made == second.made
 
 
-def test_demonstrations_have_one_line_an_action(write):
+def test_demonstrations_have_one_line_an_action(write, undrawn):
     shares = [("C(0,1,1)", 0.5, 0.1, 2), ("C(0,1,1)", 0.9, 0.3, 1), ("R1(0,1,1)", 1.0, 0.25, 0)]
     write.table("demonstrator", "shares.csv", SHARES, shares)
+    shapes = [*rows(), *rows(start=1), *rows(action="R1(0,1,1)")]
+    write.table("demonstrator", "shapes.csv", COLUMNS, shapes)
     results = Results(write.root)
     text = SECTIONS["demonstrator"].body(results, Figures(results))
     assert "| `C(0,1,1)` | 2 | 0.70 | 0.50 | 0.20 | 3 |" in text
-    assert "| `R1(0,1,1)` | 1 | 1.00" in text and "![" not in text
+    assert "| `R1(0,1,1)` | 1 | 1.00" in text and "![All demonstrations" in text

@@ -74,7 +74,7 @@ def test_episodes_are_drawn_beside_the_primitives_that_they_train(write, figures
 
 
 def test_self_play_counts_its_trials(write, figures):
-    assert training.library(figures.results, figures) is None
+    assert SECTIONS["library_training"].body(figures.results, figures) is None
     write.table("library_training", "curves.csv", COLUMNS, PLAYED)
     columns = ("start", "action", "trials", "successes", "recent_rate")
     rows = [("trivial", "R1(0,1,1)", 1000, 900, 0.9), ("2o1+", "C(0,1,1)", 500, 20, 0.1)]

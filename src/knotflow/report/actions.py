@@ -19,11 +19,9 @@ COLUMNS |= {"successes": int}
 OFTEN = 0.7
 
 
-def actions(results: Results, figures: Figures) -> Parts | None:
+def actions(results: Results, figures: Figures) -> Parts:
     """Totals, a figure by class and crossings, and the effect of touching an end."""
     table = results.table(EXPERIMENT, "actions.csv", COLUMNS, ("start", "action", "arranging"))
-    if table is None:
-        return None
     check_counts(table)
     rates = success_rates(table)
     totals = [

@@ -11,7 +11,7 @@ from scipy import stats
 
 from knotflow.report import markdown as md
 from knotflow.report.rates import ICP, IMITATION, REINFORCEMENT, Method, read_rates, with_extras
-from knotflow.report.results import Results
+from knotflow.report.results import NotMeasured, Results
 from knotflow.report.searches import (
     OVERHAND_LIMIT,
     branches_figure,
@@ -28,7 +28,7 @@ from knotflow.report.searches import (
     sizes,
     splines_spent,
 )
-from knotflow.report.section import Claim, Figures, Judgement, NotMeasured, Parts, Verdict
+from knotflow.report.section import Claim, Figures, Judgement, Parts, Verdict, optional
 from knotflow.report.training import joint
 from knotflow.statistics import Interval, weighted_mean
 
@@ -55,11 +55,9 @@ def _size_searches(results: Results) -> pd.DataFrame:
     return read_searches(results, SIZE, "method", "training_seed")
 
 
-def tree_size(results: Results, figures: Figures) -> Parts | None:
+def tree_size(results: Results, figures: Figures) -> Parts:
     """The trees of every method and start, and where their splines went."""
     searches = _size_searches(results)
-    if searches.empty:
-        return None
     methods = with_extras((ICP, IMITATION, REINFORCEMENT), list(searches["method"]))
     starts = list(dict.fromkeys([*STARTS, *searches["start"]]))
     groups = (
@@ -132,12 +130,11 @@ def judge_reinforcement(results: Results) -> Judgement:
     return Judgement(f"{_ranges(trees)}; {fewest}", Verdict.of_two(max(every) < 5, often))
 
 
+@optional
 def hardest_actions(method: str, results: Results) -> str:
     """For each start, the action of the path that succeeded least often in the searches."""
     columns = dict.fromkeys(("method", "start", "action"), str)
     tried = results.table(SIZE, "tried.csv", columns | {"simulated": int, "successes": int})
-    if tried is None:
-        return ""
     parts = []
     for start, own in tried[tried["method"] == method].groupby("start", sort=False):
         sums = own.groupby("action", sort=False)[["simulated", "successes"]].sum()
@@ -153,12 +150,9 @@ def _joint_searches(results: Results) -> pd.DataFrame:
     return read_searches(results, JOINT, "training", "training_seed")
 
 
-def joint_finetuning(results: Results, figures: Figures) -> Parts | None:
+def joint_finetuning(results: Results, figures: Figures) -> Parts:
     """The trees by kind of training, its curves, and the success of single actions after it."""
     searches = _joint_searches(results)
-    if searches.empty:
-        return None
-    single = read_rates(results, JOINT, "single_actions_per_start.csv")
     groups = (({"primitives": one.label}, select(searches, one.name)) for one in TRAINED)
     return {
         "figure": branches_figure(figures, JOINT, searches, TRAINED, [""], {}),
@@ -167,11 +161,17 @@ def joint_finetuning(results: Results, figures: Figures) -> Parts | None:
         "checks": checks(results, JOINT),
         "spent": splines_spent(results, JOINT, "training"),
         "curves": joint(results, figures, JOINT),
-        "single_actions": "Single actions before and after, by one spline on the unseen starts of "
-        f"Fig. 6, with 95 % intervals:\n\n{single.table(TRAINED)}"
-        if single
-        else "",
+        "single_actions": _single_actions(results),
     }
+
+
+@optional
+def _single_actions(results: Results) -> str:
+    rates = read_rates(results, JOINT, "single_actions_per_start.csv")
+    return (
+        "Single actions before and after, by one spline on the unseen starts of Fig. 6, with 95 % "
+        f"intervals:\n\n{rates.table(TRAINED)}"
+    )
 
 
 def fewer_branches(results: Results) -> Judgement:
@@ -191,7 +191,7 @@ def fewer_branches(results: Results) -> Judgement:
         f"medians {medians} kept, {simulated} simulated, over {len(before)} and {len(after)} "
         f"searches; by rank p = {test.pvalue:.2g}",
     ]
-    certain = test.pvalue < 0.05 and difference.high is not None and difference.high < 0
+    certain = test.pvalue < 0.05 and difference.high < 0
     narrower = after["kept"].std() < before["kept"].std()
     verdict = Verdict.PARTLY if fewer else Verdict.FAILS
     size = ""

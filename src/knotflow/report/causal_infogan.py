@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from knotflow.report import markdown as md
 from knotflow.report.rates import ICP, IMITATION, RANDOM, REINFORCEMENT, Method, read_rates
-from knotflow.report.results import Results
-from knotflow.report.section import Claim, Figures, Judgement, NotMeasured, Parts, Verdict
+from knotflow.report.results import NotMeasured, Results
+from knotflow.report.section import Claim, Figures, Judgement, Parts, Verdict, optional
 from knotflow.report.training import Line, draw_curves
 from knotflow.statistics import Interval, hierarchical
 from knotflow.viz.rope import draw_rope
@@ -43,14 +43,12 @@ PANEL = MODEL | {"goal": str, "shapes": str, "start": str, "column": int, "role"
 PANEL |= {"vertex": int} | dict.fromkeys("xyz", float)
 
 
-def causal_infogan(results: Results, figures: Figures) -> Parts | None:
+def causal_infogan(results: Results, figures: Figures) -> Parts:
     """The panels, the plans, our samplers beside them, and the trainings."""
     plans = results.table(EXPERIMENT, "plans.csv", PLANS)
     training = results.table(EXPERIMENT, "training.csv", TRAINING)
     seeds = results.table(EXPERIMENT, "seeds.csv", TRAINING)
     rates = read_rates(results, EXPERIMENT, "comparison.csv")
-    if plans is None or training is None or seeds is None or rates is None:
-        return None
     methods = [Method(name, LABELS.get(name, name), "") for name in rates.methods]
     sound = {
         name: f"{len(sound_seeds(seeds, model))} of {sum(seeds['model'] == model)}"
@@ -65,12 +63,13 @@ def causal_infogan(results: Results, figures: Figures) -> Parts | None:
     }
 
 
+@optional
 def _panels(results: Results, figures: Figures) -> str:
     """Fig. 8, by model: a row a plan, from the given start on the left to the given end."""
     key = ["model", "seed", "goal", "shapes", "start"]
     table = results.table(EXPERIMENT, "panel.csv", PANEL, (*key, "column", "vertex"))
     parts = []
-    for model, rows in [] if table is None else table.groupby("model", sort=False):
+    for model, rows in table.groupby("model", sort=False):
         plans = [own for _, own in rows.groupby(key, sort=False)]
         columns = 1 + rows["column"].max()
         caption = (
@@ -177,8 +176,8 @@ def far_projections(results: Results) -> Judgement:
     plans = results.table(EXPERIMENT, "plans.csv", PLANS)
     seeds = results.table(EXPERIMENT, "seeds.csv", TRAINING)
     radius = results.setting(EXPERIMENT, "radius")
-    if plans is None or seeds is None or not radius:
-        raise NotMeasured(f"needs plans.csv, seeds.csv and config.yaml in {EXPERIMENT}")
+    if not radius:
+        raise NotMeasured(f"needs the rope's radius in config.yaml of {EXPERIMENT}")
     healthy = sound_seeds(seeds, "single")
     trained = f"{len(healthy)} of {sum(seeds['model'] == 'single')} trainings did not collapse"
     unseen = (plans["model"] == "single") & (plans["shapes"] == "unseen")

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import pandas as pd
 from matplotlib.figure import Figure
 
 from knotflow.report import markdown as md
-from knotflow.report.results import Results, refuse
+from knotflow.report.results import NotMeasured, Results, refuse
 from knotflow.report.section import Figures, Parts, bare_axis
-from knotflow.statistics import mean_difference, wilson
+from knotflow.statistics import bootstrap, wilson
 from knotflow.viz.style import INK
 
 CLOSED_LOOP, ABLATION = "closed_loop", "closed_loop_ablation"
@@ -37,11 +39,9 @@ Groups = dict[tuple[str, int, str], pd.DataFrame]
 """Executions by knot, level and controller."""
 
 
-def closed_loop(results: Results, figures: Figures) -> Parts | None:
+def closed_loop(results: Results, figures: Figures) -> Parts:
     """The figure, a line a controller, knot and level, the failures by cause, and the time."""
     runs = read_executions(results, CLOSED_LOOP)
-    if runs is None:
-        return None
     looked = runs[runs["reported"] != ""]
     false = (looked["reported"] == "yes") & ~looked["tied"]
     groups = _groups(runs)
@@ -68,27 +68,23 @@ def closed_loop(results: Results, figures: Figures) -> Parts | None:
     }
 
 
-def ablation(results: Results, _: Figures) -> Parts | None:
+def ablation(results: Results, _: Figures) -> Parts:
     """Controllers without one part, beside their counterparts, and executions with faults."""
     runs = read_executions(results, ABLATION)
-    if runs is None:
-        return None
-    base = read_executions(results, CLOSED_LOOP)
-    every = pd.concat([one for one in (base, runs) if one is not None])
-    groups = _groups(runs)
+    groups, every = _groups(runs), [runs]
+    with suppress(NotMeasured):
+        every = [read_executions(results, CLOSED_LOOP), runs]
     return {
-        "controllers": _table(groups, _groups(every)),
+        "controllers": _table(groups, _groups(pd.concat(every))),
         "causes": _causes(groups),
         "ticks": _ticks(groups),
         "faults": _faults(runs[runs["fault"] != ""]),
     }
 
 
-def read_executions(results: Results, experiment: str) -> pd.DataFrame | None:
-    """executions.csv, a row an execution; None where it was not run."""
+def read_executions(results: Results, experiment: str) -> pd.DataFrame:
+    """executions.csv, a row an execution."""
     runs = results.table(experiment, "executions.csv", COLUMNS, KEY)
-    if runs is None:
-        return None
     refuse(runs, runs["tied"] & (runs["cause"] != ""), "tied, and failed by {cause}")
     return runs[runs["controller"].isin(CONTROLLERS)]
 
@@ -138,7 +134,7 @@ def _gain(own: pd.DataFrame, base: pd.DataFrame | None) -> str:
     both = None if base is None else 100.0 * own.merge(base, on="twin")[["tied_x", "tied_y"]]
     if both is None or both.empty:
         return md.NOTHING
-    return md.estimate(mean_difference(both["tied_x"], both["tied_y"], paired=True))
+    return md.estimate(bootstrap(both["tied_x"] - both["tied_y"]))
 
 
 def _causes(groups: Groups) -> str:
@@ -213,7 +209,6 @@ def _plot(figure: Figure, runs: pd.DataFrame) -> None:
             if own.empty:
                 continue
             rate = wilson(own["tied"].sum(), len(own))
-            assert rate.low is not None and rate.high is not None
             x = group + (place - (len(names) - 1) / 2) * step
             axes.bar(x, 100 * rate.estimate, 0.9 * step, color=colour, label=label)
             axes.plot([x, x], [100 * rate.low, 100 * rate.high], color=INK, linewidth=1.0)
@@ -230,11 +225,9 @@ TRAJECTORIES |= dict.fromkeys(("waypoints", "unreached", "tip_error_mm", "tip_sp
 TRAJECTORIES |= dict.fromkeys(("limit_margin_deg", "joint_speed_share", "seconds", "slowed"), float)
 
 
-def arm(results: Results, _: Figures) -> Parts | None:
+def arm(results: Results, _: Figures) -> Parts:
     """A line for each property of the trajectories that was checked."""
     plans = results.table("arm", "trajectories.csv", TRAJECTORIES, ("plan",))
-    if plans is None:
-        return None
     found = plans[plans["solved"]]
     if found.empty:
         return {"plans": f"None of {len(plans)} searches found a plan."}

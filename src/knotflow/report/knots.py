@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 
 import pandas as pd
 
 from knotflow.report import markdown as md
-from knotflow.report.results import Results
+from knotflow.report.results import NotMeasured, Results
 from knotflow.report.searches import (
     OUTCOME,
     STATE_NOTATION,
@@ -21,8 +22,8 @@ from knotflow.report.searches import (
     tied_by_splines,
     tied_columns,
 )
-from knotflow.report.section import Claim, Figures, Judgement, NotMeasured, Parts, Verdict
-from knotflow.statistics import mean_difference
+from knotflow.report.section import Claim, Figures, Judgement, Parts, Verdict
+from knotflow.statistics import bootstrap
 
 PAPER_BRANCHES = 12
 """That the paper's one search for the pentagram evaluated."""
@@ -38,11 +39,9 @@ VARIANTS = {
 """Methods of the ablation, by their tables; all others lack a part that the first has."""
 
 
-def overhand(results: Results, figures: Figures) -> Parts | None:
+def overhand(results: Results, figures: Figures) -> Parts:
     """The plan's picture, its solution DAG, and what the search took."""
     searches = read_searches(results, "overhand")
-    if searches.empty:
-        return None
     search = next(searches.itertuples())
     start = f"from the start `{search.start}` (seed {search.seed})"
     return {
@@ -67,11 +66,9 @@ def overhand(results: Results, figures: Figures) -> Parts | None:
     }
 
 
-def pentagram(results: Results, figures: Figures) -> Parts | None:
+def pentagram(results: Results, figures: Figures) -> Parts:
     """A line for all searches, the start, and the plan of fewest splines."""
     searches = read_searches(results, "pentagram")
-    if searches.empty:
-        return None
     return {
         "searches": search_table([({"start": "overhand with its head pulled out"}, searches)]),
         "settings": search_words(results, "pentagram"),
@@ -85,8 +82,6 @@ def pentagram(results: Results, figures: Figures) -> Parts | None:
 def judge_pentagram(results: Results) -> Judgement:
     """A plan found with 12 branches, from an overhand whose head was pulled out."""
     searches = read_searches(results, "pentagram")
-    if searches.empty:
-        raise NotMeasured("needs searches in pentagram")
     tied = f"tied in {searches['solved'].sum()} of {len(searches)} searches"
     verdict = Verdict.PARTLY if sizes(searches).min() <= PAPER_BRANCHES else Verdict.FAILS
     if median_size(searches).estimate <= PAPER_BRANCHES:
@@ -94,11 +89,9 @@ def judge_pentagram(results: Results) -> Judgement:
     return Judgement(f"{tied}; {' '.join(effort(searches))}", verdict)
 
 
-def knots(results: Results, _: Figures) -> Parts | None:
+def knots(results: Results, _: Figures) -> Parts:
     """Which knots are tied, and with what effort."""
     searches = read_searches(results, "knots")
-    if searches.empty:
-        return None
     rows = [
         {"knot": f"`{goal}`", "start": str(start)} | tied_columns(own)
         for (goal, start), own in searches.groupby(["goal", "start"], sort=False)
@@ -111,11 +104,9 @@ def knots(results: Results, _: Figures) -> Parts | None:
     }
 
 
-def goals(results: Results, figures: Figures) -> Parts | None:
+def goals(results: Results, figures: Figures) -> Parts:
     """A line for each number of crossings, the share over time, and every goal not tied."""
     table = results.table("goals", "goals.csv", GOAL_SEARCHES, GOAL)
-    if table is None:
-        return None
     sets = {str(name): own for name, own in table.groupby("set", sort=False)}
     missed = [
         {
@@ -140,15 +131,15 @@ def goals(results: Results, figures: Figures) -> Parts | None:
     }
 
 
-def ablation(results: Results, figures: Figures) -> Parts | None:
+def ablation(results: Results, figures: Figures) -> Parts:
     """A line a method, with the difference from the complete planner, paired by goal."""
     experiment = "goals_ablation"
-    found = {
-        name: results.table(experiment, f"{name}.csv", GOAL_SEARCHES, GOAL) for name in VARIANTS
-    }
-    tables = {name: table for name, table in found.items() if table is not None}
+    tables: dict[str, pd.DataFrame] = {}
+    for name in VARIANTS:
+        with suppress(NotMeasured):
+            tables[name] = results.table(experiment, f"{name}.csv", GOAL_SEARCHES, GOAL)
     if not tables:
-        return None
+        raise NotMeasured(f"needs goals in {experiment}")
     sets = list(dict.fromkeys(name for table in tables.values() for name in table["set"]))
     rows = [
         {"planner": VARIANTS[name]}
@@ -167,10 +158,8 @@ def _difference(tables: Mapping[str, pd.DataFrame], name: str) -> str:
     """Of the share of goals tied from that of the complete planner, in points."""
     if name == COMPLETE or COMPLETE not in tables:
         return md.NOTHING
-    tied, base = (
-        100.0 * tables[one].set_index([*GOAL])["solved"].sort_index() for one in (name, COMPLETE)
-    )
-    return md.estimate(mean_difference(tied, base, paired=True))
+    tied, base = (tables[one].set_index([*GOAL])["solved"] for one in (name, COMPLETE))
+    return md.estimate(bootstrap((100.0 * tied - 100.0 * base).sort_index()))
 
 
 PENTAGRAM_CLAIM = Claim(

@@ -58,7 +58,7 @@ def tenths(value: float) -> str:
 
 def estimate(interval: Interval, written: Callable[[float], str] = tenths) -> str:
     """A mean, median or difference with its limits: `4.3 (3.7 to 5.1)`."""
-    if interval.low is None or interval.high is None:
+    if math.isnan(interval.low):
         return written(interval.estimate)
     limits = f" ({written(interval.low)} to {written(interval.high)})"
     return f"{written(interval.estimate)}{limits}"
@@ -85,9 +85,9 @@ def times(ratio: Interval) -> str:
     if math.isnan(ratio.estimate):
         return "both 0"
     if math.isinf(ratio.estimate):
-        return f"at least {number(ratio.low or 0.0)}×"
-    if ratio.high is not None and math.isinf(ratio.high):
-        return f"{number(ratio.estimate)}× (at least {number(ratio.low or 0.0)})"
+        return f"at least {number(ratio.low)}×"
+    if math.isinf(ratio.high):
+        return f"{number(ratio.estimate)}× (at least {number(ratio.low)})"
     value, _, limits = estimate(ratio, number).partition(" ")
     return f"{value}× {limits}".strip()
 

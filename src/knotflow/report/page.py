@@ -24,7 +24,7 @@ from knotflow.report import (
     training,
 )
 from knotflow.report import markdown as md
-from knotflow.report.results import Results, read_table
+from knotflow.report.results import NotMeasured, Results, read_table
 from knotflow.report.section import COLOURS, Figures, Parts, Section, Verdict, bare_axis
 from knotflow.statistics import RESAMPLES
 from knotflow.viz.style import INK
@@ -36,11 +36,11 @@ STAGES_DRAWN = 15
 """The longest, in the figure of run times."""
 
 
-def plain(experiment: str, results: Results, _: Figures) -> Parts | None:
+def plain(experiment: str, results: Results, _: Figures) -> Parts:
     """Every table of an experiment."""
     found = results.measured(experiment)
     if not found:
-        return None
+        raise NotMeasured(f"needs tables in {experiment}")
     tables = []
     for path in found.tables:
         table = read_table(path)

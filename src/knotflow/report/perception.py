@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from knotflow.report import markdown as md
 from knotflow.report.results import Results
-from knotflow.report.section import COLOURS, Figures, Parts, bare_axis
+from knotflow.report.section import COLOURS, Figures, Parts, bare_axis, optional
 from knotflow.statistics import bootstrap
 
 EXPERIMENT = "perception"
@@ -45,11 +45,9 @@ STEP = 0.1  # s
 ERRORS = {"model": str, "level": int, "steps": int, "motions": int, "mean_error_mm": float}
 
 
-def perception(results: Results, figures: Figures) -> Parts | None:
+def perception(results: Results, figures: Figures) -> Parts:
     """Accuracy by crossings, the table of methods, ambiguity, and plans from estimates."""
     table = results.table(EXPERIMENT, "estimates.csv", COLUMNS, KEY)
-    if table is None:
-        return None
     table["method"] = table["method"].replace(FORMERLY)
     known = table["method"].isin(METHODS)
     others, table = table.loc[~known, "method"].nunique(), table[known]
@@ -116,11 +114,10 @@ def _unambiguous(shown: pd.DataFrame) -> str:
     return about if parts else ""
 
 
+@optional
 def _plans(results: Results) -> str:
     """Shares of ropes with a plan, and of plans that tie the true rope; '' without plans."""
     plans = results.table(EXPERIMENT, "plans.csv", PLANS, ("rope", "planned_from"))
-    if plans is None:
-        return ""
     parts = [
         f"from {planned_from} shapes, {md.rate(own['planned'])} of {len(own)} random ropes had a "
         f"plan and {md.rate(own['tied'])} were tied"
@@ -145,11 +142,9 @@ def _plot(figure: Figure, shown: pd.DataFrame) -> None:
     accuracy.legend(frameon=False, loc="lower left")
 
 
-def tracking(results: Results, figures: Figures) -> Parts | None:
+def tracking(results: Results, figures: Figures) -> Parts:
     """The error in motion and at rest by method and level."""
     tracks = results.table("tracking", "tracks.csv", TRACKS, ("method", "rollout", "frame"))
-    if tracks is None:
-        return None
     tracks = tracks[tracks["method"].isin(TRACKERS)]
     rows = [
         {"method": TRACKERS[str(method)], "level": str(level)} | _track_line(own)
@@ -200,11 +195,9 @@ def _plot_tracks(figure: Figure, tracks: pd.DataFrame) -> None:
     figure.legend(lines, labels, loc="outside upper left", ncols=len(labels), frameon=False)
 
 
-def dynamics(results: Results, _: Figures) -> Parts | None:
+def dynamics(results: Results, _: Figures) -> Parts:
     """A line a model and level, a column a number of steps."""
     errors = results.table("dynamics", "errors.csv", ERRORS, ("model", "level", "steps"))
-    if errors is None:
-        return None
     cells = errors.set_index(["model", "level", "steps"])["mean_error_mm"].map(md.tenths).to_dict()
     steps, levels = sorted(errors["steps"].unique()), sorted(errors["level"].unique())
     rows = [

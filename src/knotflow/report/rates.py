@@ -14,8 +14,8 @@ from matplotlib.ticker import PercentFormatter
 
 from knotflow import statistics
 from knotflow.report import markdown as md
-from knotflow.report.results import Results, refuse
-from knotflow.report.section import Figures, NotMeasured, bare_axis
+from knotflow.report.results import NotMeasured, Results, refuse
+from knotflow.report.section import Figures, bare_axis
 from knotflow.statistics import Interval
 from knotflow.viz.style import INK, MUTED
 
@@ -197,7 +197,6 @@ class Rates:
             axes.annotate(md.NOTHING, (x, 0), (0, 3), **above)  # type: ignore[arg-type]
             return
         rate = self.interval(method.name, action)
-        assert rate.low is not None and rate.high is not None
         axes.bar(x, rate.estimate, width * 0.9, color=method.colour)
         axes.plot([x, x], [rate.low, rate.high], color=INK, linewidth=0.9, solid_capstyle="butt")
         each = self.by_training(method.name, action)
@@ -213,13 +212,11 @@ def _by_training(table: pd.DataFrame, column: str) -> pd.DataFrame:
     return table.pivot(index="training_seed", columns="start", values=column)
 
 
-def read_rates(results: Results, experiment: str, name: str = "per_start.csv") -> Rates | None:
-    """A table of trials and successes by method, action, training and start; None before a run."""
+def read_rates(results: Results, experiment: str, name: str = "per_start.csv") -> Rates:
+    """A table of trials and successes by method, action, training and start."""
     key = ("method", "action", "training_seed", "start")
     columns = dict.fromkeys(key, str) | {"trials": int, "successes": int}
     table = results.table(experiment, name, columns, key)
-    if table is None:
-        return None
     check_counts(table)
     return Rates(table)
 
@@ -237,8 +234,7 @@ def complete_rates(results: Results, experiment: str, methods: Sequence[str]) ->
         NotMeasured: one of them is missing.
     """
     rates = read_rates(results, experiment)
-    missing = [m for m in methods if rates is None or m not in rates.methods]
-    if rates is None or missing:
+    if missing := [method for method in methods if method not in rates.methods]:
         raise NotMeasured(f"needs {md.listed(missing)} in {experiment}")
     shared = rates.shared_actions(*methods)
     if missing := [action for action in rates.actions if action not in shared]:

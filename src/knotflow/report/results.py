@@ -91,6 +91,10 @@ def refuse(table: pd.DataFrame, wrong: pd.Series, problem: str) -> None:
         raise ResultsError(f"{table.attrs['path']}, line {row + 2}: {message}")
 
 
+class NotMeasured(Exception):
+    """There is no table of what is asked for; the message says what is missing."""
+
+
 class Experiment:
     """One folder of results/."""
 
@@ -157,11 +161,18 @@ class Results:
         return found if found and found.tables else None
 
     def table(
-        self, experiment: str, name: str, columns: Mapping[str, type], key: Sequence[str] = ()
-    ) -> pd.DataFrame | None:
-        """results/<experiment>/<name> by `read_table`, None where it is not there."""
+        self, experiment: str, name: str, columns: Mapping[str, type], key: Sequence[str] = (),
+        **options: bool,
+    ) -> pd.DataFrame:  # fmt: skip
+        """results/<experiment>/<name> by `read_table`.
+
+        Raises:
+            NotMeasured: it is not there.
+        """
         path = self.root / experiment / name
-        return read_table(path, columns, key) if path.is_file() else None
+        if not path.is_file():
+            raise NotMeasured(f"needs {name} in {experiment}")
+        return read_table(path, columns, key, **options)
 
     def setting(self, experiment: str, name: str, node: str = "") -> Any:
         """What an experiment's stages, or those with `node` in their name, were configured with.

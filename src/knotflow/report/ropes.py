@@ -39,7 +39,7 @@ class Rope:
 
 
 def read_ropes(results: Results, experiment: str, name: str) -> list[Rope]:
-    """proposals.csv or a table like it, a row a point; empty where it is not there.
+    """proposals.csv or a table like it, a row a point.
 
     Raises:
         ResultsError: a rope is incomplete, or a spline has not three control points.
@@ -48,7 +48,7 @@ def read_ropes(results: Results, experiment: str, name: str) -> list[Rope]:
     columns = dict.fromkeys((*key, "outcome"), str) | {"point": int} | dict.fromkeys("xyz", float)
     table = results.table(experiment, name, columns, key)
     ropes = []
-    for (action, start), own in [] if table is None else table.groupby([*key[:2]], sort=False):
+    for (action, start), own in table.groupby([*key[:2]], sort=False):
         shapes: dict[str, list[tuple[Floats, bool]]] = {"before": [], "spline": [], "after": []}
         for (what, _), rows in own.groupby(["what", "proposal"], sort=False):
             points = rows.sort_values("point")[[*"xyz"]].to_numpy(float)
@@ -98,7 +98,7 @@ def sheet(
                 size = (1 / columns, PANEL / height)
                 _draw_rope(figure, rope, (column / columns, top - WORDS / height), size)
 
-    return figures.draw(name, caption, height, plot, layout=None) if ropes else ""
+    return figures.draw(name, caption, height, plot, layout=None)
 
 
 def _draw_rope(
@@ -131,11 +131,9 @@ def _draw_rope(
         )  # fmt: skip
 
 
-def demonstrations(results: Results, figures: Figures) -> Parts | None:
+def demonstrations(results: Results, figures: Figures) -> Parts:
     """A line an action, and all demonstrations in a figure."""
     shares = results.table("demonstrator", "shares.csv", SHARES)
-    if shares is None:
-        return None
     rows = [
         {
             "action": f"`{action}`",

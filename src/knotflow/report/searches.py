@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from knotflow.report import markdown as md
 from knotflow.report.rates import Method
-from knotflow.report.results import Results, read_table
-from knotflow.report.section import COLOURS, Figures, bare_axis
+from knotflow.report.results import Results
+from knotflow.report.section import COLOURS, Figures, bare_axis, optional
 from knotflow.statistics import Interval, hierarchical, weighted_median
 from knotflow.viz.style import INK, MUTED
 
@@ -38,15 +38,13 @@ STATE_NOTATION = (
 def read_searches(
     results: Results, experiment: str, column: str = "goal", *axes: str
 ) -> pd.DataFrame:
-    """branches.csv, a row a search; empty where it was not run.
+    """branches.csv, a row a search.
 
     `column` has what is compared, called `method` in what is returned; `axes` are further columns,
     such as training_seed, which is '' where they lack it.
     """
     keys = {column: str, "start": str, **dict.fromkeys(axes, str), "seed": int}
     table = results.table(experiment, "branches.csv", keys | OUTCOME, key=tuple(keys))
-    if table is None:
-        return pd.DataFrame(columns=[*dict.fromkeys(["method", *keys, *OUTCOME])])
     seeds = table["training_seed"] if "training_seed" in axes else ""
     return table.assign(method=table[column], training_seed=seeds)
 
@@ -114,12 +112,11 @@ def search_words(results: Results, experiment: str, node: str = "searches") -> s
     )
 
 
+@optional
 def checks(results: Results, experiment: str) -> str:
-    """What became of the plans' steps when they were simulated again (checks.csv); '' without."""
-    path = results.root / experiment / "checks.csv"
-    if not path.is_file():
-        return ""
-    table = read_table(path, CHECKS, key=("searches", "plan", "step"), may_be_empty=True)
+    """What became of the plans' steps when they were simulated again (checks.csv)."""
+    key = ("searches", "plan", "step")
+    table = results.table(experiment, "checks.csv", CHECKS, key, may_be_empty=True)
     if table.empty:  # no plan had a step
         return ""
     passed = int((table["passages"] > 0).sum())
@@ -130,13 +127,12 @@ def checks(results: Results, experiment: str) -> str:
     )
 
 
+@optional
 def splines_spent(results: Results, experiment: str, method: str) -> str:
-    """Where most splines of each method went, and how many succeeded; '' without tried.csv."""
+    """Where most splines of each method went, and how many succeeded."""
     keys = (method, "start", "state", "action")
     columns = dict.fromkeys(keys, str) | {"simulated": int, "successes": int}
     tried = results.table(experiment, "tried.csv", columns, key=keys)
-    if tried is None:
-        return ""
     total = tried.groupby([method, "state", "action"], sort=False, as_index=False).sum()
     rows = [
         {
@@ -251,9 +247,8 @@ def _branch_row(axes: Axes, searches: pd.DataFrame, method: Method, y: float, ri
                 markersize=3.5, mfc=face, mec=method.colour, alpha=0.8,
             )  # fmt: skip
     middle = median_size(searches)
-    if middle.low is not None and middle.high is not None:
-        limits = np.minimum([middle.low, middle.high], right)
-        axes.plot(limits, [y + 0.28] * 2, color=INK, linewidth=1.2)
+    limits = np.minimum([middle.low, middle.high], right)
+    axes.plot(limits, [y + 0.28] * 2, color=INK, linewidth=1.2)
     axes.plot(min(middle.estimate, right), y + 0.28, "|", color=INK, ms=6, mew=1.4)
 
 

@@ -7,16 +7,16 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cache
+from functools import cache, wraps
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, ParamSpec
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
 from knotflow.report import markdown as md
-from knotflow.report.results import Results
+from knotflow.report.results import NotMeasured, Results
 from knotflow.viz.style import PNG_DPI, WIDTH, styled
 
 COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#8a8f98")
@@ -46,10 +46,6 @@ class Judgement:
     ours: str
     verdict: Verdict
     size: str = ""  # where the direction holds and the size does not: how it differs
-
-
-class NotMeasured(Exception):
-    """The tables do not have what a claim needs; the message says what is missing."""
 
 
 @dataclass(frozen=True)
@@ -129,6 +125,20 @@ def bare_axis(axes: Axes, grid: str) -> None:
 
 Parts = Mapping[str, str]
 """Tables, figures and numbers of a section by name, in their order."""
+Given = ParamSpec("Given")
+
+
+def optional(part: Callable[Given, str]) -> Callable[Given, str]:
+    """A part that is '' where the tables lack what it needs."""
+
+    @wraps(part)
+    def made(*args: Given.args, **kwargs: Given.kwargs) -> str:
+        try:
+            return part(*args, **kwargs)
+        except NotMeasured:
+            return ""
+
+    return made
 
 
 class Text(NamedTuple):
@@ -153,10 +163,11 @@ def texts() -> dict[str, Text]:
 
 @dataclass(frozen=True)
 class Section:
-    """One experiment's part of the report; `parts` is None where it was not run."""
+    """One experiment's part of the report."""
 
     experiment: str
-    parts: Callable[[Results, Figures], Parts | None]
+    parts: Callable[[Results, Figures], Parts]
+    """Raises NotMeasured where it was not run."""
     claims: tuple[Claim, ...] = ()
 
     @property
@@ -167,8 +178,10 @@ class Section:
 
     def body(self, results: Results, figures: Figures) -> str | None:
         """The text of its results with all parts; None where it was not run."""
-        parts, text = self.parts(results, figures), self.text.results
-        if parts is None:
+        text = self.text.results
+        try:
+            parts = self.parts(results, figures)
+        except NotMeasured:
             return None
         rest = [part for name, part in parts.items() if f"{{{name}}}" not in text]
         return md.join(*text.format(**parts).split("\n\n"), *rest)

@@ -19,9 +19,9 @@ from knotflow.report.rates import (
     read_rates,
     with_extras,
 )
-from knotflow.report.results import Results
+from knotflow.report.results import NotMeasured, Results
 from knotflow.report.ropes import read_ropes, sheet
-from knotflow.report.section import Claim, Figures, Judgement, NotMeasured, Parts, Verdict
+from knotflow.report.section import Claim, Figures, Judgement, Parts, Verdict, optional
 from knotflow.report.training import imitation, reinforcement
 from knotflow.statistics import Interval, clustered_rate
 
@@ -50,12 +50,10 @@ PAPER_WIDEST = ("C(2,0,1)", "C(2,4,1)")
 """Where the paper's gap to the critic alone is largest."""
 
 
-def single_stage(results: Results, figures: Figures) -> Parts | None:
+def single_stage(results: Results, figures: Figures) -> Parts:
     """The figure, the tables behind it, how near to feasible, examples, learning, and cost."""
     rates = read_rates(results, SINGLE)
     methods = (RANDOM, ICP, IMITATION, REINFORCEMENT)
-    if rates is None:
-        return None
     return {
         "rates": compared(rates, figures, methods, PAIRS, SINGLE, "Fig. 6 reproduced"),
         "aims": aims(rates),
@@ -66,11 +64,9 @@ def single_stage(results: Results, figures: Figures) -> Parts | None:
     }
 
 
-def ablation(results: Results, figures: Figures) -> Parts | None:
+def ablation(results: Results, figures: Figures) -> Parts:
     """The figure and its tables."""
     rates, pairs = read_rates(results, ABLATION), [(PARTS[2], part) for part in PARTS[:2]]
-    if rates is None:
-        return None
     return {"rates": compared(rates, figures, PARTS, pairs, ABLATION, "Fig. 7 reproduced")}
 
 
@@ -109,11 +105,10 @@ def aims(rates: Rates) -> str:
     )
 
 
+@optional
 def reachable(results: Results, rates: Rates) -> str:
     """On how many starts a search in the simulator finds nothing, beside the failures of RL."""
     table = results.table(SINGLE, "reachable.csv", REACHABLE, key=("action", "start"))
-    if table is None:
-        return ""
     rows, above = [], []
     for action in rates.shared_actions(REINFORCEMENT.name):
         own = table[table["action"] == action].set_index("start")
@@ -141,8 +136,9 @@ def reachable(results: Results, rates: Rates) -> str:
     )
 
 
+@optional
 def _examples(results: Results, figures: Figures) -> str:
-    """The first unseen ropes of each action with what is proposed for them; '' without."""
+    """The first unseen ropes of each action with what is proposed for them."""
     ropes = read_ropes(results, SINGLE, "proposals.csv")
     hits = [[succeeded for _, succeeded in rope.splines] for rope in ropes]
     caption = (

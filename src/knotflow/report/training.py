@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 from knotflow.report import markdown as md
 from knotflow.report.rates import PRIMITIVES, check_counts, in_order
 from knotflow.report.results import Results
-from knotflow.report.section import COLOURS, Figures, Parts, bare_axis
+from knotflow.report.section import COLOURS, Figures, Parts, bare_axis, optional
 from knotflow.viz.style import INK
 
 NAMES = {number: name for number, name in enumerate(PRIMITIVES, 1)}
@@ -86,11 +86,9 @@ def draw_curves(
 
 
 def read_curves(results: Results, experiment: str, name: str) -> Curves:
-    """A table of learning curves, a row a value; empty where it is not there."""
+    """A table of learning curves, a row a value."""
     columns = {"primitive": int, "step": int, "metric": str, "value": float}
     table = results.table(experiment, name, columns, key=("primitive", "metric", "step"))
-    if table is None:
-        return {}
     groups = table.assign(step=table["step"] + 1).groupby(["primitive", "metric"], sort=False)
     return {
         (int(primitive), str(metric)): own.set_index("step")["value"].sort_index()
@@ -103,6 +101,7 @@ def smoothed(curve: pd.Series) -> pd.Series:
     return curve.rolling(SMOOTHED, center=True, min_periods=1).mean()
 
 
+@optional
 def imitation(results: Results, figures: Figures, experiment: str) -> str:
     """Loss and accuracy on held-out and training demonstrations; '' without curves."""
     curves = read_curves(results, experiment, "curves_imitation.csv")
@@ -123,6 +122,7 @@ def imitation(results: Results, figures: Figures, experiment: str) -> str:
     return draw_curves(figures, "imitation", caption, panels, "validation", rates, legend=True)
 
 
+@optional
 def reinforcement(results: Results, figures: Figures, experiment: str) -> str:
     """The success rate of the policy's own attempts, a panel a primitive; '' without curves."""
     curves = read_curves(results, experiment, "curves_reinforcement.csv")
@@ -141,6 +141,7 @@ def reinforcement(results: Results, figures: Figures, experiment: str) -> str:
     return draw_curves(figures, "reinforcement", caption, panels, rates=[*panels])
 
 
+@optional
 def joint(results: Results, figures: Figures, experiment: str) -> str:
     """The policy's own success by primitive, and that of whole episodes; '' without curves."""
     curves = read_curves(results, experiment, "curves_joint.csv")
@@ -170,10 +171,8 @@ def _own_success(curves: Curves) -> list[Line]:
     return lines
 
 
-def library(results: Results, figures: Figures) -> Parts | None:
+def library(results: Results, figures: Figures) -> Parts:
     """The self-play of the shipped primitives: success by primitive, pairs and trials."""
-    if not results.measured("library_training"):
-        return None
     curves = read_curves(results, "library_training", "curves.csv")
     pairs = [
         Line(curves[1, metric], colour, label)  # primitive 1's curves count them
@@ -198,12 +197,11 @@ def library(results: Results, figures: Figures) -> Parts | None:
     return {"self_play": md.join(drawn, _trials(results))}
 
 
+@optional
 def _trials(results: Results) -> str:
     """How much was tried, and how much of it succeeded; '' without trials.csv."""
     columns = {"start": str, "action": str, "trials": int, "successes": int, "recent_rate": float}
     table = results.table("library_training", "trials.csv", columns, key=("start", "action"))
-    if table is None:
-        return ""
     check_counts(table)
     return (
         f"Self-play spent {table['trials'].sum():,} trials on {len(table):,} pairs of state and "
@@ -213,11 +211,9 @@ def _trials(results: Results) -> str:
     )
 
 
-def network(experiment: str, results: Results, figures: Figures) -> Parts | None:
+def network(experiment: str, results: Results, figures: Figures) -> Parts:
     """A network's learning curves, and where they ended."""
     table = results.table(experiment, "curves.csv", {"step": int}, key=("step",))
-    if table is None:
-        return None
     curves = table.astype(float).sort_values("step").set_index("step")
     panels: dict[str, list[Line]] = {}
     for column in curves:
