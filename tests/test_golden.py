@@ -246,7 +246,7 @@ def training() -> dict[str, Any]:
         }
     )
     losses = critic_loss(filled(Critic(SMALL)), batch) | actor_loss(
-        filled(Actor(SMALL)), batch, failure_weight=0.5
+        filled(Actor(SMALL)), batch, LearnerConfig(failure_weight=0.5)
     )
     return losses | {f"settling_{name}": value for name, value in after_reset().items()}
 

@@ -135,12 +135,9 @@ class SmallMemory(Trainer):
         )
         return self.learner.fit(2)
 
-    def state_dict(self):
-        return super().state_dict() | {"learner": self.learner.state_dict()}
-
-    def load_state_dict(self, state):
-        super().load_state_dict(state)
-        self.learner.load_state_dict(state["learner"])
+    @property
+    def parts(self):
+        return {"learner": self.learner.parts}
 
 
 @pytest.mark.parametrize(
@@ -213,7 +210,7 @@ def test_actor_loss_without_baseline_is_likelihood_of_successes(batch):
         ]
     )
     expected = -log_prob[batch["reward"] > 0].mean()
-    loss = actor_loss(actor, batch)["loss_actor"]
+    loss = actor_loss(actor, batch, LearnerConfig())["loss_actor"]
     torch.testing.assert_close(loss, expected, atol=1e-4, rtol=1e-4)
 
 
@@ -228,17 +225,17 @@ def test_failures_count_only_within_reach_of_the_actor(batch):
 
     def gradient(some):
         actor.zero_grad()
-        actor_loss(actor, some, failure_weight=1.0)["loss_actor"].backward()
+        actor_loss(actor, some, LearnerConfig(failure_weight=1.0))["loss_actor"].backward()
         return sum(float(p.grad.abs().sum()) for p in actor.parameters())
 
     assert gradient(near) > 0
     assert gradient(far) == 0
-    assert actor_loss(actor, near, failure_weight=0.0)["loss_actor"] == 0
+    assert actor_loss(actor, near, LearnerConfig(failure_weight=0.0))["loss_actor"] == 0
 
 
 def test_gains_only_leaves_out_trials_below_the_baseline(batch):
     actor = Actor(NETWORK)
     batch["baseline"] = torch.full_like(batch["baseline"], 2.0)
-    pushed = actor_loss(actor, batch, failure_weight=1.0)["loss_actor"]
-    assert pushed != 0
-    assert actor_loss(actor, batch, failure_weight=1.0, gains_only=True)["loss_actor"] == 0
+    pushed, gains = (LearnerConfig(failure_weight=1.0, gains_only=one) for one in (False, True))
+    assert actor_loss(actor, batch, pushed)["loss_actor"] != 0
+    assert actor_loss(actor, batch, gains)["loss_actor"] == 0

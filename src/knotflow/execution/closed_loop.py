@@ -26,7 +26,7 @@ from knotflow.execution.step_executor import (
     StepOutcome,
     TickTiming,
 )
-from knotflow.execution.twin import TrueState, Twin
+from knotflow.execution.twin import Twin
 from knotflow.perception import Camera, Network, Tracker
 from knotflow.planning import Goal, KnotPlan, PlanStep, UnreachableGoalError
 from knotflow.simulation import ShapeError, SimulationConfig, state_or_none
@@ -216,10 +216,9 @@ class _KnotExecution:
 class ControllerSpec:
     """One way to execute a plan."""
 
-    state: str = ""  # where the rope's state is from: true, vision, or none
+    state: str = ""  # where the rope's state is from: vision, or none
     tracks: bool = False  # whether MPPI corrects the drag
     replans: bool = False  # after each action
-    model: str = "lstm"  # that MPPI predicts by: lstm, or mujoco, the planner's simulator
 
 
 CONTROLLERS = {
@@ -227,10 +226,6 @@ CONTROLLERS = {
     "mppi": ControllerSpec("vision", tracks=True),
     "replan": ControllerSpec("vision", replans=True),
     "mppi_replan": ControllerSpec("vision", tracks=True, replans=True),
-    "replan_true_state": ControllerSpec("true", replans=True),
-    "mppi_true_state": ControllerSpec("true", tracks=True),
-    "mppi_true_state_mujoco": ControllerSpec("true", tracks=True, model="mujoco"),
-    "mppi_replan_true_state": ControllerSpec("true", tracks=True, replans=True),
 }
 """By the names that tables give them."""
 
@@ -259,18 +254,13 @@ def run_trial(
 ) -> Trial:
     """Execute a plan from a twin's first rope on the twin, which is then used up.
 
-    With vision the twin has a camera, here at its nominal pose; `weights` are of the learned
+    With vision the twin has a `camera`, here at its nominal pose; `weights` are of the learned
     dynamics, `network` proposes first guesses at the rope in an image, and `robot` is the twin's or
     a wrapper of it, such as one of `FAULTS`.
     """
-    simulation = SimulationConfig(rope=twin.config.rope, threads=1)
-    source: RopeSource | None = None
-    estimator: StateEstimator | None = None
-    controller: Controller | None = None
-    if spec.state == "true":
-        source = estimator = TrueState(twin)
-    elif spec.state == "vision":
-        assert camera is not None
+    source = estimator = controller = None
+    if camera is not None:
+        simulation = SimulationConfig(rope=twin.config.rope, threads=1)
         prediction = ModelPrediction(MujocoDynamics(simulation))
         tracker = Tracker(camera, simulation.rope, plan.start, prediction, network=network)
         source = TrackedRope(tracker)
@@ -279,8 +269,7 @@ def run_trial(
         from knotflow.execution.lstm_dynamics import LstmDynamics
         from knotflow.execution.mppi import Mppi
 
-        mujoco = spec.model == "mujoco"
-        controller = Mppi(MujocoDynamics(simulation) if mujoco else LstmDynamics.load(weights))
+        controller = Mppi(LstmDynamics.load(weights))
     replan, robot = replan if spec.replans else None, robot or twin.robot()
     execution = execute(plan, robot, config, source, controller, estimator, replan)
     truth = np.reshape(twin.trajectory, execution.reference.shape)

@@ -18,17 +18,11 @@ OPEN_LOOP = "open_loop"
 CONTROLLERS = {
     OPEN_LOOP: ("open loop", "#8a8f98"),
     "mppi": ("MPPI", "#e69f00"),
-    "mppi_true_state": ("MPPI, true state", "#f0b25a"),
-    "mppi_true_state_mujoco": ("MPPI by simulation, true state", "#d55e00"),
     "replan": ("replanning", "#0072b2"),
-    "replan_true_state": ("replanning, true state", "#8fb8c4"),
     "mppi_replan": ("MPPI + replanning", "#009e73"),
-    "mppi_replan_true_state": ("MPPI + replanning, true state", "#7fc8a9"),
 }
 """Controllers in the order shown: what they are called, and their colour; others, of older results,
 are not shown."""
-TRUE_STATE = "_true_state"
-"""How the names of controllers end that are given the true state."""
 TICK = {"image_ms": "image", "track_ms": "tracking", "mppi_ms": "MPPI", "tick_ms": "both"}
 KEY = ("controller", "knot", "level", "fault", "twin")
 COLUMNS = {"controller": str, "knot": str, "level": int, "fault": str, "twin": int, "tied": bool}
@@ -102,17 +96,12 @@ def _groups(runs: pd.DataFrame) -> Groups:
 
 
 def _table(groups: Groups, every: Groups) -> str:
-    """A line for each of `groups`, with the difference from counterparts among `every`."""
-    truth = any(name.endswith(TRUE_STATE) for _, _, name in groups)
+    """A line for each of `groups`, with the difference from open loop among `every`."""
     rows = []
     for (knot, level, name), own in groups.items():
         base = every.get((knot, level, OPEN_LOOP)) if name != OPEN_LOOP else None
         row = _first_cells(knot, level, name) | {"tied": md.share(own["tied"])}
         row["minus open loop, points"] = _gain(own, base)
-        if truth:
-            sighted = name.removesuffix(TRUE_STATE)
-            vision = every.get((knot, level, sighted)) if name != sighted else None
-            row["minus the same by vision, points"] = _gain(own, vision)
         row["actions"] = f"{own['actions_done'].mean():.1f}"
         row["deviation"] = _mean(own["mean_deviation_mm"], "mm")
         row["time, median"] = md.duration(own["seconds"].median())

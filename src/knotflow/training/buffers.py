@@ -94,6 +94,7 @@ class TrialBuffer(ReplayBuffer):
                 "spline": items["spline"].gather(1, order[..., None].expand(-1, -1, 6))[valid],
                 "reward": reward.gather(1, order)[valid],
                 "baseline": (reward.sum(1) / count)[owner],
+                "next_value": torch.full((len(owner),), torch.nan),
                 "weight": torch.ones(len(owner)),
             }
         )
@@ -129,7 +130,7 @@ class TransitionBuffer(ReplayBuffer):
         self._replay[rows] = items
 
     def sample(self, ropes: int, trials: int) -> TensorDict:
-        """Up to `ropes` trials as `learner` describes them, with the key `next_value`."""
+        """Up to `ropes` trials as `learner` describes them."""
         items = self._draw(ropes)
         batch = TensorDict(
             {key: items[key] for key in ("states", "spline", "reward", "baseline", "next_value")}
@@ -140,7 +141,7 @@ class TransitionBuffer(ReplayBuffer):
 
 
 def mix(parts: Sequence[TensorDict], shares: Sequence[float]) -> TensorDict:
-    """Batches of several buffers as one, each weighted with its share; next values may be NaN."""
+    """Batches of several buffers as one, each weighted with its share."""
     offset = 0
     owners, weights = [], []
     total = sum(len(part["owner"]) for part in parts)
@@ -148,15 +149,9 @@ def mix(parts: Sequence[TensorDict], shares: Sequence[float]) -> TensorDict:
         owners.append(part["owner"] + offset)
         weights.append(part["weight"] * share / sum(shares) * total / len(part["owner"]))
         offset += len(part["states"])
-    columns = {
-        key: torch.cat([part[key] for part in parts]) for key in ("spline", "reward", "baseline")
-    }
-    if any("next_value" in part.keys() for part in parts):
-        columns["next_value"] = torch.cat(
-            [part.get("next_value", torch.full_like(part["reward"], torch.nan)) for part in parts]
-        )
-    columns |= {"owner": torch.cat(owners), "weight": torch.cat(weights)}
-    return TensorDict({"states": torch.cat([part["states"] for part in parts]), **columns})
+    shared = ("states", "spline", "reward", "baseline", "next_value")
+    columns = {key: torch.cat([part[key] for part in parts]) for key in shared}
+    return TensorDict({**columns, "owner": torch.cat(owners), "weight": torch.cat(weights)})
 
 
 def augment(
@@ -191,17 +186,16 @@ def add_random_splines(batch: TensorDict, share: float, generator: torch.Generat
     spline[:, [1, 2, 4, 5]] /= PLANE_SCALE
     spline[:, 3] = (spline[:, 3] - HEIGHT_CENTRE) / HEIGHT_SCALE
     weight = torch.cat([(1 - share) * batch["weight"], share * batch["weight"]])
-    columns = {
-        "owner": torch.cat([owner, owner]),
-        "spline": torch.cat([batch["spline"], spline]),
-        "reward": torch.cat([batch["reward"], torch.zeros(len(owner))]),
-        "weight": 2 * weight,
-    }
-    if "next_value" in batch.keys():
-        columns["next_value"] = torch.cat(
-            [batch["next_value"], torch.full((len(owner),), torch.nan)]
-        )
-    return TensorDict({"states": batch["states"], **columns})
+    return TensorDict(
+        {
+            "states": batch["states"],
+            "owner": torch.cat([owner, owner]),
+            "spline": torch.cat([batch["spline"], spline]),
+            "reward": torch.cat([batch["reward"], torch.zeros(len(owner))]),
+            "next_value": torch.cat([batch["next_value"], torch.full((len(owner),), torch.nan)]),
+            "weight": 2 * weight,
+        }
+    )
 
 
 class StateBuffer:

@@ -77,7 +77,7 @@ class Imitation(Trainer):
 
     @property
     def parts(self) -> dict[str, Any]:
-        return {"learner": self.learner}
+        return {"learner": self.learner.parts}
 
 
 class Reinforcement(Trainer):
@@ -181,4 +181,4 @@ class Reinforcement(Trainer):
 
     @property
     def parts(self) -> dict[str, Any]:
-        return {"learner": self.learner, "initial": self._initial, "rng": self._rng}
+        return {"learner": self.learner.parts, "initial": self._initial, "rng": self._rng}

@@ -8,7 +8,7 @@ The losses read a batch of S ropes and N trials; many splines may share a rope:
 * reward, (N,): 1 where the trial succeeded, else 0;
 * baseline, (N,): mean return of the trials known from the same rope;
 * weight, (N,): of the trial in the batch, of mean 1;
-* next_value, (N,), optional: max Q of a next action at the end shape, NaN where none was valued.
+* next_value, (N,): max Q of a next action at the end shape, NaN where none was valued.
 
 Beyond the paper, critics are reset now and then (Nikishin et al., "The Primacy Bias in Deep
 Reinforcement Learning", ICML 2022).
@@ -109,8 +109,6 @@ def _widened(
 def returns(batch: TensorDict, success_share: float) -> Tensor:
     """Returns (N,) in 0..1: the reward, in part times the next value where that is known."""
     reward: Tensor = batch["reward"]
-    if "next_value" not in batch.keys():
-        return reward
     next_value = batch["next_value"]
     worth = torch.where(next_value.isnan(), 1.0, success_share + (1 - success_share) * next_value)
     return reward * worth
@@ -124,25 +122,17 @@ def critic_loss(critic: Critic, batch: TensorDict) -> dict[str, Tensor]:
     reward, weight = batch["reward"], batch["weight"]
     logits = critic(batch["states"], batch["spline"], batch["owner"])
     success, value = logits.unbind(-1)
+    known = (reward > 0.5) & ~batch["next_value"].isnan()
+    next_value, known_weight = (
+        torch.where(known, one, 0.0) for one in (batch["next_value"], weight)
+    )
     loss = binary_cross_entropy_with_logits(success, reward, weight=weight)
-    if "next_value" in batch.keys():
-        next_value = batch["next_value"]
-        known = (reward > 0.5) & ~next_value.isnan()
-        weight = torch.where(known, weight, 0.0)
-        loss = loss + binary_cross_entropy_with_logits(
-            value, torch.where(known, next_value, 0.0), weight=weight
-        )
+    loss = loss + binary_cross_entropy_with_logits(value, next_value, weight=known_weight)
     accuracy = ((success.detach() > 0) == (reward > 0.5)).float().mean()
     return {"loss_critic": loss, "critic_accuracy": accuracy}
 
 
-def actor_loss(
-    actor: Actor,
-    batch: TensorDict,
-    failure_weight: float = 0.0,
-    success_share: float = 0.5,
-    gains_only: bool = False,
-) -> dict[str, Tensor]:
+def actor_loss(actor: Actor, batch: TensorDict, config: LearnerConfig) -> dict[str, Tensor]:
     """Off-policy REINFORCE, -(R - b) log pi(a | s), and `actor_spread`, the normalised deviation.
 
     b is `failure_weight` times the baseline. As -log pi has no upper bound, a failure counts only
@@ -151,8 +141,8 @@ def actor_loss(
     policy: SplineDistribution = actor(batch["states"])
     owner = batch["owner"]
     log_prob = policy.log_prob(batch["spline"], owner)
-    advantage = returns(batch, success_share) - failure_weight * batch["baseline"]
-    if gains_only:
+    advantage = returns(batch, config.success_share) - config.failure_weight * batch["baseline"]
+    if config.gains_only:
         advantage = advantage.clamp(min=0)
     typical = -policy.entropy.detach()[owner]  # the mean of log pi under pi
     counts = (advantage > 0) | (log_prob.detach() > typical - REACH)
@@ -226,13 +216,9 @@ class Learner:
 
     def measure(self, batch: TensorDict, for_critic: TensorDict) -> dict[str, Tensor]:
         """Losses and other metrics of a batch, and of what the critic learns from."""
-        config, actor, critic = self.config, self.primitive.actor, self.primitive.critic
+        actor, critic = self.primitive.actor, self.primitive.critic
         out = {} if critic is None else critic_loss(critic, for_critic)
-        if actor is not None:
-            out |= actor_loss(
-                actor, batch, config.failure_weight, config.success_share, config.gains_only
-            )
-        return out
+        return out if actor is None else out | actor_loss(actor, batch, self.config)
 
     def fit(self, steps: int, reset: bool = False, stop: Event | None = None) -> dict[str, float]:
         """Gradient steps, until `stop` is set; the means of what `update` gives.
@@ -249,21 +235,12 @@ class Learner:
                 means[key] = means.get(key, 0.0) + value / steps
         return means
 
-    def state_dict(self) -> dict[str, Any]:
-        """All that `update` depends on but the demonstrations, which do not change."""
-        return {
-            "primitive": self.primitive.state_dict(),
-            "optimizer": self.optimizer.state_dict(),
-            "generator": self.generator.get_state(),
-            "rollouts": None if self.rollouts is None else self.rollouts.state_dict(),
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        self.primitive.load_state_dict(state["primitive"])
-        self.optimizer.load_state_dict(state["optimizer"])
-        self.generator.set_state(state["generator"])
-        if self.rollouts is not None:
-            self.rollouts.load_state_dict(state["rollouts"])
+    @property
+    def parts(self) -> dict[str, Any]:
+        """As of a `Trainer`: all that `update` depends on but the demonstrations."""
+        parts = {"primitive": self.primitive, "optimizer": self.optimizer}
+        rollouts = {} if self.rollouts is None else {"rollouts": self.rollouts}
+        return parts | {"generator": self.generator} | rollouts
 
 
 def fit_each(

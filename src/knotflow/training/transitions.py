@@ -232,7 +232,8 @@ class TransitionTrainer(Trainer):
 
     @property
     def parts(self) -> dict[str, Any]:
-        return {"learners": self._learners, "rng": self.rng}
+        learners = {number: learner.parts for number, learner in self._learners.items()}
+        return {"learners": learners, "rng": self.rng}
 
 
 def policy_success(transitions: Sequence[Transition]) -> Metrics:
