@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import networkx as nx
 import pytest
 
-from knotflow.planning import SearchGraph, SolutionDag, UnreachableGoalError, parse_goal
+from knotflow.planning import SolutionDag, UnreachableGoalError, parse_goal
 from knotflow.topology import IllegalActionError, TopologicalState, Undo, knot, parse_action
 
 TRIVIAL = TopologicalState.trivial()
@@ -85,10 +84,8 @@ def all_states() -> list[TopologicalState]:
 @pytest.mark.slow
 @pytest.mark.parametrize("text", GOALS)
 def test_every_state_has_a_path_to_every_goal(all_states, text):
-    graph = SearchGraph(parse_goal(text).dag)
     assert len(all_states) == 573
-    for state in all_states:
-        graph.extend(state)
+    graph = parse_goal(text).dag.with_undoings(*all_states)
     # From each a step nearer, and so on to distance 0, which only goals have.
     for state in graph.graph:
         assert (graph.distance(state) == 0) == (state in graph.goals)
@@ -100,7 +97,7 @@ def test_every_state_has_a_path_to_every_goal(all_states, text):
 
 def test_edges_are_undoings_and_forward_edges(all_states):
     dag = parse_goal("overhand").dag
-    graph = SearchGraph(dag, *all_states[::7])
+    graph = dag.with_undoings(*all_states[::7])
     for state in graph.graph:
         forward = tuple(e for e in graph.edges_from(state) if not isinstance(e[0], Undo))
         assert forward == (dag.edges_from(state) if state in dag else ())
@@ -109,26 +106,22 @@ def test_edges_are_undoings_and_forward_edges(all_states):
         assert set(undone) == set(state.undo_actions())
 
 
-def test_distances_do_not_depend_on_order_of_extension(all_states):
+def test_distances_do_not_depend_on_further_starts(all_states):
     starts = all_states[::11]
     dag = parse_goal("figure_eight").dag
-    at_once, one_by_one = SearchGraph(dag, *starts), SearchGraph(dag)
-    for start in reversed(starts):
-        one_by_one.extend(start)
-        one_by_one.extend(start)
-    backward = at_once.graph.reverse(copy=False)
-    expected = nx.multi_source_dijkstra_path_length(backward, set(dag.goals), weight=None)
-    assert set(at_once.graph) == set(one_by_one.graph) == set(expected)
-    for state, distance in expected.items():
-        assert at_once.distance(state) == one_by_one.distance(state) == distance
-        assert at_once.edges_from(state) == one_by_one.edges_from(state)
-        steps = [at_once.distance(onward) for _, onward in at_once.edges_from(state)]
-        assert distance == (0 if state in dag.goals else 1 + min(steps))
+    of_all = dag.with_undoings(*starts)
+    for start in starts[::5]:
+        own = dag.with_undoings(start)
+        for state in own.graph:
+            assert of_all.distance(state) == own.distance(state)
+            assert of_all.edges_from(state) == own.edges_from(state)
+            steps = [own.distance(onward) for _, onward in own.edges_from(state)]
+            assert own.distance(state) == (0 if state in dag.goals else 1 + min(steps))
 
 
-def test_search_graph_leaves_its_dag_unchanged():
+def test_undoings_leave_the_dag_unchanged():
     dag = parse_goal("overhand").dag
-    graph = SearchGraph(dag, STRAY)
+    graph = dag.with_undoings(STRAY)
     # The head is pulled off its strand, and the loop that is left grows to an overhand.
     assert graph.distance(STRAY) == 3
     undone = [str(action) for action, _ in graph.edges_from(STRAY)]
@@ -139,19 +132,18 @@ def test_search_graph_leaves_its_dag_unchanged():
 
 
 def test_trivial_goal_is_reached_by_undoing():
-    graph = SearchGraph(SolutionDag.to(TRIVIAL), OVERHAND)
+    graph = SolutionDag.to(TRIVIAL).with_undoings(OVERHAND)
     assert graph.distance(OVERHAND) == 3
     assert all(isinstance(action, Undo) for action, _ in graph.edges_from(OVERHAND))
 
 
 def test_states_with_many_crossings_are_added():
-    graph = SearchGraph(parse_goal("overhand").dag)
-    deep = OVERHAND
+    dag, deep = parse_goal("overhand").dag, OVERHAND
     for text in ("C(0,3,1)", "C(4,0,1)", "R1(3,1,1)"):
         deep = deep.apply(parse_action(text))
     with pytest.raises(UnreachableGoalError, match="no known actions lead"):
-        graph.distance(deep)
-    graph.extend(deep)
+        dag.with_undoings().distance(deep)
+    graph = dag.with_undoings(deep)
     assert deep.num_crossings == 6
     assert graph.distance(deep) == 3
     assert knot("overhand") <= graph.goals
@@ -159,13 +151,13 @@ def test_states_with_many_crossings_are_added():
 
 def test_path_from_tangled_start_keeps_what_leads_to_its_end():
     start = TRIVIAL.apply(PATH[0])
-    graph = SearchGraph(SolutionDag.along(PATH[1:], start))
+    dag = SolutionDag.along(PATH[1:], start)
+    graph = dag.with_undoings()
     assert TRIVIAL not in graph
     for state in graph.graph:
         assert all(onward in graph for _, onward in graph.edges_from(state))
     with pytest.raises(UnreachableGoalError, match="no known actions lead"):
-        graph.extend(STRAY)
-    assert STRAY not in graph and STRAY not in graph.graph
+        dag.with_undoings(STRAY)
 
 
 def test_path_may_undo():

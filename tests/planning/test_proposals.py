@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from knotflow.planning import PlannerConfig, SearchGraph, parse_goal
+from knotflow.planning import PlannerConfig, parse_goal
 from knotflow.planning.proposals import UNDO_VALUE, Proposals, group_by_query
 from knotflow.planning.rules import ACT, ARRANGE, Expansion, Node
 from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW
@@ -29,7 +29,7 @@ class Critic:
 
 @pytest.fixture
 def node(shape_of):
-    graph = SearchGraph(parse_goal("overhand").dag)
+    graph = parse_goal("overhand").dag.with_undoings()
     return Node(shape_of(LOOP), LOOP, graph.distance(LOOP), graph.edges_from(LOOP))
 
 

@@ -2,7 +2,6 @@ from .config import FAST_SEARCH, PlannerConfig, RopeOptions, plan_name
 from .frame import Frame, Placement
 from .goals import (
     Goal,
-    SearchGraph,
     SolutionDag,
     UnreachableGoalError,
     parse_goal,
@@ -31,7 +30,7 @@ from .waypoints import GripperConfig, Waypoints
 __all__ = [
     "FAST_SEARCH", "ROPE_NAMES", "Frame", "Goal", "GripperConfig", "KnotPlan", "MeasuredRope",
     "Placement", "PlanFormatError", "PlanStep", "PlannerConfig", "RopeInputError", "RopeOptions",
-    "SearchGraph", "SearchUpdate", "SolutionDag", "SurvivalConfig", "TreeSearch",
+    "SearchUpdate", "SolutionDag", "SurvivalConfig", "TreeSearch",
     "UnreachableGoalError",
     "Waypoints", "attempt_arranged", "check_steps", "estimate_success", "find_penetrations",
     "lay_down", "measured_rope", "parse_goal", "parse_rope", "plan_knot",

@@ -13,6 +13,7 @@ from knotflow.topology import (
     KNOT_NAMES,
     Action,
     TopologicalState,
+    Undo,
     knot,
     parse_action,
     solution_graph,
@@ -112,43 +113,21 @@ class SolutionDag:
         kept = {start} | nx.descendants(self.graph, start)
         return SolutionDag(self.graph.subgraph(kept).copy(), self.goals & kept)
 
-
-class SearchGraph(SolutionDag):
-    """A solution DAG `dag` joined with all that its states, and the starts, can be undone to.
-
-    Raises:
-        UnreachableGoalError: no actions and undoings lead from a start to a goal.
-    """
-
-    def __init__(self, dag: SolutionDag, *starts: TopologicalState) -> None:
-        graph = dag.graph.copy()
-        for state in _undone(dag.graph):
-            for undoing, previous in state.undo_actions():
-                graph.add_edge(state, previous, key=str(undoing), action=undoing)
-        leading = set(dag.goals).union(*(nx.ancestors(graph, goal) for goal in dag.goals))
-        super().__init__(graph.subgraph(leading).copy(), dag.goals)
-        for start in starts:
-            self.extend(start)
-
-    def extend(self, state: TopologicalState) -> None:
-        """Add a state, if it is new, and all that it can be undone to; nothing else changes.
+    def with_undoings(self, *starts: TopologicalState) -> SolutionDag:
+        """This graph joined with all that its states, and the starts, can be undone to.
 
         Raises:
-            UnreachableGoalError: no undoings lead from the state into the graph.
+            UnreachableGoalError: no actions and undoings lead from a start to a goal.
         """
-        if state in self:
-            return
-        # Undoing reduces crossings, so a state comes after all those that it can be undone to.
-        new = [below for below in _undone([state]) if below not in self]
-        for below in sorted(new, key=lambda one: (one.num_crossings, one)):
-            edges = [edge for edge in below.undo_actions() if edge[1] in self]
-            if not edges:
-                continue
-            for undoing, previous in edges:
-                self.graph.add_edge(below, previous, key=str(undoing), action=undoing)
-            self._edges[below] = _sorted(edges)
-            self._distance[below] = 1 + min(self._distance[previous] for _, previous in edges)
-        self.check_start(state)
+        graph = self.graph.copy()
+        for before, state, action in solution_graph(*graph, *starts).edges(data="action"):
+            undoing = Undo(action)
+            graph.add_edge(state, before, key=str(undoing), action=undoing)
+        leading = self.goals.union(*(nx.ancestors(graph, goal) for goal in self.goals))
+        joined = SolutionDag(graph.subgraph(leading).copy(), self.goals)
+        for start in starts:
+            joined.check_start(start)
+        return joined
 
 
 @dataclass(frozen=True)
@@ -229,15 +208,3 @@ def _check_room(text: str, goals: Iterable[TopologicalState], rope: RopeConfig |
 
 def _sorted(edges: Iterable[Edge]) -> tuple[Edge, ...]:
     return tuple(sorted(edges, key=lambda edge: str(edge[0])))
-
-
-def _undone(states: Iterable[TopologicalState]) -> set[TopologicalState]:
-    """The states and all that they can be undone to."""
-    found = set(states)
-    waiting = list(found)
-    while waiting:
-        for _, previous in waiting.pop().undo_actions():
-            if previous not in found:
-                found.add(previous)
-                waiting.append(previous)
-    return found

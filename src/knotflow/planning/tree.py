@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotflow.planning.config import PlannerConfig
-from knotflow.planning.goals import Goal, SearchGraph
+from knotflow.planning.goals import Goal
 from knotflow.planning.plan import ExpansionStats, KnotPlan, PlanStep
 from knotflow.planning.proposals import Proposals, group_by_query
 from knotflow.planning.rules import Expansion, Node, PaperRule, PosteriorRule
@@ -81,7 +81,7 @@ class TreeSearch:
         state = TopologicalState.from_curve(points)
         self._paper = self.config.rule == "paper"
         undoing = self.config.undoing or not (self._paper or state.num_crossings == 0)
-        self._dag = SearchGraph(goal.dag, state) if undoing else goal.dag
+        self._dag = goal.dag.with_undoings(state) if undoing else goal.dag
         if (warn := getattr(sampler, "warn_if_unlike", None)) is not None:
             warn(simulator.config.rope)
         self._proposals = Proposals(sampler, goal, self.config, rng)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from knotflow.planning import KnotPlan, PlanStep, SearchGraph, SolutionDag
+from knotflow.planning import KnotPlan, PlanStep, SolutionDag
 from knotflow.recording import recorded, write_recording
 from knotflow.simulation import Attempts, Rollouts, RopeConfig
 from knotflow.topology import Undo
@@ -104,7 +104,7 @@ def drawn_dag(plan: KnotPlan) -> SolutionDag:
     dag = None if undoes else next((dag for dag in dags if plan.start_state in dag), None)
     jumps = _jumps(plan)
     if dag is None and (jumps or not plan.steps):  # the start's crossings have to be undone first
-        dag = SearchGraph(SolutionDag.to(*goals), plan.start_state)
+        dag = SolutionDag.to(*goals).with_undoings(plan.start_state)
     if dag is not None and len(reachable := dag.after(plan.start_state)) <= MAX_DRAWN_STATES:
         return reachable
     if plan.steps and not jumps:
