@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -44,7 +46,7 @@ class Lifted:
         if self.loses:
             after[arranging] = points[arranging] + [0, 0, np.nan]
         diverged = np.isnan(after).any(axis=(1, 2))
-        return Rollouts.between(points, np.nan_to_num(after), diverged)
+        return replace(Rollouts.between(points, np.nan_to_num(after)), diverged=diverged)
 
 
 def attempts(sampler, most, observe=None):

@@ -141,9 +141,3 @@ def test_a_generated_shape_is_projected_onto_itself(trained):
         drawn = model.draw(64, torch.Generator().manual_seed(1))[:3]
         best = torch.cdist(targets.flatten(1), model.generator(*drawn)[0].flatten(1)).amin(1)
     assert (searched - targets).flatten(1).norm(dim=1).mean() < 0.7 * best.mean()
-
-
-def test_shapes_of_another_rope_are_refused(shapes):
-    model = CausalInfoGanTrainer(shapes, np.arange(24) // 6, SMALL, seed=1).model
-    with pytest.raises(ValueError, match=r"\(B, 21, 3\) of the rope that the model"):
-        Planner(model, 0).plan(np.zeros((1, 41, 3)), np.zeros((1, 41, 3)), 5)

@@ -130,10 +130,10 @@ def test_resampling_is_idempotent():
 @pytest.mark.parametrize(
     ("curve", "message"),
     [
-        (np.zeros((5, 2)), r"\(N, 3\)"),
-        (np.zeros((1, 3)), r"N >= 2"),
+        (np.zeros((5, 2)), r"\(V, 3\)"),
+        (np.zeros((1, 3)), r"V >= 2"),
         (np.zeros((5, 3)), "all its points are the same"),
-        (np.array([[0, 0, 0], [np.nan, 0, 0], [1, 0, 0]]), "point 1 is not"),
+        (np.array([[0, 0, 0], [np.nan, 0, 0], [1, 0, 0]]), "vertex 1 is not finite"),
     ],
 )
 def test_invalid_curves_are_rejected(curve, message):

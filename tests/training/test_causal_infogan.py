@@ -71,8 +71,3 @@ def test_training_moves_the_shapes_toward_the_data(shapes):
     before = trainer.validate()
     *_, after = trainer
     assert after["distance_to_data"] < before["distance_to_data"]
-
-
-def test_rollouts_of_a_single_frame_are_refused(shapes):
-    with pytest.raises(ValueError, match="at least one rollout of two frames"):
-        CausalInfoGanTrainer(shapes[:, :1], STARTS, SMALL, 0)

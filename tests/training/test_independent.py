@@ -119,13 +119,6 @@ def test_an_interrupted_reinforcement_ends_with_the_same_weights(start, tmp_path
     torch.testing.assert_close(weights(second), weights(through), atol=0, rtol=0)
 
 
-def test_an_empty_pool_is_refused(primitive_config, simulator):
-    with pytest.raises(ValueError, match=r"R1\(0,1,1\) is empty"):
-        Reinforcement(
-            Primitive(primitive_config), [], {TASK: np.zeros((0, 41, 3))}, simulator, CONFIG, 0
-        )
-
-
 @pytest.mark.slow
 def test_imitation_learns_what_makes_trials_succeed(primitive_config, trials, curves):
     training = Imitation([trials], primitive_config, replace(IMITATION, validations=12), 0)

@@ -91,12 +91,13 @@ def test_checkpoint_is_kept_until_the_weights_are_saved(whole, tmp_path):
 
 def test_a_failed_write_leaves_the_last_checkpoint(tmp_path, monkeypatch):
     trainer, saved = LineTrainer(), []
+    write = trainer.save
 
     def save(path):
         path.write_bytes(b"half of it")
         if saved:
             raise OSError("disk full")
-        saved.append(torch.save(trainer.state_dict(), path))
+        saved.append(write(path))
 
     monkeypatch.setattr(trainer, "save", save)
     with pytest.raises(OSError, match="disk full"):

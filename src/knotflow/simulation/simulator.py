@@ -114,9 +114,7 @@ class Rollouts:
         return cls(times=longest, **arrays)
 
     @classmethod
-    def between(
-        cls, points: Floats, ends: Floats, diverged: NDArray[np.bool_] | None = None
-    ) -> Rollouts:
+    def between(cls, points: Floats, ends: Floats) -> Rollouts:
         """Rollouts of which only the first and the last shape (B, V, 3) are known."""
         count = len(points)
         return cls(
@@ -126,7 +124,7 @@ class Rollouts:
             frames=np.full(count, 2),
             release_times=np.full(count, np.nan),
             end_points=ends,
-            diverged=np.zeros(count, bool) if diverged is None else diverged,
+            diverged=np.zeros(count, bool),
         )
 
     def motion(self, row: int) -> Motion:

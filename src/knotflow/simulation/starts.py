@@ -13,6 +13,7 @@ from knotflow.simulation.rope import RopeConfig
 from knotflow.simulation.simulator import RopeSimulator
 from knotflow.simulation.spline import SPLINE_HIGH, SPLINE_LOW
 from knotflow.topology import Action, TopologicalState, segment_lengths
+from knotflow.topology.curve import as_rope
 from knotflow.topology.polyline import Floats, arc_lengths
 
 Propose = Callable[[Floats, Action, int, np.random.Generator], Floats]
@@ -185,12 +186,7 @@ class Starts:
 
 def resample(points: ArrayLike, rope: RopeConfig) -> Floats:
     """A curve (N, 3), metres, as vertices (V, 3) of equal links of this rope; the first stays."""
-    points = np.asarray(points, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
-        raise ValueError(f"a curve has points of shape (N, 3) with N >= 2, got {points.shape}")
-    if not np.isfinite(points).all():
-        bad = int(np.argwhere(~np.isfinite(points))[0][0])
-        raise ValueError(f"curve points must be finite, point {bad} is not")
+    points = as_rope(points)
     # Equal chords, not equal arcs, give every link its length.
     for _ in range(50):
         along = arc_lengths(points)

@@ -157,16 +157,9 @@ class Undo(Action):
     `segments` are of the state before the undo: of R1 the loop; of R2 the tip of the finger and the
     strand it lies on; of Cross those before the first and behind the second passage of the
     crossing, one of which is the end that crosses.
-
-    Raises:
-        IllegalActionError: the action does not add crossings.
     """
 
     action: ForwardAction
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.action, ForwardAction):
-            raise IllegalActionError(f"R1, R2 and Cross can be undone, got {self.action}")
 
     def __str__(self) -> str:
         return f"{UNDO} {self.action}"

@@ -69,7 +69,7 @@ def project(points: ArrayLike, min_gap: float = DEFAULT_MIN_GAP) -> CurveCrossin
             height than `min_gap` metres; says where on the rope.
         ValueError: not finite (V, 3) numbers.
     """
-    rope = _as_rope(points)
+    rope = as_rope(points)
     reached = arc_lengths(rope)
     if reached[-1] == 0.0:
         raise DegenerateCurveError("all vertices of the rope are at one point")
@@ -106,8 +106,12 @@ def segment_lengths(points: ArrayLike) -> Floats:
     return np.diff(segment_intervals(points), axis=1)[:, 0]
 
 
-def _as_rope(points: ArrayLike) -> Floats:
-    """Points as a float64 (V, 3) array; ValueError when they are not a rope shape."""
+def as_rope(points: ArrayLike) -> Floats:
+    """Points as a float64 (V, 3) array.
+
+    Raises:
+        ValueError: not finite (V, 3) numbers within `FARTHEST` metres, or a single point.
+    """
     rope = floats(points, "a rope shape")
     if rope.ndim != 2 or rope.shape[1] != 3 or len(rope) < 2:
         raise ValueError(f"a rope shape is (V, 3) points with V >= 2, got shape {rope.shape}")

@@ -37,11 +37,8 @@ def draw(state: TopologicalState, gap: float = ROPE_GAP, samples: int = 8) -> Fl
     strands and ends at 0. Each of the 4 pieces of a segment has so many `samples`.
 
     Raises:
-        ValueError: gap is not above 0, or there is no sample.
         RuntimeError: the drawing does not read back as the state: `samples` is too small.
     """
-    if not (gap > 0.0 and samples >= 1):
-        raise ValueError(f"gap must be above 0 and samples at least 1, got {gap}, {samples}")
     mesh = build_mesh(state)
     nodes = relax(mesh, tutte(mesh))[mesh.path]
     xy = _spline(nodes, samples)
@@ -102,10 +99,6 @@ class _Distortion:
             np.add.at(bend, (row, mesh.path[offset : offset + len(bend)]), factor)
         self.stiffness = _STIFFNESS * bend.T @ bend  # (N, N)
 
-    def jacobians(self, positions: Floats) -> Floats:
-        """(T, 2, 2) from each triangle's wanted shape to its drawing."""
-        return _spans(positions[self.triangles]) @ self.to_shape
-
     def initial_hessian(self, positions: Floats) -> SuperLU:
         """The initial Hessian of L-BFGS, factorised."""
         first, second = self.edges.T
@@ -117,7 +110,8 @@ class _Distortion:
         return splu(csc_array(hessian))
 
     def __call__(self, positions: Floats) -> tuple[float, Floats]:
-        jacobian = self.jacobians(positions)
+        # (T, 2, 2) from each triangle's wanted shape to its drawing
+        jacobian = _spans(positions[self.triangles]) @ self.to_shape
         det = np.linalg.det(jacobian)
         gradient = 2.0 * self.stiffness @ positions
         if det.min() <= 0.0:
@@ -140,15 +134,8 @@ class _Distortion:
 
 
 def relax(mesh: Mesh, positions: Floats) -> Floats:
-    """Relax the node positions (N, 2) of a valid drawing; the rim's stay.
-
-    Raises:
-        ValueError: a triangle of the given drawing is folded over.
-    """
+    """Relax the node positions (N, 2) of a drawing without folded triangles; the rim's stay."""
     energy_of = _Distortion(mesh)
-    det = np.linalg.det(energy_of.jacobians(positions))
-    if det.min() <= 0.0:
-        raise ValueError(f"triangle {int(det.argmin())} of the drawing is folded over")
     pairs: deque[tuple[Floats, Floats]] = deque(maxlen=_MEMORY)
     energies: deque[float] = deque(maxlen=_MEMORY)
     energy, gradient = energy_of(positions)

@@ -58,13 +58,7 @@ class TopologicalState:
         Raises:
             InvalidStateError: says which is wrong, or that no plane curve has these crossings.
         """
-        try:
-            triples = tuple(crossings)
-        except TypeError:
-            raise InvalidStateError(
-                f"crossings are triples (over, under, sign), got {crossings!r}"
-            ) from None
-        return cls(triples)  # type: ignore[arg-type]  # checked and converted there
+        return cls(crossings)  # type: ignore[arg-type]  # checked and converted there
 
     @classmethod
     def from_curve(cls, points: ArrayLike) -> TopologicalState:
@@ -211,30 +205,19 @@ def _in_order(crossings: Iterable[Crossing]) -> tuple[Crossing, ...]:
 
 def _checked(crossings: Iterable[Iterable[int]]) -> list[Crossing]:
     """The crossings as triples of ints that use each position 1..2c once, or InvalidStateError."""
-    triples = []
-    for crossing in crossings:
-        try:
-            over, under, sign = (index(number) for number in crossing)
-        except (TypeError, ValueError):
-            raise InvalidStateError(
-                f"a crossing is three whole numbers (over, under, sign), got {crossing!r}"
-            ) from None
-        if sign not in (1, -1):
-            raise InvalidStateError(f"crossing {(over, under, sign)}: the sign must be +1 or -1")
-        triples.append((over, under, sign))
-    valid = range(1, 2 * len(triples) + 1)
-    owners: dict[int, Crossing] = {}
+    try:
+        triples = [(index(over), index(under), index(sign)) for over, under, sign in crossings]
+    except (TypeError, ValueError):
+        raise InvalidStateError(
+            f"crossings are triples of whole numbers (over, under, sign), got {crossings!r}"
+        ) from None
     for triple in triples:
-        for position in triple[:2]:
-            if position not in valid:
-                raise InvalidStateError(
-                    f"crossing {triple}: position {position} is out of range; {len(triples)} "
-                    f"crossings have positions 1 to {2 * len(triples)}"
-                )
-            if position in owners:
-                raise InvalidStateError(
-                    f"position {position} is used twice, by {owners[position]} and {triple}; every "
-                    f"position from 1 to {2 * len(triples)} belongs to one crossing"
-                )
-            owners[position] = triple
+        if triple[2] not in (1, -1):
+            raise InvalidStateError(f"crossing {triple}: the sign must be +1 or -1")
+    positions = sorted(position for triple in triples for position in triple[:2])
+    if positions != list(range(1, len(positions) + 1)):
+        raise InvalidStateError(
+            f"{len(triples)} crossings have each position from 1 to {len(positions)} once, "
+            f"got {triples}"
+        )
     return triples

@@ -46,16 +46,7 @@ class CausalInfoGanTrainer(Trainer):
         config: CausalInfoGanConfig,
         seed: int,
     ) -> None:
-        """Shapes (N, F, V, 3) of F frames in their start frames, metres, and their starts (N,).
-
-        Raises:
-            ValueError: there is no rollout of at least two frames.
-        """
-        if shapes.ndim != 4 or shapes.shape[-1] != 3 or len(shapes) == 0 or shapes.shape[1] < 2:
-            raise ValueError(
-                "training shapes are (N, F, V, 3) with at least one rollout of two frames, "
-                f"got {shapes.shape}"
-            )
+        """Shapes (N, F, V, 3) of F >= 2 frames in their start frames, metres; starts (N,)."""
         super().__init__(math.ceil(config.steps / config.check_every))
         self.config = config
         self._shapes = torch.as_tensor(shapes, dtype=torch.float32)

@@ -100,14 +100,7 @@ class Reinforcement(Trainer):
         """Goes on training a `primitive` that has imitated.
 
         `trials` are demonstrations, of one rope each; `pools` are start shapes (P, V, 3), metres.
-
-        Raises:
-            ValueError: there is no task, or a pool is empty.
         """
-        if not pools:
-            raise ValueError("reinforcement needs a pool of start shapes for at least one task")
-        if empty := [str(task.action) for task, pool in pools.items() if not len(pool)]:
-            raise ValueError(f"the pool of start shapes for {empty[0]} is empty")
         task = next(iter(pools))
         number = primitive_of(task.action, task.start_state.num_segments)
         super().__init__(config.rounds[number - 1])

@@ -47,19 +47,14 @@ class Trainer(ABC):
         """All that changes in training: random generators, what has a `state_dict`, and dicts."""
         return {}
 
-    def state_dict(self) -> dict[str, Any]:
-        return {"history": self.history, **_state_of(self.parts)}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Continue from the `state_dict` of a training with the same arguments."""
-        self.history = list(state["history"])
-        _restore(self.parts, state)
-
     def save(self, path: Path) -> None:
-        torch.save(self.state_dict(), path)
+        torch.save({"history": self.history, **_state_of(self.parts)}, path)
 
     def load(self, path: Path) -> None:
-        self.load_state_dict(torch.load(path, weights_only=True))
+        """Continue from what a training with the same arguments saved."""
+        state = torch.load(path, weights_only=True)
+        self.history = list(state["history"])
+        _restore(self.parts, state)
 
 
 def _state_of(part: Any) -> Any:

@@ -1,5 +1,7 @@
 """Frames of single splines."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -16,7 +18,7 @@ def attempts():
     """Two splines that did nothing, in two frames each."""
     one = load_demonstrations()[0]
     points = np.broadcast_to(straight(ROPE), (2, 41, 3))
-    rollouts = Rollouts.between(points, points, np.array([False, True]))
+    rollouts = replace(Rollouts.between(points, points), diverged=np.array([False, True]))
     splines = np.stack([one.spline, one.spline])
     return Attempts.of(one.task.action, one.task.start_state, points, splines, rollouts)
 

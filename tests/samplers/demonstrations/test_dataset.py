@@ -60,7 +60,7 @@ def test_what_is_saved_is_read_back(shipped, tmp_path):
         ({"action": "C(7,7,1)"}, r"line 1: no demonstrated action is called"),
         ({"spline": [2, 0, 0, 0.1, 0, 0]}, r"line 1: spline\[\] has grasp = 2"),
         ({"spline": [1, 2]}, r"line 1: splines have shape"),
-        ({"points": [[0, 0]]}, r"line 1: points must be finite and \(V, 3\)"),
+        ({"points": [[0, 0]]}, r"line 1: a rope shape is \(V, 3\) points"),
         ({"points": "here"}, r"line 1"),
         ({"source": None}, r"line 1: 'source' is missing"),
         ({"start": ["C(0,1,1)"]}, r"line 1: "),

@@ -18,6 +18,7 @@ import numpy as np
 
 from knotflow.simulation import Trials, check_splines, clip_splines
 from knotflow.topology import Action, TopologicalState, parse_action, solution_graph
+from knotflow.topology.curve import as_rope
 from knotflow.topology.polyline import Floats
 
 
@@ -190,9 +191,7 @@ def load_demonstrations(path: Path = SHIPPED) -> list[Demonstration]:
 def _demonstration(row: Any) -> Demonstration:
     if not isinstance(row, dict) or not isinstance(row.get("source", ""), str):
         raise ValueError("a demonstration is a JSON object with a source in words")
-    points = np.array(row["points"], dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
-        raise ValueError(f"points must be finite and (V, 3), they are {points.shape}")
+    points = as_rope(row["points"])
     if "start" in row:
         shown = Task(parse_action(row["action"]), tuple(map(parse_action, row["start"])))
         shown.goal_state  # noqa: B018  raises where an action is illegal
