@@ -13,16 +13,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.planning.frame import Frame
+from knotflow.topology import Action
 from knotflow.topology.polyline import Floats
-
-if TYPE_CHECKING:
-    from knotflow.planning.plan import PlanStep
 
 
 @dataclass
@@ -96,8 +94,21 @@ class Waypoints:
         table.to_csv(file, index=False, float_format="%.6f", lineterminator="\r\n")
 
 
+class Drag(Protocol):
+    """What waypoints need to know of a `PlanStep`."""
+
+    @property
+    def action(self) -> Action: ...
+    @property
+    def times(self) -> Floats: ...
+    @property
+    def gripper(self) -> NDArray[np.float32]: ...
+    @property
+    def release_time(self) -> float: ...
+
+
 def trace_waypoints(
-    steps: Sequence[PlanStep],
+    steps: Sequence[Drag],
     shapes: Floats,
     radius: float,
     rate_hz: float,
@@ -159,7 +170,7 @@ def _phases(
     }
 
 
-def _drag(step: PlanStep, rate_hz: float, speed: float) -> Floats:
+def _drag(step: Drag, rate_hz: float, speed: float) -> Floats:
     """The gripper path (T, 3) at n + 1 even times, slowed as a whole to `speed` at most."""
     from scipy.interpolate import CubicHermiteSpline  # slow to import
 
