@@ -3,7 +3,7 @@ import pytest
 from knotflow.planning import Goal, SolutionDag
 from knotflow.topology import TopologicalState, Undo, parse_action
 from knotflow.viz.dag import dag_figure, draw_dag
-from knotflow.viz.style import SPLINE, styled
+from knotflow.viz.style import SPLINE
 
 OVERHAND = TopologicalState.parse("4o1+2o5+6o3+")
 PATH = [parse_action(text) for text in ("R1(0,1,1)", "C(0,1,1)", "C(2,0,1)")]
@@ -11,8 +11,7 @@ PATH = [parse_action(text) for text in ("R1(0,1,1)", "C(0,1,1)", "C(2,0,1)")]
 
 def test_every_state_and_action_is_labelled_and_path_highlighted():
     dag = Goal.state(OVERHAND).dag
-    with styled():
-        figure = dag_figure(dag, PATH)
+    figure = dag_figure(dag, PATH)
     texts = {text.get_text(): text.get_color() for text in figure.axes[0].texts}
     assert {str(state) for state in dag.graph} <= set(texts)
     for state in dag.graph:
@@ -34,21 +33,18 @@ def test_formats_are_reproducible(tmp_path):
 def test_path_outside_the_dag_is_refused():
     dag = Goal.state(OVERHAND).dag
     with pytest.raises(ValueError, match="no edge C"):
-        with styled():
-            dag_figure(dag, PATH[1:])
-    with styled():
-        dag_figure(
-            dag.after(TopologicalState.trivial().apply(PATH[0])),
-            PATH[1:],
-            TopologicalState.trivial().apply(PATH[0]),
-        )
+        dag_figure(dag, PATH[1:])
+    dag_figure(
+        dag.after(TopologicalState.trivial().apply(PATH[0])),
+        PATH[1:],
+        TopologicalState.trivial().apply(PATH[0]),
+    )
 
 
 def test_undo_is_drawn_beside_its_action():
     there = PATH[0]
     dag = SolutionDag.along([there, Undo(there), there])
-    with styled():
-        figure = dag_figure(dag, [there, Undo(there)])
+    figure = dag_figure(dag, [there, Undo(there)])
     (first, second) = (patch.get_path() for patch in figure.axes[0].patches[:2])
     assert {str(there), f"undo {there}"} <= {text.get_text() for text in figure.axes[0].texts}
     assert first.get_extents().x1 < second.get_extents().x0

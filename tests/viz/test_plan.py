@@ -22,8 +22,7 @@ def texts(figure):
 
 
 def test_figure_shows_every_rope_action_and_state(plan):
-    with styled():
-        figure = plan_figure(plan)
+    figure = plan_figure(plan)
     shown = texts(figure)
     (canvas,) = figure.axes
     for number, action in enumerate(plan.actions, start=1):
@@ -46,8 +45,8 @@ def test_figure_shows_every_rope_action_and_state(plan):
 @pytest.mark.parametrize("steps", [0, 2, 3])
 def test_texts_do_not_overlap(plan, steps, goal):
     part = replace(plan, steps=plan.steps[:steps], solved=steps == 3, goal=goal, reason="60 s " * 9)
+    figure = plan_figure(part)
     with styled():
-        figure = plan_figure(part)
         renderer = FigureCanvasAgg(figure).get_renderer()
     width, height = figure.bbox.size
     figure.draw(renderer)

@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 import json
+import pkgutil
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
-from knotflow.experiments import (  # noqa: F401  registers their stages
-    benchmark,
-    causal_infogan,
-    demonstrations,
-    dynamics,
-    execution,
-    perception,
-    searches,
-    single_stage,
-    tracking,
-    training,
-)
+import knotflow.experiments
 from knotflow.experiments.config import HOME, PACKAGE, experiments, register
 from knotflow.workflow import WorkersConfig, Workflow, read_workflow, run_workflow
 from knotflow.workflow.key import digest
+
+for module in pkgutil.iter_modules(knotflow.experiments.__path__, "knotflow.experiments."):
+    import_module(module.name)  # registers its stages
 
 
 def run_experiment(config: DictConfig) -> Path:
@@ -36,7 +30,6 @@ def run_experiment(config: DictConfig) -> Path:
         name=config.results_name,
         budget=config.budget,
         workers=WorkersConfig(**config.workers),
-        source=PACKAGE,
     )
 
 

@@ -40,14 +40,11 @@ class RolloutImages:
     reference: NDArray[np.float32] | None = None  # (T, V, 3) m, as planned, where there is a plan
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "points", np.asarray(self.points, np.float32))
         if self.points.ndim != 3 or len(self.images) != len(self.points):
             raise ValueError(
                 f"a rollout has as many images as estimates (T, V, 3), got {len(self.images)} and "
                 f"{self.points.shape}"
             )
-        if self.reference is not None:
-            object.__setattr__(self, "reference", np.asarray(self.reference, np.float32))
 
 
 @dataclass(frozen=True, eq=False)

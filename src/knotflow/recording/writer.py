@@ -38,13 +38,10 @@ def write_recording(
     rope is also drawn as a thick line, a quarter of the file.
 
     Raises:
-        ValueError: no rollout, two of the same number, or metadata that is not text.
+        ValueError: no rollout, or two of the same number.
         OSError: the file could not be written, e.g. the disk is full; nothing is left behind.
     """
     target = Path(path)
-    for key, value in metadata.items():
-        if not isinstance(key, str) or not isinstance(value, str):
-            raise ValueError(f"metadata must map text to text, got {key!r}: {value!r}")
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = target.with_name(f".{target.name}.partial")
     try:

@@ -45,16 +45,16 @@ def draw_dag(
     Raises:
         ValueError: `highlight` leaves the DAG.
     """
-    with styled():
-        figure = dag_figure(dag, highlight, start)
-        for path in paths:
-            save_figure(figure, path, _DPI)
+    figure = dag_figure(dag, highlight, start)
+    for path in paths:
+        save_figure(figure, path, _DPI)
 
 
+@styled()
 def dag_figure(
     dag: SolutionDag, highlight: Sequence[Action] = (), start: TopologicalState | None = None
 ) -> Figure:
-    """The figure of `draw_dag`; call it within `viz.style.styled()`."""
+    """The figure of `draw_dag`."""
     layout = _layout(dag)
     lit = _lit_edges(dag, highlight, start or TopologicalState.trivial())
     places = np.array([*layout.values()])

@@ -20,8 +20,9 @@ from knotflow.topology import Action, TopologicalState, parse_action, project
 from knotflow.topology.action_text import describe
 from knotflow.topology.draw import draw
 from knotflow.topology.polyline import arc_lengths
+from knotflow.viz import style
 from knotflow.viz.rope import draw_rope
-from knotflow.viz.style import INK, MUTED, PAPER, SPLINE, WIDTH, rope_colour, save_figure, styled
+from knotflow.viz.style import INK, MUTED, PAPER, SPLINE, WIDTH
 
 EXAMPLES: tuple[tuple[str, str], ...] = (
     ("R1(0,1,1)", "trivial"),
@@ -48,23 +49,21 @@ def draw_action(action: Action, state: TopologicalState, path: Path) -> None:
     Raises:
         IllegalActionError: the state does not allow the action; names the rule it breaks.
     """
-    with styled():
-        save_figure(_figure([(action, state)]), path)
+    style.save_figure(_figure([(action, state)]), path)
 
 
+@style.styled()
 def draw_state(state: TopologicalState, path: Path) -> None:
     """Draw a state with its numbered segments and positions; formats as in `draw_action`."""
-    with styled():
-        figure = Figure(figsize=(_PANEL + 2 * _MARGIN, _PANEL + _TITLE + 2 * _MARGIN))
-        _panel(_canvas(figure), (_MARGIN, _MARGIN), state, str(state), [])
-        save_figure(figure, path)
+    figure = Figure(figsize=(_PANEL + 2 * _MARGIN, _PANEL + _TITLE + 2 * _MARGIN))
+    _panel(style.inches(figure), (_MARGIN, _MARGIN), state, str(state), [])
+    style.save_figure(figure, path)
 
 
 def draw_notation(path: Path) -> None:
     """Draw one action of each kind, with the legend: the notation on one page."""
-    with styled():
-        examples = [(parse_action(a), TopologicalState.parse(s)) for a, s in EXAMPLES]
-        save_figure(_figure(examples), path)
+    examples = [(parse_action(a), TopologicalState.parse(s)) for a, s in EXAMPLES]
+    style.save_figure(_figure(examples), path)
 
 
 def draw_diagram(
@@ -88,22 +87,14 @@ def draw_diagram(
     return points, side
 
 
-def _canvas(figure: Figure) -> Axes:
-    """Axes over the whole figure, in inches."""
-    width, height = figure.get_size_inches()
-    axes = figure.add_axes((0, 0, 1, 1))
-    axes.axis("off")
-    axes.set(xlim=(0, width), ylim=(0, height))
-    return axes
-
-
+@style.styled()
 def _figure(rows: Sequence[tuple[Action, TopologicalState]]) -> Figure:
     """A row for each action, and the legend below."""
     width = max(WIDTH, 2 * _PANEL + _ARROW + 2 * _MARGIN)
     row_height = _PANEL + _TITLE + _SENTENCE
     height = len(rows) * row_height + 0.45 + 2 * _MARGIN
     figure = Figure(figsize=(width, height))
-    canvas = _canvas(figure)
+    canvas = style.inches(figure)
     left = (width - 2 * _PANEL - _ARROW) / 2
     for row, (action, state) in enumerate(rows, 1):
         after = state.apply(action)
@@ -146,7 +137,7 @@ def _panel(
         box = {
             "boxstyle": "circle,pad=0.2",
             "facecolor": SPLINE if chosen else PAPER,
-            "edgecolor": SPLINE if chosen else rope_colour((begin + end) / 2),
+            "edgecolor": SPLINE if chosen else style.rope_colour((begin + end) / 2),
             "linewidth": 1.2,
         }
         colour = PAPER if chosen else INK
@@ -163,5 +154,5 @@ def _panel(
         _number(axes, position, place, size=6.5, color=MUTED)
 
 
-def _number(axes: Axes, number: int, place: NDArray, **style: Any) -> None:
-    axes.text(place[0], place[1], str(number), ha="center", va="center", zorder=6, **style)
+def _number(axes: Axes, number: int, place: NDArray, **look: Any) -> None:
+    axes.text(place[0], place[1], str(number), ha="center", va="center", zorder=6, **look)

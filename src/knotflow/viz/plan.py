@@ -18,7 +18,7 @@ from knotflow.planning.plan import KnotPlan
 from knotflow.simulation import spline_path
 from knotflow.viz.rope import draw_rope, rope_pieces
 from knotflow.viz.spline import draw_spline, spline_bounds
-from knotflow.viz.style import INK, MUTED, PAPER, SPLINE, WIDTH, save_figure, styled
+from knotflow.viz.style import INK, MUTED, PAPER, SPLINE, WIDTH, inches, save_figure, styled
 
 _MAX_COLUMNS, _MIN_COLUMNS = 4, 3
 _MAX_ASPECT = 1.25  # height of a panel in its width
@@ -47,12 +47,12 @@ def draw_plan(plan: KnotPlan, path: Path) -> None:
 
     The suffix of `path` (png, svg, pdf) sets the format.
     """
-    with styled():
-        save_figure(plan_figure(plan), path)
+    save_figure(plan_figure(plan), path)
 
 
+@styled()
 def plan_figure(plan: KnotPlan) -> Figure:
-    """The figure of `draw_plan`; call it within `viz.style.styled()`."""
+    """The figure of `draw_plan`."""
     count = len(plan.shapes)
     rows = -(-count // _MAX_COLUMNS)
     columns = -(-count // rows)
@@ -68,8 +68,7 @@ def plan_figure(plan: KnotPlan) -> Figure:
     footer = textwrap.wrap(facts, _LETTERS)
     height = sum(heights) + rows * (_HEADER + _CAPTION) + _LINE * (len(footer) + 1) + 2 * _MARGIN
     figure = Figure(figsize=(WIDTH, height))
-    canvas = figure.add_axes((0, 0, 1, 1), xlim=(0, WIDTH), ylim=(0, height))  # in inches
-    canvas.axis("off")
+    canvas = inches(figure)
     left = (WIDTH - columns * (panel + _GUTTER) + _GUTTER) / 2
     for index, (low, high) in enumerate(corners):
         row, column = divmod(index, columns)

@@ -39,14 +39,9 @@ def write_plan_folder(
 ) -> None:
     """Write the files of a plan, see `PLAN_FILES`, into a folder that exists.
 
-    Args:
-        folder: where to.
-        plan: solved or not, with trajectories at `planning.RECORD_RATE`.
-        source: who proposed the splines.
-        rope: the one it was planned with.
-        last_tried: the recording of a search that found no step, if it made any attempts.
-        signature: key of the stage that made it; empty outside a workflow.
-        request: what was asked for, as request.json.
+    The plan has trajectories at `planning.RECORD_RATE`, its splines were proposed by `source` for
+    this rope. `last_tried` is the recording of a search that found no step, `signature` the key of
+    the stage that made it, and `request`, what was asked for, goes into request.json.
     """
     # Here, as matplotlib is slow to import and most stages draw nothing.
     from PIL import Image

@@ -50,10 +50,7 @@ def draw_rope(
 
     pieces = rope_pieces(points, width, bands)
     outlines, colours = zip(*((piece.outline, piece.colour) for piece in pieces), strict=True)
-    seams: dict[str, Any] = {
-        "edgecolors": colours,
-        "linewidths": 0.3,
-    }  # hides those between neighbours
+    seams: dict[str, Any] = {"edgecolors": colours, "linewidths": 0.3}  # hides them
     drawn = PolyCollection(outlines, facecolors=colours, clip_on=False, zorder=zorder, **seams)
     axes.add_collection(drawn, autolim=False)
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 WIDTH = 8.4
@@ -70,7 +71,10 @@ def rope_colour(along: float) -> str:
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Our style over matplotlib's own defaults, whatever the user's matplotlibrc says."""
+    """Our style over matplotlib's own defaults, whatever the user's matplotlibrc says.
+
+    `@styled()` decorates functions, too.
+    """
     from matplotlib import style
 
     with style.context(_STYLE, after_reset=True):  # type: ignore[arg-type]
@@ -78,6 +82,15 @@ def styled() -> Iterator[None]:
 
 
 def save_figure(figure: Figure, path: Path, dpi: int = PNG_DPI) -> None:
-    """Write a figure reproducibly: an SVG without its date. The suffix sets the format."""
+    """Write a figure in our style, an SVG without its date. The suffix sets the format."""
     metadata = {"Date": None} if Path(path).suffix == ".svg" else {}
-    figure.savefig(path, dpi=dpi, metadata=metadata)
+    with styled():
+        figure.savefig(path, dpi=dpi, metadata=metadata)
+
+
+def inches(figure: Figure) -> Axes:
+    """Axes over the whole figure, in inches."""
+    width, height = figure.get_size_inches()
+    axes = figure.add_axes((0, 0, 1, 1), xlim=(0, width), ylim=(0, height))
+    axes.axis("off")
+    return axes

@@ -3,20 +3,35 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
+import sysconfig
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-from knotflow.recording import load
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.recording import RecordedRollout, load, messages, read_recording
 from knotflow.recording.reader import existing_recording, recordings_in
-from knotflow.viz.rerun_file import (
-    ViewerError,
-    no_such_number,
-    rerun_program,
-    run_rerun,
-    save_rerun,
-)
+from knotflow.simulation import spline_path
+
+if TYPE_CHECKING:
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+APPLICATION = "knotflow"
+"""Rerun applies a blueprint to the recordings of the same application."""
+TIMELINE = "time"
+"""Seconds of a recording."""
+GAP = 0.5  # seconds between two rollouts
+_LEVELS = {"success": "INFO", "failure": "WARN", "diverged": "ERROR"}
+
+
+class ViewerError(RuntimeError):
+    """Rerun failed, or could not open its window."""
 
 
 def show(
@@ -89,3 +104,165 @@ def serve_rerun(rrd: Path, port: int = 9090) -> None:
     quiet = {"RUST_LOG": "warn"} | os.environ  # else Rerun's log hides the address
     if subprocess.run(command, check=False, env=quiet).returncode:
         raise ViewerError(f"rerun could not serve on the ports {port} and {port + 1}")
+
+
+def save_rerun(
+    path: str | os.PathLike[str], target: str | os.PathLike[str], *, number: int | None = None
+) -> Path:
+    """Write the rollouts of a recording, or the one of a number, and our blueprint as one ``.rrd``
+    that ``rerun`` opens as it is.
+
+    Raises:
+        FileNotFoundError: the recording is not there.
+        NotARecordingError, DamagedRecordingError: the file is no recording, or cut or changed.
+        ValueError: no rollout has this number.
+    """
+    import rerun as rr
+
+    source, rrd = Path(path), Path(target)
+    every = [*read_recording(source)]
+    chosen = [rollout for rollout in every if number in (None, rollout.number)]
+    if not chosen:
+        raise ValueError(no_such_number(source, number, [rollout.number for rollout in every]))
+    name = source.stem if number is None else f"{source.stem}#{number}"
+    with rr.RecordingStream(APPLICATION, recording_id=name) as stream:
+        stream.set_log_time_enabled(False)
+        stream.set_log_tick_enabled(False)
+        stream.save(rrd, blueprint(any(rollout.camera is not None for rollout in chosen)))
+        radius = messages.rope_radius(chosen[0].control_points)
+        _log_looks(stream, chosen[0].points.shape[1], radius)
+        start = 0.0
+        for rollout in chosen:
+            start = _log_rollout(stream, rollout, start) + GAP
+    return rrd
+
+
+def no_such_number(path: Path, number: int | None, numbers: list[int]) -> str:
+    """That a recording has no such rollout, in words."""
+    there = f"{len(numbers)} rollouts from {min(numbers)} to {max(numbers)}" if numbers else "none"
+    return f"{path} has no rollout number {number}; there are {there}"
+
+
+def rerun_program() -> str:
+    """Path of Rerun's command, which need not be on PATH: it lies beside our Python."""
+    program = shutil.which("rerun", path=sysconfig.get_path("scripts")) or shutil.which("rerun")
+    if program is None:
+        raise ViewerError("the Rerun viewer is not installed; pip install rerun-sdk brings it")
+    return program
+
+
+def run_rerun(*arguments: str) -> None:
+    """Run Rerun's command line and wait; a ViewerError quotes the line that names the error."""
+    done = subprocess.run(
+        [rerun_program(), *arguments], capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        lines = [line for line in done.stderr.splitlines() if line.strip()]
+        why = next((line for line in reversed(lines) if "rror" in line), "\n".join(lines[-3:]))
+        raise ViewerError(f"rerun {' '.join(arguments)} failed with code {done.returncode}: {why}")
+
+
+def blueprint(camera: bool = False) -> rrb.Blueprint:
+    """The layout of a recording; with `camera`, images, estimate and reference beside the rope."""
+    import rerun.blueprint as rrb
+    from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
+
+    contents = [messages.ROPE, messages.ROPE_LINE, messages.GRIPPER, messages.SPLINE]
+    name = (
+        "Rope (head blue, tail orange), gripper (yellow), spline (green) and its control points "
+        "(pink), table (10 cm grid)"
+    )
+    if camera:
+        contents += [messages.ESTIMATE, messages.REFERENCE]
+        name += ", estimate (white), reference (violet)"
+    scene = rrb.Spatial3DView(
+        origin="/",
+        name=name,
+        contents=contents,
+        background=rrb.Background(color=(24, 26, 30)),
+        line_grid=rrb.LineGrid3D(visible=True, spacing=0.1),  # the table, z = 0
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital,
+            position=(0.0, -0.52, 0.54),
+            look_target=(0.0, 0.02, 0.0),
+            eye_up=(0.0, 0.0, 1.0),
+        ),
+    )
+    image = rrb.Spatial2DView(origin=messages.CAMERA, name="Camera")
+    return rrb.Blueprint(
+        rrb.Vertical(
+            rrb.Horizontal(scene, image) if camera else scene,
+            rrb.TextLogView(
+                origin=messages.TOPOLOGY,
+                name="Topology and outcome",
+                columns=rrb.TextLogColumns(
+                    timeline_columns=[TimelineColumn(TIMELINE)],
+                    text_log_columns=[TextLogColumn("LogLevel"), TextLogColumn("Body")],
+                ),
+            ),
+            row_shares=[4, 1],
+        ),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+        auto_views=False,
+    )
+
+
+def _log_looks(stream: rr.RecordingStream, vertices: int, radius: float) -> None:
+    """Colours and sizes of a rope of a radius, metres, and of what is around it."""
+    import rerun as rr
+
+    points, lines = rr.Points3D.from_fields, rr.LineStrips3D.from_fields
+    spline = lines(radii=[0.0025, 0.001], colors=[messages.SPLINE_RGB, messages.CONTROL_RGB])
+    looks = (
+        (messages.ROPE, points(radii=radius, colors=messages.gradient(vertices))),
+        (messages.ROPE_LINE, lines(radii=radius, colors=messages.gradient(vertices - 1))),
+        (messages.GRIPPER, points(radii=0.018, colors=messages.GRIPPER_RGB)),
+        (messages.SPLINE, spline),
+        (messages.SPLINE, points(radii=0.01, colors=messages.CONTROL_RGB, show_labels=True)),
+        (messages.ESTIMATE, points(radii=0.004, colors=(255, 255, 255))),
+        (messages.REFERENCE, points(radii=0.004, colors=(204, 121, 167))),
+    )
+    for topic, look in looks:
+        stream.log(topic, look, static=True, strict=True)
+
+
+def _log_rollout(stream: rr.RecordingStream, rollout: RecordedRollout, start: float) -> float:
+    """Log a rollout from a time of the recording on, seconds; returns its end there."""
+    import rerun as rr
+
+    times = rollout.times - rollout.times[0] + start
+    moments = [rr.TimeColumn(TIMELINE, duration=times)]
+
+    def log(topic: str, what: rr.AsComponents, time: float = start) -> None:
+        stream.set_time(TIMELINE, duration=time)
+        stream.log(topic, what, strict=True)
+
+    def send_points(topic: str, places: NDArray) -> None:
+        """Points of every frame (T, N, 3), metres."""
+        columns = rr.Points3D.columns(positions=places.reshape(-1, 3))
+        stream.send_columns(topic, moments, columns.partition([places.shape[1]] * len(times)))
+
+    send_points(messages.ROPE, rollout.points)
+    links = np.stack((rollout.points[:, :-1], rollout.points[:, 1:]), axis=2)  # (T, V - 1, 2, 3)
+    strips = rr.LineStrips3D.columns(strips=links.reshape(-1, 2, 3))
+    strips = strips.partition([links.shape[1]] * len(times))
+    stream.send_columns(messages.ROPE_LINE, moments, strips)
+    send_points(messages.GRIPPER, rollout.gripper[:, None])
+    controls = rollout.control_points
+    curve = spline_path(controls, np.linspace(0.0, 1.0, 33))
+    log(messages.SPLINE, rr.LineStrips3D([curve, controls]))
+    log(messages.SPLINE, rr.Points3D(controls, labels=["grasp", "middle", "end"]))
+    log(messages.ROLLOUT, rr.AnyValues(**{name: getattr(rollout, name) for name in messages.TEXTS}))
+    if (camera := rollout.camera) is not None:
+        send_points(messages.ESTIMATE, camera.points)
+        if camera.reference is not None:
+            send_points(messages.REFERENCE, camera.reference)
+        for time, image in zip(times, camera.images, strict=True):
+            kind = f"image/{messages.image_message(0, image).format}"
+            log(messages.CAMERA, rr.EncodedImage(contents=image, media_type=kind), time)
+    begun, ended = messages.start_message(0, rollout), messages.end_message(0, rollout)
+    log(messages.TOPOLOGY, rr.TextLog(begun.message, level="INFO"))
+    log(messages.TOPOLOGY, rr.TextLog(ended.message, level=_LEVELS[rollout.outcome]), times[-1])
+    return float(times[-1])

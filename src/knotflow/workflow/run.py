@@ -20,18 +20,11 @@ from typing import Any
 import yaml
 
 from knotflow.threads import one_thread
+from knotflow.workflow import store
 from knotflow.workflow.key import digest
 from knotflow.workflow.shards import StageRun, WorkersConfig
 from knotflow.workflow.stage import WorkflowError
-from knotflow.workflow.store import (
-    StageFolder,
-    atomic,
-    locked,
-    remove,
-    remove_abandoned,
-    sizes,
-    write_json,
-)
+from knotflow.workflow.store import StageFolder
 from knotflow.workflow.workflow import Node, Source, Workflow
 
 CONFIG, RUN = "config.yaml", "run.json"
@@ -48,17 +41,12 @@ def run_workflow(
     name: str = "",
     budget: str = "",
     workers: WorkersConfig | None = None,
-    source: Path | None = None,
 ) -> Path:
     """Run what is not finished yet and fill results_dir/<name>/; returns that folder.
 
-    Args:
-        workflow: what is run.
-        results_dir: holds experiments and `stages/`.
-        name: of the results folder; the workflow's by default.
-        budget: goes into run.json.
-        workers: where stages run their shards; by default one after the other in this process.
-        source: a folder in the checkout whose commit is recorded.
+    `results_dir` holds experiments and `stages/`; `name` is that of the results folder, by default
+    the workflow's, and `budget` goes into run.json. Without `workers`, shards run one after the
+    other in this process.
 
     Raises:
         WorkflowError: a stage did not make a file that the results name.
@@ -69,13 +57,13 @@ def run_workflow(
     log.info("%s: %s", name, workflow.caption)
     for node_name, one in folders.items():
         log.info("  %-7s %-32s %s", one.state(), node_name, one.relative)
-    code = code_state(source or Path(__file__).parent)
+    code = code_state(Path(__file__).parent)
     workers = workers or WorkersConfig(jobs=1)
     records = {
         node.name: _make(node, workflow, folders, workers, code) for node in workflow.nodes.values()
     }
     folder = results_dir / name
-    with locked(results_dir / "stages" / f"{name}.lock", f"it publishes {name}"):
+    with store.locked(results_dir / "stages" / f"{name}.lock", f"it publishes {name}"):
         publish(workflow, folder, folders, records, {"experiment": name, "budget": budget})
     seconds = sum(record["seconds"] for record in records.values())
     log.info("%s: finished, %.0f s in all; results in %s", name, seconds, folder)
@@ -95,13 +83,11 @@ def _make(
         return folders[source].final if isinstance(source, str) else source
 
     folder = folders[node.name]
-    if folder.state() == "done":
-        return folder.record()
     with folder.lock():
-        if folder.state() == "done":  # by the process that was waited for
+        if folder.state() == "done":
             return folder.record()
         folder.partial.mkdir(parents=True, exist_ok=True)
-        remove_abandoned(folder.partial)
+        store.remove_abandoned(folder.partial)
         run = StageRun(folder.partial, folder.key, workers)
         run.load_seconds()
         log.info("%s: %s", node.name, node.caption or folder.relative)
@@ -109,11 +95,11 @@ def _make(
             with one_thread():
                 node.stage.function(run, **node.arguments, **node.each_input(path))
         except BaseException as error:
-            if sizes(folder.partial):
+            if store.sizes(folder.partial):
                 run.save_seconds()
                 error.add_note(f"Stage {node.name} stopped; the same command goes on from there.")
             else:  # a wrong input, most often: nothing is there to go on from
-                remove(folder.partial)
+                store.remove(folder.partial)
             raise
         return folder.finish(
             {
@@ -135,13 +121,13 @@ def publish(
 ) -> None:
     """Copy the results, then write config.yaml and run.json; what earlier runs made else, goes."""
     folder.mkdir(parents=True, exist_ok=True)
-    remove_abandoned(folder)
+    store.remove_abandoned(folder)
     earlier = json.loads(run.read_text("utf-8")) if (run := folder / RUN).is_file() else {}
     for name in {*earlier.get("results", ())} - {*workflow.results}:
-        remove(folder / name)
+        store.remove(folder / name)
     for target, (node, path) in workflow.results.items():
         source = _existing(folders[node].final / path, node)
-        with atomic(folder / target) as temporary:
+        with store.atomic(folder / target) as temporary:
             (shutil.copytree if source.is_dir() else shutil.copyfile)(source, temporary)
     stages = {
         node: {"stage": record["stage"], "caption": workflow.nodes[node].caption}
@@ -152,7 +138,7 @@ def publish(
         node: {"stage": record["stage"], "config": record["arguments"]}
         for node, record in records.items()
     }
-    with atomic(folder / CONFIG) as file:
+    with store.atomic(folder / CONFIG) as file:
         text = yaml.safe_dump({"workflow": workflow.name, "stages": config}, sort_keys=False)
         file.write_text(text, "utf-8")
     ships = {
@@ -161,7 +147,7 @@ def publish(
     }
     results = {name: f"{node}/{path}" for name, (node, path) in workflow.results.items()}
     head = {**head, "workflow": workflow.name, "caption": workflow.caption}
-    write_json(folder / RUN, {**head, "stages": stages, "results": results, "ships": ships})
+    store.write_json(folder / RUN, {**head, "stages": stages, "results": results, "ships": ships})
 
 
 def _existing(path: Path, node: str) -> Path:
@@ -180,9 +166,9 @@ def code_state(folder: Path) -> dict[str, Any]:
     commit = _git(folder, "rev-parse", "HEAD") if ours else None
     excluded = [f":(exclude){name}" for name in GENERATED]
     changes = _git(Path(top or "."), "status", "--porcelain", "--", ".", *excluded)
+    libraries = ("knotflow", "mujoco", "numpy", "torch")
     versions = {"python": platform.python_version()}
-    for name in ("knotflow", "mujoco", "numpy", "torch"):
-        versions[name] = metadata.version(name)
+    versions |= {name: metadata.version(name) for name in libraries}
     return {"commit": commit or "none", "dirty": bool(commit and changes), "versions": versions}
 
 

@@ -87,12 +87,12 @@ class Workflow:
         found: dict[str, dict[str, Any]] = {}
 
         def identity(source: Source) -> Any:
-            return {"contents": digest(source)} if isinstance(source, Path) else keys[source]
+            if isinstance(source, Path):
+                return {"contents": digest(source)}
+            return key_of(found[source])
 
-        keys: dict[str, str] = {}
         for name, node in self.nodes.items():
             found[name] = node.stage.identity(node.arguments, node.each_input(identity))
-            keys[name] = key_of(found[name])
         return found
 
     @cached_property

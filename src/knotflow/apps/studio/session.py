@@ -64,7 +64,7 @@ class Session:
     """
 
     def __init__(self, rope: str = "straight", file: Path = Path("demonstrations.jsonl")) -> None:
-        """Lay a rope: one of `ROPES`, or a file; the errors are those of `lay_file`."""
+        """Lay a rope: one of `ROPES`, or a file; see `planning.parse_rope` for its errors."""
         self.file = file
         self.simulation = SimulationConfig()
         self._rng = np.random.default_rng(0)
@@ -72,7 +72,7 @@ class Session:
         if rope in ROPES:
             self.lay_named(rope)
         else:
-            self.lay_file(Path(rope))
+            self.lay(parse_rope(rope, self.simulation.rope, self._rng))
 
     @cached_property
     def simulator(self) -> RopeSimulator:
@@ -112,17 +112,13 @@ class Session:
         else:
             self.lay(parse_rope(name, rope, self._rng))
 
-    def lay_file(self, path: Path) -> None:
-        """Lay the rope of a file; see `planning.read_rope` for its errors."""
-        self.lay(parse_rope(str(path), self.simulation.rope, self._rng))
-
     def lay_upload(self, name: str, content: bytes) -> None:
         """Lay the rope of a file that came through the browser."""
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / Path(name).name
             path.write_bytes(content)
             try:
-                self.lay_file(path)
+                self.lay(parse_rope(str(path), self.simulation.rope, self._rng))
             except RopeInputError as error:  # the person knows the file by its name
                 raise RopeInputError(str(error).replace(f"{folder}/", "")) from None
 
