@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from knotflow.topology import R1, Cross, TopologicalState, Undo, parse_action
+from knotflow.training import SelfPlayConfig
 from knotflow.training.curriculum import (
     KIND_SHARES,
     Curriculum,
@@ -14,6 +15,11 @@ from knotflow.training.curriculum import (
 
 TRIVIAL = TopologicalState.trivial()
 LOOP = TRIVIAL.apply(parse_action("R1(0,1,1)"))
+
+
+def curriculum_of(most_crossings, crossings_shares, undo_share):
+    shares = {"crossings_shares": crossings_shares, "undo_share": undo_share}
+    return Curriculum(SelfPlayConfig(most_crossings=most_crossings, **shares))
 
 
 def test_the_outcomes_of_a_state_are_its_actions_and_their_inverses():
@@ -39,7 +45,7 @@ def test_priority_is_least_where_everything_or_nothing_succeeds():
 
 
 def test_rarely_solved_pairs_are_drawn_more_often():
-    curriculum, rng = Curriculum(1, [1.0], 0.0), np.random.default_rng(0)
+    curriculum, rng = curriculum_of(1, [1.0], 0.0), np.random.default_rng(0)
     solved = parse_action("R1(0,1,1)")
     for _ in range(1000):
         curriculum.add(TRIVIAL, solved, True)
@@ -48,7 +54,7 @@ def test_rarely_solved_pairs_are_drawn_more_often():
 
 
 def test_draws_respect_the_shares_of_crossings_and_of_undoing():
-    curriculum, rng = Curriculum(3, [1.0, 3.0], 0.25), np.random.default_rng(0)
+    curriculum, rng = curriculum_of(3, [1.0, 3.0], 0.25), np.random.default_rng(0)
     beyond = LOOP.apply(parse_action("C(0,1,1)"))
     known = curriculum.by_crossings([TRIVIAL, LOOP, beyond])
     assert known == {0: [TRIVIAL], 1: [LOOP]}
@@ -60,7 +66,7 @@ def test_draws_respect_the_shares_of_crossings_and_of_undoing():
 
 
 def test_next_actions_are_legal_and_never_beyond_the_most_crossings():
-    curriculum, rng = Curriculum(1, [1.0, 1.0], 0.5), np.random.default_rng(0)
+    curriculum, rng = curriculum_of(1, [1.0, 1.0], 0.5), np.random.default_rng(0)
     following = curriculum.next_action(TRIVIAL, rng)
     assert following is not None
     assert TRIVIAL.apply(following).num_crossings == 1
@@ -68,10 +74,10 @@ def test_next_actions_are_legal_and_never_beyond_the_most_crossings():
 
 
 def test_what_was_counted_can_be_saved_and_loaded():
-    curriculum = Curriculum(3, [1.0], 0.0)
+    curriculum = curriculum_of(3, [1.0], 0.0)
     undo = Undo(parse_action("R1(0,1,1)"))
     curriculum.add(LOOP, undo, True)
-    other = Curriculum(3, [1.0], 0.0)
+    other = curriculum_of(3, [1.0], 0.0)
     other.load_state_dict(curriculum.state_dict())
     assert other.stats == {(LOOP, undo): PairStats(1, 1, 1.0)}
 
@@ -88,7 +94,7 @@ def test_kinds_are_drawn_by_their_shares():
             or (isinstance(action, R1) and action.index in (0, state.num_segments - 1))
         }
     assert sum(state.num_crossings == 3 for state in reached) == 528
-    curriculum, rng = Curriculum(3, [0.0, 1.0], 0.0), np.random.default_rng(0)
+    curriculum, rng = curriculum_of(3, [0.0, 1.0], 0.0), np.random.default_rng(0)
     of = {pair: kind for kind, pairs in pairs_by_kind(LOOP, 3).items() for pair in pairs}
     drawn = [of[curriculum.draw({1: [LOOP]}, rng)] for _ in range(600)]
     shares = {name: share / sum(KIND_SHARES.values()) for name, share in KIND_SHARES.items()}

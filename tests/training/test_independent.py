@@ -125,7 +125,7 @@ def test_imitation_learns_what_makes_trials_succeed(primitive_config, trials, cu
     metrics = list(training)
     assert metrics[-1]["loss_critic"] < 0.6 * metrics[0]["loss_critic"]
     seen = encode(curves, [one.action for one in trials])
-    found, _ = training.primitive.search(seen, 8, np.random.default_rng(1))
+    found = training.primitive.search(seen, 8, np.random.default_rng(1))
     rate = (found[..., 5] > 0.2).float().mean()
     assert rate > 0.8 > np.mean([one.success for one in trials]) + 0.2
 

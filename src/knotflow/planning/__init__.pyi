@@ -1,30 +1,14 @@
 from .config import FAST_SEARCH, PlannerConfig, RopeOptions, plan_name
 from .frame import Frame, Placement
-from .goals import (
-    Goal,
-    SolutionDag,
-    UnreachableGoalError,
-    parse_goal,
-)
+from .goals import Goal, SolutionDag, UnreachableGoalError, parse_goal
 from .plan import KnotPlan, PlanFormatError, PlanStep
 from .planner import plan_rope
 from .proposals import attempt_arranged
 from .rope_files import ROPE_NAMES, RopeInputError
-from .ropes import (
-    MeasuredRope,
-    lay_down,
-    measured_rope,
-    parse_rope,
-    read_rope,
-)
+from .ropes import MeasuredRope, lay_down, measured_rope, parse_rope, read_rope
 from .survival import SurvivalConfig
 from .tree import SearchUpdate, TreeSearch, plan_knot
-from .validation import (
-    check_steps,
-    estimate_success,
-    find_penetrations,
-    replay,
-)
+from .validation import check_steps, estimate_success, find_penetrations, replay
 from .waypoints import GripperConfig, Waypoints
 
 __all__ = [

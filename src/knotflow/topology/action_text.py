@@ -11,7 +11,7 @@ from knotflow.topology.state import TopologicalState
 
 _SIDES = {1: "left", -1: "right"}
 _SIGNS = {1: "+", -1: "-"}
-_FORM = re.compile(rf"\s*({UNDO}\s+)?(\w+)\s*\(([^()]*)\)\s*")
+_FORM = re.compile(rf"\s*({UNDO}\s+)?(\w+)\s*\((\s*[+-]?\d+\s*(?:,\s*[+-]?\d+\s*)*)\)\s*")
 
 
 def parse_action(text: str) -> Action:
@@ -29,18 +29,10 @@ def parse_action(text: str) -> Action:
     if text.strip().startswith(ARRANGE):
         return Arrange(parse_action(text.strip().removeprefix(ARRANGE)))
     match = _FORM.fullmatch(text)
-    if match is None or match[2] not in kinds:
+    parameters = [int(word) for word in match[3].split(",")] if match else []
+    if match is None or len(parameters) != len(names.get(match[2], ())):
         raise IllegalActionError(f"{text!r} is not an action; valid forms: {valid}")
-    try:
-        values = [int(word) for word in match[3].split(",")]
-    except ValueError:
-        raise IllegalActionError(f"{text!r}: parameters must be whole numbers: {valid}") from None
-    if len(values) != (count := len(names[match[2]])):
-        raise IllegalActionError(
-            f"{text!r}: {match[2]} takes {count} parameters, got {len(values)}; "
-            f"valid forms: {valid}"
-        )
-    action = kinds[match[2]](*values)
+    action = kinds[match[2]](*parameters)
     return Undo(action) if match[1] else action
 
 

@@ -16,7 +16,7 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from knotflow.topology.curve import project
 from knotflow.topology.embedding import Mesh, build_mesh, graph_laplacian, tutte
-from knotflow.topology.polyline import DegenerateCurveError, Floats, arc_lengths, planar_crossings
+from knotflow.topology.polyline import Floats, arc_lengths, planar_crossings
 from knotflow.topology.state import TopologicalState
 
 ROPE_GAP = 0.016
@@ -44,10 +44,7 @@ def draw(state: TopologicalState, gap: float = ROPE_GAP, samples: int = 8) -> Fl
     xy = _spline(nodes, samples)
     xy *= 1.0 / np.linalg.norm(np.diff(xy, axis=0), axis=1).sum()
     points = _lift(state, xy - (xy.min(axis=0) + xy.max(axis=0)) / 2.0, gap)
-    try:
-        drawn = TopologicalState.from_crossings(project(points, gap / 2.0).crossings)
-    except DegenerateCurveError as error:
-        raise RuntimeError(f"the drawing of {state} is degenerate: {error}") from error
+    drawn = TopologicalState.from_crossings(project(points, gap / 2.0).crossings)
     if drawn != state:
         raise RuntimeError(f"the drawing of {state} reads back as {drawn}")
     return points

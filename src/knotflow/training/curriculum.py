@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from knotflow.topology import R1, Action, ForwardAction, TopologicalState, parse_action
+from knotflow.training.config import SelfPlayConfig
 
 INNER_R1 = "inner R1"
 """The kind of R1 on a segment without a rope end."""
@@ -81,13 +82,8 @@ def _drawn_kind(kinds: Iterable[str], rng: np.random.Generator) -> str:
 class Curriculum:
     """Counts trials of every pair, and draws pairs by priority."""
 
-    def __init__(
-        self, most_crossings: int, crossings_shares: Sequence[float], undo_share: float
-    ) -> None:
-        """`crossings_shares` are relative frequencies of states of 0, 1, 2, ... crossings,
-        `undo_share` is the share of the draws that undo an action."""
-        self.most_crossings, self.undo_share = most_crossings, undo_share
-        self.crossings_shares = crossings_shares
+    def __init__(self, config: SelfPlayConfig) -> None:
+        self.config = config
         self.stats: dict[Pair, PairStats] = {}
 
     def add(self, state: TopologicalState, action: Action, success: bool) -> None:
@@ -97,30 +93,30 @@ class Curriculum:
         """The states that are drawn at all, by their number of crossings."""
         found: dict[int, list[TopologicalState]] = {}
         for state in states:
-            if state.num_crossings < len(self.crossings_shares):
+            if state.num_crossings < len(self.config.crossings_shares):
                 found.setdefault(state.num_crossings, []).append(state)
         return found
 
     def draw(self, by_crossings: ByCrossings, rng: np.random.Generator) -> Pair:
         """A pair: the number of crossings and the kind of action by share, then by priority."""
-        shares = np.array([self.crossings_shares[count] for count in sorted(by_crossings)])
+        shares = np.array([self.config.crossings_shares[count] for count in sorted(by_crossings)])
         crossings = sorted(by_crossings)[rng.choice(len(shares), p=shares / shares.sum())]
         some = by_crossings[crossings]
         # A few states, not all: there are thousands of pairs.
         some = [some[row] for row in rng.integers(len(some), size=8)]
         pairs: dict[str, list[Pair]] = {}
         for state in some:
-            for kind, own in pairs_by_kind(state, self.most_crossings).items():
+            for kind, own in pairs_by_kind(state, self.config.most_crossings).items():
                 pairs.setdefault(kind, []).extend(own)
         undoing = pairs.pop(UNDO, [])
-        undo = undoing and (not pairs or rng.random() < self.undo_share)
+        undo = undoing and (not pairs or rng.random() < self.config.undo_share)
         chosen = undoing if undo else pairs[_drawn_kind(pairs, rng)]
         priority = np.array([self.stats.get(pair, _UNTRIED).priority for pair in chosen])
         return chosen[rng.choice(len(chosen), p=priority / priority.sum())]
 
     def next_action(self, state: TopologicalState, rng: np.random.Generator) -> Action | None:
         """An action that may follow: a kind by its share, then any; None where none may."""
-        pairs = pairs_by_kind(state, self.most_crossings)
+        pairs = pairs_by_kind(state, self.config.most_crossings)
         kinds = [kind for kind in pairs if kind != UNDO]
         if not kinds:
             return None

@@ -77,7 +77,7 @@ def explore(
         some: Encoded, first: SplineDistribution | None = None, iterations: int | None = None
     ) -> Tensor:
         population = config.population
-        return primitive.search(some, count, rng, use_next_value, first, iterations, population)[0]
+        return primitive.search(some, count, rng, use_next_value, first, iterations, population)
 
     for way in (POLICY, SEARCH, SPREAD):
         if not len(rows := np.flatnonzero(ways == way)):

@@ -47,11 +47,8 @@ class SelfPlay(TransitionTrainer):
     config: SelfPlayConfig
 
     def prepare(self) -> Iterable[int]:
-        config = self.config
-        self.curriculum = Curriculum(
-            config.most_crossings, config.crossings_shares, config.undo_share
-        )
-        self.shapes = StateBuffer(config.shapes)
+        self.curriculum = Curriculum(self.config)
+        self.shapes = StateBuffer(self.config.shapes)
         return self.library.primitives
 
     def collect(self) -> Metrics:

@@ -155,7 +155,7 @@ class PrimitiveLibrary:
         """
         out = np.empty((len(actions), count, 6))
         for number, rows, encoded in self._encoded(points, actions, arranging):
-            found, _ = self.primitives[number].search(encoded, count, rng, use_next_value)
+            found = self.primitives[number].search(encoded, count, rng, use_next_value)
             out[rows] = encoded.frames.to_world(found.numpy())
         return out
 
@@ -259,18 +259,21 @@ class PrimitiveLibrary:
                 f"{path} is {metadata.get('format', 'of an unknown format')!r} version "
                 f"{metadata.get('version')}; this code reads {FORMAT!r} version {VERSION}"
             )
+        if metadata.get("digest") != _digest(weights):
+            raise LibraryError(f"{path} is damaged: its weights do not have the digest it names")
         try:
             entries = json.loads(metadata["primitives"])
             rope_fields = json.loads(metadata["rope"])
             rope_fields.pop("root", None)  # in libraries of version 0.2
             trained_rope = RopeConfig(**rope_fields)
-            digest = metadata["digest"]
             # Older files do not say; next values came with self-play, as arranging did.
             next_values = metadata.get("next_values", str(str(ARRANGE) in entries)) == "True"
-        except (KeyError, TypeError, ValueError) as error:
-            raise LibraryError(f"{path}: its metadata are damaged: {error!r}") from None
-        if digest != _digest(weights):
-            raise LibraryError(f"{path} is damaged: its weights do not have the digest it names")
+            primitives, actions = {}, {}
+            for number, entry in entries.items():
+                primitives[int(number)] = _primitive(number, entry["config"], weights)
+                actions[int(number)] = [parse_action(text) for text in entry["actions"]]
+        except (AttributeError, KeyError, TypeError, ValueError, RuntimeError) as error:
+            raise LibraryError(f"{path} does not fit this code: {error!r}") from None
         if rope is not None and rope != trained_rope:
             differences = ", ".join(
                 f"{name} {was}, not {getattr(rope, name)}"
@@ -278,31 +281,20 @@ class PrimitiveLibrary:
                 if was != getattr(rope, name)
             )
             raise LibraryError(f"{path} was trained with another rope: {differences}")
-        primitives, actions = {}, {}
-        for number, entry in entries.items():
-            primitives[int(number)] = _primitive(path, number, entry["config"], weights)
-            actions[int(number)] = [parse_action(text) for text in entry["actions"]]
         return cls(primitives, actions, trained_rope, next_values)
 
 
-def _primitive(
-    path: Path, number: str, config: dict[str, Any], weights: Mapping[str, Tensor]
-) -> Primitive:
+def _primitive(number: str, config: dict[str, Any], weights: Mapping[str, Tensor]) -> Primitive:
+    network = NetworkConfig(**config.get("network", {}))
+    cem = CemConfig(**config.get("cem", {}))
+    primitive = Primitive(PrimitiveConfig(**config | {"network": network, "cem": cem}))
     prefix = f"{number}."
     own = {
         name.removeprefix(prefix): value.float()
         for name, value in weights.items()
         if name.startswith(prefix)
     }
-    try:
-        network = NetworkConfig(**config.get("network", {}))
-        cem = CemConfig(**config.get("cem", {}))
-        primitive = Primitive(PrimitiveConfig(**config | {"network": network, "cem": cem}))
-        primitive.load_state_dict(own)
-    except (AttributeError, TypeError, ValueError, RuntimeError) as error:
-        raise LibraryError(
-            f"{path}: primitive {number} does not fit these networks: {error}"
-        ) from None
+    primitive.load_state_dict(own)
     return primitive
 
 

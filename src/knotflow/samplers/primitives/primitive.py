@@ -318,19 +318,19 @@ class Primitive(nn.Module):
         first: SplineDistribution | None = None,
         iterations: int | None = None,
         population: int | None = None,
-    ) -> tuple[Tensor, Tensor | None]:
-        """Splines (S, count, 6) in network space and their values (S, count), if there is a critic.
+    ) -> Tensor:
+        """Splines (S, count, 6) in network space.
 
         With a critic each is found by a search of its own from `first`, by default `distribution`.
         """
         cem, ropes = self.config.cem, len(encoded.frames)
         first = first or self.distribution(encoded.states)
         if self.critic is None:
-            return first.draw(standard_normal(rng, (ropes, count, SPLINE))), None
+            return first.draw(standard_normal(rng, (ropes, count, SPLINE)))
         iterations = self._num_iterations if iterations is None else iterations
         if population is None:
             population = cem.critic_only_population if self.actor is None else cem.population
-        found, log_values = cross_entropy(
+        found, _ = cross_entropy(
             self.scorer(encoded.states, use_next_value),
             first.repeat(count),
             standard_normal(rng, (iterations, ropes * count, population, SPLINE)),
@@ -338,7 +338,7 @@ class Primitive(nn.Module):
             cem.full_covariance,
             cem.returns,
         )
-        return found.reshape(ropes, count, SPLINE), log_values.exp().reshape(ropes, count)
+        return found.reshape(ropes, count, SPLINE)
 
     @torch.no_grad()
     def values(self, states: TensorDict, noise: Tensor, use_next_value: bool = False) -> Tensor:
