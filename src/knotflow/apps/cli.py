@@ -71,8 +71,7 @@ Seconds = Annotated[float, Parameter(validator=Number(gt=0), help="Time limit of
 Margin = Annotated[float, Parameter(validator=Number(gte=0))]
 Worlds = Annotated[int, Parameter(validator=Number(gte=0))]
 
-REPEATS = 32  # disturbed, from which `next` estimates the success probability
-GRIPPER_ERROR = 0.005  # of its standard deviation there, metres
+GRIPPER_ERROR = 0.005  # standard deviation in the worlds of `next`, metres
 
 
 @app.command(help_epilogue="")
@@ -132,7 +131,7 @@ def next_step(
     seed: Seed = 0,
     max_seconds: Seconds = 60.0,
     margin: Margin = 0.05,
-    worlds: Worlds = 0,
+    worlds: Worlds = 16,
 ) -> int:
     """Plan only the next action, with its success probability and what to check.
 
@@ -162,32 +161,31 @@ def next_step(
             rope = f"{folder}/seen.csv"
             io.write_rope(Path(rope), seen.points)
         measured = _read_rope(str(rope), options, seed)
-    found, _ = _search(knot, measured, seed, max_seconds, margin, worlds)
+    found, _ = _search(knot, measured, seed, max_seconds, margin, worlds, GRIPPER_ERROR)
     if not found.solved:
         tighter = f"; tighter loops: --margin {margin / 2:g}" if margin else ""
         print(f"{found.summary()}\nlonger: --max-seconds {2 * max_seconds:g}{tighter}")
         return 1
-    from knotflow.seeding import rng_of
-    from knotflow.simulation import SimulationConfig
     from knotflow.topology.action_text import describe
 
-    step = found.steps[0]
-    size, simulation = measured.size, SimulationConfig(rope=measured.model)
-    error = GRIPPER_ERROR / size.length
-    share = planning.estimate_success(step, rng_of(seed, 2), REPEATS, simulation, error)
     found = found.placed(measured.placement, measured.frame)
+    step = found.steps[0]
     unit, digits = found.frame.unit, {"m": 3, "cm": 1, "mm": 0}[found.frame.unit]
     grasp, middle, end = (
         f"x {x:+.{digits}f}  y {y:+.{digits}f}  z {z:.{digits}f} {unit}"
         for x, y, z in found.frame.to_file(found.controls[0])
     )
+    success = ""
+    if found.worlds:
+        success = f"success  in {found.survived[0]} of {found.worlds} worlds, of the whole plan in "
+        success += f"{found.survived[-1]}, with gripper errors of {GRIPPER_ERROR * 1000:g} mm\n"
     print(
         f"{len(found.steps)} actions to {knot}; the next is\n"
         f"  {describe(step.action, step.start_state)}\n"
         f"grasp    {grasp}, {step.spline[0]:.0%} of the rope from its head\n"
         f"through  {middle} (middle control point)\n"
         f"release  {end}\n"
-        f"success  in {share:.0%} of {REPEATS} repetitions with gripper errors of 5 mm\n"
+        f"{success}"
         f"check    the rope must then be in the state {step.end_state}; measure it and ask again"
     )
     if out is not None:
@@ -453,6 +451,7 @@ def _search(
     max_seconds: float,
     margin: float,
     worlds: int,
+    error: float = 0.0,
 ) -> tuple[planning.KnotPlan, Attempts | None]:
     """The plan for the model of the rope, solved or not, and the last attempts, if any."""
     from tqdm import tqdm
@@ -460,12 +459,13 @@ def _search(
     from knotflow.samplers.primitives import SHIPPED_PRIMITIVES, PrimitiveLibrary
     from knotflow.samplers.primitives.library import UnlikeRopeWarning
     from knotflow.seeding import rng_of
-    from knotflow.simulation import RopeConfig, SimulationConfig
+    from knotflow.simulation import RopeConfig, SimulationConfig, WorldsConfig
 
     planning.parse_goal(knot, measured.rope)  # refuses it before the slow import
     library = PrimitiveLibrary.load(Path(SHIPPED_PRIMITIVES), RopeConfig())
-    margin /= measured.size.length
-    config = replace(FAST_SEARCH, max_seconds=max_seconds, margin=margin)
+    length = measured.size.length
+    config = replace(FAST_SEARCH, max_seconds=max_seconds, margin=margin / length)
+    survival = planning.SurvivalConfig(worlds, spread=WorldsConfig(error=error / length))
     tried: deque[Attempts] = deque(maxlen=1)
     bar = tqdm(desc="simulated", unit=" splines", disable=None)
 
@@ -479,7 +479,7 @@ def _search(
         found = planning.plan_rope(
             measured.points, knot, rng_of(seed, 1),
             sampler=library, simulation=SimulationConfig(rope=measured.model), config=config,
-            progress=show, observe=tried.append, survival=planning.SurvivalConfig(worlds),
+            progress=show, observe=tried.append, survival=survival,
         )  # fmt: skip
     return found, tried[-1] if tried else None
 

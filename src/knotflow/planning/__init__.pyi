@@ -8,7 +8,7 @@ from .rope_files import ROPE_NAMES, RopeInputError
 from .ropes import MeasuredRope, lay_down, measured_rope, parse_rope, read_rope
 from .survival import SurvivalConfig
 from .tree import SearchUpdate, TreeSearch, plan_knot
-from .validation import check_steps, estimate_success, find_penetrations, replay
+from .validation import check_steps, find_penetrations, replay
 from .waypoints import GripperConfig, Waypoints
 
 __all__ = [
@@ -16,7 +16,7 @@ __all__ = [
     "Placement", "PlanFormatError", "PlanStep", "PlannerConfig", "RopeInputError", "RopeOptions",
     "SearchUpdate", "SolutionDag", "SurvivalConfig", "TreeSearch",
     "UnreachableGoalError",
-    "Waypoints", "attempt_arranged", "check_steps", "estimate_success", "find_penetrations",
+    "Waypoints", "attempt_arranged", "check_steps", "find_penetrations",
     "lay_down", "measured_rope", "parse_goal", "parse_rope", "plan_knot",
     "plan_name", "plan_rope", "read_rope", "replay",
 ]  # fmt: skip

@@ -99,7 +99,7 @@ class KnotPlan:
         radius: of the rope, metres.
         frame: in which the rope was measured.
         worlds: in which the plan was executed open loop; 0 if it was not.
-        survived: those of them in which it tied.
+        survived: in how many of them the rope was in the planned state after each step.
     """
 
     goal: str
@@ -116,7 +116,7 @@ class KnotPlan:
     radius: float
     frame: Frame = field(default_factory=Frame)
     worlds: int = 0
-    survived: int = 0
+    survived: tuple[int, ...] = ()
 
     @property
     def actions(self) -> tuple[Action, ...]:
@@ -157,9 +157,9 @@ class KnotPlan:
         if self.worlds:
             from scipy.stats import binomtest  # here, as it loads slowly
 
-            low, high = binomtest(self.survived, self.worlds).proportion_ci(method="wilson")
+            low, high = binomtest(self.survived[-1], self.worlds).proportion_ci(method="wilson")
             lines.append(
-                f"ties in {self.survived} of {self.worlds} other worlds (95 % interval "
+                f"ties in {self.survived[-1]} of {self.worlds} other worlds (95 % interval "
                 f"{100 * low:.0f} to {100 * high:.0f} %)"
             )
         if self.solved:
@@ -299,7 +299,7 @@ class KnotPlan:
             radius=data["radius_m"],
             frame=Frame.from_json(data["frame"]) if "frame" in data else Frame(),
             worlds=data.get("worlds", 0),
-            survived=data.get("survived", 0),
+            survived=tuple(data.get("survived", ())),
             **{name: data[name] for name in _PLAIN},
         )
 

@@ -143,13 +143,14 @@ class SurvivalSearch:
         intact[rows] = [end == step.end_state for end in end_states(rollouts)]
         return Ropes(points, intact)
 
-    def _count(self, steps: Sequence[PlanStep]) -> int:
-        """In how many fresh worlds the steps tie."""
-        worlds = self._draw()
+    def _count(self, steps: Sequence[PlanStep]) -> tuple[int, ...]:
+        """How many fresh worlds are left after each step."""
+        worlds, left = self._draw(), []
         ropes = Ropes.alike(steps[0].start, len(worlds))
         for step in steps:
             ropes = self._execute(step, ropes, worlds)
-        return int(ropes.intact.sum())
+            left.append(int(ropes.intact.sum()))
+        return tuple(left)
 
 
 def _prospect(node: Node) -> float:

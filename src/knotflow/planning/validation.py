@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.planning.plan import KnotPlan, PlanStep
-from knotflow.simulation import RopeSimulator, SimulationConfig, attempt, end_states
+from knotflow.simulation import RopeSimulator, SimulationConfig, end_states
 from knotflow.topology import DegenerateCurveError
 from knotflow.topology.polyline import Floats, planar_crossings
 
@@ -67,27 +67,6 @@ def replay(plan: KnotPlan, simulation: SimulationConfig) -> KnotPlan:
         rollouts = simulator.execute(step.start[None], step.spline[None])
         steps.append(replace(step, **vars(rollouts.motion(0))))
     return replace(plan, steps=tuple(steps))
-
-
-def estimate_success(
-    step: PlanStep,
-    rng: np.random.Generator,
-    repeats: int,
-    simulation: SimulationConfig,
-    deviation: float,
-) -> float:
-    """The share of disturbed repetitions of a step that reach its state.
-
-    `deviation` is the standard deviation, metres, of the grasp along the rope and per axis of the
-    control points.
-    """
-    from knotflow.samplers.demonstrations import NoiseConfig, noisy_copies
-
-    noise = NoiseConfig(deviation / simulation.rope.length, middle=deviation, end=deviation)
-    splines = noisy_copies(step.spline, repeats, rng, noise)
-    simulator = RopeSimulator(simulation)
-    tried = attempt(simulator, step.start, splines, step.action, step.start_state)
-    return float(np.mean([end == step.end_state for end in tried.ends]))
 
 
 def find_penetrations(trajectory: NDArray[np.float32]) -> Floats:
