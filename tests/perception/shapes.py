@@ -8,7 +8,7 @@ import torch
 from knotflow.perception.camera.image import RgbdImage
 from knotflow.perception.camera.pinhole import Camera
 from knotflow.perception.estimation.evidence import Target
-from knotflow.perception.networks.patches import Patch, project_to_plane
+from knotflow.perception.networks.windows import Patch, project_to_plane
 from knotflow.simulation import RopeConfig, resample
 
 ROPE = RopeConfig(radius=0.008)
@@ -84,12 +84,15 @@ def image(points: np.ndarray, head: bool = False, radius: float = ROPE.radius) -
     return RgbdImage(rgb, depth.astype(np.float32))
 
 
+def shape_error(points: np.ndarray, truth: np.ndarray) -> float:
+    """Mean distance of vertices (V, 3), from the nearer end, metres."""
+    return min(np.linalg.norm(points[::way] - truth, axis=1).mean() for way in (1, -1))
+
+
 def nodes_in(patch: Patch, points: np.ndarray) -> np.ndarray:
     """Nodes (V, 3) of a patch of points (V, 3) seen by `CAMERA`: the inverse of `to_world`."""
     places = project_to_plane(points, CAMERA.position, patch.radius)
-    return np.column_stack(
-        [(places - patch.centre) @ patch.axes / patch.half, points[:, 2] / patch.radius]
-    )
+    return np.column_stack([(places - patch.centre) / patch.half, points[:, 2] / patch.radius])
 
 
 def _rope(x: np.ndarray, y: np.ndarray, lift: np.ndarray) -> np.ndarray:

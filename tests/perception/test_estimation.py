@@ -12,7 +12,7 @@ from knotflow.perception.estimation.estimate import EstimateConfig, estimate, li
 from knotflow.perception.estimation.fitting import FitConfig
 from knotflow.perception.estimation.search import SearchConfig, SearchResult
 from knotflow.perception.estimation.skeleton import TraceError
-from knotflow.perception.networks.network import Network, shipped_network
+from knotflow.perception.networks.network import StrandNetwork, shipped_network
 from knotflow.topology import TopologicalState
 
 from .shapes import CAMERA, ROPE, image, loop, s_curve, target
@@ -197,12 +197,12 @@ def test_image_without_rope_raises():
 def test_shipped_network_is_default(monkeypatch):
     asked = []
 
-    def propose(network, *_):
+    def trace_rope(network, _):
         asked.append(network)
         return [s_curve()]
 
-    monkeypatch.setattr(Network, "guesses", propose)
-    given = Network(shipped_network().model)
+    monkeypatch.setattr(estimation, "trace_rope", trace_rope)
+    given = StrandNetwork()
     for network in (None, given):
         estimate(image(s_curve()), CAMERA, ROPE, config=QUICK, network=network)
     assert asked == [shipped_network(), given]

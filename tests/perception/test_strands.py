@@ -5,10 +5,17 @@ import pytest
 import torch
 
 from knotflow.perception.estimation.evidence import observe
-from knotflow.perception.networks.network import CoarseToFine, Network, shipped_network
-from knotflow.perception.networks.patches import (
+from knotflow.perception.networks.network import NextStep, StrandNetwork, shipped_network
+from knotflow.perception.networks.strands import (
+    PIXEL,
+    StrandPath,
+    headings,
+    trace_rope,
+    trace_strands,
+)
+from knotflow.perception.networks.training import next_step_loss
+from knotflow.perception.networks.windows import (
     HALF,
-    HEADINGS,
     SIDE,
     STEP,
     WIDEST,
@@ -18,25 +25,12 @@ from knotflow.perception.networks.patches import (
     rasterise,
     to_window,
 )
-from knotflow.perception.networks.strands import (
-    PIXEL,
-    NextStep,
-    StrandNetwork,
-    StrandNetworkConfig,
-    StrandPath,
-    headings,
-    trace_rope,
-    trace_strands,
-)
-from knotflow.perception.networks.training import next_step_loss
 from knotflow.simulation import state_or_none
 
-from .shapes import CAMERA, ROPE, bare, image, loop, s_curve, target
-from .test_network import knowing, shape_error
-from .test_training import TINY as WHOLE
+from .shapes import CAMERA, ROPE, bare, image, loop, s_curve, shape_error
+from .test_network import TINY
 
 PERFECT = ExamplesConfig(noise=0, blur=0, sharpen=0, lost=0, hidden=0)
-TINY = StrandNetworkConfig(channels=(4, 8, 8), width=16)
 LENGTH = ROPE.length / ROPE.radius
 
 
@@ -112,13 +106,6 @@ def test_the_same_generator_draws_the_same_windows():
     assert all(torch.equal(a, b) for a, b in zip(one, other, strict=True))
 
 
-def test_network_output_is_normalised():
-    found = StrandNetwork(TINY)(torch.rand(3, 5, SIDE, SIDE), torch.ones(3))
-    assert found.heading.shape == (3, HEADINGS)
-    assert found.heading.exp().sum(1).tolist() == pytest.approx([1, 1, 1], abs=1e-5)
-    assert found.height.shape == found.end.shape == (3,)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("shape", [s_curve(), loop(1)], ids=["flat", "loop"])
 def test_path_follows_rope(shape):
@@ -155,35 +142,13 @@ def test_empty_strand_is_no_path():
 @pytest.mark.slow
 @pytest.mark.parametrize("over", [1, -1])
 def test_shipped_network_traces_loop(over):
-    network = shipped_network()
-    assert network is not None and network.strands is not None
     points = loop(over)
-    shape = trace_rope(network.strands, observe(image(points), CAMERA, ROPE))[0]
+    shape = trace_rope(shipped_network(), observe(image(points), CAMERA, ROPE))[0]
     assert shape.shape == points.shape
     assert np.linalg.norm(np.diff(shape, axis=0), axis=1) == pytest.approx(ROPE.link_length)
     assert shape_error(shape, points) < 0.012
     state = state_or_none(points)
     assert state in (state_or_none(shape), state_or_none(shape[::-1]))
-
-
-def test_save_load_with_strands(tmp_path):
-    network = Network(CoarseToFine(WHOLE), StrandNetwork(TINY))
-    network.save(tmp_path / "network.safetensors", half=False)
-    loaded = Network.load(tmp_path / "network.safetensors")
-    assert loaded.strands is not None and loaded.strands.config == TINY
-    for name, one in network.strands.state_dict().items():
-        assert torch.equal(one, loaded.strands.state_dict()[name]), name
-
-
-@pytest.mark.slow
-def test_strand_guess_comes_first_where_best():
-    points = loop(1)
-    seen = target(points)
-    whole = knowing(s_curve())
-    both = Network(whole.model, Hound())
-    assert len(both.guesses(seen)) > len(whole.guesses(seen)) == 4
-    assert shape_error(whole.guesses(seen)[0], points) > 0.05
-    assert shape_error(both.guesses(seen)[0], points) < 0.015
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ def results(tmp_path):
             "state_correct": int(rope != 2), "head_correct": 1, "doubtful": int(rope == 2),
             "seconds": 3.0,
         }
-        for method in ("network", "full")
+        for method in ("network_rendering", "full")
         for noise in (0.0, 1.0) for crossings in (0, 3, 5) for rope in range(3)
     ]  # fmt: skip
     (tmp_path / "perception").mkdir()
@@ -48,7 +48,7 @@ def test_estimates_by_method_noise_and_crossings(results):
     text = body("perception", results)
     lines = [line for line in text.splitlines() if line.startswith("| ")][2:]
     assert len(lines) == 2 * 2 * 2
-    assert "| network | 0 | 0 to 3 | 6 | 3.0" in lines[0]
+    assert "| network + rendering | 0 | 0 to 3 | 6 | 3.0" in lines[0]
     assert "2 of 2" in lines[0] and "66.7 %" in lines[0]
 
 
@@ -78,7 +78,7 @@ def test_plans_from_estimates_and_from_true_ropes(results):
 
 
 def test_every_method_and_controller_is_shown():
-    assert METHODS.keys() == perception.METHODS.keys()
+    assert {*METHODS} == perception.METHODS.keys()
     assert CONTROLLERS.keys() == execution.CONTROLLERS.keys()
 
 
@@ -86,7 +86,7 @@ def test_older_methods_are_not_shown(results):
     path = results.root / "perception" / "estimates.csv"
     assert "older" not in body("perception", results)
     table = pd.read_csv(path).replace("full", "network_tracing_rendering_fine")
-    other = table[table["method"] == "network"].assign(method="rendering_poor_start")
+    other = table[table["method"] == "network_rendering"].assign(method="rendering_poor_start")
     pd.concat([table, other]).to_csv(path, index=False)
     text = body("perception", Results(results.root))
     assert "| complete | 1 | 0 to 3 |" in text and "poor" not in text

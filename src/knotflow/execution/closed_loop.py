@@ -27,7 +27,7 @@ from knotflow.execution.step_executor import (
     TickTiming,
 )
 from knotflow.execution.twin import Twin
-from knotflow.perception import Camera, Network, Tracker
+from knotflow.perception import Camera, StrandNetwork, Tracker
 from knotflow.planning import Goal, KnotPlan, PlanStep, UnreachableGoalError
 from knotflow.simulation import ShapeError, SimulationConfig, state_or_none
 from knotflow.topology import DegenerateCurveError
@@ -249,7 +249,7 @@ def run_trial(
     replan: Replan | None = None,
     camera: Camera | None = None,
     weights: Path = SHIPPED_DYNAMICS,
-    network: Network | None = None,
+    network: StrandNetwork | None = None,
     robot: Robot | None = None,
 ) -> Trial:
     """Execute a plan from a twin's first rope on the twin, which is then used up.

@@ -14,7 +14,7 @@ from knotflow.simulation import RopeConfig, resample, state_or_none
 from knotflow.topology import TopologicalState
 
 if TYPE_CHECKING:
-    from knotflow.perception import Camera, Network, RgbdImage, Tracker
+    from knotflow.perception import Camera, RgbdImage, StrandNetwork, Tracker
 
 
 class Robot(Protocol):
@@ -161,7 +161,7 @@ class ImageStateEstimator:
 
     camera: Camera  # at its nominal pose
     rope: RopeConfig = field(default_factory=RopeConfig)
-    network: Network | None = None  # proposes further first guesses; the shipped one by default
+    network: StrandNetwork | None = None  # proposes first guesses; the shipped one by default
     tracker: Tracker | None = None  # restarted from each estimate
     _previous_time: float | None = field(default=None, init=False)
     _search_wider: bool = field(default=False, init=False)

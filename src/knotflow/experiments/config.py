@@ -30,7 +30,7 @@ SECTIONS = (
     *("reachable", "learning_options", "tree_size", "joint_finetuning", "causal_infogan"),
     *("infogan_single", "infogan_all", "causal_infogan_ends", "causal_infogan_plans", "pull"),
     *("pentagram", "knots", "goals", "goals_ablation", "actions", "overhand", "training_ropes"),
-    *("perception_training", "strand_training", "unseen_ropes"),
+    *("strand_training", "unseen_ropes"),
     *("perception", "perceived_plans", "tracking", "dynamics_training"),
     *("dynamics", "closed_loop", "closed_loop_ablation", "arm", "benchmark"),
 )
@@ -63,7 +63,7 @@ class Config:
     dynamics_weights: str = str(SHIPPED_DYNAMICS)
     """The learned rope dynamics."""
     network: str = str(SHIPPED_NETWORK)
-    """The network that sees ropes."""
+    """The network that follows strands."""
 
     rope: RopeConfig = field(default_factory=RopeConfig)
     simulation: SimulationConfig = field(default_factory=lambda: SimulationConfig(rope=II("rope")))

@@ -34,7 +34,7 @@ from knotflow.execution import (
 )
 from knotflow.execution.closed_loop import Trial
 from knotflow.experiments.common import sampler_of
-from knotflow.perception import Camera, Network
+from knotflow.perception import Camera, StrandNetwork
 from knotflow.planning import KnotPlan, PlannerConfig, parse_goal, plan_knot
 from knotflow.recording import RecordedRollout, RolloutImages, write_recording
 from knotflow.samplers import SamplerConfig
@@ -119,7 +119,7 @@ def closed_loop(
             twin = Twin(plan.start, config, rng_of(seed, number, 2, level), camera)
             seconds[:] = [plan.seconds]
             replan = partial(plan_from, rng_of(seed, number, 3, level))
-            sight = None if camera is None else Network.load(network)
+            sight = None if camera is None else StrandNetwork.load(network)
             robot = FAULTS[case.fault](twin.robot())
             recorded = (case.controller, case.fault, number) == RECORDED
             film = ImageRecorder(robot) if recorded else None

@@ -1,11 +1,11 @@
-"""Ropes at rest seen in one image: networks, estimates, and plans from them (Sec. VI)."""
+"""Ropes at rest seen in one image: network, estimates, and plans from them (Sec. VI)."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,22 +18,20 @@ from knotflow.perception import (
     Appearance,
     Camera,
     CameraNoiseConfig,
-    CoarseToFineTrainer,
     EstimateConfig,
-    Network,
     RgbdImage,
     RopeEstimate,
     SimulatedCamera,
+    StrandNetwork,
     StrandTrainer,
     StrandTrainingConfig,
     TraceError,
-    TrainingConfig,
     estimate,
     observe,
 )
-from knotflow.perception.estimation.estimate import propose
 from knotflow.perception.estimation.fitting import nearest_on_chain
 from knotflow.perception.io import draw_overlay
+from knotflow.perception.networks.strands import trace_rope
 from knotflow.planning import KnotPlan, PlannerConfig, UnreachableGoalError, parse_goal, plan_knot
 from knotflow.samplers import SamplerConfig
 from knotflow.samplers.demonstrations import heuristic_any_action
@@ -117,85 +115,47 @@ def ropes(
 
 
 @stage
-def perception_training(
-    run: StageRun, *, ropes: Path, rope: RopeConfig, training: TrainingConfig, seed: int
+def strand_training(
+    run: StageRun, *, ropes: Path, rope: RopeConfig, training: StrandTrainingConfig, seed: int
 ) -> None:
-    """A network learns to see whole ropes, from drawings of their shapes.
+    """A network learns to follow strands, from windows along them.
 
     Makes network.safetensors, in half precision, and curves.csv.
     """
     with np.load(ropes / ROPES) as shapes:
-        trainer = CoarseToFineTrainer(shapes["points"], shapes["crossings"], rope, training, seed)
-    train(run, trainer, "perception", WEIGHTS, lambda path: Network(trainer.model).save(path))
-
-
-@stage
-def strand_training(
-    run: StageRun,
-    *,
-    ropes: Path,
-    network: Path,
-    rope: RopeConfig,
-    training: StrandTrainingConfig,
-    seed: int,
-) -> None:
-    """A network learns to follow strands, from windows along them.
-
-    Makes network.safetensors, of both networks, and curves.csv.
-    """
-    whole = Network.load(network / WEIGHTS if network.is_dir() else network)
-    with np.load(ropes / ROPES) as shapes:
         trainer = StrandTrainer(shapes["points"], shapes["crossings"], rope, training, seed)
-
-    def save(path: Path) -> None:
-        Network(whole.model, trainer.model).save(path)
-
-    train(run, trainer, "strands", WEIGHTS, save)
+    train(run, trainer, "strands", WEIGHTS, trainer.model.save)
 
 
-@dataclass(frozen=True)
-class EstimationMethod:
-    """The complete method, or a part of it."""
-
-    search: bool = True
-    """Search among guesses of skeleton and network, or take the network's likeliest one."""
-    rendering: bool = True  # fit by gradient steps on the rendering
-    strands: bool = True  # let the network follow strands
-    depth: bool = True  # let the gradient steps see depth
-
-    def estimate(
-        self,
-        image: RgbdImage,
-        camera: Camera,
-        rope: RopeConfig,
-        config: EstimateConfig,
-        network: Network,
-    ) -> RopeEstimate:
-        """The rope in an image.
-
-        Raises:
-            TraceError: there is none.
-        """
-        if not self.strands:
-            network = Network(network.model)
-        if not self.depth:
-            config = replace(config, fit=replace(config.fit, depth=0.0))
-        if not self.rendering:
-            return propose(image, camera, rope, network)
-        guess = None if self.search else network.guesses(observe(image, camera, rope))[0]
-        return estimate(image, camera, rope, guess, config=config, network=network)
-
-
-METHODS = {
-    "network": EstimationMethod(search=False, rendering=False),
-    "network_rendering": EstimationMethod(search=False),
-    FULL: EstimationMethod(),
-    f"{FULL}_without_strands": EstimationMethod(strands=False),
-    f"{FULL}_without_depth": EstimationMethod(depth=False),
-}
-"""What the experiment compares, by name."""
-EVERY_LEVEL = ("network", "network_rendering", FULL)
+NETWORK_RENDERING = "network_rendering"
+METHODS = (NETWORK_RENDERING, FULL, f"{FULL}_without_network", f"{FULL}_without_depth")
+"""What the experiment compares: the network's likeliest path, fitted; the complete method; and this
+without the network's guesses, or without depth in the gradient steps."""
+EVERY_LEVEL = (NETWORK_RENDERING, FULL)
 """Methods compared at all levels of noise; the ablations at the nominal one only."""
+
+
+def estimate_by(
+    method: str,
+    image: RgbdImage,
+    camera: Camera,
+    rope: RopeConfig,
+    config: EstimateConfig,
+    network: StrandNetwork,
+) -> RopeEstimate | None:
+    """The rope in an image by one of `METHODS`; None where none is found."""
+    guess = None
+    if method == NETWORK_RENDERING:
+        guess = next(iter(trace_rope(network, observe(image, camera, rope))), None)
+        if guess is None:
+            return None
+    elif method == f"{FULL}_without_network":
+        config = replace(config, proposals=0)
+    elif method == f"{FULL}_without_depth":
+        config = replace(config, fit=replace(config.fit, depth=0.0))
+    with suppress(TraceError):
+        return estimate(image, camera, rope, guess, config, network=network)
+    return None
 
 
 def choose_ropes(
@@ -272,7 +232,7 @@ def perception(
     shapes = choose_ropes(ropes / ROPES, crossings, per_crossings, rope, seed)
 
     def estimate_rope(name: str) -> pd.DataFrame:
-        truth, trained = shapes[name], Network.load(network)
+        truth, trained = shapes[name], StrandNetwork.load(network)
         count, number = map(int, name.split("-"))
         rows = []
         for level in levels:
@@ -280,12 +240,9 @@ def perception(
             noise = replace(camera_noise, level=level)
             simulated = SimulatedCamera(camera, rope, noise, Appearance.draw(rng, noise))
             image = simulated.capture(truth, rng)
-            for method, how in METHODS.items():
-                if level != NOMINAL and method not in EVERY_LEVEL:
-                    continue
-                found, began = None, time.process_time()
-                with suppress(TraceError):
-                    found = how.estimate(image, camera, rope, estimate, trained)
+            for method in METHODS if level == NOMINAL else EVERY_LEVEL:
+                began = time.process_time()
+                found = estimate_by(method, image, camera, rope, estimate, trained)
                 seconds = time.process_time() - began
                 row = {"method": method, "noise": level, "crossings": count, "rope": number}
                 rows.append(row | metrics(found, truth) | {"seconds": round(seconds, 3)})
@@ -343,8 +300,8 @@ def perceived_plans(
         truth = random_curve(rope, rng, starts)
         simulated = SimulatedCamera(camera, rope, camera_noise, Appearance.draw(rng, camera_noise))
         image, shapes = simulated.capture(truth, rng), {"true": truth, "estimated": None}
-        with suppress(TraceError):
-            found = METHODS[FULL].estimate(image, camera, rope, estimate, Network.load(network))
+        found = estimate_by(FULL, image, camera, rope, estimate, StrandNetwork.load(network))
+        if found is not None:
             shapes["estimated"] = found.points
         return pd.DataFrame(
             {"rope": name, "planned_from": shape} | plan_and_execute(points, truth, int(name))

@@ -26,7 +26,7 @@ from knotflow.execution import (
 from knotflow.perception import (
     Camera,
     CameraNoiseConfig,
-    Network,
+    StrandNetwork,
     Tracker,
     TrackerConfig,
     estimate,
@@ -73,7 +73,7 @@ def tracking(
     def track(name: str) -> pd.DataFrame:
         """One rollout; the first of all is recorded with its images."""
         level, action, number = name.split("-")
-        trained = Network.load(network)
+        trained = StrandNetwork.load(network)
         rng = rng_of(seed, int(level), *map(ord, action), int(number))
         rope = perturb_rope(believed, int(level), rng)
         own = [one for one in load_demonstrations(demonstrations_file) if one.task.name == action]

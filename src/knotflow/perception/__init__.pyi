@@ -13,22 +13,16 @@ from .estimation.search import SearchConfig
 from .estimation.segmentation import segment
 from .estimation.skeleton import TraceError
 from .io import see
-from .networks.network import Network
-from .networks.training import (
-    CoarseToFineTrainer,
-    StrandTrainer,
-    StrandTrainingConfig,
-    TrainingConfig,
-)
+from .networks.network import StrandNetwork
+from .networks.training import StrandTrainer, StrandTrainingConfig
 from .tracking import Tracker, TrackerConfig
 
 SHIPPED_NETWORK: pathlib.Path
 
 __all__ = [
     "END_AMBIGUITIES", "SAMPLE", "SHIPPED_NETWORK", "Appearance", "Calibration", "Camera",
-    "CameraError", "CameraNoiseConfig", "Capture", "CoarseToFineTrainer", "EstimateConfig",
-    "FitConfig", "ImageError", "Label", "Network", "RgbdImage", "RopeEstimate", "SearchConfig",
-    "SimulatedCamera", "StrandTrainer", "StrandTrainingConfig", "TraceError", "Tracker",
-    "TrackerConfig", "TrainingConfig", "add_noise", "estimate", "fit", "observe", "read_capture",
-    "see", "segment",
+    "CameraError", "CameraNoiseConfig", "Capture", "EstimateConfig", "FitConfig", "ImageError",
+    "Label", "RgbdImage", "RopeEstimate", "SearchConfig", "SimulatedCamera", "StrandNetwork",
+    "StrandTrainer", "StrandTrainingConfig", "TraceError", "Tracker", "TrackerConfig",
+    "add_noise", "estimate", "fit", "observe", "read_capture", "see", "segment",
 ]  # fmt: skip

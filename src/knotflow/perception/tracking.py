@@ -30,7 +30,7 @@ from knotflow.perception.estimation.evidence import (
 )
 from knotflow.perception.estimation.fitting import FitConfig, fit, register
 from knotflow.perception.estimation.skeleton import TraceError
-from knotflow.perception.networks.network import Network
+from knotflow.perception.networks.network import StrandNetwork
 from knotflow.simulation import RopeConfig, state_or_none
 
 Floats = NDArray[np.float64]
@@ -74,7 +74,7 @@ class Tracker:
         points: NDArray,
         predict: Predict,
         config: TrackerConfig | None = None,
-        network: Network | None = None,
+        network: StrandNetwork | None = None,
     ) -> None:
         """Take up a rope from its true points (V, 3), metres, head first; see also `restart`.
 

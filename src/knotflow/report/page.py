@@ -68,7 +68,6 @@ FURTHER = (
     Section("goals_ablation", knots.ablation),
     Section("actions", actions.actions),
     Section("perception", perception.perception),
-    Section("perception_training", partial(training.network, "perception_training")),
     Section("strand_training", partial(training.network, "strand_training")),
     Section("tracking", perception.tracking),
     Section("dynamics", perception.dynamics),

@@ -20,10 +20,9 @@ GROUPS = ((0, 3), (4, 5))
 """Ropes are grouped by their number of crossings, from and to."""
 FULL = "full"
 METHODS = {
-    "network": "network",
     "network_rendering": "network + rendering",
     FULL: "complete",
-    "full_without_strands": "complete, without strand tracing",
+    "full_without_network": "complete, without the network",
     "full_without_depth": "complete, without depth",
 }
 """Methods and what the report calls them; others, of older results, are not shown."""

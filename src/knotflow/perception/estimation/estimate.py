@@ -39,7 +39,8 @@ from knotflow.perception.estimation.search import (
     total_loss,
 )
 from knotflow.perception.estimation.skeleton import TraceError, lift, trace
-from knotflow.perception.networks.network import Network, shipped_network
+from knotflow.perception.networks.network import StrandNetwork, shipped_network
+from knotflow.perception.networks.strands import trace_rope
 from knotflow.simulation import RopeConfig, state_or_none
 from knotflow.topology import TopologicalState
 
@@ -66,6 +67,8 @@ class EstimateConfig:
     )
     """How the search continues where its result is ambiguous or leaves rope out; None
     takes the result as it is."""
+    proposals: int = 12
+    """First guesses of the network, at most."""
     prior_credit: float = 2.0
     """A shape in another state replaces a likely shape if its log likelihood is higher by this."""
 
@@ -111,7 +114,7 @@ def estimate(
     initial: NDArray | None = None,
     config: EstimateConfig | None = None,
     earlier: NDArray | None = None,
-    network: Network | None = None,
+    network: StrandNetwork | None = None,
     likely: Sequence[NDArray] = (),
     progress: Progress | None = None,
 ) -> RopeEstimate:
@@ -142,15 +145,6 @@ def estimate(
     else:
         best, target = _search_all(target, image, config, network, likely, progress)
     return _head_first(best, target, image, earlier)
-
-
-def propose(image: RgbdImage, camera: Camera, rope: RopeConfig, network: Network) -> RopeEstimate:
-    """A network's likeliest guess at the rope of an image, without gradient steps and comparing of
-    crossings; raises as `estimate`."""
-    target = observe(image, camera, rope)
-    shape = network.guesses(target)[0]
-    best = _Candidate(shape, (), coverage_fraction(shape, target))
-    return _head_first(best, target, image)
 
 
 class _Candidate(NamedTuple):
@@ -218,7 +212,7 @@ def _search_all(
     target: Target,
     image: RgbdImage,
     config: EstimateConfig,
-    network: Network | None,
+    network: StrandNetwork | None,
     likely: Sequence[NDArray],
     progress: Progress | None,
 ) -> tuple[_Candidate, Target]:
@@ -241,7 +235,7 @@ def _search_all(
     traced = [path for path in traced if np.ptp(path, axis=0).any()]  # no single dots
     most = max(effort.paths for effort in efforts)
     paths = [lift(path, mask, image.depth, camera, rope) for path in traced[:most]]
-    proposed = (network or shipped_network()).guesses(target)
+    proposed = trace_rope(network or shipped_network(), target)[: config.proposals]
     guesses = [*paths, *proposed, *shapes]
     target = _with_radius(guesses[0], target, config)
     near = target.around(guesses)

@@ -1,24 +1,22 @@
 """Paths along which the rope of an image may run: a beam search over a network's steps along a
 strand, from places on the rope to its ends and from these ends again (Sec. VI).
-
-`StrandNetwork` sees a window at the end of a strand, as HANDLOOM (Shivakumar et al., CoRL 2023).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy import ndimage
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn.functional import grid_sample
 
 from knotflow.perception.estimation.evidence import Target
 from knotflow.perception.estimation.fitting import interpolate, project_lengths
-from knotflow.perception.networks.patches import (
+from knotflow.perception.networks.network import StrandNetwork
+from knotflow.perception.networks.windows import (
     HALF,
     HEADINGS,
     SIDE,
@@ -47,83 +45,6 @@ _OVERLAP = 0.9  # nearer than this in the plane, radii;
 _APART = 8.0  # what is nearer along the path does not count, radii
 _ALIKE = 0.7  # radii: of two paths whose last points and mean are nearer than this, one is kept
 _LENGTH_OFF = 20.0  # taken from a log likelihood for each rope length too long or too short
-
-
-@dataclass
-class StrandNetworkConfig:
-    """Sizes of the network that follows strands."""
-
-    channels: tuple[int, ...] = (16, 32, 64)  # of the encoder, each at half the resolution
-    width: int = 96  # features of what is predicted from them
-
-
-class NextStep(NamedTuple):
-    """How strands go on: `heading` (N, HEADINGS) logarithms of probabilities, `height` (N,) of the
-    axis after the step, radii, and `end` (N,), the logit of there being none."""
-
-    heading: Tensor
-    height: Tensor
-    end: Tensor
-
-
-class StrandNetwork(nn.Module):
-    """Windows (N, 5, SIDE, SIDE) and the strand's height there (N,), radii, to its next step.
-
-    A window's channels are those of `Patch.crop`, and the trail's share and height; its first axis
-    is the strand's direction.
-    """
-
-    def __init__(self, config: StrandNetworkConfig | None = None) -> None:
-        super().__init__()
-        self.config = config = config or StrandNetworkConfig()
-        stages: list[nn.Module] = []
-        before = 5
-        for number, count in enumerate(config.channels):
-            stages += [*halving(before, count), *([Residual(count)] if number else [])]
-            before = count
-        self.seen = nn.Sequential(*stages, nn.Flatten())
-        side = SIDE // 2 ** len(config.channels)
-        self.body = nn.Sequential(
-            nn.Linear(before * side**2 + 1, config.width),
-            nn.ReLU(),
-            nn.Linear(config.width, config.width),
-            nn.ReLU(),
-        )
-        self.heads = nn.Linear(config.width, HEADINGS + 2)
-
-    def forward(self, windows: Tensor, height: Tensor) -> NextStep:
-        found = self.heads(self.body(torch.cat([self.seen(windows), height[:, None]], dim=1)))
-        heading = found[:, :HEADINGS].log_softmax(dim=1)
-        return NextStep(heading, height + found[:, HEADINGS], found[:, HEADINGS + 1])
-
-
-def headings() -> Tensor:
-    """The middle (HEADINGS,) of each direction, radians."""
-    return (torch.arange(HEADINGS) + 0.5) * (2 * WIDEST / HEADINGS) - WIDEST
-
-
-def halving(before: int, channels: int) -> list[nn.Module]:
-    """A convolution (N, C, H, W) to half the resolution."""
-    return [
-        nn.Conv2d(before, channels, 4, stride=2, padding=1, bias=False),
-        nn.BatchNorm2d(channels),
-        nn.ReLU(),
-    ]
-
-
-class Residual(nn.Module):
-    """A convolution (N, C, H, W) beside the identity."""
-
-    def __init__(self, channels: int) -> None:
-        super().__init__()
-        self.body = nn.Sequential(
-            nn.Conv2d(channels, channels, 3, padding=1, bias=False),
-            nn.BatchNorm2d(channels),
-            nn.ReLU(),
-        )
-
-    def forward(self, features: Tensor) -> Tensor:
-        return features + self.body(features)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +83,7 @@ def trace_rope(network: StrandNetwork, target: Target) -> list[Floats]:
     low, high = places.min(axis=0), places.max(axis=0)
     size = int(np.ceil((float((high - low).max()) / rope.radius + 2 * HALF) / PIXEL))
     half = size * PIXEL * rope.radius / 2
-    patch = Patch(0.5 * (low + high), np.eye(2), half, rope.radius)
+    patch = Patch(0.5 * (low + high), half, rope.radius)
     seen = torch.as_tensor(patch.crop(target, size))
     even = np.linspace(0, 1, rope.num_vertices)
     found = []
@@ -289,6 +210,11 @@ def _grown(
                 probability = np.append(path.probability, mass * (1 - end))
                 grown[-1].append(StrandPath(points, probability, float(direction), along))
     return grown
+
+
+def headings() -> Tensor:
+    """The middle (HEADINGS,) of each direction, radians."""
+    return (torch.arange(HEADINGS) + 0.5) * (2 * WIDEST / HEADINGS) - WIDEST
 
 
 def _modes(shares: NDArray, angles: NDArray) -> list[tuple[float, float]]:

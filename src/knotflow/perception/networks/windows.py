@@ -1,7 +1,7 @@
-"""What the networks see: patches of a whole rope and windows along its strands, of images, or drawn
-from shapes as training examples with the errors of segmentation and depth camera.
+"""What the network sees: windows along a rope's strands, of images, or drawn from shapes as
+training examples with the errors of segmentation and depth camera.
 
-A patch is a square of the plane through a flat rope's axis, turned along it. A vertex is given by
+A window is cut from a patch, a square of the plane through a flat rope's axis. A vertex is given by
 the point of this plane that hides it from the camera, and its height, so that the network needs to
 know neither the camera nor where on the table the rope lies.
 """
@@ -21,7 +21,6 @@ from torch.nn.functional import avg_pool2d
 
 from knotflow.perception.camera.pinhole import Camera
 from knotflow.perception.estimation.evidence import Target
-from knotflow.perception.estimation.skeleton import TraceError
 
 Floats = NDArray[np.float64]
 
@@ -31,8 +30,6 @@ STEP = 2.0  # length of a step along a strand, radii
 TRAIL = 12  # steps back that the window shows
 HEADINGS = 32  # directions of a step that are distinguished,
 WIDEST = 1.6  # up to this angle to either side, radians
-_MARGIN = 1.1  # side of a patch, in extents of the rope
-_SMALLEST = 0.4  # least side of a patch, in lengths of the rope
 _HIGHEST = 8.0  # heights above the table are cut here, radii of the rope
 _ASIDE = 0.4  # standard deviation of a window's middle from the strand, along both axes, radii
 _TURNED = 0.15  # standard deviation of its direction from the strand's, radians
@@ -44,30 +41,18 @@ _NEAR = 3.0  # links from a crossing, at most, of the half of the windows that a
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A square of the plane z = `radius`, the rope's, around `centre` (2,), side 2 `half`, metres;
-    columns of `axes` (2, 2) are its axes, which may be left-handed, in the world."""
+    """A square of the plane z = `radius`, the rope's, around `centre` (2,), along the world's axes,
+    side 2 `half`, metres."""
 
     centre: Floats
-    axes: Floats
     half: float
     radius: float
-
-    @classmethod
-    def around(cls, places: NDArray, radius: float, length: float) -> Patch:
-        """The patch of a rope seen at places (N, 2), metres; its axes' directions are arbitrary."""
-        middle = places.mean(axis=0)
-        _, axes = np.linalg.eigh(np.cov((places - middle).T))
-        axes = axes[:, ::-1].copy()  # torch knows no negative strides
-        along = (places - middle) @ axes
-        low, high = along.min(axis=0), along.max(axis=0)
-        half = max(0.5 * _MARGIN * float((high - low).max()), 0.5 * _SMALLEST * length)
-        return cls(middle + axes @ (0.5 * (low + high)), axes, half, radius)
 
     def crop(self, target: Target, size: int) -> NDArray[np.float32]:
         """What the camera sees of the patch.
 
         Returns:
-            (3, size, size), rows along the patch's second axis: the rope's share of each pixel, its
+            (3, size, size), rows along y: the rope's share of each pixel, its
             height there in radii (0 where there is no rope), and how much is known.
         """
         seen, share = target.known.numpy(), target.coverage.numpy()
@@ -75,7 +60,7 @@ class Patch:
         height = np.where(deep, target.height, 0.0) / self.radius
         fine = (np.arange(2 * size) + 0.5) / size - 1.0  # twice as fine, then averaged
         across, along = np.meshgrid(fine, fine, indexing="ij")
-        places = self.centre + self.half * np.stack([along, across], axis=-1) @ self.axes.T
+        places = self.centre + self.half * np.stack([along, across], axis=-1)
         world = np.concatenate([places, np.full_like(places[..., :1], self.radius)], axis=-1)
         column, row, _ = np.moveaxis(target.camera.project(world), -1, 0)
         at = np.nan_to_num(np.stack([row, column]), nan=-9.0)
@@ -92,7 +77,7 @@ class Patch:
     def to_world(self, nodes: NDArray, camera: Camera) -> Floats:
         """Points (V, 3), metres, of nodes (V, 3): place in the patch, -1..1, and height, radii."""
         eye = camera.position
-        places = self.centre + self.half * nodes[:, :2] @ self.axes.T
+        places = self.centre + self.half * nodes[:, :2]
         height = self.radius * nodes[:, 2:]
         reach = (eye[2] - height) / (eye[2] - self.radius)
         return np.concatenate([eye[:2] + (places - eye[:2]) * reach, height], axis=1)
@@ -102,20 +87,6 @@ def project_to_plane(points: Tensor, eye: Tensor, radius: float) -> Tensor:
     """The places (..., 2) of the plane z = radius that an eye (..., 3) sees points (..., 3) at."""
     reach = (eye[..., 2:] - radius) / (eye[..., 2:] - points[..., 2:])
     return eye[..., :2] + (points[..., :2] - eye[..., :2]) * reach
-
-
-def crop_rope(target: Target, size: int) -> tuple[Patch, NDArray[np.float32]]:
-    """The rope's patch, and what is seen of it (3, size, size), see `Patch.crop`.
-
-    Raises:
-        TraceError: there is no rope in the image.
-    """
-    rope = target.rope
-    places = target.camera.on_plane(target.mask.numpy(), rope.radius)
-    if len(places) < 2:
-        raise TraceError("no rope is seen, so none can be proposed")
-    patch = Patch.around(places, rope.radius, rope.length)
-    return patch, patch.crop(target, size)
 
 
 def rasterise(nodes: Tensor, radius: Tensor, size: int) -> tuple[Tensor, Tensor]:
@@ -178,8 +149,6 @@ class ExamplesConfig:
     scale: float = 0.1  # largest relative change of the rope's thickness against its length
     distance: tuple[float, float] = (0.8, 1.6)  # camera's height above the table, rope lengths
     aside: float = 0.5  # farthest that it lies from below the camera in x and y, rope lengths
-    turn: float = 0.25  # standard deviation of the patch's direction, radians
-    shift: float = 0.03  # standard deviation of the patch's middle and size, half patches
     noise: float = 0.6  # largest standard deviation of a height, radii
     blur: float = 0.7  # largest part of a pixel's share of rope that is of the 3 x 3 around it
     sharpen: float = 1.5  # largest steepening of that share, which a mask has
@@ -200,15 +169,6 @@ class _Draw(NamedTuple):
         return std * torch.randn(self.number, *shape, generator=self.generator)
 
 
-class Examples(NamedTuple):
-    """`patches` (N, 3, S, S) as `Patch.crop` gives them, `nodes` (N, V, 3) as `Patch.to_world`
-    takes them, and `half` (N,), half the side of each patch in metres."""
-
-    patches: Tensor
-    nodes: Tensor
-    half: Tensor
-
-
 class Windows(NamedTuple):
     """`windows` (N, 5, SIDE, SIDE) and `height` (N,), radii, as `StrandNetwork` takes them; the
     `heading` (N,) of the next step, index; `next_height` (N,), radii; `end` (N,) bool, whether the
@@ -219,30 +179,6 @@ class Windows(NamedTuple):
     heading: Tensor
     next_height: Tensor
     end: Tensor
-
-
-@torch.no_grad()
-def draw_patches(
-    points: Tensor, radius: float, size: int, config: ExamplesConfig, generator: torch.Generator
-) -> Examples:
-    """Patches of rope shapes (N, V, 3), metres, mirrored, turned and seen at random."""
-    count, draw = len(points), _Draw(len(points), generator)
-    length = float((points[0, 1:] - points[0, :-1]).norm(dim=-1).sum())
-    places, thick = _view_at_random(points, radius, config, draw)
-    radii = points[..., 2] / radius
-    middle = places.mean(dim=1, keepdim=True)
-    _, axes = torch.linalg.eigh((places - middle).transpose(1, 2) @ (places - middle))
-    axes = axes.flip(-1) @ _rotation(draw.normal(config.turn))
-    axes = axes * (2 * torch.randint(2, (count, 1, 2), generator=generator) - 1)
-    along = (places - middle) @ axes
-    low, high = along.amin(dim=1), along.amax(dim=1)
-    half = 0.5 * _MARGIN * (high - low).amax(dim=-1)
-    half = half.clamp(min=0.5 * _SMALLEST * length) * (1 + draw.normal(config.shift).abs())
-    shift = draw.normal(config.shift, 1, 2)
-    nodes = (along - 0.5 * (low + high)[:, None]) / half[:, None, None] + shift
-    nodes = torch.cat([nodes, radii[..., None]], dim=-1)
-    covered, top = rasterise(nodes, radius * thick / half, size)
-    return Examples(_degrade(covered, top, config, draw), nodes, half)
 
 
 @torch.no_grad()
