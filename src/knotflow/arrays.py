@@ -19,13 +19,8 @@ def floats(
 ) -> NDArray[np.float64]:
     """Values as a float64 array.
 
-    Args:
-        values: numbers, or lists of them.
-        what: the name of the values in the error message.
-        error: the type of error to raise.
-
     Raises:
-        ValueError: `error`; the values are not numeric, or lists of different lengths.
+        ValueError: `error`, with `what` they are; not numeric, or lists of different lengths.
     """
     try:
         return np.asarray(values, np.float64)

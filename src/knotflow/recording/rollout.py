@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +18,8 @@ NANOSECONDS = 1_000_000_000
 IMAGE_FORMATS = {b"\x89PNG": "png", b"\xff\xd8": "jpeg"}
 """First bytes of an image's file -> its format."""
 
-_ARRAYS: dict[str, tuple[Any, tuple[str | int, ...]]] = {  # dtype and shape
-    "times": (np.float64, ("T",)),
-    "points": (np.float32, ("T", "V", 3)),
-    "gripper": (np.float32, ("T", 3)),
-    "control_points": (np.float64, (3, 3)),
-    "spline": (np.float64, (6,)),
-}
+_TYPES = {"times": np.float64, "points": np.float32, "gripper": np.float32}
+_TYPES |= {"control_points": np.float64, "spline": np.float64}
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,24 +70,20 @@ class RecordedRollout:
 
     def __post_init__(self) -> None:
         this = f"rollout {self.number}"
-        sizes: dict[str | int, int] = {}
-        for name, (dtype, shape) in _ARRAYS.items():
+        for name, kind in _TYPES.items():
             with np.errstate(over="ignore"):  # a diverged rope may lie beyond float32: infinity
-                given = floats(getattr(self, name), f"{this}: {name}").astype(dtype, copy=False)
+                given = floats(getattr(self, name), f"{this}: {name}").astype(kind, copy=False)
             object.__setattr__(self, name, given)
-            wanted = [
-                sizes.setdefault(size, got) if isinstance(size, str) else size
-                for size, got in zip(shape, given.shape, strict=False)
-            ]
-            if given.shape != tuple(wanted) or given.ndim != len(shape) or 0 in given.shape:
-                raise ValueError(
-                    f"{this}: {name} has shape {given.shape}, needs "
-                    f"({', '.join(map(str, shape))}{',' * (len(shape) == 1)}) with T >= 1 frames "
-                    "(those of times) and V >= 2 vertices"
-                )
-        seen = sizes["T"] if self.camera is None else len(self.camera.images)
-        if seen != sizes["T"]:
-            raise ValueError(f"{this}: a camera saw {seen} of {sizes['T']} frames")
+        frames, vertices = self.times.size, self.points.shape[1:2]
+        shapes: dict[str, tuple[int, ...]] = {"times": (frames,), "points": (frames, *vertices, 3)}
+        shapes |= {"gripper": (frames, 3), "control_points": (3, 3), "spline": (6,)}
+        for name, shape in shapes.items():
+            given = getattr(self, name)
+            if given.shape != shape or not given.size:
+                raise ValueError(f"{this}: {name} has shape {given.shape}, needs {shape}")
+        seen = frames if self.camera is None else len(self.camera.images)
+        if seen != frames:
+            raise ValueError(f"{this}: a camera saw {seen} of {frames} frames")
         if np.any(np.diff(self.times_ns) <= 0):
             raise ValueError(f"{this}: times must increase by at least 1 ns a frame")
         object.__setattr__(self, "times", self.times_ns / NANOSECONDS)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pandas as pd
-from matplotlib.figure import Figure
 
 from knotflow.report import markdown as md
 from knotflow.report.results import Results
-from knotflow.report.section import COLOURS, Figures, Parts, bare_axis, optional
+from knotflow.report.section import COLOURS, Figures, Parts, optional
+from knotflow.report.training import Line, draw_curves
 from knotflow.statistics import bootstrap
 
 EXPERIMENT = "perception"
@@ -58,12 +58,7 @@ def perception(results: Results, figures: Figures) -> Parts:
         if len(some := every[every["crossings"].between(low, high)])
     ]
     return {
-        "figure": figures.draw(
-            EXPERIMENT,
-            "State accuracy and vertex error of the complete method by number of crossings.",
-            2.6,
-            lambda figure: _plot(figure, own),
-        ),
+        "figure": _by_crossings(figures, own),
         "methods": md.table(lines),
         "older": f"These estimates are of an older set of methods: {others} others are not shown."
         if others
@@ -125,20 +120,17 @@ def _plans(results: Results) -> str:
     return f"Plans for the overhand, executed in simulation on the true rope: {'; '.join(parts)}."
 
 
-def _plot(figure: Figure, shown: pd.DataFrame) -> None:
-    """State accuracy and median vertex error by crossings, a line a level of noise."""
-    accuracy, error = figure.subplots(1, 2)
+def _by_crossings(figures: Figures, shown: pd.DataFrame) -> str:
+    """State accuracy and median vertex error, a line a level of noise."""
+    caption = "State accuracy and vertex error of the complete method by number of crossings."
+    panels: dict[str, list[Line]] = {"state accuracy": [], "vertex error, mm (median rope)": []}
     for colour, (noise, own) in zip(COLOURS, shown.groupby("noise"), strict=False):
         by = own.groupby("crossings")
-        style = {"marker": "o", "markersize": 4, "color": colour, "label": f"noise {noise:g}"}
-        accuracy.plot(100 * by["state_correct"].mean(), **style)
-        error.plot(by["mean_error_mm"].median(), **style)
-    accuracy.set(xlabel="crossings", ylabel="state accuracy, %", ylim=(0, 103))
-    error.set(xlabel="crossings", ylabel="vertex error, mm (median rope)", ylim=(0, None))
-    for axes in (accuracy, error):
-        axes.set_xticks(sorted(shown["crossings"].unique()))
-        bare_axis(axes, "y")
-    accuracy.legend(frameon=False, loc="lower left")
+        curves = by["state_correct"].mean(), by["mean_error_mm"].median()
+        for lines, curve in zip(panels.values(), curves, strict=True):
+            lines.append(Line(curve, colour, f"noise {noise:g}", {"marker": "o", "markersize": 4}))
+    rates = ["state accuracy"]
+    return draw_curves(figures, EXPERIMENT, caption, panels, "crossings", rates, legend=True)
 
 
 def tracking(results: Results, figures: Figures) -> Parts:
@@ -150,12 +142,7 @@ def tracking(results: Results, figures: Figures) -> Parts:
         for (method, level), own in tracks.groupby(["method", "level"], sort=False)
     ]
     return {
-        "figure": figures.draw(
-            "tracking",
-            "Mean vertex error from image to image, by method and level.",
-            2.8,
-            lambda figure: _plot_tracks(figure, tracks),
-        ),
+        "figure": _over_images(figures, tracks),
         "methods": md.table(rows),
     }
 
@@ -175,23 +162,20 @@ def _track_line(own: pd.DataFrame) -> dict[str, str]:
     }
 
 
-def _plot_tracks(figure: Figure, tracks: pd.DataFrame) -> None:
+def _over_images(figures: Figures, tracks: pd.DataFrame) -> str:
     """Mean error from image to image, a panel a level, a line a method."""
     followed = tracks[tracks.groupby("method")["frame"].transform("nunique") > 1]
-    levels = sorted(followed["level"].unique())
-    panels = figure.subplots(1, len(levels), sharey=True, squeeze=False)[0]
-    for axes, level in zip(panels, levels, strict=True):
-        methods = followed[followed["level"] == level].groupby("method", sort=False)
-        for colour, (method, own) in zip(COLOURS, methods, strict=False):
-            error = own.groupby("frame")["mean_error_mm"].mean()
-            axes.plot(error, color=colour, label=TRACKERS[str(method)])
-        axes.set_title(f"level {level}", fontsize=8.5)
-        axes.set_xlabel("image")
-        bare_axis(axes, "y")
-    panels[0].set_ylabel("vertex error, mm (mean)")
-    panels[0].set_ylim(bottom=0)
-    lines, labels = panels[0].get_legend_handles_labels()
-    figure.legend(lines, labels, loc="outside upper left", ncols=len(labels), frameon=False)
+    panels = {
+        f"level {level}: vertex error, mm (mean)": [
+            Line(own.groupby("frame")["mean_error_mm"].mean(), colour, TRACKERS[str(method)])
+            for colour, (method, own) in zip(
+                COLOURS, of_level.groupby("method", sort=False), strict=False
+            )
+        ]
+        for level, of_level in followed.groupby("level")
+    }
+    caption = "Mean vertex error from image to image, by method and level."
+    return draw_curves(figures, "tracking", caption, panels, "image", legend=True)
 
 
 def dynamics(results: Results, _: Figures) -> Parts:

@@ -39,12 +39,8 @@ def read_table(
 ) -> pd.DataFrame:
     """A CSV with one header line, its `columns` converted, others as text.
 
-    Args:
-        path: of the CSV.
-        columns: those that the table must have, with their type: `str`, `bool`, `int` (not
-            negative) or `float` (an empty cell is NaN).
-        key: columns that no two rows may share the values of.
-        may_be_empty: whether a header without rows will do.
+    `columns` must be there, of type `str`, `bool`, `int` (not negative) or `float` (an empty cell
+    is NaN), and no two rows may share the values of `key`.
 
     Raises:
         ResultsError: not a table, no rows, a column missing, a cell that is not of its column's

@@ -26,6 +26,8 @@ APPLICATION = "knotflow"
 """Rerun applies a blueprint to the recordings of the same application."""
 TIMELINE = "time"
 """Seconds of a recording."""
+PORT = 9090
+"""Of the page in a browser."""
 GAP = 0.5  # seconds between two rollouts
 _LEVELS = {"success": "INFO", "failure": "WARN", "diverged": "ERROR"}
 
@@ -84,26 +86,32 @@ def find_recording(path: str | os.PathLike[str], number: int | None = None) -> P
 
 
 def open_rerun(rrd: Path) -> None:
-    """Show a Rerun file in a window; returns when it is closed."""
-    try:
-        # An open viewer would take the file over and return before it has read it.
-        run_rerun(str(rrd), "--new")
-    except ViewerError as error:
-        raise ViewerError(f"{error}; without a screen, use --save or --web") from error
+    """Show a Rerun file in a window; returns when it is closed.
+
+    Raises:
+        ViewerError: it could not be opened; quotes the line that names the error.
+    """
+    # An open viewer would take the file over and return before it has read it.
+    command = [rerun_program(), str(rrd), "--new"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        lines = [line for line in done.stderr.splitlines() if line.strip()]
+        why = next((line for line in reversed(lines) if "rror" in line), "\n".join(lines[-3:]))
+        raise ViewerError(f"{' '.join(command)}: {why}; without a screen, use --save or --web")
 
 
-def serve_rerun(rrd: Path, port: int = 9090) -> None:
+def serve_rerun(rrd: Path) -> None:
     """Serve a Rerun file to web browsers with Rerun's web viewer, until interrupted.
 
-    The page, whose address is printed, is on `port` and takes the data from the next one.
+    The page, whose address is printed, is on `PORT` and takes the data from the next one.
     """
     command = [rerun_program(), "--serve-web", str(rrd), "--bind", "127.0.0.1"]
-    command += ["--web-viewer-port", str(port), "--port", str(port + 1)]
-    data = quote(f"rerun+http://localhost:{port + 1}/proxy", safe="")
-    print(f"http://localhost:{port}?url={data} (Ctrl-C ends it)", flush=True)
+    command += ["--web-viewer-port", str(PORT), "--port", str(PORT + 1)]
+    data = quote(f"rerun+http://localhost:{PORT + 1}/proxy", safe="")
+    print(f"http://localhost:{PORT}?url={data} (Ctrl-C ends it)", flush=True)
     quiet = {"RUST_LOG": "warn"} | os.environ  # else Rerun's log hides the address
     if subprocess.run(command, check=False, env=quiet).returncode:
-        raise ViewerError(f"rerun could not serve on the ports {port} and {port + 1}")
+        raise ViewerError(f"rerun could not serve on the ports {PORT} and {PORT + 1}")
 
 
 def save_rerun(
@@ -149,17 +157,6 @@ def rerun_program() -> str:
     if program is None:
         raise ViewerError("the Rerun viewer is not installed; pip install rerun-sdk brings it")
     return program
-
-
-def run_rerun(*arguments: str) -> None:
-    """Run Rerun's command line and wait; a ViewerError quotes the line that names the error."""
-    done = subprocess.run(
-        [rerun_program(), *arguments], capture_output=True, text=True, check=False
-    )
-    if done.returncode:
-        lines = [line for line in done.stderr.splitlines() if line.strip()]
-        why = next((line for line in reversed(lines) if "rror" in line), "\n".join(lines[-3:]))
-        raise ViewerError(f"rerun {' '.join(arguments)} failed with code {done.returncode}: {why}")
 
 
 def blueprint(camera: bool = False) -> rrb.Blueprint:

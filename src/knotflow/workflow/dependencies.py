@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import resolve_name
 from pathlib import Path
 from typing import Any
 
@@ -206,11 +207,8 @@ def _is_ours(module: str) -> bool:
 
 def _absolute(node: ast.ImportFrom, module: str, file: Path) -> str:
     """The absolute name of what an `import from` takes its names from."""
-    if not node.level:
-        return node.module or ""
-    parts = module.split(".")
-    package = parts if file.stem == "__init__" else parts[:-1]
-    return ".".join([*package[: len(package) - node.level + 1], *filter(None, [node.module])])
+    package = module if file.stem == "__init__" else module.rpartition(".")[0]
+    return resolve_name("." * node.level + (node.module or ""), package)
 
 
 def _run(tree: ast.AST) -> Iterator[ast.AST]:

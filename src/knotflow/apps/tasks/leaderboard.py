@@ -20,31 +20,19 @@ from knotflow.samplers.demonstrations import TASKS
 from knotflow.samplers.sampler import Sampler
 from knotflow.simulation import SimulationConfig
 
-TRACKS = ("actions", "knots")
 KNOTS = ("overhand", "figure_eight")
 SPLINES = 10
 COLUMNS = ["method", "track", "task", "start", "success", "splines"]
 
 
-def public_tasks(track: str | None = None) -> dict[str, TieTask]:
-    """The public tasks of a track, "actions" or "knots", or of both, by name.
-
-    A name is an action such as "C(2,0,1)" or a knot such as "overhand".
-
-    Raises:
-        ValueError: an unknown track.
-    """
-    if track not in (None, *TRACKS):
-        raise ValueError(f"unknown track {track!r}; choose {' or '.join(TRACKS)}")
+def public_tasks() -> dict[str, TieTask]:
+    """The public tasks of both tracks by name: an action such as "C(2,0,1)", or "overhand"."""
     tasks: dict[str, TieTask] = {}
     with np.load(Path(__file__).parent / "data" / "public.npz") as starts:
-        if track != "knots":
-            for one in TASKS:
-                key = " ".join(map(str, one.start_actions)) or "trivial"
-                tasks[str(one.action)] = TieTask.single(one.action, starts[key])
-        if track != "actions":
-            tasks |= {name: TieTask.tie(name, starts["knots"], SPLINES) for name in KNOTS}
-    return tasks
+        for one in TASKS:
+            key = " ".join(map(str, one.start_actions)) or "trivial"
+            tasks[str(one.action)] = TieTask.single(one.action, starts[key])
+        return tasks | {name: TieTask.tie(name, starts["knots"], SPLINES) for name in KNOTS}
 
 
 def evaluate(
