@@ -256,7 +256,7 @@ def test_a_rope_that_is_seen_can_be_planned_from(here, capsys, monkeypatch):
     monkeypatch.setattr(io, "estimate", lambda *_, **__: known)
     files = [str(SAMPLE / name) for name in ("overhand.png", "overhand-depth.png", "camera.yaml")]
     words = ["see", *files[:2], "--camera", files[2], "--out", "rope.csv"]
-    words += ["--radius", "0.008"]
+    words += ["--diameter", "16mm"]
     assert main(words) == 0
     assert f"state     {known.state}" in capsys.readouterr().out
     read = parse_rope("rope.csv", RopeConfig(), np.random.default_rng(0))
@@ -276,9 +276,16 @@ def test_the_next_action_is_planned_from_an_image_unless_it_is_in_doubt(
     visible = np.ones(len(points), bool)
     sure = RopeEstimate(points, visible, state_or_none(points), (), 1.0, True, ())
     files = [str(SAMPLE / name) for name in ("overhand.png", "overhand-depth.png", "camera.yaml")]
-    words = ["next", LOOP, "--image", *files[:2], "--camera", files[2]]
-    monkeypatch.setattr(io, "estimate", lambda *_, **__: sure)
+    words = ["next", LOOP, "--image", *files[:2], "--camera", files[2], "--diameter", "16mm"]
+    sizes = []
+
+    def estimate(image, camera, rope, **_):
+        sizes.append((rope.length, 2 * rope.radius))
+        return sure
+
+    monkeypatch.setattr(io, "estimate", estimate)
     assert main(words) == 0
+    assert sizes == [(1.0, 0.016)]
     assert "the rope must then be in the state 2o1+" in capsys.readouterr().out
     monkeypatch.setattr(io, "estimate", lambda *_, **__: replace(sure, ambiguities=("hidden",)))
     assert main(words) == 1

@@ -67,7 +67,7 @@ def test_draw_overlay(tmp_path, found):
 def test_error_without_rope_names_files(tmp_path):
     Image.new("RGB", (320, 240), (60, 60, 60)).save(tmp_path / "bare.png")
     np.save(tmp_path / "bare.npy", np.full((240, 320), 1.2))
-    with pytest.raises(ImageError, match=r"bare\.png.*no rope of radius 5 mm is seen"):
+    with pytest.raises(ImageError, match=r"bare\.png.*no rope of 1 m by 10 mm is seen"):
         see(tmp_path / "bare.png", tmp_path / "bare.npy", FILES[2])
 
 

@@ -153,7 +153,8 @@ def next_step(
         if image and camera:
             from knotflow.perception import io
 
-            seen, capture = io.see(*image, camera, depth_unit=_depth_unit(depth_unit))
+            size = _seen_rope(options or RopeOptions())
+            seen, capture = io.see(*image, camera, size, _depth_unit(depth_unit))
             print(io.describe(seen, capture))
             if seen.ambiguous:
                 print("the rope is ambiguous: spread its crossings apart and take another image")
@@ -359,8 +360,8 @@ def see(
     camera: Path,
     depth_unit: str | None = None,
     out: Path,
-    length: float | None = None,
-    radius: float | None = None,
+    length: str | None = None,
+    diameter: str | None = None,
     overwrite: bool = False,
 ) -> int:
     """Estimate the rope in an RGB-D image and write a file for `--rope`.
@@ -371,8 +372,8 @@ def see(
         camera: YAML or JSON, also of OpenCV, ROS, RealSense and Open3D; its pose may be left out.
         depth_unit: mm, m or another, as in 0.25mm; by default the camera file's, or recognised.
         out: CSV file for the rope's points, head first; a picture of the estimate beside it.
-        length: Of the rope, metres.
-        radius: Of the rope, metres.
+        length: Of the rope, as 0.7m or 70cm; 1 m by default.
+        diameter: Of the rope, as 6mm; a hundredth of its length by default.
         overwrite: Replace existing files.
     """
     drawing = out.with_suffix(".png")
@@ -380,9 +381,8 @@ def see(
         (_check_writable if overwrite else _check_free)(path)
 
     from knotflow.perception import io  # slow to import
-    from knotflow.simulation import RopeConfig
 
-    rope = RopeConfig(length=length or RopeConfig.length, radius=radius or RopeConfig.radius)
+    rope = _seen_rope(RopeOptions(length=length, diameter=diameter))
     found, seen = io.see(image, depth, camera, rope, _depth_unit(depth_unit))
     io.write_rope(out, found.points)
     io.draw_overlay(drawing, seen.image, seen.camera, rope, found)
@@ -435,6 +435,16 @@ def _read_rope(rope: str, options: RopeOptions | None, seed: int) -> planning.Me
     for remark in found.remarks:
         print(remark)
     return found
+
+
+def _seen_rope(options: RopeOptions) -> RopeConfig:
+    """The rope that is looked for in an image."""
+    from knotflow.planning.rope_size import MODEL, RopeSize, parse_metres
+    from knotflow.simulation import RopeConfig
+
+    length = parse_metres(options.length, "--length") if options.length else MODEL.length
+    size = RopeSize.of(length, options.diameter)
+    return RopeConfig(length=length, radius=size.diameter / 2, links=size.links)
 
 
 def _depth_unit(text: str | None) -> float | None:

@@ -43,8 +43,8 @@ def see(
             return estimate(seen.image, seen.camera, rope, progress=bar.update), seen
     except TraceError as error:
         raise ImageError(
-            f"{rgb}, {depth}: no rope of radius {1e3 * rope.radius:g} mm is seen above the table: "
-            f"{error}"
+            f"{rgb}, {depth}: no rope of {rope.length:g} m by {2e3 * rope.radius:g} mm is seen above "
+            f"the table: {error}"
         ) from error
 
 
@@ -58,7 +58,7 @@ def _check_unit(seen: Capture, rope: RopeConfig, depth: Path) -> None:
         raise ImageError(
             f"{depth}: what is seen above the table is {share:.0f} times as large as a rope of "
             f"{rope.length:g} m by {2e3 * rope.radius:g} mm: is it another rope (--length, "
-            "--radius), or depth in another unit (--depth-unit 0.25mm)? --depth-unit mm (or m) "
+            "--diameter), or depth in another unit (--depth-unit 0.25mm)? --depth-unit mm (or m) "
             "if neither"
         )
 
