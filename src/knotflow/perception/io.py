@@ -43,8 +43,8 @@ def see(
             return estimate(seen.image, seen.camera, rope, progress=bar.update), seen
     except TraceError as error:
         raise ImageError(
-            f"{rgb}, {depth}: no rope of {rope.length:g} m by {2e3 * rope.radius:g} mm is seen above "
-            f"the table: {error}"
+            f"{rgb}, {depth}: no rope of {rope.length:g} m by {2e3 * rope.radius:g} mm is seen "
+            f"above the table: {error}"
         ) from error
 
 
