@@ -79,11 +79,6 @@ def test_equal_values_have_no_limits(sample):
     assert interval.estimate == 3 and math.isnan(interval.low) and math.isnan(interval.high)
 
 
-def test_bootstrap_refuses_an_empty_sample():
-    with pytest.raises(ValueError, match="empty sample"):
-        bootstrap([])
-
-
 def test_starts_of_one_trial_are_as_wide_as_wilson_says():
     hit = np.repeat([1, 0], [120, 280])
     clustered, plain = clustered_rate(hit, np.ones(400)), wilson(120, 400)
@@ -153,7 +148,7 @@ def test_wilson_limits_solve_the_score_equation():
 
 @pytest.mark.parametrize(("successes", "trials"), [(1, 0), (5, 4), (-1, 4)])
 def test_wilson_refuses_what_is_no_rate(successes, trials):
-    with pytest.raises(ValueError, match="is no rate"):
+    with pytest.raises(ValueError, match="must"):
         wilson(successes, trials)
 
 

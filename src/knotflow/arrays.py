@@ -40,18 +40,11 @@ def read_npy(path: Path) -> NDArray[Any]:
         OSError: the file cannot be read.
         ValueError: not an NPY file, a damaged one, or one of Python objects.
     """
-    try:
-        loaded = np.load(path, allow_pickle=False)
-    except OSError:
-        raise
-    except MemoryError:
-        raise ValueError("it announces more numbers than fit into memory") from None
-    except Exception as error:  # its header is parsed as Python and fails in as many ways
-        what = "Python objects, or no NumPy file" if "pickle" in str(error) else str(error)
-        raise ValueError(what or "no NumPy file") from None
-    if not isinstance(loaded, np.ndarray):
-        loaded.close()
-        raise ValueError("several arrays, in a .npz file")
+    with path.open("rb") as file:
+        try:
+            loaded: NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
+        except Exception as error:  # its header is parsed as Python and fails in as many ways
+            raise ValueError(f"no NumPy file of one array of numbers: {error}") from None
     return loaded
 
 

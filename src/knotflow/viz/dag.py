@@ -27,8 +27,6 @@ _MARGIN = 0.35  # inches
 _DPI = 110
 _EDGE = "#a8b1bb"
 
-Layout = dict[TopologicalState, NDArray[np.float64]]
-
 
 def draw_dag(
     dag: SolutionDag,
@@ -74,7 +72,7 @@ def dag_figure(
     return figure
 
 
-def _layout(dag: SolutionDag) -> Layout:
+def _layout(dag: SolutionDag) -> dict[TopologicalState, NDArray[np.float64]]:
     """Centres of the boxes, inches: a row for each number of crossings."""
     rows: dict[int, list[TopologicalState]] = {}
     for state in sorted(dag.graph):

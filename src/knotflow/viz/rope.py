@@ -137,10 +137,8 @@ def _clear_from(steps: NDArray[np.intp], room: Floats) -> float:
     clear = np.flatnonzero(room > 0)
     if not len(clear):
         return float(steps[-1])
-    after = int(clear[0])
-    before = max(after - 1, 0)
-    share = room[after] / (room[after] - room[before]) if before < after else 0.0
-    return float(steps[after] + share * (steps[before] - steps[after]))
+    rising = slice(max(clear[0] - 1, 0), clear[0] + 1)
+    return float(np.interp(0.0, room[rising], steps[rising]))
 
 
 def _nearest(xy: Floats, upper: int, lower: int) -> tuple[int, int]:

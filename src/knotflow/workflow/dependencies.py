@@ -40,6 +40,7 @@ class StageCode:
     """Modules and libraries that these definitions import from."""
 
 
+@cache
 def stage_code(function: Callable[..., Any]) -> StageCode:
     """The code of a stage: its function and, transitively, what that uses of its own layer."""
     module = function.__module__

@@ -27,12 +27,7 @@ from typing import Any, TypeVar, get_type_hints
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from knotflow.workflow.dependencies import (
-    StageCode,
-    component_versions,
-    library_versions,
-    stage_code,
-)
+from knotflow.workflow.dependencies import component_versions, library_versions, stage_code
 from knotflow.workflow.key import plain
 
 Function = TypeVar("Function", bound=Callable[..., None])
@@ -100,23 +95,19 @@ class Stage:
             raise WorkflowError(_explain(error)) from error
         return {name: getattr(bound, name) for name in self.arguments}
 
-    @cached_property
-    def code(self) -> StageCode:
-        """Its own code, and what that imports."""
-        return stage_code(self.function)
-
     def identity(self, arguments: Mapping[str, Any], inputs: Mapping[str, Any]) -> dict[str, Any]:
         """All that decides an output, as plain data; its hash is the output's key.
 
         `inputs` are the key or digest of each input that is there; of several, by name.
         """
         loaded = {name for value in arguments.values() for name in named_by(value, "modules")}
-        modules = self.code.modules | loaded
+        code = stage_code(self.function)
+        modules = code.modules | loaded
         return {
             "stage": self.name,
             "arguments": plain(arguments),
             "inputs": plain(inputs),
-            "code": self.code.digest,
+            "code": code.digest,
             "components": component_versions(modules),
             "libraries": library_versions(modules),
         }

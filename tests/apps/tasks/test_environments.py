@@ -98,5 +98,5 @@ def test_wrong_arguments_are_named(rope):
         TieEnv(render_mode="human")
     with pytest.raises(ValueError, match="there is: start"):
         TieEnv().reset(options={"rope": 1})
-    with pytest.raises(ValueError, match="draws random curves"):
+    with pytest.raises(ValueError, match="the task has 0 starts"):
         TieEnv().reset(options={"start": 0})

@@ -77,14 +77,13 @@ class TieTask:
             ShapeError: the starts are not shapes of this rope.
             ValueError: there is no start of this index.
         """
-        if self.starts is None:
-            if index is not None:
-                raise ValueError(f"there is no start {index}: the task draws random curves")
+        if self.starts is None and index is None:
             return random_curve(rope, rng, StartsConfig())
-        row = int(rng.integers(len(self.starts))) if index is None else index
-        if not 0 <= row < len(self.starts):
-            raise ValueError(f"there is no start {row}: the task has {len(self.starts)} starts")
-        return check_points(self.starts[row], rope)
+        starts = () if self.starts is None else self.starts
+        row = int(rng.integers(len(starts))) if index is None else index
+        if not 0 <= row < len(starts):
+            raise ValueError(f"there is no start {row}: the task has {len(starts)} starts")
+        return check_points(starts[row], rope)
 
     def actions(self, state: TopologicalState | None) -> tuple[Action, ...]:
         """The actions of the DAG in a state; none in a goal state or off the DAG."""
