@@ -55,14 +55,10 @@ class Base:
         try:
             data = yaml.safe_load(Path(path).read_text("utf-8"))
             return cls(data.pop("position"), **data)
-        except ArmError as error:
-            raise ArmError(f"{path}: {error}") from None
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            raise ArmError(f"{path}: the arm's base cannot be read: {error}") from None
-        except (AttributeError, KeyError, TypeError):
+        except (ValueError, AttributeError, KeyError, TypeError, OSError, yaml.YAMLError) as error:
             raise ArmError(
                 f"{path}: an arm's base is a YAML mapping with position: [x, y, z] in metres and "
-                f"rpy_deg: [roll, pitch, yaw] in degrees, got {data!r}"
+                f"rpy_deg: [roll, pitch, yaw] in degrees, which cannot be read: {error}"
             ) from None
 
     def seen_from(self, frame: Frame) -> Base:

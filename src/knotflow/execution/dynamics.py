@@ -183,11 +183,11 @@ class MujocoDynamics:
         return solved
 
 
+@dataclass(frozen=True)
 class ModelPrediction:
     """A model as the prediction of a `perception.Tracker`, interpolated between its steps."""
 
-    def __init__(self, dynamics: RopeDynamics) -> None:
-        self.dynamics = dynamics
+    dynamics: RopeDynamics
 
     def __call__(
         self,

@@ -20,7 +20,7 @@ FORMAT = "knotflow.plan"
 VERSION = 3
 
 _PLAIN = ("goal", "solved", "reason", "branches", "kept")
-_DECIMALS = 6  # of trajectories: micrometres
+_DECIMALS = 6  # of trajectories: micrometres, once float32 is widened
 
 
 class PlanFormatError(ValueError):
@@ -209,32 +209,31 @@ class KnotPlan:
             "version": VERSION,
             **{name: getattr(self, name) for name in _PLAIN},
             "seconds_s": self.seconds,
-            "goal_states": [str(state) for state in self.goal_states],
+            "goal_states": self.goal_states,
             "radius_m": self.radius,
             "frame": self.frame.to_json(),
             "worlds": self.worlds,
             "survived": self.survived,
-            "start_state": str(self.start_state),
-            "start_m": self.start.tolist(),
+            "start_state": self.start_state,
+            "start_m": self.start,
             "steps": [
                 {
-                    "action": str(step.action),
-                    "start_state": str(step.start_state),
-                    "end_state": str(step.end_state),
-                    "spline": step.spline.tolist(),
-                    "control_points_m": step.controls(self.radius).tolist(),
-                    "end_m": step.end.tolist(),
-                    "times_s": step.times.tolist(),
+                    "action": step.action,
+                    "start_state": step.start_state,
+                    "end_state": step.end_state,
+                    "spline": step.spline,
+                    "control_points_m": step.controls(self.radius),
+                    "end_m": step.end,
+                    "times_s": step.times,
                     "release_time_s": step.release_time,
-                    "gripper_m": _rounded(step.gripper),
-                    "trajectory_m": _rounded(step.trajectory) if trajectories else [],
+                    "gripper_m": np.round(np.float64(step.gripper), _DECIMALS),
+                    "trajectory_m": np.round(np.float64(step.trajectory), _DECIMALS)
+                    if trajectories
+                    else [],
                 }
                 for step in self.steps
             ],
-            "tried": [
-                vars(one) | {"state": str(one.state), "action": str(one.action)}
-                for one in self.tried
-            ],
+            "tried": [vars(one) for one in self.tried],
         }
         # One line per key or step keeps the file legible, at a third of the size.
         lines = [f"{json.dumps(key)}: {_value(value)}" for key, value in head.items()]
@@ -249,15 +248,9 @@ class KnotPlan:
         """
         try:
             data = json.loads(text)
-        except json.JSONDecodeError as error:
-            raise PlanFormatError(f"the plan is not JSON: {error}") from None
-        if not isinstance(data, dict) or data.get("format") != FORMAT:
-            raise PlanFormatError(f'the JSON is no plan: it has no "format": "{FORMAT}"')
-        if data.get("version") != VERSION:
-            raise PlanFormatError(
-                f"the plan has version {data.get('version')}, this program reads version {VERSION}"
-            )
-        try:
+            written = data["format"], data["version"]
+            if written != (FORMAT, VERSION):
+                raise ValueError(f"it has format and version {written}, not {(FORMAT, VERSION)}")
             return cls._parse(data)
         except KeyError as error:
             raise PlanFormatError(f"the plan has no {error}") from None
@@ -304,13 +297,11 @@ class KnotPlan:
         )
 
 
-def _rounded(array: NDArray[np.floating[Any]]) -> list[Any]:
-    # Widened first: a float32 would be written with all the digits of its nearest float64.
-    rounded: list[Any] = np.round(array.astype(np.float64), _DECIMALS).tolist()
-    return rounded
-
-
 def _value(value: Any) -> str:
-    if isinstance(value, list) and value and isinstance(value[0], dict):
-        return "[\n" + ",\n".join("  " + json.dumps(item) for item in value) + "\n]"
-    return json.dumps(value)
+    if isinstance(value, list) and value:
+        return "[\n" + ",\n".join("  " + _value(item) for item in value) + "\n]"
+    return json.dumps(value, default=_plain)
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else str(value)

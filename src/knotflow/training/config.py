@@ -110,19 +110,17 @@ class ReinforcementConfig:
     """Gradient steps after a reset, over which the learning rate falls to 0."""
 
 
-def _gentle() -> LearnerConfig:
-    # Large steps would unlearn what took long to learn; every trial is one of its own rope.
-    return LearnerConfig(
-        learning_rate=5e-4, critic_reset_boost=4.0, rollout_ropes=256, rollout_trials=1
-    )
-
-
 @dataclass
 class TransitionConfig:
     """What joint finetuning and self-play share."""
 
-    learner: LearnerConfig = field(default_factory=_gentle)
-    """Optimiser and batches of each primitive."""
+    learner: LearnerConfig = field(
+        default_factory=lambda: LearnerConfig(
+            learning_rate=5e-4, critic_reset_boost=4.0, rollout_ropes=256, rollout_trials=1
+        )
+    )
+    """Optimiser and batches of each primitive. Large steps would unlearn what took long to learn;
+    every trial is one of its own rope."""
     exploration: ExplorationConfig = field(
         default_factory=lambda: ExplorationConfig(search=0.2, spread=0.15, last=1.0)
     )
