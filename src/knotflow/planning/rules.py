@@ -190,14 +190,6 @@ class StateStatistics:
         self.tries, self.successes = np.zeros((2, 2, len(self.edges)))
         self.predicted = np.zeros(len(self.edges))
 
-    def unarranged_prices(self) -> Floats:
-        """Least price of each shape that was not arranged; none before prices were computed."""
-        if self.prices is None:
-            return np.zeros(0)
-        nodes = self.nodes[: self.prices.shape[1]]  # the latest may not have been evaluated yet
-        rows = [row for row, node in enumerate(nodes) if not node.num_arranging]
-        return np.asarray(self.prices[:, rows].min(axis=(0, 2)))
-
     def evaluate(self, ahead: list[ReservationPrices], max_arranging: int) -> Floats:
         """Compute the prices, with the shapes `ahead` at each edge's end."""
         ratio = (PRIOR_WEIGHT + self.successes[ACT]) / (PRIOR_WEIGHT + self.predicted)  # (E,)
@@ -289,9 +281,12 @@ class PosteriorRule:
             known.gains = [*known.gains, float(gain)][-MAX_GAINS:]
 
     def _prices_in(self, state: TopologicalState) -> ReservationPrices:
-        """Of the shapes in which a state was met, and one of which nothing is known."""
+        """Of the unarranged shapes in which a state was met, and one of which nothing is known."""
         unknown = np.array([self._dag.distance(state) / UNKNOWN])
         known = self._statistics.get(state)
-        if known is None:
+        if known is None or known.prices is None:
             return ReservationPrices(unknown)
-        return ReservationPrices(np.concatenate([unknown, known.unarranged_prices()]))
+        nodes = known.nodes[: known.prices.shape[1]]  # the latest may not have been evaluated yet
+        rows = [row for row, node in enumerate(nodes) if not node.num_arranging]
+        least = known.prices[:, rows].min(axis=(0, 2))
+        return ReservationPrices(np.concatenate([unknown, least]))

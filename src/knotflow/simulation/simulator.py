@@ -185,13 +185,11 @@ class RopeSimulator:
         if controls is None:
             controls = control_points(points, splines, rope.radius)
         links = grasped_link(splines, rope.links)
-        if worlds is None:
-            moves = [Move(*one, self.config) for one in zip(points, controls, links, strict=True)]
-        else:
-            columns = zip(points, controls, links, worlds, strict=True)
-            moves = [self._move(*one, blind) for one in columns]
-            if not self._ropes:
-                self._ropes = {name: self._batch.expand(name) for name in OF_ROPE}
+        if worlds is not None and not self._ropes:
+            self._ropes = {name: self._batch.expand(name) for name in OF_ROPE}
+        each = [None] * len(points) if worlds is None else worlds
+        columns = zip(points, controls, links, each, strict=True)
+        moves = [self._move(*one, blind) for one in columns]
         self._run(moves)
         frames = np.array([len(move.frames) for move in moves], dtype=np.int64)
         last = int(frames.max(initial=1))
@@ -215,8 +213,10 @@ class RopeSimulator:
         )
 
     def _move(
-        self, start: Floats, controls: Floats, link: int | None, world: World, blind: bool
+        self, start: Floats, controls: Floats, link: int | None, world: World | None, blind: bool
     ) -> Move:
+        if world is None:
+            return Move(start, controls, link, self.config)
         config = replace(self.config, rope=world.rope, pace=self.config.pace * world.pace)
         if blind or any(world.grasp) or any(world.shift):
             link, controls = world.disturb(start, controls)

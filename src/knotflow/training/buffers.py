@@ -132,12 +132,8 @@ class TransitionBuffer(ReplayBuffer):
     def sample(self, ropes: int, trials: int) -> TensorDict:
         """Up to `ropes` trials as `learner` describes them."""
         items = self._draw(ropes)
-        batch = TensorDict(
-            {key: items[key] for key in ("states", "spline", "reward", "baseline", "next_value")}
-        )
-        batch["weight"] = torch.ones(len(items))
-        batch["owner"] = torch.arange(len(items))
-        return batch
+        own = {"weight": torch.ones(len(items)), "owner": torch.arange(len(items))}
+        return items.select("states", "spline", "reward", "baseline", "next_value").update(own)
 
 
 def mix(parts: Sequence[TensorDict], shares: Sequence[float]) -> TensorDict:
