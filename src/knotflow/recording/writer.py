@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping
 from functools import cache
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import IO
 
@@ -41,37 +41,23 @@ def write_recording(
         ValueError: no rollout, or two of the same number.
         OSError: the file could not be written, e.g. the disk is full; nothing is left behind.
     """
-    target = Path(path)
+    target, remaining = Path(path), iter(rollouts)
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = target.with_name(f".{target.name}.partial")
+    batches = iter(lambda: list(islice(remaining, BATCH)), [])
     try:
         with partial.open("wb") as stream:
-            _write(stream, iter(rollouts), metadata, rope_line)
+            first, second = next(batches, []), next(batches, [])
+            if not first:
+                raise ValueError("a recording needs at least one rollout, got none")
+            mcap = _Timeline(stream, metadata, rope_line and not second)
+            for batch in filter(None, chain((first, second), batches)):
+                mcap.add(batch)
+            mcap.writer.finish()
         partial.replace(target)
     except BaseException:
         partial.unlink(missing_ok=True)
         raise
-
-
-def _write(
-    stream: IO[bytes],
-    rollouts: Iterable[RecordedRollout],
-    metadata: Mapping[str, str],
-    rope_line: bool,
-) -> None:
-    batch, following = list(islice(rollouts, BATCH)), list(islice(rollouts, BATCH))
-    if not batch:
-        raise ValueError("a recording needs at least one rollout, got none")
-    mcap = _Timeline(stream, metadata, rope_line and not following)
-    seen: set[int] = set()
-    while batch:
-        for rollout in batch:
-            if rollout.number in seen:
-                raise ValueError(f"two rollouts have the number {rollout.number}")
-            seen.add(rollout.number)
-        mcap.add(batch)
-        batch, following = following, list(islice(rollouts, BATCH))
-    mcap.writer.finish()
 
 
 class _Timeline:
@@ -87,11 +73,15 @@ class _Timeline:
         self._line = cache(messages.RopeLine)
         self._rope_line = rope_line
         self._now = 0
+        self._numbers: set[int] = set()
         self._log(messages.FRAMES, 0, messages.root_frame(0))
 
     def add(self, batch: list[RecordedRollout]) -> None:
         starts = []
         for rollout in batch:
+            if rollout.number in self._numbers:
+                raise ValueError(f"two rollouts have the number {rollout.number}")
+            self._numbers.add(rollout.number)
             starts.append(self._now)
             facts = messages.encode_rollout(rollout, self._now)
             self._log(messages.ROLLOUT, self._now, facts)
