@@ -1,5 +1,6 @@
 import json
 import multiprocessing
+import shutil
 from pathlib import Path
 
 import pytest
@@ -44,6 +45,19 @@ def test_only_what_changed_is_made_again(go, root):
     assert not calls
     root["toy_numbers"]["seed"] = 2
     go()
+    assert calls == ["0", "1", "2"]
+
+
+def test_what_a_finished_stage_was_made_from_is_not_made_again(go, root, tmp_path):
+    record = json.loads((go() / "run.json").read_text())["stages"]["toy_numbers"]
+    shutil.rmtree(tmp_path / "results" / "stages" / "toy_numbers")
+    calls.clear()
+    kept = json.loads((go() / "run.json").read_text())["stages"]["toy_numbers"]
+    assert not calls
+    assert kept["key"] == record["key"] and kept["inputs"] == record["inputs"]
+    assert "commit" in record and "commit" not in kept
+    root["workflow"]["results"]["numbers"] = "toy_numbers/."
+    assert (go() / "numbers").is_dir()
     assert calls == ["0", "1", "2"]
 
 

@@ -1,4 +1,5 @@
-"""Runs a workflow: every stage once, ever; what is interrupted goes on from where it was.
+"""Runs a workflow: every stage once, ever; what is interrupted goes on from where it was. What only
+finished stages were made from need not be there.
 
 The results folder of an experiment, results/<experiment>/, is small and committed: tables, the
 configuration of every stage in config.yaml, and where each comes from in run.json.
@@ -55,19 +56,35 @@ def run_workflow(
     results_dir, name = Path(results_dir).absolute(), name or workflow.name
     folders = {node: workflow.folder(node, results_dir) for node in workflow.nodes}
     log.info("%s: %s", name, workflow.caption)
-    for node_name, one in folders.items():
-        log.info("  %-7s %-32s %s", one.state(), node_name, one.relative)
+    needed = _needed(workflow, folders)
+    for node, one in folders.items():
+        log.info("  %-7s %-32s %s", one.state() if node in needed else "-", node, one.relative)
     code = code_state(Path(__file__).parent)
     workers = workers or WorkersConfig(jobs=1)
     records = {
-        node.name: _make(node, workflow, folders, workers, code) for node in workflow.nodes.values()
+        name: _make(node, workflow, folders, workers, code)
+        if name in needed
+        else workflow.identities[name] | {"key": workflow.keys[name]}
+        for name, node in workflow.nodes.items()
     }
     folder = results_dir / name
     with store.locked(results_dir / "stages" / f"{name}.lock", f"it publishes {name}"):
         publish(workflow, folder, folders, records, {"experiment": name, "budget": budget})
-    seconds = sum(record["seconds"] for record in records.values())
+    seconds = sum(record.get("seconds", 0.0) for record in records.values())
     log.info("%s: finished, %.0f s in all; results in %s", name, seconds, folder)
     return folder
+
+
+def _needed(workflow: Workflow, folders: Mapping[str, StageFolder]) -> set[str]:
+    """Nodes whose output is there, or is taken by the results or by what is to be made."""
+    needed = {node for node, _ in (*workflow.results.values(), *workflow.ships.values())}
+    needed = needed or {*workflow.nodes}
+    for name in reversed([*workflow.nodes]):
+        if folders[name].state() == "done":
+            needed.add(name)
+        elif name in needed:
+            needed |= workflow.nodes[name].needs()
+    return needed
 
 
 def _make(
@@ -131,7 +148,7 @@ def publish(
             (shutil.copytree if source.is_dir() else shutil.copyfile)(source, temporary)
     stages = {
         node: {"stage": record["stage"], "caption": workflow.nodes[node].caption}
-        | {part: record[part] for part in PUBLISHED}
+        | {part: record[part] for part in PUBLISHED if part in record}
         for node, record in records.items()
     }
     config = {
