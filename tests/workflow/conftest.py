@@ -37,8 +37,13 @@ def toy_stages() -> Iterator[None]:
     STAGES.update(before)
 
 
-def toy_numbers(run: StageRun, *, shards: int = 3, toy: ToyConfig, seed: int) -> None:
-    """Makes NAME.txt."""
+def toy_numbers(
+    run: StageRun, *, shards: int = 3, toy: ToyConfig, seed: int, recorded: bool = False
+) -> None:
+    """Makes NAME.txt, and recordings/0.mcap if it is `recorded`."""
+    if recorded:
+        with run.atomic("recordings/0.mcap") as path:
+            path.write_text("moves")
     names = [f"{index}" for index in range(shards)]
     for name in run.pending(names, ".txt"):
         calls.append(name)

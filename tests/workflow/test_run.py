@@ -25,6 +25,7 @@ def test_results_and_their_records(go):
         "shards": 3,
         "toy": {"offset": 0.5},
         "seed": 1,
+        "recorded": False,
     }
 
 
@@ -107,6 +108,21 @@ def test_a_damaged_output_is_refused(go, tmp_path):
     (file,) = (tmp_path / "results" / "stages" / "toy_sum").glob("*/sum.txt")
     file.write_text("tampered")
     with pytest.raises(DamagedStageError, match=r"sum\.txt.*delete the folder"):
+        go()
+
+
+def test_recordings_of_a_finished_stage_may_be_deleted(go, root, tmp_path):
+    root["toy_numbers"]["recorded"] = True
+    go()
+    (made,) = (tmp_path / "results" / "stages" / "toy_numbers").glob("*/stage.json")
+    recording = made.parent / "recordings" / "0.mcap"
+    assert "recordings/0.mcap" in json.loads(made.read_text())["files"]
+    recording.unlink()
+    calls.clear()
+    go()
+    assert not calls
+    recording.write_text("another")
+    with pytest.raises(DamagedStageError, match=r"0\.mcap"):
         go()
 
 

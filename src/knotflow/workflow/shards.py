@@ -100,8 +100,8 @@ class StageRun:
     ) -> None:
         """Make a table of the rows that `work(name)` returns for every name, each a shard.
 
-        Rows are kept in rows/NAME.csv as soon as they are made, and join the table as they are
-        written there.
+        Until the stage is finished, rows are kept in rows/NAME.csv as soon as they are made; they
+        join the table as they are written there.
 
         Raises:
             ValueError: a name occurs twice.
@@ -109,9 +109,9 @@ class StageRun:
         import pandas as pd  # takes half a second
 
         def make(part: str) -> None:
-            self.save_table(f"{part}.csv", work(part.removeprefix("rows/")))
+            self.save_table(f"{part}.csv", work(part.removeprefix(f"{store.ROWS}/")))
 
-        parts = [f"rows/{name}" for name in names]
+        parts = [f"{store.ROWS}/{name}" for name in names]
         self.each(make, self.pending(parts, ".csv"), desc)
         files = [self.out / f"{part}.csv" for part in parts]
         rows = [pd.read_csv(path, dtype=str, keep_default_na=False) for path in files]

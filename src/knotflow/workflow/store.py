@@ -5,7 +5,7 @@
     results/stages/<stage>/<key>.lock       held by the process that makes it
 
 Every file appears by renaming, and a finished folder too, so a kill at any time costs no more than
-what was being written.
+what was being written. Recordings of a finished folder may be deleted, unless a stage reads them.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ from filelock import FileLock, Timeout
 
 RECORD = "stage.json"
 CLOCK = ".seconds"  # of earlier attempts; only in partial folders
+ROWS = "rows"  # of a table, until it is finished
+RECORDINGS = "recordings/"
 TEMPORARY = ".tmp-"
 
 
@@ -140,7 +142,12 @@ class StageFolder:
         """
         try:
             record = dict(json.loads((self.final / RECORD).read_text("utf-8")))
-            wrong = dict(record["files"].items() ^ sizes(self.final).items())
+            kept = {
+                (name, size)
+                for name, size in record["files"].items()
+                if not name.startswith(RECORDINGS) or (self.final / name).exists()
+            }
+            wrong = dict(kept ^ sizes(self.final).items())
         except (FileNotFoundError, ValueError, KeyError):
             wrong = {RECORD: 0}
         if wrong:
@@ -154,6 +161,7 @@ class StageFolder:
         """Turn the partial folder into the finished one; returns the record with all files."""
         remove_abandoned(self.partial)
         (self.partial / CLOCK).unlink(missing_ok=True)
+        remove(self.partial / ROWS)
         complete = {**record, "files": sizes(self.partial)}
         write_json(self.partial / RECORD, complete)
         os.rename(self.partial, self.final)
