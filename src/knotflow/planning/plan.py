@@ -292,7 +292,7 @@ class KnotPlan:
             radius=data["radius_m"],
             frame=Frame.from_json(data["frame"]) if "frame" in data else Frame(),
             worlds=data.get("worlds", 0),
-            survived=tuple(data.get("survived", ())),
+            survived=tuple(data.get("survived") or ()),
             **{name: data[name] for name in _PLAIN},
         )
 
