@@ -46,6 +46,7 @@ def test_a_base_that_never_succeeded_still_gives_a_lower_limit():
     assert (nothing.low, nothing.high) == (0, math.inf)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("p", "q"), [(0.6, 0.3), (0.3, 0.05), (0.9, 0.8)])
 def test_ratio_interval_covers_what_it_promises(p, q):
     """Exact coverage: every outcome of two binomials, weighted with its probability."""
@@ -98,6 +99,7 @@ def test_starts_without_a_difference_have_wilsons_limits_of_so_many_starts(hit):
     assert found == plain
 
 
+@pytest.mark.slow
 def test_clustered_intervals_cover_what_they_promise():
     """Starts of very different difficulty, a truth that is known, many samples of 50 starts."""
     rng, covered = np.random.default_rng(7), {"clustered": 0, "wilson": 0}

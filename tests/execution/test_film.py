@@ -1,6 +1,7 @@
 """What is shown of an execution is what the camera saw of its drags."""
 
 import numpy as np
+import pytest
 
 from knotflow.execution import (
     ImageRecorder,
@@ -24,6 +25,7 @@ class Watched(TrueState):
         return super().points(robot, grasped)
 
 
+@pytest.mark.slow
 def test_every_second_image_of_a_drag_is_drawn(plan, tmp_path):
     twin = Twin(plan.start, TwinConfig(level=0), np.random.default_rng(1), CAMERA)
     film = ImageRecorder(twin.robot())

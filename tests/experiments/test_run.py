@@ -46,7 +46,8 @@ def test_all_workflows_are_composed_as_one_is():
     assert workflow_of(config) == bound("goals", "smoke")
 
 
-@pytest.mark.parametrize("budget", ["paper", pytest.param("smoke", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("budget", ["paper", "smoke"])
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_every_experiment_binds_and_has_results(experiment, budget):
     workflow = bound(experiment, budget)

@@ -52,6 +52,7 @@ def test_a_rope_is_seen_where_the_camera_projects_it(camera, simulated, rng):
     assert (labels[np.rint(v).astype(int), np.rint(u).astype(int)] == Label.ROPE).all()
 
 
+@pytest.mark.slow
 def test_ray_window_changes_nothing(camera, rng, monkeypatch):
     """An image is the same whether or not its other rays are cast."""
     turned = Rotation.from_euler("xyz", [150, 20, 40], degrees=True).as_matrix()

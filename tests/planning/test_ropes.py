@@ -231,6 +231,7 @@ def test_units_are_those_asked_for_or_the_headers(tmp_path):
         read_table(tmp_path / "rope.csv", "cm")
 
 
+@pytest.mark.slow
 def test_very_many_points_take_little_memory_and_give_the_same_rope(tmp_path):
     angle = np.linspace(-0.5, 0.5, 200_000)
     np.save(tmp_path / "many.npy", np.column_stack([np.sin(angle), np.cos(angle) - 0.9, 0 * angle]))

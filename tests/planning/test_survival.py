@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from knotflow.planning import KnotPlan, PlannerConfig, SurvivalConfig, TreeSearch
 from knotflow.planning.survival import SurvivalSearch
@@ -38,6 +39,7 @@ def survive(brittle, goal, budget=1000, **options):
     return survival.run(updates.append), [one.survival for one in updates]
 
 
+@pytest.mark.slow
 def test_the_search_goes_on_until_a_plan_ties_in_most_worlds(world, path_goal):
     plan, survivals = survive(Brittle(world(), 0.4), path_goal)
     assert plan.solved

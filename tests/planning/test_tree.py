@@ -365,6 +365,7 @@ def test_senseless_settings_are_refused(field, value):
         PlannerConfig(**{field: value})
 
 
+@pytest.mark.slow
 def test_a_real_search_ties_a_loop():
     class Aim:
         def sample(self, points, action, count, rng):

@@ -66,6 +66,7 @@ def test_cut_file_is_refused_at_once(recording):
                 read(recording)
 
 
+@pytest.mark.slow
 def test_flipped_bytes_never_change_a_trajectory(recording, rollouts, assert_same):
     whole = recording.read_bytes()
     rng = np.random.default_rng(0)

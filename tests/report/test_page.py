@@ -136,6 +136,7 @@ def test_broken_table_leaves_the_earlier_report(everything, tmp_path, capsys):
     assert (out / "report.md").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_old_figures_are_removed(write, rate_counts, tmp_path, capsys):
     write.rates("single_stage", rate_counts(("random",)))
     out = tmp_path / "reports"

@@ -82,6 +82,7 @@ def test_every_method_and_controller_is_shown():
     assert CONTROLLERS.keys() == execution.CONTROLLERS.keys()
 
 
+@pytest.mark.slow
 def test_older_methods_are_not_shown(results):
     path = results.root / "perception" / "estimates.csv"
     assert "older" not in body("perception", results)
@@ -93,6 +94,7 @@ def test_older_methods_are_not_shown(results):
     assert "an older set of methods" in text
 
 
+@pytest.mark.slow
 def test_older_trackers_are_not_shown(results):
     path = results.root / "tracking" / "tracks.csv"
     pd.read_csv(path).replace("rendering_lstm", "point_drift").to_csv(path, index=False)

@@ -90,6 +90,7 @@ def test_gripper_moves_grasped_link_to_end_point(simulator, rng):
     np.testing.assert_allclose(rollouts.gripper[:, -1, :2], splines[:, 4:], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_results_are_independent_of_threads_and_batches(simulator, rng):
     points, splines = random_batch(simulator, rng, 5)
     together = simulator.execute(points, splines)

@@ -54,6 +54,7 @@ def test_symmetries_of_states_match_rope_shapes(states_by_crossings):
         assert TopologicalState.from_curve(points[::-1]) == state.reversed()
 
 
+@pytest.mark.slow
 def test_every_symmetry_is_its_own_inverse(states_by_crossings):
     assert len(set(Symmetry.all())) == 4
     for symmetry in Symmetry.all():

@@ -20,6 +20,7 @@ def test_every_state_and_action_is_labelled_and_path_highlighted():
     assert len(figure.axes[0].child_axes) == len(dag)  # a diagram for each state
 
 
+@pytest.mark.slow
 def test_formats_are_reproducible(tmp_path):
     dag = Goal.path(PATH).dag
     paths = [tmp_path / "dag.svg", tmp_path / "dag.png"]
