@@ -41,7 +41,7 @@ def test_all_that_was_run_is_shown(reports):
     assert "Of 10 claims, 8 hold" in text
     for name in (
         *("single_stage", "ablation_actor_critic", "tree_size", "joint_finetuning"),
-        *("goals", "actions", "stages"),
+        *("goals", "actions"),
     ):
         assert f"(figures/{name}.png)" in text
         assert (reports / "figures" / f"{name}.png").is_file()
@@ -170,8 +170,7 @@ def test_each_section_has_its_words_and_a_part_for_every_slot(everything, undraw
 
 
 def run_times(write):
-    results = Results(write.root)
-    return timing(results, Figures(results))
+    return timing(Results(write.root))
 
 
 def test_nothing_recorded_is_said(write):
@@ -179,11 +178,10 @@ def test_nothing_recorded_is_said(write):
     assert run_times(write) == "No run has recorded its stages yet."
 
 
-def test_time_by_experiment_and_shared_stages_once(write, undrawn):
+def test_time_by_experiment_and_shared_stages_once(write):
     write.run("goals", {"goals": {"key": "g", "seconds": 90.0}})
     write.run("knots", {"again": {"key": "g", "seconds": 0.1}, "knots": {"seconds": 30.0}})
     text = run_times(write)
     assert "took 2 min 0 s in 2 stages" in text
     assert "| `goals` | 1 | 1 min 30 s |" in text
     assert "| `knots` | 1 | 30 s |" in text
-    assert "(figures/stages.png)" in text

@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 
 import pandas as pd
-from matplotlib.figure import Figure
 
 from knotflow.report import (
     actions,
@@ -25,15 +24,12 @@ from knotflow.report import (
 )
 from knotflow.report import markdown as md
 from knotflow.report.results import NotMeasured, Results, read_table
-from knotflow.report.section import COLOURS, Figures, Parts, Section, Verdict, bare_axis
+from knotflow.report.section import Figures, Parts, Section, Verdict
 from knotflow.statistics import RESAMPLES
-from knotflow.viz.style import INK
 
 TEMPLATE = Path(__file__).with_name("report.md")
 ROWS_SHOWN = 20
 """Of the tables of an experiment without a body of its own."""
-STAGES_DRAWN = 15
-"""The longest, in the figure of run times."""
 
 
 def plain(experiment: str, results: Results, _: Figures) -> Parts:
@@ -81,15 +77,10 @@ SECTIONS = {section.experiment: section for section in PAPER + FURTHER}
 CLAIMS = [(section, claim) for section in SECTIONS.values() for claim in section.claims]
 PLURAL = dict(zip(Verdict, ("hold", "hold partly", "do not hold", "were not run"), strict=True))
 
-NOT_RUN = """
-> **Nothing has been run yet.** This runs a chain on small counts in about two minutes, and then
-> this report again:
->
-> ```
-> python -m knotflow +experiment=single_stage budget=smoke
-> python -m knotflow.report
-> ```
-"""
+NOT_RUN = (
+    "> **Nothing has been run yet.** `python -m knotflow +experiment=single_stage budget=smoke` is "
+    "a chain on small counts, of about two minutes; then make this report again."
+)
 
 
 def make(results_folder: Path, out: Path) -> list[Path]:
@@ -138,7 +129,7 @@ def compose(results: Results, figures: Figures) -> str:
         overview=_overview(results, sections),
         paper=md.join(*(_section(section, results, figures) for section in PAPER)),
         further=md.join(*(_section(section, results, figures) for section in further)),
-        timing=timing(results, figures),
+        timing=timing(results),
         rope=f"{rope['length']:g} m long, {1000 * rope['radius']:g} mm in radius, "
         f"{rope['links']} links",
         crossings=f" that lead to at most {crossings} crossings" if crossings else "",
@@ -249,8 +240,8 @@ def _others(results: Results) -> list[Section]:
     ]
 
 
-def timing(results: Results, figures: Figures) -> str:
-    """The time of each experiment, every stage counted once; the longest stages."""
+def timing(results: Results) -> str:
+    """The time of each experiment, every stage counted once."""
     every = pd.DataFrame(
         [
             (name, node, made.get("key") or made.get("signature") or f"{name}/{node}",
@@ -273,28 +264,8 @@ def timing(results: Results, figures: Figures) -> str:
         }
         for name, own in timed.groupby("experiment", sort=False)
     ]
-    longest = timed.sort_values("seconds", ascending=False, kind="stable")[:STAGES_DRAWN]
     return md.join(
         f"All experiments took {md.duration(timed['seconds'].sum())} in {len(timed)} stages. Times "
         "are wall-clock; a stage that several experiments share is counted once.",
         md.table(rows),
-        figures.draw(
-            "stages",
-            f"Wall-clock time of the {len(longest)} longest stages.",
-            0.7 + 0.25 * len(longest),
-            lambda figure: _plot(figure, longest),
-        ),
     )
-
-
-def _plot(figure: Figure, stages: pd.DataFrame) -> None:
-    axes = figure.add_subplot()
-    labels = (stages["experiment"] + ": " + stages["node"]).str.replace("_", " ")
-    bars = axes.barh(range(len(stages)), stages["seconds"] / 60, 0.62, color=COLOURS[0])
-    axes.bar_label(bars, [md.duration(seconds) for seconds in stages["seconds"]], padding=5)
-    axes.set_yticks(range(len(stages)), labels)
-    axes.tick_params(axis="y", labelcolor=INK)
-    axes.set_ylim(len(stages) - 0.4, -0.6)
-    axes.set_xlim(0, max(stages["seconds"].max() / 60, 1e-9) * 1.22)
-    axes.set_xlabel("minutes")
-    bare_axis(axes, "x")
