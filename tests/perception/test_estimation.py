@@ -193,6 +193,19 @@ def test_image_without_rope_raises():
         estimate(RgbdImage(np.full_like(bare.rgb, 60), depth), CAMERA, ROPE)
 
 
+def test_rope_without_a_path_is_none(monkeypatch):
+    monkeypatch.setattr(estimation, "trace", lambda *_: [np.array([[120.0, 160.0]])])
+    monkeypatch.setattr(estimation, "trace_rope", lambda *_: [])
+    with pytest.raises(TraceError, match="no path"):
+        estimate(image(s_curve()), CAMERA, ROPE, config=QUICK)
+
+
+def test_network_is_not_asked_where_nothing_is_proposed(monkeypatch):
+    monkeypatch.setattr(estimation, "trace_rope", lambda *_: pytest.fail("asked"))
+    found = estimate(image(s_curve()), CAMERA, ROPE, config=replace(QUICK, proposals=0))
+    assert found.state == TopologicalState.trivial()
+
+
 @pytest.mark.slow
 def test_shipped_network_is_default(monkeypatch):
     asked = []

@@ -235,8 +235,12 @@ def _search_all(
     traced = [path for path in traced if np.ptp(path, axis=0).any()]  # no single dots
     most = max(effort.paths for effort in efforts)
     paths = [lift(path, mask, image.depth, camera, rope) for path in traced[:most]]
-    proposed = trace_rope(network or shipped_network(), target)[: config.proposals]
+    proposed: list[Floats] = []
+    if config.proposals:
+        proposed = trace_rope(network or shipped_network(), target)[: config.proposals]
     guesses = [*paths, *proposed, *shapes]
+    if not guesses:
+        raise TraceError("no path leads along what is taken for rope")
     target = _with_radius(guesses[0], target, config)
     near = target.around(guesses)
     found: SearchResult | None = None

@@ -1,1 +1,1 @@
-"""Networks that propose shapes of ropes, and their training."""
+"""The network that proposes shapes of ropes, and its training."""
