@@ -61,9 +61,12 @@ def test_a_stage_writes_into_its_own_folder_only(tmp_path):
         pass
 
 
-def test_unknown_workers_are_refused():
-    with pytest.raises(ValueError, match="loky or ray"):
-        WorkersConfig("dask")
+@pytest.mark.parametrize(
+    ("values", "message"), [({"backend": "dask"}, "loky or ray"), ({"jobs": 0}, "not 0")]
+)
+def test_workers_that_run_nothing_are_refused(values, message):
+    with pytest.raises(ValueError, match=message):
+        WorkersConfig(**values)
 
 
 def test_seconds_add_up_over_attempts(tmp_path):

@@ -45,6 +45,8 @@ class WorkersConfig:
         """Refuse what runs nothing."""
         if self.backend not in BACKENDS:
             raise ValueError(f"workers.backend is {self.backend!r}, not {' or '.join(BACKENDS)}")
+        if self.jobs == 0:
+            raise ValueError("workers.jobs is a number of shards at once, or -1, but not 0")
 
 
 @dataclass
