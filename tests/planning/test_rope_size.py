@@ -56,7 +56,7 @@ def test_bending_length_is_that_of_the_links(stiffness):
 
 def test_links_follow_from_length_over_diameter():
     assert RopeSize.of(1.0, "10mm").links == RopeConfig().links
-    assert RopeSize.of(0.5, "4mm").links == 50
+    assert RopeSize.of(0.5, "4mm").links == 48
     assert RopeSize.of(2.0, "20mm").links == RopeSize.of(0.2, "2mm").links
 
 
@@ -104,7 +104,7 @@ def test_model_moves_as_the_rope_itself():
     assert moved > 0.1
     count = min(modelled.frames[0], executed.frames[0])
     np.testing.assert_allclose(
-        at.points(modelled.trajectory[0, :count]), executed.trajectory[0, :count], atol=2e-3
+        at.points(modelled.trajectory[0, :count]), executed.trajectory[0, :count], atol=5e-3
     )
     np.testing.assert_allclose(at.times(modelled.release_times), executed.release_times, rtol=0.02)
 

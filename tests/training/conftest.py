@@ -71,7 +71,7 @@ class Laid:
     def __init__(self, shape: np.ndarray | None = None) -> None:
         self.shape = shape
 
-    def execute(self, points: np.ndarray, splines: np.ndarray) -> Rollouts:
+    def execute(self, points: np.ndarray, splines: np.ndarray, *how) -> Rollouts:
         ends = points if self.shape is None else np.broadcast_to(self.shape, points.shape)
         return Rollouts.between(points, ends.copy())
 

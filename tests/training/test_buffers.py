@@ -230,13 +230,18 @@ def test_state_buffer_keeps_shapes_of_representatives_up_to_its_capacity():
     state = TopologicalState.parse("1o2-")
     first, _symmetry = representative(state)
     for number in range(5):
-        buffer.add(np.full((4, 3), float(number)), state, rng)
+        buffer.add(np.full((4 + number, 3), float(number)), state, rng, number)
     assert list(buffer) == [first]
-    kept = {float(np.abs(buffer.draw(first, rng)[0, 0])) for _ in range(100)}
-    assert len(kept) == 3
+
+    def drawn(some: StateBuffer) -> set[tuple[int, float, int]]:
+        shapes = (some.draw(first, rng) for _ in range(100))
+        return {(len(shape), float(np.abs(shape[0, 0])), rope) for shape, rope in shapes}
+
+    kept = drawn(buffer)
+    assert len(kept) == 3 and all(one == (4 + one[2], one[2], one[2]) for one in kept)
     other = StateBuffer(3)
     other.load_state_dict(buffer.state_dict())
-    assert {float(np.abs(other.draw(first, rng)[0, 0])) for _ in range(100)} == kept
+    assert drawn(other) == kept
 
 
 def shapes(count: int, first: int = 0) -> np.ndarray:

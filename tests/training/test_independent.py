@@ -14,8 +14,10 @@ from knotflow.simulation import (
     RopeConfig,
     RopeSimulator,
     SimulationConfig,
+    resample,
     state_or_none,
 )
+from knotflow.topology.draw import draw
 from knotflow.training import (
     Imitation,
     ImitationConfig,
@@ -50,7 +52,7 @@ def simulator():
 
 @pytest.fixture
 def start(primitive_config, trials, curves, simulator):
-    def make(config=CONFIG, variant="actor_critic", observe=None):
+    def make(config=CONFIG, variant="actor_critic", observe=None, simulator=simulator):
         torch.manual_seed(0)
         primitive = Primitive(replace(primitive_config, variant=variant))
         pools = {TASK: curves}
@@ -104,6 +106,15 @@ def test_what_was_tried_is_what_is_remembered(start, curves):
     expected = frames.to_network(attempts.splines.reshape(3, 2, 6))
     np.testing.assert_allclose(items["spline"].numpy(), expected, atol=1e-5)
     np.testing.assert_array_equal(items["reward"].numpy().ravel(), attempts.success)
+
+
+@pytest.mark.parametrize(("room", "rewarded"), [(0.1, 1.0), (0.4, 0.0)])
+def test_an_end_without_room_is_no_reward(start, laid, room, rewarded):
+    loop = resample(draw(TASK.goal_state), RopeConfig())
+    some = start(replace(CONFIG, room=[room] * 4), simulator=laid(loop))
+    metrics = next(iter(some))
+    assert metrics["policy_success/R1(0,1,1)"] == 1.0
+    assert (some.rollouts.state_dict()["items"]["reward"] == rewarded).all()
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from knotflow.samplers.primitives.canonical import ALL_PRIMITIVES, ARRANGE, canonicalise
-from knotflow.simulation import Attempts, SimulationConfig, straight
+from knotflow.simulation import Attempts, SimulationConfig, check_points, straight
 from knotflow.topology import TopologicalState, parse_action
 from knotflow.training import LearnerConfig, SelfPlay, SelfPlayConfig, completed
 from knotflow.training.transitions import Query, Transition
@@ -18,7 +18,7 @@ TRIVIAL = TopologicalState.trivial()
 R1 = parse_action("R1(0,1,1)")
 CONFIG = SelfPlayConfig(
     LearnerConfig(rollout_ropes=16, rollout_trials=1),
-    rounds=2, ropes=24, steps=1, new_steps=1, successes_per_step=1, critic_reset_steps=1,
+    rounds=2, ropes=1, trials=24, steps=1, new_steps=1, successes_per_step=1, critic_reset_steps=1,
     capacity=200, refreshed=8,
 )  # fmt: skip
 
@@ -57,12 +57,17 @@ def test_a_rope_that_never_moves_teaches_that_nothing_succeeds_and_its_state_is_
 
 @pytest.mark.slow
 def test_shapes_are_remembered_in_the_states_they_read_as(training, simulator):
-    some = training(simulator, guess_fraction=1.0, guess_below_value=1.0, ropes=48)
+    some = training(simulator, guess_fraction=1.0, guess_below_value=1.0, ropes=3, trials=48)
     list(some)
     assert TRIVIAL in set(some.shapes)
     rng = np.random.default_rng(0)
-    for state in some.shapes:
-        assert TopologicalState.from_curve(some.shapes.draw(state, rng)) == state
+    drawn = set()
+    for state in [TRIVIAL] * 20 + [*some.shapes]:
+        shape, rope = some.shapes.draw(state, rng)
+        assert TopologicalState.from_curve(shape) == state
+        check_points(shape, some.ropes[rope])
+        drawn.add(rope)
+    assert drawn == {0, 1, 2}
 
 
 @pytest.mark.slow

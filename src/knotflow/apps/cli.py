@@ -439,10 +439,10 @@ def _read_rope(rope: str, options: RopeOptions | None, seed: int) -> planning.Me
 
 def _seen_rope(options: RopeOptions) -> RopeConfig:
     """The rope that is looked for in an image."""
-    from knotflow.planning.rope_size import MODEL, RopeSize, parse_metres
-    from knotflow.simulation import RopeConfig
+    from knotflow.planning.rope_size import RopeSize, parse_metres
+    from knotflow.simulation import NOMINAL, RopeConfig
 
-    length = parse_metres(options.length, "--length") if options.length else MODEL.length
+    length = parse_metres(options.length, "--length") if options.length else NOMINAL.length
     size = RopeSize.of(length, options.diameter)
     return RopeConfig(length=length, radius=size.diameter / 2, links=size.links)
 

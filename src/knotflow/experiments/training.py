@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from pathlib import Path
 
 import numpy as np
@@ -303,6 +304,7 @@ def shipped_library(run: StageRun, *, primitives: Path) -> None:
     with run.atomic("primitives") as folder:
         folder.mkdir()
         for number, primitive in library.primitives.items():
-            actions = {number: library.trained_on[number]}
-            one = PrimitiveLibrary({number: primitive}, actions, library.rope, library.next_values)
+            one = copy(library)
+            one.primitives = {number: primitive}
+            one.trained_on = {number: library.trained_on[number]}
             one.save(folder / f"primitive-{number}.safetensors", half=True)

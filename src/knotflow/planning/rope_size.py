@@ -12,17 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotflow.planning.rope_files import METRES, RopeInputError
-from knotflow.simulation import RopeConfig
+from knotflow.simulation import NOMINAL, RopeConfig, rope_of, usual_links
 
-MODEL = RopeConfig()
-DIAMETER = 2.0 * MODEL.radius / MODEL.length
+DIAMETER = 2.0 * NOMINAL.radius / NOMINAL.length
 """Of a rope of which only the length is known, in its lengths: that of the model rope."""
-BENDING_LENGTH = 0.0433
-"""Of the model rope, in its lengths: (E I / w)^(1/3) of its stiffness E I and weight w a metre."""
+BENDING_LENGTH = NOMINAL.bending_length / NOMINAL.length
+"""Of the model rope, in its lengths."""
 STIFFNESS = {"soft": 0.5, "medium": 1.0, "stiff": 2.0}
 """Bending lengths relative to one of the model rope's material."""
-LINKS = 0.4  # for each diameter in a rope's length
-FEWEST_LINKS, MOST_LINKS = 16, 50
 THINNEST, THICKEST = 1 / 500, 1 / 20
 """Diameters in lengths of the rope; thinner ropes are simulated as the thinnest."""
 UNLIKE = 0.1  # relative difference from the ropes of trained primitives that is worth a word
@@ -77,22 +74,12 @@ class RopeSize:
     @property
     def links(self) -> int:
         """Links of the model rope, unless its shape needs more."""
-        return int(min(max(round(LINKS * self.length / self.diameter), FEWEST_LINKS), MOST_LINKS))
+        return usual_links(self.diameter / self.length)
 
     def model(self, links: int | None = None) -> RopeConfig:
         """The rope of 1 m that moves alike, of the model rope's mass and damping a metre."""
-        radius = 0.5 * max(self.diameter / self.length, THINNEST)
-        links = links or self.links
-        finer = links / MODEL.links
-        stiffer = (self.bending_length / (BENDING_LENGTH * self.length)) ** 3
-        return RopeConfig(
-            radius=radius,
-            links=links,
-            density=MODEL.density * (MODEL.radius / radius) ** 2,
-            joint_damping=MODEL.joint_damping * finer,
-            joint_armature=MODEL.joint_armature * finer,
-            joint_stiffness=MODEL.joint_stiffness * finer * stiffer,
-        )
+        thickness = max(self.diameter / self.length, THINNEST)
+        return rope_of(thickness, self.bending_length / self.length, links or self.links)
 
     def describe(self) -> str:
         """Its three lengths for printing."""

@@ -82,8 +82,8 @@ class TreeSearch:
         self._paper = self.config.rule == "paper"
         undoing = self.config.undoing or not (self._paper or state.num_crossings == 0)
         self._dag = goal.dag.with_undoings(state) if undoing else goal.dag
-        if (warn := getattr(sampler, "warn_if_unlike", None)) is not None:
-            warn(simulator.config.rope)
+        if (for_rope := getattr(sampler, "for_rope", None)) is not None:
+            sampler = for_rope(simulator.config.rope)
         self._proposals = Proposals(sampler, goal, self.config, rng)
         self._rule = PaperRule(rng) if self._paper else PosteriorRule(self.config, self._dag)
         self.nodes = [self._node(points, state)]

@@ -44,6 +44,8 @@ class Sampler(Protocol):
     * `values(points, actions, rng)`: (S,) success probability of the best spline on each rope;
     * `arrange(points, action, count, rng)`: splines that keep the state and make an action easier;
     * `arranged_values(points, actions, rng)`: (S,) as `values`, after the best arranging spline.
+
+    A sampler that has `for_rope(rope)` is asked for one that knows what rope the shapes are of.
     """
 
     def sample(

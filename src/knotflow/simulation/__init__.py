@@ -8,6 +8,13 @@ from knotflow.simulation.attempt import (
     end_states,
     state_or_none,
 )
+from knotflow.simulation.proportions import (
+    NOMINAL,
+    ProportionsConfig,
+    draw_ropes,
+    rope_of,
+    usual_links,
+)
 from knotflow.simulation.rope import RopeConfig, ShapeError, build_model, check_points, pose
 from knotflow.simulation.simulator import Motion, Rollouts, RopeSimulator, SimulationConfig
 from knotflow.simulation.spline import (

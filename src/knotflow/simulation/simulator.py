@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, field, replace
-from functools import lru_cache
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from knotflow.arrays import repeat_last
-from knotflow.simulation.rope import RopeConfig, build_model, check_points, pose
+from knotflow.simulation.rope import RopeConfig, adapt_model, build_model, check_points, pose
 from knotflow.simulation.spline import (
     along_path,
     check_splines,
@@ -243,8 +242,8 @@ class RopeSimulator:
                     if self._rest_angles is not None:
                         self._rest_angles[slot] = poses[index]
                     if self._ropes:
-                        config = moves[index].config
-                        model = _model(astuple(config.rope), config.timestep, config.contact_time)
+                        rope = moves[index].config.rope
+                        model = adapt_model(self.model, self.config.rope, rope)
                         for name, rows in self._ropes.items():
                             rows[slot] = getattr(model, name)
             ids = sorted(slots)
@@ -293,11 +292,6 @@ class Move:
         still = travelled < self.config.rest_speed * steps * self.config.timestep
         settled = (self.step - len(self.gripper)) * self.config.timestep
         return settled >= self.config.settle_time or (still and settled >= CHECK_TIME)
-
-
-@lru_cache(512)
-def _model(rope: tuple[Any, ...], timestep: float, contact_time: float) -> Any:
-    return build_model(RopeConfig(*rope), timestep, contact_time)
 
 
 def gripper_path(controls: Floats, config: SimulationConfig) -> Floats:

@@ -70,10 +70,10 @@ def grasped_link(splines: ArrayLike, links: int) -> NDArray[np.intp]:
     return np.minimum((np.asarray(splines)[..., 0] * links).astype(np.intp), links - 1)
 
 
-def control_points(points: ArrayLike, splines: ArrayLike, radius: float) -> Floats:
+def control_points(points: ArrayLike, splines: ArrayLike, radius: ArrayLike) -> Floats:
     """Control points (..., 3, 3) of splines (..., 6) on ropes (..., V, 3) or one (V, 3), metres.
 
-    The first is the centre of the grasped link, the last is `radius` above the table.
+    The first is the centre of the grasped link, the last is `radius` (...) or () above the table.
     """
     points, splines = np.asarray(points, float), np.asarray(splines, float)
     points = np.broadcast_to(points, (*splines.shape[:-1], *points.shape[-2:]))
@@ -81,7 +81,8 @@ def control_points(points: ArrayLike, splines: ArrayLike, radius: float) -> Floa
     first = (
         np.take_along_axis(points, link, axis=-2) + np.take_along_axis(points, link + 1, axis=-2)
     )[..., 0, :] / 2
-    last = np.concatenate([splines[..., 4:6], np.full((*splines.shape[:-1], 1), radius)], -1)
+    low = np.broadcast_to(np.asarray(radius, float), splines.shape[:-1])
+    last = np.concatenate([splines[..., 4:6], low[..., None]], -1)
     return np.stack([first, splines[..., 1:4], last], axis=-2)
 
 

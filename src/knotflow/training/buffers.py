@@ -197,12 +197,13 @@ def add_random_splines(batch: TensorDict, share: float, generator: torch.Generat
 class StateBuffer:
     """At most `capacity` rope shapes in each topological state; a full state forgets random ones.
 
-    A shape is kept as its image in the representative state under Mirror and Reverse (Sec. V-A).
+    A shape is kept as its image in the representative state under Mirror and Reverse (Sec. V-A),
+    with the number of its rope.
     """
 
     def __init__(self, capacity: int) -> None:
         self.capacity = capacity
-        self._shapes: dict[TopologicalState, list[Floats]] = {}
+        self._shapes: dict[TopologicalState, list[tuple[Floats, int]]] = {}
 
     def __iter__(self) -> Iterator[TopologicalState]:
         return iter(self._shapes)
@@ -210,28 +211,32 @@ class StateBuffer:
     def __len__(self) -> int:
         return len(self._shapes)
 
-    def add(self, points: Floats, state: TopologicalState, rng: np.random.Generator) -> None:
-        """Keep a rope (V, 3), metres, at rest in a state."""
+    def add(
+        self, points: Floats, state: TopologicalState, rng: np.random.Generator, rope: int = 0
+    ) -> None:
+        """Keep a shape (V, 3), metres, of a rope at rest in a state."""
         state, symmetry = representative(state)
         shapes = self._shapes.setdefault(state, [])
-        shape = symmetry.of_points(np.asarray(points, dtype=np.float64))
+        shape = symmetry.of_points(np.asarray(points, dtype=np.float64)), rope
         if len(shapes) < self.capacity:
             shapes.append(shape)
         else:
             shapes[rng.integers(self.capacity)] = shape
 
-    def draw(self, state: TopologicalState, rng: np.random.Generator) -> Floats:
-        """A shape (V, 3), metres, of a representative state."""
+    def draw(self, state: TopologicalState, rng: np.random.Generator) -> tuple[Floats, int]:
+        """A shape (V, 3), metres, of a representative state, and its rope."""
         return self._shapes[state][rng.integers(len(self._shapes[state]))]
 
     def state_dict(self) -> dict[str, Any]:
         return {
-            str(state): torch.from_numpy(np.stack(shapes)) for state, shapes in self._shapes.items()
+            str(state): [(torch.from_numpy(shape), rope) for shape, rope in shapes]
+            for state, shapes in self._shapes.items()
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         self._shapes = {
-            TopologicalState.parse(name): list(shapes.numpy()) for name, shapes in state.items()
+            TopologicalState.parse(name): [(shape.numpy(), rope) for shape, rope in shapes]
+            for name, shapes in state.items()
         }
 
 

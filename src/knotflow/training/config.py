@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from knotflow.simulation import ProportionsConfig, WorldsConfig
+
 
 @dataclass
 class AugmentationConfig:
@@ -94,6 +96,9 @@ class ReinforcementConfig:
     """How the behaviour policy differs from the policy."""
     rounds: list[int] = field(default_factory=lambda: [10, 10, 15, 40])
     """Rounds of attempts and gradient steps of primitives 1 to 4; the last has hard tasks."""
+    room: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.06, 0.0])
+    """Least segment, fraction of the rope's length, of an end shape that is rewarded, of primitives
+    1 to 4. Primitive 3 lays an end over the rope, of which little may be left to go on with."""
     ropes: int = 48
     """Start shapes of each task in a round."""
     splines: int = 2
@@ -176,10 +181,18 @@ class JointConfig(TransitionConfig):
 class SelfPlayConfig(TransitionConfig):
     """How long the primitives train on all actions, and how."""
 
+    ropes: int = 64
+    """Ropes that trials are on: the nominal one, and others drawn from"""
+    proportions: ProportionsConfig = field(default_factory=ProportionsConfig)
+    """these proportions."""
+    nominal_share: float = 0.25
+    """Share of the nominal rope in the trials that begin without crossings."""
+    worlds: WorldsConfig = field(default_factory=lambda: WorldsConfig(error=0.005))
+    """What the world of each trial is drawn from, so that critics learn how sure a spline is."""
     most_crossings: int = 4
     """Of the states that trials begin in and lead to."""
-    ropes: int = 384
-    """Trials in a round, each on a rope of its own."""
+    trials: int = 384
+    """Trials in a round, each from a shape of its own."""
     crossings_shares: list[float] = field(default_factory=lambda: [0.5, 3.0, 7.0, 2.0, 0.2])
     """Relative frequencies of 0, 1, 2, ... crossings at the start of a trial."""
     candidates: int = 4

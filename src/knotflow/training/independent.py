@@ -15,6 +15,7 @@ from knotflow.samplers.primitives.config import PrimitiveConfig
 from knotflow.samplers.primitives.encoding import encode
 from knotflow.samplers.primitives.primitive import Primitive
 from knotflow.simulation import Attempts, RopeSimulator, StartsConfig, Trials, is_roomy
+from knotflow.topology import segment_lengths
 from knotflow.training.buffers import InitialStateBuffer, TrialBuffer
 from knotflow.training.config import ImitationConfig, ReinforcementConfig
 from knotflow.training.learner import (
@@ -104,13 +105,15 @@ class Reinforcement(Trainer):
         task = next(iter(pools))
         number = primitive_of(task.action, task.start_state.num_segments)
         super().__init__(config.rounds[number - 1])
+        self._room = config.room[number - 1]
         self.primitive, self.simulator, self.config = primitive, simulator, config
         self.learner = Learner(primitive, config.learner, seed)
         generator = self.learner.generator
         capacity = self.rounds * config.ropes * len(pools)
         self.rollouts = self.learner.rollouts = TrialBuffer(capacity, config.splines, generator)
         if trials:
-            self.learner.demonstrations = demonstration_buffer(trials, generator)
+            rope = simulator.config.rope
+            self.learner.demonstrations = demonstration_buffer(trials, generator, rope)
         self._rng = np.random.default_rng(seed)
         self._starts = starts or StartsConfig()
         self._observe = observe
@@ -134,7 +137,7 @@ class Reinforcement(Trainer):
         proposed = []
         for task in self._tasks:
             ropes = self._initial[task.start_state].draw(config.ropes, self._rng)
-            encoded = encode(ropes, [task.action] * len(ropes))
+            encoded = encode(ropes, [task.action] * len(ropes), rope=self.simulator.config.rope)
             network, ways = explore(
                 self.primitive, encoded, config.splines, config.exploration, progress, self._rng
             )
@@ -155,7 +158,7 @@ class Reinforcement(Trainer):
             self.rollouts.extend(
                 encoded.states,
                 list(torch.from_numpy(encoded.frames.to_network(splines)).float()),
-                list(torch.from_numpy(tried.success.reshape(splines.shape[:2])).float()),
+                list(torch.from_numpy(self._rewarded(tried).reshape(splines.shape[:2])).float()),
             )
             # Shapes that attempts left in a start state can be started from.
             for state, buffer in self._initial.items():
@@ -171,6 +174,13 @@ class Reinforcement(Trainer):
         if self._observe is not None:
             self._observe(len(self.history), attempts)
         return metrics
+
+    def _rewarded(self, tried: Attempts) -> NDArray[np.bool_]:
+        """Which of N attempts succeed and leave room (N,)."""
+        rewarded = tried.success.copy()
+        for row in np.flatnonzero(rewarded).tolist():
+            rewarded[row] = segment_lengths(tried.rollouts.end_points[row]).min() >= self._room
+        return rewarded
 
     @property
     def parts(self) -> dict[str, Any]:

@@ -75,19 +75,20 @@ class JointFinetuning(TransitionTrainer):
         """An action of the DAG; None for the rare rope on which it cannot be read."""
         actions = self._actions[state]
         action = actions[self.rng.integers(len(actions))]
-        canonical = canonical_or_none(points, action)
+        canonical = canonical_or_none(points, action, self.simulator.config.rope)
         return None if canonical is None else Query(points, state, action, canonical)
 
     def _propose(self, queries: Sequence[Query]) -> tuple[Floats, NDArray[np.int64]]:
         """Splines (N, 6), for success and what it is worth, and the way each was proposed."""
         splines, ways = np.empty((len(queries), 6)), np.empty(len(queries), np.int64)
         kinds = [
-            (one.rope.primitive, one.state.apply(one.action) not in self._goals) for one in queries
+            (one.canonical.primitive, one.state.apply(one.action) not in self._goals)
+            for one in queries
         ]
         for kind in sorted(set(kinds)):
             rows = [row for row, one in enumerate(kinds) if one == kind]
             splines[rows], ways[rows] = self.explore(
-                kind[0], [queries[row].rope for row in rows], use_next_value=kind[1]
+                kind[0], [queries[row].canonical for row in rows], use_next_value=kind[1]
             )
         return splines, ways
 

@@ -32,7 +32,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 from knotflow.samplers.primitives.distribution import SPLINE, SplineDistribution
 from knotflow.samplers.primitives.encoding import Encoded, encode
 from knotflow.samplers.primitives.primitive import Actor, Critic, Primitive, standard_normal
-from knotflow.simulation import Trials
+from knotflow.simulation import RopeConfig, Trials
 from knotflow.threads import one_thread
 from knotflow.training.buffers import (
     TransitionBuffer,
@@ -265,8 +265,10 @@ def is_reset_round(done: int, every: int, rounds: int) -> bool:
     return done == rounds or (done % every == 0 and rounds - done >= every)
 
 
-def demonstration_buffer(trials: Sequence[Trials], generator: torch.Generator) -> TrialBuffer:
-    """A buffer of trials, each of one rope.
+def demonstration_buffer(
+    trials: Sequence[Trials], generator: torch.Generator, rope: RopeConfig | None = None
+) -> TrialBuffer:
+    """A buffer of trials, each on one shape of a rope, by default the nominal one.
 
     Raises:
         ValueError: there are no trials.
@@ -274,7 +276,8 @@ def demonstration_buffer(trials: Sequence[Trials], generator: torch.Generator) -
     trials = [some for some in trials if len(some)]
     if not trials:
         raise ValueError("there are no demonstrated trials to learn from")
-    encoded = encode([some.points[0] for some in trials], [some.action for some in trials])
+    shapes, actions = zip(*((some.points[0], some.action) for some in trials), strict=True)
+    encoded = encode(shapes, actions, rope=rope)
     splines = [
         torch.from_numpy(encoded.frames[row : row + 1].to_network(some.splines[None])[0])
         for row, some in enumerate(trials)

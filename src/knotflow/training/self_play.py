@@ -7,6 +7,7 @@ its state allows, and does the action or arranges the rope for it; the shape it 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -20,7 +21,17 @@ from knotflow.samplers.primitives.config import PrimitiveConfig
 from knotflow.samplers.primitives.encoding import KINDS, encode_canonical
 from knotflow.samplers.primitives.library import PrimitiveLibrary
 from knotflow.samplers.primitives.primitive import Primitive
-from knotflow.simulation import Attempts, random_curve, state_or_none
+from knotflow.simulation import (
+    Attempts,
+    RopeConfig,
+    RopeSimulator,
+    control_points,
+    draw_ropes,
+    draw_worlds,
+    end_states,
+    random_curve,
+    state_or_none,
+)
 from knotflow.topology import Action, TopologicalState
 from knotflow.topology.polyline import Floats
 from knotflow.topology.symmetry import representative
@@ -47,8 +58,17 @@ class SelfPlay(TransitionTrainer):
     config: SelfPlayConfig
 
     def prepare(self) -> Iterable[int]:
-        self.curriculum = Curriculum(self.config)
-        self.shapes = StateBuffer(self.config.shapes)
+        config, nominal = self.config, self.simulator.config.rope
+        self.curriculum = Curriculum(config)
+        self.shapes = StateBuffer(config.shapes)
+        self.ropes = [nominal, *draw_ropes(config.ropes - 1, self.rng, config.proportions)]
+        self.library.proportions = config.proportions if config.ropes > 1 else None
+        self._simulators = {nominal.links: self.simulator}
+        """By the number of links; worlds give each rope its other properties."""
+        for rope in self.ropes:
+            if rope.links not in self._simulators:
+                other = replace(self.simulator.config, rope=rope)
+                self._simulators[rope.links] = RopeSimulator(other)
         return self.library.primitives
 
     def collect(self) -> Metrics:
@@ -61,7 +81,7 @@ class SelfPlay(TransitionTrainer):
                 self.curriculum.add(one.query.state, one.query.action, one.success)
             learned += self.samples(one)
             if one.end is not None and one.end.num_crossings <= self.config.most_crossings:
-                self._keep(one.end_points, one.end)
+                self._keep(one.end_points, one.end, self.ropes.index(one.query.canonical.rope))
         self.store(learned)
         stats = self.curriculum.stats.values()
         return policy_success(transitions) | {
@@ -72,8 +92,7 @@ class SelfPlay(TransitionTrainer):
 
     def _draw(self) -> tuple[list[Query], Floats]:
         """What to try, and the actions' values."""
-        count = self.config.ropes * self.config.candidates
-        rope, rng = self.simulator.config.rope, self.rng
+        count, rng = self.config.trials * self.config.candidates, self.rng
         trivial = TopologicalState.trivial()
         known = self.curriculum.by_crossings(
             [trivial, *(state for state in self.shapes if state != trivial)]
@@ -82,15 +101,18 @@ class SelfPlay(TransitionTrainer):
         while len(drawn) < count:
             state, action = self.curriculum.draw(known, rng)
             if state == trivial and (state not in self.shapes or rng.random() < 0.5):
+                usual = rng.random() < self.config.nominal_share
+                rope = self.ropes[0 if usual else rng.integers(len(self.ropes))]
                 shape = random_curve(rope, rng, self.starts)
             else:
-                shape = self.shapes.draw(state, rng)
-            if (canonical := canonical_or_none(shape, action)) is not None:
+                shape, number = self.shapes.draw(state, rng)
+                rope = self.ropes[number]
+            if (canonical := canonical_or_none(shape, action, rope)) is not None:
                 drawn.append(Query(shape, state, action, canonical))
-        values = self._values([query.rope for query in drawn])
+        values = self._values([query.canonical for query in drawn])
         # The least weight lets the critic's errors be found out.
         weight = sampling_priority(values) + 0.05
-        rows = rng.choice(count, self.config.ropes, replace=False, p=weight / weight.sum())
+        rows = rng.choice(count, self.config.trials, replace=False, p=weight / weight.sum())
         return [drawn[row] for row in rows], values[rows]
 
     def _propose(
@@ -105,23 +127,47 @@ class SelfPlay(TransitionTrainer):
         guessed = rng.random(count) < np.where(
             arranging | (values < config.guess_below_value), config.guess_fraction, 0.0
         )
-        numbers = np.where(arranging, ARRANGE, [query.rope.primitive for query in queries])
+        numbers = np.where(arranging, ARRANGE, [query.canonical.primitive for query in queries])
         for number in sorted(set(numbers.tolist())):
             rows = np.flatnonzero((numbers == number) & ~guessed).tolist()
             if not rows:
                 continue
             use_next_value = number == ARRANGE or bool(rng.random() < 0.5)
-            ropes = [queries[row].rope for row in rows]
+            ropes = [queries[row].canonical for row in rows]
             splines[rows], ways[rows] = self.explore(number, ropes, use_next_value)
         for row in np.flatnonzero(guessed).tolist():
             points, action = queries[row].points, queries[row].action
+            rope = queries[row].canonical.rope
             if arranging[row]:
-                value = partial(self._values_for, action)
+                value = partial(self._values_for, action, rope)
                 splines[row] = screened_arranging_splines(points, action, 1, rng, value)[0]
             else:
-                success = partial(self.library.success_probability, points, action)
+                library = self.library.for_rope(rope)
+                success = partial(library.success_probability, points, action)
                 splines[row] = screened_splines(points, action, 1, rng, success)[0]
         return splines, arranging, ways
+
+    def simulate(
+        self, queries: Sequence[Query], splines: Floats
+    ) -> tuple[Iterable[Floats], Sequence[TopologicalState | None]]:
+        ends: list[Floats] = [np.empty(0)] * len(queries)
+        states: list[TopologicalState | None] = [None] * len(queries)
+        ropes = [query.canonical.rope for query in queries]
+        worlds = [draw_worlds(rope, 1, self.rng, self.config.worlds)[0] for rope in ropes]
+        for links, simulator in self._simulators.items():
+            rows = [row for row, rope in enumerate(ropes) if rope.links == links]
+            if not rows:
+                continue
+            points = np.stack([queries[row].points for row in rows])
+            radii = np.array([ropes[row].radius for row in rows])
+            controls = control_points(points, splines[rows], radii)
+            own = [worlds[row] for row in rows]
+            rollouts = simulator.execute(points, splines[rows], own, controls)
+            for row, end, state in zip(
+                rows, rollouts.end_points, end_states(rollouts), strict=True
+            ):
+                ends[row], states[row] = end, state
+        return ends, states
 
     def sample(self, transition: Transition) -> Sample:
         if not transition.success or transition.end is None:
@@ -152,11 +198,11 @@ class SelfPlay(TransitionTrainer):
             if success:
                 self._keep(end, attempts.goal)
 
-    def _keep(self, points: Floats, state: TopologicalState) -> None:
-        """Keep a shape, if its mirror image reads as the representative state does."""
+    def _keep(self, points: Floats, state: TopologicalState, rope: int = 0) -> None:
+        """Keep a shape of a rope, if its mirror image reads as the representative state does."""
         first, symmetry = representative(state)
         if state_or_none(symmetry.of_points(points)) == first:
-            self.shapes.add(points, state, self.rng)
+            self.shapes.add(points, state, self.rng, rope)
 
     def _values(self, ropes: Sequence[Canonical]) -> Floats:
         """Value (S,) of each rope for its action."""
@@ -168,8 +214,8 @@ class SelfPlay(TransitionTrainer):
             values[rows] = self.value(number, states).numpy()
         return values
 
-    def _values_for(self, action: Action, shapes: Floats) -> Floats:
-        return self._values([canonicalise(shape, action) for shape in shapes])
+    def _values_for(self, action: Action, rope: RopeConfig, shapes: Floats) -> Floats:
+        return self._values([canonicalise(shape, action, rope) for shape in shapes])
 
     @property
     def parts(self) -> dict[str, Any]:

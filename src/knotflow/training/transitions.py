@@ -23,7 +23,14 @@ from knotflow.samplers.primitives.canonical import ARRANGE, Canonical, canonical
 from knotflow.samplers.primitives.encoding import encode_canonical
 from knotflow.samplers.primitives.library import PrimitiveLibrary
 from knotflow.seeding import rng_of
-from knotflow.simulation import Attempts, RopeSimulator, StartsConfig, Trials, end_states
+from knotflow.simulation import (
+    Attempts,
+    RopeConfig,
+    RopeSimulator,
+    StartsConfig,
+    Trials,
+    end_states,
+)
 from knotflow.threads import one_thread
 from knotflow.topology import Action, DegenerateCurveError, IllegalActionError, TopologicalState
 from knotflow.topology.polyline import Floats
@@ -55,7 +62,7 @@ class Query:
     points: Floats
     state: TopologicalState
     action: Action
-    rope: Canonical
+    canonical: Canonical
 
 
 @dataclass(frozen=True)
@@ -144,7 +151,8 @@ class TransitionTrainer(Trainer):
             if primitive_of(one.action, one.start.num_segments) == number
         ]
         if own:
-            learner.demonstrations = demonstration_buffer(own, learner.generator)
+            rope = self.simulator.config.rope
+            learner.demonstrations = demonstration_buffer(own, learner.generator, rope)
         learner.rollouts = TransitionBuffer(self.config.capacity, learner.generator)
         self.buffers[number] = learner.rollouts
         return learner
@@ -165,10 +173,10 @@ class TransitionTrainer(Trainer):
         """Store what attempts of independent training teach."""
         action, state, goal = attempts.action, attempts.start, attempts.goal
         columns = attempts.points, attempts.splines, attempts.success, attempts.rollouts.end_points
-        learned = []
+        learned, rope = [], self.simulator.config.rope
         for points, spline, success, end_points in zip(*columns, strict=True):
-            if (rope := canonical_or_none(points, action)) is not None:
-                query, end = Query(points, state, action, rope), goal if success else None
+            if (canonical := canonical_or_none(points, action, rope)) is not None:
+                query, end = Query(points, state, action, canonical), goal if success else None
                 learned.append(self.sample(Transition(query, spline, end_points, end)))
         self.store(learned)
 
@@ -211,9 +219,15 @@ class TransitionTrainer(Trainer):
         self, queries: Sequence[Query], splines: Floats, *further: Iterable[Any]
     ) -> list[Transition]:
         """Simulate a spline (N, 6) for each query; `further` are columns of the transitions."""
-        rollouts = self.simulator.execute(np.stack([one.points for one in queries]), splines)
-        columns = queries, splines, rollouts.end_points, end_states(rollouts), *further
+        columns = queries, splines, *self.simulate(queries, splines), *further
         return [Transition(*one) for one in zip(*columns, strict=True)]
+
+    def simulate(
+        self, queries: Sequence[Query], splines: Floats
+    ) -> tuple[Iterable[Floats], Sequence[TopologicalState | None]]:
+        """Shapes (V, 3) at rest after splines (N, 6), and their states."""
+        rollouts = self.simulator.execute(np.stack([one.points for one in queries]), splines)
+        return rollouts.end_points, end_states(rollouts)
 
     def store(self, learned: Sequence[Sample]) -> None:
         """Put samples into the replay buffers of their primitives, if these learn."""
@@ -240,7 +254,7 @@ def policy_success(transitions: Sequence[Transition]) -> Metrics:
     """The success rate of each primitive's own splines, or how often they kept the state."""
     achieved: dict[int, list[bool]] = {}
     for one in (one for one in transitions if one.way == POLICY):
-        number = ARRANGE if one.arranging else one.query.rope.primitive
+        number = ARRANGE if one.arranging else one.query.canonical.primitive
         achieved.setdefault(number, []).append(one.state_kept if one.arranging else one.success)
     return {f"{number}/policy_success": float(np.mean(own)) for number, own in achieved.items()}
 
@@ -249,11 +263,11 @@ def encode_samples(some: Sequence[Sample], value: Value) -> Iterator[tuple[int, 
     """Primitives and their samples, as `TransitionBuffer.extend` takes them."""
     by_number: dict[int, list[Sample]] = {}
     for sample in some:
-        number = ARRANGE if sample.arranging else sample.transition.query.rope.primitive
+        number = ARRANGE if sample.arranging else sample.transition.query.canonical.primitive
         by_number.setdefault(number, []).append(sample)
     for number, own in sorted(by_number.items()):
         transitions = [sample.transition for sample in own]
-        ropes = encode_canonical([one.query.rope for one in transitions], number == ARRANGE)
+        ropes = encode_canonical([one.query.canonical for one in transitions], number == ARRANGE)
         world = np.stack([one.spline for one in transitions])
         splines = ropes.frames.to_network(world[:, None])[:, 0]
         rows = np.flatnonzero(np.abs(splines[:, 0]) <= FARTHEST_GRASP)
@@ -282,7 +296,8 @@ def _next_steps(
     by_number: dict[int, list[tuple[int, Canonical]]] = {}
     for row, sample in enumerate(some):
         for action in sample.next_actions:
-            rope = canonical_or_none(sample.transition.end_points, action)
+            before = sample.transition.query.canonical
+            rope = canonical_or_none(sample.transition.end_points, action, before.rope)
             if rope is not None:
                 by_number.setdefault(rope.primitive, []).append((row, rope))
     for number, own in by_number.items():
@@ -294,9 +309,11 @@ def _next_steps(
     return {"next_states": next_states, "next_primitive": next_primitive, "next_value": next_value}
 
 
-def canonical_or_none(points: Floats, action: Action) -> Canonical | None:
+def canonical_or_none(
+    points: Floats, action: Action, rope: RopeConfig | None = None
+) -> Canonical | None:
     """`canonicalise`, or None for the rare rope whose image reads otherwise."""
     try:
-        return canonicalise(points, action)
+        return canonicalise(points, action, rope)
     except (DegenerateCurveError, IllegalActionError):
         return None

@@ -16,7 +16,7 @@ from knotflow.samplers.primitives import (
 )
 from knotflow.samplers.primitives.config import SHIPPED_PRIMITIVES
 from knotflow.samplers.sampler import SamplerConfig, build_sampler
-from knotflow.simulation import RopeConfig
+from knotflow.simulation import NOMINAL, ProportionsConfig, RopeConfig, rope_of
 from knotflow.topology import parse_action
 
 ACTION = parse_action("C(0,1,1)")
@@ -98,11 +98,28 @@ def test_another_rope_is_refused_by_what_differs(path):
 
 
 def test_a_rope_of_another_size_is_warned_of_with_the_numbers(library):
-    with pytest.warns(UnlikeRopeWarning, match=r"length 2 m \(trained with 1 m\), links 60 "):
-        library.warn_if_unlike(RopeConfig(length=2.0, links=60))
+    with pytest.warns(UnlikeRopeWarning, match=r"length 2 m \(trained with 1 m\), diameter 0.005 "):
+        library.for_rope(RopeConfig(length=2.0))
+    library.proportions = ProportionsConfig()
+    with pytest.warns(UnlikeRopeWarning, match=r"length 0.15 lengths \(trained with 0.01 to 0.12 "):
+        library.for_rope(rope_of(0.01, 0.15))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        library.warn_if_unlike(RopeConfig(density=400.0))
+        library.for_rope(rope_of(0.02, 0.11))
+
+
+def test_primitives_are_told_the_rope(library, ropes):
+    thick, curve = rope_of(0.02, 0.11, NOMINAL.links), ropes["loop"]
+    library.proportions = ProportionsConfig()
+    seen = encode(curve[None], [ACTION], rope=thick).states["streams"][0, :, -2:]
+    expected = np.log([[2.0, 0.11 / NOMINAL.bending_length]] * len(seen))
+    np.testing.assert_allclose(seen, expected, rtol=1e-5)
+    assert not encode(curve[None], [ACTION]).states["streams"][0, :, -2:].any()
+    usual, other = (
+        one.sample(curve, ACTION, 2, np.random.default_rng(0))
+        for one in (library, library.for_rope(thick))
+    )
+    assert not np.allclose(usual, other)
 
 
 def test_libraries_merge_and_do_not_overwrite_each_other(library):

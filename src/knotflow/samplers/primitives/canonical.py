@@ -23,6 +23,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from knotflow.simulation import NOMINAL, RopeConfig
 from knotflow.topology import R1, R2, Action, Cross, IllegalActionError, Undo, segment_intervals
 from knotflow.topology.polyline import Floats
 from knotflow.topology.symmetry import Symmetry
@@ -97,14 +98,16 @@ class Canonical:
     action: Action  # the canonical one
     segments: Floats  # (num_segments, 2) where each begins and ends, fractions of the length
     symmetry: Symmetry  # the transformation that led here, its own inverse
+    rope: RopeConfig
 
     @property
     def primitive(self) -> int:
         return primitive_of(self.action, len(self.segments))
 
 
-def canonicalise(points: Floats, action: Action) -> Canonical:
-    """Mirror and reverse a rope (V, 3) so that the action becomes canonical.
+def canonicalise(points: Floats, action: Action, rope: RopeConfig | None = None) -> Canonical:
+    """Mirror and reverse a shape (V, 3) so that the action becomes canonical; of the nominal rope
+    unless another is given.
 
     Raises:
         IllegalActionError: the action names a segment that the rope does not have.
@@ -118,7 +121,7 @@ def canonicalise(points: Floats, action: Action) -> Canonical:
         # Read again, not transformed: rounding would break the exact symmetry.
         segments = _segments(points.tobytes())
     action = symmetry.of_action(action, len(segments))
-    return Canonical(np.ascontiguousarray(points), action, segments, symmetry)
+    return Canonical(np.ascontiguousarray(points), action, segments, symmetry, rope or NOMINAL)
 
 
 @lru_cache(maxsize=64)

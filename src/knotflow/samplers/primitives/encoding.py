@@ -38,15 +38,15 @@ from knotflow.samplers.primitives.canonical import (
     marks_of,
     streams_of,
 )
-from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW
+from knotflow.simulation import NOMINAL, SPLINE_HIGH, SPLINE_LOW, RopeConfig
 from knotflow.topology import Action
 from knotflow.topology.polyline import Floats, arc_lengths
 
 STREAM_POINTS = (10, 10, 24)
 """Points of the over, the under and the whole stream."""
-CHANNELS = 8
-"""Of each stream point: x, y, z, position along the rope, direction x and y, and whether it is on
-the over and on the under segment."""
+CHANNELS = 10
+"""Of each stream point: x, y, z, position along the rope, direction x and y, whether it is on the
+over and on the under segment, and `proportions` of the rope."""
 KINDS = UNDO + 1
 """Length of "kind", which gives arranging what is wanted: 1 at the number of each of `kinds_of`."""
 
@@ -57,6 +57,7 @@ HEIGHT_CENTRE, HEIGHT_SCALE = 0.07, 0.035
 POINT_HEIGHT_SCALE = 0.02
 """Metres a unit of a rope point's z; about the thickness of the rope."""
 
+_LEAST_BENDING = 0.05  # relative to the nominal rope, of one without stiffness
 _TANGENT = 0.03  # of the rope's length to each side, over which a point's direction is taken
 
 
@@ -131,15 +132,28 @@ class Encoded:
     frames: Frames
 
 
+def proportions(rope: RopeConfig) -> tuple[float, float]:
+    """Logarithms of a rope's diameter and bending length in lengths; 0 of the nominal rope's."""
+    thick, bending = (
+        getattr(rope, name) / rope.length / (getattr(NOMINAL, name) / NOMINAL.length)
+        for name in ("radius", "bending_length")
+    )
+    return float(np.log(thick)), float(np.log(max(bending, _LEAST_BENDING)))
+
+
 def encode(
-    points: Sequence[Floats] | Floats, actions: Sequence[Action], arranging: bool = False
+    points: Sequence[Floats] | Floats,
+    actions: Sequence[Action],
+    arranging: bool = False,
+    rope: RopeConfig | None = None,
 ) -> Encoded:
-    """Encode S ropes (V, 3) with an action each, for its primitive, or for arranging before it.
+    """Encode S shapes (V, 3) of a rope, by default the nominal one, with an action each, for its
+    primitive, or for arranging before it.
 
     Raises:
         IllegalActionError, DegenerateCurveError: see `canonicalise`.
     """
-    ropes = [canonicalise(p, a) for p, a in zip(points, actions, strict=True)]
+    ropes = [canonicalise(p, a, rope) for p, a in zip(points, actions, strict=True)]
     return encode_canonical(ropes, arranging)
 
 
@@ -190,6 +204,7 @@ def _encode_one(rope: Canonical, arranging: bool) -> tuple[Floats, Floats, Float
             cos * ty - sin * tx,
             (at >= over[0]) & (at <= over[1]),
             (at >= under[0]) & (at <= under[1]),
+            *(np.full(n, one) for one in proportions(rope.rope)),
         ],
         axis=1,
     )

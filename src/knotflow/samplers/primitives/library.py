@@ -10,6 +10,7 @@ import hashlib
 import json
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -25,15 +26,15 @@ from knotflow.samplers.primitives.config import CemConfig, NetworkConfig, Primit
 from knotflow.samplers.primitives.encoding import Encoded, encode_canonical
 from knotflow.samplers.primitives.primitive import Primitive
 from knotflow.samplers.sampler import NoSettings, sampler
-from knotflow.simulation import RopeConfig
+from knotflow.simulation import ProportionsConfig, RopeConfig
 from knotflow.threads import one_thread
 from knotflow.topology import Action, parse_action
 from knotflow.topology.polyline import Floats
 
 FORMAT = "knotflow primitives"
-VERSION = "3"
+VERSION = "4"
 """Raised when the encoding or the networks change, so that older weights mean something else."""
-_SIZE_TOLERANCE = 0.01
+_TOLERANCE = 1.1  # factor on a rope's proportions up to which it is like another
 FILE = "primitives.safetensors"
 """A library's name in the output of a stage."""
 
@@ -55,9 +56,10 @@ class PrimitiveLibrary:
         trained_on: Mapping[int, Sequence[Action]],
         rope: RopeConfig,
         next_values: bool = False,
+        proportions: ProportionsConfig | None = None,
     ) -> None:
-        """Primitives by number, the actions each was trained on, the rope, and whether critics have
-        learned the value of the next action (Sec. V-B c)."""
+        """Primitives by number, the actions each was trained on, the rope, whether critics have
+        learned the value of the next action (Sec. V-B c), and of which ropes beside that one."""
         if not primitives or not set(primitives) == set(trained_on) <= set(ALL_PRIMITIVES):
             raise ValueError(
                 f"a library has primitives out of {ALL_PRIMITIVES} and trained actions for each, "
@@ -65,7 +67,8 @@ class PrimitiveLibrary:
             )
         self.primitives = {number: primitives[number].eval() for number in sorted(primitives)}
         self.trained_on = {number: tuple(trained_on[number]) for number in sorted(trained_on)}
-        self.rope, self.next_values = rope, next_values
+        self.rope, self.next_values, self.proportions = rope, next_values, proportions
+        self._acts_on = rope
 
     @classmethod
     def merged(cls, libraries: Iterable[PrimitiveLibrary]) -> PrimitiveLibrary:
@@ -85,22 +88,41 @@ class PrimitiveLibrary:
                 raise ValueError(f"libraries cannot be merged: {why}")
             primitives |= one.primitives
             trained_on |= one.trained_on
-        return cls(primitives, trained_on, first.rope, next_values)
+        return cls(primitives, trained_on, first.rope, next_values, first.proportions)
 
-    def warn_if_unlike(self, rope: RopeConfig) -> None:
-        """Warn (`UnlikeRopeWarning`) of a rope of another size than the one trained with."""
-        unlike = []
-        for name, unit in (("length", " m"), ("radius", " m"), ("links", "")):
-            now, trained = getattr(rope, name), getattr(self.rope, name)
-            if not np.isclose(now, trained, rtol=_SIZE_TOLERANCE):
-                unlike.append(f"{name} {now:g}{unit} (trained with {trained:g}{unit})")
-        if unlike:
+    def for_rope(self, rope: RopeConfig) -> PrimitiveLibrary:
+        """The same primitives, told that shapes are those of another rope.
+
+        Warns (`UnlikeRopeWarning`) of one that is unlike those trained with.
+        """
+        other = copy(self)
+        other._acts_on = rope
+        if unlike := [*self._unlike(rope)]:
             warnings.warn(
                 f"the rope is out of the primitives' range: {', '.join(unlike)}; expect more "
                 "branches, or none that succeeds",
                 UnlikeRopeWarning,
                 stacklevel=3,
             )
+        return other
+
+    def _unlike(self, rope: RopeConfig) -> Iterator[str]:
+        ours, among = self.rope, self.proportions
+        thick, bending = 2 * ours.radius / ours.length, ours.bending_length / ours.length
+        for name, unit, now, low, high in (
+            ("length", " m", rope.length, ours.length, ours.length),
+            (
+                *("diameter", " lengths", 2 * rope.radius / rope.length),
+                *((among.thinnest, among.thickest) if among else (thick, thick)),
+            ),
+            (
+                *("bending length", " lengths", rope.bending_length / rope.length),
+                *((among.softest, among.stiffest) if among else (bending, bending)),
+            ),
+        ):
+            if not low / _TOLERANCE <= now <= high * _TOLERANCE:
+                trained = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+                yield f"{name} {now:.3g}{unit} (trained with {trained}{unit})"
 
     def sample(
         self, points: Floats, action: Action, count: int, rng: np.random.Generator
@@ -200,7 +222,7 @@ class PrimitiveLibrary:
         self, points: Floats, actions: Sequence[Action], arranging: bool
     ) -> Iterator[tuple[int, NDArray[np.intp], Encoded]]:
         """Ropes with an action each, encoded for the primitives that serve them."""
-        ropes = [canonicalise(p, a) for p, a in zip(points, actions, strict=True)]
+        ropes = [canonicalise(p, a, self._acts_on) for p, a in zip(points, actions, strict=True)]
         numbers = np.array([ARRANGE if arranging else rope.primitive for rope in ropes], np.intp)
         for number in np.unique(numbers).tolist():
             rows = np.flatnonzero(numbers == number)
@@ -228,6 +250,7 @@ class PrimitiveLibrary:
         about = {"format": FORMAT, "version": VERSION, "primitives": json.dumps(entries)}
         about |= {"rope": json.dumps(asdict(self.rope)), "digest": _digest(weights)}
         about["next_values"] = str(self.next_values)
+        about["proportions"] = json.dumps(self.proportions and asdict(self.proportions))
         save_weights(path, weights, about, half=False)
 
     @classmethod
@@ -268,6 +291,8 @@ class PrimitiveLibrary:
             trained_rope = RopeConfig(**rope_fields)
             # Older files do not say; next values came with self-play, as arranging did.
             next_values = metadata.get("next_values", str(str(ARRANGE) in entries)) == "True"
+            among = json.loads(metadata.get("proportions", "null"))
+            proportions = among and ProportionsConfig(**among)
             primitives, actions = {}, {}
             for number, entry in entries.items():
                 primitives[int(number)] = _primitive(number, entry["config"], weights)
@@ -281,7 +306,7 @@ class PrimitiveLibrary:
                 if was != getattr(rope, name)
             )
             raise LibraryError(f"{path} was trained with another rope: {differences}")
-        return cls(primitives, actions, trained_rope, next_values)
+        return cls(primitives, actions, trained_rope, next_values, proportions)
 
 
 def _primitive(number: str, config: dict[str, Any], weights: Mapping[str, Tensor]) -> Primitive:
