@@ -40,7 +40,7 @@ LEAST_GAP = 0.1  # diameters by which the strands of a crossing differ in height
 DENSE = 100  # points from which on a centre line is smoothed
 MOST_NOISE = 0.02  # of smoothed points, in lengths of the rope
 MOST_OFF = 0.015  # farthest that a rope may lie from its curve, in its lengths
-FINER, MAX_LINKS = 10, 100  # links more where the shape needs them, and the most there are
+FINER, MAX_LINKS = 8, 96  # links more where the shape needs them, and the most there are
 SHORTEST_LINK = 1.5  # diameters
 
 
