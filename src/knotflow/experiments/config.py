@@ -13,7 +13,7 @@ from omegaconf import II, MISSING
 import knotflow
 from knotflow.execution import SHIPPED_DYNAMICS, ExecutionConfig
 from knotflow.perception import SHIPPED_NETWORK
-from knotflow.planning import PlannerConfig
+from knotflow.planning import PlannerConfig, SurvivalConfig
 from knotflow.samplers import SamplerConfig
 from knotflow.samplers.demonstrations import SHIPPED, DemonstratorConfig, NoiseConfig
 from knotflow.samplers.primitives import SHIPPED_PRIMITIVES, PrimitiveConfig
@@ -30,6 +30,7 @@ SECTIONS = (
     *("reachable", "learning_options", "tree_size", "joint_finetuning", "causal_infogan"),
     *("infogan_single", "infogan_all", "causal_infogan_ends", "causal_infogan_plans", "pull"),
     *("pentagram", "knots", "goals", "goals_ablation", "actions", "overhand", "training_ropes"),
+    *("robustness", "ropes"),
     *("strand_training", "unseen_ropes"),
     *("perception", "perceived_plans", "tracking", "dynamics_training"),
     *("dynamics", "closed_loop", "closed_loop_ablation", "arm", "benchmark"),
@@ -74,6 +75,7 @@ class Config:
     )
     sampler: SamplerConfig = field(default_factory=SamplerConfig)
     planner: PlannerConfig = field(default_factory=PlannerConfig)
+    survival: SurvivalConfig = field(default_factory=SurvivalConfig)
     primitive: PrimitiveConfig = field(default_factory=PrimitiveConfig)
     imitation_training: ImitationConfig = field(default_factory=ImitationConfig)
     reinforcement_training: ReinforcementConfig = field(default_factory=ReinforcementConfig)

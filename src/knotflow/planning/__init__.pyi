@@ -6,7 +6,7 @@ from .planner import plan_rope
 from .proposals import attempt_arranged
 from .rope_files import ROPE_NAMES, RopeInputError
 from .ropes import MeasuredRope, lay_down, measured_rope, parse_rope, read_rope
-from .survival import SurvivalConfig
+from .survival import SurvivalConfig, surviving
 from .tree import SearchUpdate, TreeSearch, plan_knot
 from .validation import check_steps, find_penetrations, replay
 from .waypoints import GripperConfig, Waypoints
@@ -18,5 +18,5 @@ __all__ = [
     "UnreachableGoalError",
     "Waypoints", "attempt_arranged", "check_steps", "find_penetrations",
     "lay_down", "measured_rope", "parse_goal", "parse_rope", "plan_knot",
-    "plan_name", "plan_rope", "read_rope", "replay",
+    "plan_name", "plan_rope", "read_rope", "replay", "surviving",
 ]  # fmt: skip

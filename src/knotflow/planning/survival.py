@@ -94,7 +94,7 @@ class SurvivalSearch:
                 update = search.update()
                 progress(replace(update, survival=self._ropes[best].survival))
         plan = search.plan(True, reason, best)
-        survived = self._count(plan.steps)
+        survived = surviving(plan.steps, search.simulator, self._draw())
         return replace(plan, worlds=config.worlds, survived=survived, seconds=search.elapsed())
 
     def _draw(self) -> list[World]:
@@ -124,33 +124,37 @@ class SurvivalSearch:
             if parent is None or step is None or node in self._ropes:
                 continue
             before = self._ropes[parent]
-            self._ropes[node] = self._execute(step, before, self._worlds)
+            self._ropes[node] = _execute(step, before, self._worlds, self._search.simulator)
             self._search.branches += int(before.intact.sum())
 
-    def _execute(self, step: PlanStep, before: Ropes, worlds: Sequence[World]) -> Ropes:
-        """Execute a step blindly in the worlds that are not lost."""
-        simulator: RopeSimulator = self._search.simulator
-        rows = np.flatnonzero(before.intact)
-        points, intact = before.points.copy(), before.intact.copy()
-        controls = step.controls(simulator.config.rope.radius)
-        rollouts = simulator.execute(
-            points[rows],
-            np.repeat(step.spline[None], len(rows), axis=0),
-            [worlds[row] for row in rows.tolist()],
-            np.repeat(controls[None], len(rows), axis=0),
-        )
-        points[rows] = rollouts.end_points
-        intact[rows] = [end == step.end_state for end in end_states(rollouts)]
-        return Ropes(points, intact)
 
-    def _count(self, steps: Sequence[PlanStep]) -> tuple[int, ...]:
-        """How many fresh worlds are left after each step."""
-        worlds, left = self._draw(), []
-        ropes = Ropes.alike(steps[0].start, len(worlds))
-        for step in steps:
-            ropes = self._execute(step, ropes, worlds)
-            left.append(int(ropes.intact.sum()))
-        return tuple(left)
+def surviving(
+    steps: Sequence[PlanStep], simulator: RopeSimulator, worlds: Sequence[World]
+) -> tuple[int, ...]:
+    """In how many worlds a plan, executed blindly, is as planned after each of its steps."""
+    left, ropes = [], Ropes.alike(steps[0].start, len(worlds))
+    for step in steps:
+        ropes = _execute(step, ropes, worlds, simulator)
+        left.append(int(ropes.intact.sum()))
+    return tuple(left)
+
+
+def _execute(
+    step: PlanStep, before: Ropes, worlds: Sequence[World], simulator: RopeSimulator
+) -> Ropes:
+    """Execute a step blindly in the worlds that are not lost."""
+    rows = np.flatnonzero(before.intact)
+    points, intact = before.points.copy(), before.intact.copy()
+    controls = step.controls(simulator.config.rope.radius)
+    rollouts = simulator.execute(
+        points[rows],
+        np.repeat(step.spline[None], len(rows), axis=0),
+        [worlds[row] for row in rows.tolist()],
+        np.repeat(controls[None], len(rows), axis=0),
+    )
+    points[rows] = rollouts.end_points
+    intact[rows] = [end == step.end_state for end in end_states(rollouts)]
+    return Ropes(points, intact)
 
 
 def _prospect(node: Node) -> float:
