@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from knotflow.topology import (
+    CATALOGUE,
     KNOT_NAMES,
     Cross,
     TopologicalState,
+    is_knot_name,
     knot,
     parse_action,
     solution_graph,
@@ -51,7 +53,7 @@ def homfly_of_curve(points):
     above = points[[-1, 0]] + np.array([0.0, 0.0, 0.5])
     polyline = np.concatenate((points, above)).tolist()
     return topoly.homfly(
-        polyline, closure=topoly.Closure.CLOSED, translate=False, run_parallel=False
+        polyline, closure=topoly.Closure.CLOSED, max_cross=40, translate=False, run_parallel=False
     )
 
 
@@ -75,7 +77,8 @@ def joined_above(state):
 @pytest.mark.parametrize(
     ("name", "rolfsen", "count"),
     [("overhand", "3_1", 4), ("figure_eight", "4_1", 8), ("pentagram", "5_1", 4)]
-    + [("three_twist", "5_2", 20)],
+    + [("three_twist", "5_2", 20), ("stevedore", "6_1", 24), ("6_2", "6_2", 48)]
+    + [("6_3", "6_3", 48)],
 )
 def test_named_knots_have_their_rolfsen_type(name, rolfsen, count):
     topoly = pytest.importorskip("topoly")
@@ -88,7 +91,8 @@ def test_named_knots_have_their_rolfsen_type(name, rolfsen, count):
         assert homfly_of_diagram(state) == homfly_of_curve(draw(state, gap=0.05))
     points = draw(min(states), gap=0.05)
     closed = np.concatenate((points, points[[-1, 0]] + [0.0, 0.0, 0.5])).tolist()
-    found = topoly.alexander(closed, closure=topoly.Closure.CLOSED, run_parallel=False)
+    how = {"closure": topoly.Closure.CLOSED, "max_cross": 40, "run_parallel": False}
+    found = topoly.alexander(closed, **how)
     assert found == rolfsen
 
 
@@ -134,12 +138,30 @@ def test_mirror_images_have_different_types():
     assert homfly_of_diagram(right) == homfly_of_diagram(TopologicalState.parse("1o4+5o2+3o6+"))
 
 
+@pytest.mark.slow
+def test_a_slip_knot_is_an_overhand_with_a_bight_and_comes_undone():
+    unknotted = homfly_of_curve(draw(TopologicalState.parse("2o1+"), gap=0.05))
+    for state in sorted(knot("slip_knot"))[::5]:
+        assert homfly_of_curve(draw(state, gap=0.05)) == unknotted
+        pulled = {before for _, before in state.predecessors()}  # the bight is drawn back
+        assert any(before.num_crossings == 3 for before in pulled)
+    assert knot("noose") == knot("slip_knot")
+
+
+def test_names_are_unique_and_aliases_name_the_same():
+    names = [name for one in CATALOGUE for name in (one.name, *one.aliases)]
+    assert len(names) == len(set(names)) and all(map(is_knot_name, names))
+    assert knot("5_1") == knot("double_overhand") == knot("pentagram")
+    with pytest.raises(ValueError, match="unknown knot 'granny'; valid names: .*overhand, 3_1"):
+        knot("granny")
+
+
 def test_unknot_is_trivial():
     assert knot("unknot") == {TopologicalState.trivial()}
 
 
 def test_unknown_knot_name_lists_valid_names():
-    with pytest.raises(ValueError, match="'bowline'.*overhand, figure_eight, pentagram"):
+    with pytest.raises(ValueError, match="'bowline'.*overhand, 3_1, trefoil, figure_eight"):
         knot("bowline")
 
 

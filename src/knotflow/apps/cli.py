@@ -197,6 +197,28 @@ def next_step(
 
 
 @app.command
+def knots(*, out: Path | None = None) -> None:
+    """List the knots that have a name.
+
+    Args:
+        out: Draw them all, as PNG, SVG or PDF.
+    """
+    from knotflow.topology import CATALOGUE, knot
+
+    for one in CATALOGUE:
+        states = sorted(knot(one.name))
+        known = f" ({', '.join(one.aliases)})" if one.aliases else ""
+        count = f"{states[0].num_crossings} crossings, {len(states)} states"
+        print(f"{one.name + known:38}{count:26}{one.use}")
+    if out is not None:
+        from knotflow.viz.notation import draw_knots
+
+        _check_picture(out)
+        draw_knots(out)
+        print(out)
+
+
+@app.command
 def explain(what: str = "", /, *, state: str = "trivial", out: Path | None = None) -> None:
     """Draw an action, a state, or the paths to a knot.
 
@@ -205,7 +227,7 @@ def explain(what: str = "", /, *, state: str = "trivial", out: Path | None = Non
         state: The state before the action.
         out: PNG, SVG or PDF; explain-WHAT.png here by default.
     """
-    from knotflow.topology import KNOT_NAMES, TopologicalState, knot, parse_action
+    from knotflow.topology import KNOT_NAMES, TopologicalState, is_knot_name, knot, parse_action
     from knotflow.topology.action_text import describe
     from knotflow.viz.notation import draw_action, draw_notation, draw_state
 
@@ -213,11 +235,10 @@ def explain(what: str = "", /, *, state: str = "trivial", out: Path | None = Non
     # Signs stay distinct in the name of the file.
     word = re.sub(r"[^A-Za-z0-9]+", "_", name.replace("+", "p").replace("-", "m")).strip("_")
     path = out if out is not None else Path(f"explain-{word or 'all'}.png")
-    if path.suffix not in (".png", ".svg", ".pdf"):
-        raise ValueError(f"--out {path}: a picture is a .png, .svg or .pdf file")
+    _check_picture(path)
     if out is not None:
         _check_free(out)
-    if what in KNOT_NAMES:
+    if is_knot_name(what):
         from knotflow.viz.dag import draw_dag
 
         states = sorted(knot(what))
@@ -426,6 +447,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         return 130
+
+
+def _check_picture(path: Path) -> None:
+    if path.suffix not in (".png", ".svg", ".pdf"):
+        raise ValueError(f"--out {path}: a picture is a .png, .svg or .pdf file")
 
 
 def _read_rope(rope: str, options: RopeOptions | None, seed: int) -> planning.MeasuredRope:

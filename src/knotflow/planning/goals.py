@@ -14,6 +14,7 @@ from knotflow.topology import (
     Action,
     TopologicalState,
     Undo,
+    is_knot_name,
     knot,
     parse_action,
     solution_graph,
@@ -175,7 +176,7 @@ def parse_goal(text: str, rope: RopeConfig | None = None) -> Goal:
         goal = Goal.path([parse_action(action) for action in actions])
         _check_room(text, goal.states, rope)
         return goal
-    if text in KNOT_NAMES:
+    if is_knot_name(text):
         states = knot(text)
     elif re.match(r"\d|trivial$", text):
         state = TopologicalState.parse(text)

@@ -8,7 +8,14 @@ hashable. Rope shapes are read by `knotflow.topology.curve` and made by `knotflo
 from knotflow.topology.action import Action, Arrange, ForwardAction, IllegalActionError, Undo
 from knotflow.topology.action_text import parse_action
 from knotflow.topology.curve import CurveCrossings, project, segment_intervals, segment_lengths
-from knotflow.topology.knots import KNOT_NAMES, all_states, knot, solution_graph
+from knotflow.topology.knots import (
+    CATALOGUE,
+    KNOT_NAMES,
+    all_states,
+    is_knot_name,
+    knot,
+    solution_graph,
+)
 from knotflow.topology.moves import R1, R2, Cross
 from knotflow.topology.polyline import DegenerateCurveError
 from knotflow.topology.state import InvalidStateError, TopologicalState

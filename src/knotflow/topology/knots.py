@@ -2,28 +2,60 @@
 
 A knot can be tied into an open rope when both ends lie in the outer face of a diagram of it, that
 is when the rope is a closed minimal diagram cut at some segment. One diagram, its cuts, mirror
-images and reversals give all states of a name.
+images and reversals give all states of a prime knot's name. Knots that come undone by pulling an
+end, such as the slip knot, have open diagrams of their own.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from knotflow.topology.state import TopologicalState
 
 if TYPE_CHECKING:
     import networkx as nx
 
-_DIAGRAMS = {
-    "unknot": "trivial",
-    "overhand": "4o1+2o5+6o3+",  # 3_1, the goal of the paper's Fig. 1
-    "figure_eight": "4o1+2o7-6o3-8o5+",  # 4_1
-    "pentagram": "6o1+2o7+8o3+4o9+10o5+",  # 5_1, Sec. VII-E
-    "three_twist": "4o1+2o7+8o3+10o5+6o9+",  # 5_2
-}
 
-KNOT_NAMES: tuple[str, ...] = tuple(_DIAGRAMS)
+class NamedKnot(NamedTuple):
+    """An entry of the catalogue."""
+
+    name: str
+    aliases: tuple[str, ...]
+    """Other names; a prime knot's, as of its closed curve, is Rolfsen's."""
+    diagrams: tuple[str, ...]
+    """Crossings of the fewest there are."""
+    use: str
+    closed: bool = True
+    """Whether the diagram may be cut anywhere."""
+
+
+CATALOGUE = (
+    NamedKnot("unknot", ("0_1",), ("trivial",), "nothing tied"),
+    NamedKnot(
+        *("overhand", ("3_1", "trefoil"), ("4o1+2o5+6o3+",)),  # the goal of the paper's Fig. 1
+        "stopper, and the beginning of most others",
+    ),
+    NamedKnot("figure_eight", ("4_1",), ("4o1+2o7-6o3-8o5+",), "stopper of climbers and sailors"),
+    NamedKnot(
+        *("pentagram", ("5_1", "double_overhand"), ("6o1+2o7+8o3+4o9+10o5+",)),  # Sec. VII-E
+        "heavier stopper: an overhand with another turn",
+    ),
+    NamedKnot("three_twist", ("5_2",), ("4o1+2o7+8o3+10o5+6o9+",), "a figure eight's next of kin"),
+    NamedKnot(
+        "stevedore", ("6_1",), ("4o1+2o9-8o3-12o5+6o11+10o7+",), "stopper of blocks and pulleys"
+    ),
+    NamedKnot("6_2", (), ("4o1+2o9-8o3-10o5+6o11+12o7+",), "prime, six crossings"),
+    NamedKnot("6_3", (), ("4o1+2o7+8o3+10o5-6o11-12o9-",), "prime, six crossings"),
+    NamedKnot(
+        *("slip_knot", ("noose",), ("1o9-6o2-7o3+4o8+10o5+", "1o8-7o2-6o3+4o9+10o5+")),
+        "an overhand with a bight: quick release, or a noose by its other end",
+        closed=False,
+    ),
+)
+"""Knots by the number of their crossings, and those that slip."""
+_BY_NAME = {name: one for one in CATALOGUE for name in (one.name, *one.aliases)}
+KNOT_NAMES: tuple[str, ...] = tuple(one.name for one in CATALOGUE)
 
 
 def knot(name: str) -> frozenset[TopologicalState]:
@@ -32,19 +64,31 @@ def knot(name: str) -> frozenset[TopologicalState]:
     Raises:
         ValueError: an unknown name.
     """
-    if name not in _DIAGRAMS:
-        raise ValueError(f"unknown knot {name!r}; valid names: {', '.join(KNOT_NAMES)}")
-    diagram = TopologicalState.parse(_DIAGRAMS[name])
+    if name not in _BY_NAME:
+        raise ValueError(f"unknown knot {name!r}; valid names: {', '.join(_BY_NAME)}")
+    entry = _BY_NAME[name]
+    states = {TopologicalState.parse(diagram) for diagram in entry.diagrams}
+    if entry.closed:
+        states = {cut for state in states for cut in _cuts(state)}
+    mirrors = states | {state.mirrored() for state in states}
+    return frozenset(mirrors | {state.reversed() for state in mirrors})
+
+
+def _cuts(diagram: TopologicalState) -> set[TopologicalState]:
+    """The states of a closed diagram cut at each of its segments."""
     count = 2 * diagram.num_crossings
-    cuts = {
+    return {
         TopologicalState.from_crossings(
             ((over - 1 + shift) % count + 1, (under - 1 + shift) % count + 1, sign)
             for over, under, sign in diagram.crossings
         )
         for shift in range(max(count, 1))
     }
-    mirrors = cuts | {state.mirrored() for state in cuts}
-    return frozenset(mirrors | {state.reversed() for state in mirrors})
+
+
+def is_knot_name(name: str) -> bool:
+    """Whether `knot` knows a name."""
+    return name in _BY_NAME
 
 
 def solution_graph(*goals: TopologicalState) -> nx.MultiDiGraph:

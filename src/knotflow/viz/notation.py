@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from knotflow.topology import Action, TopologicalState, parse_action, project
+from knotflow.topology import CATALOGUE, Action, TopologicalState, parse_action, project
 from knotflow.topology.action_text import describe
 from knotflow.topology.draw import draw
 from knotflow.topology.polyline import arc_lengths
@@ -31,6 +31,7 @@ EXAMPLES: tuple[tuple[str, str], ...] = (
 )
 """An action of each kind, with a state that allows it."""
 
+_COLUMNS, _NAMES = 4, 0.62  # of the sheet of knots: diagrams in a row, inches below each
 _PANEL = 2.6  # inches, side of a diagram
 _ARROW = 1.3  # inches between the two diagrams of an action
 _TITLE, _SENTENCE, _MARGIN = 0.32, 0.56, 0.15  # inches
@@ -64,6 +65,28 @@ def draw_notation(path: Path) -> None:
     """Draw one action of each kind, with the legend: the notation on one page."""
     examples = [(parse_action(a), TopologicalState.parse(s)) for a, s in EXAMPLES]
     style.save_figure(_figure(examples), path)
+
+
+@style.styled()
+def draw_knots(path: Path) -> None:
+    """Draw a diagram of each knot in the catalogue, with its names and use."""
+    shown = [one for one in CATALOGUE if one.diagrams != ("trivial",)]
+    rows = -(-len(shown) // _COLUMNS)
+    size = WIDTH / _COLUMNS
+    figure = Figure(figsize=(WIDTH, rows * (size + _NAMES)))
+    canvas = style.inches(figure)
+    for number, one in enumerate(shown):
+        row, column = divmod(number, _COLUMNS)
+        left, bottom = column * size, (rows - row - 1) * (size + _NAMES)
+        place = left + 0.06, bottom + _NAMES + 0.06, size - 0.12, size - 0.12
+        axes = canvas.inset_axes(place, transform=canvas.transData)
+        draw_diagram(axes, TopologicalState.parse(one.diagrams[0]), strand=0.04)
+        names = ", ".join([one.name, *one.aliases[:1]])
+        words = textwrap.fill(one.use, 30)
+        middle, top = left + size / 2, bottom + _NAMES
+        canvas.text(middle, top - 0.05, names, size=9, ha="center", va="top")
+        canvas.text(middle, top - 0.23, words, size=7, color=MUTED, ha="center", va="top")
+    style.save_figure(figure, path)
 
 
 def draw_diagram(
