@@ -28,6 +28,8 @@ from knotflow import planning  # its names are loaded when they are used
 from knotflow.planning.config import FAST_SEARCH, RopeOptions, plan_name
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from knotflow.simulation import Attempts, RopeConfig
 
 EXAMPLES = """\
@@ -37,10 +39,10 @@ Examples:
   knotflow next overhand --rope measured.csv           only the next action
   knotflow explain                                     the notation in pictures
   knotflow explain "C(0,2,-1)" --state 3o1-2o4-        one action in a state
-  knotflow explain overhand                            every path to a knot
   knotflow view plans/overhand-random-0/plan.mcap      in Rerun, or with --web
   knotflow studio                                      plan, watch, demonstrate
   knotflow see image.png depth.png --camera camera.yaml --out rope.csv
+  knotflow run overhand --robot twin                   look, plan, act, and again
   knotflow export plans/overhand-random-0 --arm panda  joint trajectories
 
 Exit codes: 0 tied, 1 not tied, 2 invalid input.
@@ -194,6 +196,75 @@ def next_step(
         replace(found, steps=found.steps[:1]).waypoints().to_csv(out, found.frame)
         print(out)
     return 0
+
+
+@app.command(help_epilogue="")
+def run(
+    knot: str,
+    /,
+    *,
+    robot: str = "twin",
+    camera: Path | None = None,
+    options: Options | None = None,
+    out: Path = Path("runs"),
+    seed: Seed = 0,
+    max_seconds: Seconds = 60.0,
+    margin: Margin = 0.05,
+    worlds: Worlds = 16,
+    max_actions: Annotated[int, Parameter(validator=Number(gte=1))] = 20,
+    level: Literal[0, 1, 2] = 1,
+    yes: bool = False,
+) -> int:
+    """Tie a knot with a robot: look, plan the next action, ask, act, and look again.
+
+    Args:
+        knot: As in `knotflow plan`.
+        robot: twin, a simulated one, or a driver as my_lab.robots:Arm, see docs/your_arm.md.
+        camera: The robot's camera, with its pose; see docs/your_camera.md. A twin has its own.
+        options: The rope's size.
+        out: Folder for the log (MCAP) of all images and motions.
+        seed: Of the search, and of a twin.
+        margin: Metres of rope that every step leaves between crossings.
+        worlds: As in `knotflow next`.
+        max_actions: Give up after so many.
+        level: How far a twin's rope, gripper and camera are from what is planned for.
+        yes: Execute without asking.
+    """
+    from knotflow.apps import lab
+    from knotflow.execution import ExecutionConfig
+    from knotflow.perception import Calibration, Camera, io
+    from knotflow.recording import RunLog
+    from knotflow.simulation import ShapeError
+
+    options = options or RopeOptions()
+    rope = _seen_rope(options)
+    if not yes and not sys.stdin.isatty():
+        raise ValueError("run asks before every action: use a terminal, or --yes")
+    if robot == "twin":
+        eye = Camera.overhead()
+        arm = lab.make_twin(rope, eye, level, seed)
+    elif camera is None:
+        raise ValueError("a robot's camera is needed: --camera FILE, with its pose")
+    else:
+        eye, arm = Calibration.load(camera).camera(), lab.load_robot(robot)
+
+    def replan(points: NDArray) -> planning.KnotPlan:
+        with tempfile.TemporaryDirectory() as folder:
+            seen = Path(folder) / "seen.csv"
+            io.write_rope(seen, points)
+            try:
+                measured = _read_rope(str(seen), options, seed)
+            except planning.RopeInputError as error:
+                raise ShapeError(str(error)) from error
+            found, _ = _search(knot, measured, seed, max_seconds, margin, worlds, GRIPPER_ERROR)
+        return found.placed(measured.placement, measured.frame)
+
+    path = lab.log_path(out, knot)
+    with RunLog(path, {"knot": knot, "robot": robot}) as log:
+        config = ExecutionConfig(max_actions=max_actions)
+        done = lab.tie(knot, arm, eye, rope, replan, lab.ask(yes), log, config)
+    print(f"{'tied' if done.tied else 'not tied'}: {done.reason}\n{path}")
+    return 0 if done.tied else 1
 
 
 @app.command

@@ -34,6 +34,8 @@ from knotflow.topology import DegenerateCurveError
 
 Replan = Callable[[NDArray], KnotPlan]
 """Plans the rest of a knot from the rope (V, 3) as it lies."""
+Confirm = Callable[[PlanStep, KnotPlan], bool]
+"""Whether the next step of a plan may be executed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,13 +63,14 @@ def execute(
     controller: Controller | None = None,
     estimator: StateEstimator | None = None,
     replan: Replan | None = None,
+    confirm: Confirm | None = None,
 ) -> Execution:
     """Tie the plan's knot.
 
     The `source` tracks the rope while it is dragged; without a `controller`, which corrects the
     drag, a spline begins at the tracked rope and is then followed blindly. The `estimator` reads
     the state at the end, and after each action if `replan` plans the rest anew: the first step of
-    each plan is executed, solved or not.
+    each plan is executed, solved or not, if `confirm` lets it.
 
     Raises:
         ValueError: a controller without a source, `replan` without an estimator, or a plan without
@@ -81,7 +84,7 @@ def execute(
         raise ValueError("the plan was saved without trajectories, so there is nothing to follow")
     corrects = source is not None or replan is not None
     executor = StepExecutor(robot, config or ExecutionConfig(), source, controller, corrects)
-    knot = _KnotExecution(executor, plan, estimator)
+    knot = _KnotExecution(executor, plan, estimator, confirm)
     try:
         reason = knot.execute_steps() if replan is None else knot.execute_with_replanning(replan)
     finally:
@@ -96,6 +99,7 @@ class _KnotExecution:
     executor: StepExecutor
     plan: KnotPlan
     estimator: StateEstimator | None
+    confirm: Confirm | None = None
     outcomes: list[StepOutcome] = field(default_factory=list)
     observation: Observation | None = None
 
@@ -139,6 +143,8 @@ class _KnotExecution:
             unsolved = 0 if plan.solved else unsolved + 1
             if unsolved > config.max_unsolved or (plan.solved and not plan.steps):
                 return f"no plan was found after {done} actions: {plan.reason}"
+            if plan.steps and self.confirm is not None and not self.confirm(plan.steps[0], plan):
+                return f"the next step was not allowed after {done} actions"
             if plan.steps:  # else nothing succeeded from here: search again
                 lost = 0 if self._execute_step(plan.steps[0], plan) else lost + 1
                 observation = self._observe(plan.steps[0].end, config.max_pulls)
@@ -194,7 +200,8 @@ class _KnotExecution:
         moves, unknown = self.executor.moves, np.full(self.plan.start.shape, np.nan)
         gripper, closed, step, references, points = zip(*moves, strict=True) if moves else [()] * 5
         shapes = [
-            [unknown if one is None else one for one in part] for part in (references, points)
+            [unknown if one is None or one.shape != unknown.shape else one for one in part]
+            for part in (references, points)
         ]
         reference, tracked = (np.reshape(part, (-1, *unknown.shape)) for part in shapes)
         return Execution(

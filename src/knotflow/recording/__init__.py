@@ -8,4 +8,4 @@ from __future__ import annotations
 
 from .reader import DamagedRecordingError, NotARecordingError, load, read_metadata, read_recording
 from .rollout import Outcome, RecordedRollout, RolloutImages, recorded
-from .writer import write_recording
+from .writer import RunLog, write_recording

@@ -264,6 +264,11 @@ def end_message(log_time: int, rollout: RecordedRollout) -> Log:
     return _log(log_time, levels[rollout.outcome], text)
 
 
+def text_message(log_time: int, text: str) -> Log:
+    """An event in words."""
+    return _log(log_time, Log.INFO, text)
+
+
 def root_frame(log_time: int) -> FrameTransforms:
     """The world as a child of Rerun's root frame; without it Rerun's 3-D view stays empty."""
     message = FrameTransforms()

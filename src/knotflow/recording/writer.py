@@ -7,15 +7,18 @@ stand in a chunk of their own *before* the trajectories, so that tables are read
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Iterable, Mapping
 from functools import cache
 from itertools import chain, islice
 from pathlib import Path
 from typing import IO
 
+import numpy as np
 from google.protobuf.message import Message
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
+from numpy.typing import NDArray
 
 from . import messages
 from .rollout import NANOSECONDS, RecordedRollout, RolloutImages
@@ -60,21 +63,80 @@ def write_recording(
         raise
 
 
-class _Timeline:
-    """An MCAP in the making, and the log time at which the next rollout starts."""
+class _Messages:
+    """An MCAP in the making."""
 
-    def __init__(self, stream: IO[bytes], metadata: Mapping[str, str], rope_line: bool) -> None:
+    def __init__(self, stream: IO[bytes], metadata: Mapping[str, str]) -> None:
         self.writer = Writer(stream)  # chunks of 1 MiB, zstd
         self.writer.start(profile="knotflow")
         self.writer.add_metadata(messages.METADATA, dict(metadata))
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         self._cloud = cache(messages.RopeCloud)
+        self._log(messages.FRAMES, 0, messages.root_frame(0))
+
+    def _log(self, topic: str, log_time: int, message: Message) -> None:
+        if topic not in self._channels:
+            kind = type(message)
+            name = kind.DESCRIPTOR.full_name
+            if name not in self._schemas:
+                self._schemas[name] = register_schema(self.writer, kind)
+            channel = self.writer.register_channel(topic, "protobuf", self._schemas[name])
+            self._channels[topic] = channel
+        data = message.SerializeToString()
+        self.writer.add_message(self._channels[topic], log_time, data, publish_time=log_time)
+
+
+class RunLog(_Messages):
+    """What a robot saw and did, written as it happens; a context, whose end completes the file."""
+
+    def __init__(self, path: Path, metadata: Mapping[str, str]) -> None:
+        """Raises FileExistsError where there is a file."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._stream = path.open("xb")
+        self._began = time.monotonic_ns()
+        super().__init__(self._stream, metadata)
+
+    def __enter__(self) -> RunLog:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.writer.finish()
+        self._stream.close()
+
+    @property
+    def _now(self) -> int:
+        return time.monotonic_ns() - self._began
+
+    def image(self, jpeg: bytes) -> None:
+        """A camera's image."""
+        self._log(messages.CAMERA, now := self._now, messages.image_message(now, jpeg))
+
+    def gripper(self, position: NDArray[np.floating]) -> None:
+        """Where the gripper is sent to (3,), metres."""
+        sent = np.asarray(position, np.float32)
+        self._log(messages.GRIPPER, now := self._now, messages.gripper_message(now, sent))
+
+    def rope(self, points: NDArray[np.floating]) -> None:
+        """The rope (V, 3), metres, as it is seen."""
+        cloud = self._cloud(len(points))
+        frame = cloud.frame(now := self._now, np.asarray(points, np.float32))
+        self._log(messages.ESTIMATE, now, frame)
+
+    def say(self, text: str) -> None:
+        """An event in words."""
+        self._log(messages.TOPOLOGY, now := self._now, messages.text_message(now, text))
+
+
+class _Timeline(_Messages):
+    """Rollouts one after the other, and the log time at which the next one starts."""
+
+    def __init__(self, stream: IO[bytes], metadata: Mapping[str, str], rope_line: bool) -> None:
+        super().__init__(stream, metadata)
         self._line = cache(messages.RopeLine)
         self._rope_line = rope_line
         self._now = 0
         self._numbers: set[int] = set()
-        self._log(messages.FRAMES, 0, messages.root_frame(0))
 
     def add(self, batch: list[RecordedRollout]) -> None:
         starts = []
@@ -118,14 +180,3 @@ class _Timeline:
         if camera.reference is not None:
             reference = cloud.frame(log_time, camera.reference[frame])
             self._log(messages.REFERENCE, log_time, reference)
-
-    def _log(self, topic: str, log_time: int, message: Message) -> None:
-        if topic not in self._channels:
-            kind = type(message)
-            name = kind.DESCRIPTOR.full_name
-            if name not in self._schemas:
-                self._schemas[name] = register_schema(self.writer, kind)
-            channel = self.writer.register_channel(topic, "protobuf", self._schemas[name])
-            self._channels[topic] = channel
-        data = message.SerializeToString()
-        self.writer.add_message(self._channels[topic], log_time, data, publish_time=log_time)

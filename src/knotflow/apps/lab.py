@@ -1,0 +1,190 @@
+"""A knot tied by a robot: look, plan the next action, ask, act, and look again."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.execution import (
+    Execution,
+    ExecutionConfig,
+    ImageStateEstimator,
+    Robot,
+    Twin,
+    TwinConfig,
+    encode_jpeg,
+    execute,
+)
+from knotflow.execution.closed_loop import Confirm, Replan
+from knotflow.execution.robot import Observation, RobotWrapper
+from knotflow.execution.step_executor import StepExecutor
+from knotflow.perception import Camera, RgbdImage
+from knotflow.planning import Goal, KnotPlan, parse_goal
+from knotflow.recording import RunLog
+from knotflow.simulation import RopeConfig, random_curve
+from knotflow.topology import TopologicalState
+from knotflow.topology.action_text import describe
+
+Given = TypeVar("Given")
+
+
+class LabError(Exception):
+    """A robot that cannot be used, or that failed."""
+
+
+def load_robot(name: str) -> Robot:
+    """The robot of a text such as my_lab.robots:Arm, called without arguments.
+
+    Raises:
+        ValueError: there is no such module or attribute, or it lacks a method of `Robot`.
+    """
+    module, colon, attribute = name.partition(":")
+    if not (module and colon and attribute):
+        raise ValueError(f"--robot {name}: write twin, or a driver as my_lab.robots:Arm")
+    sys.path.insert(0, "")  # as `python -m` does
+    try:
+        factory = getattr(import_module(module), attribute)
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"--robot {name}: {error}") from None
+    finally:
+        sys.path.remove("")
+    robot: Robot = factory()
+    methods = ("observe", "move_to", "grasp", "release", "position")
+    if missing := [one for one in methods if not hasattr(robot, one)]:
+        raise ValueError(
+            f"--robot {name} lacks {', '.join(missing)}; a robot has {', '.join(methods)}, see "
+            "knotflow.execution.Robot"
+        )
+    return robot
+
+
+def make_twin(rope: RopeConfig, camera: Camera, level: int, seed: int) -> Robot:
+    """A simulated robot above a random rope, see `execution.Twin`."""
+    rng = np.random.default_rng(seed)
+    return Twin(random_curve(rope, rng), TwinConfig(level=level, rope=rope), rng, camera).robot()
+
+
+class LoggedRobot(RobotWrapper):
+    """A robot whose images and motions are logged, and whose faults are `LabError`s."""
+
+    def __init__(self, robot: Robot, log: RunLog) -> None:
+        super().__init__(robot)
+        self._log = log
+
+    def observe(self) -> RgbdImage:
+        image = self._try(super().observe)
+        self._log.image(encode_jpeg(image))
+        return image
+
+    def move_to(self, position: NDArray, seconds: float) -> None:
+        self._try(super().move_to, position, seconds)
+        self._log.gripper(position)
+
+    def grasp(self) -> None:
+        self._try(super().grasp)
+        self._log.say("grasp")
+
+    def release(self) -> None:
+        self._try(super().release)
+        self._log.say("release")
+
+    def _try(self, command: Callable[..., Given], *arguments: object) -> Given:
+        """What a command gives; TimeoutError passes, for an image may be late."""
+        try:
+            return command(*arguments)
+        except (TimeoutError, KeyboardInterrupt):
+            raise
+        except Exception as error:
+            self._log.say(f"failed: {error!r}")
+            raise LabError(f"the robot failed at {command.__name__}: {error!r}") from error
+
+
+@dataclass(frozen=True)
+class Tied:
+    """How a run ended."""
+
+    tied: bool
+    reason: str
+    execution: Execution | None = None
+
+
+def tie(
+    knot: str, robot: Robot, camera: Camera, rope: RopeConfig, replan: Replan, confirm: Confirm,
+    log: RunLog, config: ExecutionConfig | None = None,
+) -> Tied:  # fmt: skip
+    """Tie a knot into the rope that the camera, at its nominal pose, sees.
+
+    `replan` plans for a rope (V, 3), metres. Every step is shown to `confirm` before it is
+    executed. A robot that fails ends the run, and its fingers are opened.
+
+    Raises:
+        ValueError: see `parse_goal`.
+    """
+    goal, config = parse_goal(knot), config or ExecutionConfig()
+    logged = LoggedRobot(robot, log)
+    estimator = ImageStateEstimator(camera, rope)
+    try:
+        seen = StepExecutor(logged, config).observe(estimator, 0)
+        if seen.points is None:
+            return Tied(False, f"the rope is not seen: {'; '.join(seen.all_ambiguities)}")
+        log.rope(seen.points)
+        execution = execute(
+            _begin(goal, seen, rope), logged, config, estimator=estimator, replan=replan,
+            confirm=confirm,
+        )  # fmt: skip
+    except LabError as error:
+        return Tied(False, str(error))
+    if execution.observation is not None and execution.observation.points is not None:
+        log.rope(execution.observation.points)
+    log.say(execution.reason)
+    return Tied(bool(execution.tied), execution.reason, execution)
+
+
+def _begin(goal: Goal, seen: Observation, rope: RopeConfig) -> KnotPlan:
+    """A plan of no steps, from which everything has to be planned."""
+    assert seen.points is not None
+    return KnotPlan(
+        goal=goal.name,
+        goal_states=tuple(goal.states),
+        solved=False,
+        reason="nothing is planned yet",
+        start=seen.points,
+        start_state=seen.state or TopologicalState.trivial(),
+        steps=(),
+        tried=(),
+        branches=0,
+        kept=0,
+        seconds=0.0,
+        radius=rope.radius,
+    )
+
+
+def ask(yes: bool) -> Confirm:
+    """Shows each step, and asks on the terminal unless everything is allowed."""
+
+    def confirm(step: object, plan: KnotPlan) -> bool:
+        first = plan.steps[0]
+        grasp, middle, end = (1e3 * plan.controls[0]).round().astype(int).tolist()
+        print(
+            f"{len(plan.steps)} actions to {plan.goal}; the next is\n"
+            f"  {describe(first.action, first.start_state)}\n"
+            f"grasp    {grasp} mm\nthrough  {middle} mm\nrelease  {end} mm"
+        )
+        if plan.worlds:
+            print(f"success  in {plan.survived[0]} of {plan.worlds} worlds")
+        return yes or input("execute? [y/N] ").strip().lower() in ("y", "yes")
+
+    return confirm
+
+
+def log_path(folder: Path, knot: str) -> Path:
+    """A name that is not taken yet."""
+    return folder / f"{knot.split(maxsplit=1)[0]}-{time.strftime('%Y%m%d-%H%M%S')}.mcap"
