@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from knotflow.execution import ExecutionConfig, Twin, TwinConfig
+from knotflow.execution import ExecutionConfig, TrueState, Twin, TwinConfig
 from knotflow.execution.step_executor import (
     StepExecutor,
     interpolate_rope,
     path_from_grasp,
 )
-from knotflow.simulation import state_or_none
+from knotflow.planning import GripperConfig
+from knotflow.simulation import grasped_link, state_or_none
 
 
 @pytest.mark.parametrize(("ends", "turn", "end"), [((0,), 1, 0), ((-1,), 0, -1), ((-1, 0), 1, 0)])
@@ -47,3 +48,27 @@ def test_rope_is_interpolated_between_frames(plan):
     ropes = interpolate_rope(step, np.array([middle, step.times[-1]]))
     np.testing.assert_allclose(ropes[0], wanted, atol=1e-6)
     np.testing.assert_allclose(ropes[1], step.trajectory[-1], atol=1e-6)
+
+
+class Recording:
+    """A controller that keeps what it is given and follows the path."""
+
+    def begin(self, reference, path, weights, grasped):
+        self.reference, self.path, self.number = reference, path, 0
+
+    def act(self, points, velocities, gripper):
+        self.number += 1
+        return self.path[self.number]
+
+
+@pytest.mark.parametrize("speed", [np.inf, 0.1])
+def test_the_reference_keeps_the_time_of_a_slowed_path(plan, speed):
+    step, controller = plan.steps[0], Recording()
+    twin = Twin(plan.start, TwinConfig(level=0), np.random.default_rng(1))
+    config = ExecutionConfig(gripper=GripperConfig(drag_speed=speed))
+    executor = StepExecutor(twin.robot(), config, TrueState(twin), controller)
+    executor.execute(step, plan, 0)
+    link = int(grasped_link(step.spline, len(step.start) - 1))
+    held = (controller.reference[:, link] + controller.reference[:, link + 1]) / 2
+    away = np.linalg.norm(held - controller.path, axis=1)
+    assert away.max() < 0.03

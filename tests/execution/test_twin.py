@@ -18,6 +18,17 @@ def twin_of(points, level=0, seed=3, **config):
     return Twin(points, TwinConfig(level=level, **config), np.random.default_rng(seed))
 
 
+def test_the_rope_goes_on_while_an_image_is_worked_on(plan):
+    camera = Camera.overhead()
+    quick, slow = (
+        Twin(plan.start, TwinConfig(level=0, compute_time=time), np.random.default_rng(1), camera)
+        for time in (0.0, 0.5)
+    )
+    for twin in (quick, slow):
+        twin.observe(), twin.move_to(np.array([0.0, 0.0, 0.2]), 0.1)
+    assert slow.times[0] - quick.times[0] == pytest.approx(0.5)
+
+
 def test_draws_do_not_depend_on_commands(points):
     one, other = twin_of(points, level=2), twin_of(points, level=2)
     one.robot().move_to(UP, 1.0)

@@ -210,7 +210,7 @@ class StepExecutor:
 
     def _drag(self, step: PlanStep, path: NDArray, number: int) -> bool:
         """Whether the rope was held along path (T + 1, 3), or as the controller corrected it."""
-        reference = interpolate_rope(step, STEP * np.arange(len(path)))
+        reference = interpolate_rope(step, np.linspace(0.0, step.release_time, len(path)))
         at_grasp = self._link_distances()
         link = int(at_grasp.argmin())
         if self.controller is not None:

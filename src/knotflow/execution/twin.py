@@ -73,6 +73,9 @@ class TwinConfig:
     contact_time: float = 0.02  # time constant of contacts and grasp, seconds
     reach: float = GRASP_REACH
     """Largest distance of the rope's centre line from the closing fingers, metres."""
+    compute_time: float = 0.06
+    """Seconds after each image for which the robot stands still: tracking and control take so long
+    on one core."""
     home: tuple[float, float, float] = (0.0, 0.0, 0.3)  # the gripper's first position, metres
 
 
@@ -141,7 +144,10 @@ class Twin:
         if self._camera is None:
             raise RuntimeError("this twin has no camera: give Twin(..., camera=) one")
         place, closed = self.position, self._closed
-        return self._camera.capture(self.points, self._seeing, place, closed, self._time)
+        image = self._camera.capture(self.points, self._seeing, place, closed, self._time)
+        if self.config.compute_time:
+            self._advance(self._commanded, self.config.compute_time)
+        return image
 
     def move_to(self, position: NDArray, seconds: float) -> None:
         position = np.asarray(position, np.float64)
