@@ -1,7 +1,12 @@
 """Ropes of other proportions are drawn in range, and their models are those that are built."""
 
+import re
+from dataclasses import fields
+from pathlib import Path
+
 import numpy as np
 import pytest
+import yaml
 
 from knotflow.simulation import (
     NOMINAL,
@@ -20,6 +25,8 @@ from knotflow.simulation import (
 )
 from knotflow.simulation.rope import GRAVITY, adapt_model
 from knotflow.simulation.simulator import OF_ROPE
+
+CONF = Path(__file__).parents[2] / "conf" / "rope"
 
 
 def test_nominal_rope_is_that_of_its_proportions():
@@ -71,3 +78,12 @@ def test_a_rope_in_a_world_moves_as_one_of_its_own(simulator, rng):
     controls = control_points(points, splines, other.radius)
     among = simulator.execute(points, splines, [World(other)] * 3, controls)
     np.testing.assert_allclose(among.end_points, alone.end_points, atol=2e-3)
+
+
+@pytest.mark.parametrize("name", ["thin", "thick", "soft", "stiff"])
+def test_ropes_of_the_configuration_have_the_proportions_they_name(name):
+    text = (CONF / f"{name}.yaml").read_text()
+    diameter, bending = map(float, re.search(r"rope_of\((.*), (.*)\)", text).groups())
+    given, named = RopeConfig(**yaml.safe_load(text)), rope_of(diameter, bending)
+    for field in fields(RopeConfig):
+        assert getattr(given, field.name) == pytest.approx(getattr(named, field.name), rel=1e-3)
