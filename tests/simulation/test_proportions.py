@@ -83,7 +83,7 @@ def test_a_rope_in_a_world_moves_as_one_of_its_own(simulator, rng):
 @pytest.mark.parametrize("name", ["thin", "thick", "soft", "stiff"])
 def test_ropes_of_the_configuration_have_the_proportions_they_name(name):
     text = (CONF / f"{name}.yaml").read_text()
-    diameter, bending = map(float, re.search(r"rope_of\((.*), (.*)\)", text).groups())
+    diameter, bending = map(float, re.search(r"rope_of\((.*?), (.*?)\)", text).groups())
     given, named = RopeConfig(**yaml.safe_load(text)), rope_of(diameter, bending)
     for field in fields(RopeConfig):
         assert getattr(given, field.name) == pytest.approx(getattr(named, field.name), rel=1e-3)
