@@ -40,25 +40,24 @@ class SurvivalConfig:
     batch: int = 8
     """Splines tried from a rope before another one is chosen."""
     tested: int = 3
-    """Most of their ends that are simulated in all worlds, those of the highest value."""
+    """Most of their ends that are simulated in the worlds, those of the highest value."""
+    screened: int = 4
+    """Worlds in which each is simulated first; where more than one of them is lost, all are."""
 
 
 @dataclass(frozen=True)
 class Ropes:
-    """A node's rope in W worlds: (W, V, 3), metres, and whether it is in the node's state."""
+    """A node's rope in W worlds: (W, V, 3), metres, whether it is in the node's state, and the
+    share of worlds in which it would be, as far as is known."""
 
     points: Floats
     intact: NDArray[np.bool_]
+    survival: float = 1.0
 
     @classmethod
     def alike(cls, points: Floats, worlds: int) -> Ropes:
         """One rope (V, 3), metres, in all worlds."""
         return cls(np.repeat(points[None], worlds, axis=0), np.ones(worlds, bool))
-
-    @property
-    def survival(self) -> float:
-        """Share of the worlds that are not lost."""
-        return float(self.intact.mean())
 
 
 class SurvivalSearch:
@@ -123,9 +122,22 @@ class SurvivalSearch:
             parent, step = node.parent, node.step
             if parent is None or step is None or node in self._ropes:
                 continue
-            before = self._ropes[parent]
-            self._ropes[node] = _execute(step, before, self._worlds, self._search.simulator)
-            self._search.branches += int(before.intact.sum())
+            self._ropes[node] = self._execute(step, self._ropes[parent])
+
+    def _execute(self, step: PlanStep, before: Ropes) -> Ropes:
+        """Execute a step in the worlds that are not lost; in a few alone if it fails there."""
+        rows, simulator = np.flatnonzero(before.intact), self._search.simulator
+        points, intact = before.points.copy(), np.zeros_like(before.intact)
+        tested = 0
+        for some in (rows[: self._config.screened], rows[self._config.screened :]):
+            if not len(some) or (tested and intact.sum() < tested - 1):
+                break
+            chosen = np.isin(np.arange(len(intact)), some)
+            after = _execute(step, replace(before, intact=chosen), self._worlds, simulator)
+            points[some], intact = after.points[some], intact | after.intact
+            tested += len(some)
+        self._search.branches += tested
+        return Ropes(points, intact, before.survival * float(intact.sum()) / max(tested, 1))
 
 
 def surviving(
