@@ -581,13 +581,15 @@ def _search(
             bar.set_postfix_str(f"ties in {update.survival:.0%} of {worlds} worlds", refresh=False)
         bar.update(update.branches - bar.n)
 
-    with bar, warnings.catch_warnings():
-        warnings.simplefilter("ignore", UnlikeRopeWarning)  # in units of its length
+    with bar, warnings.catch_warnings(record=True) as unlike:
+        warnings.simplefilter("always", UnlikeRopeWarning)
         found = planning.plan_rope(
             measured.points, knot, rng_of(seed, 1),
             sampler=library, simulation=SimulationConfig(rope=measured.model), config=config,
             progress=show, observe=tried.append, survival=survival,
         )  # fmt: skip
+    for warning in unlike:
+        print(warning.message)
     return found, tried[-1] if tried else None
 
 

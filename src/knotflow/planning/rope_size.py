@@ -9,8 +9,6 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-import numpy as np
-
 from knotflow.planning.rope_files import METRES, RopeInputError
 from knotflow.simulation import NOMINAL, RopeConfig, rope_of, usual_links
 
@@ -22,7 +20,6 @@ STIFFNESS = {"soft": 0.5, "medium": 1.0, "stiff": 2.0}
 """Bending lengths relative to one of the model rope's material."""
 THINNEST, THICKEST = 1 / 500, 1 / 20
 """Diameters in lengths of the rope; thinner ropes are simulated as the thinnest."""
-UNLIKE = 0.1  # relative difference from the ropes of trained primitives that is worth a word
 
 _NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:e-?\d+)?"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(mm|cm|m|)\s*", re.IGNORECASE)
@@ -89,10 +86,4 @@ class RopeSize:
         )
         if self.diameter < THINNEST * self.length:
             told += f"; simulated {1e3 * THINNEST * self.length:.2g} mm thick, the least there is"
-        model = DIAMETER * self.length, BENDING_LENGTH * self.length
-        if np.allclose((self.diameter, self.bending_length), model, rtol=UNLIKE):
-            return told
-        return (
-            f"{told}; primitives were trained for {1e3 * model[0]:.3g} mm and {1e2 * model[1]:.2g} "
-            "cm, so expect more splines"
-        )
+        return told

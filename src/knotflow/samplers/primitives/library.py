@@ -100,7 +100,7 @@ class PrimitiveLibrary:
         if unlike := [*self._unlike(rope)]:
             warnings.warn(
                 f"the rope is out of the primitives' range: {', '.join(unlike)}; expect more "
-                "branches, or none that succeeds",
+                "splines, or none that succeeds",
                 UnlikeRopeWarning,
                 stacklevel=3,
             )
