@@ -189,6 +189,8 @@ class SelfPlayConfig(TransitionConfig):
     """Share of the nominal rope in the trials that begin without crossings."""
     worlds: WorldsConfig = field(default_factory=lambda: WorldsConfig(error=0.005))
     """What the world of each trial is drawn from, so that critics learn how sure a spline is."""
+    rounds: int = 375
+    memory: int = 1000
     most_crossings: int = 4
     """Of the states that trials begin in and lead to."""
     trials: int = 384

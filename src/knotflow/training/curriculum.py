@@ -16,7 +16,7 @@ from knotflow.training.config import SelfPlayConfig
 INNER_R1 = "inner R1"
 """The kind of R1 on a segment without a rope end."""
 
-KIND_SHARES = {"R1": 2.0, INNER_R1: 0.5, "R2": 1.0, "C": 3.0}
+KIND_SHARES = {"R1": 2.0, INNER_R1: 1.0, "R2": 2.0, "C": 3.0}
 """Relative frequencies of the kinds of actions."""
 
 UNDO = "undo"
