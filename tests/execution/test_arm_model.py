@@ -1,8 +1,18 @@
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from knotflow.execution.arm_model import PREFIX, Arm, ArmError, Base, load_arm, panda
+from knotflow.execution.arm_model import (
+    ARMS,
+    PREFIX,
+    Arm,
+    ArmError,
+    Base,
+    find_arm,
+    load_arm,
+    panda,
+)
 
 
 def placed(arm: Arm, base: Base, joints) -> tuple[np.ndarray, np.ndarray]:
@@ -23,6 +33,59 @@ def test_panda_ready_pose_is_frankas():
     np.testing.assert_allclose(position[[0, 1]], [0.3069, 0.0], atol=1e-4)
     assert position[2] + 0.1054 == pytest.approx(0.5903, abs=1e-4)
     np.testing.assert_allclose(rotation[:, 2], [0, 0, -1], atol=1e-12)
+
+
+DH = {
+    # Universal Robots' UR5e: a, d (metres) and alpha (degrees) of each link, standard convention.
+    "ur5e": (
+        [0.0, -0.425, -0.3922, 0.0, 0.0, 0.0],
+        [0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996],
+        [90, 0, 0, 90, -90, 0],
+    ),
+    # UFACTORY's xArm7: a and alpha of the link before, Craig's convention.
+    "xarm7": (
+        [0.0, 0.0, 0.0, 0.0525, 0.0775, 0.0, 0.076],
+        [0.267, 0.0, 0.293, 0.0, 0.3425, 0.0, 0.097],
+        [0, -90, 90, 90, 90, 90, -90],
+    ),
+}
+TIPS = {"ur5e": 0.154, "xarm7": 0.166}  # from the flange, metres
+
+
+def rigid(rotation=(0.0, 0.0, 0.0), shift=(0.0, 0.0, 0.0)):
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec(rotation).as_matrix(), shift
+    return pose
+
+
+@pytest.mark.parametrize("name", DH)
+def test_kinematics_are_the_product_of_published_parameters(name):
+    arm, pose = find_arm(name), np.eye(4)
+    joints = np.random.default_rng(0).uniform(-1.0, 1.0, len(arm.joints))
+    for a, d, alpha, joint in zip(*DH[name], joints, strict=True):
+        turned = rigid((0, 0, joint), (0, 0, d))
+        link = rigid((np.deg2rad(alpha), 0, 0), (a, 0, 0))
+        pose = pose @ (turned @ link if name == "ur5e" else link @ turned)
+    position, rotation = placed(arm, Base(), joints)
+    expected = pose @ [0.0, 0.0, TIPS[name], 1.0]
+    np.testing.assert_allclose(position, expected[:3], atol=1e-6)
+    np.testing.assert_allclose(rotation, pose[:3, :3], atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_an_arm_touches_neither_itself_nor_the_table_at_home(name):
+    arm = find_arm(name)
+    model = arm.model()
+    data = mujoco.MjData(model)
+    columns = model.jnt_qposadr[arm.joint_ids(model)]
+    downward = []
+    for home in arm.homes:
+        data.qpos[columns] = home
+        mujoco.mj_forward(model, data)
+        touching = {frozenset(pair) for pair in data.contact.geom.tolist()}
+        downward.append((data.site(PREFIX + arm.tip).xmat[8], len(touching)))
+    up, touching = min(downward)
+    assert up < -0.95 and touching <= 2  # the base and the links after it
 
 
 def test_base_moves_the_arm_rigidly():

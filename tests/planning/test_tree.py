@@ -12,7 +12,7 @@ from knotflow.planning import (
     tree,
 )
 from knotflow.planning.config import RULES
-from knotflow.planning.tree import DIVERGED
+from knotflow.planning.tree import DIVERGED, OUT_OF_REACH
 from knotflow.samplers.demonstrations import heuristic_splines
 from knotflow.simulation import RopeSimulator, SimulationConfig, spline_path, straight
 from knotflow.topology import Arrange, TopologicalState, Undo, parse_action, segment_intervals
@@ -22,10 +22,10 @@ TRIVIAL = TopologicalState.trivial()
 OVERHAND = TopologicalState.parse("4o1+2o5+6o3+")
 
 
-def search(goal, world, seed=0, start=None, progress=None, observe=None, **config):
+def search(goal, world, seed=0, start=None, progress=None, observe=None, reach=None, **config):
     points = straight(world.config.rope) if start is None else start
-    rng = np.random.default_rng(seed)
-    return plan_knot(points, goal, world, world, rng, PlannerConfig(**config), progress, observe)
+    rng, config = np.random.default_rng(seed), PlannerConfig(**config)
+    return plan_knot(points, goal, world, world, rng, config, progress, observe, reach)
 
 
 def assert_valid(plan, goal):
@@ -137,6 +137,41 @@ def test_unsteady_steps_are_dropped_and_replanned(world, path_goal, rule, monkey
     assert len({id(steps[-2]) for steps in seen}) == 3
     seen.clear()
     assert search(path_goal, world(), rule=rule).branches == 3 and not seen
+
+
+class FakeReach:
+    """Refuses the first `refused` splines, and the second step of the first `unreached` plans."""
+
+    def __init__(self, refused=0, unreached=0):
+        self.refused, self.unreached = refused, unreached
+        self.plans = []
+
+    def may_follow(self, points, splines):
+        left, self.refused = self.refused, max(0, self.refused - len(splines))
+        return np.arange(len(splines)) >= left
+
+    def first_unreached(self, plan):
+        self.plans.append(plan)
+        return 1 if len(self.plans) <= self.unreached else None
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_steps_that_the_arm_cannot_follow_are_dropped_and_replanned(world, path_goal, rule):
+    reach = FakeReach(unreached=2)
+    plan = search(path_goal, world(), rule=rule, reach=reach)
+    assert_valid(plan, path_goal)
+    assert plan.branches == plan.kept == 7 and len(reach.plans) == 3
+    assert reach.plans[0].steps[0] is plan.steps[0]
+    assert len({id(one.steps[1]) for one in reach.plans}) == 3
+
+
+def test_splines_out_of_reach_are_replaced_and_not_simulated(world, path_goal):
+    plan = search(path_goal, world(), reach=FakeReach(refused=20))
+    assert_valid(plan, path_goal)
+    assert plan.branches == 3 and OUT_OF_REACH not in {one.outcome for one in plan.tried}
+    never = search(path_goal, world(), reach=FakeReach(refused=10**9), max_branches=5, batch=4)
+    assert not never.solved and never.branches == 0 and "in the arm's reach" in never.reason
+    assert {one.outcome for one in never.tried} == {OUT_OF_REACH}
 
 
 def test_margin_is_kept(world, path_goal):

@@ -76,20 +76,21 @@ def test_contradictory_table_is_refused(write, wrong, problem):
         body(write)
 
 
-ARM = ("plan", "knot", "solved", "waypoints", "unreached", "tip_error_mm", "tip_speed")
+ARM = ("arm", "plan", "knot", "solved", "reachable", "tied_as_exported", "branches")
+ARM += ("out_of_reach", "planning_seconds", "waypoints", "unreached", "tip_error_mm", "tip_speed")
 ARM += ("limit_margin_deg", "joint_speed_share", "seconds", "slowed")
-PLANS = [
-    (0, "overhand", True, 400, 0, 0.4, 0.249, 8.1, 0.5, 40.0, 3.0),
-    (1, "overhand", True, 600, 6, 0.7, 0.25, 2.0, 0.9, 60.0, 4.0),
-    (2, "overhand", False, *[""] * 8),
+FOUND = [
+    (0, "overhand", True, True, True, 24, 0, 9.0, 400, 0, 0.4, 0.249, 8.1, 0.5, 40.0, 1.01),
+    (1, "overhand", True, True, False, 36, 3, 21.0, 600, 0, 0.7, 0.25, 2.0, 0.9, 60.0, 1.05),
+    (2, "overhand", False, False, False, 400, 90, 300.0, *[""] * 8),
 ]
 
 
 def test_arm_trajectories_are_of_the_plans_that_were_found(write):
-    write.table("arm", "trajectories.csv", ARM, PLANS)
+    table = [(arm, *row) for arm, rows in (("panda", FOUND), ("mine", FOUND[2:])) for row in rows]
+    write.table("arm", "trajectories.csv", ARM, table)
     text = body(write, "arm")
-    assert "Of 3 searches, 2 found a plan" in text
-    for part in ("1 of 2", "99.40 %", "0.70 mm", "0.250 m/s", "2.0°", "90 %", "50 s", "3.5 times"):
+    assert "4 searches within reach" in text and "| panda | mine |" in text
+    for part in ("2 of 3", "0 of 1", "1 of 2", "0.70 mm", "0.250 m/s", "2.0°", "90 %", "50 s"):
         assert part in text
-    write.table("arm", "trajectories.csv", ARM, PLANS[2:])
-    assert body(write, "arm") == "None of 1 searches found a plan."
+    assert "1.03 times | – |" in text

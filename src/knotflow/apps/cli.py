@@ -71,6 +71,9 @@ Options = Annotated[RopeOptions, Parameter(name="*")]
 Seed = Annotated[int, Parameter(validator=Number(gte=0))]
 Seconds = Annotated[float, Parameter(validator=Number(gt=0), help="Time limit of the search.")]
 Margin = Annotated[float, Parameter(validator=Number(gte=0))]
+ArmName = Annotated[str | None, Parameter(help="panda, ur5e, xarm7 or an MJCF file to follow it.")]
+ArmBase = Annotated[Path | None, Parameter(help="As in `knotflow export`, with --arm.")]
+ArmTip = Annotated[str | None, Parameter(help="As in `knotflow export`, with --arm.")]
 Worlds = Annotated[int, Parameter(validator=Number(gte=0))]
 
 GRIPPER_ERROR = 0.005  # standard deviation in the worlds of `next`, metres
@@ -88,6 +91,9 @@ def plan(
     max_seconds: Seconds = 60.0,
     margin: Margin = 0.0,
     worlds: Worlds = 0,
+    arm: ArmName = None,
+    base: ArmBase = None,
+    tip: ArmTip = None,
     overwrite: bool = False,
 ) -> int:
     """Plan how to tie a knot into a rope as it lies.
@@ -107,11 +113,16 @@ def plan(
     request: dict[str, Any] = {"knot": knot, "rope": what, "seed": seed}
     request |= {"max_seconds": max_seconds, "margin": margin, "worlds": worlds}
     request |= vars(options or RopeOptions()) | _provenance()
+    if arm is not None:
+        files = {"arm": arm, "base": base, "tip": tip}
+        request |= {key: str(one) for key, one in files.items() if one is not None}
+        request["arm_code"] = _arm_digest(arm, base)
     stored = _stored_outcome(folder, request, overwrite)
     if stored is not None:
         print(f"{stored['text']}\n{folder}: already planned; --overwrite plans again")
         return _outcome(stored["success"], max_seconds)
-    found, last = _search(knot, measured, seed, max_seconds, margin, worlds)
+    standing = (arm, base, tip)
+    found, last = _search(knot, measured, seed, max_seconds, margin, worlds, arm=standing)
     found = found.placed(measured.placement, measured.frame)
     last = last and measured.placement.attempts(last)
     _write_plan(folder, found, last, measured.rope, request)
@@ -134,6 +145,9 @@ def next_step(
     max_seconds: Seconds = 60.0,
     margin: Margin = 0.05,
     worlds: Worlds = 16,
+    arm: ArmName = None,
+    base: ArmBase = None,
+    tip: ArmTip = None,
 ) -> int:
     """Plan only the next action, with its success probability and what to check.
 
@@ -164,7 +178,8 @@ def next_step(
             rope = f"{folder}/seen.csv"
             io.write_rope(Path(rope), seen.points)
         measured = _read_rope(str(rope), options, seed)
-    found, _ = _search(knot, measured, seed, max_seconds, margin, worlds, GRIPPER_ERROR)
+    standing = (arm, base, tip)
+    found, _ = _search(knot, measured, seed, max_seconds, margin, worlds, GRIPPER_ERROR, standing)
     if not found.solved:
         tighter = f"; tighter loops: --margin {margin / 2:g}" if margin else ""
         print(f"{found.summary()}\nlonger: --max-seconds {2 * max_seconds:g}{tighter}")
@@ -372,7 +387,7 @@ def export(
 
     Args:
         plan: A plan's folder or its plan.json.
-        arm: panda or an MJCF file.
+        arm: panda, ur5e, xarm7, or an MJCF file.
         base: YAML file with position (metres) and rpy_deg of the arm's base in the rope's frame.
         tip: Name of the site between the fingers, for an MJCF file.
         max_speed: Highest speed of the tip, metres per second.
@@ -559,6 +574,7 @@ def _search(
     margin: float,
     worlds: int,
     error: float = 0.0,
+    arm: tuple[str | None, Path | None, str | None] = (None, None, None),
 ) -> tuple[planning.KnotPlan, Attempts | None]:
     """The plan for the model of the rope, solved or not, and the last attempts, if any."""
     from tqdm import tqdm
@@ -573,6 +589,16 @@ def _search(
     length = measured.size.length
     config = replace(FAST_SEARCH, max_seconds=max_seconds, margin=margin / length)
     survival = planning.SurvivalConfig(worlds, spread=WorldsConfig(error=error / length))
+    reach = None
+    if arm[0] is not None:
+        from knotflow.execution import ArmReach
+
+        reach = ArmReach(
+            arm[0], arm[1], arm[2], radius=measured.model.radius,
+            placement=measured.placement, frame=replace(measured.frame, unit="m"),
+        )  # fmt: skip
+    elif arm[1] is not None or arm[2] is not None:
+        raise ValueError("--base and --tip are of an arm: name it with --arm")
     tried: deque[Attempts] = deque(maxlen=1)
     bar = tqdm(desc="simulated", unit=" splines", disable=None)
 
@@ -586,7 +612,7 @@ def _search(
         found = planning.plan_rope(
             measured.points, knot, rng_of(seed, 1),
             sampler=library, simulation=SimulationConfig(rope=measured.model), config=config,
-            progress=show, observe=tried.append, survival=survival,
+            progress=show, observe=tried.append, survival=survival, reach=reach,
         )  # fmt: skip
     for warning in unlike:
         print(warning.message)
@@ -603,6 +629,15 @@ def _provenance() -> dict[str, str]:
     code = sorted(path for name in packages for path in (source / name).rglob("*.py"))
     found = {"knotflow": _version().removeprefix("knotflow "), "code": _digest(*code)}
     return found | {"primitives": _digest(*sorted(Path(SHIPPED_PRIMITIVES).iterdir()))}
+
+
+def _arm_digest(arm: str, base: Path | None) -> str:
+    """Of what decides what an arm reaches."""
+    import knotflow
+
+    code = sorted((Path(knotflow.__file__).parent / "execution").glob("*.py"))
+    given = [path for path in (Path(arm), base) if path is not None and path.is_file()]
+    return _digest(*code, *given)
 
 
 def _digest(*files: Path) -> str:

@@ -141,16 +141,44 @@ class Arm:
         return positions
 
 
+DATA = Path(__file__).parent / "data"
+
+
 def panda() -> Arm:
-    """The Panda hanging 0.9 m above the table, 0.3 m beside the rope's middle and facing away from
-    it: its elbow is behind it. Limits are Franka's, see panda.xml."""
+    """The Panda beside the rope, leaning over it. Limits are Franka's, see panda.xml."""
     arm = load_arm(
-        Path(__file__).parent / "data" / "panda.xml",
-        base=Base([-0.3, 0.0, 0.9], [180.0, 0.0, 180.0]),
+        DATA / "panda.xml",
+        base=Base([-0.45, 0.0, 0.2], [0.0, 30.0, 0.0]),
         max_speed=[2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61],
         max_acceleration=[15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0],
     )
     return replace(arm, gripper="panda_finger_joint1", opening=(0.012, 0.008))
+
+
+def ur5e() -> Arm:
+    """The UR5e on a wall, facing the rope; its joints turn by half a turn a second.
+
+    Universal Robots limits torques, not accelerations: these are assumed, as of the xArm7.
+    """
+    base = Base([-0.3, 0.0, 0.65], [0.0, -90.0, 180.0])
+    return load_arm(DATA / "ur5e.xml", base=base, max_speed=np.pi, max_acceleration=20.0)
+
+
+def xarm7() -> Arm:
+    """The xArm7 on a wall, facing the rope. Limits are UFACTORY's."""
+    base = Base([-0.4, 0.0, 0.6], [0.0, 90.0, 0.0])
+    return load_arm(DATA / "xarm7.xml", base=base, max_speed=np.pi, max_acceleration=20.0)
+
+
+ARMS = {"panda": panda, "ur5e": ur5e, "xarm7": xarm7}
+"""Arms known by name, at their default bases."""
+
+
+def find_arm(arm: str | Path | Arm, tip: str | None = None) -> Arm:
+    """An arm by its name in `ARMS` or its file, see `load_arm`."""
+    if isinstance(arm, Arm):
+        return arm
+    return ARMS[str(arm)]() if str(arm) in ARMS else load_arm(Path(arm), tip)
 
 
 def load_arm(
@@ -172,7 +200,7 @@ def load_arm(
 
     path = Path(path)
     if not path.is_file():
-        raise ArmError(f"{path}: there is no such arm; give `panda` or an MJCF file")
+        raise ArmError(f"{path}: there is no such arm; give {', '.join(ARMS)} or an MJCF file")
     try:
         model = mujoco.MjSpec.from_file(str(path)).compile()
     except (ValueError, RuntimeError) as error:

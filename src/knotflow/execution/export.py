@@ -16,7 +16,7 @@ import pandas as pd
 import yaml
 from numpy.typing import NDArray
 
-from knotflow.execution.arm_model import Arm, ArmError, Base, load_arm, panda
+from knotflow.execution.arm_model import Arm, ArmError, Base, find_arm
 from knotflow.execution.inverse_kinematics import IkSolution, follow_waypoints
 from knotflow.planning import GripperConfig, KnotPlan, Waypoints
 
@@ -36,7 +36,7 @@ class Export:
     waypoints: Waypoints  # with their original times
     ik: IkSolution
     times: NDArray[np.float64]  # (N,) seconds, increasing
-    slowed: float  # duration of the drags relative to the simulated ones, 1 or more
+    slowdowns: NDArray[np.float64]  # (n,) of each drag's duration, to the simulated one
     format: str  # of its file, one of `FORMATS`
     space: str  # one of `SPACES`
 
@@ -44,6 +44,16 @@ class Export:
     def text(self) -> str:
         """The file's contents."""
         return (_csv if self.format == "csv" else _ros2)(self)
+
+    @property
+    def slowed(self) -> float:
+        """Largest slowdown of a drag, 1 or more."""
+        return max(1.0, float(self.slowdowns.max()))
+
+    def first_unreached(self, most_slowed: float = np.inf) -> int | None:
+        """The first step with a waypoint out of reach, or slowed by more; None without any."""
+        bad = {*self.waypoints.step[~self.ik.ok], *np.flatnonzero(self.slowdowns > most_slowed)}
+        return int(min(bad)) if bad else None
 
     @property
     def reachable(self) -> bool:
@@ -171,7 +181,7 @@ def export_plan(
 
     Args:
         plan: with at least one step.
-        arm: `panda`, an MJCF file, or an `Arm`.
+        arm: name in `ARMS`, an MJCF file, or an `Arm`.
         base: its pose in the frame in which the rope was measured, or a YAML file, see `Base.load`;
             by default the arm's own, from the table.
         max_speed: of the tip, m/s.
@@ -191,8 +201,7 @@ def export_plan(
         raise ArmError(f"max_speed must be above 0 m/s, got {max_speed}")
     if not plan.steps:
         raise ArmError(f"the plan for {plan.goal} has no steps to execute: {plan.reason}")
-    if not isinstance(arm, Arm):
-        arm = panda() if str(arm) == "panda" else load_arm(Path(arm), tip)
+    arm = find_arm(arm, tip)
     base = Base.load(base) if isinstance(base, str | Path) else base
     moves = GripperConfig(
         travel_speed=max_speed,
@@ -207,9 +216,10 @@ def export_plan(
     ik = replace(ik, positions=positions, quaternions=quaternions)
     times = _time_joints(arm, waypoints, ik, max_speed)
     dragging = np.array(waypoints.phases) == "drag"
-    seconds = float(np.diff(times, prepend=0.0)[dragging].sum())
-    slowed = max(1.0, seconds / sum(step.release_time for step in plan.steps))
-    return Export(arm, waypoints, ik, times, slowed, format, space)
+    intervals = np.diff(times, prepend=0.0)[dragging]
+    seconds = np.bincount(waypoints.step[dragging], intervals, len(plan.steps))
+    slowdowns = seconds / [step.release_time for step in plan.steps]
+    return Export(arm, waypoints, ik, times, slowdowns, format, space)
 
 
 def _runs(mask: NDArray[np.bool_]) -> list[NDArray[np.intp]]:

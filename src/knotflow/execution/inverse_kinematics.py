@@ -63,7 +63,7 @@ def follow_waypoints(
     Of each step's two grasps, half a turn apart, the one nearer to the arm's home is taken, or the
     other where that reaches more waypoints.
     """
-    solver, phases = _Solver(arm, base or arm.base), np.array(waypoints.phases)
+    solver, phases = Solver(arm, base or arm.base), np.array(waypoints.phases)
     joints: NDArray | None = None
     yaw: float | None = None
     segments: list[_Segment] = []
@@ -103,7 +103,7 @@ def _interpolate_yaw(
     return begin + u**2 * (3.0 - 2.0 * u) * (end - begin)
 
 
-class _Solver:
+class Solver:
     """An arm's kinematics and the QP that moves its tip."""
 
     def __init__(self, arm: Arm, base: Base) -> None:
@@ -127,13 +127,13 @@ class _Solver:
         position, rotation = self._tip()
         x, y, _ = rotation[:, 0]
         self.home_azimuth = self._azimuth(position)
-        self.home_yaw = float(np.arctan2(y, x)) - self.home_azimuth
         # About the vertical, upward (+1) or downward (-1)? Then the first joint faces the work.
-        self.swing = float(np.round(self.configuration.data.xaxis[ids[0]][2]))
+        self.swing = float(np.trunc(self.configuration.data.xaxis[ids[0]][2] * (1.0 + 1e-6)))
+        self.home_yaw = float(np.arctan2(y, x)) - abs(self.swing) * self.home_azimuth
 
     def nearest_yaw(self, strand: float, position: NDArray) -> float:
         """Of the two directions along a strand, the nearer to the gripper's at home."""
-        home = self.home_yaw + self._azimuth(position)
+        home = self.home_yaw + abs(self.swing) * self._azimuth(position)
         return home + (strand - home + np.pi / 2) % np.pi - np.pi / 2
 
     def follow(
@@ -178,7 +178,7 @@ class _Solver:
         rng = np.random.default_rng(0)
         low = np.maximum(self.low[self.columns], -np.pi)
         high = np.minimum(self.high[self.columns], np.pi)
-        home = self._home_towards(position)[self.columns]
+        home = self.home_towards(position)[self.columns]
         restarts = (home + 0.3 * (rng.uniform(low, high) - home) for _ in range(RESTARTS))
         best, least = home, np.inf
         for start in chain([home], restarts):
@@ -202,7 +202,7 @@ class _Solver:
         turn_cost = TURN_COST if align else FREE_TURN_COST
         self.tip_task.set_orientation_cost([TILT_COST, TILT_COST, turn_cost])
         self.tip_task.set_target(mink.SE3.from_rotation_and_translation(down, position))
-        self.posture_task.set_target(self._home_towards(position))
+        self.posture_task.set_target(self.home_towards(position))
         tilt, turn = self._tilt_and_turn(yaw)
         missed = np.inf
         for _ in range(iterations):
@@ -270,7 +270,7 @@ class _Solver:
 
         return min(homes, key=upward)
 
-    def _home_towards(self, position: NDArray) -> NDArray[np.float64]:
+    def home_towards(self, position: NDArray) -> NDArray[np.float64]:
         """Home, turned by the first joint to face a position."""
         turn = self._azimuth(position) - self.home_azimuth
         home = self.home.copy()

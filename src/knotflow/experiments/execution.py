@@ -18,6 +18,7 @@ from knotflow.execution import (
     CONTROLLERS,
     FAULTS,
     Arm,
+    ArmReach,
     DragFrame,
     Execution,
     ExecutionConfig,
@@ -29,13 +30,15 @@ from knotflow.execution import (
     draw_execution,
     encode_jpeg,
     export_plan,
-    panda,
+    find_arm,
     run_trial,
+    ties_as_exported,
 )
 from knotflow.execution.closed_loop import Trial
 from knotflow.experiments.common import sampler_of
 from knotflow.perception import Camera, StrandNetwork
 from knotflow.planning import KnotPlan, PlannerConfig, parse_goal, plan_knot
+from knotflow.planning.tree import OUT_OF_REACH
 from knotflow.recording import RecordedRollout, RolloutImages, write_recording
 from knotflow.samplers import SamplerConfig
 from knotflow.seeding import rng_of
@@ -47,7 +50,8 @@ RECORDED = ("mppi_replan", "", 0)
 CHECKED_BETWEEN = 4
 """Configurations checked from one waypoint to the next, where joints move evenly."""
 ARM_COLUMNS = [
-    *("plan", "knot", "solved", "waypoints", "unreached", "tip_error_mm", "tip_speed"),
+    *("arm", "plan", "knot", "solved", "reachable", "tied_as_exported", "branches"),
+    *("out_of_reach", "planning_seconds", "waypoints", "unreached", "tip_error_mm", "tip_speed"),
     *("limit_margin_deg", "joint_speed_share", "seconds", "slowed"),
 ]
 
@@ -220,28 +224,39 @@ def arm(
     sampler: SamplerConfig,
     planner: PlannerConfig,
     knot: str = "overhand",
+    arms: list[str],
     plans: int,
     max_speed: float,
     seed: int,
 ) -> None:
-    """Plans from random ropes, followed by the arm. Makes trajectories.csv, a row a plan.
+    """Plans from random ropes, searched for within each arm's reach at its default base.
 
-    `max_speed` is of the tip, metres per second.
+    Makes trajectories.csv, a row a plan and arm. `arms` are names, see `find_arm`; `max_speed` is
+    of the tip, metres per second.
     """
     rope = simulation.rope
+    shards = {f"{arm}-{number:03d}": (arm, number) for arm in arms for number in range(plans)}
 
     def follow(name: str) -> pd.DataFrame:
-        number, simulator = int(name), RopeSimulator(simulation)
+        (arm, number), simulator = shards[name], RopeSimulator(simulation)
+        follower = find_arm(arm)
+        reach = ArmReach(follower, radius=rope.radius, max_speed=max_speed)
         points = random_curve(rope, rng_of(seed, number, 0), starts)
         proposer, rng = sampler_of(sampler, primitives=primitives), rng_of(seed, number, 1)
-        plan = plan_knot(points, parse_goal(knot, rope), proposer, simulator, rng, planner)
-        row: dict[str, Any] = {"plan": number, "knot": knot, "solved": plan.solved}
+        goal = parse_goal(knot, rope)
+        plan = plan_knot(points, goal, proposer, simulator, rng, planner, reach=reach)
+        missed = sum(one.branches for one in plan.tried if one.outcome == OUT_OF_REACH)
+        row: dict[str, Any] = {"arm": arm, "plan": number, "knot": knot, "solved": plan.solved}
+        row |= {"branches": plan.branches, "out_of_reach": missed}
+        row |= {"planning_seconds": round(plan.seconds, 1)}
+        row |= {"reachable": False, "tied_as_exported": False}
         if plan.solved:
-            follower = panda()
-            row |= check_arm(follower, export_plan(plan, follower, max_speed=max_speed))
+            export = export_plan(plan, follower, max_speed=max_speed)
+            row |= {"reachable": export.reachable} | check_arm(follower, export)
+            row["tied_as_exported"] = ties_as_exported(plan, export, rope)
         return pd.DataFrame([row], columns=ARM_COLUMNS)
 
-    run.table("trajectories.csv", follow, [f"{number:03d}" for number in range(plans)], "plans")
+    run.table("trajectories.csv", follow, [*shards], "plans")
 
 
 def check_arm(arm: Arm, export: Export) -> dict[str, float]:

@@ -4,6 +4,7 @@ from .goals import Goal, SolutionDag, UnreachableGoalError, parse_goal
 from .plan import KnotPlan, PlanFormatError, PlanStep
 from .planner import plan_rope
 from .proposals import attempt_arranged
+from .reach import Reach
 from .rope_files import ROPE_NAMES, RopeInputError
 from .ropes import MeasuredRope, lay_down, measured_rope, parse_rope, read_rope
 from .survival import SurvivalConfig, surviving
@@ -13,8 +14,8 @@ from .waypoints import GripperConfig, Waypoints
 
 __all__ = [
     "FAST_SEARCH", "ROPE_NAMES", "Frame", "Goal", "GripperConfig", "KnotPlan", "MeasuredRope",
-    "Placement", "PlanFormatError", "PlanStep", "PlannerConfig", "RopeInputError", "RopeOptions",
-    "SearchUpdate", "SolutionDag", "SurvivalConfig", "TreeSearch",
+    "Placement", "PlanFormatError", "PlanStep", "PlannerConfig", "Reach", "RopeInputError",
+    "RopeOptions", "SearchUpdate", "SolutionDag", "SurvivalConfig", "TreeSearch",
     "UnreachableGoalError",
     "Waypoints", "attempt_arranged", "check_steps", "find_penetrations",
     "lay_down", "measured_rope", "parse_goal", "parse_rope", "plan_knot",

@@ -70,8 +70,9 @@ class PlanStep:
 class ExpansionStats:
     """How many branches tried one action from one state with one outcome.
 
-    The outcome is the `str` of the end state, "diverged", "unreadable", or "fragile" for the
-    action's state with too short segments (`PlannerConfig.margin`).
+    The outcome is the `str` of the end state, "diverged", "unreadable", "fragile" for the
+    action's state with too short segments (`PlannerConfig.margin`), or "out of reach" where no
+    spline was found that the arm can follow, and none simulated.
     """
 
     state: TopologicalState

@@ -9,6 +9,7 @@ import numpy as np
 from knotflow.planning.config import FAST_SEARCH, PlannerConfig
 from knotflow.planning.goals import parse_goal
 from knotflow.planning.plan import KnotPlan
+from knotflow.planning.reach import Reach
 from knotflow.planning.survival import SurvivalConfig, SurvivalSearch
 from knotflow.planning.tree import Progress, TreeSearch
 from knotflow.planning.validation import RECORD_RATE
@@ -30,13 +31,14 @@ def plan_rope(
     progress: Progress | None = None,
     observe: Observer | None = None,
     survival: SurvivalConfig | None = None,
+    reach: Reach | None = None,
 ) -> KnotPlan:
     """Plan how to tie a knot into a rope; the plan has its trajectories, solved or not.
 
     The rope (V, 3), metres, head first, is at rest; the knot is a name, crossings or a path of
     actions, see `parse_goal`. Simulation is recorded at `RECORD_RATE`; the default of `config` is
-    `FAST_SEARCH`. With `survival` the search goes on until a plan survives. For the rest see
-    `plan_knot`.
+    `FAST_SEARCH`. With `survival` the search goes on until a plan survives; with `reach` an arm
+    can follow it. For the rest see `plan_knot`.
 
     Raises:
         ValueError: an unknown knot, one that is tied already, or one that cannot be reached from
@@ -50,7 +52,7 @@ def plan_rope(
             f"there is nothing to plan: the rope is in the state {state}, which is {knot} already"
         )
     search = TreeSearch(
-        points, goal, sampler, RopeSimulator(simulation), rng, config or FAST_SEARCH, observe
+        points, goal, sampler, RopeSimulator(simulation), rng, config or FAST_SEARCH, observe, reach
     )
     with one_thread():
         if survival is None or not survival.worlds:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal
+from knotflow.planning.reach import Reach
 from knotflow.planning.rules import ACT, ARRANGE, Expansion, Node
 from knotflow.samplers.demonstrations import (
     heuristic_splines,
@@ -26,6 +27,8 @@ UNDO_VALUE = 0.3
 """Value of an undoing that is aimed: of random drags, 25 to 44 % take crossings back."""
 MIN_GAIN = 0.05
 """A rope is arranged where the critic predicts at least so much more value after it."""
+RESAMPLED, LEAST_RESAMPLED = 4, 8
+"""How often splines out of the arm's reach are replaced, and the least number sampled for that."""
 
 
 class Proposals:
@@ -36,8 +39,14 @@ class Proposals:
     """
 
     def __init__(
-        self, sampler: Sampler, goal: Goal, config: PlannerConfig, rng: np.random.Generator
+        self,
+        sampler: Sampler,
+        goal: Goal,
+        config: PlannerConfig,
+        rng: np.random.Generator,
+        reach: Reach | None = None,
     ) -> None:
+        self._reach = reach
         self._sampler, self._goals, self._rng = sampler, goal.states, rng
         sample_next = capability(sampler, "sample_for_next")
         self._sample_next = sample_next if config.use_next_value else None
@@ -52,10 +61,26 @@ class Proposals:
         self._guess_below_value = config.guess_below_value
 
     def splines(self, expansions: Sequence[Expansion]) -> Iterator[Floats]:
-        """Splines (b, 6) for each run of expansions with the same query (`group_by_query`)."""
+        """Splines (b, 6) for each run of expansions with the same query (`group_by_query`).
+
+        Rows are NaN where none was found in the arm's reach.
+        """
         for _, same in groupby(expansions, _query):
             alike = list(same)
-            yield self._propose(alike[0], len(alike))
+            yield self._within_reach(alike[0], len(alike))
+
+    def _within_reach(self, expansion: Expansion, count: int) -> Floats:
+        found = self._propose(expansion, count)
+        if self._reach is None:
+            return found
+        points = expansion.node.points
+        found = found[self._reach.may_follow(points, found)]
+        for _ in range(RESAMPLED):
+            if len(found) >= count:
+                break
+            more = self._propose(expansion, max(count, LEAST_RESAMPLED))
+            found = np.concatenate([found, more[self._reach.may_follow(points, more)]])
+        return np.concatenate([found, np.full((count, 6), np.nan)])[:count]
 
     def _propose(self, expansion: Expansion, count: int) -> Floats:
         """Splines (count, 6) of the sampler, some of them guessed."""

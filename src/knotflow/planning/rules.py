@@ -38,6 +38,7 @@ class Node:
         edges: the E outgoing edges of its state in the solution DAG; none at the goal.
         parent: the node it was reached from by `step`; None for the root.
         steady: its step was simulated again and is reliable (`validation.are_robust`).
+        reached: whether the arm, if any, follows all steps up to it; None where not yet known.
         values: (E,) probability of success along each edge; 1 where unknown.
         arranged_values: (E,) the same after an arranging spline; `values` where unknown.
         tries: (2, E) expansions of each kind, `ACT` and `ARRANGE`.
@@ -51,6 +52,7 @@ class Node:
     parent: Node | None = None
     step: PlanStep | None = None
     steady: bool = False
+    reached: bool | None = None
     values: Floats = field(init=False)
     arranged_values: Floats = field(init=False)
     tries: Floats = field(init=False)

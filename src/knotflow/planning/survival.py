@@ -88,7 +88,8 @@ class SurvivalSearch:
                 break
             self._simulate(self._next())
             tied = [node for node in self._ropes if node.distance == 0]
-            best = max(tied, key=lambda node: self._ropes[node].survival)
+            tied.sort(key=lambda node: self._ropes[node].survival, reverse=True)
+            best = next(node for node in tied if search.reaches(node))  # the first plan is
             if progress is not None:
                 update = search.update()
                 progress(replace(update, survival=self._ropes[best].survival))

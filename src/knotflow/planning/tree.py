@@ -25,6 +25,7 @@ from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal
 from knotflow.planning.plan import ExpansionStats, KnotPlan, PlanStep
 from knotflow.planning.proposals import Proposals, group_by_query
+from knotflow.planning.reach import Reach
 from knotflow.planning.rules import Expansion, Node, PaperRule, PosteriorRule
 from knotflow.planning.validation import are_robust
 from knotflow.samplers.sampler import Sampler
@@ -43,6 +44,8 @@ DIVERGED, UNREADABLE = "diverged", "unreadable"
 """Outcomes without a state: the simulation diverged, or the projection is degenerate."""
 FRAGILE = "fragile"
 """Outcome of an expansion that reached its state with segments shorter than the margin."""
+OUT_OF_REACH = "out of reach"
+"""Outcome of an expansion for which no spline was found that the arm can follow."""
 CHUNK = 4
 """Expansions that are simulated as soon as they are sampled, while others are."""
 
@@ -73,10 +76,12 @@ class TreeSearch:
         rng: np.random.Generator,
         config: PlannerConfig | None = None,
         observe: Observer | None = None,
+        reach: Reach | None = None,
     ) -> None:
         """Create the root: see `plan_knot` for the arguments and errors."""
         self.goal, self.simulator = goal, simulator
         self.config, self.observe = config or PlannerConfig(), observe
+        self._reach = reach
         points = check_points(points, simulator.config.rope)
         state = TopologicalState.from_curve(points)
         self._paper = self.config.rule == "paper"
@@ -84,10 +89,10 @@ class TreeSearch:
         self._dag = goal.dag.with_undoings(state) if undoing else goal.dag
         if (for_rope := getattr(sampler, "for_rope", None)) is not None:
             sampler = for_rope(simulator.config.rope)
-        self._proposals = Proposals(sampler, goal, self.config, rng)
+        self._proposals = Proposals(sampler, goal, self.config, rng, reach)
         self._rule = PaperRule(rng) if self._paper else PosteriorRule(self.config, self._dag)
         self.nodes = [self._node(points, state)]
-        self.branches = self.kept = 0
+        self.branches = self.kept = self.out_of_reach = 0
         self.tried: Counter[tuple[TopologicalState, Action, str, bool]] = Counter()
         self._began = time.perf_counter()
 
@@ -97,8 +102,10 @@ class TreeSearch:
 
     def grow(self, expansions: Sequence[Expansion]) -> SearchUpdate:
         """Sample and simulate expansions, and add those whose ends are kept."""
-        chosen = group_by_query(expansions)
-        splines, rollouts = self._simulate(chosen)
+        chosen, splines, parts = self._simulate(group_by_query(expansions))
+        if not chosen:
+            return self.update()
+        rollouts = Rollouts.concatenate(parts)
         ends = end_states(rollouts)
         children = [
             self._child(expansion, splines[row], rollouts, row, ends[row])
@@ -150,6 +157,8 @@ class TreeSearch:
         """Which budget is spent, in words, if one is."""
         if self.branches >= self.config.max_branches:
             return f"{self.config.max_branches} splines were simulated"
+        if self.out_of_reach >= self.config.max_branches:
+            return f"{self.config.max_branches} times no spline was in the arm's reach"
         if self.elapsed() >= self.config.max_seconds:
             return f"{self.config.max_seconds:g} s passed"
         return None
@@ -158,22 +167,42 @@ class TreeSearch:
         """Seconds since the search began."""
         return time.perf_counter() - self._began
 
-    def _simulate(self, chosen: Sequence[Expansion]) -> tuple[Floats, Rollouts]:
-        """Splines (B, 6) and their rollouts; what was sampled is simulated meanwhile."""
+    def _simulate(
+        self, expansions: Sequence[Expansion]
+    ) -> tuple[list[Expansion], Floats, list[Rollouts]]:
+        """Those B with a spline in reach, splines (B, 6), and rollouts simulated meanwhile."""
+        chosen: list[Expansion] = []
         proposed: list[Floats] = []
         results: list[Future[Rollouts]] = []
         begin = end = 0
+
+        def simulate() -> None:
+            nonlocal begin
+            starts = np.stack([one.node.points for one in chosen[begin:]])
+            part = np.stack(proposed[begin:])
+            results.append(worker.submit(self.simulator.execute, starts, part))
+            begin = len(chosen)
+
         with ThreadPoolExecutor(1) as worker:
-            for splines in self._proposals.splines(chosen):
-                proposed.append(splines)
+            for splines in self._proposals.splines(expansions):
+                for expansion, spline in zip(expansions[end:], splines, strict=False):
+                    if np.isnan(spline).any():
+                        self._miss(expansion)
+                    else:
+                        chosen.append(expansion)
+                        proposed.append(spline)
                 end += len(splines)
-                if end - begin >= CHUNK or end == len(chosen):
-                    starts = np.stack([one.node.points for one in chosen[begin:end]])
-                    part = np.concatenate(proposed)[begin:]
-                    results.append(worker.submit(self.simulator.execute, starts, part))
-                    begin = end
-            rollouts = Rollouts.concatenate([result.result() for result in results])
-        return np.concatenate(proposed), rollouts
+                if len(chosen) - begin >= CHUNK:
+                    simulate()
+            if len(chosen) > begin:
+                simulate()
+            return chosen, np.reshape(proposed, (-1, 6)), [one.result() for one in results]
+
+    def _miss(self, expansion: Expansion) -> None:
+        """An expansion out of reach has failed."""
+        self.out_of_reach += 1
+        self.tried[expansion.node.state, expansion.action, OUT_OF_REACH, False] += 1
+        self._rule.learn(expansion, None)
 
     def _node(
         self,
@@ -233,21 +262,39 @@ class TreeSearch:
         return bool(shortest < margin and shortest < segment_lengths(start).min())
 
     def _is_tied(self) -> bool:
-        """Whether a goal state is reached; with `steady`, drops what is not robust first."""
+        """Whether a goal state is reached; drops what is not robust (`steady`) or unreached."""
         while (best := self.nearest()).distance == 0:
-            unproven = [node for node in best.path() if not node.steady]
-            if not (self.config.steady and unproven):
+            first = self._first_fragile(best) or self._first_unreached(best)
+            if first is None:
                 return True
-            robust = are_robust(_steps_to(unproven), self.simulator.config)
-            for node, node_is_robust in zip(unproven, robust, strict=True):
-                node.steady = node_is_robust
-            if all(robust):
-                return True
-            first = unproven[robust.index(False)]
             below = [node for node in self.nodes if first in node.path()]
             self.nodes = [node for node in self.nodes if node not in below]
             self._rule.drop(below)
         return False
+
+    def _first_fragile(self, best: Node) -> Node | None:
+        """With `steady`, the first node on the path that is not robust."""
+        unproven = [node for node in best.path() if not node.steady]
+        if not (self.config.steady and unproven):
+            return None
+        robust = are_robust(_steps_to(unproven), self.simulator.config)
+        for node, node_is_robust in zip(unproven, robust, strict=True):
+            node.steady = node_is_robust
+        return None if all(robust) else unproven[robust.index(False)]
+
+    def _first_unreached(self, best: Node) -> Node | None:
+        """The first node on the path to whose end the arm cannot follow, if any."""
+        if self._reach is None or best.reached:
+            return None
+        first = self._reach.first_unreached(self.plan(True, "", best))
+        best.reached = first is None
+        return None if first is None else best.path()[first]
+
+    def reaches(self, node: Node) -> bool:
+        """Whether the arm, if there is one, can follow the plan to a node."""
+        if node.reached is None:
+            self._first_unreached(node)
+        return node.reached is not False
 
     def nearest(self) -> Node:
         """The node at the goal or nearest to it; the one of the shortest path among equals."""
@@ -302,12 +349,14 @@ def plan_knot(
     config: PlannerConfig | None = None,
     progress: Progress | None = None,
     observe: Observer | None = None,
+    reach: Reach | None = None,
 ) -> KnotPlan:
     """Plan how to tie a knot into a rope (V, 3), metres, at rest in any state (Sec. V-B d).
 
     The same rng gives the same plan for the same batch size, unless `max_seconds` ends it.
     `progress` is called after every batch, and `observe` with its attempts, one action and start
-    state at a time.
+    state at a time. With `reach`, splines out of an arm's reach are not simulated, and a
+    plan counts only if the arm can follow it all.
 
     Raises:
         UnreachableGoalError: no actions lead from the rope's state to the goal.
@@ -317,4 +366,4 @@ def plan_knot(
     Warns:
         UnlikeRopeWarning: a trained sampler has learned with a rope of another size.
     """
-    return TreeSearch(points, goal, sampler, simulator, rng, config, observe).run(progress)
+    return TreeSearch(points, goal, sampler, simulator, rng, config, observe, reach).run(progress)

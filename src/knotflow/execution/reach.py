@@ -1,0 +1,243 @@
+"""The splines that an arm can follow: quickly of many, and exactly of a plan.
+
+The filter follows splines as `inverse_kinematics` does, but many at once, on few points, from home
+and without collisions.
+"""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knotflow.execution.arm_model import PREFIX, Arm, Base, find_arm
+from knotflow.execution.export import LOWEST, Export, export_plan
+from knotflow.execution.inverse_kinematics import (
+    FREE_TURN_COST,
+    HOME_COST,
+    HOME_GAIN,
+    MAX_ITERATION_STEP,
+    MAX_TILT,
+    MAX_TURN,
+    POSITION_COST,
+    TILT_COST,
+    TURN_COST,
+    Solver,
+)
+from knotflow.execution.twin import Twin, TwinConfig
+from knotflow.planning import Frame, GripperConfig, KnotPlan, Placement
+from knotflow.simulation import (
+    RopeConfig,
+    control_points,
+    grasped_link,
+    spline_path,
+    state_or_none,
+)
+
+Floats = NDArray[np.float64]
+
+MOST_SLOWED = 2.0
+"""Factor on the duration of a drag that is accepted: half the pace, as in the slowest `World`."""
+POINTS = 12  # on a drag
+TOLERANCE = 2e-3  # metres
+FIRST_ITERATIONS, ITERATIONS = 60, 8
+ACTIVE_SETS = 3  # of joints at the ends of their ranges, tried in an iteration
+
+
+class ArmReach:
+    """A `planning.Reach`: an arm and what it follows at `max_speed` of the tip, m/s."""
+
+    def __init__(
+        self,
+        arm: str | Path | Arm = "panda",
+        base: Path | Base | None = None,
+        tip: str | None = None,
+        *,
+        radius: float,
+        placement: Placement | None = None,
+        frame: Frame | None = None,
+        max_speed: float = 0.25,
+        most_slowed: float = MOST_SLOWED,
+    ) -> None:
+        """For ropes of that radius, metres, in a search; for arm, base and tip see `export_plan`.
+
+        `placement` and `frame` lead from the searched rope to the measured one, whose frame `base`
+        is in.
+        """
+        self.arm = find_arm(arm, tip)
+        self.base = Base.load(base) if isinstance(base, str | Path) else base
+        self._radius, self._placement = radius, placement or Placement()
+        self._frame = frame or Frame()
+        self._max_speed, self._most_slowed = max_speed, most_slowed
+        stands = self.base.seen_from(self._frame) if self.base else self.arm.base
+        self._solver, self._chain = Solver(self.arm, stands), Chain(self.arm, stands)
+
+    def first_unreached(self, plan: KnotPlan) -> int | None:
+        """See `Reach`; by the exact inverse kinematics."""
+        placed = plan.placed(self._placement, self._frame)
+        export = export_plan(placed, self.arm, self.base, self._max_speed)
+        return export.first_unreached(self._most_slowed)
+
+    def may_follow(self, points: Floats, splines: Floats) -> NDArray[np.bool_]:
+        """See `Reach`; either way that the fingers can close across the strand."""
+        controls = self._placement.points(control_points(points, splines, self._radius))
+        path = spline_path(controls, np.linspace(0.0, 1.0, POINTS))  # (N, POINTS, 3)
+        path[..., 2] = np.maximum(path[..., 2], LOWEST)
+        link = grasped_link(splines, len(points) - 1)
+        x, y, _ = (points[link + 1] - points[link]).T
+        yaws = np.array(
+            [
+                self._solver.nearest_yaw(float(strand), end)
+                for strand, end in zip(np.arctan2(y, x), path[:, -1], strict=True)
+            ]
+        )
+        both = self._follow(np.tile(path, (2, 1, 1)), np.concatenate([yaws, yaws + np.pi]))
+        return np.asarray(both.reshape(2, -1).any(axis=0))
+
+    def _follow(self, paths: Floats, yaws: Floats) -> NDArray[np.bool_]:
+        """Whether the arm comes down on, follows and leaves paths (B, P, 3), at full pace."""
+        solver, chain, heights = self._solver, self._chain, GripperConfig()
+        above, up = paths[:, 0].copy(), paths[:, -1].copy()
+        above[:, 2], up[:, 2] = heights.approach_height, heights.retreat_height
+        home = np.array([solver.home_towards(one)[solver.columns] for one in above])
+        chain.home = home
+        start = chain.solve(home, above, yaws, TURN_COST, FIRST_ITERATIONS)
+        ok = chain.reached(start, above, yaws)
+        joints = chain.solve(start, (above + paths[:, 0]) / 2, yaws, TURN_COST, ITERATIONS)
+        joints = chain.solve(joints, paths[:, 0], yaws, TURN_COST, ITERATIONS)
+        ok &= chain.reached(joints, paths[:, 0], yaws)
+        for before, here in itertools.pairwise(paths.swapaxes(0, 1)):
+            moved = chain.solve(joints, here, yaws, FREE_TURN_COST, ITERATIONS)
+            seconds = np.linalg.norm(here - before, axis=1, keepdims=True) / self._max_speed
+            allowed = self._most_slowed * seconds * self.arm.max_speed
+            ok &= (np.abs(moved - joints) <= allowed + 1e-3).all(axis=1)
+            ok &= chain.reached(moved, here)
+            joints = moved
+        joints = chain.solve(joints, (paths[:, -1] + up) / 2, yaws, FREE_TURN_COST, ITERATIONS)
+        joints = chain.solve(joints, up, yaws, FREE_TURN_COST, ITERATIONS)
+        return ok & chain.reached(joints, up)
+
+
+def ties_as_exported(plan: KnotPlan, export: Export, rope: RopeConfig) -> bool:
+    """Whether the rope is tied where the tip moves as exported, in place and time.
+
+    On a `Twin` of the planner's rope, at a finer time step.
+    """
+    twin = Twin(plan.start, TwinConfig(level=0, rope=rope), np.random.default_rng(0))
+    seconds = np.diff(export.times, prepend=export.times[0])
+    moves = zip(export.ik.positions, seconds, export.waypoints.phases, strict=True)
+    before = ""
+    for position, duration, phase in moves:
+        if phase == "drag" != before:
+            twin.grasp()
+        elif before == "drag" != phase:
+            twin.release()
+        twin.move_to(position, float(duration))
+        before = phase
+    return state_or_none(twin.points) in plan.goal_states
+
+
+class Chain:
+    """Kinematics of many configurations (B, n) at once, by the product of exponentials."""
+
+    def __init__(self, arm: Arm, base: Base) -> None:
+        import mujoco
+
+        model = arm.model(base)
+        data, ids = mujoco.MjData(model), arm.joint_ids(model)
+        data.qpos[model.jnt_qposadr[ids]] = 0.0
+        mujoco.mj_kinematics(model, data)
+        self.axes, self.anchors = data.xaxis[ids].copy(), data.xanchor[ids].copy()
+        self.slides = model.jnt_type[ids] == mujoco.mjtJoint.mjJNT_SLIDE
+        tip = data.site(PREFIX + arm.tip)
+        self.tip, self.turn = tip.xpos.copy(), tip.xmat.reshape(3, 3).copy()
+        free = ~model.jnt_limited[ids].astype(bool)[:, None]
+        self.low, self.high = np.where(free, [-np.inf, np.inf], model.jnt_range[ids]).T
+        self.home = np.zeros((1, len(ids)))
+
+    def tips(self, joints: Floats) -> tuple[Floats, Floats, Floats]:
+        """Positions (B, 3) and rotations (B, 3, 3) of the tip, and Jacobians (B, 6, n)."""
+        count, size = joints.shape
+        turn, place = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
+        axes, anchors = np.empty((count, size, 3)), np.empty((count, size, 3))
+        for i, slides in enumerate(self.slides):
+            axes[:, i] = turn @ self.axes[i]
+            anchors[:, i] = turn @ self.anchors[i] + place
+            if slides:
+                place = place + axes[:, i] * joints[:, i, None]
+                continue
+            turn = turn @ _about(self.axes[i], joints[:, i])
+            place = anchors[:, i] - turn @ self.anchors[i]
+        tip = turn @ self.tip + place
+        slides = self.slides[:, None]
+        moved = np.where(slides, axes, np.cross(axes, tip[:, None] - anchors))
+        jacobian = np.concatenate([moved, np.where(slides, 0.0, axes)], axis=2)
+        return tip, turn @ self.turn, jacobian.swapaxes(1, 2)
+
+    def solve(
+        self, joints: Floats, positions: Floats, yaws: Floats, turn_cost: float, iterations: int
+    ) -> Floats:
+        """Joints (B, n) nearer to tips at (B, 3) that point down, x axes at yaws (B,)."""
+        costs = np.array([POSITION_COST] * 3 + [TILT_COST] * 2 + [turn_cost])
+        wanted = _about(np.array([0.0, 0.0, 1.0]), yaws) * [1.0, -1.0, -1.0]
+        identity = np.eye(joints.shape[1])
+        for _ in range(iterations):
+            tip, rotation, jacobian = self.tips(joints)
+            back = rotation.swapaxes(1, 2)
+            error = np.concatenate([positions - tip, _log(back @ wanted)], axis=1) * costs
+            jacobian = np.concatenate([jacobian[:, :3], back @ jacobian[:, 3:]], axis=1)
+            jacobian *= costs[:, None]
+            transposed = jacobian.swapaxes(1, 2)
+            matrix = transposed @ jacobian + (HOME_COST**2 + 1e-5) * identity
+            vector = (transposed @ error[..., None])[..., 0]
+            vector += HOME_COST**2 * HOME_GAIN * (self.home - joints)
+            step = np.linalg.solve(matrix, vector[..., None])[..., 0]
+            largest = np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-9)
+            share = np.minimum(1.0, MAX_ITERATION_STEP / largest)
+            step, vector = share * step, share * vector
+            low, high = self.low - joints, self.high - joints
+            held = np.zeros(step.shape, bool)  # at the end of their range
+            for _ in range(ACTIVE_SETS):
+                beyond = (step < low - 1e-9) | (step > high + 1e-9)
+                if not beyond.any():
+                    break
+                held |= beyond
+                fixed = np.where(held, np.clip(step, low, high), 0.0)
+                rest = np.where(held, fixed, vector - (matrix @ fixed[..., None])[..., 0])
+                either = held[:, :, None] | held[:, None]
+                free = np.where(either, identity * held[:, None], matrix)
+                step = np.linalg.solve(free, rest[..., None])[..., 0]
+            joints = np.clip(joints + step, self.low, self.high)
+        return joints
+
+    def reached(
+        self, joints: Floats, positions: Floats, yaws: Floats | None = None
+    ) -> NDArray[np.bool_]:
+        """Whether tips (B,) are there, point down, and where yaws are given, are turned so."""
+        tip, rotation, _ = self.tips(joints)
+        ok = np.linalg.norm(tip - positions, axis=1) <= TOLERANCE
+        ok &= -rotation[:, 2, 2] >= np.cos(MAX_TILT)
+        if yaws is not None:
+            off = np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0]) - yaws
+            ok &= np.cos(off) >= np.cos(MAX_TURN)
+        return np.asarray(ok)
+
+
+def _about(axis: Floats, angles: Floats) -> Floats:
+    """Rotations (B, 3, 3) about an axis (3,) by angles (B,)."""
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    sine, cosine = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
+    return np.asarray(np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross))
+
+
+def _log(rotations: Floats) -> Floats:
+    """Rotation vectors (B, 3) of (B, 3, 3)."""
+    upper = np.stack([rotations[:, i, j] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1)
+    lower = np.stack([rotations[:, i, j] for i, j in ((1, 2), (2, 0), (0, 1))], axis=1)
+    vector = (upper - lower) / 2
+    sine = np.linalg.norm(vector, axis=1, keepdims=True)
+    cosine = (np.trace(rotations, axis1=1, axis2=2) - 1.0)[:, None] / 2
+    return np.asarray(vector * np.arctan2(sine, cosine) / np.maximum(sine, 1e-9))
