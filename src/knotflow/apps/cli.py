@@ -122,7 +122,7 @@ def plan(
         print(f"{stored['text']}\n{folder}: already planned; --overwrite plans again")
         return _outcome(stored["success"], max_seconds)
     standing = (arm, base, tip)
-    found, last = _search(knot, measured, seed, max_seconds, margin, worlds, arm=standing)
+    found, last = _search(knot, measured, seed, max_seconds, margin, worlds, 0.0, standing)
     found = found.placed(measured.placement, measured.frame)
     last = last and measured.placement.attempts(last)
     _write_plan(folder, found, last, measured.rope, request)
