@@ -42,6 +42,7 @@ Examples:
   knotflow view plans/overhand-random-0/plan.mcap      in Rerun, or with --web
   knotflow studio                                      plan, watch, demonstrate
   knotflow see image.png depth.png --camera camera.yaml --out rope.csv
+  knotflow see photograph.jpg --length 0.9m --out rope.csv
   knotflow run overhand --robot twin                   look, plan, act, and again
   knotflow export plans/overhand-random-0 --arm panda  joint trajectories
 
@@ -137,9 +138,10 @@ def next_step(
     *,
     rope: Rope | None = None,
     options: Options | None = None,
-    image: tuple[Path, Path] | None = None,
+    image: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
     camera: Path | None = None,
     depth_unit: str | None = None,
+    rope_color: str | None = None,
     out: Path | None = None,
     seed: Seed = 0,
     max_seconds: Seconds = 60.0,
@@ -153,9 +155,10 @@ def next_step(
 
     Args:
         knot: As in `knotflow plan`.
-        image: Colour and depth image in place of a rope: as in `knotflow see`.
+        image: Colour and depth image, or a photograph, in place of a rope: as in `knotflow see`.
         camera: Of the image: as in `knotflow see`.
         depth_unit: Of the image: as in `knotflow see`.
+        rope_color: In a photograph: as in `knotflow see`.
         out: CSV file for the gripper's waypoints of this action alone.
         seed: Of the search.
         margin: Metres of rope that every step leaves between crossings.
@@ -163,14 +166,23 @@ def next_step(
     """
     if out is not None:
         _check_free(out)
-    if (rope is None) == (image is None) or (image is None) != (camera is None):
-        raise ValueError("next takes either --rope, or --image COLOUR DEPTH with --camera")
+    files, size_of = image or [], (options or RopeOptions()).length
+    if (rope is None) == (not files) or len(files) > 2 or (len(files) == 2 and not camera):
+        raise ValueError(
+            "next takes --rope, or --image COLOUR DEPTH with --camera, or --image PHOTOGRAPH "
+            "with --length"
+        )
     with tempfile.TemporaryDirectory() as folder:
-        if image and camera:
+        if len(files) == 1:
+            rope = f"{folder}/seen.csv"
+            if _see_photo(files[0], camera, size_of, rope_color, Path(rope)):
+                print("the rope is ambiguous: spread its crossings apart and take another image")
+                return 1
+        elif camera and files:
             from knotflow.perception import io
 
             size = _seen_rope(options or RopeOptions())
-            seen, capture = io.see(*image, camera, size, _depth_unit(depth_unit))
+            seen, capture = io.see(files[0], files[1], camera, size, _depth_unit(depth_unit))
             print(io.describe(seen, capture))
             if seen.ambiguous:
                 print("the rope is ambiguous: spread its crossings apart and take another image")
@@ -461,31 +473,38 @@ def merge(files: list[Path], /, *, out: Path) -> None:
 @app.command
 def see(
     image: Path,
-    depth: Path,
+    depth: Path | None = None,
     /,
     *,
-    camera: Path,
+    camera: Path | None = None,
     depth_unit: str | None = None,
-    out: Path,
+    out: Path | None = None,
     length: str | None = None,
     diameter: str | None = None,
+    rope_color: str | None = None,
     overwrite: bool = False,
 ) -> int:
-    """Estimate the rope in an RGB-D image and write a file for `--rope`.
+    """Estimate the rope in an RGB-D image, or in a photograph, and write a file for `--rope`.
 
     Args:
-        image: Colour image (PNG).
+        image: Colour image.
         depth: Registered depth: 16-bit PNG or NPY.
         camera: YAML or JSON, also of OpenCV, ROS, RealSense and Open3D; its pose may be left out.
         depth_unit: mm, m or another, as in 0.25mm; by default the camera file's, or recognised.
         out: CSV file for the rope's points, head first; a picture of the estimate beside it.
-        length: Of the rope, as 0.7m or 70cm; 1 m by default.
+        length: Of the rope, as 0.7m or 70cm; 1 m by default with depth, the scale without.
         diameter: Of the rope, as 6mm; a hundredth of its length by default.
+        rope_color: In a photograph, as red or #c08070; by default what differs from the table.
         overwrite: Replace existing files.
     """
-    drawing = out.with_suffix(".png")
+    drawing = out and out.with_suffix(".png")
     for path in (out, drawing):
-        (_check_writable if overwrite else _check_free)(path)
+        if path:
+            (_check_writable if overwrite else _check_free)(path)
+    if depth is None:
+        return _see_photo(image, camera, length, rope_color, out)
+    if camera is None or out is None or drawing is None:
+        raise ValueError("see with depth takes --camera FILE and --out FILE")
 
     from knotflow.perception import io  # slow to import
 
@@ -557,6 +576,36 @@ def _seen_rope(options: RopeOptions) -> RopeConfig:
     length = parse_metres(options.length, "--length") if options.length else NOMINAL.length
     size = RopeSize.of(length, options.diameter)
     return RopeConfig(length=length, radius=size.diameter / 2, links=size.links)
+
+
+def _see_photo(
+    image: Path, camera: Path | None, length: str | None, colour: str | None, out: Path | None
+) -> int:
+    """`see` without depth; returns the exit code."""
+    from knotflow.perception import Calibration  # slow to import
+    from knotflow.perception.photo import io
+    from knotflow.planning.rope_size import parse_metres
+    from knotflow.topology.polyline import arc_lengths
+
+    metres = parse_metres(length, "--length") if length else None
+    if out is not None and metres is None and camera is None:
+        raise ValueError(
+            f"--out {out}: a photograph has no scale: give the rope's --length, or --camera FILE "
+            "with its pose"
+        )
+    calibration = Calibration.load(camera) if camera else None
+    found, rgb = io.see_photo(image, calibration, colour)
+    eye = None
+    if calibration is not None and metres is None:
+        scaled = calibration.scaled(rgb.shape[1], rgb.shape[0])
+        eye = replace(scaled, distortion=scaled.distortion[:0]).camera()
+    xy = io.on_table(found, metres, eye) if metres or eye else None
+    print(io.describe_photo(found, None if xy is None else float(arc_lengths(xy)[-1])))
+    if out is not None and xy is not None:
+        io.write_photo_rope(out, xy, found.over)
+        io.draw_photo(out.with_suffix(".png"), rgb, found)
+        print(f"{out}, {out.with_suffix('.png')}")
+    return 1 if found.doubts else 0
 
 
 def _depth_unit(text: str | None) -> float | None:

@@ -83,9 +83,9 @@ class RgbdImage:
         return RgbdImage(rgb.round().astype(np.uint8), depth.astype(np.float32), self.time)
 
 
-def _read_pixels(path: Path, kind: str, mode: str | None = None) -> NDArray:
+def _read_pixels(path: Path, kind: str, mode: str | None = None, upright: bool = False) -> NDArray:
     """The pixels of an image's file, in one of Pillow's modes if one is given."""
-    from PIL import Image
+    from PIL import Image, ImageOps
 
     try:
         with Image.open(path) as image:
@@ -94,16 +94,18 @@ def _read_pixels(path: Path, kind: str, mode: str | None = None) -> NDArray:
                     f"{path}: {image.width}x{image.height} pixels are too many for a {kind} image; "
                     f"give it with {_MAX_PIXELS / 1e6:.0f} million at most"
                 )
-            return np.asarray(image.convert(mode) if mode else image)
+            turned = ImageOps.exif_transpose(image) if upright else image
+            return np.asarray(turned.convert(mode) if mode else turned)
     except ImageError:
         raise
     except (*_PILLOW_ERRORS, Image.DecompressionBombError) as error:
         raise ImageError(f"{path}: cannot be read as a {kind} image: {error}") from error
 
 
-def read_colour(path: Path) -> NDArray[np.uint8]:
-    """The colours (H, W, 3) of an image's file; raises `ImageError`."""
-    return _read_pixels(path, "colour", "RGB")
+def read_colour(path: Path, upright: bool = False) -> NDArray[np.uint8]:
+    """The colours (H, W, 3) of an image's file, turned as the file says (EXIF) if `upright`; raises
+    `ImageError`."""
+    return _read_pixels(path, "colour", "RGB", upright)
 
 
 def read_depth(path: Path) -> NDArray[np.float64]:

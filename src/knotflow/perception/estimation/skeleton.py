@@ -7,11 +7,13 @@ at all junctions at once: straight on, leaving little of the skeleton out.
 from __future__ import annotations
 
 import itertools
+import math
 
 import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.spatial import cKDTree
 from skimage.morphology import remove_small_objects, skeletonize
 
 from knotflow.perception.camera.pinhole import Camera
@@ -24,6 +26,8 @@ Floats = NDArray[np.float64]
 _ZOOM = 3  # a mask is smoothed on a grid this much finer, or its skeleton is ragged
 _SMOOTH = 0.3  # pixels
 _JUNCTION = 0.75  # rope widths around a branching point that belong to its junction
+_CLOSED = 0.2  # rope widths
+_SHARED, _ASIDE = 6.0, 0.5  # rope widths: longest arm that two strands share, and its bow
 _TANGENT = 1.5  # rope widths along an arm that give its direction
 _LEFT_OUT = 30.0  # cost of leaving out all of the skeleton, in squared radians of turning
 _RAGGED = 1.04  # a path of pixels is about this much longer than the line it follows
@@ -50,8 +54,18 @@ def trace(mask: NDArray, width: float, length: float | None = None) -> list[Floa
     Raises:
         TraceError: the mask holds nothing as long as it is wide.
     """
+    return [path for _, path in rank_paths(mask, width, length)]
+
+
+def rank_paths(
+    mask: NDArray, width: float, length: float | None = None, shared: bool = False
+) -> list[tuple[float, Floats]]:
+    """The paths of `trace` with their costs; with `shared`, an arm that two strands share where
+    they cross at a small angle, or touch, belongs to their junction."""
     width *= _ZOOM
-    arms, junctions = _skeleton(mask, width)
+    arms, junctions = _skeleton(mask, width, _CLOSED if shared else 0.0)
+    if shared:
+        arms, junctions = _without_shared(arms, junctions, width)
     if not arms:
         raise TraceError(
             f"nothing in the mask ({float(mask.sum()):.0f} pixels) is longer than a rope is wide "
@@ -75,15 +89,18 @@ def trace(mask: NDArray, width: float, length: float | None = None) -> list[Floa
                 cost += _LEFT_OUT * max(0.0, misfit - _TOLERANCE)
             if cost < least:
                 found[walk] = cost, path
-    distinct: list[Floats] = []
-    for _, path in sorted(found.values(), key=lambda one: one[0])[:_MOST_PATHS]:
-        if all(_apart(path, other) > 0.5 * width / _ZOOM for other in distinct):
-            distinct.append(path)
+    distinct: list[tuple[float, Floats]] = []
+    for cost, path in sorted(found.values(), key=lambda one: one[0])[:_MOST_PATHS]:
+        if all(_apart(path, other) > 0.5 * width / _ZOOM for _, other in distinct):
+            distinct.append((cost, path))
     return distinct
 
 
-def _skeleton(mask: NDArray, width: float) -> tuple[list[Floats], list[list[ArmEnd]]]:
-    """Arms (N, 2) of rows and columns on the finer grid, and the arm ends at each junction."""
+def _skeleton(
+    mask: NDArray, width: float, closed: float
+) -> tuple[list[Floats], list[list[ArmEnd]]]:
+    """Arms (N, 2) of rows and columns on the finer grid, and the arm ends at each junction; those
+    less than two times `closed` widths apart are one."""
     fine = ndimage.zoom(mask.astype(float), _ZOOM, order=1, grid_mode=True, mode="grid-constant")
     fine = ndimage.gaussian_filter(fine, _SMOOTH * _ZOOM) > 0.5
     fine = remove_small_objects(fine, max_size=int(width**2), connectivity=2)
@@ -95,6 +112,8 @@ def _skeleton(mask: NDArray, width: float) -> tuple[list[Floats], list[list[ArmE
         near = ndimage.distance_transform_edt(~branching) <= _JUNCTION * width
     else:
         near = np.zeros_like(bones)
+    if closed:
+        near = ndimage.binary_closing(near, around, iterations=math.ceil(closed * width))
     places, _ = ndimage.label(near, around)
     pieces, count = ndimage.label(bones & ~near, around)
     boxes = ndimage.find_objects(pieces)
@@ -113,10 +132,36 @@ def _skeleton(mask: NDArray, width: float) -> tuple[list[Floats], list[list[ArmE
     return arms, list(at.values())
 
 
+def _without_shared(
+    arms: list[Floats], junctions: list[list[ArmEnd]], width: float
+) -> tuple[list[Floats], list[list[ArmEnd]]]:
+    """Arms and junctions without the short and straight arms between two junctions of three arms,
+    which are joined."""
+    place = {end: ends for ends in junctions for end in ends}
+    gone = set()
+    for arm, path in sorted(enumerate(arms), key=lambda one: _length(one[1])):
+        first, second = place.get((arm, 0)), place.get((arm, -1))
+        if first is None or second is None or first is second:
+            continue
+        chord = path[-1] - path[0]
+        span = float(np.linalg.norm(chord)) + 1e-9
+        off = np.abs((path - path[0]) @ [chord[1], -chord[0]]).max() / span
+        if len(first) == len(second) == 3 and span < _SHARED * width and off < _ASIDE * width:
+            gone.add(arm)
+            first += second
+            junctions.remove(second)
+            for end in second:
+                place[end] = first
+            first[:] = [end for end in first if end[0] != arm]
+    number = {arm: at for at, arm in enumerate(arm for arm in range(len(arms)) if arm not in gone)}
+    kept = [arm for at, arm in enumerate(arms) if at not in gone]
+    return kept, [[(number[arm], end) for arm, end in ends] for ends in junctions]
+
+
 def _ordered(pixels: NDArray[np.intp]) -> NDArray[np.intp]:
     """Pixels (N, 2) of a path, from one end to the other."""
-    apart = np.abs(pixels[:, None] - pixels[None]).max(axis=2) == 1
-    graph = nx.from_numpy_array(apart)
+    graph = nx.empty_graph(len(pixels))
+    graph.add_edges_from(sorted(cKDTree(pixels).query_pairs(1.5)))
     ends = [node for node, degree in graph.degree if degree <= 1] or [0]
     reached = list(nx.bfs_tree(graph, ends[0]))
     path = nx.shortest_path(graph, ends[0], ends[1] if len(ends) > 1 else reached[-1])

@@ -1,0 +1,1 @@
+"""A rope in a colour image alone: silhouette, path, crossings by occlusion."""

@@ -1,0 +1,112 @@
+"""Ropes in photographs: states of drawn ropes are read, and doubtful ones are said to be."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial import cKDTree
+from tests.perception.photographs import centre_line, crossings_of, photograph, state_of
+
+from knotflow.perception import ImageError
+from knotflow.perception.photo import io
+from knotflow.perception.photo.estimate import estimate_photo
+from knotflow.topology import TopologicalState
+
+SHAPE = (240, 320)
+REAL = Path(__file__).parents[3] / "shared" / "real" / "images"
+
+
+def drawn(name: str, seed: int, shape: tuple[int, int] = SHAPE, **style: object):
+    """A picture, its centre line (N, 2) and its state."""
+    line = centre_line(name, shape)
+    first_over = [bool(one) for one in np.random.default_rng(seed).integers(0, 2, 3)]
+    first_over = first_over[: len(crossings_of(line))]
+    return photograph(line, first_over, shape, **style), line, state_of(line, first_over)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "style"),
+    [
+        ("overhand", {"width": 4}),
+        ("pretzel", {"width": 12, "colour": (40, 60, 150), "table": (210, 200, 190)}),
+        ("loop", {"colour": (220, 200, 60), "table": (60, 60, 200), "light": 0.4}),
+    ],
+)
+def test_state_of_a_drawn_rope(name, style):
+    rgb, line, state = drawn(name, 5, **style)
+    found = estimate_photo(rgb)
+    assert found.state in (state, state.reversed())
+    assert not found.doubts
+    off, _ = cKDTree(found.pixels).query(line)
+    assert (off < style.get("width", 9) / 2).mean() > 0.95
+
+
+@pytest.mark.slow
+def test_without_shading_the_upper_strand_is_in_doubt():
+    found = estimate_photo(drawn("overhand", 0, shading=0, shadow=0, noise=8)[0])
+    assert len(found.crossings) == 3
+    assert any("cannot be told" in one for one in found.doubts)
+
+
+@pytest.mark.slow
+def test_doubts_name_a_second_rope_and_ends_outside():
+    rgb, *_ = drawn("arc", 0, (150, 400))
+    both = np.concatenate([rgb, rgb[:, :330]], axis=1)[:, 60:]  # cut on the left
+    doubts = " ".join(estimate_photo(np.concatenate([both, drawn("arc", 0, (150, 670))[0]])).doubts)
+    assert "ropes are in view" in doubts
+    assert "border" in " ".join(estimate_photo(rgb[:, 60:]).doubts)
+
+
+@pytest.mark.slow
+def test_a_colour_selects_the_rope():
+    red, blue = (
+        drawn("arc", 0, (150, 300), colour=one)[0] for one in ((200, 60, 60), (60, 90, 220))
+    )
+    both = np.concatenate([red, blue])
+    rows = [estimate_photo(both, one).pixels[:, 1] for one in ((200, 60, 60), (60, 90, 220))]
+    assert rows[0].max() < 150 < rows[1].min()
+
+
+def test_no_rope_is_seen():
+    rng = np.random.default_rng(0)
+    rgb = np.full((200, 300, 3), 60, np.uint8) + rng.integers(0, 6, (200, 300, 3), np.uint8)
+    with pytest.raises(ImageError, match="no rope is seen"):
+        estimate_photo(rgb)
+    rgb[40:120, 60:200] = (200, 40, 40)  # a box
+    rgb[140:190, 220:280] = (40, 40, 200)
+    with pytest.raises(ImageError, match="no rope is seen"):
+        estimate_photo(rgb)
+
+
+@pytest.mark.slow
+def test_a_written_rope_keeps_its_state(tmp_path):
+    from knotflow.planning import RopeOptions, measured_rope
+    from knotflow.seeding import rng_of
+
+    rgb, _, state = drawn("overhand", 2, (320, 260))
+    Image.fromarray(rgb).save(tmp_path / "rope.png")
+    found, seen = io.see_photo(tmp_path / "rope.png")
+    io.write_photo_rope(tmp_path / "rope.csv", io.on_table(found, 0.9, None), found.over)
+    measured = measured_rope(str(tmp_path / "rope.csv"), RopeOptions(length="0.9m"), rng_of(0, 0))
+    read = TopologicalState.from_curve(measured.points)
+    assert read == found.state
+    assert read in (state, state.reversed())
+    with pytest.raises(ImageError, match="--length"):
+        io.on_table(found, None, None)
+    io.draw_photo(tmp_path / "drawn.png", seen, found)
+    assert (tmp_path / "drawn.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not REAL.is_dir(), reason="the photographs are not at hand")
+def test_a_real_photograph():
+    label = next(
+        one for one in json.loads((REAL / "labels.json").read_text()) if "91" in one["file"]
+    )
+    found, _ = io.see_photo(REAL / label["file"])
+    state = TopologicalState.parse(label["state"])
+    assert found.state in (state, state.reversed())
+    assert not found.doubts
