@@ -169,8 +169,8 @@ def next_step(
     files, size_of = image or [], (options or RopeOptions()).length
     if (rope is None) == (not files) or len(files) > 2 or (len(files) == 2 and not camera):
         raise ValueError(
-            "next takes --rope, or --image COLOUR DEPTH with --camera, or --image PHOTOGRAPH "
-            "with --length"
+            "next takes either --rope, or --image COLOUR DEPTH with --camera, or --image "
+            "PHOTOGRAPH with --length"
         )
     with tempfile.TemporaryDirectory() as folder:
         if len(files) == 1:

@@ -32,7 +32,7 @@ _MIN_COVERAGE = 0.97  # share of the silhouette that a centre line accounts for
 _RIVAL = 0.4  # squared radians of turning by which a path with other crossings is worse, at most
 _SHARP = 2.0  # squared radians of turning at all crossings, which a rope hardly does
 _OTHER = 0.15  # of the rope's length, from which another one in view is named
-_CUT_OFF = 1.0  # widths from the image's border, within which an end may go on outside
+_CUT_OFF = 0.5  # widths from the image's border, within which an end may go on outside
 
 
 @dataclass(frozen=True, eq=False)
