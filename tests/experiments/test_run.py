@@ -58,7 +58,7 @@ def test_every_experiment_binds_and_has_results(experiment, budget):
 def test_the_sweep_over_all_experiments_names_each():
     text = (HOME / "conf" / "experiment" / "paper.yaml").read_text()
     named = text.partition(">-")[2].replace("\n", "").replace(" ", "").split(",")
-    assert sorted([*named, "learning_options"]) == EXPERIMENTS
+    assert sorted([*named, "learning_options", "real_images"]) == EXPERIMENTS
 
 
 def test_experiments_share_what_they_train():

@@ -32,7 +32,7 @@ SECTIONS = (
     *("pentagram", "knots", "goals", "goals_ablation", "actions", "overhand", "training_ropes"),
     *("robustness", "ropes"),
     *("strand_training", "unseen_ropes"),
-    *("perception", "perceived_plans", "tracking", "dynamics_training"),
+    *("perception", "perceived_plans", "real_images", "tracking", "dynamics_training"),
     *("dynamics", "closed_loop", "closed_loop_ablation", "arm", "benchmark"),
 )
 """Stages, nodes and experiments that have a section of arguments, see `workflow.workflow`."""

@@ -67,6 +67,7 @@ FURTHER = (
     Section("robustness", robustness.robustness),
     Section("ropes", robustness.lab_ropes),
     Section("perception", perception.perception),
+    Section("real_images", perception.real_images),
     Section("strand_training", partial(training.network, "strand_training")),
     Section("tracking", perception.tracking),
     Section("dynamics", perception.dynamics),

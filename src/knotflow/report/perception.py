@@ -191,3 +191,26 @@ def dynamics(results: Results, _: Figures) -> Parts:
     ]
     motions = errors.groupby("level")["motions"].max().sum()
     return {"models": md.table(rows), "motions": str(motions)}
+
+
+PHOTOGRAPHS = {"image": str, "crossings": int, "crossings_correct": bool, "state_correct": bool}
+PHOTOGRAPHS |= {"doubtful": bool, "share_within_half_width": float, "seconds": float}
+
+
+def real_images(results: Results, _: Figures) -> Parts:
+    """How many photographs are read correctly, by their number of crossings."""
+    table = results.table("real_images", "real_images.csv", PHOTOGRAPHS, ("image",))
+    rows = []
+    for name, own in [*table.groupby("crossings"), ("all", table)]:
+        sure = own[~own["doubtful"]]["state_correct"]
+        rows.append(
+            {
+                "crossings": f"{name}",
+                "number correct": md.share(own["crossings_correct"]),
+                "state correct": md.share(own["state_correct"]),
+                "of those without doubt": md.share(sure) if len(sure) else "-",
+                "centre line": md.share(own["share_within_half_width"] >= 0.95),
+                "seconds, median": f"{own['seconds'].median():.1f}",
+            }
+        )
+    return {"counts": md.table(rows)}
