@@ -29,7 +29,7 @@ from knotflow.execution.inverse_kinematics import (
 from knotflow.execution.twin import Twin, TwinConfig
 from knotflow.planning import Frame, GripperConfig, KnotPlan, Placement
 from knotflow.simulation import (
-    RopeConfig,
+    SimulationConfig,
     control_points,
     grasped_link,
     spline_path,
@@ -120,12 +120,13 @@ class ArmReach:
         return ok & chain.reached(joints, up)
 
 
-def ties_as_exported(plan: KnotPlan, export: Export, rope: RopeConfig) -> bool:
+def ties_as_exported(plan: KnotPlan, export: Export, simulation: SimulationConfig) -> bool:
     """Whether the rope is tied where the tip moves as exported, in place and time.
 
-    On a `Twin` of the planner's rope, at a finer time step.
+    On a `Twin` of the planner's rope, with its time step.
     """
-    twin = Twin(plan.start, TwinConfig(level=0, rope=rope), np.random.default_rng(0))
+    config = TwinConfig(0, simulation.rope, simulation.timestep, simulation.contact_time)
+    twin = Twin(plan.start, config, np.random.default_rng(0))
     seconds = np.diff(export.times, prepend=export.times[0])
     moves = zip(export.ik.positions, seconds, export.waypoints.phases, strict=True)
     before = ""

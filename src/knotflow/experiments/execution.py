@@ -253,7 +253,7 @@ def arm(
         if plan.solved:
             export = export_plan(plan, follower, max_speed=max_speed)
             row |= {"reachable": export.reachable} | check_arm(follower, export)
-            row["tied_as_exported"] = ties_as_exported(plan, export, rope)
+            row["tied_as_exported"] = ties_as_exported(plan, export, simulation)
         return pd.DataFrame([row], columns=ARM_COLUMNS)
 
     run.table("trajectories.csv", follow, [*shards], "plans")
