@@ -638,14 +638,15 @@ def _search(
     length = measured.size.length
     config = replace(FAST_SEARCH, max_seconds=max_seconds, margin=margin / length)
     survival = planning.SurvivalConfig(worlds, spread=WorldsConfig(error=error / length))
-    reach = None
+    reach = planning.Hand(measured.model.radius, planning.HandConfig().scaled(length))
     if arm[0] is not None:
         from knotflow.execution import ArmReach
 
-        reach = ArmReach(
+        carried = ArmReach(
             arm[0], arm[1], arm[2], radius=measured.model.radius,
             placement=measured.placement, frame=replace(measured.frame, unit="m"),
         )  # fmt: skip
+        reach = replace(reach, arm=carried)
     elif arm[1] is not None or arm[2] is not None:
         raise ValueError("--base and --tip are of an arm: name it with --arm")
     tried: deque[Attempts] = deque(maxlen=1)

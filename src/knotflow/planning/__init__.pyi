@@ -1,6 +1,7 @@
 from .config import FAST_SEARCH, PlannerConfig, RopeOptions, plan_name
 from .frame import Frame, Placement
 from .goals import Goal, SolutionDag, UnreachableGoalError, parse_goal
+from .hand import Hand, HandConfig
 from .plan import KnotPlan, PlanFormatError, PlanStep
 from .planner import plan_rope
 from .proposals import attempt_arranged
@@ -13,7 +14,7 @@ from .validation import check_steps, find_penetrations, replay
 from .waypoints import GripperConfig, Waypoints
 
 __all__ = [
-    "FAST_SEARCH", "ROPE_NAMES", "Frame", "Goal", "GripperConfig", "KnotPlan", "MeasuredRope",
+    "FAST_SEARCH", "ROPE_NAMES", "Frame", "Goal", "GripperConfig", "Hand", "HandConfig", "KnotPlan", "MeasuredRope",
     "Placement", "PlanFormatError", "PlanStep", "PlannerConfig", "Reach", "RopeInputError",
     "RopeOptions", "SearchUpdate", "SolutionDag", "SurvivalConfig", "TreeSearch",
     "UnreachableGoalError",

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from knotflow.planning.plan import KnotPlan
+from knotflow.planning.reach import Reach
+from knotflow.simulation import grasped_link
 from knotflow.topology.polyline import Floats, arc_lengths
 
 SPACING = 0.004  # of the points that stand for other strands, lengths of a rope of 1 m
@@ -24,6 +27,28 @@ class HandConfig:
     """Of a finger, along the strand, metres."""
     clearance: float = 0.002
     """Between the open fingers and the grasped strand on either side, metres."""
+
+    def scaled(self, unit: float) -> HandConfig:
+        """The same hand in another unit, metres."""
+        return HandConfig(*(value / unit for value in vars(self).values()))
+
+
+@dataclass(frozen=True)
+class Hand:
+    """A `Reach` of fingers, and of the arm that carries them, if any."""
+
+    radius: float
+    """Of the rope, metres."""
+    config: HandConfig = field(default_factory=HandConfig)
+    arm: Reach | None = None
+
+    def may_follow(self, points: Floats, splines: Floats) -> NDArray[np.bool_]:
+        links = grasped_link(splines, len(points) - 1)
+        fits = openings(points, links, self.radius, self.config) > 0
+        return fits if self.arm is None else fits & self.arm.may_follow(points, splines)
+
+    def first_unreached(self, plan: KnotPlan) -> int | None:
+        return None if self.arm is None else self.arm.first_unreached(plan)
 
 
 def openings(points: Floats, links: ArrayLike, radius: float, hand: HandConfig) -> Floats:
