@@ -14,8 +14,8 @@ from .validation import check_steps, find_penetrations, replay
 from .waypoints import GripperConfig, Waypoints
 
 __all__ = [
-    "FAST_SEARCH", "ROPE_NAMES", "Frame", "Goal", "GripperConfig", "Hand", "HandConfig", "KnotPlan", "MeasuredRope",
-    "Placement", "PlanFormatError", "PlanStep", "PlannerConfig", "Reach", "RopeInputError",
+    "FAST_SEARCH", "ROPE_NAMES", "Frame", "Goal", "GripperConfig", "Hand", "HandConfig",
+    "KnotPlan", "MeasuredRope", "Placement", "PlanFormatError", "PlanStep", "PlannerConfig", "Reach", "RopeInputError",
     "RopeOptions", "SearchUpdate", "SolutionDag", "SurvivalConfig", "TreeSearch",
     "UnreachableGoalError",
     "Waypoints", "attempt_arranged", "check_steps", "find_penetrations",
