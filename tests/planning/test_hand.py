@@ -62,6 +62,5 @@ def test_splines_that_grasp_where_fingers_do_not_fit_are_not_for_the_search():
 
 
 def test_a_hand_is_as_large_in_units_of_the_rope():
-    np.testing.assert_allclose(
-        [*vars(HandConfig().scaled(2.0)).values()], np.array([*vars(HAND).values()]) / 2
-    )
+    scaled = np.array([*vars(HAND.scaled(2.0)).values()])
+    np.testing.assert_allclose(2 * scaled, [*vars(HAND).values()])

@@ -15,10 +15,9 @@ from .waypoints import GripperConfig, Waypoints
 
 __all__ = [
     "FAST_SEARCH", "ROPE_NAMES", "Frame", "Goal", "GripperConfig", "Hand", "HandConfig",
-    "KnotPlan", "MeasuredRope", "Placement", "PlanFormatError", "PlanStep", "PlannerConfig", "Reach", "RopeInputError",
-    "RopeOptions", "SearchUpdate", "SolutionDag", "SurvivalConfig", "TreeSearch",
-    "UnreachableGoalError",
-    "Waypoints", "attempt_arranged", "check_steps", "find_penetrations",
-    "lay_down", "measured_rope", "parse_goal", "parse_rope", "plan_knot",
+    "KnotPlan", "MeasuredRope", "Placement", "PlanFormatError", "PlanStep", "PlannerConfig",
+    "Reach", "RopeInputError", "RopeOptions", "SearchUpdate", "SolutionDag", "SurvivalConfig",
+    "TreeSearch", "UnreachableGoalError", "Waypoints", "attempt_arranged", "check_steps",
+    "find_penetrations", "lay_down", "measured_rope", "parse_goal", "parse_rope", "plan_knot",
     "plan_name", "plan_rope", "read_rope", "replay", "surviving",
 ]  # fmt: skip
