@@ -198,7 +198,7 @@ def test_the_next_action_says_what_how_sure_and_what_to_check(searches, here, ca
     assert "the rope must then be in the state 2o1+" in told
     assert "success  in 15 of 16 worlds, of the whole plan in 15" in told
     assert (here / "step.csv").read_text().startswith("time_s,")
-    assert [search[-3:] for search in searches] == [(0.05, 16, 0.005)]
+    assert [search[-4:-1] for search in searches] == [(0.05, 16, 0.005)]
     assert main(["next", LOOP, "--rope", "straight", "--out", "step.csv"]) == 2
 
 

@@ -27,7 +27,8 @@ class Watched(TrueState):
 
 @pytest.mark.slow
 def test_every_second_image_of_a_drag_is_drawn(plan, tmp_path):
-    twin = Twin(plan.start, TwinConfig(level=0), np.random.default_rng(1), CAMERA)
+    config = TwinConfig(level=0, compute_time=0.0)
+    twin = Twin(plan.start, config, np.random.default_rng(1), CAMERA)
     film = ImageRecorder(twin.robot())
     execution = execute(plan, film, source=Watched(twin), estimator=TrueState(twin))
     shown = drag_frames(execution, twin, film.images)

@@ -35,9 +35,7 @@ if TYPE_CHECKING:
 EXAMPLES = """\
 Examples:
   knotflow plan overhand                               for a random rope
-  knotflow plan figure_eight --rope measured.csv       for yours: x, y, z rows
-  knotflow next overhand --rope measured.csv           only the next action
-  knotflow explain                                     the notation in pictures
+  knotflow next overhand --rope measured.csv           for yours (x, y, z rows), one action
   knotflow explain "C(0,2,-1)" --state 3o1-2o4-        one action in a state
   knotflow view plans/overhand-random-0/plan.mcap      in Rerun, or with --web
   knotflow studio                                      plan, watch, demonstrate

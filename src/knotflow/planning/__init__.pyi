@@ -1,3 +1,4 @@
+from .certainty import SurvivalConfig
 from .config import FAST_SEARCH, PlannerConfig, RopeOptions, plan_name
 from .frame import Frame, Placement
 from .goals import Goal, SolutionDag, UnreachableGoalError, parse_goal
@@ -8,7 +9,7 @@ from .proposals import attempt_arranged
 from .reach import Reach
 from .rope_files import ROPE_NAMES, RopeInputError
 from .ropes import MeasuredRope, lay_down, measured_rope, parse_rope, read_rope
-from .survival import SurvivalConfig, surviving
+from .survival import surviving
 from .tree import SearchUpdate, TreeSearch, plan_knot
 from .validation import check_steps, find_penetrations, replay
 from .waypoints import GripperConfig, Waypoints

@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from knotflow.planning.certainty import SurvivalConfig
 from knotflow.planning.config import FAST_SEARCH, PlannerConfig
 from knotflow.planning.goals import parse_goal
 from knotflow.planning.plan import KnotPlan
 from knotflow.planning.reach import Reach
-from knotflow.planning.survival import SurvivalConfig, SurvivalSearch
+from knotflow.planning.survival import SurvivalSearch
 from knotflow.planning.tree import Progress, TreeSearch
 from knotflow.planning.validation import RECORD_RATE
 from knotflow.samplers.sampler import Sampler

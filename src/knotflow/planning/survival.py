@@ -11,38 +11,21 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from knotflow.planning.certainty import SurvivalConfig
 from knotflow.planning.plan import KnotPlan, PlanStep
 from knotflow.planning.proposals import clearance
 from knotflow.planning.rules import Expansion, Node
 from knotflow.planning.tree import Progress, TreeSearch
-from knotflow.simulation import RopeSimulator, World, WorldsConfig, draw_worlds, end_states
+from knotflow.simulation import RopeSimulator, World, draw_worlds, end_states
 from knotflow.topology.polyline import Floats
 
 STEP = 0.7
 """Share of worlds that a step not yet planned is expected to survive."""
-
-
-@dataclass
-class SurvivalConfig:
-    """When a plan is sure enough, see `SurvivalSearch`."""
-
-    worlds: int = 16
-    """Worlds that every plan is executed in; 0 takes the first plan."""
-    least: float = 0.9
-    """Share of the worlds in which a plan has to tie, lest the search goes on."""
-    spread: WorldsConfig = field(default_factory=WorldsConfig)
-    """What the worlds are drawn from."""
-    batch: int = 8
-    """Splines tried from a rope before another one is chosen."""
-    tested: int = 3
-    """Most of their ends that are simulated in the worlds, those of the highest value."""
-    screened: int = 4
-    """Worlds in which each is simulated first; where more than one of them is lost, all are."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,25 @@
+"""When a plan is sure enough; loads nothing heavy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from knotflow.simulation import WorldsConfig
+
+
+@dataclass
+class SurvivalConfig:
+    """When a plan is sure enough, see `planning.survival`."""
+
+    worlds: int = 16
+    """Worlds that every plan is executed in; 0 takes the first plan."""
+    least: float = 0.9
+    """Share of the worlds in which a plan has to tie, lest the search goes on."""
+    spread: WorldsConfig = field(default_factory=WorldsConfig)
+    """What the worlds are drawn from."""
+    batch: int = 8
+    """Splines tried from a rope before another one is chosen."""
+    tested: int = 3
+    """Most of their ends that are simulated in the worlds, those of the highest value."""
+    screened: int = 4
+    """Worlds in which each is simulated first; where more than one of them is lost, all are."""
