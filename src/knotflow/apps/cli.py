@@ -35,13 +35,13 @@ if TYPE_CHECKING:
 EXAMPLES = """\
 Examples:
   knotflow plan overhand                               for a random rope
-  knotflow next overhand --rope measured.csv           for yours (x, y, z rows), one action
+  knotflow next overhand --rope measured.csv           for yours: one action
   knotflow explain "C(0,2,-1)" --state 3o1-2o4-        one action in a state
   knotflow view plans/overhand-random-0/plan.mcap      in Rerun, or with --web
   knotflow studio                                      plan, watch, demonstrate
   knotflow see image.png depth.png --camera camera.yaml --out rope.csv
   knotflow see photograph.jpg --length 0.9m --out rope.csv
-  knotflow run overhand --robot twin                   look, plan, act, and again
+  knotflow run overhand --robot twin                   look, plan, act
   knotflow export plans/overhand-random-0 --arm panda  joint trajectories
 
 Exit codes: 0 tied, 1 not tied, 2 invalid input.
