@@ -35,7 +35,8 @@ if TYPE_CHECKING:
 EXAMPLES = """\
 Examples:
   knotflow plan overhand                               for a random rope
-  knotflow next overhand --rope measured.csv           for yours: one action
+  knotflow plan figure_eight --rope measured.csv       for yours: x, y, z rows
+  knotflow next overhand --rope measured.csv           only the next action
   knotflow explain "C(0,2,-1)" --state 3o1-2o4-        one action in a state
   knotflow view plans/overhand-random-0/plan.mcap      in Rerun, or with --web
   knotflow studio                                      plan, watch, demonstrate
