@@ -172,22 +172,21 @@ def next_step(
             "PHOTOGRAPH with --length"
         )
     with tempfile.TemporaryDirectory() as folder:
+        seen, ambiguous = Path(folder) / "seen.csv", False
         if len(files) == 1:
-            rope = f"{folder}/seen.csv"
-            if _see_photo(files[0], camera, size_of, rope_color, Path(rope)):
-                print("the rope is ambiguous: spread its crossings apart and take another image")
-                return 1
+            ambiguous = _see_photo(files[0], camera, size_of, rope_color, seen) != 0
         elif camera and files:
             from knotflow.perception import io
 
             size = _seen_rope(options or RopeOptions())
-            seen, capture = io.see(files[0], files[1], camera, size, _depth_unit(depth_unit))
-            print(io.describe(seen, capture))
-            if seen.ambiguous:
-                print("the rope is ambiguous: spread its crossings apart and take another image")
-                return 1
-            rope = f"{folder}/seen.csv"
-            io.write_rope(Path(rope), seen.points)
+            found_rope, capture = io.see(files[0], files[1], camera, size, _depth_unit(depth_unit))
+            print(io.describe(found_rope, capture))
+            io.write_rope(seen, found_rope.points)
+            ambiguous = found_rope.ambiguous
+        if ambiguous:
+            print("the rope is ambiguous: spread its crossings apart and take another image")
+            return 1
+        rope = str(seen) if files else rope
         measured = _read_rope(str(rope), options, seed)
     standing = (arm, base, tip)
     found, _ = _search(knot, measured, seed, max_seconds, margin, worlds, GRIPPER_ERROR, standing)

@@ -27,7 +27,7 @@ from knotflow.execution.closed_loop import Confirm, Replan
 from knotflow.execution.robot import Observation, RobotWrapper
 from knotflow.execution.step_executor import StepExecutor
 from knotflow.perception import Camera, RgbdImage
-from knotflow.planning import Goal, KnotPlan, parse_goal
+from knotflow.planning import Goal, KnotPlan, PlanStep, parse_goal
 from knotflow.recording import RunLog
 from knotflow.simulation import RopeConfig, random_curve
 from knotflow.topology import TopologicalState
@@ -170,12 +170,11 @@ def _begin(goal: Goal, seen: Observation, rope: RopeConfig) -> KnotPlan:
 def ask(yes: bool) -> Confirm:
     """Shows each step, and asks on the terminal unless everything is allowed."""
 
-    def confirm(step: object, plan: KnotPlan) -> bool:
-        first = plan.steps[0]
+    def confirm(step: PlanStep, plan: KnotPlan) -> bool:
         grasp, middle, end = (1e3 * plan.controls[0]).round().astype(int).tolist()
         print(
             f"{len(plan.steps)} actions to {plan.goal}; the next is\n"
-            f"  {describe(first.action, first.start_state)}\n"
+            f"  {describe(step.action, step.start_state)}\n"
             f"grasp    {grasp} mm\nthrough  {middle} mm\nrelease  {end} mm"
         )
         if plan.worlds:

@@ -68,13 +68,9 @@ def describe(found: RopeEstimate, seen: Capture | None = None) -> str:
     state = "unknown" if found.state is None else str(found.state)
     lines = [f"input     {note}" for note in (seen.notes if seen else ())]
     lines += [f"state     {state}" + (" (in doubt)" if found.ambiguous and found.state else "")]
-    for number, one in enumerate(found.crossings, 1):
-        first, second = one.fractions
-        lines.append(
-            f"crossing  {number}: {first:.0%} of the rope from its head lies "
-            f"{'over' if one.first_over else 'under'} {second:.0%}, axes {1e3 * one.gap:.0f} mm "
-            f"apart, {one.certainty:.0%} certain"
-        )
+    lines += [
+        f"crossing  {number}: {one.describe()}" for number, one in enumerate(found.crossings, 1)
+    ]
     ends = "known" if found.head_known else "not known: both ends look alike"
     lines += [
         f"head      {ends}",

@@ -22,4 +22,4 @@ class SurvivalConfig:
     tested: int = 3
     """Most of their ends that are simulated in the worlds, those of the highest value."""
     screened: int = 4
-    """Worlds in which each is simulated first; where more than one of them is lost, all are."""
+    """Worlds in which each is simulated first, and alone where more than one of them is lost."""

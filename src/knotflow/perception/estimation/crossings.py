@@ -36,13 +36,22 @@ class CrossingEvidence:
     fractions: tuple[float, float]
     """Where it is met first and second, 0 at the head and 1 at the tail."""
     first_over: bool  # whether the strand nearer to the head is on top
-    gap: float  # distance in height of the strands' axes, metres
+    gap: float  # distance in height of the strands' axes, metres; NaN without depth
     certainty: float  # probability that it is this way round and not the other, 0.5..1
 
     def reversed(self) -> CrossingEvidence:
         """The same crossing of a rope whose head is the tail."""
         first, second = self.fractions
         return replace(self, fractions=(1 - second, 1 - first), first_over=not self.first_over)
+
+    def describe(self) -> str:
+        """Where it is, which strand is on top, and how certain that is, for printing."""
+        first, second = self.fractions
+        apart = "" if math.isnan(self.gap) else f"axes {1e3 * self.gap:.0f} mm apart, "
+        return (
+            f"{first:.0%} of the rope from its head lies {'over' if self.first_over else 'under'} "
+            f"{second:.0%}, {apart}{self.certainty:.0%} certain"
+        )
 
 
 def ambiguous_ends(shape: NDArray, rope: RopeConfig) -> tuple[int, ...]:

@@ -77,12 +77,9 @@ def describe_photo(found: PhotoEstimate, metres: float | None = None) -> str:
     """State, crossings with their certainty, size and doubts, in lines; `metres` is its length."""
     state = "unknown" if found.state is None else str(found.state)
     lines = [f"state     {state}" + (" (in doubt)" if found.doubts and found.state else "")]
-    for number, one in enumerate(found.crossings, 1):
-        first, second = one.fractions
-        lines.append(
-            f"crossing  {number}: {first:.0%} of the rope from its head lies "
-            f"{'over' if one.first_over else 'under'} {second:.0%}, {one.certainty:.0%} certain"
-        )
+    lines += [
+        f"crossing  {number}: {one.describe()}" for number, one in enumerate(found.crossings, 1)
+    ]
     size = f"{found.length:.0f} pixels long, {found.width:.1f} wide"
     lines += [
         "head      not known: both ends look alike; it is taken to be the left one",
