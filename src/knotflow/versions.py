@@ -30,7 +30,7 @@ COMPONENTS = {
     "training": Component(8, ("training",)),
     "planning": Component(10, ("planning",)),
     "perception": Component(11, ("perception",)),
-    "execution": Component(8, ("execution",)),
+    "execution": Component(9, ("execution",)),
     "recording": Component(1, ("recording",)),
 }
 """Names are independent of folders, so moving a file invalidates no stage."""

@@ -150,7 +150,7 @@ class FakeReach:
         left, self.refused = self.refused, max(0, self.refused - len(splines))
         return np.arange(len(splines)) >= left
 
-    def first_unreached(self, plan):
+    def first_failed(self, plan):
         self.plans.append(plan)
         return 1 if len(self.plans) <= self.unreached else None
 

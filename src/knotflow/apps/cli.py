@@ -641,7 +641,7 @@ def _search(
         from knotflow.execution import ArmReach
 
         carried = ArmReach(
-            arm[0], arm[1], arm[2], radius=measured.model.radius,
+            arm[0], arm[1], arm[2], simulation=SimulationConfig(rope=measured.model),
             placement=measured.placement, frame=replace(measured.frame, unit="m"),
         )  # fmt: skip
         reach = replace(reach, arm=carried)

@@ -15,7 +15,7 @@ from .film import DragFrame, ImageRecorder, drag_frames, draw_execution, encode_
 from .lstm_dynamics import DynamicsTrainer, LstmDynamics
 from .motions import FREE, STEP, Motions, draw_motions
 from .mppi import Mppi, MppiConfig
-from .reach import ArmReach, ties_as_exported
+from .reach import ArmReach, first_untied
 from .robot import FAULTS, ImageStateEstimator, Observation, Robot, StateEstimator, TrackedRope
 from .step_executor import ExecutionConfig
 from .twin import ERROR_LEVELS, TrueState, Twin, TwinConfig
@@ -28,6 +28,6 @@ __all__ = [
     "MujocoDynamics", "Observation", "Robot", "StateEstimator", "StaticDynamics", "TrackedRope",
     "TrueState", "Twin", "TwinConfig", "drag_frames", "draw_execution", "draw_motions",
     "encode_jpeg", "execute", "export_plan", "failure_cause", "film_rollout", "find_arm",
-    "load_arm", "motion_errors", "panda", "prediction_errors", "run_trial", "ties_as_exported",
-    "ur5e", "xarm7",
+    "first_untied", "load_arm", "motion_errors", "panda", "prediction_errors", "run_trial", "ur5e",
+    "xarm7",
 ]  # fmt: skip

@@ -55,36 +55,41 @@ class ArmReach:
         base: Path | Base | None = None,
         tip: str | None = None,
         *,
-        radius: float,
+        simulation: SimulationConfig,
         placement: Placement | None = None,
         frame: Frame | None = None,
         max_speed: float = 0.25,
         most_slowed: float = MOST_SLOWED,
     ) -> None:
-        """For ropes of that radius, metres, in a search; for arm, base and tip see `export_plan`.
+        """For a search in `simulation`; for arm, base and tip see `export_plan`.
 
         `placement` and `frame` lead from the searched rope to the measured one, whose frame `base`
         is in.
         """
         self.arm = find_arm(arm, tip)
         self.base = Base.load(base) if isinstance(base, str | Path) else base
-        self._radius, self._placement = radius, placement or Placement()
+        self._simulation, self._placement = simulation, placement or Placement()
         self._frame = frame or Frame()
         self._max_speed, self._most_slowed = max_speed, most_slowed
         stands = self.base.seen_from(self._frame) if self.base else self.arm.base
         self._solver, self._chain = Solver(self.arm, stands), Chain(self.arm, stands)
 
-    def first_unreached(self, plan: KnotPlan) -> int | None:
-        """See `Reach`; by the exact inverse kinematics."""
+    def first_failed(self, plan: KnotPlan) -> int | None:
+        """See `Reach`; by the exact inverse kinematics and `first_untied`."""
         placed = plan.placed(self._placement, self._frame)
         export = export_plan(placed, self.arm, self.base, self._max_speed)
-        return export.first_unreached(self._most_slowed)
+        first = export.first_unreached(self._most_slowed)
+        if first is None:
+            first = first_untied(plan, export, self._simulation, self._placement, self._frame)
+        return first
 
     def may_follow(self, points: Floats, splines: Floats) -> NDArray[np.bool_]:
         """See `Reach`; either way that the fingers can close across the strand."""
-        controls = self._placement.points(control_points(points, splines, self._radius))
+        controls = self._placement.points(
+            control_points(points, splines, self._simulation.rope.radius)
+        )
         path = spline_path(controls, np.linspace(0.0, 1.0, POINTS))  # (N, POINTS, 3)
-        path[..., 2] = np.maximum(path[..., 2], LOWEST)
+        path[..., 2] += np.maximum(LOWEST - path[..., 2].min(axis=1, keepdims=True), 0.0)
         link = grasped_link(splines, len(points) - 1)
         x, y, _ = (points[link + 1] - points[link]).T
         yaws = np.array(
@@ -120,24 +125,39 @@ class ArmReach:
         return ok & chain.reached(joints, up)
 
 
-def ties_as_exported(plan: KnotPlan, export: Export, simulation: SimulationConfig) -> bool:
-    """Whether the rope is tied where the tip moves as exported, in place and time.
+def first_untied(
+    plan: KnotPlan,
+    export: Export,
+    simulation: SimulationConfig,
+    placement: Placement | None = None,
+    frame: Frame | None = None,
+) -> int | None:
+    """The first step after which the rope is not in the planned state; None where it is tied.
 
-    On a `Twin` of the planner's rope, with its time step.
+    On a `Twin` of the planner's rope, with its time step, whose tip moves as exported, in place and
+    time. `placement` and `frame` lead from the plan to the export.
     """
+    placement, frame = placement or Placement(), frame or Frame()
     config = TwinConfig(0, simulation.rope, simulation.timestep, simulation.contact_time)
     twin = Twin(plan.start, config, np.random.default_rng(0))
-    seconds = np.diff(export.times, prepend=export.times[0])
-    moves = zip(export.ik.positions, seconds, export.waypoints.phases, strict=True)
-    before = ""
-    for position, duration, phase in moves:
+    positions = frame.from_file(export.ik.positions) - [placement.x, placement.y, 0.0]
+    seconds = np.diff(export.times, prepend=export.times[0]) / placement.times(1.0)
+    waypoints = export.waypoints
+    moves = zip(positions / placement.length, seconds, waypoints.phases, strict=True)
+    before, first = "", None
+    for number, (position, duration, phase) in zip(waypoints.step, moves, strict=True):
         if phase == "drag" != before:
+            done = plan.steps[number - 1].end_state if number else plan.start_state
+            if first is None and state_or_none(twin.points) != done:
+                first = max(int(number) - 1, 0)
             twin.grasp()
         elif before == "drag" != phase:
             twin.release()
         twin.move_to(position, float(duration))
         before = phase
-    return state_or_none(twin.points) in plan.goal_states
+    if state_or_none(twin.points) in plan.goal_states:
+        return None
+    return len(plan.steps) - 1 if first is None else first
 
 
 class Chain:

@@ -31,8 +31,8 @@ from knotflow.execution import (
     encode_jpeg,
     export_plan,
     find_arm,
+    first_untied,
     run_trial,
-    ties_as_exported,
 )
 from knotflow.execution.closed_loop import Trial
 from knotflow.experiments.common import sampler_of
@@ -240,7 +240,7 @@ def arm(
     def follow(name: str) -> pd.DataFrame:
         (arm, number), simulator = shards[name], RopeSimulator(simulation)
         follower = find_arm(arm)
-        reach = ArmReach(follower, radius=rope.radius, max_speed=max_speed)
+        reach = ArmReach(follower, simulation=simulation, max_speed=max_speed)
         points = random_curve(rope, rng_of(seed, number, 0), starts)
         proposer, rng = sampler_of(sampler, primitives=primitives), rng_of(seed, number, 1)
         goal = parse_goal(knot, rope)
@@ -253,7 +253,7 @@ def arm(
         if plan.solved:
             export = export_plan(plan, follower, max_speed=max_speed)
             row |= {"reachable": export.reachable} | check_arm(follower, export)
-            row["tied_as_exported"] = ties_as_exported(plan, export, simulation)
+            row["tied_as_exported"] = first_untied(plan, export, simulation) is None
         return pd.DataFrame([row], columns=ARM_COLUMNS)
 
     run.table("trajectories.csv", follow, [*shards], "plans")

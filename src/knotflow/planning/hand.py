@@ -47,8 +47,8 @@ class Hand:
         fits = openings(points, links, self.radius, self.config) > 0
         return fits if self.arm is None else fits & self.arm.may_follow(points, splines)
 
-    def first_unreached(self, plan: KnotPlan) -> int | None:
-        return None if self.arm is None else self.arm.first_unreached(plan)
+    def first_failed(self, plan: KnotPlan) -> int | None:
+        return None if self.arm is None else self.arm.first_failed(plan)
 
 
 def openings(points: Floats, links: ArrayLike, radius: float, hand: HandConfig) -> Floats:

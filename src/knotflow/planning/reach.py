@@ -18,6 +18,6 @@ class Reach(Protocol):
         """Which of splines (N, 6) on a rope (V, 3), metres, the arm can likely follow: (N,)."""
         ...
 
-    def first_unreached(self, plan: KnotPlan) -> int | None:
-        """Index of the first step of a plan that the arm cannot follow, None without any."""
+    def first_failed(self, plan: KnotPlan) -> int | None:
+        """The first step that the arm cannot follow or that fails by it, None without any."""
         ...

@@ -264,7 +264,7 @@ class TreeSearch:
     def _is_tied(self) -> bool:
         """Whether a goal state is reached; drops what is not robust (`steady`) or unreached."""
         while (best := self.nearest()).distance == 0:
-            first = self._first_fragile(best) or self._first_unreached(best)
+            first = self._first_fragile(best) or self._first_out_of_reach(best)
             if first is None:
                 return True
             below = [node for node in self.nodes if first in node.path()]
@@ -282,18 +282,18 @@ class TreeSearch:
             node.steady = node_is_robust
         return None if all(robust) else unproven[robust.index(False)]
 
-    def _first_unreached(self, best: Node) -> Node | None:
-        """The first node on the path to whose end the arm cannot follow, if any."""
+    def _first_out_of_reach(self, best: Node) -> Node | None:
+        """The first node on the path that the arm does not get to, if any."""
         if self._reach is None or best.reached:
             return None
-        first = self._reach.first_unreached(self.plan(True, "", best))
+        first = self._reach.first_failed(self.plan(True, "", best))
         best.reached = first is None
         return None if first is None else best.path()[first]
 
     def reaches(self, node: Node) -> bool:
         """Whether the arm, if there is one, can follow the plan to a node."""
         if node.reached is None:
-            self._first_unreached(node)
+            self._first_out_of_reach(node)
         return node.reached is not False
 
     def nearest(self) -> Node:

@@ -41,7 +41,8 @@ class GripperConfig:
     """Highest speed while it holds the rope, metres per second: where the simulated motion is
     faster, it is slowed as a whole. The default keeps the simulated timing."""
     lowest: float = 0.0
-    """Least height above the table, for fingers that reach beyond their tool point, metres."""
+    """Least height above the table, for fingers that reach beyond their tool point, metres. Drags
+    that come lower are raised as a whole."""
     close_time: float = 0.5
     """Time to close on the rope, seconds."""
     open_time: float = 0.5
@@ -139,7 +140,7 @@ def trace_waypoints(
     rows: list[tuple[Floats, int, str, str]] = []
     for number, step in enumerate(steps):
         path = _drag(step, rate_hz, config.drag_speed)
-        path[:, 2] = np.maximum(path[:, 2], config.lowest)
+        path[:, 2] += max(config.lowest - float(path[:, 2].min()), 0.0)
         here = rows[-1][0] if rows else None
         for phase, positions in _phases(here, path, rate_hz, config).items():
             rows += [(place, number, str(step.action), phase) for place in positions]
