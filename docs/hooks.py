@@ -18,6 +18,7 @@ def on_files(files: Files, config: Any) -> Files:
     text = (ROOT / "reports" / "report.md").read_text("utf-8")
     text = PICTURE.sub(r"\1(results/\2)", text)
     text = RESULT.sub(r"\1", text)  # folders of the repository are no pages
+    text = text.replace("](../docs/", "](")
     files.append(File.generated(config, "report.md", content=text))
     for picture in sorted((ROOT / "reports" / "figures").glob("*.png")):
         _add(files, config, f"figures/{picture.name}", picture)

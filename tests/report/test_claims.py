@@ -141,7 +141,7 @@ def test_a_claim_that_does_not_hold_has_its_reason_and_one_that_holds_none(write
     write.table(
         "tree_size", "tried.csv", columns, [("imitation", "straight", *row) for row in rows]
     )
-    link = "- [Branches kept to the overhand, imitation only](#tree-size): "
+    link = "- [Branches kept to the overhand, imitation only](#tree-size) holds partly: "
     (line,) = (one for one in report().splitlines() if one.startswith("- [Branches kept"))
     assert line.startswith(link) and "`C(0,1,1)` from the straight rope, 1 of 8 splines" in line
     trees(write, "imitation", [3, 9], [3, 9])
@@ -203,4 +203,4 @@ def test_joint_finetuning_holds_at_most_partly_where_searches_gave_up(write):
     assert judgement(write, 7).verdict is Verdict.HOLDS
     joint_trees(write, [8, 9] * 25, [3] * 50, solved=False)
     found = judgement(write, 7)
-    assert found.verdict is Verdict.FAILS and found.ours.startswith("300 gave up; medians ∞ / ∞")
+    assert found.verdict is Verdict.FAILS and found.ours.startswith("300 gave up<br>medians ∞ / ∞")

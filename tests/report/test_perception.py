@@ -138,7 +138,7 @@ def test_models_of_the_dynamics_stand_side_by_side(write):
         for steps in (1, 10)
     ]
     write.table("dynamics", "errors.csv", columns, rows)
-    lines = body("dynamics", Results(write.root)).splitlines()
+    lines = body("dynamics", Results(write.root)).splitlines()[2:]
     assert lines[0] == "| level | model | after 0.1 s, mm | after 1 s, mm |"
     assert lines[2] == "| 0 | static | 1.0 | 10.0 |"
     assert lines[3] == "| 0 | bidirectional LSTM | – | – |"

@@ -89,18 +89,18 @@ def _trees(results: Results, method: str) -> dict[str, pd.DataFrame]:
     return trees
 
 
-def _ranges(trees: dict[str, pd.DataFrame]) -> str:
-    parts = []
+def _ranges(trees: dict[str, pd.DataFrame]) -> tuple[str, str]:
+    """Splines kept by start, and how many searches these are and simulated."""
+    kept, details = [], []
     for start, own in trees.items():
-        kept, simulated = effort(own)
         unsolved, trainings = sum(~own["solved"]), own["training_seed"].nunique()
-        parts.append(
-            f"{start}: {kept}, {len(own)} searches"
+        kept.append(f"{start}: {effort(own)[0]}" + (f", {unsolved} gave up" if unsolved else ""))
+        details.append(
+            f"{len(own)} searches from the {start} rope"
             + (f" of {trainings} trainings" if trainings > 1 else "")
-            + (f", {unsolved} gave up" if unsolved else "")
-            + f" {simulated}"
+            + f" {effort(own)[1]}"
         )
-    return "; ".join(parts)
+    return "<br>".join(kept), "; ".join(details)
 
 
 def judge_icp(results: Results) -> Judgement:
@@ -110,14 +110,16 @@ def judge_icp(results: Results) -> Judgement:
     wide = [largest[start] >= 10 * sizes(own).min() for start, own in trees.items()]
     same = all(0.5 <= most / PAPER_LARGEST[start, "icp"] <= 2 for start, most in largest.items())
     size = "" if same or not all(wide) else "the largest trees differ by more than a factor of 2"
-    return Judgement(_ranges(trees), Verdict.of_two(*wide), size)
+    ours, detail = _ranges(trees)
+    return Judgement(ours, Verdict.of_two(*wide), size, detail)
 
 
 def judge_imitation(results: Results) -> Judgement:
     """Sec. VII-A4: up to 43 branches (straight), 9 (arc)."""
     trees = _trees(results, "imitation")
     within = [max(sizes(own)) <= PAPER_LARGEST[s, "imitation"] for s, own in trees.items()]
-    return Judgement(_ranges(trees), Verdict.of_two(*within))
+    ours, detail = _ranges(trees)
+    return Judgement(ours, Verdict.of_two(*within), detail=detail)
 
 
 def judge_reinforcement(results: Results) -> Judgement:
@@ -127,11 +129,13 @@ def judge_reinforcement(results: Results) -> Judgement:
     every = np.concatenate(by_start)
     often = all(np.mean(own == OVERHAND_LIMIT) > 0.5 for own in by_start)
     fewest = f"{OVERHAND_LIMIT} kept in {np.sum(every == OVERHAND_LIMIT)} of {len(every)}"
-    return Judgement(f"{_ranges(trees)}; {fewest}", Verdict.of_two(max(every) < 5, often))
+    ours, detail = _ranges(trees)
+    verdict = Verdict.of_two(max(every) < 5, often)
+    return Judgement(f"{ours}<br>{fewest}", verdict, detail=detail)
 
 
 @optional
-def hardest_actions(method: str, results: Results) -> str:
+def hardest_actions(method: str, so: str, results: Results) -> str:
     """For each start, the action of the path that succeeded least often in the searches."""
     columns = dict.fromkeys(("method", "start", "action"), str)
     tried = results.table(SIZE, "tried.csv", columns | {"simulated": int, "successes": int})
@@ -143,7 +147,7 @@ def hardest_actions(method: str, results: Results) -> str:
             f"`{hardest.name}` from the {start} rope, {hardest.successes:,} of "
             f"{hardest.simulated:,} splines"
         )
-    return f"the hardest action of the path is {'; '.join(parts)}" if parts else ""
+    return f"{so} the hardest action of the path is {'; '.join(parts)}" if parts else ""
 
 
 def _joint_searches(results: Results) -> pd.DataFrame:
@@ -183,14 +187,11 @@ def fewer_branches(results: Results) -> Judgement:
     difference = _difference(before, after)
     medians = " / ".join(md.estimate(median_size(own), count) for own in found)
     simulated = " / ".join(count(own["simulated"].median()) for own in found)
-    ours = [
-        f"{unsolved} gave up"
-        if unsolved
-        else f"{mean_spread(before)} / {mean_spread(after)} kept, "
-        f"difference {md.estimate(difference)}",
-        f"medians {medians} kept, {simulated} simulated, over {len(before)} and {len(after)} "
-        f"searches; by rank p = {test.pvalue:.2g}",
-    ]
+    means_of = f"{mean_spread(before)} / {mean_spread(after)} kept"
+    ours = f"{unsolved} gave up" if unsolved else means_of
+    ours += f"<br>medians {medians}, by rank p = {test.pvalue:.2g}"
+    detail = f"{simulated} simulated in the median, {len(before)} and {len(after)} searches"
+    detail += "" if unsolved else f", difference of means {md.estimate(difference)}"
     certain = test.pvalue < 0.05 and difference.high < 0
     narrower = after["kept"].std() < before["kept"].std()
     verdict = Verdict.PARTLY if fewer else Verdict.FAILS
@@ -203,7 +204,7 @@ def fewer_branches(results: Results) -> Judgement:
             for mean, paper in zip(means, PAPER_MEANS, strict=True)
         ):
             size = f"means of {md.estimate(means[0])} and {md.estimate(means[1])}"
-    return Judgement("; ".join(ours), verdict, size)
+    return Judgement(ours, verdict, size, detail)
 
 
 def few_large_trees(results: Results) -> str:
@@ -237,21 +238,21 @@ SIZE_CLAIMS = (
         "from both starts the largest tree kept at least 10 times as many as the smallest; partly "
         "if from one",
         judge_icp,
-        partial(hardest_actions, "icp"),
+        partial(hardest_actions, "icp", "trees stay small, for"),
     ),
     Claim(
         "Branches kept to the overhand, imitation only",
         "10 seeds: up to 43 (straight), 9 (arc)",
         "no tree kept more than these; partly if from one of the starts",
         judge_imitation,
-        partial(hardest_actions, "imitation"),
+        partial(hardest_actions, "imitation", "trees grow where it fails:"),
     ),
     Claim(
         "Branches kept to the overhand, imitation + RL",
         "below 5 in all 10 seeds, 3 (the limit) in more than half",
         "both are so from both starts; partly if one of the two",
         judge_reinforcement,
-        partial(hardest_actions, "reinforcement"),
+        partial(hardest_actions, "reinforcement", "trees grow where it fails:"),
     ),
 )
 

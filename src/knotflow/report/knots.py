@@ -54,8 +54,8 @@ def overhand(results: Results, figures: Figures) -> Parts:
             "overhand",
             "plan.png",
             "The plan. Each rope is shown with the spline that is executed next: a dot where it is "
-            "grasped, a square at the middle control point with its height, an arrow where it is "
-            "released. The head is blue, the tail orange.",
+            "grasped, the greatest height, an arrow where it is released. The head is blue, the "
+            "tail orange.",
         ),
         "dag": figures.own(
             "overhand",
@@ -86,7 +86,8 @@ def judge_pentagram(results: Results) -> Judgement:
     verdict = Verdict.PARTLY if sizes(searches).min() <= PAPER_BRANCHES else Verdict.FAILS
     if median_size(searches).estimate <= PAPER_BRANCHES:
         verdict = Verdict.HOLDS
-    return Judgement(f"{tied}; {' '.join(effort(searches))}", verdict)
+    kept, simulated = effort(searches)
+    return Judgement(f"{tied}<br>{kept}", verdict, detail=simulated)
 
 
 def knots(results: Results, _: Figures) -> Parts:

@@ -25,7 +25,8 @@ from knotflow.report import (
 )
 from knotflow.report import markdown as md
 from knotflow.report.results import NotMeasured, Results, read_table
-from knotflow.report.section import Figures, Parts, Section, Verdict
+from knotflow.report.section import Claim, Figures, Judgement, Parts, Section, Verdict
+from knotflow.report.spans import fill, pages
 from knotflow.statistics import RESAMPLES
 
 TEMPLATE = Path(__file__).with_name("report.md")
@@ -80,6 +81,8 @@ FURTHER = (
 SECTIONS = {section.experiment: section for section in PAPER + FURTHER}
 CLAIMS = [(section, claim) for section in SECTIONS.values() for claim in section.claims]
 PLURAL = dict(zip(Verdict, ("hold", "hold partly", "do not hold", "were not run"), strict=True))
+FIGURE = re.compile(r"!\[[^\]]*\]\((\S+)\)\n\n\*.+\*\n")
+"""A picture in the template, with its caption."""
 
 NOT_RUN = (
     "> **Nothing has been run yet.** `python -m knotflow +experiment=single_stage budget=smoke` is "
@@ -90,10 +93,11 @@ NOT_RUN = (
 def make(results_folder: Path, out: Path) -> list[Path]:
     """Write report.md and figures/ into `out`, from `results_folder` alone.
 
-    The same results give the same bytes. Nothing is written before everything could be made.
+    Numbers of README.md and docs/ beside the results folder are written anew as well. The same
+    results give the same bytes. Nothing is written before everything could be made.
 
     Returns:
-        The written files, report.md first.
+        The files written into `out`, report.md first.
 
     Raises:
         ResultsError: a table is not what the report expects; an earlier report stays as it was.
@@ -103,10 +107,11 @@ def make(results_folder: Path, out: Path) -> list[Path]:
     written = {out / "report.md": compose(results, figures).encode()}
     folder = out / "figures"
     written |= {folder / f"{name}.png": png for name, png in figures.made.items()}
+    around = pages(results)
     folder.mkdir(parents=True, exist_ok=True)
     for old in set(folder.iterdir()) - written.keys():
         old.unlink()
-    for path, content in written.items():
+    for path, content in (written | around).items():
         path.write_bytes(content)
     return list(written)
 
@@ -120,8 +125,19 @@ def compose(results: Results, figures: Figures) -> str:
     rope = results.setting("single_stage", "rope") or {"length": 1.0, "radius": 0.008, "links": 40}
     crossings = results.setting("library_training", "most_crossings")
     arranging = results.setting("single_stage", "arranging", "reinforcement_arranged")
-    text = TEMPLATE.read_text("utf-8").format(
+    paper = md.join(*(_section(section, results, figures) for section in PAPER))
+    beyond = md.join(*(_section(section, results, figures) for section in further))
+    tally, claims = _claims(results)
+
+    def shown(match: re.Match[str]) -> str:
+        """The picture if it was made."""
+        made = match[1].removeprefix("figures/").removesuffix(".png") in figures.made
+        own = (results.root / match[1].removeprefix("{link}/")).is_file()
+        return match[0] if made or own else ""
+
+    text = FIGURE.sub(shown, TEMPLATE.read_text("utf-8")).format(
         link=figures.link,
+        open=_open(results, sections),
         notices=md.join(
             "" if any(found.values()) else NOT_RUN,
             f"> **Not the paper's counts.** {md.listed(smaller)} ran with a smaller budget: the "
@@ -129,10 +145,11 @@ def compose(results: Results, figures: Figures) -> str:
             if smaller
             else "",
         ),
-        claims=_claims(results),
+        tally=tally,
+        claims=claims,
         overview=_overview(results, sections),
-        paper=md.join(*(_section(section, results, figures) for section in PAPER)),
-        further=md.join(*(_section(section, results, figures) for section in further)),
+        paper=paper,
+        further=beyond,
         timing=timing(results),
         rope=f"{rope['length']:g} m long, {1000 * rope['radius']:g} mm in radius, "
         f"{rope['links']} links",
@@ -140,48 +157,82 @@ def compose(results: Results, figures: Figures) -> str:
         arranging=f"up to {arranging}" if arranging else "some",
         resamples=f"{RESAMPLES:,}",
     )
-    text = re.sub(r"\n{3,}", "\n\n", text)
-    return re.sub(r"(?<=\d) (?=[%×])", "\u00a0", text)  # no line ends between number and unit
+    text = re.sub(r"\n{3,}", "\n\n", fill(text, results, marks=False))
+    # No line ends between number and unit, or within limits.
+    return re.sub(r"\d [%×]|\([−\d.,]+ to [−\d.,]+\)", lambda m: m[0].replace(" ", "\u00a0"), text)
 
 
-def _claims(results: Results) -> str:
-    """How many claims hold, the table of them, why others do not, and the criteria."""
-    rows, reasons = [], []
+def _claims(results: Results) -> tuple[str, str]:
+    """How many claims hold, and the table of them."""
+    rows = []
     tally: Counter[Verdict] = Counter()
     direction_only = 0
     for section, claim in CLAIMS:
         outcome = claim.judgement(results)
-        found = results.measured(section.experiment)
         tally[outcome.verdict] += 1
-        verdict = f"**{outcome.verdict}**"
-        if outcome.verdict is not Verdict.NOT_RUN and found:
-            verdict += "" if found.budget == "paper" else f" ({found.budget} run)"
-            verdict += "<br>stale" if found.stale else ""
-        if outcome.size:
-            verdict += f"<br>the direction holds, the size does not: {outcome.size}"
-            direction_only += 1
+        direction_only += bool(outcome.size)
         rows.append(
             {
-                "claim": claim.statement,
-                "where": section.text.paper,
+                "claim": f"[{claim.statement}](#{md.slug(section.text.title)})<br>"
+                f"{section.text.paper}",
                 "paper": claim.paper,
-                "ours, 95 % intervals": outcome.ours,
-                "verdict": verdict,
+                "ours": md.NOTHING if outcome.verdict is Verdict.NOT_RUN else outcome.ours,
+                "verdict": _verdict(section, outcome, results),
             }
         )
-        unclear = outcome.verdict in (Verdict.PARTLY, Verdict.FAILS) or outcome.size
-        if unclear and (reason := claim.reason(results)):
-            reasons.append(f"- [{claim.statement}](#{md.slug(section.text.title)}): {reason}.")
-    counts = md.listed([f"{tally[one]} {PLURAL[one]}" for one in Verdict if tally[one]])
-    size = f" For {direction_only} the direction holds and the size does not."
-    return md.join(
-        f"Of {len(CLAIMS)} claims, {counts}.{size if direction_only else ''}",
-        md.table(rows),
-        "Where a claim does not wholly hold, our tables show why:" if reasons else "",
-        "\n".join(reasons),
-        "Criteria (*significantly* means that the whole 95 % interval lies on that side):",
-        "\n".join(f"- {claim.statement}: holds if {claim.criterion}." for _, claim in CLAIMS),
+    singular = {one: one if one is not Verdict.NOT_RUN else "was not run" for one in Verdict}
+    counts = md.listed(
+        [
+            f"{tally[one]} {singular[one] if tally[one] == 1 else PLURAL[one]}"
+            for one in Verdict
+            if tally[one]
+        ]
     )
+    size = f" For {direction_only} the direction holds and the size does not."
+    return f"Of {len(CLAIMS)} claims, {counts}.{size if direction_only else ''}", md.table(rows)
+
+
+def _verdict(section: Section, outcome: Judgement, results: Results) -> str:
+    found = results.measured(section.experiment)
+    verdict = f"**{outcome.verdict}**"
+    if outcome.verdict is not Verdict.NOT_RUN and found:
+        verdict += "" if found.budget == "paper" else f" ({found.budget} run)"
+        verdict += "<br>stale" if found.stale else ""
+    if outcome.size:
+        verdict += f"<br>the direction holds, the size does not: {outcome.size}"
+    return verdict
+
+
+def _judged(claim: Claim, results: Results) -> str:
+    """A claim in its section: both numbers, the verdict, when it holds, and why it does not."""
+    outcome = claim.judgement(results)
+    if outcome.verdict is Verdict.NOT_RUN:
+        return f"- **{claim.statement}: not run** ({outcome.ours}). Paper: {claim.paper}."
+    ours = "; ".join([outcome.ours, outcome.detail] if outcome.detail else [outcome.ours])
+    ours = ours.replace("<br>", "; ")
+    reason = "" if outcome.verdict is Verdict.HOLDS and not outcome.size else claim.reason(results)
+    lines = [f"Paper: {claim.paper}.", f"Ours: {ours}.", f"Holds if {claim.criterion}."]
+    lines += [f"Why not: {reason}."] if reason else []
+    return f"- **{claim.statement}: {outcome.verdict}.**<br>" + "<br>".join(lines)
+
+
+def _open(results: Results, sections: Sequence[Section]) -> str:
+    """What was not run, what is stale, and why claims do not wholly hold."""
+    lines = []
+    for section, claim in CLAIMS:
+        outcome = claim.judgement(results)
+        if outcome.verdict in (Verdict.PARTLY, Verdict.FAILS) and (reason := claim.reason(results)):
+            link = f"[{claim.statement}](#{md.slug(section.text.title)})"
+            lines.append(f"- {link} {outcome.verdict}: {reason}.")
+    found = {section.text.title: results.measured(section.experiment) for section in sections}
+    if missing := [f"[{name}](#{md.slug(name)})" for name, made in found.items() if not made]:
+        lines.append(f"- Not run: {md.listed(missing)}.")
+    if stale := sum(bool(made and made.stale) for made in found.values()):
+        lines.append(
+            f"- Stale, made by older code: {stale} of {len(found)} experiments, marked in "
+            "[their list](#state-of-the-experiments)."
+        )
+    return "\n".join(lines)
 
 
 def _overview(results: Results, sections: Sequence[Section]) -> str:
@@ -206,11 +257,13 @@ def _overview(results: Results, sections: Sequence[Section]) -> str:
 def _section(section: Section, results: Results, figures: Figures) -> str:
     body = section.body(results, figures)
     title = f"### {section.text.title}"
+    claims = "\n".join(_judged(claim, results) for claim in section.claims)
     if body is None:
         return md.join(
             title,
             section.text.about,
             f"**Not run** ({section.text.paper}; its experiment is `{section.experiment}`).",
+            claims,
         )
     found = results.experiments[section.experiment]
     recordings = [
@@ -227,6 +280,7 @@ def _section(section: Section, results: Results, figures: Figures) -> str:
         ""
         if found.budget == "paper"
         else f"> **{found.budget.capitalize()} run.** These are not the paper's counts.",
+        claims,
         body,
         f"Recordings, for `knotflow view`: {', '.join(recordings)}." if recordings else "",
     )

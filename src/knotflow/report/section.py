@@ -46,6 +46,7 @@ class Judgement:
     ours: str
     verdict: Verdict
     size: str = ""  # where the direction holds and the size does not: how it differs
+    detail: str = ""  # further numbers, for the claim's own section
 
 
 @dataclass(frozen=True)

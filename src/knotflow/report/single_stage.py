@@ -156,6 +156,32 @@ def imitation_over_icp(results: Results) -> Judgement:
     )
 
 
+def where_icp_is_better(results: Results) -> str:
+    """The actions on which imitation succeeds less often than ICP, and both rates."""
+    rates = complete_rates(results, SINGLE, ("imitation", "icp"))
+    pairs = {
+        action: [rates.interval(name, action).estimate for name in ("imitation", "icp")]
+        for action in rates.actions
+    }
+    parts = [
+        f"`{action}` ({100 * ours:.0f} against {100 * icp:.0f} %)"
+        for action, (ours, icp) in pairs.items()
+        if ours <= icp
+    ]
+    return f"ICP succeeds as often or more on {md.listed(parts)}" if parts else ""
+
+
+def little_to_gain(results: Results) -> str:
+    """The actions with a ratio clearly below the paper's range, and imitation's rate on them."""
+    rates = complete_rates(results, SINGLE, ("reinforcement", "imitation"))
+    parts = [
+        f"`{action}` ({100 * rates.interval('imitation', action).estimate:.0f} %)"
+        for action, ratio in _ratios(results, "reinforcement", "imitation").items()
+        if not ratio.reaches(1.14)
+    ]
+    return f"imitation leaves little to gain on {md.listed(parts)}" if parts else ""
+
+
 def reinforcement_over_imitation(results: Results) -> Judgement:
     """1.14x to 2.33x."""
     ratios = _ratios(results, "reinforcement", "imitation")
@@ -244,6 +270,7 @@ SINGLE_STAGE_CLAIMS = (
         "higher on most actions, above all R1(0,1,1) and R2(0,0,1,1)",
         "higher on more than half, and on both of these; partly if one of the two",
         imitation_over_icp,
+        where_icp_is_better,
     ),
     Claim(
         "Imitation + RL against imitation only",
@@ -251,6 +278,7 @@ SINGLE_STAGE_CLAIMS = (
         "every action is compatible with 1.14× or more and more than half are significantly "
         "better; partly if better on more than half",
         reinforcement_over_imitation,
+        little_to_gain,
     ),
 )
 
