@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from knotflow.execution import export_plan
 from knotflow.execution.arm_model import (
     ARMS,
     PREFIX,
@@ -136,3 +137,54 @@ def test_unusable_arms_are_refused(scara, tmp_path):
     broken.write_text("<mujoco><worldbody>")
     with pytest.raises(ArmError, match="cannot read"):
         load_arm(broken)
+
+
+UR5E_JOINTS = (
+    ("pan", "0 0 0.1625", "0 0 0", 3.1),
+    ("lift", "0 0 0", "1.5708 0 0", 3.1),
+    ("elbow", "-0.425 0 0", "0 0 0", 3.1),
+    ("wrist_1", "-0.3922 0 0.1333", "0 0 0", 6.2),
+    ("wrist_2", "0 -0.0997 0", "1.5708 0 0", 6.2),
+    ("wrist_3", "0 0.0996 0", "1.5708 3.1416 3.1416", 6.2),
+)
+"""Name, origin and speed limit of a UR5e's joints, as in Universal Robots' description."""
+
+
+@pytest.fixture
+def urdf(tmp_path):
+    mesh = '<geometry><mesh filename="package://lab/missing.dae"/></geometry>'
+    links = "".join(
+        f'<link name="{name}"><visual>{mesh}</visual><collision>{mesh}</collision></link>'
+        for name in ["base", *(f"{joint}_link" for joint, *_ in UR5E_JOINTS)]
+    )
+    parents = ["base", *(f"{name}_link" for name, *_ in UR5E_JOINTS)]
+    joints = "".join(
+        f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{name}_link"/>'
+        f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="0 0 1"/>'
+        f'<limit lower="-6.28" upper="6.28" effort="100" velocity="{speed}"/></joint>'
+        for (name, xyz, rpy, speed), parent in zip(UR5E_JOINTS, parents, strict=False)
+    )
+    fingers = (
+        '<link name="fingers"/><joint name="mount" type="fixed"><parent link="wrist_3_link"/>'
+        '<child link="fingers"/><origin xyz="0 0 0.14"/></joint>'
+    )
+    path = tmp_path / "lab.urdf"
+    path.write_text(f'<robot name="lab">{links}{joints}{fingers}</robot>')
+    return path
+
+
+def test_joints_limits_and_tip_are_those_of_a_urdf(urdf):
+    arm = load_arm(urdf, tip="fingers")
+    assert arm.joints == tuple(name for name, *_ in UR5E_JOINTS)
+    np.testing.assert_array_equal(arm.max_speed, [speed for *_, speed in UR5E_JOINTS])
+    stretched = arm.tip_positions(np.zeros((1, 6)))[0]
+    np.testing.assert_allclose(stretched, [-0.8172, -0.3729, 0.0628], atol=1e-3)
+    with pytest.raises(ArmError, match="wrist_3_link, fingers"):
+        load_arm(urdf)
+
+
+@pytest.mark.slow
+def test_a_plan_is_followed_by_an_arm_of_a_urdf(urdf, still):
+    arm = load_arm(urdf, tip="fingers")
+    exported = export_plan(still, arm, Base([-0.3, 0.0, 0.65], [0.0, -90.0, 180.0]), rate_hz=10.0)
+    assert exported.reachable, exported.summary()

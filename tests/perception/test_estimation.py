@@ -18,7 +18,10 @@ from knotflow.topology import TopologicalState
 from .shapes import CAMERA, ROPE, image, loop, s_curve, target
 
 QUICK = EstimateConfig(
-    FitConfig(steps=30), search=SearchConfig(guesses=1, rounds=0), fallback_search=None
+    FitConfig(steps=30),
+    search=SearchConfig(guesses=1, rounds=0),
+    fallback_search=None,
+    colour=False,
 )
 
 
@@ -71,6 +74,16 @@ def test_likely_shape_must_explain_image(monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("points", [s_curve(), loop(1), loop(-1)], ids=["flat", "over", "under"])
+def test_a_rope_that_colour_shows_is_not_searched_for(monkeypatch, points):
+    monkeypatch.setattr(estimation, "trace", None)
+    config = replace(QUICK, colour=True)
+    found = estimate(image(points, head=True), CAMERA, ROPE, config=config)
+    assert np.linalg.norm(found.points - points, axis=1).mean() < 4e-3
+    assert found.state == TopologicalState.from_curve(points) and not found.ambiguous
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("first", "efforts"), [("right", 1), ("wrong", 2)])
 def test_fallback_search_runs_while_ambiguous(monkeypatch, first, efforts):
     truth, wrong = loop(1), s_curve()
@@ -81,7 +94,7 @@ def test_fallback_search_runs_while_ambiguous(monkeypatch, first, efforts):
         return SearchResult([wrong if first == "wrong" and len(tried) == 1 else truth], [])
 
     monkeypatch.setattr(estimation, "search", search)
-    config = EstimateConfig(fallback_search=SearchConfig(paths=1, rounds=2))
+    config = EstimateConfig(fallback_search=SearchConfig(paths=1, rounds=2), colour=False)
     found = estimate(image(truth, head=True), CAMERA, ROPE, config=config)
     assert [effort for effort, _ in tried] == [config.search, config.fallback_search][:efforts]
     assert not found.ambiguous and found.state == TopologicalState.from_curve(truth)
@@ -96,7 +109,8 @@ def test_no_fallback_search_if_rope_leaves_image(monkeypatch):
         estimation, "search", lambda *_: tried.append(1) or SearchResult([s_curve()], [])
     )
     gone = s_curve() + [0.75, 0, 0]
-    assert estimate(image(gone), CAMERA, ROPE).ambiguous and len(tried) == 1
+    config = EstimateConfig(colour=False)
+    assert estimate(image(gone), CAMERA, ROPE, config=config).ambiguous and len(tried) == 1
 
 
 @pytest.mark.slow

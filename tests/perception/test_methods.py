@@ -1,5 +1,7 @@
 """Methods of estimation, their ropes and metrics."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -16,7 +18,10 @@ from .shapes import CAMERA, ROPE, image, loop, s_curve, shape_error
 from .test_network import TINY
 
 QUICK = EstimateConfig(
-    FitConfig(steps=25), search=SearchConfig(guesses=1, rounds=0), fallback_search=None
+    FitConfig(steps=25),
+    search=SearchConfig(guesses=1, rounds=0),
+    fallback_search=None,
+    colour=False,
 )
 ASKED = CAMERA, ROPE, QUICK, StrandNetwork(TINY)
 
@@ -50,10 +55,12 @@ def test_ablations_leave_out_one_part(monkeypatch):
     seen = []
     monkeypatch.setattr(experiment, "estimate", lambda *args, **_: seen.append(args[-1]))
     knowing(monkeypatch, s_curve())
+    asked = CAMERA, ROPE, replace(QUICK, colour=True), StrandNetwork(TINY)
     for method in METHODS:
-        estimate_by(method, image(s_curve()), *ASKED)
-    assert [one.fit.depth for one in seen] == [1.0, 1.0, 1.0, 0.0]
-    assert [one.proposals for one in seen] == [12, 12, 0, 12]
+        estimate_by(method, image(s_curve()), *asked)
+    assert [one.fit.depth for one in seen] == [1.0, 1.0, 1.0, 1.0, 0.0]
+    assert [one.proposals for one in seen] == [12, 12, 12, 0, 12]
+    assert [one.colour for one in seen] == [True, True, False, True, True]
 
 
 def test_no_rope_is_no_estimate():
@@ -68,14 +75,20 @@ def ropes(tmp_path):
     line = straight(RopeConfig())
     overhand = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
     points = np.stack([line, line + [0.0, 0.1, 0.0], line + [0.6, 0.0, 0.0], overhand])
-    np.savez(tmp_path / "ropes.npz", points=points.astype(np.float32), crossings=[0, 0, 0, 3])
+    np.savez(
+        tmp_path / "ropes.npz",
+        points=points.astype(np.float32),
+        crossings=[0, 0, 0, 3],
+        diameters=[0.008] * 4,
+    )
     return tmp_path / "ropes.npz"
 
 
 def test_choose_ropes(ropes, capsys):
     chosen = choose_ropes(ropes, [0], 2, RopeConfig(), seed=1)
     assert sorted(chosen) == ["0-0", "0-1"]
-    assert all(points[:, 0].max() < 0.55 for points in chosen.values())
+    assert all(points[:, 0].max() < 0.55 for points, _ in chosen.values())
+    assert {rope.radius for _, rope in chosen.values()} == {0.004}
     assert len(choose_ropes(ropes, [0], 3, RopeConfig(), seed=1)) == 2
     assert "only 2 ropes of 0 crossings" in capsys.readouterr().out
     with pytest.raises(ValueError, match="no rope of 4 crossings in the camera's view"):

@@ -1,11 +1,12 @@
 import csv
 from dataclasses import replace
+from io import StringIO
 
 import numpy as np
 import pytest
 
-from knotflow.planning import GripperConfig
-from knotflow.simulation import spline_path
+from knotflow.planning import Frame, GripperConfig
+from knotflow.simulation import grasped_link, spline_path
 
 ORDER = ["travel", "descend", "close", "drag", "open", "rise"]
 
@@ -97,12 +98,24 @@ def test_the_csv_holds_every_waypoint(plan, tmp_path):
     waypoints.to_csv(tmp_path / "waypoints.csv")
     with (tmp_path / "waypoints.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert [*rows[0]] == "time_s x_m y_m z_m closed step action phase".split()
+    assert [*rows[0]] == "time_s x_m y_m z_m yaw_rad closed step action phase".split()
     assert len(rows) == len(waypoints)
     read = np.array([[float(row[name]) for name in ("x_m", "y_m", "z_m")] for row in rows])
     np.testing.assert_allclose(read, waypoints.positions, atol=1e-6)
     assert [row["closed"] == "1" for row in rows] == waypoints.closed.tolist()
     assert [row["action"] for row in rows] == list(waypoints.actions)
+
+
+def test_yaw_is_the_grasped_strands_and_turns_with_the_frame(plan):
+    waypoints, turned = plan.waypoints(20.0), StringIO()
+    for number, step in enumerate(plan.steps):
+        link = grasped_link(step.spline, len(step.start) - 1)
+        x, y, _ = step.start[link + 1] - step.start[link]
+        np.testing.assert_allclose(waypoints.yaws[waypoints.step == number], np.arctan2(y, x))
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    waypoints.to_csv(turned, Frame(quarter))
+    read = [float(row["yaw_rad"]) for row in csv.DictReader(StringIO(turned.getvalue()))]
+    np.testing.assert_allclose(np.cos(read - waypoints.yaws - np.pi / 2), 1.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("speed", [0.1, 0.25])

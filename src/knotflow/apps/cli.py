@@ -71,7 +71,9 @@ Options = Annotated[RopeOptions, Parameter(name="*")]
 Seed = Annotated[int, Parameter(validator=Number(gte=0))]
 Seconds = Annotated[float, Parameter(validator=Number(gt=0), help="Time limit of the search.")]
 Margin = Annotated[float, Parameter(validator=Number(gte=0))]
-ArmName = Annotated[str | None, Parameter(help="panda, ur5e, xarm7 or an MJCF file to follow it.")]
+ArmName = Annotated[
+    str | None, Parameter(help="panda, ur5e, xarm7, an MJCF or URDF file to follow it.")
+]
 ArmBase = Annotated[Path | None, Parameter(help="As in `knotflow export`, with --arm.")]
 ArmTip = Annotated[str | None, Parameter(help="As in `knotflow export`, with --arm.")]
 Worlds = Annotated[int, Parameter(validator=Number(gte=0))]
@@ -397,9 +399,9 @@ def export(
 
     Args:
         plan: A plan's folder or its plan.json.
-        arm: panda, ur5e, xarm7, or an MJCF file.
+        arm: panda, ur5e, xarm7, or an MJCF or URDF file.
         base: YAML file with position (metres) and rpy_deg of the arm's base in the rope's frame.
-        tip: Name of the site between the fingers, for an MJCF file.
+        tip: Name of the site or link between the fingers, for a file.
         max_speed: Highest speed of the tip, metres per second.
         format: csv, or a ROS 2 trajectory_msgs message as YAML.
         space: Trajectory of the joints or of the tip.

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
+from xml.etree import ElementTree
 
 import numpy as np
 import yaml
@@ -17,6 +18,8 @@ from knotflow.planning import Frame
 if TYPE_CHECKING:
     import mujoco
 
+HOMES_DRAWN, HOMES = 1024, 32
+"""Configurations drawn, and kept, of an arm whose file has no keyframes."""
 TABLE = "table"  # the geom that no part of the arm may touch
 PREFIX = "arm/"  # before the names of the arm's own elements
 
@@ -185,52 +188,115 @@ def load_arm(
     path: Path,
     tip: str | None = None,
     base: Base | None = None,
-    max_speed: float | Sequence[float] = 1.0,
+    max_speed: float | Sequence[float] | None = None,
     max_acceleration: float | Sequence[float] = 5.0,
 ) -> Arm:
-    """Any arm from an MJCF file, at home in the model's keyframes or amid its joints' ranges.
+    """Any arm from an MJCF or URDF file, at home in the model's keyframes; without any amid its
+    joints' ranges or where it moves freely.
 
     Not in the file are the limits of every joint or of each, rad/s and rad/s^2 (m/s and m/s^2 for
-    slides), and which site is the `tip`, see `Arm`, where there are several.
+    slides; speeds are a URDF's own, or else 1), and which site or link is the `tip`, see `Arm`,
+    where there are several. Meshes of a URDF are left out: what has no other collision geometry
+    collides with nothing.
 
     Raises:
-        ArmError: no such file, model or site, or nothing that moves it.
+        ArmError: no such file, model, site or link, or nothing that moves it.
     """
-    import mujoco
-
     path = Path(path)
     if not path.is_file():
-        raise ArmError(f"{path}: there is no such arm; give {', '.join(ARMS)} or an MJCF file")
+        raise ArmError(f"{path}: there is no such arm; give {', '.join(ARMS)}, MJCF or URDF")
     try:
-        model = mujoco.MjSpec.from_file(str(path)).compile()
-    except (ValueError, RuntimeError) as error:
+        model = _read_model(path, tip).compile()
+    except (ValueError, RuntimeError, ElementTree.ParseError) as error:
         raise ArmError(f"{path}: MuJoCo cannot read this arm: {error}") from None
     sites = [model.site(i).name for i in range(model.nsite)]
     if tip is None and len(sites) == 1:
         tip = sites[0]
     if tip is None or tip not in sites:
+        links = [model.body(i).name for i in range(1, model.nbody)]
         raise ArmError(
-            f"{path}: which site is between the fingers? {tip!r} is none of "
-            f"{', '.join(sites) or 'the model, which has no sites'}"
+            f"{path}: which site or link is between the fingers? {tip!r} is none of "
+            f"{', '.join([*sites, *links])}"
         )
     chain = _joints_to(model, int(model.site(tip).bodyid[0]))
     if not chain:
-        raise ArmError(f"{path}: no hinge or slide moves the site {tip!r}")
-    homes = model.key_qpos
-    if not model.nkey:
-        homes = model.qpos0[None].copy()
-        limited = model.jnt_limited.astype(bool)
-        homes[:, model.jnt_qposadr[limited]] = model.jnt_range[limited].mean(axis=1)
+        raise ArmError(f"{path}: no hinge or slide moves {tip!r}")
+    joints = tuple(model.joint(one).name for one in chain)
+    if max_speed is None:
+        speeds = _urdf_speeds(path)
+        max_speed = [speeds.get(name, 1.0) for name in joints]
     return Arm(
         name=path.stem,
-        spec=lambda: mujoco.MjSpec.from_file(str(path)),
+        spec=lambda: _read_model(path, tip),
         tip=tip,
-        joints=tuple(model.joint(one).name for one in chain),
-        homes=homes[:, model.jnt_qposadr[chain]].copy(),
+        joints=joints,
+        homes=(model.key_qpos if model.nkey else _homes(model, tip, chain))[
+            :, model.jnt_qposadr[chain]
+        ].copy(),
         max_speed=np.full(len(chain), max_speed),
         max_acceleration=np.full(len(chain), max_acceleration),
         base=base or Base(),
     )
+
+
+def _read_model(path: Path, tip: str | None) -> mujoco.MjSpec:
+    """An MJCF file, or a URDF without meshes; a `tip` that is a body gets a site of that name."""
+    import mujoco
+
+    if path.suffix.lower() == ".urdf":
+        robot = ElementTree.parse(path).getroot()
+        for link in robot.iter("link"):
+            for part in [*link.iter("visual"), *link.iter("collision")]:
+                if part.tag == "visual" or part.find("geometry/mesh") is not None:
+                    link.remove(part)
+        spec = mujoco.MjSpec.from_string(ElementTree.tostring(robot, "unicode"))
+        spec.compiler.fusestatic = False  # a tool's link is fixed to the last one
+        spec.compiler.boundmass, spec.compiler.boundinertia = 1e-3, 1e-6
+    else:
+        spec = mujoco.MjSpec.from_file(str(path))
+    if tip is not None and spec.site(tip) is None and (body := spec.body(tip)) is not None:
+        body.add_site(name=tip)
+    return spec
+
+
+def _urdf_speeds(path: Path) -> dict[str, float]:
+    """Speed limits of a URDF's joints, rad/s or m/s; none of another file."""
+    if path.suffix.lower() != ".urdf":
+        return {}
+    limits = {
+        joint.get("name", ""): joint.find("limit")
+        for joint in ElementTree.parse(path).getroot().iter("joint")
+    }
+    speeds = {
+        name: float(limit.get("velocity", 0.0))
+        for name, limit in limits.items()
+        if limit is not None
+    }
+    return {name: speed for name, speed in speeds.items() if speed > 0.0}
+
+
+def _homes(model: mujoco.MjModel, tip: str, chain: Sequence[int]) -> NDArray[np.float64]:
+    """Configurations (k, nq): amid the ranges, and the `HOMES` drawn ones in which the tip is
+    furthest from where it cannot move or turn in every direction."""
+    import mujoco
+
+    limited = model.jnt_limited.astype(bool)
+    middle = model.qpos0.copy()
+    middle[model.jnt_qposadr[limited]] = model.jnt_range[limited].mean(axis=1)
+    free = ~limited[chain, None]
+    low, high = np.clip(np.where(free, [-np.pi, np.pi], model.jnt_range[chain]), -np.pi, np.pi).T
+    data, site = mujoco.MjData(model), model.site(tip).id
+    jacobian = np.empty((6, model.nv))
+    columns, velocities = model.jnt_qposadr[chain], model.jnt_dofadr[chain]
+    drawn = np.tile(middle, (HOMES_DRAWN, 1))
+    drawn[:, columns] = np.random.default_rng(0).uniform(low, high, (HOMES_DRAWN, len(chain)))
+    freedom = np.empty(HOMES_DRAWN)
+    for number, data.qpos[:] in enumerate(drawn):
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], site)
+        freedom[number] = np.linalg.svd(jacobian[:, velocities], compute_uv=False).min()
+    return np.vstack([middle, drawn[np.argsort(-freedom)[:HOMES]]])
 
 
 def _joints_to(model: mujoco.MjModel, body: int) -> list[int]:

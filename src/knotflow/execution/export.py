@@ -181,14 +181,14 @@ def export_plan(
 
     Args:
         plan: with at least one step.
-        arm: name in `ARMS`, an MJCF file, or an `Arm`.
+        arm: name in `ARMS`, an MJCF or URDF file, or an `Arm`.
         base: its pose in the frame in which the rope was measured, or a YAML file, see `Base.load`;
             by default the arm's own, from the table.
         max_speed: of the tip, m/s.
         format: csv or ros2.
         space: joint or cartesian.
         rate_hz: waypoints per second, before they are slowed.
-        tip: of an MJCF file, see `load_arm`.
+        tip: of an arm's file, see `load_arm`.
 
     Raises:
         ArmError: an arm, base, speed, format or space that cannot be used, or nothing to execute.
@@ -210,7 +210,7 @@ def export_plan(
         lowest=LOWEST,
     )
     waypoints, frame = plan.waypoints(rate_hz, moves), replace(plan.frame, unit="m")
-    ik = follow_waypoints(plan, waypoints, arm, base.seen_from(frame) if base else None)
+    ik = follow_waypoints(waypoints, arm, base.seen_from(frame) if base else None)
     waypoints = replace(waypoints, positions=frame.to_file(waypoints.positions))
     positions, quaternions = frame.to_file(ik.positions), frame.turned(ik.quaternions)
     ik = replace(ik, positions=positions, quaternions=quaternions)

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.execution.arm_model import PREFIX, TABLE, Arm, Base
-from knotflow.planning import KnotPlan, Waypoints
-from knotflow.simulation import grasped_link
+from knotflow.planning import Waypoints
 
 if TYPE_CHECKING:
     import mink
@@ -55,9 +54,7 @@ class IkSolution:
         return (self.error <= TOLERANCE) & (self.tilt <= MAX_TILT) & (self.turn <= MAX_TURN)
 
 
-def follow_waypoints(
-    plan: KnotPlan, waypoints: Waypoints, arm: Arm, base: Base | None = None
-) -> IkSolution:
+def follow_waypoints(waypoints: Waypoints, arm: Arm, base: Base | None = None) -> IkSolution:
     """Follow a plan's waypoints with an arm, within its joint ranges and above the table.
 
     Of each step's two grasps, half a turn apart, the one nearer to the arm's home is taken, or the
@@ -67,12 +64,10 @@ def follow_waypoints(
     joints: NDArray | None = None
     yaw: float | None = None
     segments: list[_Segment] = []
-    for step, plan_step in enumerate(plan.steps):
+    for step in np.unique(waypoints.step):
         rows = np.flatnonzero(waypoints.step == step)
         positions, aligned = waypoints.positions[rows], np.isin(phases[rows], ALIGNED)
-        link = int(grasped_link(plan_step.spline, len(plan_step.start) - 1))
-        x, y, _ = plan_step.start[link + 1] - plan_step.start[link]
-        nearer = solver.nearest_yaw(float(np.arctan2(y, x)), positions[-1])
+        nearer = solver.nearest_yaw(float(waypoints.yaws[rows[0]]), positions[-1])
         found: list[_Segment] = []
         for goal in (nearer, nearer + np.pi):
             yaws = _interpolate_yaw(yaw, goal, phases[rows] == "travel")

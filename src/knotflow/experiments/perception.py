@@ -46,6 +46,7 @@ from knotflow.simulation import (
     resample,
     state_or_none,
 )
+from knotflow.simulation.proportions import rope_of
 from knotflow.topology import DegenerateCurveError, TopologicalState
 from knotflow.workflow import StageRun, stage
 
@@ -68,20 +69,27 @@ def ropes(
     rounds: int,
     random_share: float = 0.25,
     most_crossings: int = 5,
+    diameters: tuple[float, float] | None = None,
     seed: int,
 ) -> None:
     """Rope shapes as plans meet them: random curves moved by spline after spline.
 
-    Makes ropes.npz: `points` (N, V, 3) float32, metres, and their number of `crossings` (N,).
+    Makes ropes.npz: `points` (N, V, 3) float32, metres, their number of `crossings` (N,) and
+    `diameters` (N,), metres.
 
     `rounds` splines move each rope, `random_share` of them random, the others aimed at an action;
-    every shape with at most `most_crossings` is kept.
+    every shape with at most `most_crossings` is kept. Each shard's diameter is drawn
+    log-uniformly from a range of `diameters`, metres, if one is given.
     """
     names = [f"shard-{number:04d}" for number in range(shards)]
 
     def move(shard: str) -> None:
-        rng, simulator = rng_of(seed, names.index(shard)), RopeSimulator(simulation)
-        current = np.stack([random_curve(simulation.rope, rng, starts) for _ in range(SHARD_ROPES)])
+        rng, rope = rng_of(seed, names.index(shard)), simulation.rope
+        if diameters is not None:
+            diameter = float(np.exp(rng.uniform(*np.log(diameters))))
+            rope = rope_of(diameter / rope.length, rope.bending_length / rope.length, rope.links)
+        simulator = RopeSimulator(replace(simulation, rope=rope))
+        current = np.stack([random_curve(rope, rng, starts) for _ in range(SHARD_ROPES)])
         states = [TopologicalState.trivial()] * SHARD_ROPES
         points, crossings = [*current.copy()], [0] * SHARD_ROPES
         for _ in range(rounds):
@@ -102,12 +110,13 @@ def ropes(
                 points.append(current[index].copy())
                 crossings.append(state.num_crossings)
         with run.atomic(f"{shard}.npz") as path:
-            kept = np.stack(points).astype(np.float32)
-            np.savez(path, points=kept, crossings=np.array(crossings))
+            kept, each = np.stack(points).astype(np.float32), np.array(crossings)
+            drawn = np.full(len(kept), 2 * rope.radius)
+            np.savez(path, points=kept, crossings=each, diameters=drawn)
 
     run.each(move, run.pending(names, ".npz"), "ropes")
     parts = [np.load(run.out / f"{name}.npz") for name in names]
-    joined = {key: np.concatenate([part[key] for part in parts]) for key in ("points", "crossings")}
+    joined = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
     with run.atomic(ROPES) as path:
         np.savez(path, points=joined["points"], crossings=joined["crossings"])
     for name in names:
@@ -128,9 +137,10 @@ def strand_training(
 
 
 NETWORK_RENDERING = "network_rendering"
-METHODS = (NETWORK_RENDERING, FULL, f"{FULL}_without_network", f"{FULL}_without_depth")
+ABLATED = ("colour", "network", "depth")
+METHODS = (NETWORK_RENDERING, FULL, *(f"{FULL}_without_{part}" for part in ABLATED))
 """What the experiment compares: the network's likeliest path, fitted; the complete method; and this
-without the network's guesses, or without depth in the gradient steps."""
+without the guess by colour, the network's guesses, or depth in the gradient steps."""
 EVERY_LEVEL = (NETWORK_RENDERING, FULL)
 """Methods compared at all levels of noise; the ablations at the nominal one only."""
 
@@ -149,6 +159,8 @@ def estimate_by(
         guess = next(iter(trace_rope(network, observe(image, camera, rope))), None)
         if guess is None:
             return None
+    elif method == f"{FULL}_without_colour":
+        config = replace(config, colour=False)
     elif method == f"{FULL}_without_network":
         config = replace(config, proposals=0)
     elif method == f"{FULL}_without_depth":
@@ -160,15 +172,17 @@ def estimate_by(
 
 def choose_ropes(
     path: Path, crossings: Sequence[int], count: int, rope: RopeConfig, seed: int
-) -> dict[str, NDArray]:
+) -> dict[str, tuple[NDArray, RopeConfig]]:
     """At most `count` shapes (V, 3), metres, in view, of each number of crossings, drawn from the
-    file of the stage `ropes`; by name, such as "3-0", the first one of three crossings.
+    file of the stage `ropes`, and their ropes; by name, such as "3-0", the first one of three
+    crossings.
 
     Raises:
         ValueError: no rope of a number of crossings.
     """
     with np.load(path) as file:
         points, of_each = file["points"].astype(np.float64), file["crossings"]
+        radii = file["diameters"] / 2
     rng, camera = rng_of(seed, 0), Camera.overhead()
     pixels, chosen = camera.project(points)[..., :2], {}
     last = [camera.width - 5, camera.height - 5]  # with some pixels to spare
@@ -183,7 +197,8 @@ def choose_ropes(
         if len(rows) < count:
             print(f"only {len(rows)} ropes of {number} crossings are in view", flush=True)
         for place, row in enumerate(rng.permutation(rows)[:count]):
-            chosen[f"{number}-{place}"] = check_points(resample(points[row], rope), rope)
+            own = replace(rope, radius=float(radii[row]))
+            chosen[f"{number}-{place}"] = check_points(resample(points[row], own), own), own
     return chosen
 
 
@@ -232,23 +247,24 @@ def perception(
     shapes = choose_ropes(ropes / ROPES, crossings, per_crossings, rope, seed)
 
     def estimate_rope(name: str) -> pd.DataFrame:
-        truth, trained = shapes[name], StrandNetwork.load(network)
+        (truth, own), trained = shapes[name], StrandNetwork.load(network)
         count, number = map(int, name.split("-"))
         rows = []
         for level in levels:
             rng = rng_of(seed, 1, count, number, round(100 * level))
             noise = replace(camera_noise, level=level)
-            simulated = SimulatedCamera(camera, rope, noise, Appearance.draw(rng, noise))
+            simulated = SimulatedCamera(camera, own, noise, Appearance.draw(rng, noise))
             image = simulated.capture(truth, rng)
             for method in METHODS if level == NOMINAL else EVERY_LEVEL:
                 began = time.process_time()
-                found = estimate_by(method, image, camera, rope, estimate, trained)
+                found = estimate_by(method, image, camera, own, estimate, trained)
                 seconds = time.process_time() - began
                 row = {"method": method, "noise": level, "crossings": count, "rope": number}
+                row["diameter_mm"] = round(2e3 * own.radius, 1)
                 rows.append(row | metrics(found, truth) | {"seconds": round(seconds, 3)})
                 if found is not None and (method, level, name) == (FULL, NOMINAL, drawn):
                     with run.atomic("estimates.png") as path:
-                        draw_overlay(path, image, camera, rope, found)
+                        draw_overlay(path, image, camera, own, found)
         return pd.DataFrame(rows)
 
     run.table("estimates.csv", estimate_rope, [*shapes], "perception")

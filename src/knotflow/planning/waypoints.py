@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.planning.frame import Frame
+from knotflow.simulation import grasped_link
 from knotflow.topology import Action
 from knotflow.topology.polyline import Floats
 
@@ -63,6 +64,8 @@ class Waypoints:
     Attributes:
         times: (N,) seconds from the beginning.
         positions: (N, 3) of the gripper, metres, world frame.
+        yaws: (N,) direction of the strand across which the fingers close in that step, radians
+            about z from x; while they hold the rope they may turn freely.
         closed: (N,) whether the gripper is commanded to be closed.
         step: (N,) index of the plan's step that the waypoint belongs to.
         actions: (N,) that step's action as text.
@@ -71,6 +74,7 @@ class Waypoints:
 
     times: Floats
     positions: Floats
+    yaws: Floats
     closed: NDArray[np.bool_]
     step: NDArray[np.int64]
     actions: tuple[str, ...]
@@ -80,9 +84,10 @@ class Waypoints:
         return len(self.times)
 
     def to_csv(self, file: Path | StringIO, frame: Frame | None = None) -> None:
-        """Write a row a waypoint: time_s, x_m, y_m, z_m, closed (0 or 1), step, action, phase.
+        """Write a row a waypoint: time_s, x_m, y_m, z_m, yaw_rad, closed (0 or 1), step, action and
+        phase.
 
-        Positions are in the unit of the `frame`, which the columns name.
+        Positions and yaws are in the `frame`, positions in its unit, which the columns name.
         """
         import pandas as pd  # slow to import
 
@@ -90,6 +95,9 @@ class Waypoints:
         columns = [f"{axis}_{frame.unit}" for axis in "xyz"]
         table = pd.DataFrame(frame.to_file(self.positions), columns=columns)
         table.insert(0, "time_s", self.times)
+        strands = np.stack([np.cos(self.yaws), np.sin(self.yaws), 0 * self.yaws], axis=1)
+        x, y, _ = (strands @ frame.rotation.T).T
+        table["yaw_rad"] = np.arctan2(y, x)
         table = table.assign(closed=self.closed.astype(int), step=self.step)
         table = table.assign(action=self.actions, phase=self.phases)
         table.to_csv(file, index=False, float_format="%.6f", lineterminator="\r\n")
@@ -100,6 +108,8 @@ class Drag(Protocol):
 
     @property
     def action(self) -> Action: ...
+    @property
+    def spline(self) -> Floats: ...
     @property
     def times(self) -> Floats: ...
     @property
@@ -138,17 +148,24 @@ def trace_waypoints(
                 f"{top + config.clearance:.3f} m"
             )
     rows: list[tuple[Floats, int, str, str]] = []
+    links = shapes.shape[1] - 1
+    grasped = [int(grasped_link(step.spline, links)) for step in steps]
+    strands = np.array(
+        [shape[link + 1] - shape[link] for shape, link in zip(shapes, grasped, strict=False)]
+    ).reshape(-1, 3)
     for number, step in enumerate(steps):
         path = _drag(step, rate_hz, config.drag_speed)
         path[:, 2] += max(config.lowest - float(path[:, 2].min()), 0.0)
         here = rows[-1][0] if rows else None
         for phase, positions in _phases(here, path, rate_hz, config).items():
             rows += [(place, number, str(step.action), phase) for place in positions]
+    step_of = np.array([row[1] for row in rows], np.int64)
     return Waypoints(
         times=np.arange(len(rows)) / rate_hz,
         positions=np.array([row[0] for row in rows]).reshape(-1, 3),
+        yaws=np.arctan2(strands[:, 1], strands[:, 0])[step_of],
         closed=np.array([row[3] in ("close", "drag") for row in rows], bool),
-        step=np.array([row[1] for row in rows], np.int64),
+        step=step_of,
         actions=tuple(row[2] for row in rows),
         phases=tuple(row[3] for row in rows),
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import pandas as pd
 
 from knotflow.report import markdown as md
@@ -18,10 +20,12 @@ KEY = ("method", "noise", "crossings", "rope")
 PLANS = {"rope": str, "planned_from": str, "planned": bool, "tied": bool}
 GROUPS = ((0, 3), (4, 5))
 """Ropes are grouped by their number of crossings, from and to."""
+DIAMETERS = (4, 8, 14, 25)  # mm, ends of the groups that are told apart
 FULL = "full"
 METHODS = {
     "network_rendering": "network + rendering",
     FULL: "complete",
+    "full_without_colour": "complete, without the guess by colour",
     "full_without_network": "complete, without the network",
     "full_without_depth": "complete, without depth",
 }
@@ -64,6 +68,7 @@ def perception(results: Results, figures: Figures) -> Parts:
         if others
         else "",
         "unambiguous": _unambiguous(own),
+        "diameters": _diameters(own),
         "example": figures.own(
             EXPERIMENT,
             "estimates.png",
@@ -106,6 +111,18 @@ def _unambiguous(shown: pd.DataFrame) -> str:
         f"by the complete method is {md.listed(parts)}."
     )
     return about if parts else ""
+
+
+def _diameters(shown: pd.DataFrame) -> str:
+    """State accuracy by diameter at all levels of noise; '' for ropes of one diameter."""
+    if "diameter_mm" not in shown:
+        return ""
+    parts = [
+        f"{md.rate(own['state_correct'])} for {low} to {high} mm"
+        for low, high in itertools.pairwise(DIAMETERS)
+        if len(own := shown[shown["diameter_mm"].between(low, high, inclusive="left")])
+    ]
+    return f"The state accuracy of the complete method by diameter is {md.listed(parts)}."
 
 
 @optional

@@ -41,6 +41,7 @@ from knotflow.perception.estimation.search import (
 from knotflow.perception.estimation.skeleton import TraceError, lift, trace
 from knotflow.perception.networks.network import StrandNetwork, shipped_network
 from knotflow.perception.networks.strands import trace_rope
+from knotflow.perception.photo.lifting import shape_by_colour
 from knotflow.simulation import RopeConfig, state_or_none
 from knotflow.topology import TopologicalState
 
@@ -67,6 +68,9 @@ class EstimateConfig:
     )
     """How the search continues where its result is ambiguous or leaves rope out; None
     takes the result as it is."""
+    colour: bool = True
+    """Whether the rope is first looked for by colour alone, as in a photograph; what is found is a
+    likely shape."""
     proposals: int = 12
     """First guesses of the network, at most."""
     prior_credit: float = 2.0
@@ -219,7 +223,10 @@ def _search_all(
     """The likeliest shape of all guesses, see `estimate`, and the target with its seen radius."""
     if not bool(target.mask.any()):
         raise TraceError("nothing in the image is taken for rope")
-    if len(likely):
+    if len(likely) == 0 and config.colour:
+        by_colour = shape_by_colour(image, target.camera, target.rope)
+        likely = [] if by_colour is None else [by_colour]
+    if len(likely) > 0:
         target = _with_radius(likely[0], target, config)
     near = target.around(likely)
     shapes: list[Floats] = []
