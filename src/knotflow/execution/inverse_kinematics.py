@@ -152,6 +152,11 @@ class Solver:
         x, y, _ = self._tip()[1][:, 0]
         return near + (float(np.arctan2(y, x)) - near + np.pi) % (2 * np.pi) - np.pi
 
+    def tip(self, joints: NDArray) -> NDArray[np.float64]:
+        """Position (3,) of the tip at joints (J,), metres."""
+        self._set_joints(joints)
+        return self._tip()[0].copy()
+
     def solution(self, segments: list[_Segment], waypoints: Waypoints) -> IkSolution:
         """Tip poses and errors by forward kinematics."""
         joints = np.concatenate([segment.joints for segment in segments])

@@ -21,10 +21,11 @@ class Robot(Protocol):
     """A gripper above a table, and a camera that sees both.
 
     Positions are (3,) in metres in the world frame (table at z = 0, z up, the rope around the
-    origin), of the point between the fingertips that lies on a held rope's centre line. Yaw across
-    the strand, joints and the avoidance of collisions are left to the implementation.
+    origin), of the point between the fingertips that lies on a held rope's centre line. Yaw, joints
+    and the avoidance of collisions are left to the implementation.
 
-    Methods block until they are done; an exception ends the execution after a `release()`.
+    Methods block until they are done; an exception ends the execution after a `release()`. One more
+    method, `expect`, is optional, see `RobotWrapper.expect`.
     """
 
     def observe(self) -> RgbdImage:
@@ -72,6 +73,16 @@ class RobotWrapper:
     @property
     def position(self) -> NDArray:
         return self.robot.position
+
+    def expect(self, positions: NDArray, seconds: float, strand: float | None = None) -> bool:
+        """Announce the next calls of `move_to`: positions (N, 3), metres, a move of `seconds` each.
+
+        A robot may execute them as one motion, from rest to rest; False if it does not. Its fingers
+        are to close across a strand of the direction `strand`, radians about z from x, at the end;
+        without one they may turn freely.
+        """
+        expect = getattr(self.robot, "expect", None)
+        return expect is not None and bool(expect(positions, seconds, strand))
 
 
 class RopeSource(Protocol):

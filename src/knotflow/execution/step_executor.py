@@ -112,6 +112,7 @@ class StepExecutor:
 
     def __post_init__(self) -> None:
         self._camera = CameraTimer(self.robot)
+        self._expected = 0  # moves that the robot makes as one motion
 
     def execute(self, step: PlanStep, plan: KnotPlan, number: int) -> StepOutcome:
         """Grasp, drag, let go and rise."""
@@ -128,18 +129,20 @@ class StepExecutor:
         )
         drag = np.flatnonzero([phase == "drag" for phase in waypoints.phases])
         before, after = waypoints.positions[: drag[0]], waypoints.positions[drag[-1] + 1 :]
-        self._travel(before[0], number)
-        for position, phase in zip(before, waypoints.phases, strict=False):
-            if phase == "close" and not self.closed:
-                self._grasp()
-            self._move(position, number, track=self.closed)
+        x, y, _ = rope[link + 1] - rope[link]
+        strand, closing = float(np.arctan2(y, x)), waypoints.phases.index("close")
+        self._travel(before[0], number, strand)
+        self._follow(before[:closing], number, strand)
+        self._grasp()
+        self._follow(before[closing:], number, strand, track=True)
         planned = np.concatenate([before[-1:], waypoints.positions[drag]])
         held = self._drag(step, planned, number)
         self._release()
         positions = after + self.commanded - planned[-1]
         positions[:, 2] = np.maximum(positions[:, 2], planned[-1, 2])
-        for position, phase in zip(positions, waypoints.phases[drag[-1] + 1 :], strict=True):
-            self._move(position, number, track=phase == "open")
+        opening = waypoints.phases.count("open")
+        self._follow(positions[:opening], number, track=True)
+        self._follow(positions[opening:], number)
         return StepOutcome(step, None, held, self.source is None or not self.source.lost)
 
     def observe(
@@ -178,12 +181,12 @@ class StepExecutor:
         step = PULL_DISTANCE / max(float(np.linalg.norm(outward)), 1e-9)
         end = begin + step * outward
         above, raised = np.array([begin, end]) * [1, 1, 0] + [0, 0, gripper.approach_height]
-        speed = gripper.vertical_speed
-        self._travel(above, number)
-        self._line(above, begin, speed, number)
+        speed, strand = gripper.vertical_speed, float(np.arctan2(outward[1], outward[0]))
+        self._travel(above, number, strand)
+        self._line(above, begin, speed, number, strand)
         self._grasp()
-        for _ in range(round(gripper.close_time / STEP)):
-            self._move(begin, number, track=True)
+        closing = np.tile(begin, (round(gripper.close_time / STEP), 1))
+        self._follow(closing, number, strand, track=True)
         self._line(begin, end, speed, number, track=True)
         self._release()
         self._line(end, raised, speed, number, track=True)
@@ -196,21 +199,39 @@ class StepExecutor:
         self.robot.release()
         self.closed = False
 
-    def _travel(self, position: NDArray, number: int) -> None:
-        self._line(self.robot.position, position, self.config.gripper.travel_speed, number)
+    def _travel(self, position: NDArray, number: int, strand: float | None = None) -> None:
+        speed = self.config.gripper.travel_speed
+        self._line(self.robot.position, position, speed, number, strand)
 
     def _line(
-        self, begin: NDArray, end: NDArray, speed: float, number: int, track: bool = False
-    ) -> None:
+        self, begin: NDArray, end: NDArray, speed: float, number: int,
+        strand: float | None = None, track: bool = False,
+    ) -> None:  # fmt: skip
         """Move on a line from rest to rest."""
         # The smooth step 3u^2 - 2u^3 is at most 1.5 times as fast as its mean.
         count = int(np.ceil(1.5 * float(np.linalg.norm(end - begin)) / speed / STEP))
-        for u in np.arange(1, count + 1) / max(count, 1):
-            self._move(begin + u * u * (3.0 - 2.0 * u) * (end - begin), number, track=track)
+        u = np.arange(1, count + 1)[:, None] / max(count, 1)
+        positions = begin + u * u * (3.0 - 2.0 * u) * (end - begin)
+        self._follow(positions, number, strand, track)
+
+    def _follow(
+        self, positions: NDArray, number: int, strand: float | None = None, track: bool = False
+    ) -> None:
+        """Move to positions (N, 3), across a strand of that direction if given."""
+        self._expect(positions, strand)
+        for position in positions:
+            self._move(position, number, track=track)
+
+    def _expect(self, positions: NDArray, strand: float | None = None) -> None:
+        """Announce moves that nothing seen on the way will change."""
+        if self.source is None and len(positions):
+            announced = self._camera.expect(positions - self.error, STEP, strand)
+            self._expected = len(positions) if announced else 0
 
     def _drag(self, step: PlanStep, path: NDArray, number: int) -> bool:
         """Whether the rope was held along path (T + 1, 3), or as the controller corrected it."""
         reference = interpolate_rope(step, np.linspace(0.0, step.release_time, len(path)))
+        self._expect(path[1:])
         at_grasp = self._link_distances()
         link = int(at_grasp.argmin())
         if self.controller is not None:
@@ -253,7 +274,8 @@ class StepExecutor:
         """Move for a tick; seconds that the image and the tracker took."""
         self.commanded = position
         self.robot.move_to(position - self.error, STEP)
-        if self.corrects:
+        self._expected = max(self._expected - 1, 0)
+        if self.corrects and not self._expected:
             self.error = self.error + self.robot.position - position
             self.error = np.clip(self.error, -MAX_CORRECTION, MAX_CORRECTION)
         took = self._track() if track else (0.0, 0.0)
