@@ -11,6 +11,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from knotflow.apps import lab
 from knotflow.execution import ExecutionConfig, TrueState, Twin, TwinConfig, execute, load_arm, ur5e
+from knotflow.execution.export import LOWEST
 from knotflow.execution.inverse_kinematics import Solver
 from knotflow.execution.ros2 import Ros2Arm, Ros2Config, Ros2Error
 from knotflow.perception import Camera
@@ -316,6 +317,13 @@ def test_announced_moves_are_one_trajectory_across_the_strand(robot, ros, scara_
     np.testing.assert_allclose(robot.position, path[-1], atol=5e-4)
     solver = Solver(scara_arm, scara_arm.base)
     assert np.sin(solver.yaw(ros.joints, 0.0) - 2.0) == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_motion_is_raised_as_a_whole_to_clear_the_table(robot, ros, scara_arm):
+    low = robot.position + [0.0, 0.0, 0.005 - robot.position[2]]
+    robot.move_to(low, 1.0)
+    np.testing.assert_allclose(robot.position, low, atol=5e-4)
+    np.testing.assert_allclose(scara_arm.tip_positions(ros.joints[None])[0, 2], LOWEST, atol=5e-4)
 
 
 def test_another_move_than_announced_cancels_the_rest(robot, ros):

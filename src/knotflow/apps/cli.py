@@ -241,6 +241,9 @@ def run(
     max_actions: Annotated[int, Parameter(validator=Number(gte=1))] = 20,
     level: Literal[0, 1, 2] = 1,
     yes: bool = False,
+    arm: ArmName = None,
+    base: ArmBase = None,
+    tip: ArmTip = None,
 ) -> int:
     """Tie a knot with a robot: look, plan the next action, ask, act, and look again.
 
@@ -269,11 +272,12 @@ def run(
         raise ValueError("run asks before every action: use a terminal, or --yes")
     if robot == "twin":
         eye = Camera.overhead()
-        arm = lab.make_twin(rope, eye, level, seed)
+        driver = lab.make_twin(rope, eye, level, seed)
     elif camera is None:
         raise ValueError("a robot's camera is needed: --camera FILE, with its pose")
     else:
-        eye, arm = Calibration.load(camera).camera(), lab.load_robot(robot)
+        eye, driver = Calibration.load(camera).camera(), lab.load_robot(robot)
+    standing = (arm, base, tip)
 
     def replan(points: NDArray) -> planning.KnotPlan:
         with tempfile.TemporaryDirectory() as folder:
@@ -283,13 +287,15 @@ def run(
                 measured = _read_rope(str(seen), options, seed)
             except planning.RopeInputError as error:
                 raise ShapeError(str(error)) from error
-            found, _ = _search(knot, measured, seed, max_seconds, margin, worlds, GRIPPER_ERROR)
+            found, _ = _search(
+                knot, measured, seed, max_seconds, margin, worlds, GRIPPER_ERROR, standing
+            )
         return found.placed(measured.placement, measured.frame)
 
     path = lab.log_path(out, knot)
     with RunLog(path, {"knot": knot, "robot": robot}) as log:
         config = ExecutionConfig(max_actions=max_actions)
-        done = lab.tie(knot, arm, eye, rope, replan, lab.ask(yes), log, config)
+        done = lab.tie(knot, driver, eye, rope, replan, lab.ask(yes), log, config)
     print(f"{'tied' if done.tied else 'not tied'}: {done.reason}\n{path}")
     return 0 if done.tied else 1
 

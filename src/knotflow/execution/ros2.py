@@ -81,8 +81,8 @@ class Ros2Arm:
     """A `Robot` by FollowJointTrajectory, GripperCommand and image topics, see `Ros2Config`.
 
     Announced moves are one trajectory, others one each, from rest to rest within the arm's speeds
-    and accelerations, so they may take longer. The gripper has to point down when it is made, which
-    opens it.
+    and accelerations, so they may take longer, and raised as a whole to clear the table, which
+    `position` leaves out. The gripper has to point down when the driver is made, which opens it.
 
     Raises:
         ImportError: this Python has no ROS 2.
@@ -115,6 +115,7 @@ class Ros2Arm:
         self._expected: tuple[Floats, float, float | None] | None = None
         self._motion: _Motion | None = None
         self._ended = -np.inf  # ROS time at the end of the last motion
+        self._lift = np.zeros(3)  # metres by which the last motion is raised to clear the table
         self._open = False  # as far as it is known
         self._endings = {
             GoalStatus.STATUS_SUCCEEDED: "",
@@ -197,7 +198,7 @@ class Ros2Arm:
 
     @property
     def position(self) -> Floats:
-        return self._solver.tip(self._measured())
+        return self._solver.tip(self._measured()) - self._lift
 
     def _begin(self, position: NDArray, seconds: float) -> _Motion | None:
         """Start the expected moves if this is their first, else one; None if there is no way."""
@@ -205,8 +206,8 @@ class Ros2Arm:
         if expected is None or not np.allclose(expected[0][0], position):
             expected = np.array(position, np.float64)[None], seconds, None
         positions, seconds, strand = expected
-        lift = max(LOWEST - float(positions[:, 2].min()), 0.0)
-        lifted, start = positions + [0.0, 0.0, lift], self._measured()
+        self._lift = np.array([0.0, 0.0, max(LOWEST - float(positions[:, 2].min()), 0.0)])
+        lifted, start = positions + self._lift, self._measured()
         if np.abs(lifted - self._solver.tip(start)).max() < STILL:
             return None
         joints, parts = self._plan(start, lifted, strand)
