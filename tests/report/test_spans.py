@@ -30,7 +30,6 @@ def test_readme_and_docs_have_the_numbers_of_the_tables():
         ("median a/t.csv hits", "4"),
         ("mean a/t.csv hits where tied", "3.5"),
         ("most a/t.csv trials", "2,000"),
-        ("distinct a/t.csv arm", "2"),
         ("share a/t.csv tied where arm == 'z'", "not run"),
         ("share b/t.csv tied", "not run"),
         ("state a", "current"),

@@ -80,7 +80,13 @@ FURTHER = (
 )
 SECTIONS = {section.experiment: section for section in PAPER + FURTHER}
 CLAIMS = [(section, claim) for section in SECTIONS.values() for claim in section.claims]
-PLURAL = dict(zip(Verdict, ("hold", "hold partly", "do not hold", "were not run"), strict=True))
+COUNTED = {
+    Verdict.HOLDS: ("holds", "hold"),
+    Verdict.PARTLY: ("holds partly", "hold partly"),
+    Verdict.FAILS: ("does not hold", "do not hold"),
+    Verdict.NOT_RUN: ("was not run", "were not run"),
+}
+"""What one claim does, and what several do."""
 FIGURE = re.compile(r"!\[[^\]]*\]\((\S+)\)\n\n\*.+\*\n")
 """A picture in the template, with its caption."""
 
@@ -180,13 +186,8 @@ def _claims(results: Results) -> tuple[str, str]:
                 "verdict": _verdict(section, outcome, results),
             }
         )
-    singular = {one: one if one is not Verdict.NOT_RUN else "was not run" for one in Verdict}
     counts = md.listed(
-        [
-            f"{tally[one]} {singular[one] if tally[one] == 1 else PLURAL[one]}"
-            for one in Verdict
-            if tally[one]
-        ]
+        [f"{count} {COUNTED[one][count > 1]}" for one in Verdict if (count := tally[one])]
     )
     size = f" For {direction_only} the direction holds and the size does not."
     return f"Of {len(CLAIMS)} claims, {counts}.{size if direction_only else ''}", md.table(rows)
@@ -208,8 +209,7 @@ def _judged(claim: Claim, results: Results) -> str:
     outcome = claim.judgement(results)
     if outcome.verdict is Verdict.NOT_RUN:
         return f"- **{claim.statement}: not run** ({outcome.ours}). Paper: {claim.paper}."
-    ours = "; ".join([outcome.ours, outcome.detail] if outcome.detail else [outcome.ours])
-    ours = ours.replace("<br>", "; ")
+    ours = "; ".join(filter(None, (*outcome.ours.split("<br>"), outcome.detail)))
     reason = "" if outcome.verdict is Verdict.HOLDS and not outcome.size else claim.reason(results)
     lines = [f"Paper: {claim.paper}.", f"Ours: {ours}.", f"Holds if {claim.criterion}."]
     lines += [f"Why not: {reason}."] if reason else []
@@ -225,13 +225,11 @@ def _open(results: Results, sections: Sequence[Section]) -> str:
             link = f"[{claim.statement}](#{md.slug(section.text.title)})"
             lines.append(f"- {link} {outcome.verdict}: {reason}.")
     found = {section.text.title: results.measured(section.experiment) for section in sections}
-    if missing := [f"[{name}](#{md.slug(name)})" for name, made in found.items() if not made]:
-        lines.append(f"- Not run: {md.listed(missing)}.")
-    if stale := sum(bool(made and made.stale) for made in found.values()):
-        lines.append(
-            f"- Stale, made by older code: {stale} of {len(found)} experiments, marked in "
-            "[their list](#state-of-the-experiments)."
-        )
+    missing = [f"[{name}](#{md.slug(name)})" for name, made in found.items() if not made]
+    lines += [f"- Not run: {md.listed(missing)}."] if missing else []
+    stale = sum(bool(made and made.stale) for made in found.values())
+    whole = f"{stale} of {len(found)} [experiments](#state-of-the-experiments)"
+    lines += [f"- Stale, made by older code: {whole}."] if stale else []
     return "\n".join(lines)
 
 

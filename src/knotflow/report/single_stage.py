@@ -4,7 +4,8 @@ critic alone and together (Sec. VII-B1, Fig. 7)."""
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 from knotflow.report import markdown as md
 from knotflow.report.rates import (
@@ -156,30 +157,18 @@ def imitation_over_icp(results: Results) -> Judgement:
     )
 
 
-def where_icp_is_better(results: Results) -> str:
-    """The actions on which imitation succeeds less often than ICP, and both rates."""
-    rates = complete_rates(results, SINGLE, ("imitation", "icp"))
+def actions_where(
+    method: str, base: str, fits: Callable[[Interval], bool], so: str, results: Results
+) -> str:
+    """The actions on which the ratio of two methods fits, with both rates."""
+    rates = complete_rates(results, SINGLE, (method, base))
     pairs = {
-        action: [rates.interval(name, action).estimate for name in ("imitation", "icp")]
-        for action in rates.actions
+        action: [f"{100 * rates.interval(one, action).estimate:.0f}" for one in (method, base)]
+        for action, ratio in _ratios(results, method, base).items()
+        if fits(ratio)
     }
-    parts = [
-        f"`{action}` ({100 * ours:.0f} against {100 * icp:.0f} %)"
-        for action, (ours, icp) in pairs.items()
-        if ours <= icp
-    ]
-    return f"ICP succeeds as often or more on {md.listed(parts)}" if parts else ""
-
-
-def little_to_gain(results: Results) -> str:
-    """The actions with a ratio clearly below the paper's range, and imitation's rate on them."""
-    rates = complete_rates(results, SINGLE, ("reinforcement", "imitation"))
-    parts = [
-        f"`{action}` ({100 * rates.interval('imitation', action).estimate:.0f} %)"
-        for action, ratio in _ratios(results, "reinforcement", "imitation").items()
-        if not ratio.reaches(1.14)
-    ]
-    return f"imitation leaves little to gain on {md.listed(parts)}" if parts else ""
+    parts = [f"`{action}` ({' against '.join(pair)} %)" for action, pair in pairs.items()]
+    return f"{so} {md.listed(parts)}" if parts else ""
 
 
 def reinforcement_over_imitation(results: Results) -> Judgement:
@@ -270,7 +259,9 @@ SINGLE_STAGE_CLAIMS = (
         "higher on most actions, above all R1(0,1,1) and R2(0,0,1,1)",
         "higher on more than half, and on both of these; partly if one of the two",
         imitation_over_icp,
-        where_icp_is_better,
+        partial(
+            actions_where, "imitation", "icp", lambda ratio: ratio.estimate <= 1, "not higher on"
+        ),
     ),
     Claim(
         "Imitation + RL against imitation only",
@@ -278,7 +269,13 @@ SINGLE_STAGE_CLAIMS = (
         "every action is compatible with 1.14× or more and more than half are significantly "
         "better; partly if better on more than half",
         reinforcement_over_imitation,
-        little_to_gain,
+        partial(
+            actions_where,
+            "reinforcement",
+            "imitation",
+            lambda ratio: not ratio.reaches(1.14),
+            "little was left to gain on",
+        ),
     ),
 )
 

@@ -35,7 +35,6 @@ MEASURES: dict[str, Callable[[pd.Series, pd.Series], str]] = {
     "mean": lambda values, _: _number(values.mean()),
     "sd": lambda values, _: _number(values.std()),
     "most": lambda values, _: _number(values.max()),
-    "distinct": lambda values, _: str(values.nunique()),
 }
 """Of a column of the rows that fit; `state EXPERIMENT` is current, stale or – instead."""
 
