@@ -6,6 +6,7 @@ The scripted person presses the page's own buttons and clicks on its 3-D canvas,
 that the browser reports says that a place in the world is to be seen.
 """
 
+import base64
 import importlib
 import os
 import shutil
@@ -15,6 +16,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
+from tests.perception.photographs import centre_line, photograph
 
 from knotflow.apps.cli import main
 from knotflow.apps.studio.session import Session
@@ -45,6 +48,15 @@ FLAGS = (
 PATIENCE = float(os.environ.get("PATIENCE", "60"))
 """Seconds for a whole test, for opening its page, and for each of many demonstrations: what fails
 fails soon. On a busy machine, set the environment variable higher."""
+
+
+DROP = """(box, [content, name]) => {
+  const bytes = Uint8Array.from(atob(content), (one) => one.charCodeAt(0));
+  const dropped = new DataTransfer();
+  dropped.items.add(new File([bytes], name));
+  box.dispatchEvent(new DragEvent("drop", { dataTransfer: dropped, bubbles: true }));
+}"""
+"""What a browser does where a file is dropped."""
 
 
 class Person:
@@ -116,17 +128,40 @@ class Person:
         handles = self.studio.server.gui._gui_input_handle_from_uuid.values()
         return [handle for handle in handles if isinstance(handle.value, str)]
 
-    def click_at(self, place):
-        """Click on the canvas where a place (3,) in the world is to be seen."""
-        camera = next(iter(self.studio.server.get_clients().values())).camera
+    def seen_at(self, place):
+        """Where a place (3,) in the world is to be seen on the page."""
+        camera = camera_of(self)
         turn = viser.transforms.SO3(np.asarray(camera.wxyz)).inverse()
         x, y, z = turn.apply(np.asarray(place) - camera.position)
         box = self.page.locator("canvas").first.bounding_box()
         focal = box["height"] / 2 / np.tan(camera.fov / 2)
-        self.page.mouse.click(
+        return (
             box["x"] + box["width"] / 2 + focal * x / z,
             box["y"] + box["height"] / 2 + focal * y / z,
         )
+
+    def click_at(self, place):
+        """Click on the canvas where a place (3,) in the world is to be seen."""
+        self.page.mouse.click(*self.seen_at(place))
+
+    def drag(self, start, end):
+        """Drag from one place (3,) in the world to another."""
+        (x, y), (to_x, to_y) = self.seen_at(start), self.seen_at(end)
+        mouse = self.page.mouse
+        mouse.move(x, y)
+        self.page.wait_for_timeout(300)  # what is under the pointer is found out in a frame
+        mouse.down()
+        for share in (0.3, 0.6, 1.0):
+            mouse.move(x + share * (to_x - x), y + share * (to_y - y))
+            self.page.wait_for_timeout(100)
+        mouse.up()
+        self.page.wait_for_timeout(500)
+
+    def drop(self, file):
+        """Drop a picture's file on the tab for photographs."""
+        content = base64.b64encode(file.read_bytes()).decode()
+        box = self.page.get_by_text("or drop it here")
+        box.evaluate(DROP, [content, file.name])
 
     def until(self, done, what):
         """Wait for the studio to know."""
@@ -280,3 +315,42 @@ def test_start_of_a_task_can_be_laid(person):
     person.studio.state.rope_changed("Laid.")
     person.page.get_by_text(str(session.state)).first.wait_for()
     assert session.points == pytest.approx(resample(session.points, session.simulation.rope))
+
+
+def test_a_dropped_photograph_is_corrected_and_laid(person, tmp_path):
+    line = centre_line("overhand", (240, 320))
+    drawn = photograph(line, [True, False, True], (240, 320), width=7)
+    Image.fromarray(drawn).save(tmp_path / "rope.png")
+    session = person.studio.state.session
+    person.tab("Photo")
+    person.drop(tmp_path / "rope.png")
+    person.until(lambda: session.photo is not None, "the photograph")
+    photo = session.photo
+    low, high = photo.found.pixels.min(0), photo.found.pixels.max(0)
+    person.until(lambda: camera_of(person).position[2] < 0.5, "the view from above")
+
+    def on_table(pixel):
+        x, y = (pixel - (low + high) / 2) / length * [1, -1]
+        return x, y, 0.003
+
+    length, before, state = photo.found.length, photo.found, photo.state
+    handle = photo.found.pixels[photo.handles[5]]
+    while photo.found is before:  # what is dragged before it is drawn is lost
+        person.drag(on_table(handle), on_table(handle + [4, 12]))
+    assert np.linalg.norm(photo.found.pixels - handle - [4, 12], axis=1).min() < 2
+    person.click_at(on_table(photo.places[0]))
+    person.until(lambda: photo.state != state, "a crossing that is swapped")
+    person.page.get_by_text(str(photo.state)).first.wait_for()
+    person.press("Lay it on the table")
+    person.page.get_by_text("a photograph has no scale").first.wait_for()
+    person.type("Length", "0.9m")
+    person.press("Lay it on the table")
+    person.page.get_by_text("rope is in doubt: the centre line accounts for").wait_for()
+    person.press("It is right", lambda: not photo.doubts)
+    person.press("Lay it on the table", lambda: session.laid)
+    assert session.state == photo.state
+    assert session.measured.size.length == 0.9
+
+
+def camera_of(person):
+    return next(iter(person.studio.server.get_clients().values())).camera

@@ -20,6 +20,7 @@ import viser
 import websockets.asyncio.server
 from websockets.asyncio.server import Request, Response, ServerConnection
 
+from knotflow.apps.studio.photo_tab import PhotoTab
 from knotflow.apps.studio.scene import camera_position, rgb
 from knotflow.apps.studio.session import Session
 from knotflow.apps.studio.tabs import AppState, DemonstrateTab, PlanTab, RopeTab
@@ -45,7 +46,9 @@ class Page:
         gui.main_panel.set_width(PANEL_WIDTH)
         self.state = AppState(session, self.server)
         tabs = gui.add_tab_group()
-        for label, tab in (("Rope", RopeTab), ("Plan", PlanTab), ("Teach", DemonstrateTab)):
+        for label, tab in {
+            "Rope": RopeTab, "Photo": PhotoTab, "Plan": PlanTab, "Teach": DemonstrateTab,
+        }.items():  # fmt: skip
             with tabs.add_tab(label):
                 tab(self.state)
         self.server.on_client_connect(_show_whole_table)

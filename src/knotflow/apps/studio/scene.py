@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from knotflow.apps.studio.demonstration import CLICKS
 from knotflow.simulation import SPLINE_HIGH, RopeConfig, spline_path
 from knotflow.topology import Action, segment_intervals
-from knotflow.viz.style import INK, MUTED, OVER, PAPER, RULE, SPLINE, UNDER, rope_colour
+from knotflow.viz.style import BAD, GOOD, INK, MUTED, OVER, PAPER, RULE, SPLINE, UNDER, rope_colour
 
 if TYPE_CHECKING:
     import viser
@@ -22,6 +22,7 @@ CAMERA = (0.0, -0.55, 1.05)  # metres, at first: almost from above, as on the pa
 FIELD_OF_VIEW = float(np.deg2rad(75.0))  # vertical
 _FADED = 0.75  # towards paper: the segments that an action does not name
 _POINT = 0.012  # metres, radius of a control point
+_PICTURE = 0.001  # metres above the table
 _CURVE = np.linspace(0.0, 1.0, 33)
 
 
@@ -37,13 +38,19 @@ def _exclusive(draw: Callable[..., None]) -> Callable[..., None]:
 
 
 class Scene:
-    """Draws ropes, splines and grippers, each in place of the previous one."""
+    """Draws ropes, splines and grippers, each in place of the previous one.
+
+    Attributes:
+        size: of the ropes that are drawn next.
+    """
 
     def __init__(self, server: viser.ViserServer, rope: RopeConfig) -> None:
         """An empty table under a rope of that size."""
-        self._scene, self._rope, self._lock = server.scene, rope, RLock()
+        self._scene, self._lock = server.scene, RLock()
+        self.size = rope
         self._handles: dict[str, list[viser.SceneNodeHandle]] = {}
         self._links: viser.BatchedMeshHandle | None = None
+        self._held: viser.BatchedMeshHandle | None = None
         server.scene.set_up_direction("+z")
         server.initial_camera.position = CAMERA
         server.initial_camera.look_at = (0.0, 0.0, 0.0)
@@ -113,10 +120,70 @@ class Scene:
     def polyline(self, corners: NDArray) -> None:
         """A drawing in the making: points (N, 2) on the table."""
         self._clear("polyline")
-        flat = np.column_stack([corners, np.full(len(corners), self._rope.radius)])
+        flat = np.column_stack([corners, np.full(len(corners), self.size.radius)])
         balls = [self._ball(f"/drawn/{n}", 0.006, INK, place) for n, place in enumerate(flat)]
         lines = [self._line("/drawn/line", flat, INK, 3.0)] if len(flat) > 1 else []
         self._handles["polyline"] = [*balls, *lines]
+
+    @_exclusive
+    def picture(self, rgb: NDArray[np.uint8], size: NDArray, middle: NDArray) -> None:
+        """An image (H, W, 3) on the table, its size (2,) and middle (2,) in metres."""
+        flat = self._scene.add_image(
+            "/picture", rgb, *size, cast_shadow=False, receive_shadow=False,
+            wxyz=(0.0, 1.0, 0.0, 0.0), position=(*middle, _PICTURE),
+        )  # fmt: skip
+        self._handles["picture"] = [flat]
+
+    @_exclusive
+    def centre_line(self, pieces: NDArray, along: NDArray) -> None:
+        """Pieces (N, 2, 2) of a rope's centre line on the picture, metres, at fractions (N,) of its
+        length, in place of the rope."""
+        if self._links is not None:
+            self._links.visible = False
+        raised = np.pad(pieces, ((0, 0), (0, 0), (0, 1)), constant_values=_PICTURE + 0.001)
+        colours = np.array([[rgb(rope_colour(place))] * 2 for place in along], np.uint8)
+        line = self._scene.add_line_segments(
+            "/centre_line", raised, colors=colours, thickness=4.0, thickness_units="screen"
+        )
+        self._handles["centre line"] = [line]
+
+    @_exclusive
+    def handles(
+        self, places: NDArray, radius: float, on_drag: Callable[..., Any] | None = None
+    ) -> None:
+        """Discs at places (K, 2), metres, by which a centre line is dragged; without a callback
+        those that are there are moved."""
+        raised = np.pad(places, ((0, 0), (0, 1)), constant_values=_PICTURE + 0.002)
+        if on_drag is not None:
+            self._held = self._discs("/held", raised, radius, [rgb(PAPER)] * len(raised), 0.85)
+            self._held.on_drag("left")(on_drag)
+            self._handles["handles"] = [self._held]
+        elif self._held is not None:
+            self._held.batched_positions = raised
+
+    @_exclusive
+    def crossings(
+        self,
+        places: NDArray,
+        radius: float,
+        sure: list[bool],
+        on_click: Callable[..., Any],
+        ends: NDArray,
+    ) -> None:
+        """Numbered discs at crossings (C, 2), another colour where they are in doubt, and labels at
+        the ends (2, 2), head first; metres."""
+        self._clear("crossings")
+        self._clear("labels")
+        raised = np.pad(places, ((0, 0), (0, 1)), constant_values=_PICTURE + 0.003)
+        names = [f"{n}{'' if one else '?'}" for n, one in enumerate(sure, 1)]
+        at_ends = np.pad(ends, ((0, 0), (0, 1)))
+        labels = [("head", at_ends[0]), ("tail", at_ends[1]), *zip(names, raised, strict=True)]
+        self._handles["labels"] = self._labels("photo", labels, above=0.0)
+        if len(places):
+            colours = [rgb(GOOD if one else BAD) for one in sure]
+            discs = self._discs("/crossings", raised, radius, colours, 0.45)
+            discs.on_click(on_click)
+            self._handles["crossings"] = [discs]
 
     @_exclusive
     def clear(self) -> None:
@@ -137,7 +204,7 @@ class Scene:
             return
         from trimesh.creation import capsule
 
-        rope = self._rope
+        rope = self.size
         mesh = capsule(height=rope.link_length, radius=rope.radius, count=[12, 12])
         mesh.apply_translation(-mesh.bounds.mean(axis=0))
         light = _linear(_colours(len(steps)) if colours is None else colours)
@@ -151,14 +218,29 @@ class Scene:
     ) -> viser.IcosphereHandle:
         return self._scene.add_icosphere(name, radius, rgb(colour), opacity=opacity, position=place)
 
+    def _discs(
+        self, name: str, places: NDArray, radius: float, colours: list[Any], opacity: float
+    ) -> viser.BatchedMeshHandle:
+        from trimesh.creation import cylinder
+
+        mesh = cylinder(radius, 0.0005, sections=24)
+        upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(places), 1))
+        return self._scene.add_batched_meshes_simple(
+            name, mesh.vertices, mesh.faces, batched_wxyzs=upright, batched_positions=places,
+            batched_colors=_linear(np.array(colours, float)), opacity=opacity, lod="off",
+            cast_shadow=False, receive_shadow=False,
+        )  # fmt: skip
+
     def _line(self, name: str, places: NDArray, colour: str, width: float) -> viser.SceneNodeHandle:
         pieces = np.stack([places[:-1], places[1:]], axis=1)
         return self._scene.add_line_segments(
             name, pieces, colors=rgb(colour), thickness=width, thickness_units="screen"
         )
 
-    def _labels(self, name: str, labels: list[tuple[str, NDArray]]) -> list[viser.SceneNodeHandle]:
-        raised = [(text, place + [0.0, 0.0, 0.03]) for text, place in labels]
+    def _labels(
+        self, name: str, labels: list[tuple[str, NDArray]], above: float = 0.03
+    ) -> list[viser.SceneNodeHandle]:
+        raised = [(text, place + [0.0, 0.0, above]) for text, place in labels]
         return [
             self._scene.add_label(f"/labels/{name}/{n}", text, position=at, anchor="bottom-center")
             for n, (text, at) in enumerate(raised)
@@ -176,6 +258,13 @@ def camera_position(aspect: float) -> NDArray[np.float64]:
     depth = 1.04 * corner[0] / (np.tan(FIELD_OF_VIEW / 2) * aspect)  # that brings it to the rim
     back = (depth - corner @ ahead) / np.linalg.norm(CAMERA)
     return max(1.0, back) * np.array(CAMERA)
+
+
+def overhead_position(reach: NDArray, aspect: float) -> NDArray[np.float64]:
+    """Position (3,), metres, from which a window of this aspect shows a rectangle about the origin
+    straight from above; `reach` (2,) is half its size."""
+    height = 1.1 * max(reach[1], reach[0] / aspect) / np.tan(FIELD_OF_VIEW / 2)
+    return np.array([0.0, -1e-3, height])
 
 
 def _colours(links: int) -> NDArray[np.float64]:

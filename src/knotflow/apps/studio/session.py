@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import tempfile
 import threading
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -22,6 +23,7 @@ from knotflow.planning import (
     FAST_SEARCH,
     ROPE_NAMES,
     KnotPlan,
+    MeasuredRope,
     RopeInputError,
     SearchUpdate,
     parse_rope,
@@ -35,12 +37,20 @@ from knotflow.samplers.demonstrations import (
     task,
     task_at,
 )
-from knotflow.simulation import Attempts, RopeSimulator, SimulationConfig, attempt, resample
+from knotflow.simulation import (
+    Attempts,
+    RopeConfig,
+    RopeSimulator,
+    SimulationConfig,
+    attempt,
+    resample,
+)
 from knotflow.threads import one_thread
 from knotflow.topology import Action, TopologicalState
 from knotflow.viz.plan_folder import subsample
 
 if TYPE_CHECKING:
+    from knotflow.apps.studio.photograph import Photograph
     from knotflow.samplers.primitives import PrimitiveLibrary
 
 STARTS = {f"start of {one.action}": str(one.action) for one in TASKS if one.start_actions}
@@ -57,8 +67,12 @@ class Session:
 
     Attributes:
         file: of the kept demonstrations (JSON lines).
-        points: (V, 3) the rope at rest, metres.
+        points: (V, 3) the rope at rest, metres; a rope of another size as its model of 1 m.
+        measured: the rope's size and where it lies; None of a model rope.
+        photo: the photograph that shows the rope, if any.
+        laid: whether the rope is on the table as it is in the photograph.
         plan: the last one for this rope, if any.
+        remarks: what is to be said of its search.
         draft: the demonstration in the making, if any.
         simulated: the draft's simulation, if any.
     """
@@ -85,18 +99,26 @@ class Session:
 
         return PrimitiveLibrary.load(SHIPPED_PRIMITIVES, self.simulation.rope)
 
-    def lay(self, points: NDArray) -> None:
-        """Lay a rope (V, 3), metres; the previous plan and draft are dropped.
+    @property
+    def rope(self) -> RopeConfig:
+        """Of `points`."""
+        return self.measured.model if self.measured else self.simulation.rope
+
+    def lay(self, points: NDArray, measured: MeasuredRope | None = None) -> None:
+        """Lay a rope (V, 3), metres; the previous plan, draft and photograph are dropped.
 
         Raises:
             DegenerateCurveError: its state cannot be read.
             StudioError: a search or simulation is running.
         """
-        if self._busy.locked():
-            raise StudioError("a search or a simulation is running: wait for it, or stop it")
+        self._check_idle()
         self.state = TopologicalState.from_curve(points)
+        self.measured = measured
+        self.photo: Photograph | None = None
+        self.laid = True
         self.points: NDArray[np.float64] = np.array(points, np.float64)
         self.plan: KnotPlan | None = None
+        self.remarks: tuple[str, ...] = ()
         self.draft: Draft | None = None
         self.simulated: Attempts | None = None
 
@@ -143,18 +165,55 @@ class Session:
         self.lay(found.points)
         return found.all_ambiguities
 
+    def read_photo(self, name: str, content: bytes, colour: str = "") -> Photograph:
+        """Estimate the rope in a photograph, to be corrected and laid; see `Photograph`."""
+        from knotflow.apps.studio.photograph import Photograph  # slow to import
+
+        self._check_idle()
+        with self._busy, one_thread():
+            self.photo = Photograph.of_file(name, content, colour)
+        self.laid = False
+        return self.photo
+
+    def open_photo(self) -> None:
+        """Correct the photograph's rope after it was laid; its plan is dropped."""
+        self._check_idle()
+        self.laid, self.plan = False, None
+
+    def lay_photo(self) -> None:
+        """Lay the photograph's rope, unless it lies there; see `Photograph.rope` for its errors."""
+        if self.photo is not None and not self.laid:
+            photo, measured = self.photo, self.photo.rope()
+            self.lay(measured.points, measured)
+            self.photo = photo
+
     def search(
         self, knot: str, progress: Callable[[SearchUpdate], None], max_seconds: float = 60.0
     ) -> KnotPlan:
         """Plan a knot for the rope, see `planning.plan_rope`; what `progress` raises ends it."""
+        from knotflow.samplers.primitives import UnlikeRopeWarning  # slow
+
+        self.lay_photo()
         with self._busy:
             config = replace(FAST_SEARCH, max_seconds=max_seconds)
-            plan = plan_rope(
-                self.points, knot, self._rng,
-                sampler=self.library, simulation=self.simulation, config=config, progress=progress,
-            )  # fmt: skip
+            simulation = replace(self.simulation, rope=self.rope)
+            with warnings.catch_warnings(record=True) as unlike:
+                warnings.simplefilter("ignore")
+                warnings.simplefilter("always", UnlikeRopeWarning)
+                plan = plan_rope(
+                    self.points, knot, self._rng,
+                    sampler=self.library, simulation=simulation, config=config, progress=progress,
+                )  # fmt: skip
+        self.remarks = tuple(str(one.message) for one in unlike)
         self.plan = subsample(plan)
         return self.plan
+
+    @property
+    def placed_plan(self) -> KnotPlan | None:
+        """The plan, for a measured rope in its real size where it lies."""
+        if self.plan is None or self.measured is None:
+            return self.plan
+        return self.plan.placed(self.measured.placement, self.measured.frame)
 
     def actions(self) -> list[Action]:
         """The actions that the rope's state allows; first the tasks that start in it."""
@@ -164,6 +223,8 @@ class Session:
 
     def begin(self, action: Action) -> Draft:
         """Begin a demonstration of a legal action, in place of the one before."""
+        if self.rope != self.simulation.rope:
+            raise StudioError("demonstrations are on a rope of 1 m by 10 mm: lay another rope")
         self.state.apply(action)
         self.draft = Draft(self.points, self.state, action, self.simulation.rope)
         self.simulated = None
@@ -199,3 +260,7 @@ class Session:
     def kept(self) -> list[Demonstration]:
         """The demonstrations of `file`."""
         return load_demonstrations(self.file) if self.file.exists() else []
+
+    def _check_idle(self) -> None:
+        if self._busy.locked():
+            raise StudioError("a search or a simulation is running: wait for it, or stop it")

@@ -17,7 +17,7 @@ from knotflow.apps.studio.playback import Player, attempt_frames, plan_frames
 from knotflow.apps.studio.scene import Scene
 from knotflow.apps.studio.session import ROPES, Session, StudioError
 from knotflow.planning import KnotPlan, SearchUpdate
-from knotflow.topology import KNOT_NAMES, knot, parse_action
+from knotflow.topology import KNOT_NAMES, TopologicalState, knot, parse_action
 from knotflow.topology.action_text import describe
 from knotflow.topology.draw import draw
 from knotflow.viz.rope import rope_image
@@ -85,13 +85,21 @@ class AppState:
         self.on_click = None
         self.player.hide()
         self.scene.clear()
+        self.scene.size = session.rope
         self.scene.rope(session.points)
-        crossings = session.state.num_crossings
-        count = "no crossing" if not crossings else f"{crossings} crossing{'s' * (crossings > 1)}"
-        self._rope_line.content = f"**On the table:** `{session.state}`, {count}"
+        self.headline("On the table", session.state)
         for listener in self.rope_listeners:
             listener()
         self.say(text)
+
+    def headline(self, where: str, state: TopologicalState | None) -> None:
+        """Show where a rope is and its state above the tabs."""
+        count = "no state can be read"
+        if state is not None:
+            number = state.num_crossings
+            count = "no crossing" if not number else f"{number} crossing{'s' * (number > 1)}"
+            count = f"`{state}`, {count}"
+        self._rope_line.content = f"**{where}:** {count}"
 
     def _clicked(self, event: viser.SceneClickEvent) -> None:
         if self.on_click is not None:
@@ -186,6 +194,7 @@ class PlanTab:
     def _plan(self, event: viser.GuiEvent) -> None:
         state, limit = self._state, float(self._seconds.value)
         goal = self._other.value.strip() or self._knot.value
+        state.session.lay_photo()
         state.rope_changed(f"Planning {goal}; the primitives are loaded first...")
         self._stop.clear()
         self._begin.disabled = self._end.visible = self._bar.visible = True
@@ -216,18 +225,20 @@ class PlanTab:
         self._json.visible = self._csv.visible = plan.solved
         outcome = "is tied" if plan.solved else f"is not tied: {plan.reason}"
         state.say(
-            f"{plan.goal} {outcome}, {plan.branches} splines, {plan.seconds:.1f} s", plan.solved
+            f"{plan.goal} {outcome}, {plan.branches} splines, {plan.seconds:.1f} s"
+            + "".join(f". {one.capitalize()}" for one in state.session.remarks),
+            plan.solved,
         )
         if plan.steps:
             state.player.show(plan_frames(plan))
 
     def _export_json(self, event: viser.GuiEvent) -> None:
-        if (plan := self._state.session.plan) is not None:
+        if (plan := self._state.session.placed_plan) is not None:
             self._send(event, "plan.json", plan.to_json().encode())
 
     def _export_csv(self, event: viser.GuiEvent) -> None:
-        if (plan := self._state.session.plan) is not None:
-            plan.waypoints().to_csv(table := StringIO())
+        if (plan := self._state.session.placed_plan) is not None:
+            plan.waypoints().to_csv(table := StringIO(), plan.frame)
             self._send(event, "waypoints.csv", table.getvalue().encode())
 
     def _send(self, event: viser.GuiEvent, name: str, content: bytes) -> None:
@@ -269,6 +280,7 @@ class DemonstrateTab:
 
     def _start(self, event: viser.GuiEvent) -> None:
         state, action = self._state, parse_action(self._action.value)
+        state.session.lay_photo()
         state.session.draft = None
         state.rope_changed("")
         self._action.value = str(action)  # type: ignore[misc]  # mypy misses the setter

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from knotflow.perception.estimation.crossings import END_AMBIGUITIES, CrossingEv
 from knotflow.perception.estimation.fitting import interpolate
 from knotflow.perception.estimation.skeleton import TraceError, passages, rank_paths
 from knotflow.perception.photo.occlusion import occlusion_odds
-from knotflow.perception.photo.silhouette import find_silhouette
+from knotflow.perception.photo.silhouette import Silhouette, find_silhouette
 from knotflow.topology import DegenerateCurveError, TopologicalState, project
 from knotflow.topology.polyline import arc_lengths
 
@@ -61,6 +62,90 @@ class PhotoEstimate:
         return float(arc_lengths(self.pixels)[-1])
 
 
+@dataclass(frozen=True, eq=False)
+class RopePhoto:
+    """An image with a rope in it, in which centre lines are read; pixels are those of `rgb`.
+
+    Attributes:
+        rgb: (H, W, 3), binned where the image was large.
+        silhouette: the rope's.
+        binning: the image's pixels a pixel of `rgb`.
+    """
+
+    rgb: NDArray[np.uint8]
+    silhouette: Silhouette
+    binning: int
+
+    @classmethod
+    def of(cls, rgb: NDArray[np.uint8], colour: tuple[int, int, int] | None = None) -> RopePhoto:
+        """From an image (H, W, 3); arguments and errors are those of `estimate_photo`."""
+        binning = math.ceil(math.sqrt(rgb.shape[0] * rgb.shape[1] / _MOST_PIXELS))
+        rgb = _binned(rgb, binning).round().astype(np.uint8)
+        return cls(rgb, find_silhouette(rgb, colour), binning)
+
+    @cached_property
+    def _lab(self) -> NDArray[np.float32]:
+        return rgb2lab(self.rgb).astype(np.float32)
+
+    def trace(self) -> tuple[Floats, tuple[str, ...]]:
+        """The rope's centre line (N, 2), even steps, left end first, and why another one may be
+        meant.
+
+        Raises:
+            ImageError: no path leads along the silhouette.
+        """
+        seen = self.silhouette
+        factor = max(1, round(seen.width / _TRACED))
+        try:
+            ranked = rank_paths(_binned(seen.coverage, factor), seen.width / factor, shared=True)
+        except TraceError as error:
+            raise ImageError(f"no rope is seen: {error}") from error
+        lines = [
+            (cost, _smooth((path + 0.5) * factor - 0.5, seen.width))
+            for cost, path in ranked
+            if cost < ranked[0][0] + _RIVAL
+        ]
+        line = _to_ends(lines[0][1], seen.coverage, seen.width)
+        if line[0, 0] > line[-1, 0]:
+            line = line[::-1]
+        doubts = []
+        if len({_pairs(one) for _, one in lines}) > 1:
+            doubts.append("another path through the crossings is almost as smooth")
+        if ranked[0][0] > _SHARP:
+            doubts.append("no smooth path leads through the crossings")
+        others = [one / seen.length for one in seen.others if one > _OTHER * seen.length]
+        if others:
+            longest = f"{max(others):.0%} as long"
+            doubts.append(
+                f"{len(others) + 1} ropes are in view; the longest is taken, another is {longest}"
+            )
+        return line, tuple(doubts)
+
+    def crossings(self, line: Floats) -> tuple[CrossingEvidence, ...]:
+        """Those of a centre line (N, 2) with even steps, in the order met."""
+        met = passages(np.pad(line, ((0, 0), (0, 1))))
+        met = met[np.argsort(met[:, 0])]
+        last = len(line) - 1
+        found = []
+        for first, second in met:
+            odds = occlusion_odds(self._lab, line, (first, second), self.silhouette.width)
+            certainty = 1 / (1 + math.exp(-min(abs(odds), 50.0)))
+            places = float(first / last), float(second / last)
+            found.append(CrossingEvidence(places, odds > 0, math.nan, certainty))
+        return tuple(found)
+
+    def read(self, line: Floats, crossings: tuple[CrossingEvidence, ...]) -> PhotoEstimate:
+        """What a centre line (N, 2) with even steps and its crossings amount to."""
+        seen = self.silhouette
+        over = _over(crossings, line, seen.width)
+        state = _state(line, over)
+        doubts = (
+            *_line_doubts(line, seen.coverage, seen.width),
+            *_crossing_doubts(crossings, state),
+        )
+        return PhotoEstimate(line, over, seen.width, state, crossings, doubts)
+
+
 def estimate_photo(
     rgb: NDArray[np.uint8], colour: tuple[int, int, int] | None = None
 ) -> PhotoEstimate:
@@ -70,54 +155,15 @@ def estimate_photo(
     Raises:
         ImageError: no rope is seen.
     """
-    binning = math.ceil(math.sqrt(rgb.shape[0] * rgb.shape[1] / _MOST_PIXELS))
-    rgb = _binned(rgb, binning).round().astype(np.uint8)
-    seen = find_silhouette(rgb, colour)
-    factor = max(1, round(seen.width / _TRACED))
-    try:
-        ranked = rank_paths(_binned(seen.coverage, factor), seen.width / factor, shared=True)
-    except TraceError as error:
-        raise ImageError(f"no rope is seen: {error}") from error
-    lines = [
-        (cost, _smooth((path + 0.5) * factor - 0.5, seen.width))
-        for cost, path in ranked
-        if cost < ranked[0][0] + _RIVAL
-    ]
-    line = _to_ends(lines[0][1], seen.coverage, seen.width)
-    if line[0, 0] > line[-1, 0]:
-        line = line[::-1]
-    met = passages(np.pad(line, ((0, 0), (0, 1))))
-    met = met[np.argsort(met[:, 0])]
-    lab = rgb2lab(rgb).astype(np.float32)
-    odds = [occlusion_odds(lab, line, (first, second), seen.width) for first, second in met]
-    last = len(line) - 1
-    crossings = tuple(
-        CrossingEvidence(
-            (float(first / last), float(second / last)),
-            one > 0,
-            math.nan,
-            1 / (1 + math.exp(-min(abs(one), 50.0))),
-        )
-        for (first, second), one in zip(met, odds, strict=True)
+    photo = RopePhoto.of(rgb, colour)
+    line, doubts = photo.trace()
+    found = photo.read(line, photo.crossings(line))
+    return replace(
+        found,
+        pixels=(line + 0.5) * photo.binning - 0.5,
+        width=photo.binning * found.width,
+        doubts=(*found.doubts, *doubts),
     )
-    over = _over(met, np.array(odds) > 0, line, seen.width)
-    state = _state(line, over)
-    doubts = [
-        *_line_doubts(line, seen.coverage, seen.width),
-        *_crossing_doubts(crossings, state),
-    ]
-    if len({_pairs(one) for _, one in lines}) > 1:
-        doubts.append("another path through the crossings is almost as smooth")
-    if ranked[0][0] > _SHARP:
-        doubts.append("no smooth path leads through the crossings")
-    others = [one / seen.length for one in seen.others if one > _OTHER * seen.length]
-    if others:
-        longest = f"{max(others):.0%} as long"
-        doubts.append(
-            f"{len(others) + 1} ropes are in view; the longest is taken, another is {longest}"
-        )
-    pixels = (line + 0.5) * binning - 0.5
-    return PhotoEstimate(pixels, over, binning * seen.width, state, crossings, tuple(doubts))
 
 
 def _binned(image: NDArray, factor: int) -> NDArray:
@@ -152,16 +198,17 @@ def _to_ends(line: Floats, coverage: NDArray[np.float32], width: float) -> Float
     return np.concatenate(parts)
 
 
-def _over(met: Floats, first_over: NDArray[np.bool_], line: Floats, width: float) -> Floats:
+def _over(crossings: tuple[CrossingEvidence, ...], line: Floats, width: float) -> Floats:
     """(N,) 1 within a width of each upper passage, or halfway to the next one."""
+    last = len(line) - 1
     index = np.arange(len(line))
-    step = float(arc_lengths(line)[-1]) / (len(line) - 1)
+    step = float(arc_lengths(line)[-1]) / last
     over = np.zeros(len(line))
-    places = np.sort(met.ravel())
-    for pair, first in zip(met, first_over, strict=True):
-        at = pair[0] if first else pair[1]
+    places = last * np.sort([place for one in crossings for place in one.fractions])
+    for one in crossings:
+        at = last * one.fractions[0 if one.first_over else 1]
         gaps = np.abs(places - at)
-        reach = min(width / step, float(gaps[gaps > 0].min()) / 2)
+        reach = min(width / step, float(gaps[gaps > 1e-6].min()) / 2)
         over[np.abs(index - at) <= max(reach, 1.0)] = 1.0
     return over
 

@@ -29,18 +29,25 @@ def see_photo(
     if isinstance(camera, Calibration) and camera.distortion.size:
         rgb = camera.scaled(rgb.shape[1], rgb.shape[0]).undistorted(rgb)
     try:
-        return estimate_photo(rgb, _rgb(colour) if colour else None), rgb
+        return estimate_photo(rgb, parse_colour(colour)), rgb
     except ImageError as error:
         raise ImageError(f"{path}: {error}") from error
 
 
-def _rgb(colour: str) -> tuple[int, int, int]:
+def parse_colour(text: str | None) -> tuple[int, int, int] | None:
+    """Red, green and blue of a colour's name or #rrggbb; None of no text.
+
+    Raises:
+        ImageError: it is neither.
+    """
     from PIL import ImageColor
 
+    if not text:
+        return None
     try:
-        red, green, blue = ImageColor.getrgb(colour)[:3]
+        red, green, blue = ImageColor.getrgb(text)[:3]
     except ValueError:
-        raise ImageError(f"--rope-color {colour!r}: give a name such as red, or #rrggbb") from None
+        raise ImageError(f"--rope-color {text!r}: give a name such as red, or #rrggbb") from None
     return red, green, blue
 
 
