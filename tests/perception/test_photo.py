@@ -11,6 +11,7 @@ from tests.perception.photographs import centre_line, crossings_of, photograph, 
 
 from knotflow.perception import ImageError
 from knotflow.perception.photo import io
+from knotflow.perception.photo.colours import Colours
 from knotflow.perception.photo.estimate import estimate_photo
 from knotflow.topology import TopologicalState
 
@@ -66,7 +67,8 @@ def test_a_colour_selects_the_rope():
         drawn("arc", 0, (150, 300), colour=one)[0] for one in ((200, 60, 60), (60, 90, 220))
     )
     both = np.concatenate([red, blue])
-    rows = [estimate_photo(both, one).pixels[:, 1] for one in ((200, 60, 60), (60, 90, 220))]
+    given = [Colours((200, 60, 60)), Colours((60, 90, 220))]
+    rows = [estimate_photo(both, one).pixels[:, 1] for one in given]
     assert rows[0].max() < 150 < rows[1].min()
 
 
@@ -110,3 +112,19 @@ def test_a_real_photograph():
     state = TopologicalState.parse(label["state"])
     assert found.state in (state, state.reversed())
     assert not found.doubts
+
+
+@pytest.mark.slow
+def test_the_heads_colour_tells_the_head():
+    rgb, line, state = drawn("overhand", 5)
+    for end in (0, -1):
+        marked = rgb.copy()
+        v, u = np.indices(SHAPE)
+        on_rope = cKDTree(line).query(np.stack([u, v], -1).reshape(-1, 2))[0].reshape(SHAPE) < 4
+        marked[on_rope & (np.hypot(u - line[end, 0], v - line[end, 1]) < 12)] = (200, 30, 40)
+        found = estimate_photo(marked, Colours.parse(head="crimson"))
+        assert found.head_known and np.linalg.norm(found.pixels[0] - line[end]) < 9
+        assert found.state == (state if end == 0 else state.reversed())
+    assert not estimate_photo(rgb, Colours.parse(head="crimson")).head_known
+    with pytest.raises(ImageError, match="no colour"):
+        Colours.parse(head="reddish")

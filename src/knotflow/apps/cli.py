@@ -143,6 +143,7 @@ def next_step(
     camera: Path | None = None,
     depth_unit: str | None = None,
     rope_color: str | None = None,
+    head_color: str | None = None,
     out: Path | None = None,
     seed: Seed = 0,
     max_seconds: Seconds = 60.0,
@@ -159,7 +160,8 @@ def next_step(
         image: Colour and depth image, or a photograph, in place of a rope: as in `knotflow see`.
         camera: Of the image: as in `knotflow see`.
         depth_unit: Of the image: as in `knotflow see`.
-        rope_color: In a photograph: as in `knotflow see`.
+        rope_color: Of the image: as in `knotflow see`.
+        head_color: Of the image: as in `knotflow see`.
         out: CSV file for the gripper's waypoints of this action alone.
         seed: Of the search.
         margin: Metres of rope that every step leaves between crossings.
@@ -168,6 +170,7 @@ def next_step(
     if out is not None:
         _check_free(out)
     files, size_of = image or [], (options or RopeOptions()).length
+    colours = rope_color, head_color
     if (rope is None) == (not files) or len(files) > 2 or (len(files) == 2 and not camera):
         raise ValueError(
             "next takes either --rope, or --image COLOUR DEPTH with --camera, or --image "
@@ -176,12 +179,13 @@ def next_step(
     with tempfile.TemporaryDirectory() as folder:
         seen, ambiguous = Path(folder) / "seen.csv", False
         if len(files) == 1:
-            ambiguous = _see_photo(files[0], camera, size_of, rope_color, seen) != 0
+            ambiguous = _see_photo(files[0], camera, size_of, colours, seen) != 0
         elif camera and files:
             from knotflow.perception import io
 
             size = _seen_rope(options or RopeOptions())
-            found_rope, capture = io.see(files[0], files[1], camera, size, _depth_unit(depth_unit))
+            depth = files[1], camera, size, _depth_unit(depth_unit)
+            found_rope, capture = io.see(files[0], *depth, colours)
             print(io.describe(found_rope, capture))
             io.write_rope(seen, found_rope.points)
             ambiguous = found_rope.ambiguous
@@ -488,6 +492,8 @@ def see(
     length: str | None = None,
     diameter: str | None = None,
     rope_color: str | None = None,
+    head_color: str | None = None,
+    max_seconds: float = 60.0,
     overwrite: bool = False,
 ) -> int:
     """Estimate the rope in an RGB-D image, or in a photograph, and write a file for `--rope`.
@@ -500,7 +506,9 @@ def see(
         out: CSV file for the rope's points, head first; a picture of the estimate beside it.
         length: Of the rope, as 0.7m or 70cm; 1 m by default with depth, the scale without.
         diameter: Of the rope, as 6mm; a hundredth of its length by default.
-        rope_color: In a photograph, as red or #c08070; by default what differs from the table.
+        rope_color: As red or #c08070; by default what differs from the table.
+        head_color: Of the head's mark; by default what differs from the rope, with depth.
+        max_seconds: After which the best estimate so far is taken, with depth.
         overwrite: Replace existing files.
     """
     drawing = out and out.with_suffix(".png")
@@ -508,14 +516,15 @@ def see(
         if path:
             (_check_writable if overwrite else _check_free)(path)
     if depth is None:
-        return _see_photo(image, camera, length, rope_color, out)
+        return _see_photo(image, camera, length, (rope_color, head_color), out)
     if camera is None or out is None or drawing is None:
         raise ValueError("see with depth takes --camera FILE and --out FILE")
 
     from knotflow.perception import io  # slow to import
 
     rope = _seen_rope(RopeOptions(length=length, diameter=diameter))
-    found, seen = io.see(image, depth, camera, rope, _depth_unit(depth_unit))
+    unit, colours = _depth_unit(depth_unit), (rope_color, head_color)
+    found, seen = io.see(image, depth, camera, rope, unit, colours, max_seconds)
     io.write_rope(out, found.points)
     io.draw_overlay(drawing, seen.image, seen.camera, rope, found)
     print(f"{io.describe(found, seen)}\n{out}, {drawing}")
@@ -585,7 +594,11 @@ def _seen_rope(options: RopeOptions) -> RopeConfig:
 
 
 def _see_photo(
-    image: Path, camera: Path | None, length: str | None, colour: str | None, out: Path | None
+    image: Path,
+    camera: Path | None,
+    length: str | None,
+    colours: tuple[str | None, str | None],
+    out: Path | None,
 ) -> int:
     """`see` without depth; returns the exit code."""
     from knotflow.perception import Calibration  # slow to import
@@ -600,7 +613,7 @@ def _see_photo(
             "with its pose"
         )
     calibration = Calibration.load(camera) if camera else None
-    found, rgb = io.see_photo(image, calibration, colour)
+    found, rgb = io.see_photo(image, calibration, colours)
     eye = None
     if calibration is not None and metres is None:
         scaled = calibration.scaled(rgb.shape[1], rgb.shape[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from knotflow.perception.camera.pinhole import Camera
 from knotflow.perception.estimation.estimate import RopeEstimate, estimate
 from knotflow.perception.estimation.segmentation import segment
 from knotflow.perception.estimation.skeleton import TraceError
+from knotflow.perception.photo.colours import Colours
 from knotflow.simulation import RopeConfig
 
 _CLUTTER = 4.0  # times the rope's area, that stands above a table whose depth has the right unit
@@ -26,9 +28,12 @@ def see(
     camera: Path | Calibration,
     rope: RopeConfig | None = None,
     depth_unit: float | None = None,
+    colours: tuple[str | None, str | None] = (None, None),
+    max_seconds: float = np.inf,
 ) -> tuple[RopeEstimate, Capture]:
     """The rope in the files of an image, and what was read to find it, see `read_capture`; a
-    terminal shows progress. Without a `rope` it is the default one.
+    terminal shows progress. Without a `rope` it is the default one. `colours` are the rope's and
+    its head's, names or #rrggbb; `max_seconds` ends the search with the best so far.
 
     Raises:
         CameraError: a camera file that cannot be used, or whose pose is far off the table.
@@ -40,7 +45,15 @@ def see(
         _check_unit(seen, rope, depth)
     try:
         with tqdm(desc="looking", unit=" shapes", leave=False, disable=None) as bar:
-            return estimate(seen.image, seen.camera, rope, progress=bar.update), seen
+            deadline = time.monotonic() + max_seconds
+
+            def progress() -> bool:
+                bar.update()
+                return time.monotonic() < deadline
+
+            known = Colours.parse(*colours)
+            found = estimate(seen.image, seen.camera, rope, progress=progress, colours=known)
+            return found, seen
     except TraceError as error:
         raise ImageError(
             f"{rgb}, {depth}: no rope of {rope.length:g} m by {2e3 * rope.radius:g} mm is seen "
@@ -71,7 +84,7 @@ def describe(found: RopeEstimate, seen: Capture | None = None) -> str:
     lines += [
         f"crossing  {number}: {one.describe()}" for number, one in enumerate(found.crossings, 1)
     ]
-    ends = "known" if found.head_known else "not known: both ends look alike"
+    ends = "by its colour" if found.head_known else "not known: both ends look alike (--head-color)"
     lines += [
         f"head      {ends}",
         f"seen      {found.visible.mean():.0%} of the vertices",

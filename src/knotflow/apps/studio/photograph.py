@@ -12,8 +12,9 @@ from scipy.optimize import linear_sum_assignment
 
 from knotflow.perception.camera.image import ImageError, read_colour
 from knotflow.perception.estimation.crossings import CrossingEvidence
+from knotflow.perception.photo.colours import Colours
 from knotflow.perception.photo.estimate import PhotoEstimate, RopePhoto
-from knotflow.perception.photo.io import on_table, parse_colour, write_photo_rope
+from knotflow.perception.photo.io import on_table, write_photo_rope
 from knotflow.planning import MeasuredRope, RopeInputError, RopeOptions, measured_rope
 from knotflow.planning.rope_size import RopeSize, parse_metres
 from knotflow.topology import TopologicalState
@@ -51,7 +52,7 @@ class Photograph:
             ImageError: no rope is seen, or no such colour.
         """
         self.name, self.length, self.diameter = name, "", ""
-        self._photo = RopePhoto.of(rgb, parse_colour(colour))
+        self._photo = RopePhoto.of(rgb, Colours.parse(colour))
         self.rgb = self._photo.rgb
         line, self._path_doubts = self._photo.trace()
         self.found = self._photo.read(line, self._photo.crossings(line))

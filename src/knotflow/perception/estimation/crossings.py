@@ -25,6 +25,7 @@ END_AMBIGUITIES = {0: "the head ends at another strand", -1: "the tail ends at a
 _EXCHANGED = 5.0  # radii along each strand on either side of a crossing
 _STEPS = 25
 _SAME = 0.12  # of the length, both passages together, by which a crossing moves between images
+_SHOWN = 0.99  # certainty that is claimed in words, at most
 _FADING = 0.95  # of what earlier images said: their errors are much the same
 _MOST, _MOST_EACH = 8.0, 2.0  # log odds that all images, and one of them, can give
 
@@ -50,7 +51,7 @@ class CrossingEvidence:
         apart = "" if math.isnan(self.gap) else f"axes {1e3 * self.gap:.0f} mm apart, "
         return (
             f"{first:.0%} of the rope from its head lies {'over' if self.first_over else 'under'} "
-            f"{second:.0%}, {apart}{self.certainty:.0%} certain"
+            f"{second:.0%}, {apart}{min(self.certainty, _SHOWN):.0%} certain"
         )
 
 

@@ -41,6 +41,7 @@ from knotflow.perception.estimation.search import (
 from knotflow.perception.estimation.skeleton import TraceError, lift, trace
 from knotflow.perception.networks.network import StrandNetwork, shipped_network
 from knotflow.perception.networks.strands import trace_rope
+from knotflow.perception.photo.colours import Colour, Colours, end_of_colour
 from knotflow.perception.photo.lifting import shape_by_colour
 from knotflow.simulation import RopeConfig, state_or_none
 from knotflow.topology import TopologicalState
@@ -48,6 +49,7 @@ from knotflow.topology import TopologicalState
 Floats = NDArray[np.float64]
 
 _MIN_CERTAINTY, _MIN_COVERAGE = 0.95, 0.98  # of a crossing and a shape that are not ambiguous
+_LENGTH_ERROR = 0.03  # share of the rope's length, from which it may be another one's
 _SETTLED = 0.99  # coverage fraction of a likely shape that needs no comparison or further search
 _RIVAL_MARGIN = 1.5  # log likelihood by which a path with other crossings is lower, at most
 _PIXELS = 5.0  # width of the rope, about which finer images are binned
@@ -121,6 +123,7 @@ def estimate(
     network: StrandNetwork | None = None,
     likely: Sequence[NDArray] = (),
     progress: Progress | None = None,
+    colours: Colours | None = None,
 ) -> RopeEstimate:
     """The rope of an image.
 
@@ -130,13 +133,15 @@ def estimate(
         network: proposes further first guesses; the shipped one by default.
         likely: shapes (V, 3), metres, such as a track's or a plan's; guesses from the image are
             searched only where none of these accounts for nearly all of it.
-        progress: called every second or so of a search, which takes half a minute at most.
+        progress: called every second or so of a search, which takes half a minute at most; see
+            `Progress`.
+        colours: of the rope and of its head, where they are known.
 
     Raises:
         ImageError: an image of another size.
         TraceError: no rope in the image, and no `initial` shape.
     """
-    config = config or EstimateConfig()
+    config, colours = config or EstimateConfig(), colours or Colours()
     image.check(camera)
     width = 2 * rope.radius * camera.fx / float(np.nanmedian(image.depth))
     factor = max(1, round(width / _PIXELS))
@@ -147,8 +152,8 @@ def estimate(
         near = target.around([initial])
         best = _select([fit(initial, near, config.fit)], near, target, image, config)
     else:
-        best, target = _search_all(target, image, config, network, likely, progress)
-    return _head_first(best, target, image, earlier)
+        best, target = _search_all(target, image, config, network, likely, progress, colours.rope)
+    return _head_first(best, target, image, earlier, colours.head)
 
 
 class _Candidate(NamedTuple):
@@ -178,6 +183,9 @@ def list_ambiguities(
         found.append("the shape's projection does not determine its state")
     if fraction < target.required_coverage(_MIN_COVERAGE):
         found.append(f"the shape accounts for {fraction:.0%} of the rope in the image")
+        seen, length = target.seen_length, target.rope.length
+        if seen is not None and abs(seen / length - 1.0) > _LENGTH_ERROR:
+            found.append(f"the rope looks {seen:.2g} m long, and not {length:.2g} m")
     for number, crossing in enumerate(crossings, 1):
         if crossing.certainty < _MIN_CERTAINTY:
             found.append(
@@ -187,11 +195,19 @@ def list_ambiguities(
 
 
 def _head_first(
-    best: _Candidate, target: Target, image: RgbdImage, earlier: NDArray | None = None
+    best: _Candidate,
+    target: Target,
+    image: RgbdImage,
+    earlier: NDArray | None = None,
+    colour: Colour | None = None,
 ) -> RopeEstimate:
-    """The estimate, its head by colour, or else as in an `earlier` shape (V, 3)."""
+    """The estimate, its head by its `colour` if known or one that stands out, or else as in an
+    `earlier` shape (V, 3)."""
     shape, crossings = best.shape, best.crossings
-    head = find_head(head_contrast(shape, target, image))
+    if colour is None:
+        head = find_head(head_contrast(shape, target, image))
+    else:
+        head = end_of_colour(image.rgb, target.camera.project(shape)[:, :2], colour)
     if head is None and earlier is not None:
         closer = mean_distance(shape[::-1], earlier) < mean_distance(shape, earlier)
         head = -1 if closer else 0
@@ -219,13 +235,16 @@ def _search_all(
     network: StrandNetwork | None,
     likely: Sequence[NDArray],
     progress: Progress | None,
+    colour: Colour | None,
 ) -> tuple[_Candidate, Target]:
     """The likeliest shape of all guesses, see `estimate`, and the target with its seen radius."""
     if not bool(target.mask.any()):
         raise TraceError("nothing in the image is taken for rope")
     if len(likely) == 0 and config.colour:
-        by_colour = shape_by_colour(image, target.camera, target.rope)
-        likely = [] if by_colour is None else [by_colour]
+        seen = target.mask.numpy(), target.height.numpy()
+        by_colour = shape_by_colour(image, target.camera, target.rope, *seen, colour)
+        if by_colour is not None:
+            likely, target = [by_colour[0]], replace(target, seen_length=by_colour[1])
     if len(likely) > 0:
         target = _with_radius(likely[0], target, config)
     near = target.around(likely)
@@ -252,6 +271,8 @@ def _search_all(
     near = target.around(guesses)
     found: SearchResult | None = None
     for effort in efforts:  # the second goes on from what the first has found
+        if found is not None and progress is not None and progress() is False:
+            break
         tried = 0 if found is None else config.search.paths
         fresh = [*paths[tried : effort.paths], *(() if found else [*proposed, *shapes])]
         found = search(fresh, near, effort, config.fit, found, progress)

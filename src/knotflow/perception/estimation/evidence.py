@@ -46,6 +46,7 @@ class Target:
     coverage: Tensor  # (H, W) share of each pixel that is rope, 0..1
     seen_radius: float | None = None
     """Of the rope's silhouette, metres: blur, light and noise change it; None is the rope's."""
+    seen_length: float | None = None  # of the rope by its colours alone, metres
     correlated: float = CORRELATED  # so many pixels of rope share their error, and count as one
 
     @property
@@ -111,6 +112,7 @@ class Target:
             squares(self.height).nanmean(2),
             squares(self.coverage).mean(2),
             self.seen_radius,
+            self.seen_length,
             max(CORRELATED, self.correlated / factor**2),
         )
 

@@ -31,7 +31,8 @@ from knotflow.simulation import RopeConfig, state_or_none
 from knotflow.topology import TopologicalState
 
 Floats = NDArray[np.float64]
-Progress = Callable[[], object]
+Progress = Callable[[], bool | None]
+"""Called in each round of a search; False ends it with the best so far."""
 
 _MAX_ROPE_COST = 4.0  # negative log likelihood of a plausible shape, whatever the image
 _CONTACTS = 8  # places where strands meet or nearly do, the closest ones, that are rewired
@@ -85,7 +86,7 @@ def search(
     progress: Progress | None = None,
 ) -> SearchResult:
     """Shapes (V, 3), metres, from `guesses` (V, 3) or rewired, fitted as `fine` has it; continues
-    the search made `before`. `progress` is called in each round."""
+    the search made `before`."""
     config, fine = config or SearchConfig(), fine or FitConfig()
     rope, known = target.rope, before.shapes if before else guesses
     coarse = target.coarse(known[0])
@@ -112,8 +113,8 @@ def search(
             _is_among(shapes[0], done) and is_plausible(shapes[0], target, config.enough)
         ):
             break
-        if progress is not None:
-            progress()
+        if progress is not None and progress() is False:
+            break
         done.append(fresh[0])
         others = propose_rewirings(fresh[0], rope, _CONTACTS)
         others += extend_to_missed(fresh[0], coarse)

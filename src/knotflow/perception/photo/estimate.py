@@ -17,6 +17,7 @@ from knotflow.perception.camera.image import ImageError
 from knotflow.perception.estimation.crossings import END_AMBIGUITIES, CrossingEvidence
 from knotflow.perception.estimation.fitting import interpolate
 from knotflow.perception.estimation.skeleton import TraceError, passages, rank_paths
+from knotflow.perception.photo.colours import Colour, Colours, end_of_colour
 from knotflow.perception.photo.occlusion import occlusion_odds
 from knotflow.perception.photo.silhouette import Silhouette, find_silhouette
 from knotflow.topology import DegenerateCurveError, TopologicalState, project
@@ -41,12 +42,14 @@ class PhotoEstimate:
     """What a colour image says of a rope.
 
     Attributes:
-        pixels: (N, 2) centre line, u right and v down; the head is the end with the smaller u.
+        pixels: (N, 2) centre line, u right and v down; head first, which is the left end where no
+            colour tells.
         over: (N,) 1 about the places where it is the upper strand of a crossing, else 0.
         width: of the rope, pixels.
         state: seen from above, the image's v pointing down; None where it cannot be read.
         crossings: in the order met; their gaps in height are NaN.
         doubts: why the state may be another one.
+        head_known: whether a colour told the head.
     """
 
     pixels: Floats
@@ -55,6 +58,7 @@ class PhotoEstimate:
     state: TopologicalState | None
     crossings: tuple[CrossingEvidence, ...]
     doubts: tuple[str, ...]
+    head_known: bool = False
 
     @property
     def length(self) -> float:
@@ -70,26 +74,28 @@ class RopePhoto:
         rgb: (H, W, 3), binned where the image was large.
         silhouette: the rope's.
         binning: the image's pixels a pixel of `rgb`.
+        head_colour: of the head, where it is known.
     """
 
     rgb: NDArray[np.uint8]
     silhouette: Silhouette
     binning: int
+    head_colour: Colour | None = None
 
     @classmethod
-    def of(cls, rgb: NDArray[np.uint8], colour: tuple[int, int, int] | None = None) -> RopePhoto:
+    def of(cls, rgb: NDArray[np.uint8], colours: Colours | None = None) -> RopePhoto:
         """From an image (H, W, 3); arguments and errors are those of `estimate_photo`."""
         binning = math.ceil(math.sqrt(rgb.shape[0] * rgb.shape[1] / _MOST_PIXELS))
         rgb = _binned(rgb, binning).round().astype(np.uint8)
-        return cls(rgb, find_silhouette(rgb, colour), binning)
+        colours = colours or Colours()
+        return cls(rgb, find_silhouette(rgb, colours.rope), binning, colours.head)
 
     @cached_property
     def _lab(self) -> NDArray[np.float32]:
         return rgb2lab(self.rgb).astype(np.float32)
 
     def trace(self) -> tuple[Floats, tuple[str, ...]]:
-        """The rope's centre line (N, 2), even steps, left end first, and why another one may be
-        meant.
+        """The rope's centre line (N, 2), even steps, head or left end first; why it may be another.
 
         Raises:
             ImageError: no path leads along the silhouette.
@@ -106,7 +112,8 @@ class RopePhoto:
             if cost < ranked[0][0] + _RIVAL
         ]
         line = _to_ends(lines[0][1], seen.coverage, seen.width)
-        if line[0, 0] > line[-1, 0]:
+        head = self.find_head(line)
+        if head == -1 or (head is None and line[0, 0] > line[-1, 0]):
             line = line[::-1]
         doubts = []
         if len({_pairs(one) for _, one in lines}) > 1:
@@ -120,6 +127,11 @@ class RopePhoto:
                 f"{len(others) + 1} ropes are in view; the longest is taken, another is {longest}"
             )
         return line, tuple(doubts)
+
+    def find_head(self, line: Floats) -> int | None:
+        """The end of a line (N, 2), 0 or -1, that has the head's colour, if that is known."""
+        colour = self.head_colour
+        return None if colour is None else end_of_colour(self.rgb, line, colour)
 
     def crossings(self, line: Floats) -> tuple[CrossingEvidence, ...]:
         """Those of a centre line (N, 2) with even steps, in the order met."""
@@ -143,19 +155,17 @@ class RopePhoto:
             *_line_doubts(line, seen.coverage, seen.width),
             *_crossing_doubts(crossings, state),
         )
-        return PhotoEstimate(line, over, seen.width, state, crossings, doubts)
+        known = self.find_head(line) is not None
+        return PhotoEstimate(line, over, seen.width, state, crossings, doubts, known)
 
 
-def estimate_photo(
-    rgb: NDArray[np.uint8], colour: tuple[int, int, int] | None = None
-) -> PhotoEstimate:
-    """The rope in an image (H, W, 3) of a table from above; `colour` is the rope's (red, green,
-    blue), for an image with other long things in it.
+def estimate_photo(rgb: NDArray[np.uint8], colours: Colours | None = None) -> PhotoEstimate:
+    """The rope in an image (H, W, 3) of a table from above; `colours` where other things are in it.
 
     Raises:
         ImageError: no rope is seen.
     """
-    photo = RopePhoto.of(rgb, colour)
+    photo = RopePhoto.of(rgb, colours)
     line, doubts = photo.trace()
     found = photo.read(line, photo.crossings(line))
     return replace(

@@ -10,17 +10,20 @@ from numpy.typing import NDArray
 from knotflow.perception.camera.calibration import Calibration
 from knotflow.perception.camera.image import ImageError, read_colour
 from knotflow.perception.camera.pinhole import Camera
+from knotflow.perception.photo.colours import Colours
 from knotflow.perception.photo.estimate import PhotoEstimate, estimate_photo
 
 Floats = NDArray[np.float64]
 
 
 def see_photo(
-    path: Path, camera: Camera | Calibration | None = None, colour: str | None = None
+    path: Path,
+    camera: Camera | Calibration | None = None,
+    colours: tuple[str | None, str | None] = (None, None),
 ) -> tuple[PhotoEstimate, NDArray[np.uint8]]:
     """The rope in a photograph's file, and the photograph (H, W, 3), undistorted by a calibration.
 
-    `colour` is the rope's, a name or #rrggbb.
+    `colours` are the rope's and its head's, names or #rrggbb.
 
     Raises:
         ImageError: no image, no rope in it, or no colour.
@@ -29,26 +32,9 @@ def see_photo(
     if isinstance(camera, Calibration) and camera.distortion.size:
         rgb = camera.scaled(rgb.shape[1], rgb.shape[0]).undistorted(rgb)
     try:
-        return estimate_photo(rgb, parse_colour(colour)), rgb
+        return estimate_photo(rgb, Colours.parse(*colours)), rgb
     except ImageError as error:
         raise ImageError(f"{path}: {error}") from error
-
-
-def parse_colour(text: str | None) -> tuple[int, int, int] | None:
-    """Red, green and blue of a colour's name or #rrggbb; None of no text.
-
-    Raises:
-        ImageError: it is neither.
-    """
-    from PIL import ImageColor
-
-    if not text:
-        return None
-    try:
-        red, green, blue = ImageColor.getrgb(text)[:3]
-    except ValueError:
-        raise ImageError(f"--rope-color {text!r}: give a name such as red, or #rrggbb") from None
-    return red, green, blue
 
 
 def on_table(found: PhotoEstimate, length: float | None, camera: Camera | None) -> Floats:
@@ -89,7 +75,12 @@ def describe_photo(found: PhotoEstimate, metres: float | None = None) -> str:
     ]
     size = f"{found.length:.0f} pixels long, {found.width:.1f} wide"
     lines += [
-        "head      not known: both ends look alike; it is taken to be the left one",
+        "head      "
+        + (
+            "by its colour"
+            if found.head_known
+            else "not known (--head-color tells); it is taken to be the left one"
+        ),
         "size      " + (f"{metres:.3g} m: {size}" if metres else f"{size}; no scale"),
         *(f"in doubt  {reason}" for reason in found.doubts),
     ]
