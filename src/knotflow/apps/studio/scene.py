@@ -176,8 +176,9 @@ class Scene:
         self._clear("labels")
         raised = np.pad(places, ((0, 0), (0, 1)), constant_values=_PICTURE + 0.003)
         names = [f"{n}{'' if one else '?'}" for n, one in enumerate(sure, 1)]
-        at_ends = np.pad(ends, ((0, 0), (0, 1)))
-        labels = [("head", at_ends[0]), ("tail", at_ends[1]), *zip(names, raised, strict=True)]
+        texts = [*names, "head", "tail"]
+        tops = np.pad([*places, *ends], ((0, 0), (0, 1))) + [0.0, radius, _PICTURE]
+        labels = list(zip(texts, tops, strict=True))
         self._handles["labels"] = self._labels("photo", labels, above=0.0)
         if len(places):
             colours = [rgb(GOOD if one else BAD) for one in sure]
