@@ -61,7 +61,6 @@ class Claim:
     reason: Callable[[Results], str] = lambda _: ""
     """What the tables show of why the claim does not wholly hold; '' where they show nothing."""
 
-    @cache  # noqa: B019 - a report is made once
     def judgement(self, results: Results) -> Judgement:
         """Our side of the claim, NOT_RUN with what is missing where it cannot be judged."""
         try:
