@@ -118,7 +118,7 @@ class Ros:
         self.subscriptions, self.pending, self.goals, self.grips = {}, [], [], []
         self.images = [Image(), Image(), CameraInfo()]
         self.camera_delay = 0.0  # of its clock
-        self.stalls = False
+        self.stalls, self.inits = False, []
 
     def step(self, seconds):
         self.time += seconds
@@ -191,7 +191,8 @@ class Ros:
             STATUS_SUCCEEDED=SUCCEEDED, STATUS_CANCELED=CANCELED, STATUS_ABORTED=ABORTED
         )
         return {
-            "rclpy": {"ok": lambda: True, "create_node": lambda name: node},
+            "rclpy": {"ok": lambda: bool(self.inits), "create_node": lambda name: node,
+                      "init": lambda **options: self.inits.append(options)},
             "rclpy.action": {"ActionClient": lambda node, kind, name: client},
             "rclpy.duration": {"Duration": lambda seconds: SimpleNamespace(
                 to_msg=lambda: stamped(seconds))},
@@ -334,6 +335,10 @@ def test_another_move_than_announced_cancels_the_rest(robot, ros):
     robot.move_to(begin, 0.5)
     assert ros.goals[0].cancelled and not ros.goals[1].cancelled
     np.testing.assert_allclose(robot.position, begin, atol=5e-4)
+
+
+def test_ctrl_c_is_left_to_python(robot, ros):
+    assert ros.inits == [{"args": [], "signal_handler_options": 0}]
 
 
 def test_a_robot_that_stands_gets_no_goal_but_waits(robot, ros):
