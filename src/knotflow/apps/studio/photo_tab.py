@@ -14,7 +14,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from knotflow.apps.studio.demonstration import table_point
+from knotflow.apps.studio.demonstration import ClickError, table_point
 from knotflow.apps.studio.photograph import PhotoError, Photograph
 from knotflow.apps.studio.scene import overhead_position
 from knotflow.apps.studio.tabs import AppState
@@ -130,10 +130,15 @@ class PhotoTab:
         photo = self._state.session.photo
         if photo is None or handle is None or handle >= len(photo.handles):
             return
-        if event.phase == "start":
-            held = self._on_table(photo.found.pixels[photo.handles[handle]])
-            self._grip = held - table_point(eye, event.start_position - eye)
-        at = table_point(eye, np.asarray(event.end_position) - eye) + self._grip
+        try:
+            if event.phase == "start":
+                held = self._on_table(photo.found.pixels[photo.handles[handle]])
+                self._grip = held - table_point(eye, event.start_position - eye)
+            at = table_point(eye, np.asarray(event.end_position) - eye) + self._grip
+        except ClickError:  # above the horizon
+            if event.phase == "end":
+                self._show()
+            return
         place = at * [1, -1] / self._scale + self._middle
         if event.phase == "end":
             drop = self._state.guarded(self._change)
