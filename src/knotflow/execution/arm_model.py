@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -68,7 +69,9 @@ class Base:
         """This base of a rope's frame, metres, in its plan's."""
         turn = Rotation.from_matrix(frame.rotation.T)
         turn *= Rotation.from_euler("xyz", self.rpy_deg, degrees=True)
-        rpy = turn.as_euler("xyz", degrees=True)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # any of many at a pitch of 90 degrees
+            rpy = turn.as_euler("xyz", degrees=True)
         return Base(frame.from_file(self.position).tolist(), rpy.tolist())
 
 
