@@ -37,7 +37,7 @@ from knotflow.execution import (
 from knotflow.execution.closed_loop import Trial
 from knotflow.experiments.common import sampler_of
 from knotflow.perception import Camera, StrandNetwork
-from knotflow.planning import KnotPlan, PlannerConfig, parse_goal, plan_knot
+from knotflow.planning import Hand, HandConfig, KnotPlan, PlannerConfig, parse_goal, plan_knot
 from knotflow.planning.tree import OUT_OF_REACH
 from knotflow.recording import RecordedRollout, RolloutImages, write_recording
 from knotflow.samplers import SamplerConfig
@@ -229,7 +229,9 @@ def arm(
     max_speed: float,
     seed: int,
 ) -> None:
-    """Plans from random ropes, searched for within each arm's reach at its default base.
+    """Plans from random ropes, searched for within the reach of each arm and its fingers.
+
+    Arms stand at their default bases.
 
     Makes trajectories.csv, a row a plan and arm. `arms` are names, see `find_arm`; `max_speed` is
     of the tip, metres per second.
@@ -240,7 +242,8 @@ def arm(
     def follow(name: str) -> pd.DataFrame:
         (arm, number), simulator = shards[name], RopeSimulator(simulation)
         follower = find_arm(arm)
-        reach = ArmReach(follower, simulation=simulation, max_speed=max_speed)
+        followed = ArmReach(follower, simulation=simulation, max_speed=max_speed)
+        reach = Hand(rope.radius, HandConfig(), followed)
         points = random_curve(rope, rng_of(seed, number, 0), starts)
         proposer, rng = sampler_of(sampler, primitives=primitives), rng_of(seed, number, 1)
         goal = parse_goal(knot, rope)
