@@ -48,7 +48,9 @@ def test_a_rope_has_a_row_for_each_disturbance(tmp_path):
 @pytest.mark.filterwarnings("ignore::knotflow.samplers.primitives.UnlikeRopeWarning")
 def test_each_rope_is_planned_for_and_executed(tmp_path):
     cases = [LabRope("thick", 1.2, 0.025, 0.06), LabRope("cord", 0.5, 0.004, 0.02)]
-    lab_ropes(StageRun(tmp_path), **PLANNED, cases=cases, knots=[LOOP], seeds=1)
+    lab_ropes(
+        StageRun(tmp_path), **PLANNED, cases=cases, knots=[LOOP], survival_branches=64, seeds=1
+    )
     table = pd.read_csv(tmp_path / "ropes.csv")
     assert [*table["rope"]] == ["thick"] * 2 + ["cord"] * 2
     assert [*table["disturbance"]] == ["exact", "level_1"] * 2

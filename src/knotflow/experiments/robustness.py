@@ -101,13 +101,14 @@ def lab_ropes(
     sampler: SamplerConfig,
     planner: PlannerConfig,
     survival: SurvivalConfig,
+    survival_branches: int,
     seeds: int,
     seed: int,
 ) -> None:
     """Plans for ropes of several sizes, each simulated in units of its length.
 
-    "exact" is solved where there is a plan; "level_1" where the plan that survives best ties open
-    loop in one fresh world. Makes ropes.csv; one shard a rope, knot and seed.
+    "exact" is solved where there is a plan; "level_1" where the plan that survives best, of a search
+    of `survival_branches` splines at most, ties open loop in one fresh world. Makes ropes.csv; one shard a rope, knot and seed.
     """
     chosen = {
         f"{case.name}-{knot}-{number:03d}": (case, knot, number)
@@ -123,10 +124,12 @@ def lab_ropes(
         points = random_curve(own.rope, rng_of(seed, number, 0), starts)
         proposer = sampler_of(sampler, primitives=primitives)
         rows = []
-        for disturbance, chosen_by in (("exact", None), ("level_1", survival)):
+        brief = replace(planner, max_branches=survival_branches)
+        ways = ("exact", planner, None), ("level_1", brief, survival)
+        for disturbance, config, chosen_by in ways:
             plan = plan_rope(
                 points, knot, rng_of(seed, number, 1), sampler=proposer, simulation=own,
-                config=planner, survival=chosen_by,
+                config=config, survival=chosen_by,
             )  # fmt: skip
             solved = plan.solved
             if solved and disturbance != "exact":
