@@ -107,8 +107,9 @@ def lab_ropes(
 ) -> None:
     """Plans for ropes of several sizes, each simulated in units of its length.
 
-    "exact" is solved where there is a plan; "level_1" where the plan that survives best, of a search
-    of `survival_branches` splines at most, ties open loop in one fresh world. Makes ropes.csv; one shard a rope, knot and seed.
+    "exact" is solved where there is a plan; "level_1" where the plan that survives best, of a
+    search of `survival_branches` splines at most, ties open loop in one fresh world. Makes
+    ropes.csv; one shard a rope, knot and seed.
     """
     chosen = {
         f"{case.name}-{knot}-{number:03d}": (case, knot, number)
