@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from knotflow.execution.arm_model import PREFIX, Arm, Base, find_arm
 from knotflow.execution.export import LOWEST, Export, export_plan
@@ -59,7 +60,6 @@ class ArmReach:
         placement: Placement | None = None,
         frame: Frame | None = None,
         max_speed: float = 0.25,
-        most_slowed: float = MOST_SLOWED,
     ) -> None:
         """For a search in `simulation`; for arm, base and tip see `export_plan`.
 
@@ -70,7 +70,7 @@ class ArmReach:
         self.base = Base.load(base) if isinstance(base, str | Path) else base
         self._simulation, self._placement = simulation, placement or Placement()
         self._frame = frame or Frame()
-        self._max_speed, self._most_slowed = max_speed, most_slowed
+        self._max_speed = max_speed
         stands = self.base.seen_from(self._frame) if self.base else self.arm.base
         self._solver, self._chain = Solver(self.arm, stands), Chain(self.arm, stands)
 
@@ -78,7 +78,7 @@ class ArmReach:
         """See `Reach`; by the exact inverse kinematics and `first_untied`."""
         placed = plan.placed(self._placement, self._frame)
         export = export_plan(placed, self.arm, self.base, self._max_speed)
-        first = export.first_unreached(self._most_slowed)
+        first = export.first_unreached(MOST_SLOWED)
         if first is None:
             first = first_untied(plan, export, self._simulation, self._placement, self._frame)
         return first
@@ -116,7 +116,7 @@ class ArmReach:
         for before, here in itertools.pairwise(paths.swapaxes(0, 1)):
             moved = chain.solve(joints, here, yaws, FREE_TURN_COST, ITERATIONS)
             seconds = np.linalg.norm(here - before, axis=1, keepdims=True) / self._max_speed
-            allowed = self._most_slowed * seconds * self.arm.max_speed
+            allowed = MOST_SLOWED * seconds * self.arm.max_speed
             ok &= (np.abs(moved - joints) <= allowed + 1e-3).all(axis=1)
             ok &= chain.reached(moved, here)
             joints = moved
@@ -189,7 +189,7 @@ class Chain:
             if slides:
                 place = place + axes[:, i] * joints[:, i, None]
                 continue
-            turn = turn @ _about(self.axes[i], joints[:, i])
+            turn = turn @ Rotation.from_rotvec(self.axes[i] * joints[:, i, None]).as_matrix()
             place = anchors[:, i] - turn @ self.anchors[i]
         tip = turn @ self.tip + place
         slides = self.slides[:, None]
@@ -202,12 +202,13 @@ class Chain:
     ) -> Floats:
         """Joints (B, n) nearer to tips at (B, 3) that point down, x axes at yaws (B,)."""
         costs = np.array([POSITION_COST] * 3 + [TILT_COST] * 2 + [turn_cost])
-        wanted = _about(np.array([0.0, 0.0, 1.0]), yaws) * [1.0, -1.0, -1.0]
+        wanted = Rotation.from_euler("z", yaws[:, None]).as_matrix() * [1.0, -1.0, -1.0]
         identity = np.eye(joints.shape[1])
         for _ in range(iterations):
             tip, rotation, jacobian = self.tips(joints)
             back = rotation.swapaxes(1, 2)
-            error = np.concatenate([positions - tip, _log(back @ wanted)], axis=1) * costs
+            turn = Rotation.from_matrix(back @ wanted).as_rotvec()
+            error = np.concatenate([positions - tip, turn], axis=1) * costs
             jacobian = np.concatenate([jacobian[:, :3], back @ jacobian[:, 3:]], axis=1)
             jacobian *= costs[:, None]
             transposed = jacobian.swapaxes(1, 2)
@@ -244,21 +245,3 @@ class Chain:
             off = np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0]) - yaws
             ok &= np.cos(off) >= np.cos(MAX_TURN)
         return np.asarray(ok)
-
-
-def _about(axis: Floats, angles: Floats) -> Floats:
-    """Rotations (B, 3, 3) about an axis (3,) by angles (B,)."""
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    sine, cosine = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
-    return np.asarray(np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross))
-
-
-def _log(rotations: Floats) -> Floats:
-    """Rotation vectors (B, 3) of (B, 3, 3)."""
-    upper = np.stack([rotations[:, i, j] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1)
-    lower = np.stack([rotations[:, i, j] for i, j in ((1, 2), (2, 0), (0, 1))], axis=1)
-    vector = (upper - lower) / 2
-    sine = np.linalg.norm(vector, axis=1, keepdims=True)
-    cosine = (np.trace(rotations, axis1=1, axis2=2) - 1.0)[:, None] / 2
-    return np.asarray(vector * np.arctan2(sine, cosine) / np.maximum(sine, 1e-9))
