@@ -17,7 +17,10 @@ from knotflow.perception.estimation.estimate import RopeEstimate, estimate
 from knotflow.perception.estimation.segmentation import segment
 from knotflow.perception.estimation.skeleton import TraceError
 from knotflow.perception.photo.colours import Colours
+from knotflow.perception.photo.io import beside, describe_state
 from knotflow.simulation import RopeConfig
+from knotflow.viz.rope import draw_rope
+from knotflow.viz.style import BAD
 
 _CLUTTER = 4.0  # times the rope's area, that stands above a table whose depth has the right unit
 
@@ -78,12 +81,8 @@ def _check_unit(seen: Capture, rope: RopeConfig, depth: Path) -> None:
 
 def describe(found: RopeEstimate, seen: Capture | None = None) -> str:
     """What was made of the files, state, crossings with their certainty, ambiguities, in lines."""
-    state = "unknown" if found.state is None else str(found.state)
     lines = [f"input     {note}" for note in (seen.notes if seen else ())]
-    lines += [f"state     {state}" + (" (in doubt)" if found.ambiguous and found.state else "")]
-    lines += [
-        f"crossing  {number}: {one.describe()}" for number, one in enumerate(found.crossings, 1)
-    ]
+    lines += describe_state(found.state, found.crossings, found.ambiguous)
     ends = "by its colour" if found.head_known else "not known: both ends look alike (--head-color)"
     lines += [
         f"head      {ends}",
@@ -104,30 +103,14 @@ def draw_overlay(
 ) -> None:
     """Write a picture: the image, and beside it where the rope is, with the estimate on it; hidden
     vertices are ringed."""
-    from matplotlib.figure import Figure
-
-    from knotflow.viz.rope import draw_rope
-    from knotflow.viz.style import BAD, PNG_DPI, WIDTH, styled
-
     pixels, hidden = camera.project(found.points), ~found.visible
     column, row, depth = pixels.T
     width = 2 * rope.radius * camera.fx / float(np.median(depth))
     middle, half = (pixels.max(0) + pixels.min(0)) / 2, np.ptp(pixels[:, :2], axis=0).max() / 2 + 12
     across = half * camera.width / camera.height
-    with styled():
-        figure = Figure((WIDTH, 0.4 * WIDTH), layout="constrained")
-        bare, drawn = figure.subplots(1, 2)
-        for axes in (bare, drawn):
-            axes.imshow(image.rgb)
-            axes.set_axis_off()
+    with beside(path, image.rgb, 0.4, found.state, found.ambiguous) as axes:
         # The nearest strand is on top, as heights are in a drawing, thinner than it is.
-        draw_rope(drawn, np.stack([column, row, depth.max() - depth], 1), 0.6 * width, zorder=3)
-        drawn.scatter(
-            column[hidden], row[hidden], s=14, facecolors="none", edgecolors=BAD, zorder=4
-        )
-        drawn.set_xlim(middle[0] - across, middle[0] + across)
-        drawn.set_ylim(middle[1] + half, middle[1] - half)
-        bare.set_title("image")
-        reservation = " (in doubt)" if found.ambiguous else ""
-        drawn.set_title(f"estimate: {found.state or 'state unknown'}{reservation}")
-        figure.savefig(path, dpi=PNG_DPI)
+        draw_rope(axes, np.stack([column, row, depth.max() - depth], 1), 0.6 * width, zorder=3)
+        axes.scatter(column[hidden], row[hidden], s=14, facecolors="none", edgecolors=BAD, zorder=4)
+        axes.set_xlim(middle[0] - across, middle[0] + across)
+        axes.set_ylim(middle[1] + half, middle[1] - half)

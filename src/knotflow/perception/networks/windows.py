@@ -289,31 +289,20 @@ def find_crossings(ropes: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     rope, pair = torch.nonzero((s >= 0) & (s < 1) & (t >= 0) & (t < 1), as_tuple=True)
     first = one[pair] + s[rope, pair]
     second = other[pair] + t[rope, pair]
-    swapped = heights_at(ropes, rope, first) < heights_at(ropes, rope, second)
+    swapped = points_at(ropes[rope], first)[:, 2] < points_at(ropes[rope], second)[:, 2]
     return rope, torch.where(swapped, second, first), torch.where(swapped, first, second)
-
-
-def heights_at(ropes: Tensor, rope: Tensor, along: Tensor) -> Tensor:
-    """Heights (C,) of ropes (N, V, 3) numbered `rope` (C,) at places `along` (C,), 0..V-1."""
-    before = along.floor().long().clamp(max=ropes.shape[1] - 2)
-    share = along - before
-    height = ropes[..., 2]
-    return (1 - share) * height[rope, before] + share * height[rope, before + 1]
 
 
 def _cross(one: Tensor, other: Tensor) -> Tensor:
     return one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
 
 
-def _rotation(angle: Tensor) -> Tensor:
-    """Matrices (N, 2, 2) of angles (N,), radians."""
-    cosine, sine = angle.cos(), angle.sin()
-    return torch.stack([cosine, -sine, sine, cosine], dim=-1).view(-1, 2, 2)
-
-
 def _rectangles(size: int, middle: Tensor, extent: Tensor, angle: Tensor) -> Tensor:
-    """Turned rectangles (N, S, S) bool of middles and half sides (N, 2), half patches."""
+    """Rectangles (N, S, S) bool of middles and half sides (N, 2), half patches, turned by angles
+    (N,), radians."""
     grid = (torch.arange(size) + 0.5) * 2 / size - 1
     apart = torch.stack(torch.meshgrid(grid, grid, indexing="xy"), dim=-1)  # (S, S, 2)
-    turned = (apart[None] - middle[:, None, None]) @ _rotation(angle)[:, None]
+    cosine, sine = angle.cos(), angle.sin()
+    turn = torch.stack([cosine, -sine, sine, cosine], dim=-1).view(-1, 1, 2, 2)
+    turned = (apart - middle[:, None, None]) @ turn
     return (turned.abs() < extent[:, None, None]).all(dim=-1)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +13,15 @@ from numpy.typing import NDArray
 from knotflow.perception.camera.calibration import Calibration
 from knotflow.perception.camera.image import ImageError, read_colour
 from knotflow.perception.camera.pinhole import Camera
+from knotflow.perception.estimation.crossings import CrossingEvidence
 from knotflow.perception.photo.colours import Colours
 from knotflow.perception.photo.estimate import PhotoEstimate, estimate_photo
+from knotflow.topology import TopologicalState
+from knotflow.viz.rope import draw_rope
+from knotflow.viz.style import PNG_DPI, WIDTH, styled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Floats = NDArray[np.float64]
 
@@ -68,44 +78,53 @@ def write_photo_rope(path: Path, xy: Floats, over: Floats) -> None:
 
 def describe_photo(found: PhotoEstimate, metres: float | None = None) -> str:
     """State, crossings with their certainty, size and doubts, in lines; `metres` is its length."""
-    state = "unknown" if found.state is None else str(found.state)
-    lines = [f"state     {state}" + (" (in doubt)" if found.doubts and found.state else "")]
-    lines += [
-        f"crossing  {number}: {one.describe()}" for number, one in enumerate(found.crossings, 1)
-    ]
     size = f"{found.length:.0f} pixels long, {found.width:.1f} wide"
-    lines += [
-        "head      "
-        + (
-            "by its colour"
-            if found.head_known
-            else "not known (--head-color tells); it is taken to be the left one"
-        ),
+    left = "not known (--head-color tells); it is taken to be the left one"
+    lines = [
+        *describe_state(found.state, found.crossings, bool(found.doubts)),
+        f"head      {'by its colour' if found.head_known else left}",
         "size      " + (f"{metres:.3g} m: {size}" if metres else f"{size}; no scale"),
         *(f"in doubt  {reason}" for reason in found.doubts),
     ]
     return "\n".join(lines)
 
 
+def describe_state(
+    state: TopologicalState | None, crossings: tuple[CrossingEvidence, ...], doubtful: bool
+) -> list[str]:
+    """An estimate's state, and its crossings with their certainty, in lines."""
+    told = "unknown" if state is None else f"{state}{' (in doubt)' if doubtful else ''}"
+    crossed = (f"crossing  {number}: {one.describe()}" for number, one in enumerate(crossings, 1))
+    return [f"state     {told}", *crossed]
+
+
 def draw_photo(path: Path, rgb: NDArray[np.uint8], found: PhotoEstimate) -> None:
     """Write a picture: the photograph, and beside it with the estimate on it."""
+    height = 0.5 * rgb.shape[0] / rgb.shape[1] + 0.3 / WIDTH
+    with beside(path, rgb, height, found.state, bool(found.doubts)) as axes:
+        draw_rope(axes, np.column_stack([found.pixels, found.over]), 0.6 * found.width, zorder=3)
+
+
+@contextmanager
+def beside(
+    path: Path,
+    rgb: NDArray[np.uint8],
+    height: float,
+    state: TopologicalState | None,
+    doubtful: bool,
+) -> Iterator[Axes]:
+    """A picture, `height` times as high as wide: an image (H, W, 3), and beside it another one, on
+    whose axes an estimate is drawn."""
     from matplotlib.figure import Figure
 
-    from knotflow.viz.rope import draw_rope
-    from knotflow.viz.style import PNG_DPI, WIDTH, styled
-
-    height, width = rgb.shape[:2]
+    doubt = " (in doubt)" if doubtful else ""
+    titles = "image", f"estimate: {state or 'state unknown'}{doubt}"
     with styled():
-        figure = Figure((WIDTH, 0.5 * WIDTH * height / width + 0.3), layout="constrained")
+        figure = Figure((WIDTH, height * WIDTH), layout="constrained")
         bare, drawn = figure.subplots(1, 2)
-        for axes in (bare, drawn):
+        for axes, title in zip((bare, drawn), titles, strict=True):
             axes.imshow(rgb)
             axes.set_axis_off()
-        lifted = np.column_stack([found.pixels, found.over])
-        draw_rope(drawn, lifted, 0.6 * found.width, zorder=3)
-        drawn.set_xlim(-0.5, width - 0.5)
-        drawn.set_ylim(height - 0.5, -0.5)
-        bare.set_title("image")
-        reservation = " (in doubt)" if found.doubts else ""
-        drawn.set_title(f"estimate: {found.state or 'state unknown'}{reservation}")
+            axes.set_title(title)
+        yield drawn
         figure.savefig(path, dpi=PNG_DPI)
