@@ -2,7 +2,8 @@
 
 Heavy modules are imported inside the commands, so that help and errors appear at once.
 
-Exit codes: 0 success; 1 not tied, out of the arm's reach, in doubt, or no viewer; 2 invalid input.
+Exit codes: 0 success; 1 not tied, out of the arm's reach, in doubt, stale, or no viewer; 2 invalid
+input.
 """
 
 from __future__ import annotations
@@ -35,17 +36,17 @@ if TYPE_CHECKING:
 EXAMPLES = """\
 Examples:
   knotflow plan overhand                               for a random rope
-  knotflow plan figure_eight --rope measured.csv       for yours: x, y, z rows
+  knotflow plan figure_eight --rope measured.csv       for rows of x, y, z
   knotflow next overhand --rope measured.csv           only the next action
   knotflow explain "C(0,2,-1)" --state 3o1-2o4-        one action in a state
-  knotflow view plans/overhand-random-0/plan.mcap      in Rerun, or with --web
+  knotflow view plans/overhand-random-0/plan.mcap      in Rerun
   knotflow studio                                      plan, watch, demonstrate
   knotflow see image.png depth.png --camera camera.yaml --out rope.csv
   knotflow see photograph.jpg --length 0.9m --out rope.csv
-  knotflow run overhand --robot twin                   look, plan, act
+  knotflow run overhand --robot twin                   look, plan, act, repeat
   knotflow export plans/overhand-random-0 --arm panda  joint trajectories
 
-Exit codes: 0 tied, 1 not tied, 2 invalid input.
+Exit codes: 0 success; 1 not tied, in doubt or out of reach; 2 invalid input.
 Experiments: python -m knotflow +experiment=NAME"""
 
 
@@ -72,7 +73,8 @@ Seed = Annotated[int, Parameter(validator=Number(gte=0))]
 Seconds = Annotated[float, Parameter(validator=Number(gt=0), help="Time limit of the search.")]
 Margin = Annotated[float, Parameter(validator=Number(gte=0))]
 ArmName = Annotated[
-    str | None, Parameter(help="panda, ur5e, xarm7, an MJCF or URDF file to follow it.")
+    str | None,
+    Parameter(help="Accept only plans for this arm: panda, ur5e, xarm7, or an MJCF or URDF file."),
 ]
 ArmBase = Annotated[Path | None, Parameter(help="As in `knotflow export`, with --arm.")]
 ArmTip = Annotated[str | None, Parameter(help="As in `knotflow export`, with --arm.")]
@@ -103,10 +105,9 @@ def plan(
     Args:
         knot: overhand, figure_eight, ...; crossings (4o1+2o5+6o3+); actions ("R1(0,1,1) C(0,1,1)").
         out: Folder for pictures, recording and waypoints; plans/KNOT-ROPE-SEED by default.
-        seed: Of the random rope and of the search.
+        seed: Seed of the random rope and of the search.
         margin: Metres of rope that every step leaves between crossings; use 0.05 for a real rope.
-        worlds: In which every plan is executed open loop, as 16; the search goes on until one ties
-            in nine of ten of them, or time is up. 0 takes the first plan.
+        worlds: Search on until a plan ties in 90 % of so many simulated worlds, such as 16.
         overwrite: Replace the plan in that folder; other files there are kept.
     """
     measured = _read_rope(rope, options, seed)
@@ -153,17 +154,17 @@ def next_step(
     base: ArmBase = None,
     tip: ArmTip = None,
 ) -> int:
-    """Plan only the next action, with its success probability and what to check.
+    """Plan only the next action: its grasp and path, its success, and the state to check.
 
     Args:
         knot: As in `knotflow plan`.
-        image: Colour and depth image, or a photograph, in place of a rope: as in `knotflow see`.
-        camera: Of the image: as in `knotflow see`.
-        depth_unit: Of the image: as in `knotflow see`.
-        rope_color: Of the image: as in `knotflow see`.
-        head_color: Of the image: as in `knotflow see`.
-        out: CSV file for the gripper's waypoints of this action alone.
-        seed: Of the search.
+        image: Colour and depth image, or a photograph, in place of --rope: as in `knotflow see`.
+        camera: With --image, as in `knotflow see`.
+        depth_unit: With --image, as in `knotflow see`.
+        rope_color: With --image, as in `knotflow see`.
+        head_color: With --image, as in `knotflow see`.
+        out: CSV file for the gripper's waypoints of this action.
+        seed: Seed of the search.
         margin: Metres of rope that every step leaves between crossings.
         worlds: As in `knotflow plan`.
     """
@@ -253,15 +254,15 @@ def run(
 
     Args:
         knot: As in `knotflow plan`.
-        robot: twin, a simulated one, or a driver as my_lab.robots:Arm, see docs/your_arm.md.
-        camera: The robot's camera, with its pose; see docs/your_camera.md. A twin has its own.
+        robot: twin (simulated), or a driver such as my_lab.robots:Arm, see docs/your_arm.md.
+        camera: File of the robot's camera, with its pose, see docs/your_camera.md; not for a twin.
         options: The rope's size.
         out: Folder for the log (MCAP) of all images and motions.
-        seed: Of the search, and of a twin.
+        seed: Seed of the search and of the twin.
         margin: Metres of rope that every step leaves between crossings.
         worlds: As in `knotflow next`.
-        max_actions: Give up after so many.
-        level: How far a twin's rope, gripper and camera are from what is planned for.
+        max_actions: Give up after this many actions.
+        level: Level of the twin's errors in rope, gripper and camera.
         yes: Execute without asking.
     """
     from knotflow.apps import lab
@@ -278,7 +279,7 @@ def run(
         eye = Camera.overhead()
         driver = lab.make_twin(rope, eye, level, seed)
     elif camera is None:
-        raise ValueError("a robot's camera is needed: --camera FILE, with its pose")
+        raise ValueError(f"--robot {robot} needs --camera FILE, with its pose")
     else:
         eye, driver = Calibration.load(camera).camera(), lab.load_robot(robot)
     standing = (arm, base, tip)
@@ -309,7 +310,7 @@ def knots(*, out: Path | None = None) -> None:
     """List the knots that have a name.
 
     Args:
-        out: Draw them all, as PNG, SVG or PDF.
+        out: File for a picture of them all: PNG, SVG or PDF.
     """
     from knotflow.topology import CATALOGUE, knot
 
@@ -331,7 +332,7 @@ def explain(what: str = "", /, *, state: str = "trivial", out: Path | None = Non
     """Draw an action, a state, or the paths to a knot.
 
     Args:
-        what: An action "C(0,2,-1)", a state 4o1+2o5+6o3+ or a knot; by default each kind of action.
+        what: Action "C(0,2,-1)", state 4o1+2o5+6o3+ or knot; by default every kind of action.
         state: The state before the action.
         out: PNG, SVG or PDF; explain-WHAT.png here by default.
     """
@@ -379,8 +380,8 @@ def view(
     Args:
         recording: An .mcap file, or a folder of them.
         number: Show only the rollout of this number.
-        save: Write a Rerun file (.rrd) instead of opening it.
-        web: Serve it to web browsers until Ctrl-C instead of opening a window; prints the address.
+        save: Write a Rerun file (.rrd) instead of opening a window.
+        web: Serve web browsers until Ctrl-C instead of opening a window; prints the address.
     """
     from knotflow.viz.viewer import ViewerError, show
 
@@ -441,9 +442,9 @@ def studio(
     """Place ropes, plan, watch and demonstrate in the browser.
 
     Args:
-        rope: The rope on the table at first.
+        rope: Initial rope: straight, arc, random, or a file.
         demonstrations: File to which demonstrations are appended.
-        host: Address to listen on; 0.0.0.0 lets other machines in that know the token in the URL.
+        host: Address to listen on; with 0.0.0.0 other machines need the token in the URL.
         port: Port of the page, or the next free one. Over ssh: ssh -L 8080:localhost:8080 MACHINE.
     """
     _check_writable(demonstrations)
@@ -502,13 +503,13 @@ def see(
         image: Colour image.
         depth: Registered depth: 16-bit PNG or NPY.
         camera: YAML or JSON, also of OpenCV, ROS, RealSense and Open3D; its pose may be left out.
-        depth_unit: mm, m or another, as in 0.25mm; by default the camera file's, or recognised.
+        depth_unit: mm, m, or a multiple such as 0.25mm; by default the camera file's or recognised.
         out: CSV file for the rope's points, head first; a picture of the estimate beside it.
-        length: Of the rope, as 0.7m or 70cm; 1 m by default with depth, the scale without.
-        diameter: Of the rope, as 6mm; a hundredth of its length by default.
-        rope_color: As red or #c08070; by default what differs from the table.
-        head_color: Of the head's mark; by default what differs from the rope, with depth.
-        max_seconds: After which the best estimate so far is taken, with depth.
+        length: Length of the rope, such as 0.7m or 70cm; 1 m by default. Scales a photograph.
+        diameter: Diameter of the rope, such as 6mm; a hundredth of its length by default.
+        rope_color: Colour of the rope, red or #c08070; by default what differs from the table.
+        head_color: Colour of the head's mark; by default (with depth) what differs from the rope.
+        max_seconds: Time limit of a search with depth; it ends with the best estimate so far.
         overwrite: Replace existing files.
     """
     drawing = out and out.with_suffix(".png")
@@ -518,7 +519,7 @@ def see(
     if depth is None:
         return _see_photo(image, camera, length, (rope_color, head_color), out)
     if camera is None or out is None or drawing is None:
-        raise ValueError("see with depth takes --camera FILE and --out FILE")
+        raise ValueError("with a depth image, see needs --camera FILE and --out FILE")
 
     from knotflow.perception import io  # slow to import
 
@@ -563,6 +564,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except CycloptsError:
         return 2  # cyclopts has reported it
     except (ValueError, OSError, ImportError) as error:
+        if isinstance(error, FileNotFoundError) and error.filename:
+            error = ValueError(f"{error.filename}: no such file or folder")
         print(f"knotflow: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
@@ -667,7 +670,7 @@ def _search(
         )  # fmt: skip
         reach = replace(reach, arm=carried)
     elif arm[1] is not None or arm[2] is not None:
-        raise ValueError("--base and --tip are of an arm: name it with --arm")
+        raise ValueError("--base and --tip need --arm")
     tried: deque[Attempts] = deque(maxlen=1)
     bar = tqdm(desc="simulated", unit=" splines", disable=None)
 

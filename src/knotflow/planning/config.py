@@ -1,4 +1,4 @@
-"""What is asked of a plan: the search, the rope, and the name of its folder."""
+"""Settings of a search, properties of a rope, and the name of a plan's folder."""
 
 from __future__ import annotations
 
@@ -64,22 +64,22 @@ Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
 
 @dataclass(frozen=True)
 class RopeOptions:
-    """What people say of a rope beside its file; lengths are texts such as 6mm, 0.7m or 0.7."""
+    """Properties of a rope and of its file; lengths are texts such as 6mm, 0.7m or 0.7."""
 
     rope_unit: Unit | None = None
-    """Of the rope file; by default the one in its header ("x [mm]"), else metres."""
+    """Unit of the rope file; by default the one in its header ("x [mm]"), else metres."""
     length: str | None = None
-    """Of the rope, as 0.7m or 70cm; the file's by default."""
+    """Rope's length (0.7m); by default the file's, or 1m."""
     diameter: str | None = None
-    """Of the rope, as 6mm; a hundredth of its length by default."""
+    """Rope's diameter (6mm); by default a hundredth of its length."""
     stiffness: str | None = None
-    """soft, medium (default) or stiff, or the bending length, as 4cm."""
+    """soft, medium (default), stiff, or bending length (4cm)."""
     up: Axis = "z"
     """Axis of the file that points up from the table."""
     cut: int | Literal["open"] | None = None
-    """Point, from 0, at which a closed curve is cut; open if it is none."""
+    """Index of the point at which a closed curve is cut; open for a curve that is not closed."""
     crossings: str | None = None
-    """State, as 4o1+2o5+6o3+, in place of z."""
+    """State seen from above, such as 4o1+2o5+6o3+, in place of z."""
 
 
 def plan_name(knot: str, rope: str, seed: int) -> str:
