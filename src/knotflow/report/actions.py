@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
 
 from knotflow.report import markdown as md
 from knotflow.report.rates import check_counts
 from knotflow.report.results import Results
-from knotflow.report.section import COLOURS, Figures, Parts, bare_axis
+from knotflow.report.section import COLOURS, Figures, Parts, bare_axis, per_cent
 from knotflow.topology import TopologicalState, parse_action
 
 EXPERIMENT = "actions"
@@ -93,8 +92,8 @@ def _plot(figure: Figure, rates: pd.DataFrame) -> None:
         ordered = np.sort(rates[most].dropna())
         shares = 1 - np.arange(len(ordered)) / len(ordered)
         axes.step(ordered, shares, color=colour, linewidth=1.6, label=_splines(most))
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(PercentFormatter(1, decimals=0, symbol=" %"))
+    per_cent(axes.xaxis)
+    per_cent(axes.yaxis)
     axes.set(xlabel="success rate", ylabel="actions", xlim=(0, 1), ylim=(0, 1))
     bare_axis(axes, "both")
     axes.legend(frameon=False)

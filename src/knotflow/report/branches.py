@@ -33,6 +33,7 @@ from knotflow.report.training import joint
 from knotflow.statistics import Interval, weighted_mean
 
 SIZE, JOINT = "tree_size", "joint_finetuning"
+SIZE_TABLE, JOINT_TABLE = (SIZE, "method", "training_seed"), (JOINT, "training", "training_seed")
 STARTS = ("straight", "arc")
 TRAINED = (
     Method("independent", "trained independently", "#56b4e9"),
@@ -51,13 +52,9 @@ PAPER_LARGEST: dict[tuple[str, str], float] = {
 """The largest trees that the paper reports, by start and method; "below 5" is drawn at 4."""
 
 
-def _size_searches(results: Results) -> pd.DataFrame:
-    return read_searches(results, SIZE, "method", "training_seed")
-
-
 def tree_size(results: Results, figures: Figures) -> Parts:
     """The trees of every method and start, and where their splines went."""
-    searches = _size_searches(results)
+    searches = read_searches(results, *SIZE_TABLE)
     methods = with_extras((ICP, IMITATION, REINFORCEMENT), list(searches["method"]))
     starts = list(dict.fromkeys([*STARTS, *searches["start"]]))
     groups = (
@@ -82,7 +79,7 @@ def tree_size(results: Results, figures: Figures) -> Parts:
 
 def _trees(results: Results, method: str) -> dict[str, pd.DataFrame]:
     """The searches of a method by start, some from each."""
-    searches = _size_searches(results)
+    searches = read_searches(results, *SIZE_TABLE)
     trees = {start: select(searches, method, start) for start in STARTS}
     if missing := [f"{method} from {start}" for start, own in trees.items() if own.empty]:
         raise NotMeasured(f"needs {md.listed(missing)} in {SIZE}")
@@ -150,13 +147,9 @@ def hardest_actions(method: str, so: str, results: Results) -> str:
     return f"{so} the hardest action of the path is {'; '.join(parts)}" if parts else ""
 
 
-def _joint_searches(results: Results) -> pd.DataFrame:
-    return read_searches(results, JOINT, "training", "training_seed")
-
-
 def joint_finetuning(results: Results, figures: Figures) -> Parts:
     """The trees by kind of training, its curves, and the success of single actions after it."""
-    searches = _joint_searches(results)
+    searches = read_searches(results, *JOINT_TABLE)
     groups = (({"primitives": one.label}, select(searches, one.name)) for one in TRAINED)
     return {
         "figure": branches_figure(figures, JOINT, searches, TRAINED, [""], {}),
@@ -217,7 +210,7 @@ def few_large_trees(results: Results) -> str:
 
 def _by_training(results: Results) -> list[pd.DataFrame]:
     """The searches of either kind of training, some of each."""
-    searches = _joint_searches(results)
+    searches = read_searches(results, *JOINT_TABLE)
     found = {one.name: select(searches, one.name) for one in TRAINED}
     if missing := [name for name, own in found.items() if own.empty]:
         raise NotMeasured(f"needs {md.listed(missing)} in {JOINT}")

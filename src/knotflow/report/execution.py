@@ -9,9 +9,8 @@ from matplotlib.figure import Figure
 
 from knotflow.report import markdown as md
 from knotflow.report.results import NotMeasured, Results, refuse
-from knotflow.report.section import Figures, Parts, bare_axis
+from knotflow.report.section import Figures, Parts, tied_bars
 from knotflow.statistics import bootstrap, wilson
-from knotflow.viz.style import INK
 
 CLOSED_LOOP, ABLATION = "closed_loop", "closed_loop_ablation"
 OPEN_LOOP = "open_loop"
@@ -187,26 +186,20 @@ def _faults(runs: pd.DataFrame) -> str:
 def _plot(figure: Figure, runs: pd.DataFrame) -> None:
     """Share tied of the knot with most executions, a group of bars a level."""
     runs = runs[(runs["knot"] == runs["knot"].mode()[0]) & (runs["fault"] == "")]
-    names = [name for name in CONTROLLERS if name in set(runs["controller"])]
     levels = sorted(runs["level"].unique())
-    step = min(0.8 / len(names), 0.25)
-    axes = figure.add_subplot()
-    for place, name in enumerate(names):
-        label, colour = CONTROLLERS[name]
-        for group, level in enumerate(levels):
-            own = runs[(runs["controller"] == name) & (runs["level"] == level)]
-            if own.empty:
-                continue
-            rate = wilson(own["tied"].sum(), len(own))
-            x = group + (place - (len(names) - 1) / 2) * step
-            axes.bar(x, 100 * rate.estimate, 0.9 * step, color=colour, label=label)
-            axes.plot([x, x], [100 * rate.low, 100 * rate.high], color=INK, linewidth=1.0)
-            label = ""
-    axes.set_xticks(range(len(levels)), [f"level {level}" for level in levels])
-    axes.set_ylim(0, 100)
-    axes.set_ylabel("tied, %")
-    bare_axis(axes, "y")
-    figure.legend(loc="outside upper left", ncols=4, frameon=False, fontsize=8.5)
+    series = {
+        label: (
+            colour,
+            {
+                group: wilson(own["tied"].sum(), len(own))
+                for group, level in enumerate(levels)
+                if len(own := runs[(runs["controller"] == name) & (runs["level"] == level)])
+            },
+        )
+        for name, (label, colour) in CONTROLLERS.items()
+        if name in set(runs["controller"])
+    }
+    tied_bars(figure, [f"level {level}" for level in levels], series)
 
 
 TRAJECTORIES = {"arm": str, "plan": int, "solved": bool}

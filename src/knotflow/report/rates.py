@@ -10,12 +10,11 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import PercentFormatter
 
 from knotflow import statistics
 from knotflow.report import markdown as md
 from knotflow.report.results import NotMeasured, Results, refuse
-from knotflow.report.section import Figures, bare_axis
+from knotflow.report.section import Figures, bare_axis, per_cent
 from knotflow.statistics import Interval
 from knotflow.viz.style import INK, MUTED
 
@@ -177,7 +176,7 @@ class Rates:
         axes.set_xlim(-0.55, len(self.actions) - 0.45)
         axes.set_ylim(0, 1.13)
         axes.set_yticks(np.linspace(0, 1, 6))
-        axes.yaxis.set_major_formatter(PercentFormatter(1, decimals=0, symbol=" %"))
+        per_cent(axes.yaxis)
         axes.set_ylabel("success rate")
         bare_axis(axes, "y")
         handles = [

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
-
 from knotflow.report import markdown as md
 from knotflow.report.results import Results, refuse
-from knotflow.report.section import COLOURS, Figures, Parts, bare_axis
-from knotflow.statistics import Interval, clustered_rate
+from knotflow.report.section import COLOURS, Figures, Parts, tied_bars
+from knotflow.statistics import clustered_rate
 
 METHODS = {
     "shipped": "chosen in 16 worlds",
@@ -48,32 +45,19 @@ def robustness(results: Results, figures: Figures) -> Parts:
             | {label: md.percent(rates[method, one]) for one, label in DISTURBANCES.items()}
             | {"splines, median": f"{own['simulated'].median():.0f}"}
         )
+    series = {
+        METHODS[method]: (colour, dict(enumerate(rates[method, one] for one in DISTURBANCES)))
+        for colour, method in zip(COLOURS, methods, strict=False)
+    }
     return {
         "figure": figures.draw(
             "robustness",
             f"Share of worlds in which an overhand plan ties open loop, {rows and len(own)} ropes.",
             2.6,
-            lambda figure: _plot(figure, rates, methods),
+            lambda figure: tied_bars(figure, [*DISTURBANCES.values()], series),
         ),
         "rates": md.table(rows),
     }
-
-
-def _plot(figure: Figure, rates: dict[tuple[str, str], Interval], methods: list[str]) -> None:
-    axes = figure.add_subplot()
-    width = 0.8 / len(methods)
-    for number, (colour, method) in enumerate(zip(COLOURS, methods, strict=False)):
-        for place, disturbance in enumerate(DISTURBANCES):
-            rate = rates[method, disturbance]
-            x = place + (number - (len(methods) - 1) / 2) * width
-            label = METHODS[method] if place == 0 else None
-            axes.bar(x, rate.estimate, width * 0.9, color=colour, label=label)
-            axes.vlines(x, rate.low, rate.high, color="black", linewidth=0.8)
-    axes.set_xticks(range(len(DISTURBANCES)), [*DISTURBANCES.values()])
-    axes.yaxis.set_major_formatter(PercentFormatter(1, decimals=0, symbol=" %"))
-    axes.set(ylabel="tied", ylim=(0, 1))
-    bare_axis(axes, "y")
-    axes.legend(frameon=False, ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0))
 
 
 def lab_ropes(results: Results, _: Figures) -> Parts:

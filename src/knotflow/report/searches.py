@@ -10,13 +10,13 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, NullLocator, PercentFormatter
+from matplotlib.ticker import FixedLocator, NullLocator
 from numpy.typing import ArrayLike, NDArray
 
 from knotflow.report import markdown as md
 from knotflow.report.rates import Method
 from knotflow.report.results import Results
-from knotflow.report.section import COLOURS, Figures, bare_axis, optional
+from knotflow.report.section import COLOURS, Figures, bare_axis, optional, per_cent
 from knotflow.statistics import Interval, hierarchical, weighted_median
 from knotflow.viz.style import INK, MUTED
 
@@ -271,7 +271,7 @@ def tied_by_splines(
         axes.set_xscale("log")
         _log_axis(axes, [mark for mark in MARKS if first <= mark <= last * 1.05])
         axes.set_ylim(0, 1.04)
-        axes.yaxis.set_major_formatter(PercentFormatter(1, decimals=0, symbol=" %"))
+        per_cent(axes.yaxis)
         axes.set_xlabel("splines simulated")
         axes.set_ylabel("goals tied")
         bare_axis(axes, "both")

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache, wraps
 from pathlib import Path
 from typing import NamedTuple, ParamSpec
 
+import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
 from PIL import Image
 
 from knotflow.report import markdown as md
 from knotflow.report.results import NotMeasured, Results
-from knotflow.viz.style import PNG_DPI, WIDTH, styled
+from knotflow.statistics import Interval
+from knotflow.viz.style import INK, PNG_DPI, WIDTH, styled
 
 COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#8a8f98")
 """The Okabe-Ito palette, and a grey."""
@@ -114,6 +118,32 @@ def png(figure: Figure) -> bytes:
     image = image.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     image.save(small, "PNG", optimize=True)
     return small.getvalue()
+
+
+def per_cent(axis: Axis) -> None:
+    """Write shares of 1 along an axis in per cent."""
+    axis.set_major_formatter(PercentFormatter(1, decimals=0, symbol=" %"))
+
+
+def tied_bars(
+    figure: Figure,
+    groups: Sequence[str],
+    series: Mapping[str, tuple[str, Mapping[int, Interval]]],
+) -> None:
+    """Shares tied, a group of bars for each name in `groups`; `series` has, by what it is called,
+    the colour of its bars and their rates by group."""
+    axes = figure.add_subplot()
+    step = min(0.8 / len(series), 0.25)
+    for place, (label, (colour, rates)) in enumerate(series.items()):
+        x = np.array([*rates]) + (place - (len(series) - 1) / 2) * step
+        shares = 100 * np.array([(rate.estimate, rate.low, rate.high) for rate in rates.values()])
+        axes.bar(x, shares[:, 0], 0.9 * step, color=colour, label=label)
+        axes.plot([x, x], shares[:, 1:].T, color=INK, linewidth=1.0)
+    axes.set_xticks(range(len(groups)), groups)
+    axes.set_ylim(0, 100)
+    axes.set_ylabel("tied, %")
+    bare_axis(axes, "y")
+    figure.legend(loc="outside upper left", ncols=4, frameon=False, fontsize=8.5)
 
 
 def bare_axis(axes: Axes, grid: str) -> None:

@@ -8,12 +8,12 @@ from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, PercentFormatter
+from matplotlib.ticker import MaxNLocator
 
 from knotflow.report import markdown as md
 from knotflow.report.rates import PRIMITIVES, check_counts, in_order
 from knotflow.report.results import Results
-from knotflow.report.section import COLOURS, Figures, Parts, bare_axis, optional
+from knotflow.report.section import COLOURS, Figures, Parts, bare_axis, optional, per_cent
 from knotflow.viz.style import INK
 
 NAMES = {number: name for number, name in enumerate(PRIMITIVES, 1)}
@@ -73,7 +73,7 @@ def draw_curves(
             axes.yaxis.set_major_formatter("{x:,.5g}")
             axes.set_ylim(min(0, axes.get_ylim()[0]), 1.04 if title in rates else None)
             if title in rates:
-                axes.yaxis.set_major_formatter(PercentFormatter(1, decimals=0, symbol=" %"))
+                per_cent(axes.yaxis)
             bare_axis(axes, "y")
             handles, labels = axes.get_legend_handles_labels()
             if labels and not (legend and labels == grid[0].get_legend_handles_labels()[1]):
