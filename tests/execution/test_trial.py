@@ -59,7 +59,7 @@ def test_failure_cause_is_the_first_that_applies(plan, goal):
 
     mirrored = looped * [1.0, -1.0, 1.0]
     assert cause(looped, None, missed=1) == ""
-    assert cause(flat, Observation.no_rope("dark")) == "rope not seen"
+    assert cause(flat, Observation(None, None, ("dark",))) == "rope not seen"
     assert cause(flat, Observation.of(looped)) == "state misread"
     assert cause(flat, Observation.of(flat, ("blurred",)), held=False) == "state in doubt"
     assert cause(flat, Observation.of(flat), held=False, tracked=False) == "track lost"

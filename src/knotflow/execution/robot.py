@@ -141,10 +141,6 @@ class Observation:
             ambiguities += ("the shape's projection does not determine its state",)
         return cls(points, state, tuple(dict.fromkeys(ambiguities)), ambiguous_ends)
 
-    @classmethod
-    def no_rope(cls, reason: str) -> Observation:
-        return cls(None, None, (reason,))
-
     @property
     def all_ambiguities(self) -> tuple[str, ...]:
         """Those of the ends too."""
@@ -196,7 +192,7 @@ class ImageStateEstimator:
                 image, camera, rope, config=config, earlier=first, network=net, likely=likely
             )
         except TraceError as error:
-            return Observation.no_rope(str(error))
+            return Observation(None, None, (str(error),))
         self._search_wider = bool(found.ambiguities) and not self._search_wider
         if self.tracker is not None:
             self.tracker.restart(found, image.time)

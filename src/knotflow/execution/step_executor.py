@@ -150,7 +150,7 @@ class StepExecutor:
     ) -> Observation:
         """Go out of the way and observe, and again from the other side if it is ambiguous."""
         timeout = self.config.image_timeout
-        observation = Observation.no_rope(f"no new image came for {timeout:g} s")
+        observation = Observation(None, None, (f"no new image came for {timeout:g} s",))
         for turn in range(MAX_OBSERVATIONS):
             position = np.array(self.config.park_position) * [1, (-1) ** turn, 1]
             self._travel(position, number)

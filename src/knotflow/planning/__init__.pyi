@@ -2,11 +2,10 @@ from .certainty import SurvivalConfig
 from .config import FAST_SEARCH, PlannerConfig, RopeOptions, plan_name
 from .frame import Frame, Placement
 from .goals import Goal, SolutionDag, UnreachableGoalError, parse_goal
-from .hand import Hand, HandConfig
+from .hand import Hand, HandConfig, Reach
 from .plan import KnotPlan, PlanFormatError, PlanStep
 from .planner import plan_rope
 from .proposals import attempt_arranged
-from .reach import Reach
 from .rope_files import ROPE_NAMES, RopeInputError
 from .ropes import MeasuredRope, lay_down, measured_rope, parse_rope, read_rope
 from .survival import surviving

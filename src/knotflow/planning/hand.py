@@ -1,18 +1,31 @@
-"""Fingers that close on a rope: where they fit between its strands."""
+"""What a search has to know of the arm that executes its plans, and where its fingers fit between
+the strands of a rope."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from knotflow.planning.plan import KnotPlan
-from knotflow.planning.reach import Reach
 from knotflow.simulation import grasped_link
 from knotflow.topology.polyline import Floats, arc_lengths
 
 SPACING = 0.004  # of the points that stand for other strands, lengths of a rope of 1 m
+
+
+class Reach(Protocol):
+    """An arm's reach, in the frame of the searched rope; see `execution.ArmReach`."""
+
+    def may_follow(self, points: Floats, splines: Floats) -> NDArray[np.bool_]:
+        """Which of splines (N, 6) on a rope (V, 3), metres, the arm can likely follow: (N,)."""
+        ...
+
+    def first_failed(self, plan: KnotPlan) -> int | None:
+        """The first step that the arm cannot follow or that fails by it, None without any."""
+        ...
 
 
 @dataclass

@@ -9,8 +9,8 @@ import numpy as np
 from knotflow.planning.certainty import SurvivalConfig
 from knotflow.planning.config import FAST_SEARCH, PlannerConfig
 from knotflow.planning.goals import parse_goal
+from knotflow.planning.hand import Reach
 from knotflow.planning.plan import KnotPlan
-from knotflow.planning.reach import Reach
 from knotflow.planning.survival import SurvivalSearch
 from knotflow.planning.tree import Progress, TreeSearch
 from knotflow.planning.validation import RECORD_RATE

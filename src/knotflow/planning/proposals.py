@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal
-from knotflow.planning.reach import Reach
+from knotflow.planning.hand import Reach
 from knotflow.planning.rules import ACT, ARRANGE, Expansion, Node
 from knotflow.samplers.demonstrations import (
     heuristic_splines,

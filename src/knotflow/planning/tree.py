@@ -23,9 +23,9 @@ import numpy as np
 
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal
+from knotflow.planning.hand import Reach
 from knotflow.planning.plan import ExpansionStats, KnotPlan, PlanStep
 from knotflow.planning.proposals import Proposals, group_by_query
-from knotflow.planning.reach import Reach
 from knotflow.planning.rules import Expansion, Node, PaperRule, PosteriorRule
 from knotflow.planning.validation import are_robust
 from knotflow.samplers.sampler import Sampler

@@ -253,7 +253,7 @@ def spline_message(log_time: int, control_points: NDArray[np.float64]) -> SceneU
 def start_message(log_time: int, rollout: RecordedRollout) -> Log:
     """Action, start and goal state, as a log entry."""
     what = f"#{rollout.number} {rollout.action} by {rollout.source}"
-    return _log(log_time, Log.INFO, f"{what}: {rollout.start_state} -> goal {rollout.goal_state}")
+    return log_message(log_time, f"{what}: {rollout.start_state} -> goal {rollout.goal_state}")
 
 
 def end_message(log_time: int, rollout: RecordedRollout) -> Log:
@@ -261,12 +261,14 @@ def end_message(log_time: int, rollout: RecordedRollout) -> Log:
     reached = rollout.end_state or "no readable state"
     levels = {"success": Log.INFO, "failure": Log.WARNING, "diverged": Log.ERROR}
     text = f"#{rollout.number} {rollout.action} {rollout.outcome.upper()}: reached {reached}"
-    return _log(log_time, levels[rollout.outcome], text)
+    return log_message(log_time, text, levels[rollout.outcome])
 
 
-def text_message(log_time: int, text: str) -> Log:
+def log_message(log_time: int, text: str, level: Any = Log.INFO) -> Log:
     """An event in words."""
-    return _log(log_time, Log.INFO, text)
+    message = Log(level=level, message=text, name="topology")
+    message.timestamp.FromNanoseconds(log_time)
+    return message
 
 
 def root_frame(log_time: int) -> FrameTransforms:
@@ -275,12 +277,6 @@ def root_frame(log_time: int) -> FrameTransforms:
     transform = message.transforms.add(parent_frame_id="tf#/", child_frame_id=WORLD)
     transform.rotation.w = 1.0
     transform.timestamp.FromNanoseconds(log_time)
-    return message
-
-
-def _log(log_time: int, level: Any, text: str) -> Log:
-    message = Log(level=level, message=text, name="topology")
-    message.timestamp.FromNanoseconds(log_time)
     return message
 
 

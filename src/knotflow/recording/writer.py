@@ -125,7 +125,7 @@ class RunLog(_Messages):
 
     def say(self, text: str) -> None:
         """An event in words."""
-        self._log(messages.TOPOLOGY, now := self._now, messages.text_message(now, text))
+        self._log(messages.TOPOLOGY, now := self._now, messages.log_message(now, text))
 
 
 class _Timeline(_Messages):

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
-from knotflow.perception.camera.image import ImageError, read_colour
 from knotflow.perception.estimation.crossings import CrossingEvidence
 from knotflow.perception.photo.colours import Colours
 from knotflow.perception.photo.estimate import PhotoEstimate, RopePhoto
@@ -59,18 +58,6 @@ class Photograph:
         self._said: tuple[bool, ...] = (False,) * len(self.found.crossings)
         self._accepted: frozenset[str] = frozenset()
         self._history: list[tuple[PhotoEstimate, tuple[bool, ...], frozenset[str]]] = []
-
-    @classmethod
-    def of_file(cls, name: str, content: bytes, colour: str = "") -> Photograph:
-        """From a file's content."""
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / Path(name).name
-            path.write_bytes(content)
-            try:
-                return cls(name, read_colour(path, upright=True), colour)
-            except ImageError as error:  # the person knows the file by its name
-                text = str(error).replace(f"{folder}/", "")
-                raise ImageError(text if name in text else f"{name}: {text}") from None
 
     @property
     def state(self) -> TopologicalState | None:

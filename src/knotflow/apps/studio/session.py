@@ -8,7 +8,8 @@ from __future__ import annotations
 import tempfile
 import threading
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cached_property
@@ -24,7 +25,6 @@ from knotflow.planning import (
     ROPE_NAMES,
     KnotPlan,
     MeasuredRope,
-    RopeInputError,
     SearchUpdate,
     parse_rope,
     plan_rope,
@@ -136,13 +136,9 @@ class Session:
 
     def lay_upload(self, name: str, content: bytes) -> None:
         """Lay the rope of a file that came through the browser."""
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / Path(name).name
-            path.write_bytes(content)
-            try:
-                self.lay(parse_rope(str(path), self.simulation.rope, self._rng))
-            except RopeInputError as error:  # the person knows the file by its name
-                raise RopeInputError(str(error).replace(f"{folder}/", "")) from None
+        with _uploaded(name, content) as path:
+            points = parse_rope(str(path), self.simulation.rope, self._rng)
+        self.lay(points)
 
     def lay_image(self, files: Mapping[str, bytes]) -> tuple[str, ...]:
         """Lay the rope of an image, and return what is ambiguous in it.
@@ -168,10 +164,11 @@ class Session:
     def read_photo(self, name: str, content: bytes, colour: str = "") -> Photograph:
         """Estimate the rope in a photograph, to be corrected and laid; see `Photograph`."""
         from knotflow.apps.studio.photograph import Photograph  # slow to import
+        from knotflow.perception.camera.image import read_colour
 
         self._check_idle()
-        with self._busy, one_thread():
-            self.photo = Photograph.of_file(name, content, colour)
+        with self._busy, one_thread(), _uploaded(name, content) as path:
+            self.photo = Photograph(name, read_colour(path, upright=True), colour)
         self.laid = False
         return self.photo
 
@@ -264,3 +261,17 @@ class Session:
     def _check_idle(self) -> None:
         if self._busy.locked():
             raise StudioError("a search or a simulation is running: wait for it, or stop it")
+
+
+@contextmanager
+def _uploaded(name: str, content: bytes) -> Iterator[Path]:
+    """A file that came through the browser; errors name it as the person knows it."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / Path(name).name
+        path.write_bytes(content)
+        try:
+            yield path
+        except ValueError as error:
+            text = str(error).replace(f"{folder}/", "")
+            error.args = (text if path.name in text else f"{name}: {text}",)
+            raise

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 from knotflow.arrays import floats
+from knotflow.perception.camera.image import interpolated
 from knotflow.perception.camera.pinhole import Camera, CameraError
 
 Floats = NDArray[np.float64]
@@ -159,13 +159,7 @@ class Calibration:
         seen = np.stack([u, v], axis=-1)
         places = self._distort((seen - self.centre) / self.focal) * self.focal + self.centre
         outside = np.nan if pixels.dtype.kind == "f" else 0
-        layers = [
-            ndimage.map_coordinates(
-                layer, places.T.swapaxes(1, 2)[::-1], order=0 if nearest else 1, cval=outside
-            )
-            for layer in np.moveaxis(pixels.reshape(height, width, -1), -1, 0)
-        ]
-        return np.stack(layers, axis=-1).reshape(pixels.shape)
+        return interpolated(pixels, places, 0 if nearest else 1, outside)
 
     def _distort(self, places: Floats) -> Floats:
         """Where (..., 2) what is at `places` (..., 2), x / z and y / z, is seen."""

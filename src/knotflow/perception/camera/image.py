@@ -134,6 +134,21 @@ def read_depth(path: Path) -> NDArray[np.float64]:
     return raw
 
 
+def interpolated(
+    image: NDArray, pixels: NDArray, order: int = 1, outside: float | None = None
+) -> NDArray:
+    """Values (..., C) of an image (H, W, C), or (...) of one (H, W), at pixels u, v (..., 2).
+    Beyond its border are those at it, or `outside`."""
+    from scipy import ndimage  # slow to import
+
+    mode, at = "nearest" if outside is None else "constant", np.moveaxis(pixels[..., ::-1], -1, 0)
+    layers = [
+        ndimage.map_coordinates(one, at, order=order, mode=mode, cval=outside or 0.0)
+        for one in np.moveaxis(np.atleast_3d(image), 2, 0)
+    ]
+    return np.stack(layers, axis=-1).reshape(*pixels.shape[:-1], *image.shape[2:])
+
+
 def conventional_unit(raw: NDArray, path: Path | str) -> float:
     """The usual unit, metres, in which depths (H, W) are those of a table.
 

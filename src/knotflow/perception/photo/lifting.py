@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from knotflow.perception.camera.image import ImageError, RgbdImage
+from knotflow.perception.camera.image import ImageError, RgbdImage, interpolated
 from knotflow.perception.camera.pinhole import Camera
 from knotflow.perception.estimation.crossings import crossing_fractions, exchange_heights
 from knotflow.perception.estimation.skeleton import lift
@@ -47,10 +47,12 @@ def shape_by_colour(
     columns, rows = (np.arange(a, b, step) for a, b in zip(low, high, strict=True))
     x, y = np.meshgrid(columns, rows[::-1])
     pixels = camera.project(np.stack([x, y, np.full_like(x, rope.radius)], -1))[..., :2]
-    seen = (_at(table.astype(float), pixels, outside=0.0) > 0.5) & np.isfinite(pixels).all(-1)
+    places = np.nan_to_num(pixels, nan=-9.0)
+    seen = interpolated(table.astype(float), places, outside=0.0) > 0.5
+    seen &= np.isfinite(pixels).all(-1)
     if not seen.any():
         return None
-    above = np.stack([_at(channel, pixels) for channel in np.moveaxis(image.rgb, 2, 0)], -1)
+    above = interpolated(image.rgb.astype(float), places)
     nearest = ndimage.distance_transform_edt(~seen, return_distances=False, return_indices=True)
     try:
         found = estimate_photo(above[tuple(nearest)].round().astype(np.uint8), Colours(colour))
@@ -64,21 +66,11 @@ def shape_by_colour(
     on_table = np.stack([low[0] + u * step, rows[-1] - v * step, np.full_like(u, rope.radius)], -1)
     path = camera.project(on_table)[:, :2]
     shape = lift(path, table, image.depth, camera, rope)
-    places = crossing_fractions(shape)
-    if len(places) != len(found.crossings):
+    met = crossing_fractions(shape)
+    if len(met) != len(found.crossings):
         return None
-    for place, one in zip(places, found.crossings, strict=True):
+    for place, one in zip(met, found.crossings, strict=True):
         first, second = np.interp(place, np.linspace(0.0, 1.0, len(shape)), shape[:, 2])
         if (first > second) != one.first_over:
             shape = exchange_heights(shape, *place, rope)
     return shape, found.length * step
-
-
-def _at(values: NDArray, pixels: Floats, outside: float | None = None) -> Floats:
-    """Values of an image (H, W) at pixels (..., 2); beyond its border its last ones, or others."""
-    mode = "nearest" if outside is None else "constant"
-    places = np.nan_to_num(pixels[..., ::-1], nan=-9.0)
-    found = ndimage.map_coordinates(
-        values.astype(float), np.moveaxis(places, -1, 0), order=1, mode=mode, cval=outside or 0.0
-    )
-    return np.asarray(found)

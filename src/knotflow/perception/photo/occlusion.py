@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from knotflow.perception.camera.image import interpolated
+
 Floats = NDArray[np.float64]
 
 _REACH, _STEP = 2.5, 1 / 12  # rope widths along and across a strand
@@ -48,7 +50,7 @@ def occlusion_odds(
     surprise, edge = [], []
     for own, other in (axes, axes[::-1]):
         strip = _strip(own, other, width)
-        colours = _colours(lab, strip.pixels)
+        colours = interpolated(lab, strip.pixels)
         surprise.append(_surprise(strip, colours) + _FLOOR**2)
         edge.append(_edge(strip, colours) + _EDGE_FLOOR)
     ratios = np.log([surprise[1] / surprise[0], edge[0] / edge[1]])
@@ -76,14 +78,6 @@ def _strip(
     _, nearest = cKDTree(other[1]).query(pixels)
     off = ((pixels - other[1][nearest]) * other[2][nearest]).sum(-1) / width
     return _Strip(along, across, pixels, np.abs(off))
-
-
-def _colours(lab: NDArray[np.float32], pixels: Floats) -> Floats:
-    at = np.moveaxis(pixels[..., ::-1], -1, 0)
-    channels = np.moveaxis(lab, 2, 0)
-    return np.stack(
-        [ndimage.map_coordinates(one, at, order=1, mode="nearest") for one in channels], axis=-1
-    )
 
 
 def _surprise(strip: _Strip, colours: Floats) -> float:

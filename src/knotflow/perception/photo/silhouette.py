@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from skimage.color import rgb2lab
 from skimage.filters import threshold_otsu
+from skimage.measure import block_reduce
 from skimage.morphology import skeletonize
 
-from knotflow.perception.camera.image import ImageError
+from knotflow.perception.camera.image import ImageError, interpolated
 
 Floats = NDArray[np.float64]
 
@@ -93,25 +94,12 @@ def _table(lab: NDArray[np.float32]) -> NDArray[np.float32]:
     """The table's colour (H, W, 3) at each pixel: a wide running median."""
     height, width = lab.shape[:2]
     step = max(1, min(height, width) // _GRID)
-    thin = lab[: height // step * step, : width // step * step]
-    thin = np.median(
-        thin.reshape(height // step, step, width // step, step, 3)
-        .swapaxes(1, 2)
-        .reshape(height // step, width // step, step * step, 3),
-        axis=2,
-    )
+    whole = lab[: height // step * step, : width // step * step]
+    thin = block_reduce(whole, (step, step, 1), np.median)
     smooth = ndimage.median_filter(thin, (_WINDOW, _WINDOW, 1), mode="nearest")
     smooth = ndimage.gaussian_filter(smooth, (2, 2, 0), mode="nearest")
-    rows = (np.arange(height) + 0.5) / step - 0.5
-    columns = (np.arange(width) + 0.5) / step - 0.5
-    at = np.meshgrid(rows, columns, indexing="ij")
-    return np.stack(
-        [
-            ndimage.map_coordinates(one, at, order=1, mode="nearest")
-            for one in np.moveaxis(smooth, 2, 0)
-        ],
-        axis=2,
-    )
+    at = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
+    return interpolated(smooth, (at + 0.5) / step - 0.5)
 
 
 def _thresholds(contrast: NDArray[np.float32]) -> list[float]:
@@ -160,13 +148,8 @@ def _coverage(
     toward the rope's around there."""
     core = ndimage.distance_transform_edt(mask) > 0.25 * width
     weight = ndimage.gaussian_filter(core.astype(np.float32), 3 * width) + 1e-9
-    rope = np.stack(
-        [
-            ndimage.gaussian_filter(np.where(core, one, np.float32(0)), 3 * width) / weight
-            for one in np.moveaxis(lab, 2, 0)
-        ],
-        axis=2,
-    )
+    around = np.where(core[..., None], lab, np.float32(0))
+    rope = ndimage.gaussian_filter(around, (3 * width, 3 * width, 0)) / weight[..., None]
     line = rope - table
     share = np.linalg.norm(lab - table, axis=2) / np.maximum(np.linalg.norm(line, axis=2), 1e-6)
     near = ndimage.binary_dilation(mask, iterations=max(1, round(0.3 * width)))
