@@ -1,11 +1,10 @@
-"""Execution: from a plan to a robot's hands (Sec. VI, VII-D).
+"""Execution of plans by robots and arms (Sec. VI, VII-D).
 
-A lab implements `Robot`; `Twin` is one in simulation. `execute` runs a plan on either: open loop,
-tracked with MPPI, or replanned after each action from what is seen of the rope; `export_plan` makes
+A lab implements `Robot`; `Twin` simulates one. `execute` runs a plan on either: open loop, tracked
+with MPPI, or replanned after each action from the rope's estimated state. `export_plan` makes
 trajectories for an arm.
 
-A name is loaded when it is used, from the file that `__init__.pyi` gives: PyTorch, MuJoCo and mink
-take seconds.
+Names are imported on first use, see `__init__.pyi`.
 """
 
 import lazy_loader

@@ -194,13 +194,13 @@ def load_arm(
     max_speed: float | Sequence[float] | None = None,
     max_acceleration: float | Sequence[float] = 5.0,
 ) -> Arm:
-    """Any arm from an MJCF or URDF file, at home in the model's keyframes; without any amid its
-    joints' ranges or where it moves freely.
+    """An arm from an MJCF or URDF file.
 
-    Not in the file are the limits of every joint or of each, rad/s and rad/s^2 (m/s and m/s^2 for
-    slides; speeds are a URDF's own, or else 1), and which site or link is the `tip`, see `Arm`,
-    where there are several. Meshes of a URDF are left out: what has no other collision geometry
-    collides with nothing.
+    Its homes are the model's keyframes; without any, the middle of the joints' ranges and drawn
+    configurations in which it moves freely. `tip` is the site or link between the fingers, see
+    `Arm`, and needed where there are several. Limits are of all joints or of each, rad/s and
+    rad/s^2 (m/s and m/s^2 for slides); by default a URDF's own speeds, else 1. Meshes of a URDF are
+    left out: links without other collision geometry collide with nothing.
 
     Raises:
         ArmError: no such file, model, site or link, or nothing that moves it.

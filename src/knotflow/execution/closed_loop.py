@@ -1,4 +1,4 @@
-"""A plan executed by a robot, as planned or replanned after each step, and judged (Sec. VI)."""
+"""A plan executed by a robot, open loop or replanned after each step, and evaluated (Sec. VI)."""
 
 from __future__ import annotations
 
@@ -65,12 +65,12 @@ def execute(
     replan: Replan | None = None,
     confirm: Confirm | None = None,
 ) -> Execution:
-    """Tie the plan's knot.
+    """Execute a plan on a robot.
 
-    The `source` tracks the rope while it is dragged; without a `controller`, which corrects the
-    drag, a spline begins at the tracked rope and is then followed blindly. The `estimator` reads
-    the state at the end, and after each action if `replan` plans the rest anew: the first step of
-    each plan is executed, solved or not, if `confirm` lets it.
+    The `source` tracks the rope while it is dragged. A `controller` corrects the drag; without one,
+    a spline begins at the tracked rope and is then followed open loop. The `estimator` reads the
+    state at the end, and with `replan` after each action: the rest is then planned again, and the
+    first step of the new plan, solved or not, executed if `confirm` allows it.
 
     Raises:
         ValueError: a controller without a source, `replan` without an estimator, or a plan without

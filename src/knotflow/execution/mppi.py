@@ -43,7 +43,7 @@ class MppiConfig:
 
 
 class Mppi:
-    """A `Controller`: keeps the rope near the plan's, vertex by vertex as they matter."""
+    """A `Controller`: keeps the rope near the planned one, with a weight for each vertex."""
 
     def __init__(self, dynamics: RopeDynamics, config: MppiConfig | None = None) -> None:
         self.dynamics, self.config = dynamics, config or MppiConfig()

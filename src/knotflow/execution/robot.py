@@ -1,4 +1,4 @@
-"""What a lab implements: a robot, its faults, and what is observed of the rope."""
+"""What a lab implements: a robot; simulated faults; and observations of the rope."""
 
 from __future__ import annotations
 

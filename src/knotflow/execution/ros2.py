@@ -1,7 +1,7 @@
 """A driver for an arm, a gripper and an RGB-D camera under ROS 2 Jazzy or later.
 
-It was tested against a stub of the messages, and not on hardware. rclpy and the messages come with
-ROS 2 and are imported when a `Ros2Arm` is made.
+It was tested against stubs of rclpy and its messages, not on hardware. Both come with ROS 2 and are
+imported when a `Ros2Arm` is created.
 """
 
 from __future__ import annotations
@@ -80,9 +80,10 @@ class _Motion(NamedTuple):
 class Ros2Arm:
     """A `Robot` by FollowJointTrajectory, GripperCommand and image topics, see `Ros2Config`.
 
-    Announced moves are one trajectory, others one each, from rest to rest within the arm's speeds
-    and accelerations, so they may take longer, and raised as a whole to clear the table, which
-    `position` leaves out. The gripper has to point down when the driver is made, which opens it.
+    Announced moves become one trajectory, others one each, from rest to rest within the arm's speed
+    and acceleration limits, so they may take longer. A motion too near the table is raised as a
+    whole, which `position` leaves out. The gripper has to point down when the driver is created,
+    which opens it.
 
     Raises:
         ImportError: this Python has no ROS 2.

@@ -65,7 +65,7 @@ def displace_camera(camera: Camera, errors: ErrorLevel, rng: np.random.Generator
 
 @dataclass
 class TwinConfig:
-    """A twin, but for what is drawn."""
+    """Settings of a twin; its errors are drawn at random."""
 
     level: int = 1  # of perturbation, see `simulation.worlds`
     rope: RopeConfig = field(default_factory=RopeConfig)  # the nominal rope

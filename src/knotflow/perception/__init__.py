@@ -1,6 +1,6 @@
-"""Perception: the rope's state from RGB-D images (paper Sec. VI).
+"""Perception: the rope's state from RGB-D images and photographs (paper Sec. VI).
 
-A name is loaded when it is used, from the file that `__init__.pyi` gives.
+Names are imported on first use, see `__init__.pyi`.
 """
 
 from pathlib import Path

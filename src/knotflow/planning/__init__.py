@@ -1,7 +1,7 @@
 """Planning: a tree search from a rope as it lies to a tied knot (paper Sec. V-B d).
 
-`plan_rope` returns a `KnotPlan` for a rope and a knot's name. A name is loaded when it is used,
-from the file that `__init__.pyi` gives.
+`plan_rope` returns a `KnotPlan` for a rope and a knot's name. Names are imported on first use, see
+`__init__.pyi`.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""When a plan is sure enough; loads nothing heavy."""
+"""In how many simulated worlds a plan has to succeed."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from knotflow.simulation import WorldsConfig
 
 @dataclass
 class SurvivalConfig:
-    """When a plan is sure enough, see `planning.survival`."""
+    """In how many simulated worlds a plan has to succeed, see `planning.survival`."""
 
     worlds: int = 16
     """Worlds that every plan is executed in; 0 takes the first plan."""
     least: float = 0.9
-    """Share of the worlds in which a plan has to tie, lest the search goes on."""
+    """Share of the worlds in which a plan has to tie; otherwise the search continues."""
     spread: WorldsConfig = field(default_factory=WorldsConfig)
     """What the worlds are drawn from."""
     batch: int = 8

@@ -68,7 +68,7 @@ class PlanStep:
 
 @dataclass(frozen=True)
 class ExpansionStats:
-    """How many branches tried one action from one state with one outcome.
+    """How many splines tried one action from one state with one outcome.
 
     The outcome is the `str` of the end state, "diverged", "unreadable", "fragile" for the
     action's state with too short segments (`PlannerConfig.margin`), or "out of reach" where no
@@ -84,7 +84,7 @@ class ExpansionStats:
 
 @dataclass(frozen=True, eq=False)
 class KnotPlan:
-    """What `plan_knot` returns.
+    """A plan, complete or as far as the search came.
 
     Attributes:
         goal: what was asked for: a knot's name, a state or a path.
@@ -93,7 +93,7 @@ class KnotPlan:
         reason: why the search stopped.
         start: (V, 3) the rope at rest before the first step, metres, in `start_state`.
         steps: to the goal or, not solved, to the node of the tree nearest to it; maybe none.
-        tried: a summary of all branches.
+        tried: a summary of all simulated splines.
         branches: simulated splines.
         kept: those whose ends were kept in the tree, which the paper's authors counted.
         seconds: wall time of the search.

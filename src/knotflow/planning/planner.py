@@ -1,4 +1,4 @@
-"""From a rope and a knot to a plan: the one way for command, studio and stages."""
+"""From a rope and a knot to a plan, for command, studio and experiments."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def plan_rope(
 
     The rope (V, 3), metres, head first, is at rest; the knot is a name, crossings or a path of
     actions, see `parse_goal`. Simulation is recorded at `RECORD_RATE`; the default of `config` is
-    `FAST_SEARCH`. With `survival` the search goes on until a plan survives; with `reach` an arm
-    can follow it. For the rest see `plan_knot`.
+    `FAST_SEARCH`. With `survival` the search continues until a plan succeeds in other worlds; with
+    `reach` it accepts only what an arm can follow. For the other arguments see `plan_knot`.
 
     Raises:
         ValueError: an unknown knot, one that is tied already, or one that cannot be reached from

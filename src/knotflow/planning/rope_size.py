@@ -1,7 +1,7 @@
 """The size of a rope, and the rope of 1 m in whose units it is planned for.
 
-Lengths are divided by the rope's and times by the square root of its metres, so that gravity stays
-what it is and a rope of the same proportions moves exactly alike.
+Lengths are divided by the rope's length and times by the square root of its length in metres:
+gravity is unchanged, and a rope of the same proportions moves exactly alike.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Plans that survive: a search goes on until one ties in most of many worlds.
+"""A search that continues until a plan ties in most of many simulated worlds.
 
 Beyond the paper. A plan is executed open loop in several worlds (`simulation.worlds`): each spline
 as it was planned, whatever the rope did. A world is lost once its rope is in another state than
@@ -127,7 +127,7 @@ class SurvivalSearch:
 def surviving(
     steps: Sequence[PlanStep], simulator: RopeSimulator, worlds: Sequence[World]
 ) -> tuple[int, ...]:
-    """In how many worlds a plan, executed blindly, is as planned after each of its steps."""
+    """In how many worlds a plan, executed open loop, is in the planned state after each step."""
     left, ropes = [], Ropes.alike(steps[0].start, len(worlds))
     for step in steps:
         ropes = _execute(step, ropes, worlds, simulator)

@@ -1,8 +1,8 @@
-"""Tying as a task for others' methods: an environment, public tasks, and how methods do in them.
+"""Knot tying as a benchmark: an environment, public tasks and their evaluation.
 
 `TieEnv` is the Gymnasium environment "knotflow/Tie-v0" (extra `gym`); `gymnasium.make_vec` makes
-many. `public_tasks` are the ropes and goals on which methods are compared. A name is loaded when it
-is used, from the file that `__init__.pyi` gives.
+many. `public_tasks` are the ropes and goals on which methods are compared. Names are imported on
+first use, see `__init__.pyi`.
 """
 
 import lazy_loader
@@ -14,7 +14,7 @@ ENV_ID = "knotflow/Tie-v0"
 
 
 def register_envs() -> None:
-    """Register the environment with Gymnasium, where it is not yet; episodes end by themselves."""
+    """Register the environment with Gymnasium, unless it is registered already."""
     from gymnasium.envs.registration import register, registry
 
     if ENV_ID not in registry:

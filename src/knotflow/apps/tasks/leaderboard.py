@@ -1,4 +1,4 @@
-"""The leaderboard's public tasks, and how often a sampler succeeds in them.
+"""The leaderboard's public tasks, and the success of samplers in them.
 
 Track `actions`: Fig. 6's eight topological actions from six ropes each, one spline a rope. Track
 `knots`: overhand and figure eight from sixteen random ropes, at most ten splines a rope. The ropes

@@ -1,4 +1,4 @@
-"""Cameras' calibrations as they come: OpenCV and ROS YAML, RealSense and Open3D JSON, and ours."""
+"""Calibration files of cameras: OpenCV and ROS YAML, RealSense and Open3D JSON, and our own."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _ROUNDS = 20  # of inverting a distortion
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What a camera's file says of it; `focal` and `centre`, pixels, are x and y of the size
+    """A camera's calibration; `focal` and `centre`, pixels, are x and y of the size
     (width, height) that images have, if it is known."""
 
     focal: tuple[float, float]

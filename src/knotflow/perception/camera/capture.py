@@ -45,7 +45,7 @@ _MISREADINGS = {
 
 @dataclass(frozen=True, eq=False)
 class Capture:
-    """An image of a camera, and in `notes` what had to be found out or changed for it."""
+    """An image and its camera; `notes` say what was assumed and converted."""
 
     image: RgbdImage
     camera: Camera

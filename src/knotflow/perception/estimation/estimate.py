@@ -81,7 +81,7 @@ class EstimateConfig:
 
 @dataclass(frozen=True, eq=False)
 class RopeEstimate:
-    """What an image says of a rope."""
+    """A rope estimated from an image."""
 
     points: Floats
     """(V, 3) metres, head first, world frame."""
@@ -125,11 +125,11 @@ def estimate(
     progress: Progress | None = None,
     colours: Colours | None = None,
 ) -> RopeEstimate:
-    """The rope of an image.
+    """Estimate a rope's shape and state from an image.
 
     Args:
         initial: (V, 3) metres, a guess of the shape, from either end, instead of all others.
-        earlier: (V, 3) metres, the shape before, head first; tells the head where no colour does.
+        earlier: (V, 3) metres, an earlier shape, head first; tells the head where no colour does.
         network: proposes further first guesses; the shipped one by default.
         likely: shapes (V, 3), metres, such as a track's or a plan's; guesses from the image are
             searched only where none of these accounts for nearly all of it.

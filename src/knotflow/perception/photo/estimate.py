@@ -39,7 +39,7 @@ _CUT_OFF = 0.5  # widths from the image's border, within which an end may go on 
 
 @dataclass(frozen=True, eq=False)
 class PhotoEstimate:
-    """What a colour image says of a rope.
+    """A rope estimated from a colour image.
 
     Attributes:
         pixels: (N, 2) centre line, u right and v down; head first, which is the left end where no
