@@ -237,7 +237,9 @@ def run(
     *,
     robot: str = "twin",
     camera: Path | None = None,
-    options: Options | None = None,
+    length: str | None = None,
+    diameter: str | None = None,
+    stiffness: str | None = None,
     out: Path = Path("runs"),
     seed: Seed = 0,
     max_seconds: Seconds = 60.0,
@@ -256,7 +258,9 @@ def run(
         knot: As in `knotflow plan`.
         robot: twin (simulated), or a driver such as my_lab.robots:Arm, see docs/your_arm.md.
         camera: File of the robot's camera, with its pose, see docs/your_camera.md; not for a twin.
-        options: The rope's size.
+        length: As in `knotflow plan`, but 1m by default.
+        diameter: As in `knotflow plan`.
+        stiffness: As in `knotflow plan`.
         out: Folder for the log (MCAP) of all images and motions.
         seed: Seed of the search and of the twin.
         margin: Metres of rope that every step leaves between crossings.
@@ -271,7 +275,7 @@ def run(
     from knotflow.recording import RunLog
     from knotflow.simulation import ShapeError
 
-    options = options or RopeOptions()
+    options = RopeOptions(length=length, diameter=diameter, stiffness=stiffness)
     rope = _seen_rope(options)
     if not yes and not sys.stdin.isatty():
         raise ValueError("run asks before every action: use a terminal, or --yes")
