@@ -199,7 +199,6 @@ class TreeSearch:
             return chosen, np.reshape(proposed, (-1, 6)), [one.result() for one in results]
 
     def _miss(self, expansion: Expansion) -> None:
-        """An expansion out of reach has failed."""
         self.out_of_reach += 1
         self.tried[expansion.node.state, expansion.action, OUT_OF_REACH, False] += 1
         self._rule.learn(expansion, None)

@@ -99,11 +99,7 @@ def load(path: PathLike | Iterable[PathLike], *, trajectories: bool = False) -> 
 
 
 def read_metadata(path: PathLike) -> dict[str, str]:
-    """The metadata given to ``write_recording``.
-
-    Raises:
-        FileNotFoundError, NotARecordingError, DamagedRecordingError: as for ``read_recording``.
-    """
+    """The metadata given to ``write_recording``; raises as ``read_recording``."""
     file = existing_recording(path)
     with file.open("rb") as stream, _damage_named(file):
         for record in NonSeekingReader(stream).iter_metadata():  # they precede the first message

@@ -64,12 +64,7 @@ def find_recording(path: str | os.PathLike[str], number: int | None = None) -> P
     """The one recording that a path and a rollout number mean.
 
     A file means itself. In a folder it is the file that holds the number, or without a number
-    the first file by name.
-
-    Raises:
-        FileNotFoundError: nothing is there, or the folder has no recording.
-        NotARecordingError, DamagedRecordingError: the file is no MCAP, or cut or changed.
-        ValueError: no rollout, or more than one, has this number.
+    the first file by name. Raises as `load`, and ValueError unless one rollout has this number.
     """
     place = Path(path)
     if not place.is_dir():
@@ -118,12 +113,8 @@ def save_rerun(
     path: str | os.PathLike[str], target: str | os.PathLike[str], *, number: int | None = None
 ) -> Path:
     """Write the rollouts of a recording, or the one of a number, and our blueprint as one ``.rrd``
-    that ``rerun`` opens as it is.
-
-    Raises:
-        FileNotFoundError: the recording is not there.
-        NotARecordingError, DamagedRecordingError: the file is no recording, or cut or changed.
-        ValueError: no rollout has this number.
+    that ``rerun`` opens as it is. Raises as `read_recording`, and ValueError where no rollout has
+    this number.
     """
     import rerun as rr
 

@@ -42,7 +42,6 @@ class WorkersConfig:
     simulator then has all cores."""
 
     def __post_init__(self) -> None:
-        """Refuse what runs nothing."""
         if self.backend not in BACKENDS:
             raise ValueError(f"workers.backend is {self.backend!r}, not {' or '.join(BACKENDS)}")
         if self.jobs == 0:

@@ -162,7 +162,6 @@ class PhotoTab:
         self._state.scene.picture(photo.rgb, size * self._scale, self._on_table((size - 1) / 2))
 
     def _show(self) -> None:
-        """Draw the rope as it is now."""
         photo, scene = self._photo, self._state.scene
         line = self._on_table(photo.found.pixels)
         self._show_line(line)

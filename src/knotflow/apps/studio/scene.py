@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.apps.studio.demonstration import CLICKS
+from knotflow.perception.camera.simulated import from_z
 from knotflow.simulation import SPLINE_HIGH, RopeConfig, spline_path
 from knotflow.topology import Action, segment_intervals
 from knotflow.viz.style import BAD, GOOD, INK, MUTED, OVER, PAPER, RULE, SPLINE, UNDER, rope_colour
@@ -194,10 +195,7 @@ class Scene:
 
     def _capsules(self, points: NDArray, colours: NDArray[np.float64] | None) -> None:
         steps = np.diff(points, axis=0)
-        along = steps / np.linalg.norm(steps, axis=1, keepdims=True)
-        # From the z axis, along which the capsule lies, the short way to the link.
-        turn = np.column_stack([1.0 + along[:, 2], -along[:, 1], along[:, 0], np.zeros(len(along))])
-        turn /= np.linalg.norm(turn, axis=1, keepdims=True)
+        turn: Any = from_z(steps / np.linalg.norm(steps, axis=1, keepdims=True))
         middles = (points[:-1] + points[1:]) / 2
         links = self._links
         if links is not None and colours is None:

@@ -121,7 +121,6 @@ class SimulatedCamera:
         noise: CameraNoiseConfig | None = None,
         appearance: Appearance | None = None,
     ) -> None:
-        """A camera for one rope."""
         import mujoco
 
         self.camera, self.rope = camera, rope
@@ -237,7 +236,7 @@ class SimulatedCamera:
         direction = np.diff(points, axis=0)
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         position[:links] = 0.5 * (points[1:] + points[:-1])
-        quaternion[:links] = _from_z(direction)
+        quaternion[:links] = from_z(direction)
         if gripper is not None:
             at = np.asarray(gripper, np.float64)
             nearest = int(np.linalg.norm(position[:links] - at, axis=1).argmin())
@@ -277,7 +276,7 @@ def _scene(rope: RopeConfig) -> mujoco.MjModel:
     return spec.compile()
 
 
-def _from_z(direction: NDArray) -> NDArray[np.float64]:
+def from_z(direction: NDArray) -> NDArray[np.float64]:
     """Quaternions (N, 4), w first, that turn the z axis into unit vectors (N, 3)."""
     x, y, z = direction.T
     quaternion = np.column_stack([1.0 + z, -y, x, np.zeros_like(z)])

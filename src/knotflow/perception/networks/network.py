@@ -44,13 +44,10 @@ class NextStep(NamedTuple):
     end: Tensor
 
 
-def halving(before: int, channels: int) -> list[nn.Module]:
-    """A convolution (N, C, H, W) to half the resolution."""
-    return [
-        nn.Conv2d(before, channels, 4, stride=2, padding=1, bias=False),
-        nn.BatchNorm2d(channels),
-        nn.ReLU(),
-    ]
+def convolution(before: int, channels: int, size: int, stride: int = 1) -> list[nn.Module]:
+    """Of images (N, C, H, W), normalised; a stride of 2 halves the resolution."""
+    layer = nn.Conv2d(before, channels, size, stride, padding=1, bias=False)
+    return [layer, nn.BatchNorm2d(channels), nn.ReLU()]
 
 
 class Residual(nn.Module):
@@ -58,11 +55,7 @@ class Residual(nn.Module):
 
     def __init__(self, channels: int) -> None:
         super().__init__()
-        self.body = nn.Sequential(
-            nn.Conv2d(channels, channels, 3, padding=1, bias=False),
-            nn.BatchNorm2d(channels),
-            nn.ReLU(),
-        )
+        self.body = nn.Sequential(*convolution(channels, channels, 3))
 
     def forward(self, features: Tensor) -> Tensor:
         return features + self.body(features)
@@ -81,7 +74,7 @@ class StrandNetwork(nn.Module):
         stages: list[nn.Module] = []
         before = 5
         for number, count in enumerate(config.channels):
-            stages += [*halving(before, count), *([Residual(count)] if number else [])]
+            stages += [*convolution(before, count, 4, 2), *([Residual(count)] if number else [])]
             before = count
         self.seen = nn.Sequential(*stages, nn.Flatten())
         side = SIDE // 2 ** len(config.channels)

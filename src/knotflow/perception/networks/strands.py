@@ -186,7 +186,6 @@ def _follow(
 def _grown(
     network: StrandNetwork, seen: Tensor, paths: list[StrandPath], least: float
 ) -> list[list[StrandPath]]:
-    """The ways on from each path."""
     found = network(_windows(seen, paths), _tensor([path.points[-1, 2] for path in paths]))
     shares, ends = found.heading.exp().numpy(), torch.sigmoid(found.end).numpy()
     angles, heights = headings().numpy(), found.height.clamp(min=1.0).numpy()

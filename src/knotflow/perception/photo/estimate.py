@@ -241,7 +241,6 @@ def _pairs(line: Floats) -> frozenset[frozenset[tuple[int, int]]]:
 
 
 def _line_doubts(line: Floats, coverage: NDArray[np.float32], width: float) -> list[str]:
-    """What is doubtful about a centre line (N, 2)."""
     doubts = []
     height, across = coverage.shape
     border = np.minimum(line, [across - 1, height - 1] - line).min(axis=1)

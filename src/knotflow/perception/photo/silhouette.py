@@ -71,17 +71,14 @@ def find_silhouette(
         given = rgb2lab(np.array(colour, np.uint8)[None, None]).astype(np.float32)
         off = np.linalg.norm(lab - given, axis=2)
         contrast = np.where(off < _LIKE_GIVEN, contrast, 0.0)
-    best: tuple[float, NDArray, list[_Part]] | None = None
+    found = []
     for threshold in _thresholds(contrast):
         parts, count = ndimage.label(contrast > threshold, np.ones((3, 3)))
-        ropes = _ropes(parts, count)
-        if ropes:
-            score = ropes[0].length / ropes[0].width * ropes[0].even
-            if best is None or score > best[0]:
-                best = score, parts, ropes
-    if best is None:
+        if ropes := _ropes(parts, count):
+            found.append((ropes[0].length / ropes[0].width * ropes[0].even, parts, ropes))
+    if not found:
         raise ImageError("no rope is seen: nothing that differs from the table is long and narrow")
-    _, parts, (rope, *others) = best
+    _, parts, (rope, *others) = max(found, key=lambda one: one[0])
     return Silhouette(
         _coverage(lab, table, parts == rope.label, rope.width),
         rope.width,
