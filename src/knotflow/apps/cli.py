@@ -17,7 +17,7 @@ import tempfile
 import warnings
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -72,13 +72,23 @@ Options = Annotated[RopeOptions, Parameter(name="*")]
 Seed = Annotated[int, Parameter(validator=Number(gte=0))]
 Seconds = Annotated[float, Parameter(validator=Number(gt=0), help="Time limit of the search.")]
 Margin = Annotated[float, Parameter(validator=Number(gte=0))]
-ArmName = Annotated[
-    str | None,
-    Parameter(help="Accept only plans for this arm: panda, ur5e, xarm7, or an MJCF or URDF file."),
-]
-ArmBase = Annotated[Path | None, Parameter(help="As in `knotflow export`, with --arm.")]
-ArmTip = Annotated[str | None, Parameter(help="As in `knotflow export`, with --arm.")]
 Worlds = Annotated[int, Parameter(validator=Number(gte=0))]
+
+
+@dataclass(frozen=True)
+class ArmOptions:
+    """An arm that is to follow what is planned."""
+
+    arm: str | None = None
+    """Accept only plans for this arm: panda, ur5e, xarm7, or an MJCF or URDF file."""
+    base: Path | None = None
+    """As in `knotflow export`, with --arm."""
+    tip: str | None = None
+    """As in `knotflow export`, with --arm."""
+
+
+NO_ARM = ArmOptions()
+OfArm = Annotated[ArmOptions, Parameter(name="*")]
 
 GRIPPER_ERROR = 0.005  # standard deviation in the worlds of `next`, metres
 
@@ -95,9 +105,7 @@ def plan(
     max_seconds: Seconds = 60.0,
     margin: Margin = 0.0,
     worlds: Worlds = 0,
-    arm: ArmName = None,
-    base: ArmBase = None,
-    tip: ArmTip = None,
+    arm: OfArm = NO_ARM,
     overwrite: bool = False,
 ) -> int:
     """Plan how to tie a knot into a rope as it lies.
@@ -116,16 +124,14 @@ def plan(
     request: dict[str, Any] = {"knot": knot, "rope": what, "seed": seed}
     request |= {"max_seconds": max_seconds, "margin": margin, "worlds": worlds}
     request |= vars(options or RopeOptions()) | _provenance()
-    if arm is not None:
-        files = {"arm": arm, "base": base, "tip": tip}
-        request |= {key: str(one) for key, one in files.items() if one is not None}
-        request["arm_code"] = _arm_digest(arm, base)
+    if arm.arm is not None:
+        request |= {key: str(one) for key, one in vars(arm).items() if one is not None}
+        request["arm_code"] = _arm_digest(arm.arm, arm.base)
     stored = _stored_outcome(folder, request, overwrite)
     if stored is not None:
         print(f"{stored['text']}\n{folder}: already planned; --overwrite plans again")
         return _outcome(stored["success"], max_seconds)
-    standing = (arm, base, tip)
-    found, last = _search(knot, measured, seed, max_seconds, margin, worlds, 0.0, standing)
+    found, last = _search(knot, measured, seed, max_seconds, margin, worlds, 0.0, arm)
     found = found.placed(measured.placement, measured.frame)
     last = last and measured.placement.attempts(last)
     _write_plan(folder, found, last, measured.rope, request)
@@ -150,9 +156,7 @@ def next_step(
     max_seconds: Seconds = 60.0,
     margin: Margin = 0.05,
     worlds: Worlds = 16,
-    arm: ArmName = None,
-    base: ArmBase = None,
-    tip: ArmTip = None,
+    arm: OfArm = NO_ARM,
 ) -> int:
     """Plan only the next action: its grasp and path, its success, and the state to check.
 
@@ -195,8 +199,7 @@ def next_step(
             return 1
         rope = str(seen) if files else rope
         measured = _read_rope(str(rope), options, seed)
-    standing = (arm, base, tip)
-    found, _ = _search(knot, measured, seed, max_seconds, margin, worlds, GRIPPER_ERROR, standing)
+    found, _ = _search(knot, measured, seed, max_seconds, margin, worlds, GRIPPER_ERROR, arm)
     if not found.solved:
         tighter = f"; tighter loops: --margin {margin / 2:g}" if margin else ""
         print(f"{found.summary()}\nlonger: --max-seconds {2 * max_seconds:g}{tighter}")
@@ -248,9 +251,7 @@ def run(
     max_actions: Annotated[int, Parameter(validator=Number(gte=1))] = 20,
     level: Literal[0, 1, 2] = 1,
     yes: bool = False,
-    arm: ArmName = None,
-    base: ArmBase = None,
-    tip: ArmTip = None,
+    arm: OfArm = NO_ARM,
 ) -> int:
     """Tie a knot with a robot: look, plan the next action, ask, act, and look again.
 
@@ -286,7 +287,6 @@ def run(
         raise ValueError(f"--robot {robot} needs --camera FILE, with its pose")
     else:
         eye, driver = Calibration.load(camera).camera(), lab.load_robot(robot)
-    standing = (arm, base, tip)
 
     def replan(points: NDArray) -> planning.KnotPlan:
         with tempfile.TemporaryDirectory() as folder:
@@ -297,7 +297,7 @@ def run(
             except planning.RopeInputError as error:
                 raise ShapeError(str(error)) from error
             found, _ = _search(
-                knot, measured, seed, max_seconds, margin, worlds, GRIPPER_ERROR, standing
+                knot, measured, seed, max_seconds, margin, worlds, GRIPPER_ERROR, arm
             )
         return found.placed(measured.placement, measured.frame)
 
@@ -649,7 +649,7 @@ def _search(
     margin: float,
     worlds: int,
     error: float = 0.0,
-    arm: tuple[str | None, Path | None, str | None] = (None, None, None),
+    arm: ArmOptions = NO_ARM,
 ) -> tuple[planning.KnotPlan, Attempts | None]:
     """The plan for the model of the rope, solved or not, and the last attempts, if any."""
     from tqdm import tqdm
@@ -665,15 +665,15 @@ def _search(
     config = replace(FAST_SEARCH, max_seconds=max_seconds, margin=margin / length)
     survival = planning.SurvivalConfig(worlds, spread=WorldsConfig(error=error / length))
     reach = planning.Hand(measured.model.radius, planning.HandConfig().scaled(length))
-    if arm[0] is not None:
+    if arm.arm is not None:
         from knotflow.execution import ArmReach
 
         carried = ArmReach(
-            arm[0], arm[1], arm[2], simulation=SimulationConfig(rope=measured.model),
+            arm.arm, arm.base, arm.tip, simulation=SimulationConfig(rope=measured.model),
             placement=measured.placement, frame=replace(measured.frame, unit="m"),
         )  # fmt: skip
         reach = replace(reach, arm=carried)
-    elif arm[1] is not None or arm[2] is not None:
+    elif arm != NO_ARM:
         raise ValueError("--base and --tip need --arm")
     tried: deque[Attempts] = deque(maxlen=1)
     bar = tqdm(desc="simulated", unit=" splines", disable=None)
