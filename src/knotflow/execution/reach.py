@@ -36,8 +36,7 @@ from knotflow.simulation import (
     spline_path,
     state_or_none,
 )
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats
 
 MOST_SLOWED = 2.0
 """Factor on the duration of a drag that is accepted: half the pace, as in the slowest `World`."""

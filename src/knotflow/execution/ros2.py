@@ -20,8 +20,7 @@ from knotflow.execution.export import LOWEST
 from knotflow.execution.inverse_kinematics import Solver
 from knotflow.perception import RgbdImage
 from knotflow.perception.camera.ros_image import read_messages, stamp
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats
 
 STILL = 1e-4  # metres that are no motion
 LEAST_POINTS = 10  # of a trajectory, so that it keeps to its line

@@ -32,8 +32,7 @@ from knotflow.perception.estimation.fitting import FitConfig, fit, register
 from knotflow.perception.estimation.skeleton import TraceError
 from knotflow.perception.networks.network import StrandNetwork
 from knotflow.simulation import RopeConfig, state_or_none
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats
 
 Predict = Callable[[Floats, Floats, float, Floats | None, int | None], Floats]
 """Predicts the rope (V, 3), metres, from its points, its velocities (V, 3), metres a second, the

@@ -8,16 +8,14 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from knotflow.report import markdown as md
 from knotflow.report.results import Results, ResultsError
 from knotflow.report.section import Figures, Parts
+from knotflow.topology.polyline import Floats
 from knotflow.viz.rope import draw_rope
 from knotflow.viz.spline import draw_spline, spline_bounds
 from knotflow.viz.style import BAD, GOOD, INK, MUTED
-
-Floats = NDArray[np.float64]
 
 ROPE_WIDTH, BANDS = 1.8, 16  # points; of one colour each along a rope
 PANEL, WORDS, PAD = 0.95, 0.36, 0.14  # inches

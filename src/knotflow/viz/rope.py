@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.topology import DegenerateCurveError, project
-from knotflow.topology.polyline import arc_lengths
+from knotflow.topology.polyline import Floats, arc_lengths
 from knotflow.viz.style import PAPER, rope_colour
 
 if TYPE_CHECKING:
@@ -27,8 +27,6 @@ _BANDS = 40  # of one colour each along a rope: looks smooth, and keeps an SVG s
 _FINENESS = 5  # steps along the curve in a width of rope
 _TURN = np.radians(8)  # in which an outline is straight
 _REACH = 3.0  # widths along the lower strand: the longest gap, however flat the crossing
-
-Floats = NDArray[np.float64]
 Edges = tuple[float, float]
 """A step along the left edge of a rope and one along the right edge."""
 

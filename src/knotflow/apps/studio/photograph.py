@@ -17,9 +17,7 @@ from knotflow.perception.photo.io import on_table, write_photo_rope
 from knotflow.planning import MeasuredRope, RopeInputError, RopeOptions, measured_rope
 from knotflow.planning.rope_size import RopeSize, parse_metres
 from knotflow.topology import TopologicalState
-from knotflow.topology.polyline import arc_lengths
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats, arc_lengths
 
 _SPACING, _MOST_HANDLES = 6.0, 32  # widths between handles
 _CLEAR = 2.5  # widths between a handle and a crossing

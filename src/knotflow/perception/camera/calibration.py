@@ -17,8 +17,7 @@ from scipy.spatial.transform import Rotation
 from knotflow.arrays import floats
 from knotflow.perception.camera.image import interpolated
 from knotflow.perception.camera.pinhole import Camera, CameraError
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats
 
 _SECTIONS = {
     *("intrinsic", "intrinsics", "color", "colour", "rgb", "colorintrinsics", "camerainfo"),

@@ -19,8 +19,7 @@ from knotflow.perception.camera.image import (
 )
 from knotflow.perception.camera.pinhole import Camera, CameraError
 from knotflow.perception.camera.table import find_table, table_error
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats
 
 MAX_OFFSET, MAX_TILT = 0.05, 0.1
 """Errors of a camera's pose that are corrected: metres in height, and radians."""

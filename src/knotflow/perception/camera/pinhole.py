@@ -11,8 +11,7 @@ import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from knotflow.arrays import floats
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats
 
 _MIN_BINNED = 16  # rows and columns left after binning, least
 _SHAPES = {"position": (3,), "rotation": (3, 3)}

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from knotflow.perception.camera.calibration import Calibration
 from knotflow.perception.camera.pinhole import Camera
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats
 
 _PLANES = 300  # through three points, that are tried
 _SAMPLE = 4000  # points at which they are compared

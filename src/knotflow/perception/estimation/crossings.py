@@ -17,8 +17,7 @@ from knotflow.perception.estimation.evidence import Target
 from knotflow.perception.estimation.fitting import FitConfig, fit, misfit, nearest_on_chain
 from knotflow.simulation import RopeConfig
 from knotflow.topology import DegenerateCurveError, project
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats
 
 END_AMBIGUITIES = {0: "the head ends at another strand", -1: "the tail ends at another strand"}
 """What is said of an end that may or may not cross a strand."""

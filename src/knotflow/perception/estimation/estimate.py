@@ -45,8 +45,7 @@ from knotflow.perception.photo.colours import Colour, Colours, end_of_colour
 from knotflow.perception.photo.lifting import shape_by_colour
 from knotflow.simulation import RopeConfig, state_or_none
 from knotflow.topology import TopologicalState
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats
 
 _MIN_CERTAINTY, _MIN_COVERAGE = 0.95, 0.98  # of a crossing and a shape that are not ambiguous
 _LENGTH_ERROR = 0.03  # share of the rope's length, from which it may be another one's

@@ -17,8 +17,7 @@ from knotflow.perception.camera.pinhole import Camera
 from knotflow.perception.camera.rendering import render
 from knotflow.perception.estimation.segmentation import pixel_coverage, segment
 from knotflow.simulation import RopeConfig
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats
 
 CORRELATED = 4.0  # pixels that share their error, as neighbours do
 _CORRELATED_WIDTHS = 0.7  # widths of the rope, within which errors of its shape are the same error

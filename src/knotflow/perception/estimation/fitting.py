@@ -29,8 +29,7 @@ from knotflow.perception.camera.rendering import (
 from knotflow.perception.estimation.evidence import Target
 from knotflow.simulation import RopeConfig
 from knotflow.threads import one_thread
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats
 
 _SMOOTHING = 3.0  # how far a vertex takes its neighbours along, links squared
 _DEPTH_SCALE = 5e-3  # metres, beyond which errors of depth count linearly

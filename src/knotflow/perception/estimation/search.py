@@ -29,8 +29,8 @@ from knotflow.perception.estimation.fitting import (
 from knotflow.perception.estimation.skeleton import passages
 from knotflow.simulation import RopeConfig, state_or_none
 from knotflow.topology import TopologicalState
+from knotflow.topology.polyline import Floats
 
-Floats = NDArray[np.float64]
 Progress = Callable[[], bool | None]
 """Called in each round of a search; False ends it with the best so far."""
 

@@ -19,9 +19,7 @@ from skimage.morphology import remove_small_objects, skeletonize
 from knotflow.perception.camera.pinhole import Camera
 from knotflow.perception.estimation.fitting import interpolate, project_lengths
 from knotflow.simulation import RopeConfig
-from knotflow.topology.polyline import DegenerateCurveError, arc_lengths, planar_crossings
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import DegenerateCurveError, Floats, arc_lengths, planar_crossings
 
 _ZOOM = 3  # a mask is smoothed on a grid this much finer, or its skeleton is ragged
 _SMOOTH = 0.3  # pixels

@@ -28,9 +28,7 @@ from knotflow.perception.networks.windows import (
     with_trail,
 )
 from knotflow.threads import one_thread
-from knotflow.topology.polyline import arc_lengths
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats, arc_lengths
 
 PIXEL = 2 * HALF / SIDE  # side of a map's pixel, radii
 _BEAM, _HALVES = 16, 8  # paths followed at once from an end of the rope, and from elsewhere

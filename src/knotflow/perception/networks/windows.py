@@ -21,8 +21,7 @@ from torch.nn.functional import avg_pool2d
 
 from knotflow.perception.camera.pinhole import Camera
 from knotflow.perception.estimation.evidence import Target
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats
 
 SIDE = 48  # pixels of a window's side
 HALF = 12.0  # half its side, radii of the rope

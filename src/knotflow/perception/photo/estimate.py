@@ -21,9 +21,7 @@ from knotflow.perception.photo.colours import Colour, Colours, end_of_colour
 from knotflow.perception.photo.occlusion import occlusion_odds
 from knotflow.perception.photo.silhouette import Silhouette, find_silhouette
 from knotflow.topology import DegenerateCurveError, TopologicalState, project
-from knotflow.topology.polyline import arc_lengths
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats, arc_lengths
 
 _MOST_PIXELS = 1.2e6  # of the image that is worked on; larger ones are binned
 _TRACED = 5.0  # pixels across, at which the rope is traced

@@ -17,13 +17,12 @@ from knotflow.perception.estimation.crossings import CrossingEvidence
 from knotflow.perception.photo.colours import Colours
 from knotflow.perception.photo.estimate import PhotoEstimate, estimate_photo
 from knotflow.topology import TopologicalState
+from knotflow.topology.polyline import Floats
 from knotflow.viz.rope import draw_rope
 from knotflow.viz.style import PNG_DPI, WIDTH, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-Floats = NDArray[np.float64]
 
 
 def see_photo(

@@ -14,8 +14,7 @@ from knotflow.perception.estimation.skeleton import lift
 from knotflow.perception.photo.colours import Colour, Colours
 from knotflow.perception.photo.estimate import estimate_photo
 from knotflow.simulation import RopeConfig
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats
 
 _WIDTH = 6.0  # of the rope from above, pixels
 _AROUND = 12.0  # widths of table around what is taken for rope

@@ -15,8 +15,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from knotflow.perception.camera.image import interpolated
-
-Floats = NDArray[np.float64]
+from knotflow.topology.polyline import Floats
 
 _REACH, _STEP = 2.5, 1 / 12  # rope widths along and across a strand
 _ACROSS, _CORE = 0.75, 0.4

@@ -16,8 +16,6 @@ from skimage.morphology import skeletonize
 
 from knotflow.perception.camera.image import ImageError, interpolated
 
-Floats = NDArray[np.float64]
-
 _GRID = 64  # squares along the image's shorter side, whose median is a sample of the table
 _WINDOW = 25  # squares: the rope covers less than half of so large a part of the table
 _LEAST_CONTRAST = 9.0  # CIELAB: rope against table
