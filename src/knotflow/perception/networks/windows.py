@@ -266,12 +266,12 @@ def _degrade(covered: Tensor, top: Tensor, config: ExamplesConfig, draw: _Draw) 
 def points_at(ropes: Tensor, at: Tensor) -> Tensor:
     """Points of ropes (N, V, C) at places (N,) or (N, M) along them, 0..V-1, cut to their ends."""
     last = ropes.shape[1] - 1
-    flat = at.reshape(len(at), -1).clamp(0, last)
+    flat = (at if at.ndim > 1 else at[:, None]).clamp(0, last)
     before = flat.floor().long().clamp(max=last - 1)
     share = (flat - before)[..., None]
     index = before[..., None].expand(-1, -1, ropes.shape[2])
     found = (1 - share) * ropes.gather(1, index) + share * ropes.gather(1, index + 1)
-    return found.reshape(*at.shape, -1)
+    return found.reshape(*at.shape, ropes.shape[2])
 
 
 def find_crossings(ropes: Tensor) -> tuple[Tensor, Tensor, Tensor]:
