@@ -228,14 +228,13 @@ def load_arm(
     if max_speed is None:
         speeds = _urdf_speeds(path)
         max_speed = [speeds.get(name, 1.0) for name in joints]
+    homes = model.key_qpos if model.nkey else _homes(model, tip, chain)
     return Arm(
         name=path.stem,
         spec=lambda: _read_model(path, tip),
         tip=tip,
         joints=joints,
-        homes=(model.key_qpos if model.nkey else _homes(model, tip, chain))[
-            :, model.jnt_qposadr[chain]
-        ].copy(),
+        homes=homes[:, model.jnt_qposadr[chain]].copy(),
         max_speed=np.full(len(chain), max_speed),
         max_acceleration=np.full(len(chain), max_acceleration),
         base=base or Base(),
@@ -266,14 +265,10 @@ def _urdf_speeds(path: Path) -> dict[str, float]:
     """Speed limits of a URDF's joints, rad/s or m/s; none of another file."""
     if path.suffix.lower() != ".urdf":
         return {}
-    limits = {
-        joint.get("name", ""): joint.find("limit")
-        for joint in ElementTree.parse(path).getroot().iter("joint")
-    }
     speeds = {
-        name: float(limit.get("velocity", 0.0))
-        for name, limit in limits.items()
-        if limit is not None
+        joint.get("name", ""): float(limit.get("velocity", 0.0))
+        for joint in ElementTree.parse(path).getroot().iter("joint")
+        for limit in joint.findall("limit")
     }
     return {name: speed for name, speed in speeds.items() if speed > 0.0}
 
