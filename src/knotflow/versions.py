@@ -23,7 +23,7 @@ COMPONENTS = {
     "topology": Component(1, ("topology",)),
     "simulation": Component(3, ("simulation",)),
     "demonstrations": Component(3, ("samplers.demonstrations",)),
-    "baselines": Component(1, ("samplers.random", "samplers.icp")),
+    "baselines": Component(2, ("samplers.random", "samplers.icp")),
     "causal_infogan": Component(2, ("samplers.causal_infogan", "training.causal_infogan")),
     "primitives": Component(5, ("samplers.primitives",)),
     "trainer": Component(1, ("training.trainer",)),
@@ -36,7 +36,7 @@ COMPONENTS = {
 """Names are independent of folders, so moving a file invalidates no stage."""
 
 LIBRARIES = (
-    *("mujoco", "numba", "numpy", "pytorch_mppi", "scipy", "skimage", "small_gicp"),
+    *("mujoco", "numba", "numpy", "pytorch_mppi", "scipy", "skimage"),
     *("mink", "tensordict", "torch", "torchrl"),
 )
 """Import names of libraries whose minor version may change a result."""

@@ -108,8 +108,8 @@ def test_unknown_names_and_settings_are_answered_with_the_valid_ones():
     for lookup in (SamplerConfig.modules, lambda config: build_sampler(config, {})):
         with pytest.raises(ValueError, match="unknown sampler 'best'; valid are .*icp.*random"):
             lookup(SamplerConfig("best"))
-    with pytest.raises(ValueError, match="'icp'.*length_scale"):
-        build_sampler(SamplerConfig("icp", {"scale": 1}), {"demonstrations": Path()})
+    with pytest.raises(ValueError, match="'icp'.*scale"):
+        build_sampler(SamplerConfig("icp", {"length": 1}), {"demonstrations": Path()})
 
 
 def test_sampler_without_its_inputs_is_not_offered():

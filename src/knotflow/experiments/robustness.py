@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from knotflow.experiments.common import sampler_of
-from knotflow.planning import PlannerConfig, SurvivalConfig, plan_rope, surviving
+from knotflow.planning import KnotPlan, PlannerConfig, SurvivalConfig, plan_rope, surviving
 from knotflow.planning.rope_size import RopeSize
 from knotflow.samplers import SamplerConfig
 from knotflow.seeding import rng_of
@@ -124,19 +124,22 @@ def lab_ropes(
         own = replace(simulation, rope=size.model())
         points = random_curve(own.rope, rng_of(seed, number, 0), starts)
         proposer = sampler_of(sampler, primitives=primitives)
-        rows = []
-        brief = replace(planner, max_branches=survival_branches)
-        ways = ("exact", planner, None), ("level_1", brief, survival)
-        for disturbance, config, chosen_by in ways:
-            plan = plan_rope(
+
+        def plan(config: PlannerConfig, chosen_by: SurvivalConfig | None) -> KnotPlan:
+            return plan_rope(
                 points, knot, rng_of(seed, number, 1), sampler=proposer, simulation=own,
                 config=config, survival=chosen_by,
             )  # fmt: skip
-            solved = plan.solved
-            if solved and disturbance != "exact":
-                worlds = draw_worlds(own.rope, 1, rng_of(seed, number, 2), DISTURBANCES["level_1"])
-                solved = surviving(plan.steps, RopeSimulator(own), worlds)[-1] == 1
-            rows.append((disturbance, number, solved, plan.branches))
+
+        first = plan(planner, None)
+        rows = [("exact", number, first.solved, first.branches)]
+        solved, simulated = False, survival_branches
+        if first.solved and first.branches < survival_branches:  # the other begins alike
+            sure = plan(replace(planner, max_branches=survival_branches), survival)
+            worlds = draw_worlds(own.rope, 1, rng_of(seed, number, 2), DISTURBANCES["level_1"])
+            tied = surviving(sure.steps, RopeSimulator(own), worlds)[-1]
+            solved, simulated = tied == 1, sure.branches
+        rows.append(("level_1", number, solved, simulated))
         table = pd.DataFrame(rows, columns=["disturbance", "rope_seed", "solved", "simulated"])
         facts = vars(case) | {"knot": knot}
         for place, (column, value) in enumerate(facts.items()):

@@ -19,7 +19,7 @@ from knotflow.samplers.demonstrations import (
     screened_splines,
 )
 from knotflow.samplers.sampler import Sampler, capability, has_capability
-from knotflow.simulation import Attempts, Observer, RopeSimulator
+from knotflow.simulation import Attempts, Observer, RopeSimulator, clip_splines
 from knotflow.topology import Action, Arrange, TopologicalState, Undo, segment_lengths
 from knotflow.topology.polyline import Floats
 
@@ -27,6 +27,8 @@ UNDO_VALUE = 0.3
 """Value of an undoing that is aimed: of random drags, 25 to 44 % take crossings back."""
 MIN_GAIN = 0.05
 """A rope is arranged where the critic predicts at least so much more value after it."""
+NOISE = (0.02, 0.02, 0.02, 0.02, 0.02, 0.01)
+"""Standard deviations of a spline's noisy copies: share of the rope, then shares of its length."""
 RESAMPLED, LEAST_RESAMPLED = 4, 8
 """How often splines out of the arm's reach are replaced, and the least number sampled for that."""
 
@@ -85,6 +87,8 @@ class Proposals:
     def _propose(self, expansion: Expansion, count: int) -> Floats:
         """Splines (count, 6) of the sampler, some of them guessed."""
         node, edge, action, rng = expansion.node, expansion.edge, expansion.edge_action, self._rng
+        if expansion.near is not None:
+            return clip_splines(rng.normal(expansion.near, NOISE, (count, 6)))
         if expansion.kind == ARRANGE:
             learned = self._arrange
         elif expansion.goal in self._goals or self._sample_next is None:
@@ -152,7 +156,7 @@ def group_by_query(expansions: Sequence[Expansion]) -> list[Expansion]:
 
 
 def _query(expansion: Expansion) -> Hashable:
-    return id(expansion.node), expansion.edge, expansion.kind
+    return id(expansion.node), expansion.edge, expansion.kind, expansion.near is None
 
 
 def clearance(points: Floats) -> float:

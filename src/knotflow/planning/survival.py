@@ -52,6 +52,8 @@ class SurvivalSearch:
         """`search` has not begun."""
         self._search, self._config, self._rng = search, config, rng
         self._worlds: list[World] = []
+        self._lost = np.zeros(config.worlds, int)
+        self._confirmed: set[Node] = set()
         root = search.nodes[0]
         self._ropes = {root: Ropes.alike(root.points, config.worlds)}
         self._tries: Counter[tuple[Node, int]] = Counter()
@@ -64,12 +66,17 @@ class SurvivalSearch:
             return first
         self._worlds, best = self._draw(), search.nearest()
         self._simulate(best.path())
-        reason = f"it ties in at least {100 * config.least:g} % of {config.worlds} worlds"
-        while self._ropes[best].survival < config.least:
-            if (spent := search.spent()) is not None:
+        reason = f"it ties in at least {100 * config.least:g} % of {2 * config.worlds} worlds"
+        while True:
+            if self._ropes[best].survival >= config.least:
+                if best in self._confirmed:
+                    break
+                self._confirm(best)
+            elif (spent := search.spent()) is not None:
                 reason = spent
                 break
-            self._simulate(self._next())
+            else:
+                self._simulate(self._next())
             tied = [node for node in self._ropes if node.distance == 0]
             tied.sort(key=lambda node: self._ropes[node].survival, reverse=True)
             best = next(node for node in tied if search.reaches(node))  # the first plan is
@@ -80,6 +87,17 @@ class SurvivalSearch:
         survived = surviving(plan.steps, search.simulator, self._draw())
         return replace(plan, worlds=config.worlds, survived=survived, seconds=search.elapsed())
 
+    def _confirm(self, tied: Node) -> None:
+        """Test a plan in as many worlds again: the best of many was lucky in those it was chosen
+        by."""
+        steps = self._search.plan(True, "", tied).steps
+        left = surviving(steps, self._search.simulator, self._draw())
+        self._search.branches += self._config.worlds + sum(left[:-1])
+        known = self._ropes[tied]
+        survival = (known.survival + left[-1] / self._config.worlds) / 2
+        self._ropes[tied] = replace(known, survival=survival)
+        self._confirmed.add(tied)
+
     def _draw(self) -> list[World]:
         rope, config = self._search.simulator.config.rope, self._config
         return draw_worlds(rope, config.worlds, self._rng, config.spread)
@@ -89,16 +107,31 @@ class SurvivalSearch:
         search = self._search
 
         def promise(node: Node, edge: int) -> float:
-            tied = self._ropes[node].survival * float(node.values[edge]) * STEP**node.distance
-            return tied / math.sqrt(1 + self._tries[node, edge])
+            tries, value = self._tries[node, edge], float(node.values[edge])
+            before = self._ropes[node].survival
+            if tries and before and (best := self._best_child(node, edge)) is not None:
+                value = (value + tries * self._ropes[best].survival / before) / (1 + tries)
+            return before * value * STEP**node.distance / math.sqrt(1 + tries)
 
         pairs = [(node, edge) for node in self._ropes for edge in range(len(node.edges))]
         node, edge = max(pairs, key=lambda pair: promise(*pair))
+        known, goal = len(search.nodes), node.edges[edge][1]
+        best = self._best_child(node, edge)
+        near = best.step.spline if best is not None and best.step is not None else None
         self._tries[node, edge] += 1
-        known = len(search.nodes)
-        search.grow([Expansion(node, edge)] * self._config.batch)
-        children = [one for one in search.nodes[known:] if one.state == node.edges[edge][1]]
+        count = self._config.batch
+        copies = count // 2 if near is not None else 0
+        search.grow(
+            [Expansion(node, edge)] * (count - copies) + [Expansion(node, edge, near=near)] * copies
+        )
+        children = [one for one in search.nodes[known:] if one.state == goal]
         return sorted(children, key=_prospect)[-self._config.tested :]
+
+    def _best_child(self, node: Node, edge: int) -> Node | None:
+        """The child by an edge that survives best."""
+        goal = node.edges[edge][1]
+        children = [one for one in self._ropes if one.parent is node and one.state == goal]
+        return max(children, key=lambda one: self._ropes[one].survival, default=None)
 
     def _simulate(self, nodes: Sequence[Node]) -> None:
         """Carry ropes to nodes, each after its parent."""
@@ -109,16 +142,20 @@ class SurvivalSearch:
             self._ropes[node] = self._execute(step, self._ropes[parent])
 
     def _execute(self, step: PlanStep, before: Ropes) -> Ropes:
-        """Execute a step in the worlds that are not lost; in a few alone if it fails there."""
+        """Execute a step in the worlds that are not lost, those that lose most ropes first, and
+        a few at a time, for as long as no more than one is lost."""
         rows, simulator = np.flatnonzero(before.intact), self._search.simulator
+        rows = rows[np.argsort(-self._lost[rows], kind="stable")]
         points, intact = before.points.copy(), np.zeros_like(before.intact)
         tested = 0
-        for some in (rows[: self._config.screened], rows[self._config.screened :]):
-            if not len(some) or (tested and intact.sum() < tested - 1):
+        for first in range(0, len(rows), self._config.screened):
+            if intact.sum() < tested - 1:
                 break
+            some = rows[first : first + self._config.screened]
             chosen = np.isin(np.arange(len(intact)), some)
             after = _execute(step, replace(before, intact=chosen), self._worlds, simulator)
             points[some], intact = after.points[some], intact | after.intact
+            self._lost[some] += ~after.intact[some]
             tested += len(some)
         self._search.branches += tested
         return Ropes(points, intact, before.survival * float(intact.sum()) / max(tested, 1))
