@@ -213,7 +213,7 @@ def test_a_next_action_that_is_not_found_is_1_and_says_what_to_try(found, monkey
 @pytest.mark.slow
 def test_plan_writes_its_folder_and_loads_no_experiment_code(here):
     code = "import sys; from knotflow.apps.cli import main; main(sys.argv[1:]); print(*sys.modules)"
-    words = ["plan", LOOP, "--rope", "straight"]
+    words = ["plan", LOOP, "--rope", "straight", "--worlds", "0"]
     done = subprocess.run(
         [sys.executable, "-c", code, *words], capture_output=True, text=True, check=True
     )

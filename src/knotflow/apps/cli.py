@@ -104,7 +104,7 @@ def plan(
     seed: Seed = 0,
     max_seconds: Seconds = 60.0,
     margin: Margin = 0.0,
-    worlds: Worlds = 0,
+    worlds: Worlds = 16,
     arm: OfArm = NO_ARM,
     overwrite: bool = False,
 ) -> int:
@@ -115,7 +115,7 @@ def plan(
         out: Folder for pictures, recording and waypoints; plans/KNOT-ROPE-SEED by default.
         seed: Seed of the random rope and of the search.
         margin: Metres of rope that every step leaves between crossings; use 0.05 for a real rope.
-        worlds: Search on until a plan ties in 90 % of so many simulated worlds, such as 16.
+        worlds: Search on until a plan ties in 90 % of so many simulated worlds; 0 takes the first.
         overwrite: Replace the plan in that folder; other files there are kept.
     """
     measured = _read_rope(rope, options, seed)

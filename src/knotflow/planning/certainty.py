@@ -12,7 +12,7 @@ class SurvivalConfig:
     """In how many simulated worlds a plan has to succeed, see `planning.survival`."""
 
     worlds: int = 16
-    """Worlds that plans are executed in, the best in as many more; 0 takes the first plan."""
+    """Worlds that plans are executed in, the best in twice as many more; 0 takes the first plan."""
     least: float = 0.9
     """Share of the worlds in which a plan has to tie; otherwise the search continues."""
     spread: WorldsConfig = field(default_factory=WorldsConfig)

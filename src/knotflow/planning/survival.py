@@ -53,7 +53,6 @@ class SurvivalSearch:
         self._search, self._config, self._rng = search, config, rng
         self._worlds: list[World] = []
         self._lost = np.zeros(config.worlds, int)
-        self._confirmed: set[Node] = set()
         root = search.nodes[0]
         self._ropes = {root: Ropes.alike(root.points, config.worlds)}
         self._tries: Counter[tuple[Node, int]] = Counter()
@@ -66,17 +65,12 @@ class SurvivalSearch:
             return first
         self._worlds, best = self._draw(), search.nearest()
         self._simulate(best.path())
-        reason = f"it ties in at least {100 * config.least:g} % of {2 * config.worlds} worlds"
-        while True:
-            if self._ropes[best].survival >= config.least:
-                if best in self._confirmed:
-                    break
-                self._confirm(best)
-            elif (spent := search.spent()) is not None:
+        reason = f"it ties in at least {100 * config.least:g} % of {3 * config.worlds} worlds"
+        while not self._is_sure(best):
+            if (spent := search.spent()) is not None:
                 reason = spent
                 break
-            else:
-                self._simulate(self._next())
+            self._simulate(self._next())
             tied = [node for node in self._ropes if node.distance == 0]
             tied.sort(key=lambda node: self._ropes[node].survival, reverse=True)
             best = next(node for node in tied if search.reaches(node))  # the first plan is
@@ -87,16 +81,25 @@ class SurvivalSearch:
         survived = surviving(plan.steps, search.simulator, self._draw())
         return replace(plan, worlds=config.worlds, survived=survived, seconds=search.elapsed())
 
-    def _confirm(self, tied: Node) -> None:
-        """Test a plan in as many worlds again: the best of many was lucky in those it was chosen
-        by."""
-        steps = self._search.plan(True, "", tied).steps
-        left = surviving(steps, self._search.simulator, self._draw())
-        self._search.branches += self._config.worlds + sum(left[:-1])
-        known = self._ropes[tied]
-        survival = (known.survival + left[-1] / self._config.worlds) / 2
-        self._ropes[tied] = replace(known, survival=survival)
-        self._confirmed.add(tied)
+    def _is_sure(self, tied: Node) -> bool:
+        """Whether a plan ties in most worlds, and in most of twice as many others: the best of many
+        was lucky in the worlds it was chosen by."""
+        config, ropes = self._config, self._ropes[tied]
+        if ropes.survival < config.least:
+            return False
+        steps, others = self._search.plan(True, "", tied).steps, self._draw() + self._draw()
+        lost = (1 - ropes.survival) * config.worlds
+        most = (1 - config.least) * 3 * config.worlds
+        tested = config.worlds
+        for first in range(0, len(others), config.screened):
+            some = others[first : first + config.screened]
+            left = surviving(steps, self._search.simulator, some)
+            self._search.branches += len(some) + sum(left[:-1])
+            tested, lost = tested + len(some), lost + len(some) - left[-1]
+            if lost > most:
+                break
+        self._ropes[tied] = replace(ropes, survival=1 - lost / tested)
+        return lost <= most
 
     def _draw(self) -> list[World]:
         rope, config = self._search.simulator.config.rope, self._config
