@@ -5,7 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from knotflow.planning import KnotPlan, PlannerConfig, SurvivalConfig, TreeSearch
+from knotflow.planning import (
+    KnotPlan,
+    PlannerConfig,
+    SearchStoppedError,
+    SurvivalConfig,
+    TreeSearch,
+)
 from knotflow.planning.survival import SurvivalSearch
 from knotflow.simulation import straight
 
@@ -30,13 +36,18 @@ class Brittle:
         return rollouts
 
 
-def survive(brittle, goal, budget=1000, **options):
+def survive(brittle, goal, told=lambda update: None, budget=1000, **options):
     rng = np.random.default_rng(0)
     start, config = straight(brittle.config.rope), PlannerConfig(max_branches=budget)
     search = TreeSearch(start, goal, brittle, brittle, rng, config)
     updates = []
+
+    def progress(update):
+        updates.append(update)
+        told(update)
+
     survival = SurvivalSearch(search, SurvivalConfig(**options), rng)
-    return survival.run(updates.append), [one.survival for one in updates]
+    return survival.run(progress), [one.survival for one in updates]
 
 
 @pytest.mark.slow
@@ -55,6 +66,25 @@ def test_it_keeps_its_best_plan_when_the_budget_is_spent(world, path_goal):
     assert plan.reason == "200 splines were simulated"
     assert plan.worlds > plan.survived[0] >= plan.survived[1] >= plan.survived[2] > 0
     assert max(survivals) < 0.9
+
+
+@pytest.mark.parametrize("ends", [SearchStoppedError, KeyboardInterrupt])
+def test_one_who_stops_it_gets_the_best_plan_so_far(world, path_goal, ends):
+    def stop(update):
+        if update.survival:
+            raise ends
+
+    plan, _ = survive(Brittle(world(), 0.0), path_goal, stop)
+    assert plan.solved and plan.worlds == 16
+    assert plan.reason == "the search was stopped"
+
+
+def test_one_who_stops_it_before_there_is_a_plan_gets_none(world, path_goal):
+    def stop(update):
+        raise SearchStoppedError
+
+    with pytest.raises(SearchStoppedError):
+        survive(Brittle(world(), 1.0), path_goal, stop)
 
 
 def test_a_plan_that_is_sure_at_once_costs_its_worlds_alone(world, path_goal):

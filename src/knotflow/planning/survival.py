@@ -20,7 +20,7 @@ from knotflow.planning.certainty import SurvivalConfig
 from knotflow.planning.plan import KnotPlan, PlanStep
 from knotflow.planning.proposals import clearance
 from knotflow.planning.rules import Expansion, Node
-from knotflow.planning.tree import Progress, TreeSearch
+from knotflow.planning.tree import Progress, SearchStoppedError, TreeSearch
 from knotflow.simulation import RopeSimulator, World, draw_worlds, end_states
 from knotflow.topology.polyline import Floats
 
@@ -58,7 +58,11 @@ class SurvivalSearch:
         self._tries: Counter[tuple[Node, int]] = Counter()
 
     def run(self, progress: Progress | None = None) -> KnotPlan:
-        """The plan that survives best; how often is measured in fresh worlds."""
+        """The plan that survives best; how often is measured in fresh worlds.
+
+        `SearchStoppedError` and Ctrl-C end the search with the best plan so far, and go on to the
+        caller before there is one.
+        """
         search, config = self._search, self._config
         first = search.run(progress)
         if not (first.solved and first.steps):
@@ -66,17 +70,20 @@ class SurvivalSearch:
         self._worlds, best = self._draw(), search.nearest()
         self._simulate(best.path())
         reason = f"it ties in at least {100 * config.least:g} % of {3 * config.worlds} worlds"
-        while not self._is_sure(best):
-            if (spent := search.spent()) is not None:
-                reason = spent
-                break
-            self._simulate(self._next())
-            tied = [node for node in self._ropes if node.distance == 0]
-            tied.sort(key=lambda node: self._ropes[node].survival, reverse=True)
-            best = next(node for node in tied if search.reaches(node))  # the first plan is
-            if progress is not None:
-                update = search.update()
-                progress(replace(update, survival=self._ropes[best].survival))
+        try:
+            while not self._is_sure(best):
+                if (spent := search.spent()) is not None:
+                    reason = spent
+                    break
+                self._simulate(self._next())
+                tied = [node for node in self._ropes if node.distance == 0]
+                tied.sort(key=lambda node: self._ropes[node].survival, reverse=True)
+                best = next(node for node in tied if search.reaches(node))  # the first plan is
+                if progress is not None:
+                    update = search.update()
+                    progress(replace(update, survival=self._ropes[best].survival))
+        except (SearchStoppedError, KeyboardInterrupt):
+            reason = "the search was stopped"
         plan = search.plan(True, reason, best)
         survived = surviving(plan.steps, search.simulator, self._draw())
         return replace(plan, worlds=config.worlds, survived=survived, seconds=search.elapsed())

@@ -62,6 +62,11 @@ class SearchUpdate:
 
 
 Progress = Callable[[SearchUpdate], None]
+"""What it raises ends a search; see `SearchStoppedError`."""
+
+
+class SearchStoppedError(Exception):
+    """Raised by a `Progress` that wants what was found so far, if a plan was."""
 
 
 class TreeSearch:

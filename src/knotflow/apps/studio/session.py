@@ -26,6 +26,7 @@ from knotflow.planning import (
     KnotPlan,
     MeasuredRope,
     SearchUpdate,
+    SurvivalConfig,
     parse_rope,
     plan_rope,
 )
@@ -185,7 +186,11 @@ class Session:
             self.photo = photo
 
     def search(
-        self, knot: str, progress: Callable[[SearchUpdate], None], max_seconds: float = 60.0
+        self,
+        knot: str,
+        progress: Callable[[SearchUpdate], None],
+        max_seconds: float = 60.0,
+        worlds: int = 16,
     ) -> KnotPlan:
         """Plan a knot for the rope, see `planning.plan_rope`; what `progress` raises ends it."""
         from knotflow.samplers.primitives import UnlikeRopeWarning  # slow
@@ -200,6 +205,7 @@ class Session:
                 plan = plan_rope(
                     self.points, knot, self._rng,
                     sampler=self.library, simulation=simulation, config=config, progress=progress,
+                    survival=SurvivalConfig(worlds),
                 )  # fmt: skip
         self.remarks = tuple(str(one.message) for one in unlike)
         self.plan = subsample(plan)

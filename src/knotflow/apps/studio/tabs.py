@@ -16,7 +16,7 @@ from knotflow.apps.studio.demonstration import HEIGHTS, Draft, rope_from_drawing
 from knotflow.apps.studio.playback import Player, attempt_frames, plan_frames
 from knotflow.apps.studio.scene import Scene
 from knotflow.apps.studio.session import ROPES, Session, StudioError
-from knotflow.planning import KnotPlan, SearchUpdate
+from knotflow.planning import KnotPlan, SearchStoppedError, SearchUpdate
 from knotflow.topology import KNOT_NAMES, TopologicalState, knot, parse_action
 from knotflow.topology.action_text import describe
 from knotflow.topology.draw import draw
@@ -176,6 +176,13 @@ class PlanTab:
         self._knot.on_update(state.guarded(self._show_picture))
         self._other = gui.add_text("Other", "", hint="Crossings or actions; empty: the knot above")
         self._seconds = gui.add_number("Seconds", 60.0, min=1.0, max=3600.0, step=1.0)
+        self._worlds = gui.add_number(
+            "Worlds",
+            16,
+            min=0,
+            max=100,
+            hint="The plan shall tie in 90 % of them; 0: the first plan",
+        )
         self._begin = state.button("Plan", self._plan)
         self._end = state.button("Stop", lambda event: self._stop.set(), "gray", visible=False)
         self._bar = gui.add_progress_bar(0.0, visible=False)
@@ -193,6 +200,7 @@ class PlanTab:
 
     def _plan(self, event: viser.GuiEvent) -> None:
         state, limit = self._state, float(self._seconds.value)
+        worlds = int(self._worlds.value)
         goal = self._other.value.strip() or self._knot.value
         state.session.lay_photo()
         state.rope_changed(f"Planning {goal}; the primitives are loaded first...")
@@ -202,15 +210,20 @@ class PlanTab:
         def report(update: SearchUpdate) -> None:
             share = 100.0 * update.seconds / limit
             self._bar.value = min(100.0, share)  # type: ignore[misc]  # mypy misses the setter
+            to_go = f"{update.distance} actions to go"
+            if update.survival:
+                to_go = f"the best plan ties in {update.survival:.0%} of {worlds} worlds"
             state.say(
-                f"{update.branches} splines tried, {update.kept} shapes kept, "
-                f"{update.distance} actions to go, {update.seconds:.0f} s"
+                f"{update.branches} splines tried, {update.kept} shapes kept, {to_go}, "
+                f"{update.seconds:.0f} s"
             )
             if self._stop.is_set():
-                raise StudioError("the search was stopped")
+                raise SearchStoppedError
 
         try:
-            plan = state.session.search(goal, report, limit)
+            plan = state.session.search(goal, report, limit, worlds)
+        except SearchStoppedError:
+            raise StudioError("the search was stopped") from None
         finally:
             self._begin.disabled = self._end.visible = self._bar.visible = False
         self._show(plan)
@@ -224,6 +237,8 @@ class PlanTab:
         self._found.content = f"| step | action | leads to |\n|---|---|---|\n{rows}"
         self._json.visible = self._csv.visible = plan.solved
         outcome = "is tied" if plan.solved else f"is not tied: {plan.reason}"
+        if plan.worlds:
+            outcome += f" in {plan.survived[-1]} of {plan.worlds} further worlds"
         state.say(
             f"{plan.goal} {outcome}, {plan.branches} splines, {plan.seconds:.1f} s"
             + "".join(f". {one.capitalize()}" for one in state.session.remarks),
