@@ -88,3 +88,24 @@ def test_guesses_are_mixed_in_after_a_success(node):
         (splines,) = proposals.splines([Expansion(node, edge)] * 200)
         guessed = (splines != (SPLINE_LOW + SPLINE_HIGH) / 2).any(axis=1)
         assert guessed.mean() == pytest.approx(share, abs=0.12)
+
+
+def test_splines_for_several_ropes_are_those_that_most_of_them_judge_well(node, rng):
+    class Judge(Critic):
+        """Each rope judges splines by their height."""
+
+        def success_probability(self, points, action, splines):
+            self.judged.append(points)
+            return splines[:, 3]
+
+    judge = Judge({"success_probability"})
+    judge.judged = []
+    proposals = Proposals(judge, parse_goal("overhand"), PlannerConfig(), rng)
+    ropes = np.stack([node.points, node.points + 0.001])
+    near = (SPLINE_LOW + SPLINE_HIGH) / 2
+    found = proposals.for_worlds(Expansion(node, 0), ropes, near, 4)
+    assert found.shape == (4, 6)
+    assert len(judge.judged) == 2
+    assert (np.diff(found[:, 3]) <= 0).all() and found[0, 3] > near[3]  # a noisy copy
+    without = Proposals(Critic(set()), parse_goal("overhand"), PlannerConfig(), rng)
+    assert without.for_worlds(Expansion(node, 0), ropes, near, 4).shape == (4, 6)

@@ -71,6 +71,28 @@ class Proposals:
             alike = list(same)
             yield self._within_reach(alike[0], len(alike))
 
+    def for_worlds(
+        self, expansion: Expansion, ropes: Floats, near: Floats | None, count: int
+    ) -> Floats:
+        """Splines (N, 6), N <= count, for a node whose rope is one of `ropes` (W, V, 3), metres.
+
+        Those of the highest mean probability of success, out of proposals for each rope and noisy
+        copies of a spline `near` (6,).
+        """
+        node, action, rng = expansion.node, expansion.edge_action, self._rng
+        pool = [self._propose(expansion, count)]
+        if near is not None:
+            pool.append(clip_splines(rng.normal(near, NOISE, (count, 6))))
+        if self._judged is not None and not self._is_aimed(action):
+            pool += [self._sampler.sample(rope, action, 1, rng) for rope in ropes]
+        found = np.concatenate(pool)
+        if self._reach is not None:
+            found = found[self._reach.may_follow(node.points, found)]
+        if self._judged is None or self._is_aimed(action):
+            return rng.permutation(found)[:count]
+        judged = np.mean([self._judged(rope, action, found) for rope in ropes], axis=0)
+        return found[np.argsort(-judged)[:count]]
+
     def _within_reach(self, expansion: Expansion, count: int) -> Floats:
         found = self._propose(expansion, count)
         if self._reach is None:
@@ -87,8 +109,6 @@ class Proposals:
     def _propose(self, expansion: Expansion, count: int) -> Floats:
         """Splines (count, 6) of the sampler, some of them guessed."""
         node, edge, action, rng = expansion.node, expansion.edge, expansion.edge_action, self._rng
-        if expansion.near is not None:
-            return clip_splines(rng.normal(expansion.near, NOISE, (count, 6)))
         if expansion.kind == ARRANGE:
             learned = self._arrange
         elif expansion.goal in self._goals or self._sample_next is None:
@@ -156,7 +176,7 @@ def group_by_query(expansions: Sequence[Expansion]) -> list[Expansion]:
 
 
 def _query(expansion: Expansion) -> Hashable:
-    return id(expansion.node), expansion.edge, expansion.kind, expansion.near is None
+    return id(expansion.node), expansion.edge, expansion.kind
 
 
 def clearance(points: Floats) -> float:

@@ -81,8 +81,6 @@ class Expansion:
     node: Node
     edge: int
     kind: int = ACT
-    near: Floats | None = None
-    """A spline (6,) of which it is to be a noisy copy."""
 
     @property
     def edge_action(self) -> Action:

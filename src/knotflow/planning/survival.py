@@ -24,6 +24,8 @@ from knotflow.planning.tree import Progress, SearchStoppedError, TreeSearch
 from knotflow.simulation import RopeSimulator, World, draw_worlds, end_states
 from knotflow.topology.polyline import Floats
 
+ROPES = 8
+"""In so many of a node's ropes, splines are expected to succeed, before any is simulated."""
 STEP = 0.7
 """Share of worlds that a step not yet planned is expected to survive."""
 
@@ -75,7 +77,7 @@ class SurvivalSearch:
                 if (spent := search.spent()) is not None:
                     reason = spent
                     break
-                self._simulate(self._next())
+                self._simulate(self._next(self._ropes[best].survival))
                 tied = [node for node in self._ropes if node.distance == 0]
                 tied.sort(key=lambda node: self._ropes[node].survival, reverse=True)
                 best = next(node for node in tied if search.reaches(node))  # the first plan is
@@ -112,8 +114,9 @@ class SurvivalSearch:
         rope, config = self._search.simulator.config.rope, self._config
         return draw_worlds(rope, config.worlds, self._rng, config.spread)
 
-    def _next(self) -> Sequence[Node]:
-        """The best new children of the most promising node."""
+    def _next(self, known: float) -> Sequence[Node]:
+        """The best new children of the most promising node that survives in more than a share of
+        the worlds, for no plan survives in more of them than its steps."""
         search = self._search
 
         def promise(node: Node, edge: int) -> float:
@@ -123,18 +126,17 @@ class SurvivalSearch:
                 value = (value + tries * self._ropes[best].survival / before) / (1 + tries)
             return before * value * STEP**node.distance / math.sqrt(1 + tries)
 
-        pairs = [(node, edge) for node in self._ropes for edge in range(len(node.edges))]
+        better = [node for node, ropes in self._ropes.items() if ropes.survival > known]
+        pairs = [(node, edge) for node in better for edge in range(len(node.edges))]
         node, edge = max(pairs, key=lambda pair: promise(*pair))
-        known, goal = len(search.nodes), node.edges[edge][1]
+        count, goal = len(search.nodes), node.edges[edge][1]
         best = self._best_child(node, edge)
         near = best.step.spline if best is not None and best.step is not None else None
         self._tries[node, edge] += 1
-        count = self._config.batch
-        copies = count // 2 if near is not None else 0
-        search.grow(
-            [Expansion(node, edge)] * (count - copies) + [Expansion(node, edge, near=near)] * copies
-        )
-        children = [one for one in search.nodes[known:] if one.state == goal]
+        ropes = self._ropes[node]
+        some = ropes.points[ropes.intact][:ROPES]
+        search.grow_for(Expansion(node, edge), some, near, self._config.batch)
+        children = [one for one in search.nodes[count:] if one.state == goal]
         return sorted(children, key=_prospect)[-self._config.tested :]
 
     def _best_child(self, node: Node, edge: int) -> Node | None:

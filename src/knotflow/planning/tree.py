@@ -108,8 +108,22 @@ class TreeSearch:
     def grow(self, expansions: Sequence[Expansion]) -> SearchUpdate:
         """Sample and simulate expansions, and add those whose ends are kept."""
         chosen, splines, parts = self._simulate(group_by_query(expansions))
-        if not chosen:
+        return self._add(chosen, splines, parts) if chosen else self.update()
+
+    def grow_for(
+        self, expansion: Expansion, ropes: Floats, near: Floats | None, count: int
+    ) -> SearchUpdate:
+        """As `grow`, with splines that suit several ropes, see `Proposals.for_worlds`."""
+        splines = self._proposals.for_worlds(expansion, ropes, near, count)
+        if not len(splines):
             return self.update()
+        starts = np.repeat(expansion.node.points[None], len(splines), axis=0)
+        rollouts = self.simulator.execute(starts, splines)
+        return self._add([expansion] * len(splines), splines, [rollouts])
+
+    def _add(
+        self, chosen: Sequence[Expansion], splines: Floats, parts: Sequence[Rollouts]
+    ) -> SearchUpdate:
         rollouts = Rollouts.concatenate(parts)
         ends = end_states(rollouts)
         children = [
