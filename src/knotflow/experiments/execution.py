@@ -37,7 +37,17 @@ from knotflow.execution import (
 from knotflow.execution.closed_loop import Trial
 from knotflow.experiments.common import sampler_of
 from knotflow.perception import Camera, StrandNetwork
-from knotflow.planning import Hand, HandConfig, KnotPlan, PlannerConfig, parse_goal, plan_knot
+from knotflow.planning import (
+    Hand,
+    HandConfig,
+    KnotPlan,
+    PlannerConfig,
+    SurvivalConfig,
+    SurvivalSearch,
+    TreeSearch,
+    parse_goal,
+    plan_knot,
+)
 from knotflow.planning.tree import OUT_OF_REACH
 from knotflow.recording import RecordedRollout, RolloutImages, write_recording
 from knotflow.samplers import SamplerConfig
@@ -84,6 +94,7 @@ def closed_loop(
     starts: StartsConfig,
     sampler: SamplerConfig,
     planner: PlannerConfig,
+    survival: SurvivalConfig,
     execution: ExecutionConfig,
     cases: list[ExecutionCase],
     seed: int,
@@ -107,7 +118,8 @@ def closed_loop(
         def plan_from(rng: np.random.Generator, points: NDArray[np.float64]) -> KnotPlan:
             """A plan from a rope (V, 3), which may undo what went wrong; notes its time."""
             began = time.perf_counter()
-            plan = plan_knot(points, goal, proposer, simulator, rng, planner)
+            search = TreeSearch(points, goal, proposer, simulator, rng, planner)
+            plan = SurvivalSearch(search, survival, rng).run()
             seconds.append(time.perf_counter() - began)
             return plan
 

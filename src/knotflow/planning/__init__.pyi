@@ -8,7 +8,7 @@ from .planner import plan_rope
 from .proposals import attempt_arranged
 from .rope_files import ROPE_NAMES, RopeInputError
 from .ropes import MeasuredRope, lay_down, measured_rope, parse_rope, read_rope
-from .survival import surviving
+from .survival import SurvivalSearch, surviving
 from .tree import SearchStoppedError, SearchUpdate, TreeSearch, plan_knot
 from .validation import check_steps, find_penetrations, replay
 from .waypoints import GripperConfig, Waypoints
@@ -17,8 +17,8 @@ __all__ = [
     "FAST_SEARCH", "ROPE_NAMES", "Frame", "Goal", "GripperConfig", "Hand", "HandConfig",
     "KnotPlan", "MeasuredRope", "Placement", "PlanFormatError", "PlanStep", "PlannerConfig",
     "Reach", "RopeInputError", "RopeOptions", "SearchStoppedError", "SearchUpdate", "SolutionDag",
-    "SurvivalConfig", "TreeSearch", "UnreachableGoalError", "Waypoints", "attempt_arranged",
-    "check_steps",
-    "find_penetrations", "lay_down", "measured_rope", "parse_goal", "parse_rope", "plan_knot",
-    "plan_name", "plan_rope", "read_rope", "replay", "surviving",
+    "SurvivalConfig", "SurvivalSearch", "TreeSearch", "UnreachableGoalError", "Waypoints",
+    "attempt_arranged", "check_steps", "find_penetrations", "lay_down", "measured_rope",
+    "parse_goal", "parse_rope", "plan_knot", "plan_name", "plan_rope", "read_rope", "replay",
+    "surviving",
 ]  # fmt: skip
