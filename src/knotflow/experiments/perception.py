@@ -118,7 +118,7 @@ def ropes(
     parts = [np.load(run.out / f"{name}.npz") for name in names]
     joined = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
     with run.atomic(ROPES) as path:
-        np.savez(path, points=joined["points"], crossings=joined["crossings"])
+        np.savez(path, **joined)
     for name in names:
         (run.out / f"{name}.npz").unlink()
 
