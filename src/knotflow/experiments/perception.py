@@ -118,7 +118,8 @@ def ropes(
     parts = [np.load(run.out / f"{name}.npz") for name in names]
     joined = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
     with run.atomic(ROPES) as path:
-        np.savez(path, **joined)
+        points, count, diameter = (joined[key] for key in ("points", "crossings", "diameters"))
+        np.savez(path, points=points, crossings=count, diameters=diameter)
     for name in names:
         (run.out / f"{name}.npz").unlink()
 
