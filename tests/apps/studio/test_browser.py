@@ -142,7 +142,10 @@ class Person:
 
     def click_at(self, place):
         """Click on the canvas where a place (3,) in the world is to be seen."""
-        self.page.mouse.click(*self.seen_at(place))
+        where = self.seen_at(place)
+        self.page.mouse.move(*where)
+        self.page.wait_for_timeout(300)  # what is under the pointer is found out in a frame
+        self.page.mouse.click(*where)
 
     def drag(self, start, end):
         """Drag from one place (3,) in the world to another."""
@@ -162,6 +165,13 @@ class Person:
         content = base64.b64encode(file.read_bytes()).decode()
         box = self.page.get_by_text("or drop it here")
         box.evaluate(DROP, [content, file.name])
+
+    def wait(self, done, seconds):
+        """Wait for the studio to know, for some seconds at most."""
+        begun = time.monotonic()
+        while not done() and time.monotonic() < begun + seconds:
+            assert time.monotonic() < self.end, "waited in vain"
+            self.page.wait_for_timeout(100)
 
     def until(self, done, what):
         """Wait for the studio to know."""
@@ -339,8 +349,9 @@ def test_a_dropped_photograph_is_corrected_and_laid(person, tmp_path):
         person.drag(on_table(handle), on_table(handle + [1, 4]))
     assert np.linalg.norm(photo.found.pixels - handle - [1, 4], axis=1).min() < 1
     person.rest()
-    person.click_at(on_table(photo.places[0]))
-    person.until(lambda: photo.state != state, "a crossing that is swapped")
+    while photo.state == state:  # a click is lost, too
+        person.click_at(on_table(photo.places[0]))
+        person.wait(lambda: photo.state != state, 5.0)
     person.page.get_by_text(str(photo.state)).first.wait_for()
     person.page.get_by_text("a photograph has no scale").first.wait_for()
     person.type("Length", "0.9m")
