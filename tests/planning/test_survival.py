@@ -108,3 +108,24 @@ def test_the_first_plan_is_that_of_a_search_without_worlds(world, path_goal):
     first = TreeSearch(straight(brittle.config.rope), path_goal, brittle, brittle, rng).run()
     plan, _ = survive(Brittle(world(), 0.0), path_goal, least=0.0)
     np.testing.assert_array_equal(plan.splines, first.splines)
+
+
+def test_it_ends_where_no_further_spline_is_in_reach(world, path_goal):
+    class OnlyTheFirstPlan:
+        """Reaches what is tried until a plan is found, and nothing after it."""
+
+        found = False
+
+        def may_follow(self, points, splines):
+            return np.full(len(splines), not self.found)
+
+        def first_failed(self, plan):
+            self.found = True
+
+    rng, brittle = np.random.default_rng(0), Brittle(world(), 0.0)
+    start, config = straight(brittle.config.rope), PlannerConfig(max_branches=100)
+    reach = OnlyTheFirstPlan()
+    search = TreeSearch(start, path_goal, brittle, brittle, rng, config, reach=reach)
+    plan = SurvivalSearch(search, SurvivalConfig(), rng).run()
+    assert plan.solved and len(plan.steps) == 3
+    assert "in the arm's reach" in plan.reason

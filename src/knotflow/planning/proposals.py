@@ -80,17 +80,18 @@ class Proposals:
         copies of a spline `near` (6,).
         """
         node, action, rng = expansion.node, expansion.edge_action, self._rng
+        judge = None if self._is_aimed(action) else self._judged
         pool = [self._propose(expansion, count)]
         if near is not None:
             pool.append(clip_splines(rng.normal(near, NOISE, (count, 6))))
-        if self._judged is not None and not self._is_aimed(action):
+        if judge is not None:
             pool += [self._sampler.sample(rope, action, 1, rng) for rope in ropes]
         found = np.concatenate(pool)
         if self._reach is not None:
             found = found[self._reach.may_follow(node.points, found)]
-        if self._judged is None or self._is_aimed(action):
+        if judge is None:
             return rng.permutation(found)[:count]
-        judged = np.mean([self._judged(rope, action, found) for rope in ropes], axis=0)
+        judged = np.mean([judge(rope, action, found) for rope in ropes], axis=0)
         return found[np.argsort(-judged)[:count]]
 
     def _within_reach(self, expansion: Expansion, count: int) -> Floats:

@@ -115,6 +115,8 @@ class TreeSearch:
     ) -> SearchUpdate:
         """As `grow`, with splines that suit several ropes, see `Proposals.for_worlds`."""
         splines = self._proposals.for_worlds(expansion, ropes, near, count)
+        for _ in range(count - len(splines)):
+            self._miss(expansion)
         if not len(splines):
             return self.update()
         starts = np.repeat(expansion.node.points[None], len(splines), axis=0)

@@ -190,7 +190,7 @@ class Session:
         knot: str,
         progress: Callable[[SearchUpdate], None],
         max_seconds: float = 60.0,
-        worlds: int = 16,
+        worlds: int = SurvivalConfig.worlds,
     ) -> KnotPlan:
         """Plan a knot for the rope, see `planning.plan_rope`; what `progress` raises ends it."""
         from knotflow.samplers.primitives import UnlikeRopeWarning  # slow
