@@ -18,7 +18,13 @@ from knotflow.samplers import SamplerConfig
 from knotflow.samplers.demonstrations import SHIPPED, DemonstratorConfig, NoiseConfig
 from knotflow.samplers.primitives import SHIPPED_PRIMITIVES, PrimitiveConfig
 from knotflow.simulation import RopeConfig, SimulationConfig, StartsConfig
-from knotflow.training import ImitationConfig, JointConfig, ReinforcementConfig, SelfPlayConfig
+from knotflow.training import (
+    ImitationConfig,
+    JointConfig,
+    KnotsConfig,
+    ReinforcementConfig,
+    SelfPlayConfig,
+)
 from knotflow.workflow import WorkersConfig
 
 PACKAGE = Path(knotflow.__file__).parent
@@ -81,6 +87,7 @@ class Config:
     reinforcement_training: ReinforcementConfig = field(default_factory=ReinforcementConfig)
     joint_training: JointConfig = field(default_factory=JointConfig)
     self_play_training: SelfPlayConfig = field(default_factory=SelfPlayConfig)
+    knots_training: KnotsConfig = field(default_factory=KnotsConfig)
     execution: ExecutionConfig = field(default_factory=ExecutionConfig)
     training_seed: int = MISSING
     """Of weights, batches and splines tried in training primitives."""

@@ -36,6 +36,8 @@ from knotflow.training import (
     ImitationConfig,
     JointConfig,
     JointFinetuning,
+    KnotFinetuning,
+    KnotsConfig,
     Reinforcement,
     ReinforcementConfig,
     SelfPlay,
@@ -249,6 +251,41 @@ def self_play(
         run.save_table("trials.csv", table)
 
     train(run, trainer, "self-play", FILE, save, folder=TOGETHER, save_every=25)
+
+
+@stage
+def knot_finetuning(
+    run: StageRun,
+    *,
+    demonstrations: Path,
+    primitives: Path,
+    attempts: Path,
+    simulation: SimulationConfig,
+    starts: StartsConfig,
+    knots_training: KnotsConfig,
+    training_seed: int,
+) -> None:
+    """The primitives learn together on episodes that tie many knots, on any rope.
+
+    Makes primitives.safetensors and curves.csv. The splines are not recorded.
+
+    `attempts` are recordings of earlier attempts, which are remembered.
+    """
+    trainer = KnotFinetuning(
+        PrimitiveLibrary.load(primitives / FILE, simulation.rope),
+        load_trials(demonstrations),
+        earlier_attempts(attempts / "recordings", knots_training.memory),
+        RopeSimulator(simulation),
+        knots_training,
+        training_seed,
+        starts,
+    )
+
+    def save(path: Path) -> None:
+        trainer.library.save(path)
+        _save_curves(run)
+
+    train(run, trainer, "finetuning on knots", FILE, save, folder=TOGETHER, save_every=5)
 
 
 def _save_curves(run: StageRun) -> None:

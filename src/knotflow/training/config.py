@@ -145,14 +145,14 @@ class TransitionConfig:
     successes_per_step: int = 4
     """but at most one for so many successes in its replay buffer, lest it overfit to a few."""
     critic_reset_every: int = 125
-    """Rounds between two resets of the critics; there is one after the last round, too."""
+    """Rounds between two resets of the critics; there is one after the last round, too. 0: none."""
     critic_reset_steps: int = 1500
     """Gradient steps after a reset, over which the learning rates fall to 0."""
 
 
 @dataclass
-class JointConfig(TransitionConfig):
-    """How long the primitives train on a task, and how."""
+class EpisodesConfig(TransitionConfig):
+    """How long the primitives train on tasks of several steps, and how."""
 
     learner: LearnerConfig = field(
         default_factory=lambda: LearnerConfig(
@@ -160,8 +160,6 @@ class JointConfig(TransitionConfig):
         )
     )
     """Optimiser and batches of each primitive; learning rate and batch are the authors'."""
-    goal: str = "overhand"
-    """The knot that episodes tie."""
     environments: int = 64
     """Episodes in a round, side by side; 8 in the authors' code."""
     splines: int = 5
@@ -178,8 +176,16 @@ class JointConfig(TransitionConfig):
 
 
 @dataclass
-class SelfPlayConfig(TransitionConfig):
-    """How long the primitives train on all actions, and how."""
+class JointConfig(EpisodesConfig):
+    """How long the primitives train on a knot, and how."""
+
+    goal: str = "overhand"
+    """The knot that episodes tie."""
+
+
+@dataclass
+class RopesConfig:
+    """The ropes and worlds that trials are in."""
 
     ropes: int = 64
     """Ropes that trials are on: the nominal one, and others drawn from"""
@@ -189,6 +195,29 @@ class SelfPlayConfig(TransitionConfig):
     """Share of the nominal rope in the trials that begin without crossings."""
     worlds: WorldsConfig = field(default_factory=lambda: WorldsConfig(error=0.005))
     """What the world of each trial is drawn from, so that critics learn how sure a spline is."""
+
+
+@dataclass
+class KnotsConfig(RopesConfig, EpisodesConfig):
+    """How long the primitives train on knots, and how."""
+
+    knots: dict[str, float] = field(default_factory=lambda: {"overhand": 6.0, "figure_eight": 3.0})
+    """Relative frequencies of the knots that episodes tie,"""
+    crossings_shares: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0, 3.0, 3.0])
+    """and of goals drawn among all states of 0, 1, 2, ... crossings, lest others be unlearned."""
+    nominal_share: float = 0.4
+    worlds: WorldsConfig = field(default_factory=lambda: WorldsConfig(level=2, error=0.005))
+    environments: int = 128
+    splines: int = 8
+    rounds: int = 60
+    critic_reset_every: int = 0
+    """Never: critics go on from self-play, whose trials are more than these."""
+
+
+@dataclass
+class SelfPlayConfig(RopesConfig, TransitionConfig):
+    """How long the primitives train on all actions, and how."""
+
     rounds: int = 375
     memory: int = 1000
     most_crossings: int = 4

@@ -261,8 +261,9 @@ def fit_each(
 
 
 def is_reset_round(done: int, every: int, rounds: int) -> bool:
-    """Whether critics are reset after round `done`, from 1: regularly and after the last."""
-    return done == rounds or (done % every == 0 and rounds - done >= every)
+    """Whether critics are reset after round `done`, from 1: regularly and after the last, or never,
+    if `every` is 0."""
+    return every > 0 and (done == rounds or (done % every == 0 and rounds - done >= every))
 
 
 def demonstration_buffer(

@@ -7,7 +7,6 @@ its state allows, and does the action or arranges the rope for it; the shape it 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -24,11 +23,6 @@ from knotflow.samplers.primitives.primitive import Primitive
 from knotflow.simulation import (
     Attempts,
     RopeConfig,
-    RopeSimulator,
-    control_points,
-    draw_ropes,
-    draw_worlds,
-    end_states,
     random_curve,
     state_or_none,
 )
@@ -38,12 +32,12 @@ from knotflow.topology.symmetry import representative
 from knotflow.training.buffers import StateBuffer
 from knotflow.training.config import SelfPlayConfig
 from knotflow.training.curriculum import Curriculum, sampling_priority
+from knotflow.training.many_ropes import ManyRopes
 from knotflow.training.trainer import Metrics
 from knotflow.training.transitions import (
     Query,
     Sample,
     Transition,
-    TransitionTrainer,
     canonical_or_none,
     policy_success,
 )
@@ -52,23 +46,15 @@ HEURISTIC = -1
 """A way in which a spline is proposed, beside those of `exploration`."""
 
 
-class SelfPlay(TransitionTrainer):
+class SelfPlay(ManyRopes):
     """Trains the primitives of a `completed` library on all actions."""
 
     config: SelfPlayConfig
 
     def prepare(self) -> Iterable[int]:
-        config, nominal = self.config, self.simulator.config.rope
-        self.curriculum = Curriculum(config)
-        self.shapes = StateBuffer(config.shapes)
-        self.ropes = [nominal, *draw_ropes(config.ropes - 1, self.rng, config.proportions)]
-        self.library.proportions = config.proportions if config.ropes > 1 else None
-        self._simulators = {nominal.links: self.simulator}
-        """By the number of links; worlds give each rope its other properties."""
-        for rope in self.ropes:
-            if rope.links not in self._simulators:
-                other = replace(self.simulator.config, rope=rope)
-                self._simulators[rope.links] = RopeSimulator(other)
+        self.curriculum = Curriculum(self.config)
+        self.shapes = StateBuffer(self.config.shapes)
+        self.prepare_ropes()
         return self.library.primitives
 
     def collect(self) -> Metrics:
@@ -101,8 +87,7 @@ class SelfPlay(TransitionTrainer):
         while len(drawn) < count:
             state, action = self.curriculum.draw(known, rng)
             if state == trivial and (state not in self.shapes or rng.random() < 0.5):
-                usual = rng.random() < self.config.nominal_share
-                rope = self.ropes[0 if usual else rng.integers(len(self.ropes))]
+                rope = self.draw_rope()
                 shape = random_curve(rope, rng, self.starts)
             else:
                 shape, number = self.shapes.draw(state, rng)
@@ -146,28 +131,6 @@ class SelfPlay(TransitionTrainer):
                 success = partial(library.success_probability, points, action)
                 splines[row] = screened_splines(points, action, 1, rng, success)[0]
         return splines, arranging, ways
-
-    def simulate(
-        self, queries: Sequence[Query], splines: Floats
-    ) -> tuple[Iterable[Floats], Sequence[TopologicalState | None]]:
-        ends: list[Floats] = [np.empty(0)] * len(queries)
-        states: list[TopologicalState | None] = [None] * len(queries)
-        ropes = [query.canonical.rope for query in queries]
-        worlds = [draw_worlds(rope, 1, self.rng, self.config.worlds)[0] for rope in ropes]
-        for links, simulator in self._simulators.items():
-            rows = [row for row, rope in enumerate(ropes) if rope.links == links]
-            if not rows:
-                continue
-            points = np.stack([queries[row].points for row in rows])
-            radii = np.array([ropes[row].radius for row in rows])
-            controls = control_points(points, splines[rows], radii)
-            own = [worlds[row] for row in rows]
-            rollouts = simulator.execute(points, splines[rows], own, controls)
-            for row, end, state in zip(
-                rows, rollouts.end_points, end_states(rollouts), strict=True
-            ):
-                ends[row], states[row] = end, state
-        return ends, states
 
     def sample(self, transition: Transition) -> Sample:
         if not transition.success or transition.end is None:
