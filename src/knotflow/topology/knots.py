@@ -9,6 +9,7 @@ end, such as the slip knot, have open diagrams of their own.
 from __future__ import annotations
 
 from collections import deque
+from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 from knotflow.topology.state import TopologicalState
@@ -112,6 +113,7 @@ def solution_graph(*goals: TopologicalState) -> nx.MultiDiGraph:
     return graph
 
 
+@cache
 def all_states(crossings: int) -> tuple[TopologicalState, ...]:
     """Every state with so many crossings, sorted; five take minutes."""
     states: list[set[TopologicalState]] = [set() for _ in range(crossings + 1)]
