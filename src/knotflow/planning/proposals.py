@@ -14,12 +14,14 @@ from knotflow.planning.goals import Goal
 from knotflow.planning.hand import Reach
 from knotflow.planning.rules import ACT, ARRANGE, Expansion, Node
 from knotflow.samplers.demonstrations import (
+    NoiseConfig,
     heuristic_splines,
+    noisy_copies,
     screened_arranging_splines,
     screened_splines,
 )
 from knotflow.samplers.sampler import Sampler, capability, has_capability
-from knotflow.simulation import Attempts, Observer, RopeSimulator, clip_splines
+from knotflow.simulation import Attempts, Observer, RopeSimulator
 from knotflow.topology import Action, Arrange, TopologicalState, Undo, segment_lengths
 from knotflow.topology.polyline import Floats
 
@@ -27,8 +29,8 @@ UNDO_VALUE = 0.3
 """Value of an undoing that is aimed: of random drags, 25 to 44 % take crossings back."""
 MIN_GAIN = 0.05
 """A rope is arranged where the critic predicts at least so much more value after it."""
-NOISE = (0.02, 0.02, 0.02, 0.02, 0.02, 0.01)
-"""Standard deviations of a spline's noisy copies: share of the rope, then shares of its length."""
+NOISE = NoiseConfig(grasp=0.02, middle=0.02, end=0.02)
+"""Of the noisy copies of a spline that are tried in many worlds."""
 RESAMPLED, LEAST_RESAMPLED = 4, 8
 """How often splines out of the arm's reach are replaced, and the least number sampled for that."""
 
@@ -83,7 +85,7 @@ class Proposals:
         judge = None if self._is_aimed(action) else self._judged
         pool = [self._propose(expansion, count)]
         if near is not None:
-            pool.append(clip_splines(rng.normal(near, NOISE, (count, 6))))
+            pool.append(noisy_copies(near, count, rng, NOISE))
         if judge is not None:
             pool += [self._sampler.sample(rope, action, 1, rng) for rope in ropes]
         found = np.concatenate(pool)

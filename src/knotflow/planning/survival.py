@@ -9,7 +9,7 @@ in common, and the tree grows where the product of survival and value is highest
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -22,6 +22,7 @@ from knotflow.planning.proposals import clearance
 from knotflow.planning.rules import Expansion, Node
 from knotflow.planning.tree import Progress, SearchStoppedError, TreeSearch
 from knotflow.simulation import RopeSimulator, World, draw_worlds, end_states
+from knotflow.topology import TopologicalState
 from knotflow.topology.polyline import Floats
 
 ROPES = 8
@@ -57,6 +58,8 @@ class SurvivalSearch:
         self._lost = np.zeros(config.worlds, int)
         root = search.nodes[0]
         self._ropes = {root: Ropes.alike(root.points, config.worlds)}
+        self._children: defaultdict[tuple[Node, TopologicalState], list[Node]] = defaultdict(list)
+        """Simulated nodes by parent and state."""
         self._tries: Counter[tuple[Node, int]] = Counter()
 
     def run(self, progress: Progress | None = None) -> KnotPlan:
@@ -141,8 +144,7 @@ class SurvivalSearch:
 
     def _best_child(self, node: Node, edge: int) -> Node | None:
         """The child by an edge that survives best."""
-        goal = node.edges[edge][1]
-        children = [one for one in self._ropes if one.parent is node and one.state == goal]
+        children = self._children[node, node.edges[edge][1]]
         return max(children, key=lambda one: self._ropes[one].survival, default=None)
 
     def _simulate(self, nodes: Sequence[Node]) -> None:
@@ -152,6 +154,7 @@ class SurvivalSearch:
             if parent is None or step is None or node in self._ropes:
                 continue
             self._ropes[node] = self._execute(step, self._ropes[parent])
+            self._children[parent, node.state].append(node)
 
     def _execute(self, step: PlanStep, before: Ropes) -> Ropes:
         """Execute a step in the worlds that are not lost, those that lose most ropes first, and
