@@ -81,8 +81,14 @@ def test_self_play_counts_its_trials(write, figures):
     write.table("library_training", "trials.csv", columns, [*rows, ("2o1+", "C(0,2,1)", 9, 0, 0)])
     results = Results(write.root)
     text = SECTIONS["library_training"].body(results, Figures(results))
+    assert "knot_finetuning" not in text
     assert "spent 1,509 trials on 3 pairs" in text and "; 2 succeeded at least once, and 1 " in text
     assert "(figures/library_training.png)" in text
+    tied = [(1, step, "tied", 0.02 * step) for step in range(40)]
+    write.table("library_training", "knot_curves.csv", COLUMNS, [*PLAYED, *tied])
+    results = Results(write.root)
+    text = SECTIONS["library_training"].body(results, Figures(results))
+    assert "(figures/knot_finetuning.png)" in text
 
 
 def test_networks_end_where_the_last_validation_was_whatever_the_order(write):

@@ -143,21 +143,33 @@ def reinforcement(results: Results, figures: Figures, experiment: str) -> str:
 
 @optional
 def joint(results: Results, figures: Figures, experiment: str) -> str:
-    """The policy's own success by primitive, and that of whole episodes; '' without curves."""
+    """Joint finetuning; '' without curves."""
     curves = read_curves(results, experiment, "curves_joint.csv")
+    return _episodes(figures, "joint_training", "Joint finetuning with the first seed.", curves)
+
+
+@optional
+def _on_knots(results: Results, figures: Figures) -> str:
+    """Finetuning on knots; '' without curves."""
+    curves = read_curves(results, "library_training", "knot_curves.csv")
+    return _episodes(figures, "knot_finetuning", "Finetuning on knots.", curves)
+
+
+def _episodes(figures: Figures, name: str, title: str, curves: Curves) -> str:
+    """The policy's own success by primitive, and that of whole episodes."""
     tied = curves.get((1, "tied"))  # primitive 1's curves count whole episodes
     panels = {
         "success of the policy's own splines": _own_success(curves),
-        "episodes that tied the knot": []
+        "episodes that reached their goal": []
         if tied is None
         else [Line(tied, COLOURS[0], "", DOTS), Line(smoothed(tied), COLOURS[0])],
     }
     caption = (
-        "Joint finetuning with the first training seed. Left, the success rate of the policy's own "
-        "splines along the paths of the DAG, as moving means. Right, the share of a round's "
-        "episodes, exploration included, that tied the knot, and its moving mean."
+        f"{title} Left, the success rate of the policy's own splines along the paths of the DAG, "
+        "as moving means. Right, the share of a round's episodes, exploration included, that "
+        "reached their goal, and its moving mean."
     )
-    return draw_curves(figures, "joint_training", caption, panels, rates=[*panels], legend=True)
+    return draw_curves(figures, name, caption, panels, rates=[*panels], legend=True)
 
 
 def _own_success(curves: Curves) -> list[Line]:
@@ -172,7 +184,7 @@ def _own_success(curves: Curves) -> list[Line]:
 
 
 def library(results: Results, figures: Figures) -> Parts:
-    """The self-play of the shipped primitives: success by primitive, pairs and trials."""
+    """What trains the shipped primitives: success by primitive, pairs and trials, episodes."""
     curves = read_curves(results, "library_training", "curves.csv")
     pairs = [
         Line(curves[1, metric], colour, label)  # primitive 1's curves count them
@@ -194,7 +206,7 @@ def library(results: Results, figures: Figures) -> Parts:
     }
     name, rates = "library_training", [*panels][:1]
     drawn = draw_curves(figures, name, caption, panels, rates=rates, legend=True)
-    return {"self_play": md.join(drawn, _trials(results))}
+    return {"self_play": md.join(drawn, _trials(results), _on_knots(results, figures))}
 
 
 @optional
