@@ -177,6 +177,18 @@ def test_actor_and_critic(write, rate_counts):
     counts["critic_only", "C(2,4,1)"] = (130, 400)
     write.rates("ablation_actor_critic", counts)
     assert judgement(write, 6).verdict is Verdict.PARTLY
+    assert CLAIMS[6][1].reason(Results(write.root)) == ""
+    rows = [
+        (method, seed, step, f"policy_success/{action}", value)
+        for action in ("C(2,0,1)", "C(2,4,1)", "R1(0,1,1)")
+        for seed in (10, 11)
+        for step in range(10)
+        for method, value in (("actor_critic", 0.9), ("critic_only", 0.5 + 0.3 * (step > 4)))
+    ]
+    columns = ("method", "training_seed", "step", "metric", "value")
+    write.table("ablation_actor_critic", "curves.csv", columns, rows)
+    reason = CLAIMS[6][1].reason(Results(write.root))
+    assert "from 40 to 10 points on `C(2,0,1)` and from 40 to 10" in reason
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from knotflow.experiments.common import Recorder, train
+from knotflow.experiments.common import Recorder, read_by_training, train
 from knotflow.experiments.demonstrations import load_starts
 from knotflow.recording import load
 from knotflow.samplers.demonstrations import SHIPPED, TASKS, Task, load_trials
@@ -164,6 +164,18 @@ def reinforcement(
 
     run.each(reinforce, run.pending([*PARTS], ".safetensors"), "reinforcement")
     _merge(run)
+
+
+@stage
+def policy_success(run: StageRun, *, trainings: Mapping[str, Path]) -> None:
+    """The success rates of policies in training, the names of the inputs being method and seed.
+
+    Makes curves.csv.
+    """
+    curves = read_by_training(trainings, CURVES)
+    own = curves["metric"].str.startswith("policy_success/")
+    columns = ["method", "training_seed", "step", "metric", "value"]
+    run.save_table(CURVES, curves.loc[own, columns], "%.4g")
 
 
 def _merge(run: StageRun) -> None:
