@@ -114,8 +114,8 @@ def plan(
         knot: overhand, figure_eight, ...; crossings (4o1+2o5+6o3+); actions ("R1(0,1,1) C(0,1,1)").
         out: Folder for pictures, recording and waypoints; plans/KNOT-ROPE-SEED by default.
         seed: Seed of the random rope and of the search.
-        margin: Metres of rope that every step leaves between crossings; use 0.05 for a real rope.
-        worlds: Search on until a plan ties in 90 % of so many simulated worlds; 0 takes the first.
+        margin: Metres of rope that every step leaves between crossings.
+        worlds: Search on until a plan ties in 3/4 of so many simulated worlds; 0 takes the first.
         overwrite: Replace the plan in that folder; other files there are kept.
     """
     measured = _read_rope(rope, options, seed)
@@ -657,13 +657,14 @@ def _search(
     from knotflow.samplers.primitives import SHIPPED_PRIMITIVES, PrimitiveLibrary
     from knotflow.samplers.primitives.library import UnlikeRopeWarning
     from knotflow.seeding import rng_of
-    from knotflow.simulation import RopeConfig, SimulationConfig, WorldsConfig
+    from knotflow.simulation import RopeConfig, SimulationConfig
 
     planning.parse_goal(knot, measured.rope)  # refuses it before the slow import
     library = PrimitiveLibrary.load(Path(SHIPPED_PRIMITIVES), RopeConfig())
     length = measured.size.length
     config = replace(FAST_SEARCH, max_seconds=max_seconds, margin=margin / length)
-    survival = planning.SurvivalConfig(worlds, spread=WorldsConfig(error=error / length))
+    survival = planning.SurvivalConfig(worlds)
+    survival.spread.error = error / length
     reach = planning.Hand(measured.model.radius, planning.HandConfig().scaled(length))
     if arm.arm is not None:
         from knotflow.execution import ArmReach

@@ -13,9 +13,9 @@ class SurvivalConfig:
 
     worlds: int = 16
     """Worlds that plans are executed in, the best in twice as many more; 0 takes the first plan."""
-    least: float = 0.9
+    least: float = 0.75
     """Share of the worlds in which a plan has to tie; otherwise the search continues."""
-    spread: WorldsConfig = field(default_factory=WorldsConfig)
+    spread: WorldsConfig = field(default_factory=lambda: WorldsConfig(level=2))
     """What the worlds are drawn from."""
     batch: int = 8
     """Splines tried from a rope before another one is chosen."""

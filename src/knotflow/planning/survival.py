@@ -192,6 +192,8 @@ def _execute(
 ) -> Ropes:
     """Execute a step blindly in the worlds that are not lost."""
     rows = np.flatnonzero(before.intact)
+    if not len(rows):
+        return before
     points, intact = before.points.copy(), before.intact.copy()
     controls = step.controls(simulator.config.rope.radius)
     rollouts = simulator.execute(
