@@ -79,7 +79,7 @@ def test_figure_with_an_action_that_a_method_lacks(write, rate_counts):
 
 def test_extra_methods_have_labels_and_colours():
     methods = with_extras(METHODS, ["reinforcement_arranged", "my_own", "icp"])[4:]
-    assert [method.label for method in methods] == ["self-play + arranging", "my own"]
+    assert [method.label for method in methods] == ["shipped + arranging", "my own"]
     assert len({method.colour for method in (*METHODS, *methods)}) == 6
 
 

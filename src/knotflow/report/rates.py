@@ -42,7 +42,7 @@ RANDOM = Method("random", "random", "#8a8f98")
 ICP = Method("icp", "ICP", "#e69f00")
 IMITATION = Method("imitation", "imitation", "#56b4e9")
 REINFORCEMENT = Method("reinforcement", "imitation + RL", "#0072b2")
-ARRANGED = Method("reinforcement_arranged", "self-play + arranging", "#009e73")
+ARRANGED = Method("reinforcement_arranged", "shipped + arranging", "#009e73")
 """Beyond the paper: the shipped primitives, which may arrange the rope first."""
 EXTRA_COLOURS = ("#cc79a7", "#d55e00", "#f0e442")
 
