@@ -657,14 +657,15 @@ def _search(
     from knotflow.samplers.primitives import SHIPPED_PRIMITIVES, PrimitiveLibrary
     from knotflow.samplers.primitives.library import UnlikeRopeWarning
     from knotflow.seeding import rng_of
-    from knotflow.simulation import RopeConfig, SimulationConfig
+    from knotflow.simulation import RopeConfig, SimulationConfig, WorldsConfig
 
     planning.parse_goal(knot, measured.rope)  # refuses it before the slow import
     library = PrimitiveLibrary.load(Path(SHIPPED_PRIMITIVES), RopeConfig())
     length = measured.size.length
     config = replace(FAST_SEARCH, max_seconds=max_seconds, margin=margin / length)
     survival = planning.SurvivalConfig(worlds)
-    survival.spread.error = error / length
+    if error:  # and what follows is planned again, so that the worlds may be milder
+        survival.spread = WorldsConfig(error=error / length)
     reach = planning.Hand(measured.model.radius, planning.HandConfig().scaled(length))
     if arm.arm is not None:
         from knotflow.execution import ArmReach
