@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -16,6 +18,7 @@ from knotflow.samplers.primitives import (
 )
 from knotflow.simulation import Rollouts, RopeConfig, SimulationConfig, Trials, arc, straight
 from knotflow.topology import TopologicalState, parse_action
+from knotflow.training import completed
 
 SMALL = NetworkConfig(lstm=8, attention=4, stream=8, feature=16, head=32)
 R1_ACTION = parse_action("R1(0,1,1)")
@@ -92,6 +95,20 @@ def whole_and_resumed(training, simulator, tmp_path):
     assert len(resumed.history) == 1
     list(resumed)
     return whole, resumed
+
+
+@pytest.fixture
+def completed_training(make_library, laid):
+    """Trainers of a kind, with changes of its configuration, that train a completed library."""
+
+    def of(kind, config):
+        def make(simulator=None, earlier=(), **changes):
+            library, own = completed(make_library(), 7), replace(config, **changes)
+            return kind(library, {}, earlier, simulator or laid(), own, 7)
+
+        return make
+
+    return of
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ import torch
 from knotflow.samplers.primitives.canonical import ARRANGE
 from knotflow.simulation import WorldsConfig
 from knotflow.topology import knot
-from knotflow.training import KnotFinetuning, KnotsConfig, LearnerConfig, completed
+from knotflow.training import KnotFinetuning, KnotsConfig, LearnerConfig
 
 CONFIG = KnotsConfig(
     LearnerConfig(rollout_ropes=16, rollout_trials=1),
@@ -22,13 +21,8 @@ CONFIG = KnotsConfig(
 
 
 @pytest.fixture
-def training(make_library, laid):
-    def make(simulator=None, earlier=(), **changes):
-        config = replace(CONFIG, **changes)
-        library = completed(make_library(), 7)
-        return KnotFinetuning(library, {}, earlier, simulator or laid(), config, 7)
-
-    return make
+def training(completed_training):
+    return completed_training(KnotFinetuning, CONFIG)
 
 
 def test_episodes_have_goals_and_ropes_in_the_shares_asked_for(training):

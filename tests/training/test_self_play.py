@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -11,7 +9,7 @@ import torch
 from knotflow.samplers.primitives.canonical import ALL_PRIMITIVES, ARRANGE, canonicalise
 from knotflow.simulation import Attempts, SimulationConfig, check_points, straight
 from knotflow.topology import TopologicalState, parse_action
-from knotflow.training import LearnerConfig, SelfPlay, SelfPlayConfig, completed
+from knotflow.training import LearnerConfig, SelfPlay, SelfPlayConfig
 from knotflow.training.transitions import Query, Transition
 
 TRIVIAL = TopologicalState.trivial()
@@ -24,13 +22,8 @@ CONFIG = SelfPlayConfig(
 
 
 @pytest.fixture
-def training(make_library, laid):
-    def make(simulator=None, earlier=(), **changes):
-        config = replace(CONFIG, **changes)
-        library = completed(make_library(), 7)
-        return SelfPlay(library, {}, earlier, simulator or laid(), config, 7)
-
-    return make
+def training(completed_training):
+    return completed_training(SelfPlay, CONFIG)
 
 
 def test_primitives_that_a_library_lacks_are_added(training, make_library):

@@ -79,7 +79,12 @@ class EpisodeTrainer(TransitionTrainer):
 
     @abstractmethod
     def begin(self) -> Episode:
-        """An episode whose rope is untangled."""
+        """A new episode."""
+
+    def untangled(self, task: Task, rope: RopeConfig) -> Episode:
+        """An episode that begins with a random curve of a rope."""
+        points = random_curve(rope, self.rng, self.starts)
+        return Episode(task, rope, points, TopologicalState.trivial())
 
     def collect(self) -> Metrics:
         config = self.config
@@ -158,9 +163,7 @@ class JointFinetuning(EpisodeTrainer):
         return self._task.primitives
 
     def begin(self) -> Episode:
-        rope = self.simulator.config.rope
-        points = random_curve(rope, self.rng, self.starts)
-        return Episode(self._task, rope, points, TopologicalState.trivial())
+        return self.untangled(self._task, self.simulator.config.rope)
 
     def sample(self, transition: Transition) -> Sample:
         return self.sample_of(self._task, transition)

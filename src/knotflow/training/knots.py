@@ -11,7 +11,6 @@ from collections.abc import Iterable
 import numpy as np
 
 from knotflow.samplers.primitives.canonical import ARRANGE
-from knotflow.simulation import random_curve
 from knotflow.topology import TopologicalState, all_states, knot
 from knotflow.training.config import KnotsConfig
 from knotflow.training.joint import Episode, EpisodeTrainer, Task
@@ -39,9 +38,7 @@ class KnotFinetuning(ManyRopes, EpisodeTrainer):
         else:
             states = all_states(drawn)
             task = self._task(states[self.rng.integers(len(states))])
-        rope = self.draw_rope()
-        points = random_curve(rope, self.rng, self.starts)
-        return Episode(task, rope, points, TopologicalState.trivial())
+        return self.untangled(task, self.draw_rope())
 
     def sample(self, transition: Transition) -> Sample:
         """What an attempt of independent training teaches, which had no task."""
