@@ -29,7 +29,7 @@ COMPONENTS = {
     "trainer": Component(1, ("training.trainer",)),
     "training": Component(8, ("training",)),
     "planning": Component(10, ("planning",)),
-    "perception": Component(12, ("perception",)),
+    "perception": Component(13, ("perception",)),
     "execution": Component(9, ("execution",)),
     "recording": Component(1, ("recording",)),
 }

@@ -85,14 +85,14 @@ def ropes(tmp_path):
 
 
 def test_choose_ropes(ropes, capsys):
-    chosen = choose_ropes(ropes, [0], 2, RopeConfig(), seed=1)
+    chosen = choose_ropes(ropes, [0], 2, RopeConfig(), CAMERA, seed=1)
     assert sorted(chosen) == ["0-0", "0-1"]
     assert all(points[:, 0].max() < 0.55 for points, _ in chosen.values())
     assert {rope.radius for _, rope in chosen.values()} == {0.004}
-    assert len(choose_ropes(ropes, [0], 3, RopeConfig(), seed=1)) == 2
+    assert len(choose_ropes(ropes, [0], 3, RopeConfig(), CAMERA, seed=1)) == 2
     assert "only 2 ropes of 0 crossings" in capsys.readouterr().out
     with pytest.raises(ValueError, match="no rope of 4 crossings in the camera's view"):
-        choose_ropes(ropes, [4], 1, RopeConfig(), seed=1)
+        choose_ropes(ropes, [4], 1, RopeConfig(), CAMERA, seed=1)
 
 
 def test_metrics_without_estimate():

@@ -1,5 +1,7 @@
 """Strand tracing, its windows and network."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 import torch
@@ -65,9 +67,15 @@ def off(path: StrandPath, points: np.ndarray) -> float:
     return float(np.linalg.norm(apart, axis=-1).min(axis=1).max())
 
 
-def windows(*shapes: np.ndarray, config: ExamplesConfig = PERFECT, seed: int = 0):
+def windows(
+    *shapes: np.ndarray,
+    config: ExamplesConfig = PERFECT,
+    seed: int = 0,
+    radii: Sequence[float] = (ROPE.radius,),
+):
     batch = torch.as_tensor(np.stack(shapes), dtype=torch.float32)
-    return draw_windows(batch, ROPE.radius, config, torch.Generator().manual_seed(seed))
+    each = torch.tensor(radii).expand(len(shapes))
+    return draw_windows(batch, each, config, torch.Generator().manual_seed(seed))
 
 
 def test_a_window_is_turned_along_the_strand_around_its_middle():
@@ -88,6 +96,15 @@ def test_windows_show_the_strand_and_its_trail():
     trail, rope = found.windows[:, 3], found.windows[:, 0]
     assert (trail * rope).sum() > 0.8 * trail.sum()
     assert trail[..., : SIDE // 2].sum() > 5 * trail[..., SIDE // 2 + 2 :].sum()
+
+
+def test_windows_are_as_wide_as_their_rope_is_thick():
+    full, half = s_curve(), 0.5 * s_curve()
+    alike = windows(*[full] * 32)
+    mixed = windows(*[full, half] * 16, radii=[ROPE.radius, 0.5 * ROPE.radius] * 16)
+    assert torch.allclose(alike.windows, mixed.windows, atol=1e-4)
+    thin = windows(*[full] * 32, radii=[0.5 * ROPE.radius])
+    assert (thin.windows[:, 0].mean() / alike.windows[:, 0].mean()).item() > 0.7  # in its radii
 
 
 def test_a_strand_goes_on_where_rope_is_ahead():

@@ -13,11 +13,12 @@ from .test_network import TINY
 
 SHAPES = np.stack([s_curve(), loop(1), loop(-1)] * 4)
 CROSSINGS = np.array([0, 1, 1] * 4)
+RADII = ROPE.radius * np.linspace(0.5, 1.5, 12)
 
 
 def training(seed: int = 0) -> StrandTrainer:
     config = StrandTrainingConfig(network=TINY, validations=3, steps=2, batch=4)
-    return StrandTrainer(SHAPES, CROSSINGS, ROPE, config, seed)
+    return StrandTrainer(SHAPES, CROSSINGS, RADII, config, seed)
 
 
 def test_resumed_training_is_identical(tmp_path):
@@ -38,7 +39,7 @@ def test_seed_changes_training():
 
 def test_one_shape_is_too_few():
     with pytest.raises(ValueError, match="two or more"):
-        StrandTrainer(SHAPES[:1], CROSSINGS[:1], ROPE, StrandTrainingConfig(network=TINY), 0)
+        StrandTrainer(SHAPES[:1], CROSSINGS[:1], RADII[:1], StrandTrainingConfig(network=TINY), 0)
 
 
 @pytest.mark.parametrize("over", [1, -1])

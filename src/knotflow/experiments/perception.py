@@ -126,14 +126,15 @@ def ropes(
 
 @stage
 def strand_training(
-    run: StageRun, *, ropes: Path, rope: RopeConfig, training: StrandTrainingConfig, seed: int
+    run: StageRun, *, ropes: Path, training: StrandTrainingConfig, seed: int
 ) -> None:
     """A network learns to follow strands, from windows along them.
 
     Makes network.safetensors, in half precision, and curves.csv.
     """
     with np.load(ropes / ROPES) as shapes:
-        trainer = StrandTrainer(shapes["points"], shapes["crossings"], rope, training, seed)
+        points, crossings, radii = shapes["points"], shapes["crossings"], shapes["diameters"] / 2
+    trainer = StrandTrainer(points, crossings, radii, training, seed)
     train(run, trainer, "strands", WEIGHTS, trainer.model.save)
 
 
@@ -142,8 +143,6 @@ ABLATED = ("colour", "network", "depth")
 METHODS = (NETWORK_RENDERING, FULL, *(f"{FULL}_without_{part}" for part in ABLATED))
 """What the experiment compares: the network's likeliest path, fitted; the complete method; and this
 without the guess by colour, the network's guesses, or depth in the gradient steps."""
-EVERY_LEVEL = (NETWORK_RENDERING, FULL)
-"""Methods compared at all levels of noise; the ablations at the nominal one only."""
 
 
 def estimate_by(
@@ -172,11 +171,16 @@ def estimate_by(
 
 
 def choose_ropes(
-    path: Path, crossings: Sequence[int], count: int, rope: RopeConfig, seed: int
+    path: Path,
+    crossings: Sequence[int],
+    count: int,
+    rope: RopeConfig,
+    camera: Camera,
+    seed: int,
 ) -> dict[str, tuple[NDArray, RopeConfig]]:
-    """At most `count` shapes (V, 3), metres, in view, of each number of crossings, drawn from the
-    file of the stage `ropes`, and their ropes; by name, such as "3-0", the first one of three
-    crossings.
+    """At most `count` shapes (V, 3), metres, in a camera's view, of each number of crossings, drawn
+    from the file of the stage `ropes`, and their ropes; by name, such as "3-0", the first one of
+    three crossings.
 
     Raises:
         ValueError: no rope of a number of crossings.
@@ -184,7 +188,7 @@ def choose_ropes(
     with np.load(path) as file:
         points, of_each = file["points"].astype(np.float64), file["crossings"]
         radii = file["diameters"] / 2
-    rng, camera = rng_of(seed, 0), Camera.overhead()
+    rng = rng_of(seed, 0)
     pixels, chosen = camera.project(points)[..., :2], {}
     last = [camera.width - 5, camera.height - 5]  # with some pixels to spare
     in_view = ((pixels > 4) & (pixels < last)).all(axis=(1, 2))
@@ -232,20 +236,22 @@ def perception(
     levels: list[float],
     crossings: list[int],
     per_crossings: int,
+    distance: float = 0.8,
     seed: int,
 ) -> None:
     """Ropes at rest, estimated from one image, by noise and number of crossings.
 
     Makes estimates.csv, a row a method, level and rope, and estimates.png, of the complete method.
 
-    `per_crossings` ropes of each number of `crossings`, each seen at every level of noise;
-    ablations are compared at the nominal level only.
+    `per_crossings` ropes of each number of `crossings`, each seen at every level of noise from
+    `distance`, metres, above: from 0.8 m a rope of 4 mm is two pixels wide. Methods other than
+    the complete one are compared at the nominal level only.
 
     Raises:
         ValueError: no rope of a number of crossings.
     """
-    camera, drawn = Camera.overhead(), f"{max(crossings)}-0"
-    shapes = choose_ropes(ropes / ROPES, crossings, per_crossings, rope, seed)
+    camera, drawn = Camera.overhead(distance=distance), f"{max(crossings)}-0"
+    shapes = choose_ropes(ropes / ROPES, crossings, per_crossings, rope, camera, seed)
 
     def estimate_rope(name: str) -> pd.DataFrame:
         (truth, own), trained = shapes[name], StrandNetwork.load(network)
@@ -256,7 +262,7 @@ def perception(
             noise = replace(camera_noise, level=level)
             simulated = SimulatedCamera(camera, own, noise, Appearance.draw(rng, noise))
             image = simulated.capture(truth, rng)
-            for method in METHODS if level == NOMINAL else EVERY_LEVEL:
+            for method in METHODS if level == NOMINAL else (FULL,):
                 began = time.process_time()
                 found = estimate_by(method, image, camera, own, estimate, trained)
                 seconds = time.process_time() - began

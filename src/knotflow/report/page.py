@@ -54,6 +54,7 @@ PAPER = (
     Section("single_stage", single_stage.single_stage, single_stage.SINGLE_STAGE_CLAIMS),
     Section("tree_size", branches.tree_size, branches.SIZE_CLAIMS),
     Section("ablation_actor_critic", single_stage.ablation, single_stage.ABLATION_CLAIMS),
+    Section("learning_options", single_stage.options),
     Section("joint_finetuning", branches.joint_finetuning, branches.JOINT_CLAIMS),
     Section("causal_infogan", causal_infogan.causal_infogan, causal_infogan.CLAIMS),
     Section("pentagram", knots.pentagram, (knots.PENTAGRAM_CLAIM,)),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import pandas as pd
@@ -97,6 +98,11 @@ class Rates:
     def mean(self, method: str) -> Interval:
         """The mean over all actions."""
         return statistics.clustered_mean([self.counts[method, action] for action in self.actions])
+
+    def trainings_mean(self, method: str, actions: Sequence[str] = ()) -> pd.Series:
+        """The mean over `actions`, by default all, of each training."""
+        rates = [self.by_training(method, action) for action in actions or self.actions]
+        return pd.concat(rates, axis=1).mean(axis=1)
 
     def ratio(self, method: str, base: str, action: str) -> Interval:
         """How many times as often `method` succeeds as `base`; nan where both never do."""
@@ -211,6 +217,7 @@ def _by_training(table: pd.DataFrame, column: str) -> pd.DataFrame:
     return table.pivot(index="training_seed", columns="start", values=column)
 
 
+@lru_cache(maxsize=8)  # several claims and figures ask for the same ones
 def read_rates(results: Results, experiment: str, name: str = "per_start.csv") -> Rates:
     """A table of trials and successes by method, action, training and start."""
     key = ("method", "action", "training_seed", "start")

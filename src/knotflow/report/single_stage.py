@@ -12,6 +12,7 @@ from knotflow.report.rates import (
     ARRANGED,
     ICP,
     IMITATION,
+    PRIMITIVES,
     RANDOM,
     REINFORCEMENT,
     Method,
@@ -26,7 +27,7 @@ from knotflow.report.section import Claim, Figures, Judgement, Parts, Verdict, o
 from knotflow.report.training import POLICY_SUCCESS, imitation, reinforcement
 from knotflow.statistics import Interval, clustered_rate
 
-SINGLE, ABLATION = "single_stage", "ablation_actor_critic"
+SINGLE, ABLATION, OPTIONS = "single_stage", "ablation_actor_critic", "learning_options"
 PAIRS = (
     (ICP, RANDOM),
     (IMITATION, RANDOM),
@@ -45,6 +46,17 @@ PARTS = (
 PART_NAMES = tuple(method.name for method in PARTS)
 PAPER_WIDEST = ("C(2,0,1)", "C(2,4,1)")
 """Where the paper's gap to the critic alone is largest."""
+CHANGED = {
+    "ours": "nothing",
+    "random_splines": "a random spline of reward 0 beside each trial",
+    "node_actor": "the actor chooses a node, then a Gaussian given the node",
+    "population_256": "256 samples in place of 24, 12 elites",
+    "best_of_elites": "256 samples, 51 elites of full covariance, the best sample",
+    "any_rotation": "ropes and splines turned and shifted at random, 3 rad and 0.5 m",
+    "grasp_position": "the critic is given the grasped node's position",
+    "authors": "all of these, and the authors' learning rate, batches and steps",
+}
+"""What each option of `learning_options` changes of our training."""
 EITHER_END = 5
 """Rounds of reinforcement that are compared, the first and the last."""
 
@@ -66,6 +78,26 @@ def ablation(results: Results, figures: Figures) -> Parts:
     """The figure and its tables."""
     rates, pairs = read_rates(results, ABLATION), [(PARTS[2], part) for part in PARTS[:2]]
     return {"rates": compared(rates, figures, PARTS, pairs, ABLATION, "Fig. 7 reproduced")}
+
+
+def options(results: Results, _: Figures) -> Parts:
+    """Success rates by option, primitive by primitive."""
+    rates = read_rates(results, OPTIONS)
+    rows = []
+    for name in rates.methods:
+        each = rates.trainings_mean(name)
+        rows.append(
+            {
+                "changed": CHANGED.get(name, name),
+                "mean of all actions": md.percent(rates.mean(name)),
+                "trainings": " / ".join(f"{100 * rate:.0f}" for rate in each),
+                **{
+                    title: f"{100 * rates.trainings_mean(name, own).mean():.0f}"
+                    for title, own in PRIMITIVES.items()
+                },
+            }
+        )
+    return {"options": md.table(rows, "Success rates in per cent:")}
 
 
 def compared(

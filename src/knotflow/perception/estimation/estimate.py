@@ -163,6 +163,11 @@ class _Candidate(NamedTuple):
     fraction: float
     reasons: tuple[str, ...] = ()
 
+    def is_path_settled(self, near: Target) -> bool:
+        """Whether no further guess is needed; which strand is on top may still be uncertain."""
+        read = state_or_none(self.shape) is not None
+        return read and not self.reasons and is_plausible(self.shape, near, _SETTLED)
+
     def ambiguities(self, target: Target) -> tuple[str, ...]:
         state = state_or_none(self.shape)
         return (*list_ambiguities(state, self.crossings, self.fraction, target), *self.reasons)
@@ -276,9 +281,7 @@ def _search_all(
         fresh = [*paths[tried : effort.paths], *(() if found else [*proposed, *shapes])]
         found = search(fresh, near, effort, config.fit, found, progress)
         best = _select(found.shapes, near, target, image, config, expected)
-        if target.leaves_image or (
-            is_plausible(best.shape, near, _SETTLED) and not best.ambiguities(target)
-        ):
+        if target.leaves_image or best.is_path_settled(near):
             break
     return best, target
 

@@ -19,7 +19,6 @@ from knotflow.perception.networks.windows import (
     Windows,
     draw_windows,
 )
-from knotflow.simulation import RopeConfig
 from knotflow.training.trainer import SupervisedTrainer
 
 _NEARLY = 0.3  # radians: a heading no further off is right, as strands that meet are further apart
@@ -60,12 +59,12 @@ class StrandTrainer(SupervisedTrainer):
         self,
         points: NDArray,
         crossings: NDArray,
-        rope: RopeConfig,
+        radii: NDArray,
         config: StrandTrainingConfig,
         seed: int,
     ) -> None:
-        """Draw the first weights and hold the last of the shapes (N, V, 3), metres, out; ones that
-        come from one another stand side by side.
+        """Draw the first weights and hold the last of the shapes (N, V, 3) of `radii` (N,), metres,
+        out; ones that come from one another stand side by side.
 
         Raises:
             ValueError: fewer than two shapes.
@@ -76,22 +75,25 @@ class StrandTrainer(SupervisedTrainer):
             torch.manual_seed(seed)
             model = StrandNetwork(config.network)
         super().__init__(model, config, seed)
-        self.rope, self.config = rope, config
+        self.config = config
         held = max(1, round(config.held_out * len(points)))
-        shapes = torch.as_tensor(np.asarray(points), dtype=torch.float32)
-        self._shapes = shapes[:-held]
+        shapes, each = (
+            torch.as_tensor(np.asarray(one), dtype=torch.float32) for one in (points, radii)
+        )
+        self._shapes, self._radii = shapes[:-held], each[:-held]
         counts = np.bincount(crossings[:-held])
         self._weights = torch.as_tensor(1.0 / counts[crossings[:-held]])
         generator = torch.Generator().manual_seed(seed + 1)
-        self._validation = draw_windows(shapes[-held:], rope.radius, config.examples, generator)
+        self._validation = draw_windows(shapes[-held:], each[-held:], config.examples, generator)
 
     def update(self, step: int) -> float:
         config = self.config
         chosen = torch.multinomial(
             self._weights, config.batch, replacement=True, generator=self.generator
         )
-        shapes, radius = self._shapes[chosen], self.rope.radius
-        batch = draw_windows(shapes, radius, config.examples, self.generator)
+        batch = draw_windows(
+            self._shapes[chosen], self._radii[chosen], config.examples, self.generator
+        )
         loss = next_step_loss(self.model(batch.windows, batch.height), batch)
         warm = min(1.0, (step + 1) / config.steps)
         cosine = 0.5 * (1 + math.cos(math.pi * self.fraction(step)))

@@ -35,7 +35,7 @@ _TURNED = 0.15  # standard deviation of its direction from the strand's, radians
 _UNEVEN = 0.3  # standard deviation of the trail's points, along all axes, radii
 _RAISED = 0.7  # standard deviation of all of its heights together, radii
 _CUT = 0.2  # share of the trails that begin somewhere along the rope
-_NEAR = 3.0  # links from a crossing, at most, of the half of the windows that are near one
+_NEAR = 10.0  # radii from a crossing, at most, of the half of the windows that are near one
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ class Patch:
         return np.concatenate([eye[:2] + (places - eye[:2]) * reach, height], axis=1)
 
 
-def project_to_plane(points: Tensor, eye: Tensor, radius: float) -> Tensor:
+def project_to_plane(points: Tensor, eye: Tensor, radius: float | Tensor) -> Tensor:
     """The places (..., 2) of the plane z = radius that an eye (..., 3) sees points (..., 3) at."""
     reach = (eye[..., 2:] - radius) / (eye[..., 2:] - points[..., 2:])
     return eye[..., :2] + (points[..., :2] - eye[..., :2]) * reach
@@ -182,14 +182,15 @@ class Windows(NamedTuple):
 
 @torch.no_grad()
 def draw_windows(
-    points: Tensor, radius: float, config: ExamplesConfig, generator: torch.Generator
+    points: Tensor, radii: Tensor, config: ExamplesConfig, generator: torch.Generator
 ) -> Windows:
-    """A window somewhere along each of the rope shapes (N, V, 3), metres, seen at random."""
+    """A window somewhere along each of the rope shapes (N, V, 3) of `radii` (N,), metres, seen at
+    random."""
     count, vertices, _ = points.shape
     links, draw = vertices - 1, _Draw(count, generator)
-    places, thick = _view_at_random(points, radius, config, draw)
-    ropes = torch.cat([places, points[..., 2:]], dim=-1) / radius
-    link = float((ropes[0, 1:] - ropes[0, :-1]).norm(dim=-1).mean())  # radii
+    places, thick = _view_at_random(points, radii, config, draw)
+    ropes = torch.cat([places, points[..., 2:]], dim=-1) / radii[:, None, None]
+    link = (ropes[:, 1:] - ropes[:, :-1]).norm(dim=-1).mean(dim=1)  # (N,) radii
     step, backward = STEP / link, draw.uniform(0, 1) < 0.5
     ropes = torch.where(backward[:, None, None], ropes.flip(1), ropes)
 
@@ -198,7 +199,7 @@ def draw_windows(
     chosen = torch.randperm(2 * len(rope), generator=generator)
     near = at.clone()
     near[rope.repeat(2)[chosen]] = torch.cat([over, under])[chosen]
-    near = (near + draw.uniform(-_NEAR, _NEAR)).clamp(0, links)
+    near = (near + draw.uniform(-_NEAR, _NEAR) / link).clamp(0, links)
     at = torch.where(draw.uniform(0, 1) < 0.5, near, at)
 
     here, following = points_at(ropes, at), points_at(ropes, at + step)
@@ -207,7 +208,7 @@ def draw_windows(
     middle = here[:, :2] + draw.normal(_ASIDE, 2)
     mirror = torch.where(draw.uniform(0, 1) < 0.5, 1.0, -1.0)
     begun = torch.where(draw.uniform(0, 1) < _CUT, draw.uniform(0, TRAIL), float(TRAIL))
-    steps = step * torch.minimum(torch.arange(TRAIL + 1), begun[:, None])
+    steps = step[:, None] * torch.minimum(torch.arange(TRAIL + 1), begun[:, None])
     trail = points_at(ropes, (at[:, None] - steps).clamp(min=0))
     trail = trail + draw.normal(_UNEVEN, 1, 3) + draw.normal(_UNEVEN, TRAIL + 1, 3)
     raised = draw.normal(_RAISED)
@@ -225,22 +226,23 @@ def draw_windows(
 
 
 def _view_at_random(
-    points: Tensor, radius: float, config: ExamplesConfig, draw: _Draw
+    points: Tensor, radii: Tensor, config: ExamplesConfig, draw: _Draw
 ) -> tuple[Tensor, Tensor]:
-    """Where a camera somewhere above sees rope shapes (N, V, 3), metres, on the plane z = radius.
+    """Where a camera somewhere above sees rope shapes (N, V, 3) of `radii` (N,), metres, on the
+    plane of their axes.
 
     Returns:
         places (N, V, 2): metres.
         thick (N,): how thick each rope is against the one that its length is known for.
     """
-    length = float((points[0, 1:] - points[0, :-1]).norm(dim=-1).sum())
+    length = (points[:, 1:] - points[:, :-1]).norm(dim=-1).sum(dim=1)[:, None, None]
     rope = points - points.mean(dim=1, keepdim=True) * points.new_tensor([1.0, 1.0, 0.0])
     # A thicker rope is a higher one: z grows with the radius, x and y stay.
     thick = draw.uniform(1 - config.scale, 1 + config.scale, 1)
     aside = draw.uniform(-config.aside, config.aside, 1, 2) * length
     eye = torch.cat([aside, draw.uniform(*config.distance, 1, 1) * length], dim=-1)
     raised = torch.cat([rope[..., :2], (rope[..., 2] * thick)[..., None]], dim=-1)
-    return project_to_plane(raised, eye, radius), thick[:, 0]
+    return project_to_plane(raised, eye, radii[:, None, None]), thick[:, 0]
 
 
 def _degrade(covered: Tensor, top: Tensor, config: ExamplesConfig, draw: _Draw) -> Tensor:
