@@ -166,6 +166,8 @@ def write_everything(root: Path, budget: str = "paper") -> Writer:
         budget,
         ("10", "11", "12"),
     )
+    options = shares(("reinforcement",), 50)
+    write.rates("learning_options", {("ours", action): n for (_, action), n in options.items()})
     trees = []
     for method, spread in (("icp", 40.0), ("imitation", 7.0), ("reinforcement", 0.4)):
         for start, factor in (("straight", 1.0), ("arc", 3.0 if method == "icp" else 0.6)):

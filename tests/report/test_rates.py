@@ -8,7 +8,7 @@ import pytest
 from knotflow.report.rates import ICP, IMITATION, RANDOM, REINFORCEMENT, read_rates, with_extras
 from knotflow.report.results import Results, ResultsError
 from knotflow.report.section import Figures
-from knotflow.report.single_stage import reachable
+from knotflow.report.single_stage import options, reachable
 
 METHODS = (RANDOM, ICP, IMITATION, REINFORCEMENT)
 RATE = ("method", "action", "training_seed", "start", "trials", "successes")
@@ -112,3 +112,16 @@ def test_starts_that_no_search_solves_are_beside_the_failures_of_rl(write):
     write.table("single_stage", "reachable.csv", ("action", "start", "splines", "found"), rows)
     text = reachable(Results(write.root), read(write))
     assert f"| `{ACTION}` | 2 of 10 | 3 | 4 of 10 | 2 | 75.0 %" in text
+
+
+def test_an_option_has_the_mean_of_each_training_and_primitive(write, rate_counts):
+    actions = [action for _, action in rate_counts(("icp",))]
+    counts = {(name, one): (5, 10) for name in ("ours", "node_actor") for one in actions}
+    counts["node_actor", "R1(0,1,1)"] = (10, 10)
+    write.rates("learning_options", counts, trainings=("20", "21"))
+    results = Results(write.root)
+    ours, other = options(results, Figures(results))["options"].splitlines()[-2:]
+    assert ours.startswith("| nothing | 50.0 % (")
+    assert ours.endswith(" | 50 / 50 | 50 | 50 | 50 | 50 |")
+    assert "a node, then a Gaussian" in other
+    assert other.endswith(" | 56 / 56 | 100 | 50 | 50 | 50 |")
