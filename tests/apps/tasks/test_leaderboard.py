@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import runpy
+from pathlib import Path
+
 import numpy as np
+import pandas as pd
+import pytest
 
 from knotflow.apps.tasks import TieTask, evaluate, public_tasks
 from knotflow.apps.tasks.leaderboard import COLUMNS
@@ -11,6 +16,8 @@ from knotflow.simulation import RopeConfig, check_points, straight
 from knotflow.topology import TopologicalState, parse_action
 
 ROPE = RopeConfig()
+ROOT = Path(__file__).parents[3]
+SCRIPTS = sorted(path.name for path in (ROOT / "benchmarks").glob("*.py"))
 
 
 def test_every_public_start_can_reach_its_goal():
@@ -45,3 +52,14 @@ def test_episode_ends_without_splines_or_served_action():
         ["knots", "served", 0, 2],
         ["actions", "other", 0, 0],
     ]
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_a_script_finds_all_it_imports(script):
+    assert callable(runpy.run_path(str(ROOT / "benchmarks" / script))["main"])
+
+
+def test_the_page_has_what_was_measured():
+    page, rows = (ROOT / "docs" / f"leaderboard.{end}" for end in ("md", "csv"))
+    made = runpy.run_path(str(ROOT / "benchmarks" / "leaderboard.py"))["with_tables"]
+    assert page.read_text("utf-8") == made(page.read_text("utf-8"), pd.read_csv(rows))
