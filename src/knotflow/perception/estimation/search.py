@@ -34,7 +34,7 @@ from knotflow.topology.polyline import Floats
 Progress = Callable[[], bool | None]
 """Called in each round of a search; False ends it with the best so far."""
 
-_MAX_ROPE_COST = 4.0  # negative log likelihood of a plausible shape, whatever the image
+_MAX_SHAPE_LOSS = 0.025  # of a plausible shape, whatever the image
 _CONTACTS = 8  # places where strands meet or nearly do, the closest ones, that are rewired
 _FINE = 4  # places of a link at which strands are compared
 _TOUCHING = 3.0  # radii between the axes of strands, in the plane, that may touch
@@ -163,7 +163,7 @@ def is_plausible(shape: Floats, target: Target, fraction: float) -> bool:
     """Whether a shape (V, 3) accounts for a fraction of the rope's image, and bends as a rope."""
     with torch.no_grad():
         loss = float(shape_loss(torch.as_tensor(shape), target.rope))
-    if target.independent_pixels * loss >= _MAX_ROPE_COST:
+    if loss >= _MAX_SHAPE_LOSS:
         return False
     return coverage_fraction(shape, target) >= target.required_coverage(fraction)
 
