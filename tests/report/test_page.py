@@ -10,7 +10,7 @@ from string import Formatter
 
 import pytest
 
-from knotflow.report import make
+from knotflow.report import ResultsError, make
 from knotflow.report.__main__ import main
 from knotflow.report.markdown import slug
 from knotflow.report.page import SECTIONS, timing
@@ -133,6 +133,8 @@ def test_broken_table_leaves_the_earlier_report(everything, tmp_path, capsys):
     (out / "report.md").write_text("the earlier one")
     table = results / "single_stage" / "per_start.csv"
     table.write_text(table.read_text().replace(",0,4,", ",0,0,", 1))
+    with pytest.raises(ResultsError):
+        make(results, out)
     assert main(["--results", str(results), "--out", str(out)]) == 1
     assert "per_start.csv, line 2" in capsys.readouterr().err
     assert (out / "report.md").read_text() == "the earlier one"
