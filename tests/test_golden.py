@@ -347,14 +347,14 @@ def planning() -> dict[str, Any]:
 
 
 def perception() -> dict[str, Any]:
-    """A noisy image of a held rope, what its pixels are taken for, and the rope estimated in it."""
+    """A noisy image of a held rope, what its pixels are taken for, and a rope estimated at rest."""
     camera, rng = Camera.overhead(), np.random.default_rng(0)
     noise, rope = CameraNoiseConfig(), RopeConfig(radius=0.008)
     simulated = SimulatedCamera(camera, rope, noise, Appearance.draw(rng, noise))
     view = simulated.view(loop(), gripper=loop()[5])
     image = add_noise(view.image, camera, noise, rng)
     labels = (view.labels, segment(image, camera, rope.radius).labels)
-    found = estimate(image, camera, rope, likely=[loop()])
+    found = estimate(simulated.capture(arc(ROPE), rng), camera, rope, likely=[arc(ROPE)])
     return {
         "estimate": found.points[::10],
         "explained": [found.coverage_fraction, found.seen_radius],
