@@ -354,7 +354,8 @@ def perception() -> dict[str, Any]:
     view = simulated.view(loop(), gripper=loop()[5])
     image = add_noise(view.image, camera, noise, rng)
     labels = (view.labels, segment(image, camera, rope.radius).labels)
-    found = estimate(simulated.capture(arc(ROPE), rng), camera, rope, likely=[arc(ROPE)])
+    at_rest = SimulatedCamera(camera, ROPE, noise, Appearance.draw(rng, noise))
+    found = estimate(at_rest.capture(loop(), rng), camera, ROPE, likely=[loop()])
     return {
         "estimate": found.points[::10],
         "explained": [found.coverage_fraction, found.seen_radius],
