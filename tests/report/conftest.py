@@ -123,11 +123,13 @@ class Writer:
         """actions.csv as it is."""
         return self.table("actions", "actions.csv", ACTION_COLUMNS, rows)
 
-    def run(self, experiment: str, stages: dict[str, dict], budget: str = "paper") -> None:
+    def run(
+        self, experiment: str, stages: dict[str, dict], budget: str = "paper", **more: object
+    ) -> None:
         """run.json and config.yaml."""
         folder = self.root / experiment
         folder.mkdir(parents=True, exist_ok=True)
-        run = {"experiment": experiment, "budget": budget, "stages": stages}
+        run = {"experiment": experiment, "budget": budget, "stages": stages} | more
         (folder / "run.json").write_text(json.dumps(run))
         rope = {"length": 1.0, "radius": 0.008, "links": 40}
         config = {"rollouts": {"config": {"rope": rope}}, "searches": {"config": {}}}

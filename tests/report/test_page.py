@@ -190,3 +190,19 @@ def test_time_by_experiment_and_shared_stages_once(write):
     assert "took 2 min 0 s in 2 stages" in text
     assert "| `goals` | 1 | 1 min 30 s |" in text
     assert "| `knots` | 1 | 30 s |" in text
+
+
+def test_time_of_a_shared_stage_counts_for_the_first_experiment_of_the_report(write):
+    write.run("ablation_actor_critic", {"imitation": {"key": "i", "seconds": 60.0}})
+    write.run("single_stage", {"imitation": {"key": "i", "seconds": 60.0}})
+    text = run_times(write)
+    assert "| `single_stage` | 1 | 1 min 0 s |" in text
+    assert "ablation_actor_critic" not in text
+
+
+def test_time_by_kind(write):
+    write.run("tree_size", {"searches": {"seconds": 60.0}})
+    write.run("strand_training", {"strand_training": {"seconds": 120.0}}, ships={"a": "b"})
+    write.run("knots", {"knots": {"seconds": 30.0}})
+    text = run_times(write)
+    assert "the paper's 1 min 0 s, trainings of what ships 2 min 0 s and others 30 s" in text

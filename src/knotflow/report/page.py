@@ -298,13 +298,15 @@ def _others(results: Results) -> list[Section]:
 
 
 def timing(results: Results) -> str:
-    """The time of each experiment, every stage counted once."""
+    """The time of each experiment, every stage counted once, and of each kind of experiment."""
+    names = [name for name in SECTIONS if name in results.experiments]
+    names += [name for name in results.experiments if name not in SECTIONS]
     every = pd.DataFrame(
         [
             (name, node, made.get("key") or made.get("signature") or f"{name}/{node}",
              made["seconds"])
-            for name, found in results.experiments.items()
-            for node, made in found.stages.items()
+            for name in names
+            for node, made in results.experiments[name].stages.items()
             if made.get("seconds") is not None
         ],
         columns=["experiment", "node", "identity", "seconds"],
@@ -312,17 +314,24 @@ def timing(results: Results) -> str:
     if every.empty:
         return "No run has recorded its stages yet."
     # Of a stage that experiments share, the longest: the others found it there.
-    timed = every.loc[every.groupby("identity", sort=False)["seconds"].idxmax()]
+    timed = every.loc[every.groupby("identity", sort=False)["seconds"].idxmax()].sort_index()
+    seconds = timed.groupby("experiment", sort=False)["seconds"].agg(["size", "sum"])
+    paper = seconds.index.isin([section.experiment for section in PAPER])
+    ships = (
+        seconds.index.isin(
+            [name for name, found in results.experiments.items() if found.run.get("ships")]
+        )
+        & ~paper
+    )
+    kinds = (paper, "the paper's"), (ships, "trainings of what ships"), (~paper & ~ships, "others")
+    parts = [f"{kind} {md.duration(seconds['sum'][own].sum())}" for own, kind in kinds if own.any()]
     rows = [
-        {
-            "experiment": f"`{name}`",
-            "stages": str(len(own)),
-            "time": md.duration(own["seconds"].sum()),
-        }
-        for name, own in timed.groupby("experiment", sort=False)
+        {"experiment": f"`{name}`", "stages": str(count), "time": md.duration(spent)}
+        for name, count, spent in seconds.itertuples()
     ]
     return md.join(
-        f"All experiments took {md.duration(timed['seconds'].sum())} in {len(timed)} stages. Times "
-        "are wall-clock; a stage that several experiments share is counted once.",
+        f"All experiments took {md.duration(timed['seconds'].sum())} in {len(timed)} stages: "
+        f"{md.listed(parts)}. Times are wall-clock; a stage that several experiments share is "
+        "counted once, with the first.",
         md.table(rows),
     )
