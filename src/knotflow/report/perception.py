@@ -159,7 +159,7 @@ def tracking(results: Results, figures: Figures) -> Parts:
         for (method, level), own in tracks.groupby(["method", "level"], sort=False)
     ]
     return {
-        "figure": _over_images(figures, tracks),
+        "figure": _over_time(figures, tracks),
         "methods": md.table(rows),
     }
 
@@ -179,20 +179,25 @@ def _track_line(own: pd.DataFrame) -> dict[str, str]:
     }
 
 
-def _over_images(figures: Figures, tracks: pd.DataFrame) -> str:
-    """Mean error from image to image, a panel a level, a line a method."""
-    followed = tracks[tracks.groupby("method")["frame"].transform("nunique") > 1]
+def _over_time(figures: Figures, tracks: pd.DataFrame) -> str:
+    """Mean error over time while half of the rollouts last, a panel a level, a line a method."""
+    images = tracks.groupby(["method", "rollout"])["frame"].transform("size")
     panels = {
         f"level {level}: vertex error, mm (mean)": [
-            Line(own.groupby("frame")["mean_error_mm"].mean(), colour, TRACKERS[str(method)])
-            for colour, (method, own) in zip(
-                COLOURS, of_level.groupby("method", sort=False), strict=False
-            )
+            Line(_while_half_last(own), COLOURS[place], TRACKERS[method])
+            for place, (method, own) in enumerate(of_level.groupby("method", sort=False))
         ]
-        for level, of_level in followed.groupby("level")
+        for level, of_level in tracks[images > 1].groupby("level")
     }
-    caption = "Mean vertex error from image to image, by method and level."
-    return draw_curves(figures, "tracking", caption, panels, "image", legend=True)
+    caption = "Mean vertex error over time, by method and level, while half of the rollouts last."
+    return draw_curves(figures, "tracking", caption, panels, "seconds", legend=True)
+
+
+def _while_half_last(own: pd.DataFrame) -> pd.Series:
+    """Mean error by time, seconds."""
+    errors = own.groupby("frame")["mean_error_mm"].agg(["mean", "size"])
+    mean = errors.loc[2 * errors["size"] >= own["rollout"].nunique(), "mean"]
+    return mean.set_axis(STEP * mean.index)
 
 
 def dynamics(results: Results, _: Figures) -> Parts:
