@@ -25,13 +25,14 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from knotflow.execution import ERROR_LEVELS, FREE, LstmConfig, LstmDynamics
+from knotflow.execution import ERROR_LEVELS, FREE, LstmConfig, LstmDynamics, Twin, TwinConfig
 from knotflow.execution.step_executor import path_from_grasp
 from knotflow.perception import (
     Appearance,
     Camera,
     CameraNoiseConfig,
     SimulatedCamera,
+    Tracker,
     add_noise,
     estimate,
     segment,
@@ -366,6 +367,36 @@ def perception() -> dict[str, Any]:
     }
 
 
+def tracking() -> dict[str, Any]:
+    """A rope followed by a few gradient steps, and by more where it has moved farther."""
+    camera, rng, noise = (
+        Camera.overhead(distance=0.8),
+        np.random.default_rng(0),
+        CameraNoiseConfig(),
+    )
+    simulated = SimulatedCamera(camera, ROPE, noise, Appearance.draw(rng, noise))
+    ropes = [loop() + [moved, 0.0, 0.0] for moved in (0.004, 0.03)]
+    images = [simulated.capture(rope, rng) for rope in ropes]
+    trackers = [Tracker(camera, ROPE, loop(), lambda points, *_: points) for _ in images]
+    found = [one.update(image) for one, image in zip(trackers, images, strict=True)]
+    return {
+        "points": [one.points[::10] for one in found],
+        "explained": [one.coverage_fraction for one in found],
+    }
+
+
+def twin() -> dict[str, Any]:
+    """A rope and a gripper that differ from the nominal ones, and where the gripper gets to."""
+    made = Twin(arc(ROPE), TwinConfig(), np.random.default_rng(0))
+    robot = made.robot()
+    robot.move_to(np.array([0.1, 0.0, 0.2]), 0.3)
+    return {
+        "rope": [1e3 * made.rope.radius, made.rope.density, 1e3 * made.rope.joint_stiffness],
+        "gripper": robot.position,
+        "compute_time": made.config.compute_time,
+    }
+
+
 def execution() -> dict[str, Any]:
     """What robots do wrong, the path of a gripper that begins beside its plan, and what a network
     of given weights makes of dragged ropes."""
@@ -452,7 +483,9 @@ CASES: dict[str, Callable[[], dict[str, Any]]] = {
     "training": training,
     "planning": planning,
     "perception": perception,
+    "tracking": tracking,
     "execution": execution,
+    "twin": twin,
     "recording": recording,
 }
 

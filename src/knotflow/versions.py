@@ -30,7 +30,9 @@ COMPONENTS = {
     "training": Component(8, ("training",)),
     "planning": Component(10, ("planning",)),
     "perception": Component(13, ("perception",)),
+    "tracking": Component(1, ("perception.tracking",)),
     "execution": Component(9, ("execution",)),
+    "twin": Component(1, ("execution.twin",)),
     "recording": Component(1, ("recording",)),
 }
 """Names are independent of folders, so moving a file invalidates no stage."""

@@ -59,6 +59,31 @@ def test_track_dragged_rope():
         )
 
 
+def test_more_steps_follow_a_rope_that_few_do_not(monkeypatch):
+    monkeypatch.delattr(tracking, "estimate")  # and no search is needed
+    monkeypatch.setattr(tracking, "register", lambda predicted, *_: predicted)
+    points, moved = s_curve(), s_curve() + [0.0, 0.025, 0.0]
+    few = TrackerConfig(lost=0.0)
+    assert Tracker(CAMERA, ROPE, points, still, few).update(image(moved)).coverage_fraction < 0.8
+    found = Tracker(CAMERA, ROPE, points, still).update(image(moved))
+    assert found.coverage_fraction > 0.9 and error(found, moved) < 6e-3
+
+
+def test_image_beyond_the_prediction_is_seen_where_the_rope_reaches_there(monkeypatch):
+    seen, observed = [], tracking.observe
+
+    def observe(image, *arguments):
+        seen.append(image.depth.shape)
+        return observed(image, *arguments)
+
+    monkeypatch.setattr(tracking, "observe", observe)
+    points = s_curve() * [0.5, 0.5, 1]
+    for moved in (0.0, 0.14):
+        Tracker(CAMERA, ROPE, points, still, QUICK).update(image(points + [moved, 0, 0]))
+    near, again, whole = seen
+    assert near == again != whole == (CAMERA.height, CAMERA.width)
+
+
 def test_hidden_vertices_follow_prediction():
     points, shift = s_curve(), np.array([0.0, 0.02, 0.0])
     seen = image(points + shift)

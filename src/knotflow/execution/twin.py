@@ -73,7 +73,7 @@ class TwinConfig:
     contact_time: float = 0.02  # time constant of contacts and grasp, seconds
     reach: float = GRASP_REACH
     """Largest distance of the rope's centre line from the closing fingers, metres."""
-    compute_time: float = 0.06
+    compute_time: float = 0.09
     """Seconds after each image for which the robot stands still: tracking and control take so long
     on one core."""
     home: tuple[float, float, float] = (0.0, 0.0, 0.3)  # the gripper's first position, metres

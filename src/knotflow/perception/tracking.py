@@ -1,5 +1,6 @@
 """A rope followed from image to image (Sec. VI): predicted, registered to its points, and fitted by
-a few gradient steps on a grid coarser than the image. A lost rope is estimated from the image.
+a few gradient steps on a grid coarser than the image, or by more in the image where these do not
+do. A lost rope is estimated from the image.
 """
 
 from __future__ import annotations
@@ -44,6 +45,7 @@ _POINTS = 400  # of the rope's image that the prediction is registered to
 # from sliding along itself; and of the held link's place in the gripper.
 _HIDDEN, _VISIBLE, _HELD = 0.2, 0.02, 0.1
 _UNIT = 0.01  # metres, by which distances from the prediction are measured
+_AROUND = 0.1  # metres around the prediction within which the rope is looked for
 
 
 @dataclass
@@ -116,13 +118,17 @@ class Tracker:
         # A model knows how far behind the gripper its link is.
         towards = None if held is None else gripper
         predicted = self._predict(self.points, self.velocities, seconds, towards, grasped)
-        target = replace(observe(image, self.camera, self.rope), seen_radius=self._seen_radius)
+        near, target = self._observe(image, predicted)
         coarse = target.coarse(predicted)
         shape = predicted
         if bool(target.mask.any()):
-            registered = register(predicted, rope_points(image, target), self.rope)
-            known = target.known.numpy()[self.camera.nearest_pixels(registered)]
-            shape = self._fit(registered, known, coarse, held, grasped)
+            registered = register(predicted, rope_points(near, target), self.rope)
+            known = target.known.numpy()[target.camera.nearest_pixels(registered)]
+            shape = self._fit(registered, known, coarse, self.config.fit, held, grasped)
+            if coverage_fraction(shape, target) < self.config.lost:  # after these few steps
+                known = target.known.numpy()[target.camera.nearest_pixels(predicted)]
+                more = self.config.estimate.fit
+                shape = self._fit(predicted, known, target, more, held, grasped)
         shape, crossings = self._crossings.update(shape, coarse, self.config.fit)
         if self._seen_radius is None:
             self._seen_radius = measure_radius(shape, target)
@@ -148,7 +154,7 @@ class Tracker:
         ambiguities = list_ambiguities(state, crossings, fraction, target)
         return RopeEstimate(
             shape.copy(),
-            visible_vertices(shape, target.mask.numpy(), image, self.camera, self.rope),
+            visible_vertices(shape, target.mask.numpy(), near, target.camera, self.rope),
             state,
             crossings,
             fraction,
@@ -165,16 +171,38 @@ class Tracker:
         self._crossings = CrossingMemory.of(found.crossings)
         self._seen_radius = found.seen_radius
 
+    def _observe(self, image: RgbdImage, predicted: Floats) -> tuple[RgbdImage, Target]:
+        """What the part of the image around a predicted rope (V, 3) says of it, with that part; all
+        of the image where rope reaches the part's border.
+
+        Raises:
+            ImageError: an image of another size.
+        """
+        image.check(self.camera)
+        u, v, _ = np.nan_to_num(self.camera.project(predicted)).T
+        margin = _AROUND / self._resolution
+        rows, columns = (
+            slice(max(0, int(one.min() - margin)), max(1, int(one.max() + margin)))
+            for one in (v, u)
+        )
+        for part in ((rows, columns), (slice(None), slice(None))):
+            near = RgbdImage(image.rgb[part], image.depth[part], image.time)
+            target = observe(near, self.camera.cropped(*part), self.rope)
+            if not target.leaves_image:
+                break
+        return near, replace(target, seen_radius=self._seen_radius)
+
     def _fit(
         self,
         predicted: Floats,
         known: NDArray[np.bool_],
-        coarse: Target,
+        target: Target,
+        config: FitConfig,
         held: Floats | None,
         grasped: int | None,
     ) -> Floats:
-        """The shape near the prediction that accounts for the coarse image, which says something
-        of the vertices that are `known` (V,)."""
+        """The shape near the prediction that accounts for a target, in which something is seen of
+        the vertices that are `known` (V,)."""
         trust = np.where(known, _VISIBLE, _HIDDEN)
         weight, expected = torch.as_tensor(trust), torch.as_tensor(predicted)
 
@@ -186,7 +214,7 @@ class Tracker:
                 loss = loss + _HELD / len(points) * apart.square().sum()
             return loss
 
-        return fit(predicted, coarse, self.config.fit, off_prediction)
+        return fit(predicted, target, config, off_prediction)
 
     def _reacquire(
         self, image: RgbdImage, fraction: float, predicted: Floats
