@@ -84,6 +84,12 @@ def test_image_beyond_the_prediction_is_seen_where_the_rope_reaches_there(monkey
     assert near == again != whole == (CAMERA.height, CAMERA.width)
 
 
+@pytest.mark.parametrize("aside", [[2.0, 0, 0], [-2.0, 0, 0], [0, 2.0, 0], [0, -2.0, 0]])
+def test_prediction_beyond_the_image_does_not_lose_the_rope(aside):
+    tracker = Tracker(CAMERA, ROPE, s_curve(), lambda now, *_: now + aside, QUICK)
+    assert error(tracker.update(image(s_curve())), s_curve()) < 6e-3
+
+
 def test_hidden_vertices_follow_prediction():
     points, shift = s_curve(), np.array([0.0, 0.02, 0.0])
     seen = image(points + shift)

@@ -123,12 +123,10 @@ class Tracker:
         shape = predicted
         if bool(target.mask.any()):
             registered = register(predicted, rope_points(near, target), self.rope)
-            known = target.known.numpy()[target.camera.nearest_pixels(registered)]
-            shape = self._fit(registered, known, coarse, self.config.fit, held, grasped)
+            shape = self._fit(registered, target, coarse, self.config.fit, held, grasped)
             if coverage_fraction(shape, target) < self.config.lost:  # after these few steps
-                known = target.known.numpy()[target.camera.nearest_pixels(predicted)]
                 more = self.config.estimate.fit
-                shape = self._fit(predicted, known, target, more, held, grasped)
+                shape = self._fit(predicted, target, target, more, held, grasped)
         shape, crossings = self._crossings.update(shape, coarse, self.config.fit)
         if self._seen_radius is None:
             self._seen_radius = measure_radius(shape, target)
@@ -173,13 +171,14 @@ class Tracker:
 
     def _observe(self, image: RgbdImage, predicted: Floats) -> tuple[RgbdImage, Target]:
         """What the part of the image around a predicted rope (V, 3) says of it, with that part; all
-        of the image where rope reaches the part's border.
+        of the image where rope reaches the part's border, or none is there.
 
         Raises:
             ImageError: an image of another size.
         """
         image.check(self.camera)
-        u, v, _ = np.nan_to_num(self.camera.project(predicted)).T
+        size = self.camera.width - 1, self.camera.height - 1
+        u, v = np.nan_to_num(self.camera.project(predicted)[:, :2]).clip(0, size).T
         margin = _AROUND / self._resolution
         rows, columns = (
             slice(max(0, int(one.min() - margin)), max(1, int(one.max() + margin)))
@@ -188,21 +187,22 @@ class Tracker:
         for part in ((rows, columns), (slice(None), slice(None))):
             near = RgbdImage(image.rgb[part], image.depth[part], image.time)
             target = observe(near, self.camera.cropped(*part), self.rope)
-            if not target.leaves_image:
+            if bool(target.mask.any()) and not target.leaves_image:
                 break
         return near, replace(target, seen_radius=self._seen_radius)
 
     def _fit(
         self,
         predicted: Floats,
-        known: NDArray[np.bool_],
         target: Target,
+        grid: Target,
         config: FitConfig,
         held: Floats | None,
         grasped: int | None,
     ) -> Floats:
-        """The shape near the prediction that accounts for a target, in which something is seen of
-        the vertices that are `known` (V,)."""
+        """The shape near the prediction that accounts for the target, fitted on a grid as fine or
+        coarser."""
+        known = target.known.numpy()[target.camera.nearest_pixels(predicted)]
         trust = np.where(known, _VISIBLE, _HIDDEN)
         weight, expected = torch.as_tensor(trust), torch.as_tensor(predicted)
 
@@ -214,7 +214,7 @@ class Tracker:
                 loss = loss + _HELD / len(points) * apart.square().sum()
             return loss
 
-        return fit(predicted, target, config, off_prediction)
+        return fit(predicted, grid, config, off_prediction)
 
     def _reacquire(
         self, image: RgbdImage, fraction: float, predicted: Floats
