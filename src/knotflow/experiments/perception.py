@@ -236,6 +236,7 @@ def perception(
     levels: list[float],
     crossings: list[int],
     per_crossings: int,
+    compared: int,
     distance: float = 0.8,
     seed: int,
 ) -> None:
@@ -245,7 +246,8 @@ def perception(
 
     `per_crossings` ropes of each number of `crossings`, each seen at every level of noise from
     `distance`, metres, above: from 0.8 m a rope of 4 mm is two pixels wide. Methods other than
-    the complete one are compared at the nominal level only.
+    the complete one are compared at the nominal level only, on the first `compared` ropes of each
+    number of crossings.
 
     Raises:
         ValueError: no rope of a number of crossings.
@@ -262,7 +264,7 @@ def perception(
             noise = replace(camera_noise, level=level)
             simulated = SimulatedCamera(camera, own, noise, Appearance.draw(rng, noise))
             image = simulated.capture(truth, rng)
-            for method in METHODS if level == NOMINAL else (FULL,):
+            for method in METHODS if level == NOMINAL and number < compared else (FULL,):
                 began = time.process_time()
                 found = estimate_by(method, image, camera, own, estimate, trained)
                 seconds = time.process_time() - began
