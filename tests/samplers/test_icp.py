@@ -1,10 +1,12 @@
 """ICP: alignment, weights, and Gaussians that move along."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from knotflow.samplers import IcpConfig, IcpSampler
-from knotflow.samplers.icp import align
+from knotflow.samplers.icp import AUTHORS_STD, align
 from knotflow.simulation import RopeConfig, Trials, random_curve
 from knotflow.topology import TopologicalState, parse_action
 
@@ -101,6 +103,22 @@ def test_only_successes_count(rng):
     )
     sampler = IcpSampler({R1: [mixed]}, IcpConfig())
     np.testing.assert_allclose(sampler.sample(shape, R1, 10, rng), 0.1, atol=1e-3)
+
+
+def test_as_coded_demonstrated_splines_are_interpolated_with_fixed_noise(rng):
+    shape, by = random_curve(ROPE, rng), motion(0.7, 0.05, -0.04)
+    mean = np.array([0.5, 0.1, 0.05, 0.12, -0.1, 0.0])
+    (shown,) = trials([shape], [mean], scale=0.02, count=400)[R1]
+    failed = replace(shown, success=shown.splines[:, 0] > 0.52)
+    sampler = IcpSampler({R1: [failed]}, IcpConfig(authors=True))
+    splines = sampler.sample(moved(shape, by), R1, 4000, rng)
+    assert splines[:, 0].mean() == pytest.approx(0.5, abs=0.003)
+    np.testing.assert_allclose(
+        splines[:, 1:3].mean(axis=0), by[:2, :2] @ mean[1:3] + by[:2, 2], atol=0.006
+    )
+    np.testing.assert_allclose(
+        splines[:, [0, 1, 2, 4, 5]].std(axis=0), AUTHORS_STD[[0, 1, 2, 4, 5]], rtol=0.06
+    )
 
 
 def test_an_action_without_demonstration_is_refused(rng):

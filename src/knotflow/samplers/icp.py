@@ -21,6 +21,9 @@ from knotflow.topology.polyline import Floats
 
 NODES = 64
 """Vertices of the authors' rope; distances are sums over so many."""
+AUTHORS_STD = np.array([0.03, 0.05, 0.05, 0.05, 0.05, 0.05])
+"""Standard deviations (6,) of the grasp, a fraction of the rope's length, and the other numbers of
+a spline, metres."""
 
 
 @dataclass
@@ -29,6 +32,9 @@ class IcpConfig:
 
     scale: float = 0.2
     """Distance over which a weight falls by e, m^2; see `align`."""
+    authors: bool = False
+    """As in the authors' code: the demonstrated splines are interpolated, with fixed deviations
+    `AUTHORS_STD`, in place of the Gaussians of what succeeds of their copies (Sec. VII-A2)."""
 
 
 class IcpSampler:
@@ -36,7 +42,8 @@ class IcpSampler:
 
     def __init__(self, trials: Mapping[Action, Sequence[Trials]], config: IcpConfig) -> None:
         self.config = config
-        self._gaussians = {action: _fit(some) for action, some in trials.items()}
+        fit = _fit_copies if config.authors else _fit
+        self._gaussians = {action: fit(some) for action, some in trials.items()}
 
     def sample(
         self, points: Floats, action: Action, count: int, rng: np.random.Generator
@@ -87,6 +94,11 @@ def _fit(trials: Sequence[Trials]) -> list[tuple[Floats, Floats, Floats]]:
         for points, splines in successes
         if len(splines) > 1
     ]
+
+
+def _fit_copies(trials: Sequence[Trials]) -> list[tuple[Floats, Floats, Floats]]:
+    """Each rope (V, 3), the mean of all copies of its spline, and `AUTHORS_STD` as covariance."""
+    return [(one.points[0], one.splines.mean(axis=0), np.diag(AUTHORS_STD**2)) for one in trials]
 
 
 def _carry(mean: Floats, covariance: Floats, motion: Floats) -> tuple[Floats, Floats]:

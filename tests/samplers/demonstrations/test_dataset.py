@@ -54,6 +54,11 @@ def test_what_is_saved_is_read_back(shipped, tmp_path):
         assert np.array_equal(one.spline, other.spline)
 
 
+def test_output_of_the_demonstrator_is_read(shipped, tmp_path):
+    save_demonstrations(tmp_path / "scripted.jsonl", shipped[:2])
+    assert [one.task for one in load_demonstrations(tmp_path)] == [one.task for one in shipped[:2]]
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

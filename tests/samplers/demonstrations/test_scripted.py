@@ -38,6 +38,16 @@ def test_a_demonstration_bears_its_noise(simulator, rng):
     assert followers == len(scripted.next_actions(one, rng)) * config.room_guesses
 
 
+def test_without_iterations_the_first_success_is_kept(simulator, rng):
+    points, one = straight(simulator.config.rope), task("R1(0,1,1)")
+    seen = []
+    config = DemonstratorConfig(iterations=0, least_share=0.0, room_guesses=1)
+    found = Demonstrator(one, simulator, rng, config, observe=seen.append).demonstrate(points)
+    hits = np.concatenate([tried.splines[tried.success] for tried in seen if len(tried) == 32])
+    np.testing.assert_allclose(found.spline, hits[0], atol=1e-6)
+    assert succeed(points, found.spline[None], one, simulator).all()
+
+
 def test_no_hit_is_no_demonstration(simulator, rng, monkeypatch):
     """A demonstrator whose every guess leaves the rope alone has nothing to show."""
     points = straight(simulator.config.rope)

@@ -168,14 +168,16 @@ def merge_demonstrations(paths: Sequence[Path]) -> list[Demonstration]:
 
 
 def load_demonstrations(path: Path = SHIPPED) -> list[Demonstration]:
-    """The demonstrations of a file.
+    """The demonstrations of a file, or of the output of a `demonstrator` stage.
 
     Raises:
         DemonstrationError: a line cannot be used; names it, and says why.
     """
-    demonstrations = []
+    demonstrations, path = [], Path(path)
+    if path.is_dir():
+        path /= SHIPPED.name
     try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8").splitlines()
     except UnicodeDecodeError as error:
         raise DemonstrationError(f"{path}: not UTF-8 text: {error}") from None
     for number, line in enumerate(lines, 1):

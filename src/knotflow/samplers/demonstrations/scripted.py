@@ -58,7 +58,7 @@ class DemonstratorConfig:
     wide: int = 8
     """Splines simulated beside them, as widely spread as the successes so far."""
     iterations: int = 3
-    """Iterations of the search, each with one candidate."""
+    """Iterations of the search, each with one candidate; with 0, the first success is kept."""
     finalists: int = 2
     """Candidates whose clearance is measured."""
     room_guesses: int = 12
@@ -172,9 +172,12 @@ class Demonstrator:
             return None
         first_ends = np.concatenate([one.rollouts.end_points[one.success] for one in hits])
         rope = self.simulator.config.rope
-        mean, spread = _fit(larger_loops(first, first_ends, rope), config.noise)
+        if config.iterations:
+            mean, spread = _fit(larger_loops(first, first_ends, rope), config.noise)
+        else:
+            mean, spread = first[0], config.noise.scale
         candidates = []
-        for _ in range(config.iterations):
+        for _ in range(config.iterations or 1):
             spline = np.round(clip_splines(mean), 6)  # as a file holds it
             copies = noisy_copies(spline, config.samples, rng, config.noise)
             wide = clip_splines(rng.normal(mean, spread, (config.wide, 6)))

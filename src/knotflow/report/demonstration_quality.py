@@ -1,0 +1,66 @@
+"""What Fig. 6 and the trees owe to the demonstrations: refined or plain, and how ICP reads them."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from knotflow.report import markdown as md
+from knotflow.report.branches import SIZE_TABLE, STARTS
+from knotflow.report.rates import Rates, read_rates
+from knotflow.report.results import Results
+from knotflow.report.searches import count, median_size, read_searches, select, sizes
+from knotflow.report.section import Figures, Parts
+from knotflow.report.single_stage import SINGLE
+
+EXPERIMENT = "demonstration_quality"
+FEW = ("R1(0,1,1)", "R2(0,0,1,1)")
+"""The actions with one demonstration each, on which the paper's imitation is far above ICP."""
+ROWS = (
+    ("refined", "ICP", SINGLE, "icp"),
+    ("refined", "ICP as coded", EXPERIMENT, "icp_authors_refined"),
+    ("refined", "imitation", SINGLE, "imitation"),
+    ("plain", "ICP", EXPERIMENT, "icp"),
+    ("plain", "ICP as coded", EXPERIMENT, "icp_authors"),
+    ("plain", "imitation", EXPERIMENT, "imitation"),
+)
+"""Demonstrations, method, the experiment that ran it, and what its tables call it."""
+
+
+def demonstration_quality(results: Results, _: Figures) -> Parts:
+    """Methods on either kind of demonstrations: success rates, and the largest trees."""
+    rates = {name: read_rates(results, name) for name in (EXPERIMENT, SINGLE)}
+    trees = {
+        EXPERIMENT: read_searches(results, EXPERIMENT, *SIZE_TABLE[1:]),
+        SINGLE: read_searches(results, *SIZE_TABLE),
+    }
+    lines = []
+    for demonstrations, method, where, name in ROWS:
+        found = rates[where]
+        if name in found.methods:
+            line = {"demonstrations": demonstrations, "method": method}
+            line["mean of eight"] = md.percent(found.mean(name))
+            line |= {f"`{action}`": md.percent(found.interval(name, action)) for action in FEW}
+            line |= {f"kept, {s}": _kept(select(trees[where], name, s)) for s in STARTS}
+            lines.append(line)
+    return {"table": md.table(lines), "better": _better(rates[EXPERIMENT])}
+
+
+def _kept(searches: pd.DataFrame) -> str:
+    """Range and median of the splines kept."""
+    if searches.empty:
+        return md.NOTHING
+    kept = sizes(searches)
+    middle = median_size(searches).estimate
+    return f"{count(kept.min())} to {count(kept.max())}, median {count(middle)}"
+
+
+def _better(rates: Rates) -> str:
+    """On how many actions imitation is above ICP with plain demonstrations."""
+    parts = []
+    for base, label in (("icp", "ICP"), ("icp_authors", "ICP as coded")):
+        shared = rates.shared_actions("imitation", base)
+        ratios = {action: rates.ratio("imitation", base, action) for action in shared}
+        better = sum(ratio.estimate > 1 for ratio in ratios.values())
+        few = md.listed([f"{md.times(ratios[action])} on `{action}`" for action in FEW])
+        parts.append(f"{label} on {better} of {len(ratios)} actions ({few})")
+    return f"With plain demonstrations imitation is above {md.listed(parts)}."

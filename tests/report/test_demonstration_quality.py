@@ -1,0 +1,47 @@
+"""Methods on plain and refined demonstrations, side by side."""
+
+from __future__ import annotations
+
+from knotflow.report.page import SECTIONS
+from knotflow.report.results import Results
+from knotflow.report.section import Figures
+
+TREES = [(start, seed) for start in ("straight", "arc") for seed in range(4)]
+
+
+def body(write):
+    results = Results(write.root)
+    return SECTIONS["demonstration_quality"].body(results, Figures(results))
+
+
+def made(write, rate_counts, experiment, names):
+    """Rates of 0.5 for imitation, as the paper has them for ICP, and trees of 3 to 6 splines."""
+    counts = {
+        (name, action): (50 if name == "imitation" else successes, 100)
+        for name in names
+        for (_, action), (successes, _) in rate_counts(("icp",)).items()
+    }
+    write.rates(experiment, counts)
+    rows = [(name, start, seed, 3 + seed, True, 1.0) for name in names for start, seed in TREES]
+    write.searches(experiment, "method", rows)
+    if experiment == "single_stage":
+        write.searches("tree_size", "method", rows)
+
+
+def test_either_kind_of_demonstrations_is_shown(write, rate_counts):
+    made(write, rate_counts, "single_stage", ("icp", "imitation"))
+    names = ("icp", "icp_authors", "imitation", "icp_authors_refined")
+    made(write, rate_counts, "demonstration_quality", names)
+    lines = [line for line in body(write).splitlines() if line.startswith("| ")][2:]
+    firsts = [tuple(cell.strip() for cell in line.split("|")[1:3]) for line in lines]
+    methods = ("ICP", "ICP as coded", "imitation")
+    assert firsts == [(kind, one) for kind in ("refined", "plain") for one in methods]
+    assert "| 3 to 6, median 4.5 | 3 to 6, median 4.5 |" in lines[0]
+    assert "50.0 %" in lines[2] and "With plain demonstrations imitation is above ICP on" in body(
+        write
+    )
+
+
+def test_refined_demonstrations_are_needed_beside_the_plain_ones(write, rate_counts):
+    made(write, rate_counts, "demonstration_quality", ("icp",))
+    assert body(write) is None
