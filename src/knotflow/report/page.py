@@ -54,15 +54,15 @@ PAPER = (
     Section("demonstrator", ropes.demonstrations),
     Section("single_stage", single_stage.single_stage, single_stage.SINGLE_STAGE_CLAIMS),
     Section("tree_size", branches.tree_size, branches.SIZE_CLAIMS),
-    Section("demonstration_quality", demonstration_quality.demonstration_quality),
     Section("ablation_actor_critic", single_stage.ablation, single_stage.ABLATION_CLAIMS),
-    Section("learning_options", single_stage.options),
     Section("joint_finetuning", branches.joint_finetuning, branches.JOINT_CLAIMS),
     Section("causal_infogan", causal_infogan.causal_infogan, causal_infogan.CLAIMS),
     Section("pentagram", knots.pentagram, (knots.PENTAGRAM_CLAIM,)),
 )
 """In the order of the paper. To add one: write its parts, and its words in sections.md."""
 FURTHER = (
+    Section("demonstration_quality", demonstration_quality.demonstration_quality),
+    Section("learning_options", single_stage.options),
     Section("library_training", training.library),
     Section("knots", knots.knots),
     Section("goals", knots.goals),
