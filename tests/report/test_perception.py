@@ -22,7 +22,7 @@ def results(tmp_path):
             "method": method, "noise": noise, "crossings": crossings, "rope": rope,
             "mean_error_mm": 2.0 + rope, "off_curve_error_mm": 1.0,
             "state_correct": int(rope != 2), "head_correct": 1, "doubtful": int(rope == 2),
-            "seconds": 3.0,
+            "diameter_mm": (4.0, 10.0, 25.0)[rope], "seconds": 3.0,
         }
         for method in ("network_rendering", "full")
         for noise in (0.0, 1.0) for crossings in (0, 3, 5) for rope in range(3)
@@ -62,6 +62,12 @@ def test_accuracy_of_unambiguous_estimates(results):
     assert "by the complete method is 100.0 % (" in text
 
 
+def test_accuracy_by_diameter(results):
+    text = body("perception", results)
+    assert "by diameter is 100.0 % (61.0 to 100.0) for 4 to 8 mm, 100.0 %" in text
+    assert "0.0 % (0.0 to 39.0) for 14 to 25 mm" in text
+
+
 def test_plans_from_estimates_and_from_true_ropes(results):
     rows = [
         {
@@ -85,13 +91,23 @@ def test_every_method_and_controller_is_shown():
 @pytest.mark.slow
 def test_older_methods_are_not_shown(results):
     path = results.root / "perception" / "estimates.csv"
-    assert "older" not in body("perception", results)
-    table = pd.read_csv(path).replace("full", "network_tracing_rendering_fine")
+    table = pd.read_csv(path)
     other = table[table["method"] == "network_rendering"].assign(method="rendering_poor_start")
     pd.concat([table, other]).to_csv(path, index=False)
     text = body("perception", Results(results.root))
     assert "| complete | 1 | 0 to 3 |" in text and "poor" not in text
-    assert "an older set of methods" in text
+
+
+def test_ablations_are_compared_on_the_same_ropes(results):
+    path = results.root / "perception" / "estimates.csv"
+    table = pd.read_csv(path)
+    table = table[(table["method"] == "full") | (table["rope"] > 0)]
+    table.to_csv(path, index=False)
+    lines = body("perception", Results(results.root)).splitlines()
+    (line,) = [one for one in lines if one.startswith("| network + rendering | 1 | 0 to 3 |")]
+    assert "| 4 |" in line and "| 2 of 4 |" in line
+    (line,) = [one for one in lines if one.startswith("| complete | 1 | 0 to 3 |")]
+    assert "| 6 |" in line and "| 4 of 6 |" in line
 
 
 @pytest.mark.slow

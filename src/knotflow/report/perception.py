@@ -14,7 +14,7 @@ from knotflow.statistics import bootstrap
 
 EXPERIMENT = "perception"
 COLUMNS = {"method": str, "noise": float, "crossings": int, "rope": int, "seconds": float}
-COLUMNS |= dict.fromkeys(("mean_error_mm", "off_curve_error_mm"), float)
+COLUMNS |= dict.fromkeys(("mean_error_mm", "off_curve_error_mm", "diameter_mm"), float)
 COLUMNS |= dict.fromkeys(("state_correct", "head_correct", "doubtful"), bool)
 KEY = ("method", "noise", "crossings", "rope")
 PLANS = {"rope": str, "planned_from": str, "planned": bool, "tied": bool}
@@ -30,7 +30,6 @@ METHODS = {
     "full_without_depth": "complete, without depth",
 }
 """Methods and what the report calls them; others, of older results, are not shown."""
-FORMERLY = {"network_tracing_rendering_fine": FULL}  # in results of version 0.2.0
 
 TRACKS = {"method": str, "level": int, "action": str, "rollout": str, "frame": int}
 TRACKS |= {"mean_error_mm": float, "seconds": float}
@@ -51,12 +50,10 @@ ERRORS = {"model": str, "level": int, "steps": int, "motions": int, "mean_error_
 def perception(results: Results, figures: Figures) -> Parts:
     """Accuracy by crossings, the table of methods, ambiguity, and plans from estimates."""
     table = results.table(EXPERIMENT, "estimates.csv", COLUMNS, KEY)
-    table["method"] = table["method"].replace(FORMERLY)
-    known = table["method"].isin(METHODS)
-    others, table = table.loc[~known, "method"].nunique(), table[known]
+    table = table[table["method"].isin(METHODS)]
     own = table[table["method"] == FULL]
     lines = [
-        _line(str(method), noise, some)
+        _line(str(method), noise, some, own)
         for (method, noise), every in table.groupby(["method", "noise"], sort=False)
         for low, high in GROUPS
         if len(some := every[every["crossings"].between(low, high)])
@@ -64,9 +61,6 @@ def perception(results: Results, figures: Figures) -> Parts:
     return {
         "figure": _by_crossings(figures, own),
         "methods": md.table(lines),
-        "older": f"These estimates are of an older set of methods: {others} others are not shown."
-        if others
-        else "",
         "unambiguous": _unambiguous(own),
         "diameters": _diameters(own),
         "example": figures.own(
@@ -83,8 +77,10 @@ def _mean(errors: pd.Series) -> str:
     return md.estimate(bootstrap(errors)) if len(errors) else md.NOTHING
 
 
-def _line(method: str, noise: float, some: pd.DataFrame) -> dict[str, str]:
+def _line(method: str, noise: float, some: pd.DataFrame, full: pd.DataFrame) -> dict[str, str]:
+    """A method's estimates `some` at one level of noise, beside those of the complete method."""
     wrong = some[~some["state_correct"]]
+    same = some.merge(full, on=["noise", "crossings", "rope"], suffixes=("", "_full"))
     return {
         "method": METHODS[method],
         "noise": f"{noise:g}",
@@ -93,6 +89,7 @@ def _line(method: str, noise: float, some: pd.DataFrame) -> dict[str, str]:
         "vertex error, mm": _mean(some["mean_error_mm"]),
         "curve error, mm": _mean(some["off_curve_error_mm"]),
         "state accuracy": md.rate(some["state_correct"]),
+        "complete": f"{same['state_correct_full'].sum()} of {len(same)}",
         "flagged": f"{wrong['doubtful'].sum()} of {len(wrong)}",
         "head accuracy": md.rate(some["head_correct"]),
         "CPU time": f"{some['seconds'].median():.1f} s",
@@ -114,13 +111,12 @@ def _unambiguous(shown: pd.DataFrame) -> str:
 
 
 def _diameters(shown: pd.DataFrame) -> str:
-    """State accuracy by diameter at all levels of noise; '' for ropes of one diameter."""
-    if "diameter_mm" not in shown:
-        return ""
+    """State accuracy by diameter at all levels of noise."""
+    names = [f"{low} to {high} mm" for low, high in itertools.pairwise(DIAMETERS)]
+    groups = pd.cut(shown["diameter_mm"], DIAMETERS, labels=names, include_lowest=True)
     parts = [
-        f"{md.rate(own['state_correct'])} for {low} to {high} mm"
-        for low, high in itertools.pairwise(DIAMETERS)
-        if len(own := shown[shown["diameter_mm"].between(low, high, inclusive="left")])
+        f"{md.rate(own['state_correct'])} for {name}"
+        for name, own in shown.groupby(groups, observed=True)
     ]
     return f"The state accuracy of the complete method by diameter is {md.listed(parts)}."
 
