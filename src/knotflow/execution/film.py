@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from knotflow.execution.twin import Twin
     from knotflow.perception import Camera, CameraNoiseConfig, RgbdImage
 
-FRAME_STRIDE = 2  # of so many images one is kept
+FRAME_STRIDE = 4  # of so many images one is kept
 JPEG_QUALITY = 60
 REFERENCE_COLOUR, TRACKED_COLOUR = "#ffd33d", "#ffffff"  # of the rope
 MARGIN = 0.15  # of what is drawn, around the ropes

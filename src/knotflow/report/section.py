@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,12 +15,11 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
-from PIL import Image
 
 from knotflow.report import markdown as md
 from knotflow.report.results import NotMeasured, Results
 from knotflow.statistics import Interval
-from knotflow.viz.style import INK, PNG_DPI, WIDTH, styled
+from knotflow.viz.style import INK, WIDTH, png, styled
 
 COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#8a8f98")
 """The Okabe-Ito palette, and a grey."""
@@ -108,16 +106,6 @@ class Figures:
         self._count += 1
         alt = re.split(r"(?<!Fig)\. ", caption.replace("`", ""))[0].rstrip(".")
         return f"![{alt}]({path})\n\n*Figure {self._count}. {caption}*"
-
-
-def png(figure: Figure) -> bytes:
-    """The figure with 256 colours and no date or version, so that it is the same each time."""
-    drawn, small = io.BytesIO(), io.BytesIO()
-    figure.savefig(drawn, format="png", dpi=PNG_DPI, metadata={"Software": None})
-    image = Image.open(drawn).convert("RGB")
-    image = image.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-    image.save(small, "PNG", optimize=True)
-    return small.getvalue()
 
 
 def per_cent(axis: Axis) -> None:

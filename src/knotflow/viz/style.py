@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -82,10 +83,28 @@ def styled() -> Iterator[None]:
 
 
 def save_figure(figure: Figure, path: Path, dpi: int = PNG_DPI) -> None:
-    """Write a figure in our style, an SVG without its date. The suffix sets the format."""
-    metadata = {"Date": None} if Path(path).suffix == ".svg" else {}
+    """Write a figure in our style: a PNG as by `png`, an SVG without its date.
+
+    The suffix sets the format.
+    """
+    suffix = Path(path).suffix
     with styled():
-        figure.savefig(path, dpi=dpi, metadata=metadata)
+        if suffix == ".png":
+            Path(path).write_bytes(png(figure, dpi))
+        else:
+            figure.savefig(path, dpi=dpi, metadata={"Date": None} if suffix == ".svg" else {})
+
+
+def png(figure: Figure, dpi: int = PNG_DPI) -> bytes:
+    """The figure with 256 colours and no date or version, so that it is the same each time."""
+    from PIL import Image  # slow to import
+
+    drawn, small = io.BytesIO(), io.BytesIO()
+    figure.savefig(drawn, format="png", dpi=dpi, metadata={"Software": None})
+    image = Image.open(drawn).convert("RGB")
+    image = image.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    image.save(small, "PNG", optimize=True)
+    return small.getvalue()
 
 
 def inches(figure: Figure) -> Axes:
