@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import pandas as pd
-
 from knotflow.report import markdown as md
 from knotflow.report.branches import SIZE_TABLE, STARTS
 from knotflow.report.rates import Rates, read_rates
 from knotflow.report.results import Results
-from knotflow.report.searches import count, median_size, read_searches, select, sizes
+from knotflow.report.searches import effort, read_searches, select
 from knotflow.report.section import Figures, Parts
 from knotflow.report.single_stage import SINGLE
 
@@ -40,18 +38,11 @@ def demonstration_quality(results: Results, _: Figures) -> Parts:
             line = {"demonstrations": demonstrations, "method": method}
             line["mean of eight"] = md.percent(found.mean(name))
             line |= {f"`{action}`": md.percent(found.interval(name, action)) for action in FEW}
-            line |= {f"kept, {s}": _kept(select(trees[where], name, s)) for s in STARTS}
+            for start in STARTS:
+                own = select(trees[where], name, start)
+                line[start] = md.NOTHING if own.empty else effort(own)[0]
             lines.append(line)
     return {"table": md.table(lines), "better": _better(rates[EXPERIMENT])}
-
-
-def _kept(searches: pd.DataFrame) -> str:
-    """Range and median of the splines kept."""
-    if searches.empty:
-        return md.NOTHING
-    kept = sizes(searches)
-    middle = median_size(searches).estimate
-    return f"{count(kept.min())} to {count(kept.max())}, median {count(middle)}"
 
 
 def _better(rates: Rates) -> str:
