@@ -44,6 +44,8 @@ class Interval:
 
 def wilson(successes: int, trials: int) -> Interval:
     """Wilson score interval of a success rate; ValueError for more successes than trials."""
+    if not 0 <= successes <= trials or trials == 0:
+        raise ValueError(f"{successes} of {trials}: successes must be 0 to trials, and trials > 0")
     limits = stats.binomtest(int(successes), int(trials)).proportion_ci(LEVEL, method="wilson")
     return Interval(float(successes / trials), float(limits.low), float(limits.high))
 

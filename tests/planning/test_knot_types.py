@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from knotflow.__main__ import HOME
 from knotflow.planning import KnotPlan
 from knotflow.topology import TopologicalState, knot
 from knotflow.topology.draw import draw
 
 from .knot_types import closed_curve, expected_type, knot_type
 
+REPOSITORY = Path(__file__).parents[2]
 TYPES = {
     "unknot": {"0_1"},
     "overhand": {"+3_1", "-3_1"},
@@ -54,7 +54,7 @@ def test_tied_rope_has_type_of_its_state(plan):
 
 @pytest.mark.slow
 def test_committed_plan_has_type_of_its_state():
-    text = (HOME / "results" / "overhand" / "plan.json").read_text("utf-8")
+    text = (REPOSITORY / "results" / "overhand" / "plan.json").read_text("utf-8")
     plan = KnotPlan.from_json(text)
     assert plan.solved
     assert knot_type(plan.shapes[-1]) == expected_type(plan.states[-1]) != "0_1"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from knotflow.report.page import SECTIONS
 from knotflow.report.results import Results
 from knotflow.report.section import Figures
+from knotflow.report.single_stage import imitation_not_over_icp
 
 TREES = [(start, seed) for start in ("straight", "arc") for seed in range(4)]
 
@@ -45,3 +46,14 @@ def test_either_kind_of_demonstrations_is_shown(write, rate_counts):
 def test_refined_demonstrations_are_needed_beside_the_plain_ones(write, rate_counts):
     made(write, rate_counts, "demonstration_quality", ("icp",))
     assert body(write) is None
+
+
+def test_imitations_claim_says_how_it_is_from_plain_demonstrations(write, rate_counts):
+    made(write, rate_counts, "single_stage", ("icp", "imitation"))
+    results = Results(write.root)
+    alone = imitation_not_over_icp(results)
+    assert alone.startswith("not higher on") and "plain" not in alone
+    made(write, rate_counts, "demonstration_quality", ("icp", "imitation"))
+    higher = sum(hits < 50 for hits, _ in rate_counts(("icp",)).values())
+    found = imitation_not_over_icp(Results(write.root))
+    assert found.startswith(alone) and found.endswith(f"higher on {higher} of 8")

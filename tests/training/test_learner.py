@@ -10,6 +10,7 @@ from tensordict import TensorDict
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from knotflow.samplers.primitives import Actor, Critic, NetworkConfig, Primitive, encode
+from knotflow.threads import one_thread
 from knotflow.topology import parse_action
 from knotflow.training import LearnerConfig
 from knotflow.training.buffers import TransitionBuffer
@@ -85,8 +86,9 @@ def test_learning_rate_falls_after_reset_and_is_boosted_for_the_critic(make):
 
 def test_learners_in_threads_learn_as_one_by_one(make):
     alone, beside = {n: make(n) for n in (1, 2, 3)}, {n: make(n) for n in (1, 2, 3)}
-    for learner in alone.values():
-        learner.fit(2, reset=True)
+    with one_thread():
+        for learner in alone.values():
+            learner.fit(2, reset=True)
     fit_each(beside, dict.fromkeys(beside, 2), reset=True)
     for number, learner in alone.items():
         assert torch.equal(weights(learner.primitive), weights(beside[number].primitive))

@@ -8,27 +8,26 @@ from knotflow.report.rates import Rates, read_rates
 from knotflow.report.results import Results
 from knotflow.report.searches import effort, read_searches, select
 from knotflow.report.section import Figures, Parts
-from knotflow.report.single_stage import SINGLE
+from knotflow.report.single_stage import DEMONSTRATIONS, SINGLE
 
-EXPERIMENT = "demonstration_quality"
 FEW = ("R1(0,1,1)", "R2(0,0,1,1)")
 """The actions with one demonstration each, on which the paper's imitation is far above ICP."""
 ROWS = (
     ("refined", "ICP", SINGLE, "icp"),
-    ("refined", "ICP as coded", EXPERIMENT, "icp_authors_refined"),
+    ("refined", "ICP as coded", DEMONSTRATIONS, "icp_authors_refined"),
     ("refined", "imitation", SINGLE, "imitation"),
-    ("plain", "ICP", EXPERIMENT, "icp"),
-    ("plain", "ICP as coded", EXPERIMENT, "icp_authors"),
-    ("plain", "imitation", EXPERIMENT, "imitation"),
+    ("plain", "ICP", DEMONSTRATIONS, "icp"),
+    ("plain", "ICP as coded", DEMONSTRATIONS, "icp_authors"),
+    ("plain", "imitation", DEMONSTRATIONS, "imitation"),
 )
 """Demonstrations, method, the experiment that ran it, and what its tables call it."""
 
 
 def demonstration_quality(results: Results, _: Figures) -> Parts:
     """Methods on either kind of demonstrations: success rates, and the largest trees."""
-    rates = {name: read_rates(results, name) for name in (EXPERIMENT, SINGLE)}
+    rates = {name: read_rates(results, name) for name in (DEMONSTRATIONS, SINGLE)}
     trees = {
-        EXPERIMENT: read_searches(results, EXPERIMENT, *SIZE_TABLE[1:]),
+        DEMONSTRATIONS: read_searches(results, DEMONSTRATIONS, *SIZE_TABLE[1:]),
         SINGLE: read_searches(results, *SIZE_TABLE),
     }
     lines = []
@@ -42,7 +41,7 @@ def demonstration_quality(results: Results, _: Figures) -> Parts:
                 own = select(trees[where], name, start)
                 line[start] = md.NOTHING if own.empty else effort(own)[0]
             lines.append(line)
-    return {"table": md.table(lines), "better": _better(rates[EXPERIMENT])}
+    return {"table": md.table(lines), "better": _better(rates[DEMONSTRATIONS])}
 
 
 def _better(rates: Rates) -> str:
