@@ -211,15 +211,16 @@ def imitation_not_over_icp(results: Results) -> str:
     found = actions_where(
         "imitation", "icp", lambda ratio: ratio.estimate <= 1, "not higher on", results
     )
-    try:
-        rates = complete_rates(results, DEMONSTRATIONS, ("imitation", "icp"))
-    except NotMeasured:
-        return found
-    shared = rates.shared_actions("imitation", "icp")
-    higher = sum(rates.ratio("imitation", "icp", one).estimate > 1 for one in shared)
+    return found + _imitation_over_icp_from_plain(results)
+
+
+@optional
+def _imitation_over_icp_from_plain(results: Results) -> str:
+    ratios = _ratios(results, "imitation", "icp", DEMONSTRATIONS)
+    higher = sum(ratio.estimate > 1 for ratio in ratios.values())
     return (
-        f"{found}; from [plain demonstrations](#demonstration-quality) it is higher on {higher} of "
-        f"{len(shared)}"
+        f"; from [plain demonstrations](#demonstration-quality) it is higher on {higher} of "
+        f"{len(ratios)}"
     )
 
 
@@ -240,9 +241,11 @@ def reinforcement_over_imitation(results: Results) -> Judgement:
     return Judgement(ours, Verdict.PARTLY if 2 * better > len(ratios) else Verdict.FAILS)
 
 
-def _ratios(results: Results, method: str, base: str) -> dict[str, Interval]:
+def _ratios(
+    results: Results, method: str, base: str, experiment: str = SINGLE
+) -> dict[str, Interval]:
     """Ratio of the two methods' rates on each of the eight actions, nan where both are 0."""
-    rates = complete_rates(results, SINGLE, (method, base))
+    rates = complete_rates(results, experiment, (method, base))
     return {action: rates.ratio(method, base, action) for action in rates.actions}
 
 
