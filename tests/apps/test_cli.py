@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from knotflow.apps import cli
+from knotflow.apps import cli, lab
 from knotflow.apps.cli import main
 from knotflow.planning import KnotPlan, PlannerConfig, parse_rope, plan_rope
 from knotflow.samplers.demonstrations import load_demonstrations, save_demonstrations
@@ -198,7 +198,7 @@ def test_the_next_action_says_what_how_sure_and_what_to_check(searches, here, ca
     assert "the rope must then be in the state 2o1+" in told
     assert "success  in 15 of 16 worlds, of the whole plan in 15" in told
     assert (here / "step.csv").read_text().startswith("time_s,")
-    assert [search[-4:-1] for search in searches] == [(0.05, 16, 0.005)]
+    assert [search[-4:-1] for search in searches] == [(0.03, 16, 0.005)]
     assert main(["next", LOOP, "--rope", "straight", "--out", "step.csv"]) == 2
 
 
@@ -207,7 +207,22 @@ def test_a_next_action_that_is_not_found_is_1_and_says_what_to_try(found, monkey
     monkeypatch.setattr(cli, "_search", lambda *_: (failed, None))
     assert main(["next", LOOP, "--rope", "straight"]) == 1
     told = capsys.readouterr().out
-    assert "60 s passed" in told and "--max-seconds 120" in told and "--margin 0.025" in told
+    assert "60 s passed" in told and "--max-seconds 120" in told and "--margin 0.015" in told
+
+
+def test_a_run_goes_on_with_its_last_plan(searches, found, here, monkeypatch):
+    def tie(knot, robot, camera, rope, replan, *_):
+        plans.extend(replan(found.start) for _ in range(3))
+        return lab.Tied(True, "tied")
+
+    plans = []
+    monkeypatch.setattr(lab, "tie", tie)
+    assert main(["run", LOOP, "--yes"]) == 0
+    first, *later = [search[8] for search in searches]
+    assert first is None and [one.solved for one in later] == [True, True]
+    for plan in later:
+        np.testing.assert_array_equal(plan.splines, found.splines)
+    assert len(plans) == 3
 
 
 @pytest.mark.slow

@@ -76,3 +76,12 @@ def test_the_summary_names_the_path_and_the_size_of_the_tree(plan):
     assert all(str(action) in text for action in plan.actions)
     assert f"{plan.branches} splines simulated, {plan.kept} kept" in text
     assert "NOT" not in text
+
+
+def test_steps_are_left_from_where_a_state_is_met_last(plan):
+    action = plan.steps[1].action
+    before = replace(plan.steps[1], action=Arrange(action), end_state=plan.steps[1].start_state)
+    longer = replace(plan, steps=(plan.steps[0], before, *plan.steps[1:]))
+    assert longer.steps_from(plan.start_state) == longer.steps
+    assert longer.steps_from(plan.steps[1].start_state) == plan.steps[1:]
+    assert longer.steps_from(plan.steps[-1].end_state) == ()

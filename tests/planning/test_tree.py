@@ -14,7 +14,13 @@ from knotflow.planning import (
 from knotflow.planning.config import RULES
 from knotflow.planning.tree import DIVERGED, OUT_OF_REACH
 from knotflow.samplers.demonstrations import heuristic_splines
-from knotflow.simulation import RopeSimulator, SimulationConfig, spline_path, straight
+from knotflow.simulation import (
+    RopeSimulator,
+    SimulationConfig,
+    clip_splines,
+    spline_path,
+    straight,
+)
 from knotflow.topology import Arrange, TopologicalState, Undo, parse_action, segment_intervals
 from knotflow.viz.plan_folder import write_plan_folder
 
@@ -22,10 +28,12 @@ TRIVIAL = TopologicalState.trivial()
 OVERHAND = TopologicalState.parse("4o1+2o5+6o3+")
 
 
-def search(goal, world, seed=0, start=None, progress=None, observe=None, reach=None, **config):
+def search(
+    goal, world, seed=0, start=None, progress=None, observe=None, reach=None, earlier=None, **config
+):
     points = straight(world.config.rope) if start is None else start
     rng, config = np.random.default_rng(seed), PlannerConfig(**config)
-    return plan_knot(points, goal, world, world, rng, config, progress, observe, reach)
+    return plan_knot(points, goal, world, world, rng, config, progress, observe, reach, earlier)
 
 
 def assert_valid(plan, goal):
@@ -398,6 +406,65 @@ def test_a_tied_rope_needs_no_branch(world, shape_of):
 def test_senseless_settings_are_refused(field, value):
     with pytest.raises(ValueError, match=f"planner.{field}"):
         PlannerConfig(**{field: value})
+
+
+def remembering(world, first, chance=0.0):
+    """A world in which the splines of a first one do what they did; others succeed by chance."""
+    again = world(chance)
+    again.ends |= first.ends
+    return again
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_what_is_left_of_an_earlier_plan_is_tried_first(world, path_goal, rule):
+    first = world()
+    earlier = search(path_goal, first, rule=rule)
+    again = remembering(world, first)
+    rope = earlier.steps[0].end
+    plan = search(path_goal, again, start=rope, earlier=earlier, rule=rule)
+    assert_valid(plan, path_goal)
+    np.testing.assert_array_equal(plan.splines, earlier.splines[1:])
+    assert again.requests == []  # of the sampler
+    assert again.batches == [8, 8] and plan.branches == 16
+    stays = search(path_goal, remembering(world, first), earlier=earlier, rule=rule)
+    np.testing.assert_array_equal(stays.splines, earlier.splines)  # as if the first step had failed
+
+
+def test_an_earlier_plan_is_carried_to_where_the_rope_lies(world, path_goal):
+    first = world()
+    earlier = search(path_goal, first)
+    executed = []
+
+    class Seen(world):
+        def execute(self, points, splines):
+            executed.append(splines)
+            return super().execute(points, splines)
+
+    step, moved = earlier.steps[1], np.array([0.04, -0.03, 0.0])
+    search(path_goal, Seen(), start=step.start + moved, earlier=earlier)
+    copies = executed[0]
+    expected = step.spline + [0.0, 0.04, -0.03, 0.0, 0.04, -0.03]
+    np.testing.assert_allclose(copies[0], clip_splines(expected), atol=1e-12)
+    away = np.abs(copies[1:] - copies[0])
+    assert (away.max(axis=0) > 0).all() and (away < 0.15).all()
+
+
+def test_where_an_earlier_plan_fails_the_search_goes_on(world, path_goal, shape_of):
+    first = world()
+    earlier = search(path_goal, first)
+    rope = earlier.steps[0].end
+    plan = search(path_goal, world(), start=rope, earlier=earlier)
+    assert_valid(plan, path_goal)
+    assert plan.branches == 8 + 2  # no copy succeeds in another world
+    few = search(path_goal, remembering(world, first), start=rope, earlier=earlier, max_branches=9)
+    assert (few.solved, few.branches, len(few.steps)) == (False, 9, 1)
+    blocked = search(path_goal, world(), start=rope, earlier=earlier, reach=FakeReach(refused=8))
+    assert blocked.solved and blocked.branches == 2
+    elsewhere = shape_of(TopologicalState.parse("1o2+"))
+    goal = parse_goal("overhand")
+    assert earlier.steps_from(TopologicalState.from_curve(elsewhere)) == ()
+    plans = [search(goal, world(), start=elsewhere, earlier=one) for one in (None, earlier)]
+    np.testing.assert_array_equal(plans[0].splines, plans[1].splines)
 
 
 @pytest.mark.slow

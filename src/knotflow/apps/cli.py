@@ -154,7 +154,7 @@ def next_step(
     out: Path | None = None,
     seed: Seed = 0,
     max_seconds: Seconds = 60.0,
-    margin: Margin = 0.05,
+    margin: Margin = 0.03,
     worlds: Worlds = 16,
     arm: OfArm = NO_ARM,
 ) -> int:
@@ -246,7 +246,7 @@ def run(
     out: Path = Path("runs"),
     seed: Seed = 0,
     max_seconds: Seconds = 60.0,
-    margin: Margin = 0.05,
+    margin: Margin = 0.03,
     worlds: Worlds = 16,
     max_actions: Annotated[int, Parameter(validator=Number(gte=1))] = 20,
     level: Literal[0, 1, 2] = 1,
@@ -288,7 +288,10 @@ def run(
     else:
         eye, driver = Calibration.load(camera).camera(), lab.load_robot(robot)
 
+    found: planning.KnotPlan | None = None
+
     def replan(points: NDArray) -> planning.KnotPlan:
+        nonlocal found
         with tempfile.TemporaryDirectory() as folder:
             seen = Path(folder) / "seen.csv"
             io.write_rope(seen, points)
@@ -297,7 +300,7 @@ def run(
             except planning.RopeInputError as error:
                 raise ShapeError(str(error)) from error
             found, _ = _search(
-                knot, measured, seed, max_seconds, margin, worlds, GRIPPER_ERROR, arm
+                knot, measured, seed, max_seconds, margin, worlds, GRIPPER_ERROR, arm, found
             )
         return found.placed(measured.placement, measured.frame)
 
@@ -650,6 +653,7 @@ def _search(
     worlds: int,
     error: float = 0.0,
     arm: ArmOptions = NO_ARM,
+    earlier: planning.KnotPlan | None = None,
 ) -> tuple[planning.KnotPlan, Attempts | None]:
     """The plan for the model of the rope, solved or not, and the last attempts, if any."""
     from tqdm import tqdm
@@ -690,7 +694,7 @@ def _search(
         found = planning.plan_rope(
             measured.points, knot, rng_of(seed, 1),
             sampler=library, simulation=SimulationConfig(rope=measured.model), config=config,
-            progress=show, observe=tried.append, survival=survival, reach=reach,
+            progress=show, observe=tried.append, survival=survival, reach=reach, earlier=earlier,
         )  # fmt: skip
     for warning in unlike:
         print(warning.message)

@@ -144,6 +144,11 @@ class KnotPlan:
         """The n + 1 topological states of `shapes`."""
         return (self.start_state, *(step.end_state for step in self.steps))
 
+    def steps_from(self, state: TopologicalState) -> tuple[PlanStep, ...]:
+        """The steps that are left from a state, where it is met last; none where it is not."""
+        met = [row for row, step in enumerate(self.steps) if step.start_state == state]
+        return self.steps[met[-1] :] if met else ()
+
     def summary(self) -> str:
         """The topological path, one state per line, and the size of the search, for printing."""
         steps = [("start", self.start_state)]

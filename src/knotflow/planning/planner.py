@@ -33,6 +33,7 @@ def plan_rope(
     observe: Observer | None = None,
     survival: SurvivalConfig | None = None,
     reach: Reach | None = None,
+    earlier: KnotPlan | None = None,
 ) -> KnotPlan:
     """Plan how to tie a knot into a rope; the plan has its trajectories, solved or not.
 
@@ -53,7 +54,15 @@ def plan_rope(
             f"there is nothing to plan: the rope is in the state {state}, which is {knot} already"
         )
     search = TreeSearch(
-        points, goal, sampler, RopeSimulator(simulation), rng, config or FAST_SEARCH, observe, reach
+        points,
+        goal,
+        sampler,
+        RopeSimulator(simulation),
+        rng,
+        config or FAST_SEARCH,
+        observe,
+        reach,
+        earlier,
     )
     with one_thread():
         if survival is None or not survival.worlds:

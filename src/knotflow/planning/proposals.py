@@ -188,6 +188,11 @@ def clearance(points: Floats) -> float:
     return float(np.sort(lengths)[:2].mean() * len(lengths))
 
 
+def prospect(node: Node) -> float:
+    """How promising a node is: its clearance times its best value."""
+    return clearance(node.points) * float(node.values.max(initial=0.0) if node.edges else 1.0)
+
+
 def _clearances(points: Floats, actions: Sequence[Action], rng: np.random.Generator) -> Floats:
     return np.array([clearance(rope) for rope in points])
 

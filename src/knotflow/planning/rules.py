@@ -24,7 +24,7 @@ INITIAL_GAINS = (0.5, 1.0, 2.0)
 """Values after arranging, relative to the predicted ones, before any was observed."""
 MAX_GAINS = 24
 """Latest gains that are kept of a state."""
-ACT, ARRANGE = 0, 1
+ACT, ARRANGE = KINDS = 0, 1
 """The two kinds of expansions: for the action of an edge, or to make room for it."""
 
 

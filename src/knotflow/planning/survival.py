@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from knotflow.planning.certainty import SurvivalConfig
 from knotflow.planning.plan import KnotPlan, PlanStep
-from knotflow.planning.proposals import clearance
+from knotflow.planning.proposals import prospect
 from knotflow.planning.rules import Expansion, Node
 from knotflow.planning.tree import Progress, SearchStoppedError, TreeSearch
 from knotflow.simulation import RopeSimulator, World, draw_worlds, end_states
@@ -140,7 +140,7 @@ class SurvivalSearch:
         some = ropes.points[ropes.intact][:ROPES]
         search.grow_for(Expansion(node, edge), some, near, self._config.batch)
         children = [one for one in search.nodes[count:] if one.state == goal]
-        return sorted(children, key=_prospect)[-self._config.tested :]
+        return sorted(children, key=prospect)[-self._config.tested :]
 
     def _best_child(self, node: Node, edge: int) -> Node | None:
         """The child by an edge that survives best."""
@@ -205,8 +205,3 @@ def _execute(
     points[rows] = rollouts.end_points
     intact[rows] = [end == step.end_state for end in end_states(rollouts)]
     return Ropes(points, intact)
-
-
-def _prospect(node: Node) -> float:
-    """How promising a node is before it is simulated in any world."""
-    return clearance(node.points) * float(node.values.max(initial=0.0) if node.edges else 1.0)

@@ -25,9 +25,10 @@ from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal
 from knotflow.planning.hand import Reach
 from knotflow.planning.plan import ExpansionStats, KnotPlan, PlanStep
-from knotflow.planning.proposals import Proposals, group_by_query
-from knotflow.planning.rules import Expansion, Node, PaperRule, PosteriorRule
+from knotflow.planning.proposals import NOISE, Proposals, group_by_query, prospect
+from knotflow.planning.rules import KINDS, Expansion, Node, PaperRule, PosteriorRule
 from knotflow.planning.validation import are_robust
+from knotflow.samplers.demonstrations import noisy_copies
 from knotflow.samplers.sampler import Sampler
 from knotflow.simulation import (
     Attempts,
@@ -35,6 +36,7 @@ from knotflow.simulation import (
     Rollouts,
     RopeSimulator,
     check_points,
+    clip_splines,
     end_states,
 )
 from knotflow.topology import Action, Arrange, TopologicalState, segment_lengths
@@ -46,6 +48,8 @@ FRAGILE = "fragile"
 """Outcome of an expansion that reached its state with segments shorter than the margin."""
 OUT_OF_REACH = "out of reach"
 """Outcome of an expansion for which no spline was found that the arm can follow."""
+COPIES = 8
+"""Splines tried for each step of an earlier plan."""
 CHUNK = 4
 """Expansions that are simulated as soon as they are sampled, while others are."""
 
@@ -82,11 +86,12 @@ class TreeSearch:
         config: PlannerConfig | None = None,
         observe: Observer | None = None,
         reach: Reach | None = None,
+        earlier: KnotPlan | None = None,
     ) -> None:
         """Create the root: see `plan_knot` for the arguments and errors."""
         self.goal, self.simulator = goal, simulator
         self.config, self.observe = config or PlannerConfig(), observe
-        self._reach = reach
+        self._reach, self._rng, self._earlier = reach, rng, earlier
         points = check_points(points, simulator.config.rope)
         state = TopologicalState.from_curve(points)
         self._paper = self.config.rule == "paper"
@@ -117,11 +122,37 @@ class TreeSearch:
         splines = self._proposals.for_worlds(expansion, ropes, near, count)
         for _ in range(count - len(splines)):
             self._miss(expansion)
+        return self._grow_by(expansion, splines)
+
+    def _grow_by(self, expansion: Expansion, splines: Floats) -> SearchUpdate:
         if not len(splines):
             return self.update()
         starts = np.repeat(expansion.node.points[None], len(splines), axis=0)
         rollouts = self.simulator.execute(starts, splines)
         return self._add([expansion] * len(splines), splines, [rollouts])
+
+    def _follow(self, plan: KnotPlan) -> None:
+        """Grow a branch by what is left of an earlier plan for this rope: by noisy copies of each
+        spline, from where the best ones of the step before ended."""
+        node = self.nodes[0]
+        for step in plan.steps_from(node.state):
+            edges = range(len(node.edges))
+            options = (Expansion(node, edge, kind) for kind in KINDS for edge in edges)
+            expansion = next((one for one in options if one.action == step.action), None)
+            if expansion is None or self.branches + COPIES > self.config.max_branches:
+                return
+            x, y, _ = (node.points - step.start).mean(axis=0)
+            spline = clip_splines(step.spline + [0.0, x, y, 0.0, x, y])
+            copies = noisy_copies(spline, COPIES - 1, self._rng, NOISE)
+            splines = np.concatenate([spline[None], copies])
+            if self._reach is not None:
+                splines = splines[self._reach.may_follow(node.points, splines)]
+            count = len(self.nodes)
+            self._grow_by(expansion, splines)
+            children = [one for one in self.nodes[count:] if one.state == expansion.goal]
+            if not children:
+                return
+            node = max(children, key=prospect)
 
     def _add(
         self, chosen: Sequence[Expansion], splines: Floats, parts: Sequence[Rollouts]
@@ -165,6 +196,8 @@ class TreeSearch:
         self._began = time.perf_counter()
         self._proposals.evaluate(self.nodes)
         self._rule.add(self.nodes[0])
+        if self._earlier is not None:
+            self._follow(self._earlier)
         while not self._is_tied():
             if (spent := self.spent()) is not None:
                 return self.plan(False, spent)
@@ -370,13 +403,15 @@ def plan_knot(
     progress: Progress | None = None,
     observe: Observer | None = None,
     reach: Reach | None = None,
+    earlier: KnotPlan | None = None,
 ) -> KnotPlan:
     """Plan how to tie a knot into a rope (V, 3), metres, at rest in any state (Sec. V-B d).
 
     The same rng gives the same plan for the same batch size, unless `max_seconds` ends it.
     `progress` is called after every batch, and `observe` with its attempts, one action and start
     state at a time. With `reach`, splines out of an arm's reach are not simulated, and a
-    plan counts only if the arm can follow it all.
+    plan counts only if the arm can follow it all. With an `earlier` plan for this goal, such as the
+    one whose first step led here, what is left of it is tried first.
 
     Raises:
         UnreachableGoalError: no actions lead from the rope's state to the goal.
@@ -386,4 +421,5 @@ def plan_knot(
     Warns:
         UnlikeRopeWarning: a trained sampler has learned with a rope of another size.
     """
-    return TreeSearch(points, goal, sampler, simulator, rng, config, observe, reach).run(progress)
+    search = TreeSearch(points, goal, sampler, simulator, rng, config, observe, reach, earlier)
+    return search.run(progress)
