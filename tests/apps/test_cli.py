@@ -210,6 +210,30 @@ def test_a_next_action_that_is_not_found_is_1_and_says_what_to_try(found, monkey
     assert "60 s passed" in told and "--max-seconds 120" in told and "--margin 0.015" in told
 
 
+def test_the_next_action_goes_on_with_the_plan_that_is_kept(searches, found, here, capsys):
+    rope = here / "rope.csv"
+    np.savetxt(rope, 0.7 * found.start + [0.3, 0.1, 0.0], delimiter=",")
+    for _ in range(2):
+        assert main(["next", LOOP, "--rope", str(rope), "--plan", "kept/loop.json"]) == 0
+    first, second = (search[2] for search in searches)
+    assert first is None
+    # On the model's scale, wherever it was: splines are carried to where the rope lies.
+    shift = (second.steps[0].start - found.start).mean(axis=0)
+    np.testing.assert_allclose(second.steps[0].start, found.start + shift, atol=2e-3)
+    expected = found.splines + [0.0, shift[0], shift[1], 0.0, shift[0], shift[1]]
+    np.testing.assert_allclose(second.splines, expected, atol=2e-3)
+    kept = KnotPlan.from_json((here / "kept" / "loop.json").read_text())
+    assert kept.radius == pytest.approx(0.7 * found.radius, rel=1e-2)
+
+    capsys.readouterr()
+    assert main(["next", "overhand", "--rope", str(rope), "--plan", "kept/loop.json"]) == 2
+    assert f"keeps a plan for {LOOP}: name another file" in capsys.readouterr().err
+    (here / "other.json").write_text("{}")
+    assert main(["next", LOOP, "--rope", str(rope), "--plan", "other.json"]) == 2
+    assert "the plan has no" in capsys.readouterr().err
+    assert len(searches) == 2
+
+
 def test_a_run_goes_on_with_its_last_plan(searches, found, here, monkeypatch):
     def tie(knot, robot, camera, rope, replan, *_):
         plans.extend(replan(found.start) for _ in range(3))
@@ -218,7 +242,7 @@ def test_a_run_goes_on_with_its_last_plan(searches, found, here, monkeypatch):
     plans = []
     monkeypatch.setattr(lab, "tie", tie)
     assert main(["run", LOOP, "--yes"]) == 0
-    first, *later = [search[8] for search in searches]
+    first, *later = [search[2] for search in searches]
     assert first is None and [one.solved for one in later] == [True, True]
     for plan in later:
         np.testing.assert_array_equal(plan.splines, found.splines)

@@ -131,7 +131,7 @@ def plan(
     if stored is not None:
         print(f"{stored['text']}\n{folder}: already planned; --overwrite plans again")
         return _outcome(stored["success"], max_seconds)
-    found, last = _search(knot, measured, seed, max_seconds, margin, worlds, 0.0, arm)
+    found, last = _search(knot, measured, None, seed, max_seconds, margin, worlds, 0.0, arm)
     found = found.placed(measured.placement, measured.frame)
     last = last and measured.placement.attempts(last)
     _write_plan(folder, found, last, measured.rope, request)
@@ -151,6 +151,7 @@ def next_step(
     depth_unit: str | None = None,
     rope_color: str | None = None,
     head_color: str | None = None,
+    plan: Path | None = None,
     out: Path | None = None,
     seed: Seed = 0,
     max_seconds: Seconds = 60.0,
@@ -167,6 +168,7 @@ def next_step(
         depth_unit: With --image, as in `knotflow see`.
         rope_color: With --image, as in `knotflow see`.
         head_color: With --image, as in `knotflow see`.
+        plan: JSON file that keeps the whole plan, to go on with it after this action.
         out: CSV file for the gripper's waypoints of this action.
         seed: Seed of the search.
         margin: Metres of rope that every step leaves between crossings.
@@ -199,7 +201,10 @@ def next_step(
             return 1
         rope = str(seen) if files else rope
         measured = _read_rope(str(rope), options, seed)
-    found, _ = _search(knot, measured, seed, max_seconds, margin, worlds, GRIPPER_ERROR, arm)
+    earlier = None if plan is None else _kept_plan(plan, knot, measured)
+    found, _ = _search(
+        knot, measured, earlier, seed, max_seconds, margin, worlds, GRIPPER_ERROR, arm
+    )
     if not found.solved:
         tighter = f"; tighter loops: --margin {margin / 2:g}" if margin else ""
         print(f"{found.summary()}\nlonger: --max-seconds {2 * max_seconds:g}{tighter}")
@@ -207,6 +212,9 @@ def next_step(
     from knotflow.topology.action_text import describe
 
     found = found.placed(measured.placement, measured.frame)
+    if plan is not None:
+        plan.parent.mkdir(parents=True, exist_ok=True)
+        plan.write_text(found.to_json(trajectories=False), encoding="utf-8")
     step = found.steps[0]
     unit, digits = found.frame.unit, {"m": 3, "cm": 1, "mm": 0}[found.frame.unit]
     grasp, middle, end = (
@@ -300,7 +308,7 @@ def run(
             except planning.RopeInputError as error:
                 raise ShapeError(str(error)) from error
             found, _ = _search(
-                knot, measured, seed, max_seconds, margin, worlds, GRIPPER_ERROR, arm, found
+                knot, measured, found, seed, max_seconds, margin, worlds, GRIPPER_ERROR, arm
             )
         return found.placed(measured.placement, measured.frame)
 
@@ -644,16 +652,37 @@ def _depth_unit(text: str | None) -> float | None:
     return parse_metres(f"1{text}" if text in METRES else text, "--depth-unit") if text else None
 
 
+def _kept_plan(
+    file: Path, knot: str, measured: planning.MeasuredRope
+) -> planning.KnotPlan | None:
+    """The plan that a file keeps, if it exists, for the model of a rope measured anew.
+
+    Raises:
+        ValueError: it is no plan, or one for another knot.
+    """
+    from knotflow.simulation import resample
+
+    if not file.exists():
+        return None
+    kept = planning.KnotPlan.from_json(file.read_text(encoding="utf-8"))
+    if set(kept.goal_states) != set(planning.parse_goal(knot, measured.rope).states):
+        raise ValueError(f"{file} keeps a plan for {kept.goal}: name another file for {knot}")
+    kept = kept.placed(planning.Placement(1 / measured.placement.length), planning.Frame())
+    # As many vertices as the model has now: the length was measured anew.
+    steps = (replace(one, start=resample(one.start, measured.model)) for one in kept.steps)
+    return replace(kept, steps=tuple(steps))
+
+
 def _search(
     knot: str,
     measured: planning.MeasuredRope,
+    earlier: planning.KnotPlan | None,
     seed: int,
     max_seconds: float,
     margin: float,
     worlds: int,
     error: float = 0.0,
     arm: ArmOptions = NO_ARM,
-    earlier: planning.KnotPlan | None = None,
 ) -> tuple[planning.KnotPlan, Attempts | None]:
     """The plan for the model of the rope, solved or not, and the last attempts, if any."""
     from tqdm import tqdm
