@@ -197,13 +197,14 @@ def visible_vertices(
 def head_contrast(shape: NDArray, target: Target, image: RgbdImage) -> Floats:
     """(V,) distance in RGB (0..1) of the colour at each vertex of a shape (V, 3) from the rope's; 0
     where no pixel of rope is nearest to the vertex."""
-    mask = target.mask.numpy()
+    mask, found = target.mask.numpy(), np.zeros(len(shape))
+    if not mask.any():
+        return found
     column, row, _ = target.camera.project(shape).T
     pixels = np.argwhere(mask)
     nearest = np.hypot(pixels[:, :1] - row, pixels[:, 1:] - column).argmin(axis=1)
     colours = image.rgb[mask] / 255.0
     plain = np.median(colours, axis=0)
-    found = np.zeros(len(shape))
     for vertex in np.unique(nearest):
         found[vertex] = np.linalg.norm(np.median(colours[nearest == vertex], axis=0) - plain)
     return found
