@@ -652,9 +652,7 @@ def _depth_unit(text: str | None) -> float | None:
     return parse_metres(f"1{text}" if text in METRES else text, "--depth-unit") if text else None
 
 
-def _kept_plan(
-    file: Path, knot: str, measured: planning.MeasuredRope
-) -> planning.KnotPlan | None:
+def _kept_plan(file: Path, knot: str, measured: planning.MeasuredRope) -> planning.KnotPlan | None:
     """The plan that a file keeps, if it exists, for the model of a rope measured anew.
 
     Raises:
