@@ -199,9 +199,6 @@ def test_goals_have_shares_and_medians_and_missed_ones_their_reason(write):
     assert "| three | `4o3-2o1-` | 3 | 240 | 2,404 | 60 s passed |" in text
     write.goals(TIED)
     assert "not tied" not in body(write, "goals")
-    assert body(write, "goals_long") is None
-    write.goals(TIED, "goals_long")
-    assert "![Share of goals tied" in body(write, "goals_long")
 
 
 @pytest.mark.parametrize("rows", [TIED[:1], [MISSED]])

@@ -105,9 +105,9 @@ def knots(results: Results, _: Figures) -> Parts:
     }
 
 
-def goals(results: Results, figures: Figures, experiment: str = "goals") -> Parts:
+def goals(results: Results, figures: Figures) -> Parts:
     """A line for each number of crossings, the share over time, and every goal not tied."""
-    table = results.table(experiment, "goals.csv", GOAL_SEARCHES, GOAL)
+    table = results.table("goals", "goals.csv", GOAL_SEARCHES, GOAL)
     sets = {str(name): own for name, own in table.groupby("set", sort=False)}
     missed = [
         {
@@ -122,10 +122,10 @@ def goals(results: Results, figures: Figures, experiment: str = "goals") -> Part
     ]
     groups = {f"{name} crossings": own for name, own in sets.items()}
     return {
-        "figure": tied_by_splines(figures, experiment, groups, "number of crossings"),
+        "figure": tied_by_splines(figures, "goals", groups, "number of crossings"),
         "sets": md.table([{"crossings": name} | tied_columns(own) for name, own in sets.items()]),
-        "settings": search_words(results, experiment, "goals"),
-        "checks": checks(results, experiment),
+        "settings": search_words(results, "goals", "goals"),
+        "checks": checks(results, "goals"),
         "missed": md.table(
             missed, f"Goals that were not tied, {len(missed)} in all. {STATE_NOTATION}"
         ),

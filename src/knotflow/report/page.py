@@ -66,7 +66,6 @@ FURTHER = (
     Section("library_training", training.library),
     Section("knots", knots.knots),
     Section("goals", knots.goals),
-    Section("goals_long", partial(knots.goals, experiment="goals_long")),
     Section("goals_ablation", knots.ablation),
     Section("actions", actions.actions),
     Section("robustness", robustness.robustness),
