@@ -88,25 +88,33 @@ class Proposals:
             pool.append(noisy_copies(near, count, rng, NOISE))
         if judge is not None:
             pool += [self._sampler.sample(rope, action, 1, rng) for rope in ropes]
-        found = np.concatenate(pool)
-        if self._reach is not None:
-            found = found[self._reach.may_follow(node.points, found)]
+        found = self._reachable(node.points, np.concatenate(pool))
         if judge is None:
             return rng.permutation(found)[:count]
         judged = np.mean([judge(rope, action, found) for rope in ropes], axis=0)
         return found[np.argsort(-judged)[:count]]
+
+    def near(self, points: Floats, spline: Floats, count: int) -> Floats:
+        """A spline (6,) and noisy copies of it, (N, 6), N <= count: those in the arm's reach."""
+        copies = noisy_copies(spline, count - 1, self._rng, NOISE)
+        return self._reachable(points, np.concatenate([spline[None], copies]))
+
+    def _reachable(self, points: Floats, splines: Floats) -> Floats:
+        if self._reach is None:
+            return splines
+        return splines[self._reach.may_follow(points, splines)]
 
     def _within_reach(self, expansion: Expansion, count: int) -> Floats:
         found = self._propose(expansion, count)
         if self._reach is None:
             return found
         points = expansion.node.points
-        found = found[self._reach.may_follow(points, found)]
+        found = self._reachable(points, found)
         for _ in range(RESAMPLED):
             if len(found) >= count:
                 break
             more = self._propose(expansion, max(count, LEAST_RESAMPLED))
-            found = np.concatenate([found, more[self._reach.may_follow(points, more)]])
+            found = np.concatenate([found, self._reachable(points, more)])
         return np.concatenate([found, np.full((count, 6), np.nan)])[:count]
 
     def _propose(self, expansion: Expansion, count: int) -> Floats:

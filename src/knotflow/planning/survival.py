@@ -132,14 +132,12 @@ class SurvivalSearch:
         better = [node for node, ropes in self._ropes.items() if ropes.survival > known]
         pairs = [(node, edge) for node in better for edge in range(len(node.edges))]
         node, edge = max(pairs, key=lambda pair: promise(*pair))
-        count, goal = len(search.nodes), node.edges[edge][1]
         best = self._best_child(node, edge)
         near = best.step.spline if best is not None and best.step is not None else None
         self._tries[node, edge] += 1
         ropes = self._ropes[node]
         some = ropes.points[ropes.intact][:ROPES]
-        search.grow_for(Expansion(node, edge), some, near, self._config.batch)
-        children = [one for one in search.nodes[count:] if one.state == goal]
+        children = search.grow_for(Expansion(node, edge), some, near, self._config.batch)
         return sorted(children, key=prospect)[-self._config.tested :]
 
     def _best_child(self, node: Node, edge: int) -> Node | None:

@@ -25,10 +25,9 @@ from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal
 from knotflow.planning.hand import Reach
 from knotflow.planning.plan import ExpansionStats, KnotPlan, PlanStep
-from knotflow.planning.proposals import NOISE, Proposals, group_by_query, prospect
+from knotflow.planning.proposals import Proposals, group_by_query, prospect
 from knotflow.planning.rules import KINDS, Expansion, Node, PaperRule, PosteriorRule
 from knotflow.planning.validation import are_robust
-from knotflow.samplers.demonstrations import noisy_copies
 from knotflow.samplers.sampler import Sampler
 from knotflow.simulation import (
     Attempts,
@@ -91,7 +90,7 @@ class TreeSearch:
         """Create the root: see `plan_knot` for the arguments and errors."""
         self.goal, self.simulator = goal, simulator
         self.config, self.observe = config or PlannerConfig(), observe
-        self._reach, self._rng, self._earlier = reach, rng, earlier
+        self._reach, self._earlier = reach, earlier
         points = check_points(points, simulator.config.rope)
         state = TopologicalState.from_curve(points)
         self._paper = self.config.rule == "paper"
@@ -117,19 +116,23 @@ class TreeSearch:
 
     def grow_for(
         self, expansion: Expansion, ropes: Floats, near: Floats | None, count: int
-    ) -> SearchUpdate:
-        """As `grow`, with splines that suit several ropes, see `Proposals.for_worlds`."""
+    ) -> list[Node]:
+        """As `grow`, with splines that suit several ropes, see `Proposals.for_worlds`; the new
+        nodes in the expansion's state."""
         splines = self._proposals.for_worlds(expansion, ropes, near, count)
         for _ in range(count - len(splines)):
             self._miss(expansion)
         return self._grow_by(expansion, splines)
 
-    def _grow_by(self, expansion: Expansion, splines: Floats) -> SearchUpdate:
+    def _grow_by(self, expansion: Expansion, splines: Floats) -> list[Node]:
+        """Simulate splines (B, 6) of one expansion; the new nodes in its state."""
         if not len(splines):
-            return self.update()
+            return []
+        count = len(self.nodes)
         starts = np.repeat(expansion.node.points[None], len(splines), axis=0)
         rollouts = self.simulator.execute(starts, splines)
-        return self._add([expansion] * len(splines), splines, [rollouts])
+        self._add([expansion] * len(splines), splines, [rollouts])
+        return [one for one in self.nodes[count:] if one.state == expansion.goal]
 
     def _follow(self, plan: KnotPlan) -> None:
         """Grow a branch by what is left of an earlier plan for this rope: by noisy copies of each
@@ -143,13 +146,8 @@ class TreeSearch:
                 return
             x, y, _ = (node.points - step.start).mean(axis=0)
             spline = clip_splines(step.spline + [0.0, x, y, 0.0, x, y])
-            copies = noisy_copies(spline, COPIES - 1, self._rng, NOISE)
-            splines = np.concatenate([spline[None], copies])
-            if self._reach is not None:
-                splines = splines[self._reach.may_follow(node.points, splines)]
-            count = len(self.nodes)
-            self._grow_by(expansion, splines)
-            children = [one for one in self.nodes[count:] if one.state == expansion.goal]
+            splines = self._proposals.near(node.points, spline, COPIES)
+            children = self._grow_by(expansion, splines)
             if not children:
                 return
             node = max(children, key=prospect)
