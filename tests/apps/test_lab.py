@@ -24,7 +24,7 @@ def twin():
 def start(tmp_path, twin, monkeypatch):
     """Ties a loop, with the twin's true state in place of vision, unless `blind`."""
 
-    def tie(robot=None, confirm=lambda step, plan: True, blind=False):
+    def tie(robot=None, confirm=lambda step, plan: True, blind=False, allow=None):
         if not blind:
             monkeypatch.setattr(lab, "ImageStateEstimator", lambda camera, rope: TrueState(twin))
         rng = np.random.default_rng(0)
@@ -35,9 +35,9 @@ def start(tmp_path, twin, monkeypatch):
             return plan_rope(points, LOOP, rng, sampler=library, config=config)
 
         with RunLog(tmp_path / "run.mcap", {"knot": LOOP}) as log:
-            return lab.tie(
-                LOOP, robot or twin.robot(), Camera.overhead(), ROPE, replan, confirm, log
-            )
+            robot = robot or twin.robot()
+            camera = Camera.overhead()
+            return lab.tie(LOOP, robot, camera, ROPE, replan, confirm, log, allow=allow)
 
     return tie
 
@@ -67,6 +67,14 @@ def test_a_persons_no_stops_before_anything_is_grasped(start, twin):
     done = start(confirm=lambda step, plan: False)
     assert (done.tied, done.reason) == (False, "the next step was not allowed after 0 actions")
     assert done.execution.outcomes == ()
+
+
+def test_nothing_moves_before_it_is_allowed(start, twin):
+    told = []
+    done = start(allow=told.append)
+    assert (done.tied, done.execution) == (False, None)
+    assert done.reason == "the gripper was not allowed to move out of the way"
+    assert len(told) == 1 and "[0, 450, 300] mm" in told[0] and twin.times == []
 
 
 class Faulty(lab.RobotWrapper):

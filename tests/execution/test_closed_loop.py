@@ -241,6 +241,22 @@ def test_no_plan_from_an_ambiguous_rope(plan):
     assert estimator.likely == [[plan.start]] * 6  # what was seen in doubt is not what is likely
 
 
+def test_an_end_is_pulled_only_if_allowed(plan):
+    unsure = Observation.of(plan.start, ("a crossing is in doubt",))
+    told: list[str] = []
+
+    def allow(motion: str) -> bool:
+        told.append(motion)
+        return len(told) < 2
+
+    robot, estimator = Recorded(), Scripted(*[unsure] * 4)
+    _, replan = replanned(plan)
+    execution = execute(plan, robot, estimator=estimator, replan=replan, allow=allow)
+    assert execution.tied is False and execution.outcomes == ()
+    assert len(told) == 2 and "a crossing is in doubt" in told[0] and "40 mm outward" in told[0]
+    assert robot.words.count("grasp") == 1
+
+
 def test_knot_with_an_ambiguous_end_is_not_reported(plan):
     tied = plan.steps[0].end
     start = Observation.of(plan.start, ambiguous_ends=(0,))

@@ -23,7 +23,7 @@ from knotflow.execution import (
     encode_jpeg,
     execute,
 )
-from knotflow.execution.closed_loop import Confirm, Replan
+from knotflow.execution.closed_loop import Allow, Confirm, Replan
 from knotflow.execution.robot import Observation, RobotWrapper
 from knotflow.execution.step_executor import StepExecutor
 from knotflow.perception import Camera, RgbdImage
@@ -118,12 +118,13 @@ class Tied:
 
 def tie(
     knot: str, robot: Robot, camera: Camera, rope: RopeConfig, replan: Replan, confirm: Confirm,
-    log: RunLog, config: ExecutionConfig | None = None,
+    log: RunLog, config: ExecutionConfig | None = None, allow: Allow | None = None,
 ) -> Tied:  # fmt: skip
     """Tie a knot into the rope that the camera, at its nominal pose, sees.
 
     `replan` plans for a rope (V, 3), metres. Every step is shown to `confirm` before it is
-    executed. A robot that fails ends the run, and its fingers are opened.
+    executed; `allow` is asked before the gripper first moves, and before an end is pulled. A robot
+    that fails ends the run, and its fingers are opened.
 
     Raises:
         ValueError: see `parse_goal`.
@@ -131,6 +132,12 @@ def tie(
     goal, config = parse_goal(knot), config or ExecutionConfig()
     logged = LoggedRobot(robot, log)
     estimator = ImageStateEstimator(camera, rope)
+    x, y, z = (1e3 * np.array(config.park_position)).round().astype(int)
+    if allow is not None and not allow(
+        f"before every image the gripper moves to [{x}, {y}, {z}] mm, and if the image is in doubt "
+        f"to [{x}, {-y}, {z}] mm"
+    ):
+        return Tied(False, "the gripper was not allowed to move out of the way")
     try:
         seen = StepExecutor(logged, config).observe(estimator, 0)
         if seen.points is None:
@@ -138,7 +145,7 @@ def tie(
         log.rope(seen.points)
         execution = execute(
             _begin(goal, seen, rope), logged, config, estimator=estimator, replan=replan,
-            confirm=confirm,
+            confirm=confirm, allow=allow,
         )  # fmt: skip
     except LabError as error:
         return Tied(False, str(error))
@@ -167,19 +174,31 @@ def _begin(goal: Goal, seen: Observation, rope: RopeConfig) -> KnotPlan:
     )
 
 
-def ask(yes: bool) -> Confirm:
-    """Shows each step, and asks on the terminal unless everything is allowed."""
+def ask(yes: bool) -> Allow:
+    """Says what is to be done, and asks on the terminal unless everything is allowed."""
+
+    def allow(motion: str) -> bool:
+        print(motion)
+        return yes or input("go on? [y/N] ").strip().lower() in ("y", "yes")
+
+    return allow
+
+
+def show(allow: Allow) -> Confirm:
+    """Says what each step is, and asks `allow`."""
 
     def confirm(step: PlanStep, plan: KnotPlan) -> bool:
         grasp, middle, end = (1e3 * plan.controls[0]).round().astype(int).tolist()
-        print(
+        told = (
             f"{len(plan.steps)} actions to {plan.goal}; the next is\n"
             f"  {describe(step.action, step.start_state)}\n"
             f"grasp    {grasp} mm\nthrough  {middle} mm\nrelease  {end} mm"
         )
         if plan.worlds:
-            print(f"success  in {plan.survived[0]} of {plan.worlds} worlds")
-        return yes or input("execute? [y/N] ").strip().lower() in ("y", "yes")
+            told += f"\nsuccess  in {plan.survived[0]} of {plan.worlds} worlds"
+        if not plan.solved:
+            told += f"\nno whole plan was found: {plan.reason}"
+        return allow(told)
 
     return confirm
 

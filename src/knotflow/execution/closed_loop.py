@@ -20,6 +20,7 @@ from knotflow.execution.robot import (
     TrackedRope,
 )
 from knotflow.execution.step_executor import (
+    PULL_DISTANCE,
     Controller,
     ExecutionConfig,
     StepExecutor,
@@ -36,6 +37,8 @@ Replan = Callable[[NDArray], KnotPlan]
 """Plans the rest of a knot from the rope (V, 3) as it lies."""
 Confirm = Callable[[PlanStep, KnotPlan], bool]
 """Whether the next step of a plan may be executed."""
+Allow = Callable[[str], bool]
+"""Whether another motion, told in words, may be made."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +67,15 @@ def execute(
     estimator: StateEstimator | None = None,
     replan: Replan | None = None,
     confirm: Confirm | None = None,
+    allow: Allow | None = None,
 ) -> Execution:
     """Execute a plan on a robot.
 
     The `source` tracks the rope while it is dragged. A `controller` corrects the drag; without one,
     a spline begins at the tracked rope and is then followed open loop. The `estimator` reads the
     state at the end, and with `replan` after each action: the rest is then planned again, and the
-    first step of the new plan, solved or not, executed if `confirm` allows it.
+    first step of the new plan, solved or not, executed if `confirm` allows it. Where the rope is in
+    doubt, its ends are pulled if `allow` says so.
 
     Raises:
         ValueError: a controller without a source, `replan` without an estimator, or a plan without
@@ -84,7 +89,7 @@ def execute(
         raise ValueError("the plan was saved without trajectories, so there is nothing to follow")
     corrects = source is not None or replan is not None
     executor = StepExecutor(robot, config or ExecutionConfig(), source, controller, corrects)
-    knot = _KnotExecution(executor, plan, estimator, confirm)
+    knot = _KnotExecution(executor, plan, estimator, confirm, allow)
     try:
         reason = knot.execute_steps() if replan is None else knot.execute_with_replanning(replan)
     finally:
@@ -100,6 +105,7 @@ class _KnotExecution:
     plan: KnotPlan
     estimator: StateEstimator | None
     confirm: Confirm | None = None
+    allow: Allow | None = None
     outcomes: list[StepOutcome] = field(default_factory=list)
     observation: Observation | None = None
 
@@ -165,6 +171,11 @@ class _KnotExecution:
         self.observation = executor.observe(self.estimator, done, likely)
         for turn in range(pulls):
             if self.observation.points is None or not self._in_doubt():
+                break
+            if self.allow is not None and not self.allow(
+                f"the rope is in doubt: {'; '.join(self.observation.all_ambiguities)}\n"
+                f"pull an end {1e3 * PULL_DISTANCE:.0f} mm outward, and look again"
+            ):
                 break
             executor.pull(done, self.observation.ambiguous_ends, turn)
             self.observation = executor.observe(self.estimator, done, likely)
