@@ -12,6 +12,7 @@ from knotflow.workflow.dependencies import (
     component_of,
     component_versions,
     definer,
+    file_digests,
     library_versions,
     minor_version,
     source_of,
@@ -120,6 +121,15 @@ def test_moving_a_file_changes_no_version(monkeypatch):
     moved = COMPONENTS | {"topology": Component(COMPONENTS["topology"].version, ("topology", "x"))}
     monkeypatch.setattr(dependencies, "COMPONENTS", moved)
     assert component_versions(["knotflow.planning.tree"]) == before
+
+
+def test_a_module_of_no_component_counts_by_its_file(monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "my_sampler.py").write_text("DEVIATION = 1\n")
+    before = file_digests(["my_sampler", "knotflow.samplers.icp", "no_such_module"])
+    assert [*before] == ["my_sampler"]
+    (tmp_path / "my_sampler.py").write_text("DEVIATION = 2\n")
+    assert file_digests(["my_sampler"]) != before
 
 
 def test_version_is_the_minor_one_or_empty():

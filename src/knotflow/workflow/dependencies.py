@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from importlib.util import resolve_name
+from importlib.util import find_spec, resolve_name
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +75,16 @@ def component_versions(modules: Iterable[str]) -> dict[str, int]:
     """Versions of the components that modules use, by name."""
     used = {component_of(name) for name in closure(frozenset(modules)) if _is_ours(name)}
     return {name: COMPONENTS[name].version for name in sorted(filter(None, used))}
+
+
+def file_digests(modules: Iterable[str]) -> dict[str, str]:
+    """Digests of the files of those modules that no component owns, such as a lab's sampler."""
+    found = {}
+    for name in sorted(one for one in modules if component_of(one) is None):
+        spec = find_spec(name)
+        if spec is not None and spec.origin is not None and Path(spec.origin).is_file():
+            found[name] = hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest()[:16]
+    return found
 
 
 def library_versions(modules: Iterable[str]) -> dict[str, str]:

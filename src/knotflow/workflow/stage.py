@@ -27,7 +27,12 @@ from typing import Any, TypeVar, get_type_hints
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from knotflow.workflow.dependencies import component_versions, library_versions, stage_code
+from knotflow.workflow.dependencies import (
+    component_versions,
+    file_digests,
+    library_versions,
+    stage_code,
+)
 from knotflow.workflow.key import plain
 
 Function = TypeVar("Function", bound=Callable[..., None])
@@ -108,7 +113,7 @@ class Stage:
             "arguments": plain(arguments),
             "inputs": plain(inputs),
             "code": code.digest,
-            "components": component_versions(modules),
+            "components": {**component_versions(modules), **file_digests(loaded)},
             "libraries": library_versions(modules),
         }
 
