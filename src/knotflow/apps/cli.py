@@ -189,10 +189,11 @@ def next_step(
             ambiguous = _see_photo(files[0], camera, size_of, colours, seen) != 0
         elif camera and files:
             from knotflow.perception import io
+            from knotflow.planning.rope_size import RopeSize
 
-            size = _seen_rope(options or RopeOptions())
+            size = RopeSize.of_options(options or RopeOptions()).rope()
             depth = files[1], camera, size, _depth_unit(depth_unit)
-            found_rope, capture = io.see(files[0], *depth, colours)
+            found_rope, capture = io.see(files[0], *depth, colours, max_seconds)
             print(io.describe(found_rope, capture))
             io.write_rope(seen, found_rope.points)
             ambiguous = found_rope.ambiguous
@@ -281,11 +282,12 @@ def run(
     from knotflow.apps import lab
     from knotflow.execution import ExecutionConfig
     from knotflow.perception import Calibration, Camera, io
+    from knotflow.planning.rope_size import RopeSize
     from knotflow.recording import RunLog
     from knotflow.simulation import ShapeError
 
     options = RopeOptions(length=length, diameter=diameter, stiffness=stiffness)
-    rope = _seen_rope(options)
+    rope = RopeSize.of_options(options).rope()
     if not yes and not sys.stdin.isatty():
         raise ValueError("run asks before every action: use a terminal, or --yes")
     if robot == "twin":
@@ -315,7 +317,9 @@ def run(
     path = lab.log_path(out, knot)
     with RunLog(path, {"knot": knot, "robot": robot}) as log:
         config = ExecutionConfig(max_actions=max_actions)
-        done = lab.tie(knot, driver, eye, rope, replan, lab.ask(yes), log, config)
+        allow = lab.ask(yes)
+        show = lab.show(allow)
+        done = lab.tie(knot, driver, eye, rope, replan, show, log, config, allow)
     print(f"{'tied' if done.tied else 'not tied'}: {done.reason}\n{path}")
     return 0 if done.tied else 1
 
@@ -537,8 +541,9 @@ def see(
         raise ValueError("with a depth image, see needs --camera FILE and --out FILE")
 
     from knotflow.perception import io  # slow to import
+    from knotflow.planning.rope_size import RopeSize
 
-    rope = _seen_rope(RopeOptions(length=length, diameter=diameter))
+    rope = RopeSize.of_options(RopeOptions(length=length, diameter=diameter)).rope()
     unit, colours = _depth_unit(depth_unit), (rope_color, head_color)
     found, seen = io.see(image, depth, camera, rope, unit, colours, max_seconds)
     io.write_rope(out, found.points)
@@ -599,16 +604,6 @@ def _read_rope(rope: str, options: RopeOptions | None, seed: int) -> planning.Me
     for remark in found.remarks:
         print(remark)
     return found
-
-
-def _seen_rope(options: RopeOptions) -> RopeConfig:
-    """The rope that is looked for in an image."""
-    from knotflow.planning.rope_size import RopeSize, parse_metres
-    from knotflow.simulation import NOMINAL, RopeConfig
-
-    length = parse_metres(options.length, "--length") if options.length else NOMINAL.length
-    size = RopeSize.of(length, options.diameter)
-    return RopeConfig(length=length, radius=size.diameter / 2, links=size.links)
 
 
 def _see_photo(

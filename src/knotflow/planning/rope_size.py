@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from knotflow.planning.config import RopeOptions
 from knotflow.planning.rope_files import METRES, RopeInputError
 from knotflow.simulation import NOMINAL, RopeConfig, rope_of, usual_links
 
@@ -67,6 +68,16 @@ class RopeSize:
         # Of one material, stiffness grows with the fourth power of thickness, weight by the second.
         relative = (thick / (DIAMETER * length)) ** (2 / 3)
         return cls(length, thick, STIFFNESS[stiffness] * relative * BENDING_LENGTH * length)
+
+    @classmethod
+    def of_options(cls, options: RopeOptions) -> RopeSize:
+        """A rope of given options, of the model rope's length where they have none; see `of`."""
+        length = parse_metres(options.length, "--length") if options.length else NOMINAL.length
+        return cls.of(length, options.diameter, options.stiffness)
+
+    def rope(self, links: int | None = None) -> RopeConfig:
+        """A rope of this length and diameter, as it is looked for in an image."""
+        return RopeConfig(self.length, 0.5 * self.diameter, links or self.links)
 
     @property
     def links(self) -> int:

@@ -64,8 +64,7 @@ class MeasuredRope:
     @property
     def rope(self) -> RopeConfig:
         """Its real size."""
-        size = self.size
-        return RopeConfig(size.length, 0.5 * size.diameter, len(self.points) - 1)
+        return self.size.rope(len(self.points) - 1)
 
 
 def measured_rope(text: str, options: RopeOptions, rng: np.random.Generator) -> MeasuredRope:
@@ -75,10 +74,9 @@ def measured_rope(text: str, options: RopeOptions, rng: np.random.Generator) -> 
         RopeInputError: neither a valid name nor a usable file, or options that do not fit it.
     """
     if text in ROPE_NAMES:
-        length = parse_metres(options.length or "1m", "--length")
-        size = RopeSize.of(length, options.diameter, options.stiffness)
+        size = RopeSize.of_options(options)
         points = parse_rope(text, size.model(), rng)
-        return MeasuredRope(points, size, Placement(length), Frame())
+        return MeasuredRope(points, size, Placement(size.length), Frame())
     return _measure(Path(text), options)
 
 

@@ -1,10 +1,13 @@
 """The studio's session: ropes, demonstrations, plans, without a browser."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from knotflow.apps.studio.session import ROPES, Session, StudioError
-from knotflow.planning import RopeInputError
+from knotflow.perception import SAMPLE
+from knotflow.planning import RopeInputError, RopeOptions
 from knotflow.samplers.demonstrations import TASKS, load_demonstrations, task
 from knotflow.simulation import straight
 from knotflow.topology import IllegalActionError, TopologicalState, parse_action
@@ -38,6 +41,34 @@ def test_uploaded_file_is_laid(session, tmp_path):
     assert session.points[0, 0] > 0
     with pytest.raises(RopeInputError, match="^other.csv, line 1: has no y"):
         session.lay_upload("../other.csv", b"1\n")
+
+
+def test_a_file_or_an_image_may_show_a_rope_of_any_size(session, monkeypatch):
+    curve = 2.2 * straight(session.simulation.rope)
+    rows = "\n".join(",".join(map(str, row)) for row in curve + [0.3, 0.0, 0.0])
+    session.lay_upload("mine.csv", rows.encode())
+    assert session.measured.size.length == pytest.approx(2.2, rel=1e-3)
+    assert session.measured.size.diameter == pytest.approx(0.022, rel=1e-3)
+    session.lay_upload("mine.csv", rows.encode(), RopeOptions(diameter="11mm"))
+    assert session.rope.radius == pytest.approx(0.0025, rel=1e-3)
+    assert np.ptp(session.points[:, 0]) == pytest.approx(1.0, abs=0.01)
+    assert session.measured.placement.x == pytest.approx(0.3, abs=0.01)
+    with pytest.raises(StudioError, match="1 m by 10 mm"):
+        session.begin(parse_action("R1(0,1,1)"))
+    with pytest.raises(RopeInputError, match=r"^mine.csv: this rope would be 2.2 m long, not 1 m"):
+        session.lay_upload("mine.csv", rows.encode(), RopeOptions(length="1m"))
+
+    def estimate(image, camera, rope):
+        asked.append(rope)
+        return SimpleNamespace(points=0.7 * straight(session.simulation.rope), all_ambiguities=())
+
+    asked = []
+    monkeypatch.setattr("knotflow.perception.estimate", estimate)
+    names = {"rgb": "overhand.png", "depth": "overhand-depth.png", "camera": "camera.yaml"}
+    files = {key: (SAMPLE / name).read_bytes() for key, name in names.items()}
+    assert session.lay_image(files, RopeOptions(length="0.7m", diameter="8mm")) == ()
+    assert asked[0].length == 0.7 and asked[0].radius == 0.004
+    assert session.measured.size.length == 0.7 and len(session.points) == asked[0].links + 1
 
 
 def test_only_offered_names_are_laid(session, tmp_path):

@@ -23,13 +23,18 @@ from knotflow.apps.studio.demonstration import Draft
 from knotflow.planning import (
     FAST_SEARCH,
     ROPE_NAMES,
+    Hand,
+    HandConfig,
     KnotPlan,
     MeasuredRope,
+    RopeOptions,
     SearchUpdate,
     SurvivalConfig,
+    measured_rope,
     parse_rope,
     plan_rope,
 )
+from knotflow.planning.rope_size import RopeSize
 from knotflow.samplers.demonstrations import (
     TASKS,
     Demonstration,
@@ -58,6 +63,9 @@ STARTS = {f"start of {one.action}": str(one.action) for one in TASKS if one.star
 ROPES = (*ROPE_NAMES, *STARTS)
 """Ropes to choose from: generated, or a start shape of a shipped demonstration."""
 
+ANY_SIZE = RopeOptions()
+"""Of a rope file of which only the file says how long it is."""
+
 
 class StudioError(ValueError):
     """Something that cannot be done now; names what has to come first."""
@@ -79,7 +87,7 @@ class Session:
     """
 
     def __init__(self, rope: str = "straight", file: Path = Path("demonstrations.jsonl")) -> None:
-        """Lay a rope: one of `ROPES`, or a file; see `planning.parse_rope` for its errors."""
+        """Lay a rope: one of `ROPES`, or a file; see `planning.measured_rope` for its errors."""
         self.file = file
         self.simulation = SimulationConfig()
         self._rng = np.random.default_rng(0)
@@ -87,7 +95,7 @@ class Session:
         if rope in ROPES:
             self.lay_named(rope)
         else:
-            self.lay(parse_rope(rope, self.simulation.rope, self._rng))
+            self._lay_file(Path(rope), ANY_SIZE)
 
     @cached_property
     def simulator(self) -> RopeSimulator:
@@ -135,13 +143,14 @@ class Session:
         else:
             self.lay(parse_rope(name, rope, self._rng))
 
-    def lay_upload(self, name: str, content: bytes) -> None:
+    def lay_upload(self, name: str, content: bytes, options: RopeOptions = ANY_SIZE) -> None:
         """Lay the rope of a file that came through the browser."""
         with _uploaded(name, content) as path:
-            points = parse_rope(str(path), self.simulation.rope, self._rng)
-        self.lay(points)
+            self._lay_file(path, options)
 
-    def lay_image(self, files: Mapping[str, bytes]) -> tuple[str, ...]:
+    def lay_image(
+        self, files: Mapping[str, bytes], options: RopeOptions = ANY_SIZE
+    ) -> tuple[str, ...]:
         """Lay the rope of an image, and return what is ambiguous in it.
 
         `files` are the contents of `rgb` and `depth` (PNG), and of `camera` (YAML or JSON).
@@ -149,8 +158,9 @@ class Session:
         Raises:
             ImageError, CameraError, TraceError: see `perception.estimate`.
         """
-        from knotflow.perception import estimate, read_capture
+        from knotflow.perception import estimate, io, read_capture
 
+        rope = RopeSize.of_options(options).rope()
         with tempfile.TemporaryDirectory() as folder:
             home = Path(folder)
             paths = home / "rgb.png", home / "depth.png", home / "camera.yaml"
@@ -158,9 +168,15 @@ class Session:
                 path.write_bytes(files[path.stem])
             seen = read_capture(*paths)
         with self._busy, one_thread():
-            found = estimate(seen.image, seen.camera, self.simulation.rope)
-        self.lay(found.points)
+            found = estimate(seen.image, seen.camera, rope)
+        with _uploaded("image.csv", b"") as path:
+            io.write_rope(path, found.points)
+            self._lay_file(path, options)
         return found.all_ambiguities
+
+    def _lay_file(self, path: Path, options: RopeOptions) -> None:
+        measured = measured_rope(str(path), options, self._rng)
+        self.lay(measured.points, measured)
 
     def read_photo(self, name: str, content: bytes, colour: str = "") -> Photograph:
         """Estimate the rope in a photograph, to be corrected and laid; see `Photograph`."""
@@ -199,13 +215,14 @@ class Session:
         with self._busy:
             config = replace(FAST_SEARCH, max_seconds=max_seconds)
             simulation = replace(self.simulation, rope=self.rope)
+            hand = HandConfig().scaled(self.measured.size.length if self.measured else 1.0)
             with warnings.catch_warnings(record=True) as unlike:
                 warnings.simplefilter("ignore")
                 warnings.simplefilter("always", UnlikeRopeWarning)
                 plan = plan_rope(
                     self.points, knot, self._rng,
                     sampler=self.library, simulation=simulation, config=config, progress=progress,
-                    survival=SurvivalConfig(worlds),
+                    survival=SurvivalConfig(worlds), reach=Hand(self.rope.radius, hand),
                 )  # fmt: skip
         self.remarks = tuple(str(one.message) for one in unlike)
         self.plan = subsample(plan)

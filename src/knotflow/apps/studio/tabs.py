@@ -16,7 +16,7 @@ from knotflow.apps.studio.demonstration import HEIGHTS, Draft, rope_from_drawing
 from knotflow.apps.studio.playback import Player, attempt_frames, plan_frames
 from knotflow.apps.studio.scene import Scene
 from knotflow.apps.studio.session import ROPES, Session, StudioError
-from knotflow.planning import KnotPlan, SearchStoppedError, SearchUpdate
+from knotflow.planning import KnotPlan, RopeOptions, SearchStoppedError, SearchUpdate
 from knotflow.topology import KNOT_NAMES, TopologicalState, knot, parse_action
 from knotflow.topology.action_text import describe
 from knotflow.topology.draw import draw
@@ -120,6 +120,10 @@ class RopeTab:
             "From a file", color="gray", hint=hint, mime_type=".csv,.npy"
         )
         button.on_upload(state.guarded(self._upload))
+        self._length = gui.add_text("Length", "", hint="Such as 0.9m; empty: the file's, or 1m")
+        self._diameter = gui.add_text(
+            "Diameter", "", hint="Such as 9mm; empty: 1/100 of the length"
+        )
         self._draw = state.button(_DRAW, self._start_or_finish_drawing, "gray")
         with gui.add_folder("From an image", expand_by_default=False):
             for name, label in _IMAGES.items():
@@ -132,8 +136,16 @@ class RopeTab:
 
     def _upload(self, event: viser.GuiEvent) -> None:
         file = event.target.value
-        self._state.session.lay_upload(file.name, file.content)
-        self._state.rope_changed(f"The rope of {file.name}.")
+        self._state.session.lay_upload(file.name, file.content, self._options())
+        self._state.rope_changed(f"The rope of {file.name}: {self._remarks()}.")
+
+    def _remarks(self) -> str:
+        measured = self._state.session.measured
+        return "" if measured is None else "; ".join(measured.remarks)
+
+    def _options(self) -> RopeOptions:
+        length, diameter = (one.value.strip() or None for one in (self._length, self._diameter))
+        return RopeOptions(length=length, diameter=diameter)
 
     def _start_or_finish_drawing(self, event: viser.GuiEvent) -> None:
         state, drawing = self._state, self._state.on_click == self._add_corner
@@ -158,10 +170,11 @@ class RopeTab:
             self._state.say(f"Still needed: {', '.join(missing)}.")
             return
         self._state.say("Reading the image...")
-        ambiguities = self._state.session.lay_image(self._files)
+        ambiguities = self._state.session.lay_image(self._files, self._options())
         self._files = {}
         self._state.rope_changed(
-            "The rope of the image." + "".join(f" Ambiguous: {one}." for one in ambiguities)
+            f"The rope of the image: {self._remarks()}."
+            + "".join(f" Ambiguous: {one}." for one in ambiguities)
         )
 
 
