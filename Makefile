@@ -71,7 +71,7 @@ smoke: $(VENV)/.installed  ## one experiment with small counts, and its report
 	$(BIN)/python -m knotflow +experiment=single_stage budget=smoke
 	$(BIN)/python -m knotflow.report --results results/smoke --out reports/smoke
 
-smoke-all: $(VENV)/.installed  ## every experiment with small counts, and the report
+smoke-all: $(VENV)/.installed  ## +experiment=paper with small counts, and the report
 	$(BIN)/python -m knotflow +experiment=paper budget=smoke
 	$(BIN)/python -m knotflow.report --results results/smoke --out reports/smoke
 

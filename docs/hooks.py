@@ -29,5 +29,12 @@ def on_files(files: Files, config: Any) -> Files:
     return files
 
 
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Links of docs/ to the report and to results/ lead to the site's copies."""
+    return markdown.replace("](../reports/report.md", "](report.md").replace(
+        "](../results/", "](results/"
+    )
+
+
 def _add(files: Files, config: Any, name: str, source: Path) -> None:
     files.append(File.generated(config, name, abs_src_path=str(source)))

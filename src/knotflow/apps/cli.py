@@ -115,7 +115,7 @@ def plan(
         out: Folder for pictures, recording and waypoints; plans/KNOT-ROPE-SEED by default.
         seed: Seed of the random rope and of the search.
         margin: Metres of rope that every step leaves between crossings.
-        worlds: Search on until a plan ties in 3/4 of so many simulated worlds; 0 takes the first.
+        worlds: Search until a plan ties in 3/4 of N worlds and of 2 N others; 0 takes the first.
         overwrite: Replace the plan in that folder; other files there are kept.
     """
     measured = _read_rope(rope, options, seed)

@@ -194,7 +194,7 @@ class PlanTab:
             16,
             min=0,
             max=100,
-            hint="The plan shall tie in 3/4 of them; 0: the first plan",
+            hint="The plan shall tie in 3/4 of them and of twice as many others; 0: the first",
         )
         self._begin = state.button("Plan", self._plan)
         self._end = state.button("Stop", lambda event: self._stop.set(), "gray", visible=False)
