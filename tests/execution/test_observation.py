@@ -104,6 +104,32 @@ def test_image_from_before_the_observation_is_skipped(monkeypatch):
     assert estimator.estimate(robot) is None
 
 
+def test_after_lost_frames_the_first_image_is_skipped_again(monkeypatch):
+    monkeypatch.setattr("knotflow.perception.estimate", lambda *_, **__: SEEN)
+    robot, estimator = Filmed(), ImageStateEstimator(CAMERA)
+    assert estimator.estimate(robot) is None
+    with monkeypatch.context() as lost:
+        lost.setattr(robot, "lost", (0.0, 1.0))
+        assert estimator.estimate(robot) is None
+    robot.move_to(robot.position, STEP)
+    assert estimator.estimate(robot) is None  # it may be of the look before
+    robot.move_to(robot.position, STEP)
+    assert estimator.estimate(robot) is not None
+
+
+def test_likely_shapes_have_the_links_of_the_rope_that_is_looked_for(monkeypatch):
+    asked = {}
+    monkeypatch.setattr(
+        "knotflow.perception.estimate", lambda *_, **named: asked.update(named) or SEEN
+    )
+    robot, estimator = Filmed(), ImageStateEstimator(CAMERA)
+    estimator.estimate(robot)
+    robot.move_to(robot.position, STEP)
+    estimator.estimate(robot, [STRAIGHT[::2], STRAIGHT])
+    assert [len(one) for one in asked["likely"]] == [len(STRAIGHT)] * 2
+    assert len(asked["earlier"]) == len(STRAIGHT)
+
+
 def test_unknown_head_is_ambiguous(monkeypatch):
     monkeypatch.setattr(
         "knotflow.perception.estimate", lambda *_, **__: replace(SEEN, head_known=False)

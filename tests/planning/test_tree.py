@@ -430,6 +430,18 @@ def test_what_is_left_of_an_earlier_plan_is_tried_first(world, path_goal, rule):
     np.testing.assert_array_equal(stays.splines, earlier.splines)  # as if the first step had failed
 
 
+def test_no_success_of_an_earlier_plan_makes_a_node_likelier_than_certain(world, path_goal):
+    first = world()
+    earlier = search(path_goal, first)
+    again, rng = remembering(world, first), np.random.default_rng(0)
+    config = PlannerConfig(max_branches=40)
+    grown = TreeSearch(earlier.start, path_goal, again, again, rng, config, earlier=earlier)
+    plan = grown.run()
+    assert plan.solved and plan.branches == 24
+    for node in grown.nodes:
+        assert (node.tries >= node.successes).all()
+
+
 def test_an_earlier_plan_is_carried_to_where_the_rope_lies(world, path_goal):
     first = world()
     earlier = search(path_goal, first)

@@ -179,11 +179,16 @@ class ImageStateEstimator:
         try:
             image = robot.observe()
         except TimeoutError:
+            self._previous_time = None  # the next image may be of the next look
             return None
         if self._previous_time is None or image.time <= self._previous_time:
             self._previous_time = image.time
             return None
         self._previous_time = None
+        likely = [
+            one if len(one) == self.rope.num_vertices else resample(one, self.rope)
+            for one in likely
+        ]
         config = EstimateConfig() if self._search_wider else EstimateConfig(fallback_search=None)
         camera, rope, net = self.camera, self.rope, self.network
         first = likely[0] if likely else None

@@ -124,19 +124,20 @@ class TreeSearch:
             self._miss(expansion)
         return self._grow_by(expansion, splines)
 
-    def _grow_by(self, expansion: Expansion, splines: Floats) -> list[Node]:
+    def _grow_by(self, expansion: Expansion, splines: Floats, learn: bool = True) -> list[Node]:
         """Simulate splines (B, 6) of one expansion; the new nodes in its state."""
         if not len(splines):
             return []
         count = len(self.nodes)
         starts = np.repeat(expansion.node.points[None], len(splines), axis=0)
         rollouts = self.simulator.execute(starts, splines)
-        self._add([expansion] * len(splines), splines, [rollouts])
+        self._add([expansion] * len(splines), splines, [rollouts], learn)
         return [one for one in self.nodes[count:] if one.state == expansion.goal]
 
     def _follow(self, plan: KnotPlan) -> None:
         """Grow a branch by what is left of an earlier plan for this rope: by noisy copies of each
-        spline, from where the best ones of the step before ended."""
+        spline, from where the best ones of the step before ended. How copies of one spline fare
+        says little of others, so the rule learns nothing from it."""
         node = self.nodes[0]
         for step in plan.steps_from(node.state):
             edges = range(len(node.edges))
@@ -147,13 +148,17 @@ class TreeSearch:
             x, y, _ = (node.points - step.start).mean(axis=0)
             spline = clip_splines(step.spline + [0.0, x, y, 0.0, x, y])
             splines = self._proposals.near(node.points, spline, COPIES)
-            children = self._grow_by(expansion, splines)
+            children = self._grow_by(expansion, splines, learn=False)
             if not children:
                 return
             node = max(children, key=prospect)
 
     def _add(
-        self, chosen: Sequence[Expansion], splines: Floats, parts: Sequence[Rollouts]
+        self,
+        chosen: Sequence[Expansion],
+        splines: Floats,
+        parts: Sequence[Rollouts],
+        learn: bool = True,
     ) -> SearchUpdate:
         rollouts = Rollouts.concatenate(parts)
         ends = end_states(rollouts)
@@ -171,8 +176,9 @@ class TreeSearch:
             self.tried[expansion.node.state, expansion.action, outcome, success] += 1
         new = [child for child in children if child is not None]
         self._proposals.evaluate(new)
-        for expansion, child in zip(chosen, children, strict=True):
-            self._rule.learn(expansion, child)
+        if learn:
+            for expansion, child in zip(chosen, children, strict=True):
+                self._rule.learn(expansion, child)
         self.nodes.extend(new)
         for node in new:
             self._rule.add(node)
