@@ -4,7 +4,7 @@
 
 kills it so many times, `kill -9` a random while after randomly many of its stages; without
 KILLS it is left out, for it takes minutes. What is half-written at each change of the file
-system is tests/workflow/test_crash.py's.
+system is tests/workflow/test_store.py's.
 """
 
 from __future__ import annotations

@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -54,6 +52,17 @@ def test_bending_length_is_that_of_the_links(stiffness):
         assert size.bending_length == pytest.approx(0.03)
 
 
+@pytest.mark.parametrize("length", [0.3, 1.0, 3.0])
+def test_the_rope_in_its_real_size_bends_under_its_own_weight_as_the_model(length):
+    size = RopeSize.of(length, f"{0.015 * length}", "soft")
+    rope = size.rope()
+    assert (rope.length, rope.radius) == (length, pytest.approx(0.0075 * length))
+    assert rope.links == size.model().links
+    weight = rope.density * np.pi * rope.radius**2 * GRAVITY
+    bending = (rope.joint_stiffness * rope.link_length / weight) ** (1 / 3)
+    assert bending == pytest.approx(size.bending_length, rel=1e-3)
+
+
 def test_links_follow_from_length_over_diameter():
     assert RopeSize.of(1.0, "10mm").links == RopeConfig().links
     assert RopeSize.of(0.5, "4mm").links == 48
@@ -77,17 +86,9 @@ def test_model_moves_as_the_rope_itself():
     model = SimulationConfig(rope=rope, threads=1)
     start = random_curve(rope, np.random.default_rng(0))
     spline = np.array([0.05, start[20, 0], start[20, 1], 0.06, 0.2, 0.1])
-    time, mass = np.sqrt(size.length), size.length**3  # of a unit of the model, at one density
-    own = replace(
-        rope,
-        length=size.length,
-        radius=size.length * rope.radius,
-        joint_damping=rope.joint_damping * mass * size.length**2 / time,
-        joint_armature=rope.joint_armature * mass * size.length**2,
-        joint_stiffness=rope.joint_stiffness * mass * size.length**2 / time**2,
-    )
+    time = np.sqrt(size.length)  # of a unit of the model
     real = SimulationConfig(
-        rope=own,
+        rope=size.rope(),
         timestep=model.timestep * time,
         contact_time=model.contact_time * time,
         pace=model.pace * size.length / time,

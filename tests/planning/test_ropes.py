@@ -3,7 +3,15 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from knotflow.planning import ROPE_NAMES, RopeInputError, lay_down, parse_rope, read_rope
+from knotflow.planning import (
+    ROPE_NAMES,
+    RopeInputError,
+    RopeOptions,
+    lay_down,
+    measured_rope,
+    parse_rope,
+    read_rope,
+)
 from knotflow.planning.rope_files import MAX_POINTS, read_table
 from knotflow.simulation import RopeConfig, check_points, straight
 from knotflow.topology import TopologicalState
@@ -71,6 +79,14 @@ def test_a_tangled_rope_keeps_its_state_and_gets_room_at_its_crossings(gap):
     assert TopologicalState.from_curve(points) == OVERHAND
     assert points[:, 2].max() < 8 * fine.radius
     assert points[:, 2].min() >= 0.9 * fine.radius
+
+
+def test_a_rope_without_heights_lies_on_the_table(tmp_path):
+    along = np.linspace(-0.5, 0.5, 41)  # as many points as the model has
+    np.savetxt(tmp_path / "flat.csv", np.column_stack([along, 0 * along]), delimiter=",")
+    rng = np.random.default_rng(0)
+    measured = measured_rope(str(tmp_path / "flat.csv"), RopeOptions(), rng)
+    np.testing.assert_allclose(measured.points[:, 2], measured.model.radius, atol=1e-9)
 
 
 def test_a_rope_at_rest_keeps_its_heights():

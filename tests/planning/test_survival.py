@@ -36,7 +36,7 @@ class Brittle:
         return rollouts
 
 
-def survive(brittle, goal, told=lambda update: None, budget=1000, **options):
+def survive(brittle, goal, told=lambda update: None, budget=1000, stoppable=False, **options):
     rng = np.random.default_rng(0)
     start, config = straight(brittle.config.rope), PlannerConfig(max_branches=budget)
     search = TreeSearch(start, goal, brittle, brittle, rng, config)
@@ -47,7 +47,7 @@ def survive(brittle, goal, told=lambda update: None, budget=1000, **options):
         told(update)
 
     survival = SurvivalSearch(search, SurvivalConfig(**options), rng)
-    return survival.run(progress), [one.survival for one in updates]
+    return survival.run(progress, stoppable), [one.survival for one in updates]
 
 
 @pytest.mark.slow
@@ -74,9 +74,18 @@ def test_one_who_stops_it_gets_the_best_plan_so_far(world, path_goal, ends):
         if update.survival:
             raise ends
 
-    plan, _ = survive(Brittle(world(), 0.0), path_goal, stop)
+    plan, _ = survive(Brittle(world(), 0.0), path_goal, stop, stoppable=True)
     assert plan.solved and plan.worlds == 16
     assert plan.reason == "the search was stopped"
+
+
+def test_an_interruption_is_not_swallowed_where_nobody_asked_for_it(world, path_goal):
+    def stop(update):
+        if update.survival:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        survive(Brittle(world(), 0.0), path_goal, stop)
 
 
 def test_one_who_stops_it_before_there_is_a_plan_gets_none(world, path_goal):

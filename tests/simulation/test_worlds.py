@@ -86,6 +86,8 @@ def test_fingers_catch_the_nearest_link_or_none(rng):
     np.testing.assert_allclose(moved[:, 0] - controls[:, 0], 0.05, atol=1e-9)
     np.testing.assert_allclose(moved[:, 1] - controls[:, 1], [0.0, 0.02, 0.02], atol=1e-9)
     assert World(grasp=(0.0, 2 * GRASP_REACH)).disturb(points, controls)[0] is None
+    wider = World(grasp=(0.0, 2 * GRASP_REACH), reach=3 * GRASP_REACH)
+    assert wider.disturb(points, controls)[0] is not None
 
 
 def test_rope_that_is_not_caught_stays(fast):

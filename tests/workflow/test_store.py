@@ -40,6 +40,22 @@ def test_temporaries_of_living_processes_stay(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == [f"{TEMPORARY}{alive}-abcd-file"]
 
 
+def test_temporaries_without_a_process_are_removed(tmp_path):
+    (tmp_path / ".tmp-checkpoint.pt").touch()
+    (tmp_path / "below").mkdir()
+    (tmp_path / "below" / ".tmp-x1y2").mkdir()
+    remove_abandoned(tmp_path)
+    assert [one.name for one in tmp_path.rglob("*")] == ["below"]
+
+
+def test_nothing_written_leaves_the_folder_that_was_there(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "kept").touch()
+    with pytest.raises(FileNotFoundError), atomic(tmp_path / "out"):
+        pass
+    assert (tmp_path / "out" / "kept").exists()
+
+
 def test_a_folder_has_its_final_name_only_once_complete(tmp_path):
     folder = StageFolder(tmp_path, "toy", "abc")
     assert folder.state() == "run"

@@ -55,6 +55,11 @@ class Hand:
     config: HandConfig = field(default_factory=HandConfig)
     arm: Reach | None = None
 
+    @property
+    def catches(self) -> float:
+        """Largest distance of a centre line from between the fingers that they catch, metres."""
+        return self.config.opening / 2
+
     def may_follow(self, points: Floats, splines: Floats) -> NDArray[np.bool_]:
         links = grasped_link(splines, len(points) - 1)
         fits = openings(points, links, self.radius, self.config) > 0

@@ -7,7 +7,7 @@ gravity is unchanged, and a rope of the same proportions moves exactly alike.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from knotflow.planning.config import RopeOptions
 from knotflow.planning.rope_files import METRES, RopeInputError
@@ -76,8 +76,17 @@ class RopeSize:
         return cls.of(length, options.diameter, options.stiffness)
 
     def rope(self, links: int | None = None) -> RopeConfig:
-        """A rope of this length and diameter, as it is looked for in an image."""
-        return RopeConfig(self.length, 0.5 * self.diameter, links or self.links)
+        """The rope in its real size, of the model's proportions and material."""
+        model, length = self.model(links), self.length
+        torque = length**4  # of weights, length cubed, and levers
+        return replace(
+            model,
+            length=length,
+            radius=0.5 * self.diameter,
+            joint_stiffness=torque * model.joint_stiffness,
+            joint_damping=torque * length**0.5 * model.joint_damping,
+            joint_armature=torque * length * model.joint_armature,
+        )
 
     @property
     def links(self) -> int:

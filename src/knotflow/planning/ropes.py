@@ -198,8 +198,10 @@ class _CentreLine:
         thick = RopeSize.of(length, options.diameter).diameter
         frame, tilted = _table_frame(path, points, options.up, length, thick)
         frame = replace(frame, unit=table.unit or "m")
-        points = np.pad(points, ((0, 0), (0, 3 - points.shape[1]))) @ frame.rotation
-        points[:, 2] -= frame.height + thick / 2
+        if points.shape[1] == 3:
+            points = points @ frame.rotation - [0.0, 0.0, frame.height + thick / 2]
+        else:
+            points = np.pad(points, ((0, 0), (0, 1)))
         try:
             crossings = planar_code(points[:, :2])
         except DegenerateCurveError as error:

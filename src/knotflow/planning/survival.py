@@ -62,12 +62,13 @@ class SurvivalSearch:
         """Simulated nodes by parent and state."""
         self._tries: Counter[tuple[Node, int]] = Counter()
 
-    def run(self, progress: Progress | None = None) -> KnotPlan:
+    def run(self, progress: Progress | None = None, stoppable: bool = False) -> KnotPlan:
         """The plan that survives best; how often is measured in fresh worlds.
 
-        `SearchStoppedError` and Ctrl-C end the search with the best plan so far, and go on to the
-        caller before there is one.
+        `SearchStoppedError` and, if `stoppable`, Ctrl-C end the search with the best plan so far,
+        and go on to the caller before there is one.
         """
+        stops = (SearchStoppedError, KeyboardInterrupt) if stoppable else SearchStoppedError
         search, config = self._search, self._config
         first = search.run(progress)
         if not (first.solved and first.steps):
@@ -87,7 +88,7 @@ class SurvivalSearch:
                 if progress is not None:
                     update = search.update()
                     progress(replace(update, survival=self._ropes[best].survival))
-        except (SearchStoppedError, KeyboardInterrupt):
+        except stops:
             reason = "the search was stopped"
         plan = search.plan(True, reason, best)
         survived = surviving(plan.steps, search.simulator, self._draw())
@@ -115,7 +116,8 @@ class SurvivalSearch:
 
     def _draw(self) -> list[World]:
         rope, config = self._search.simulator.config.rope, self._config
-        return draw_worlds(rope, config.worlds, self._rng, config.spread)
+        catches = self._search.catches
+        return draw_worlds(rope, config.worlds, self._rng, config.spread, catches)
 
     def _next(self, known: float) -> Sequence[Node]:
         """The best new children of the most promising node that survives in more than a share of

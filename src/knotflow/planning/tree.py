@@ -23,13 +23,14 @@ import numpy as np
 
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal
-from knotflow.planning.hand import Reach
+from knotflow.planning.hand import Hand, Reach
 from knotflow.planning.plan import ExpansionStats, KnotPlan, PlanStep
 from knotflow.planning.proposals import Proposals, group_by_query, prospect
 from knotflow.planning.rules import KINDS, Expansion, Node, PaperRule, PosteriorRule
 from knotflow.planning.validation import are_robust
 from knotflow.samplers.sampler import Sampler
 from knotflow.simulation import (
+    GRASP_REACH,
     Attempts,
     Observer,
     Rollouts,
@@ -91,6 +92,7 @@ class TreeSearch:
         self.goal, self.simulator = goal, simulator
         self.config, self.observe = config or PlannerConfig(), observe
         self._reach, self._earlier = reach, earlier
+        self.catches = reach.catches if isinstance(reach, Hand) else GRASP_REACH
         points = check_points(points, simulator.config.rope)
         state = TopologicalState.from_curve(points)
         self._paper = self.config.rule == "paper"

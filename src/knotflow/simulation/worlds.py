@@ -65,15 +65,17 @@ class World:
     """Error in x and y where the fingers close, metres."""
     shift: tuple[float, float] = (0.0, 0.0)
     """Error in x and y of the middle and the end of the motion, metres."""
+    reach: float = GRASP_REACH
+    """Largest distance from the fingers to a centre line that they catch, metres."""
 
     def disturb(self, points: Floats, controls: Floats) -> tuple[int | None, Floats]:
-        """The link of a rope (V, 3) that is caught, the nearest within `GRASP_REACH` or none, and
+        """The link of a rope (V, 3) that is caught, the nearest within `reach` or none, and
         the control points (3, 3) of its motion, in which it keeps its distance from the fingers."""
         link, distance = nearest_link(points, controls[0] + [*self.grasp, 0.0])
         moved = controls.copy()
         moved[:, :2] += (points[link] + points[link + 1])[:2] / 2 - controls[0, :2]
         moved[1:, :2] += self.shift
-        return (link if distance <= GRASP_REACH else None), moved
+        return (link if distance <= self.reach else None), moved
 
 
 @dataclass
@@ -91,14 +93,18 @@ class WorldsConfig:
 
 
 def draw_worlds(
-    rope: RopeConfig, count: int, rng: np.random.Generator, config: WorldsConfig | None = None
+    rope: RopeConfig,
+    count: int,
+    rng: np.random.Generator,
+    config: WorldsConfig | None = None,
+    reach: float = GRASP_REACH,
 ) -> list[World]:
-    """Worlds around a nominal rope."""
+    """Worlds around a nominal rope, in which fingers catch a strand within a `reach`, metres."""
     config = config or WorldsConfig()
     pace = np.exp(rng.uniform(np.log(config.slowest), np.log(config.fastest), count))
     grasp = rng.normal(0.0, config.error, (count, 2))
     shift = rng.normal(0.0, np.sqrt(2) * config.error, (count, 2))  # of the end against the grasp
     return [
-        World(perturb_rope(rope, config.level, rng), *one)
+        World(perturb_rope(rope, config.level, rng), *one, reach)
         for one in zip(pace.tolist(), map(tuple, grasp), map(tuple, shift), strict=True)
     ]

@@ -44,10 +44,10 @@ def atomic(path: Path) -> Iterator[Path]:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     token = f"{TEMPORARY}{os.getpid()}-{secrets.token_hex(4)}"
-    temporary, old = path.parent / f"{token}-{path.name}", path.parent / f"{token}-old"
+    temporary, old = path.parent / f"{token}-{path.name}", path.parent / f"{token}.old"
     try:
         yield temporary
-        if path.is_dir() or (temporary.is_dir() and path.exists()):
+        if temporary.exists() and (path.is_dir() or (temporary.is_dir() and path.exists())):
             os.rename(path, old)  # a folder is replaced in two steps
         os.replace(temporary, path)
     finally:
@@ -72,8 +72,8 @@ def remove(path: Path) -> None:
 def remove_abandoned(folder: Path) -> None:
     """Delete what processes that are gone left half-written in `folder` or below."""
     for path in list(folder.rglob(f"{TEMPORARY}*")):
-        pid = int(path.name.removeprefix(TEMPORARY).partition("-")[0])
-        if pid == os.getpid() or not _is_alive(pid):
+        pid = path.name.removeprefix(TEMPORARY).partition("-")[0]
+        if not pid.isdigit() or int(pid) == os.getpid() or not _is_alive(int(pid)):
             remove(path)
 
 
