@@ -1,7 +1,12 @@
 """A run stops with a reason, and says that a knot is tied only where it is seen."""
 
+from io import BytesIO
+
 import numpy as np
 import pytest
+from mcap.exceptions import EndOfFile
+from mcap.records import Channel
+from mcap.stream_reader import StreamReader
 
 from knotflow.apps import lab
 from knotflow.execution import TrueState, Twin, TwinConfig
@@ -92,6 +97,55 @@ def test_a_fault_of_the_driver_ends_the_run_and_opens_the_fingers(start, twin):
     done = start(robot)
     assert not done.tied and "failed at grasp: RuntimeError('motor 3 is off')" in done.reason
     assert robot.released
+
+
+@pytest.mark.parametrize("fails", ["move_to", "position", "expect"])
+def test_every_fault_but_a_late_image_ends_the_run_with_open_fingers(start, twin, fails):
+    robot = Faulty(twin.robot())
+
+    def fail(*_):
+        raise TimeoutError("no answer")
+
+    wrong = {fails: property(fail) if fails == "position" else fail, "grasp": lambda self: None}
+    robot.__class__ = type("Late", (Faulty,), wrong)
+    done = start(robot)
+    assert not done.tied and f"failed at {fails}: TimeoutError('no answer')" in done.reason
+    assert robot.released
+
+
+def test_a_person_who_is_gone_says_no(monkeypatch, capsys):
+    def gone(prompt):
+        raise EOFError
+
+    monkeypatch.setattr("builtins.input", gone)
+    assert not lab.ask(yes=False)("the gripper moves")
+    assert lab.ask(yes=True)("the gripper moves")
+    assert capsys.readouterr().out.count("the gripper moves") == 2
+
+
+def test_two_runs_have_two_logs(tmp_path, monkeypatch):
+    monkeypatch.setattr(lab.time, "strftime", lambda form: "now")
+    names = []
+    for _ in range(3):
+        names.append(lab.log_path(tmp_path, "overhand"))
+        names[-1].touch()
+    assert [one.name for one in names] == [
+        "overhand-now.mcap",
+        "overhand-now-2.mcap",
+        "overhand-now-3.mcap",
+    ]
+
+
+def test_what_happened_outlives_the_process(tmp_path, twin):
+    log = RunLog(tmp_path / "run.mcap", {})
+    log.say("grasp")
+    kept = (tmp_path / "run.mcap").read_bytes()
+    log.__exit__()
+    assert (tmp_path / "run.mcap").read_bytes().startswith(kept)
+    records, told = StreamReader(BytesIO(kept)).records, []
+    with pytest.raises(EndOfFile):
+        told.extend(one.topic for one in records if isinstance(one, Channel))
+    assert "/topology" in told
 
 
 class Blind(lab.RobotWrapper):

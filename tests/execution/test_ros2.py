@@ -337,6 +337,16 @@ def test_another_move_than_announced_cancels_the_rest(robot, ros):
     np.testing.assert_allclose(robot.position, begin, atol=5e-4)
 
 
+def test_opening_the_fingers_ends_an_announced_motion(robot, ros):
+    begin = robot.position
+    path = begin + np.arange(1, 31)[:, None] * [0.0, -0.01, 0.0]
+    robot.expect(path, 0.1)
+    robot.move_to(path[0], 0.1)
+    robot.release()
+    assert ros.goals[0].cancelled
+    assert np.linalg.norm(robot.position - path[-1]) > 0.2
+
+
 def test_ctrl_c_is_left_to_python(robot, ros):
     assert ros.inits == [{"args": [], "signal_handler_options": 0}]
 
@@ -473,6 +483,7 @@ def test_a_goal_that_fails_ends_a_run_with_the_fingers_open(robot, ros, tmp_path
         )  # fmt: skip
     assert not done.tied and done.reason.startswith("the robot failed at move_to: Ros2Error(")
     assert "aborted, error -4 path tolerance" in done.reason
+    assert ros.grips[-1].position == pytest.approx(0.04)
 
 
 @pytest.mark.slow

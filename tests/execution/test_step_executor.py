@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from knotflow.execution import ExecutionConfig, TrueState, Twin, TwinConfig
+from knotflow.execution.robot import RobotError
 from knotflow.execution.step_executor import (
     StepExecutor,
     interpolate_rope,
@@ -32,6 +33,28 @@ def test_pull_preserves_the_state(plan):
     assert 0.02 < moved.max() < 0.06
     assert state_or_none(twin.points) == step.end_state
     assert not run.closed and not twin.grasped
+
+
+class Stalled:
+    """A robot that stays where it is, and may not know where that is."""
+
+    def __init__(self, position):
+        self.position, self.moves = np.array(position), 0
+
+    def move_to(self, position, seconds):
+        self.moves += 1
+
+
+@pytest.mark.parametrize(
+    ("position", "told", "most"),
+    [((0.0, 0.0, 0.3), "m from where it was sent", 40), ((0.0, np.nan, 0.3), "nan", 1)],
+)
+def test_a_robot_that_does_not_follow_is_told_from_one_that_does(position, told, most):
+    robot = Stalled(position)
+    executor = StepExecutor(robot, ExecutionConfig(), corrects=True)
+    with pytest.raises(RobotError, match=told):
+        executor.observe(None, 0)
+    assert robot.moves <= most
 
 
 def test_path_from_another_grasp_ends_as_planned(plan):

@@ -9,6 +9,7 @@ input.
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import os
 import re
@@ -288,6 +289,7 @@ def run(
 
     options = RopeOptions(length=length, diameter=diameter, stiffness=stiffness)
     rope = RopeSize.of_options(options).rope()
+    planning.parse_goal(knot, rope)  # refuses it before a robot is asked for
     if not yes and not sys.stdin.isatty():
         raise ValueError("run asks before every action: use a terminal, or --yes")
     if robot == "twin":
@@ -299,6 +301,7 @@ def run(
         eye, driver = Calibration.load(camera).camera(), lab.load_robot(robot)
 
     found: planning.KnotPlan | None = None
+    seeds = itertools.count(seed)
 
     def replan(points: NDArray) -> planning.KnotPlan:
         nonlocal found
@@ -309,8 +312,10 @@ def run(
                 measured = _read_rope(str(seen), options, seed)
             except planning.RopeInputError as error:
                 raise ShapeError(str(error)) from error
+            if found is not None:
+                found = _resampled(found, measured)
             found, _ = _search(
-                knot, measured, found, seed, max_seconds, margin, worlds, GRIPPER_ERROR, arm
+                knot, measured, found, next(seeds), max_seconds, margin, worlds, GRIPPER_ERROR, arm
             )
         return found.placed(measured.placement, measured.frame)
 
@@ -653,15 +658,21 @@ def _kept_plan(file: Path, knot: str, measured: planning.MeasuredRope) -> planni
     Raises:
         ValueError: it is no plan, or one for another knot.
     """
-    from knotflow.simulation import resample
-
     if not file.exists():
         return None
     kept = planning.KnotPlan.from_json(file.read_text(encoding="utf-8"))
     if set(kept.goal_states) != set(planning.parse_goal(knot, measured.rope).states):
         raise ValueError(f"{file} keeps a plan for {kept.goal}: name another file for {knot}")
     kept = kept.placed(planning.Placement(1 / measured.placement.length), planning.Frame())
-    # As many vertices as the model has now: the length was measured anew.
+    return _resampled(kept, measured)
+
+
+def _resampled(kept: planning.KnotPlan, measured: planning.MeasuredRope) -> planning.KnotPlan:
+    """A plan for the model with as many vertices as it has now: the length was measured anew."""
+    from knotflow.simulation import resample
+
+    if all(len(one.start) == len(measured.points) for one in kept.steps):
+        return kept
     steps = (replace(one, start=resample(one.start, measured.model)) for one in kept.steps)
     return replace(kept, steps=tuple(steps))
 
@@ -717,6 +728,7 @@ def _search(
             measured.points, knot, rng_of(seed, 1),
             sampler=library, simulation=SimulationConfig(rope=measured.model), config=config,
             progress=show, observe=tried.append, survival=survival, reach=reach, earlier=earlier,
+            stoppable=not error,  # a plan that is not executed at once
         )  # fmt: skip
     for warning in unlike:
         print(warning.message)

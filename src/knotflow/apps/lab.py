@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -24,7 +26,7 @@ from knotflow.execution import (
     execute,
 )
 from knotflow.execution.closed_loop import Allow, Confirm, Replan
-from knotflow.execution.robot import Observation, RobotWrapper
+from knotflow.execution.robot import Observation, RobotError, RobotWrapper
 from knotflow.execution.step_executor import StepExecutor
 from knotflow.perception import Camera, RgbdImage
 from knotflow.planning import Goal, KnotPlan, PlanStep, parse_goal
@@ -80,7 +82,7 @@ class LoggedRobot(RobotWrapper):
         self._log = log
 
     def observe(self) -> RgbdImage:
-        image = self._try(super().observe)
+        image = self._try(super().observe, late=TimeoutError)
         self._log.image(encode_jpeg(image))
         return image
 
@@ -96,11 +98,26 @@ class LoggedRobot(RobotWrapper):
         self._try(super().release)
         self._log.say("release")
 
-    def _try(self, command: Callable[..., Given], *arguments: object) -> Given:
-        """What a command gives; TimeoutError passes, for an image may be late."""
+    @property
+    def position(self) -> NDArray:
+        def position() -> NDArray:
+            return self.robot.position
+
+        return self._try(position)
+
+    def expect(self, positions: NDArray, seconds: float, strand: float | None = None) -> bool:
+        return self._try(super().expect, positions, seconds, strand)
+
+    def _try(
+        self,
+        command: Callable[..., Given],
+        *arguments: object,
+        late: type[Exception] | tuple[()] = (),
+    ) -> Given:
+        """What a command gives; an error `late` passes."""
         try:
             return command(*arguments)
-        except (TimeoutError, KeyboardInterrupt):
+        except late:
             raise
         except Exception as error:
             self._log.say(f"failed: {error!r}")
@@ -139,6 +156,7 @@ def tie(
     ):
         return Tied(False, "the gripper was not allowed to move out of the way")
     try:
+        logged.release()
         seen = StepExecutor(logged, config).observe(estimator, 0)
         if seen.points is None:
             return Tied(False, f"the rope is not seen: {'; '.join(seen.all_ambiguities)}")
@@ -147,8 +165,11 @@ def tie(
             _begin(goal, seen, rope), logged, config, estimator=estimator, replan=replan,
             confirm=confirm, allow=allow,
         )  # fmt: skip
-    except LabError as error:
+    except (LabError, RobotError) as error:
         return Tied(False, str(error))
+    finally:
+        with suppress(LabError):
+            logged.release()
     if execution.observation is not None and execution.observation.points is not None:
         log.rope(execution.observation.points)
     log.say(execution.reason)
@@ -179,7 +200,10 @@ def ask(yes: bool) -> Allow:
 
     def allow(motion: str) -> bool:
         print(motion)
-        return yes or input("go on? [y/N] ").strip().lower() in ("y", "yes")
+        try:
+            return yes or input("go on? [y/N] ").strip().lower() in ("y", "yes")
+        except EOFError:
+            return False
 
     return allow
 
@@ -205,4 +229,6 @@ def show(allow: Allow) -> Confirm:
 
 def log_path(folder: Path, knot: str) -> Path:
     """A name that is not taken yet."""
-    return folder / f"{knot.split(maxsplit=1)[0]}-{time.strftime('%Y%m%d-%H%M%S')}.mcap"
+    name = f"{knot.split(maxsplit=1)[0]}-{time.strftime('%Y%m%d-%H%M%S')}"
+    numbered = itertools.chain([name], (f"{name}-{number}" for number in itertools.count(2)))
+    return next(path for one in numbered if not (path := folder / f"{one}.mcap").exists())

@@ -30,6 +30,7 @@ from knotflow.execution.inverse_kinematics import (
 from knotflow.execution.twin import Twin, TwinConfig
 from knotflow.planning import Frame, GripperConfig, KnotPlan, Placement
 from knotflow.simulation import (
+    GRASP_REACH,
     SimulationConfig,
     control_points,
     grasped_link,
@@ -137,7 +138,8 @@ def first_untied(
     time. `placement` and `frame` lead from the plan to the export.
     """
     placement, frame = placement or Placement(), frame or Frame()
-    config = TwinConfig(0, simulation.rope, simulation.timestep, simulation.contact_time)
+    catches = GRASP_REACH / placement.length
+    config = TwinConfig(0, simulation.rope, simulation.timestep, simulation.contact_time, catches)
     twin = Twin(plan.start, config, np.random.default_rng(0))
     positions = frame.from_file(export.ik.positions) - [placement.x, placement.y, 0.0]
     seconds = np.diff(export.times, prepend=export.times[0]) / placement.times(1.0)

@@ -52,6 +52,10 @@ class Robot(Protocol):
         """(3,) the gripper's measured position."""
 
 
+class RobotError(RuntimeError):
+    """A robot that is not where it was sent, or does not know where it is."""
+
+
 class RobotWrapper:
     """A robot that passes all commands on to another one."""
 

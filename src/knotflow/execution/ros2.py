@@ -192,6 +192,7 @@ class Ros2Arm:
         self._grip(self.config.closed, may_stall=True)
 
     def release(self) -> None:
+        self._stop()
         if not self._open:
             self._grip(self.config.opened)
             self._open = True
@@ -321,7 +322,7 @@ class Ros2Arm:
         return self._joints
 
     def _on_joints(self, message: Any) -> None:
-        measured = dict(zip(message.name, message.position, strict=True))
+        measured = dict(zip(message.name, message.position, strict=False))  # some have none
         if measured.keys() >= set(self._names):  # else it is of the gripper alone
             self._joints = np.array([measured[name] for name in self._names])
             self._joints_time = stamp(message)

@@ -15,14 +15,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.execution.motions import STEP
-from knotflow.execution.robot import CameraTimer, Observation, Robot, RopeSource, StateEstimator
+from knotflow.execution.robot import (
+    CameraTimer,
+    Observation,
+    Robot,
+    RobotError,
+    RopeSource,
+    StateEstimator,
+)
 from knotflow.planning import GripperConfig, KnotPlan, PlanStep
 from knotflow.planning.waypoints import trace_waypoints
 from knotflow.simulation import grasped_link
 from knotflow.topology import TopologicalState, project
 
 MAX_CORRECTION = 0.03
-"""Largest error of the robot along each axis that is made up for, metres; more is a fault."""
+"""Largest error of the robot along each axis that is made up for, metres."""
+MOST_ASTRAY, MOST_TICKS_ASTRAY = 0.1, 10
+"""A robot that is farther from where it was sent, metres, after so many moves does not follow."""
 CROSSING_WIDTH = 0.08  # share of the rope around each crossing within which vertices matter most
 CROSSING_WEIGHT = 4.0  # how much more a vertex at a crossing matters than one far from it
 MAX_OBSERVATIONS = 2  # of an ambiguous rope before it is pulled
@@ -113,6 +122,7 @@ class StepExecutor:
     def __post_init__(self) -> None:
         self._camera = CameraTimer(self.robot)
         self._expected = 0  # moves that the robot makes as one motion
+        self._astray = 0  # moves in a row after which the robot was far off
 
     def execute(self, step: PlanStep, plan: KnotPlan, number: int) -> StepOutcome:
         """Grasp, drag, let go and rise."""
@@ -201,7 +211,7 @@ class StepExecutor:
 
     def _travel(self, position: NDArray, number: int, strand: float | None = None) -> None:
         speed = self.config.gripper.travel_speed
-        self._line(self.robot.position, position, speed, number, strand)
+        self._line(self._position(), position, speed, number, strand)
 
     def _line(
         self, begin: NDArray, end: NDArray, speed: float, number: int,
@@ -276,12 +286,26 @@ class StepExecutor:
         self.robot.move_to(position - self.error, STEP)
         self._expected = max(self._expected - 1, 0)
         if self.corrects and not self._expected:
-            self.error = self.error + self.robot.position - position
-            self.error = np.clip(self.error, -MAX_CORRECTION, MAX_CORRECTION)
+            off = self._position() - position
+            self._astray = self._astray + 1 if np.linalg.norm(off) > MOST_ASTRAY else 0
+            if self._astray == MOST_TICKS_ASTRAY:
+                raise RobotError(
+                    f"the gripper is {np.linalg.norm(off):.2f} m from where it was sent, after "
+                    f"{MOST_TICKS_ASTRAY} moves: {(position + off).round(3).tolist()}, not "
+                    f"{position.round(3).tolist()}"
+                )
+            self.error = np.clip(self.error + off, -MAX_CORRECTION, MAX_CORRECTION)
         took = self._track() if track else (0.0, 0.0)
         points = None if self.source is None else self.points
         self.moves.append(Move(position, self.closed, number, reference, points))
         return took
+
+    def _position(self) -> NDArray[np.float64]:
+        """Where the gripper is measured to be (3,), metres."""
+        position = np.asarray(self.robot.position, np.float64)
+        if not np.isfinite(position).all():
+            raise RobotError(f"the gripper is measured to be at {position.tolist()}")
+        return position
 
     def _track(self) -> tuple[float, float]:
         """Track the rope; seconds that the image and the tracker took."""

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from . import messages
 from .rollout import NANOSECONDS, RecordedRollout, RolloutImages
 
+KEPT_EVERY_NS = NANOSECONDS  # of a run's motions, at most so much is lost with the process
 GAP_NS = NANOSECONDS // 2  # between two rollouts on the timeline
 BATCH = 32  # rollouts that share a chunk of facts; also what the writer holds in memory
 
@@ -94,15 +95,23 @@ class RunLog(_Messages):
         """Raises FileExistsError where there is a file."""
         path.parent.mkdir(parents=True, exist_ok=True)
         self._stream = path.open("xb")
-        self._began = time.monotonic_ns()
+        self._began, self._kept = time.monotonic_ns(), 0
         super().__init__(self._stream, metadata)
 
     def __enter__(self) -> RunLog:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self.writer.finish()
-        self._stream.close()
+        try:
+            self.writer.finish()
+        finally:
+            self._stream.close()
+
+    def _keep(self) -> None:
+        """Write what is in memory, so that it survives the process."""
+        self.writer.flush()
+        self._stream.flush()
+        self._kept = self._now
 
     @property
     def _now(self) -> int:
@@ -111,11 +120,14 @@ class RunLog(_Messages):
     def image(self, jpeg: bytes) -> None:
         """A camera's image."""
         self._log(messages.CAMERA, now := self._now, messages.image_message(now, jpeg))
+        self._keep()
 
     def gripper(self, position: NDArray[np.floating]) -> None:
         """Where the gripper is sent to (3,), metres."""
         sent = np.asarray(position, np.float32)
         self._log(messages.GRIPPER, now := self._now, messages.gripper_message(now, sent))
+        if now > self._kept + KEPT_EVERY_NS:
+            self._keep()
 
     def rope(self, points: NDArray[np.floating]) -> None:
         """The rope (V, 3), metres, as it is seen."""
@@ -126,6 +138,7 @@ class RunLog(_Messages):
     def say(self, text: str) -> None:
         """An event in words."""
         self._log(messages.TOPOLOGY, now := self._now, messages.log_message(now, text))
+        self._keep()
 
 
 class _Timeline(_Messages):
