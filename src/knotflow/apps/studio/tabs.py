@@ -120,9 +120,9 @@ class RopeTab:
             "From a file", color="gray", hint=hint, mime_type=".csv,.npy"
         )
         button.on_upload(state.guarded(self._upload))
-        self._length = gui.add_text("Length", "", hint="Such as 0.9m; empty: the file's, or 1m")
+        self._length = gui.add_text("Its length", "", hint="Such as 0.9m; empty: the file's, or 1m")
         self._diameter = gui.add_text(
-            "Diameter", "", hint="Such as 9mm; empty: 1/100 of the length"
+            "Its diameter", "", hint="Such as 9mm; empty: 1/100 of the length"
         )
         self._draw = state.button(_DRAW, self._start_or_finish_drawing, "gray")
         with gui.add_folder("From an image", expand_by_default=False):
