@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -112,16 +111,15 @@ def closed_loop(
 
     def execute_all(name: str) -> pd.DataFrame:
         knot, level, number = shards[name]
-        goal, seconds = parse_goal(knot, rope), [0.0]
+        goal, made = parse_goal(knot, rope), list[KnotPlan]()
         proposer, simulator = sampler_of(sampler, primitives=primitives), RopeSimulator(simulation)
 
         def plan_from(rng: np.random.Generator, points: NDArray[np.float64]) -> KnotPlan:
-            """A plan from a rope (V, 3), which may undo what went wrong; notes its time."""
-            began = time.perf_counter()
-            search = TreeSearch(points, goal, proposer, simulator, rng, planner)
-            plan = SurvivalSearch(search, survival, rng).run()
-            seconds.append(time.perf_counter() - began)
-            return plan
+            """A plan from a rope (V, 3), which may undo what went wrong."""
+            earlier = made[-1] if made else None
+            search = TreeSearch(points, goal, proposer, simulator, rng, planner, earlier=earlier)
+            made.append(SurvivalSearch(search, survival, rng).run())
+            return made[-1]
 
         points = random_curve(rope, rng_of(seed, number, 0), starts)
         plan = plan_from(rng_of(seed, number, 1), points)
@@ -133,7 +131,7 @@ def closed_loop(
             camera = Camera.overhead() if controller.state == "vision" else None
             config = TwinConfig(level=level, rope=rope)
             twin = Twin(plan.start, config, rng_of(seed, number, 2, level), camera)
-            seconds[:] = [plan.seconds]
+            made[:] = [plan]
             replan = partial(plan_from, rng_of(seed, number, 3, level))
             sight = None if camera is None else StrandNetwork.load(network)
             robot = FAULTS[case.fault](twin.robot())
@@ -148,7 +146,7 @@ def closed_loop(
             rows.append(
                 {"controller": case.controller, "level": level, "twin": number, "knot": knot}
                 | {"fault": case.fault}
-                | _outcome(trial, sum(seconds))
+                | _outcome(trial, sum(one.seconds for one in made))
                 | {"cause": trial.cause if plan.solved or controller.replans else "no plan"}
                 | {"reason": trial.execution.reason}
             )
