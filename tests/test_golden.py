@@ -35,7 +35,13 @@ from knotflow.perception import (
     Tracker,
     add_noise,
     estimate,
+    observe,
     segment,
+)
+from knotflow.perception.estimation.crossings import (
+    crossing_fractions,
+    exchange_heights,
+    score_crossings,
 )
 from knotflow.planning import PlannerConfig, PlanStep, SolutionDag, parse_goal, plan_knot
 from knotflow.planning.config import RULES
@@ -367,6 +373,20 @@ def perception() -> dict[str, Any]:
     }
 
 
+def crossings() -> dict[str, Any]:
+    """A crossing that is the wrong way round, turned, and how far the shape moves."""
+    camera, rng = Camera.overhead(distance=0.8), np.random.default_rng(0)
+    noise, rope = CameraNoiseConfig(), RopeConfig(radius=0.0025)
+    image = SimulatedCamera(camera, rope, noise).capture(loop(), rng)
+    (pair,) = crossing_fractions(loop())
+    guess = exchange_heights(loop(), *pair, rope)
+    shape, found = score_crossings(guess, observe(image, camera, rope))
+    return {
+        "shape": [np.abs(shape - guess).max(), np.abs(shape - loop()).max()],
+        "crossings": [[*one.fractions, one.first_over, one.gap, one.certainty] for one in found],
+    }
+
+
 def tracking() -> dict[str, Any]:
     """A rope followed by a few gradient steps, and by more where it has moved farther."""
     camera, rng, noise = (
@@ -483,6 +503,7 @@ CASES: dict[str, Callable[[], dict[str, Any]]] = {
     "training": training,
     "planning": planning,
     "perception": perception,
+    "crossings": crossings,
     "tracking": tracking,
     "execution": execution,
     "twin": twin,

@@ -30,6 +30,7 @@ COMPONENTS = {
     "training": Component(8, ("training",)),
     "planning": Component(10, ("planning",)),
     "perception": Component(13, ("perception",)),
+    "crossings": Component(1, ("perception.estimation.crossings",)),
     "tracking": Component(1, ("perception.tracking",)),
     "execution": Component(9, ("execution",)),
     "twin": Component(1, ("execution.twin",)),
