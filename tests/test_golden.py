@@ -25,8 +25,17 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from knotflow.execution import ERROR_LEVELS, FREE, LstmConfig, LstmDynamics, Twin, TwinConfig
+from knotflow.execution import (
+    ERROR_LEVELS,
+    FREE,
+    LstmConfig,
+    LstmDynamics,
+    Twin,
+    TwinConfig,
+    panda,
+)
 from knotflow.execution.step_executor import path_from_grasp
+from knotflow.execution.timing import keep_limits
 from knotflow.perception import (
     Appearance,
     Camera,
@@ -435,6 +444,14 @@ def execution() -> dict[str, Any]:
     }
 
 
+def export() -> dict[str, Any]:
+    """When an arm is where, on a path that turns back faster than it can."""
+    turn = np.linspace(0.0, 1.5 * np.pi, 12)[:, None]
+    joints = panda().homes[0] + 0.4 * np.sin(turn) * np.linspace(0.2, 1.0, 7)
+    curve = keep_limits(panda(), joints, np.full(11, 0.05))
+    return {"times": curve.x, "rates": curve(curve.x, 1)}
+
+
 def recording() -> dict[str, Any]:
     """A rollout that was written and read back."""
     action, before = parse_action("C(0,1,1)"), TopologicalState.from_curve(loop())
@@ -507,6 +524,7 @@ CASES: dict[str, Callable[[], dict[str, Any]]] = {
     "tracking": tracking,
     "execution": execution,
     "twin": twin,
+    "export": export,
     "recording": recording,
 }
 

@@ -34,6 +34,7 @@ COMPONENTS = {
     "tracking": Component(1, ("perception.tracking",)),
     "execution": Component(9, ("execution",)),
     "twin": Component(1, ("execution.twin",)),
+    "export": Component(1, ("execution.export", "execution.timing")),
     "recording": Component(1, ("recording",)),
 }
 """Names are independent of folders, so moving a file invalidates no stage."""

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 import yaml
+from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 
 from knotflow.execution import ArmError, Base, export_plan, load_arm, panda
@@ -76,6 +77,19 @@ def test_speed_limits_hold(still, max_speed):
     peaks = exported.peaks()
     assert peaks["tip_speed"] <= max_speed * (1 + 1e-9)
     assert max(peaks["joint_speed"], peaks["joint_acceleration"]) <= 1 + 1e-6
+
+
+@pytest.mark.parametrize("arm", ["panda", "ur5e", "xarm7"])
+def test_limits_hold_on_the_cubics_that_a_controller_follows(still, arm):
+    exported = export_plan(still, arm, format="ros2")
+    points = yaml.safe_load(exported.text)["points"]
+    joints, rates = (
+        np.array([one[key][:-1] for one in points]) for key in ("positions", "velocities")
+    )
+    curve = CubicHermiteSpline(exported.times, joints, rates)
+    at = np.interp(np.linspace(0, 1, 20 * len(joints)), np.linspace(0, 1, len(joints)), curve.x)
+    assert (np.abs(curve(at, 1)) <= 1.01 * exported.arm.max_speed).all()
+    assert (np.abs(curve(at, 2)) <= 1.01 * exported.arm.max_acceleration).all()
 
 
 def test_fingers_close_across_the_strand(exported, still):

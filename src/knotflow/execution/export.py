@@ -15,9 +15,11 @@ import numpy as np
 import pandas as pd
 import yaml
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from knotflow.execution.arm_model import Arm, ArmError, Base, find_arm
 from knotflow.execution.inverse_kinematics import IkSolution, follow_waypoints
+from knotflow.execution.timing import keep_limits, rest_to_rest, samples
 from knotflow.planning import GripperConfig, KnotPlan, Waypoints
 
 FORMATS = ("csv", "ros2")
@@ -25,7 +27,6 @@ SPACES = ("joint", "cartesian")
 
 MAX_LISTED = 12  # unreachable ranges of waypoints in a summary
 LOWEST = 0.008  # of the tool point, metres: the Panda's fingers reach 7 mm beyond it
-SUBDIVISIONS = 8  # between two waypoints, to measure the tip's speed
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,26 +63,34 @@ class Export:
 
     def peaks(self) -> dict[str, float]:
         """Peak tip speed (m/s) and acceleration (m/s^2), and joints' as shares of their limits."""
-        peaks: dict[str, float] = {}
+        names = "tip_speed", "tip_acceleration", "joint_speed", "joint_acceleration"
+        peaks = dict.fromkeys(names, 0.0)
         for rows in _phases(self.waypoints):
-            seconds = float(self.times[rows[1]] - self.times[rows[0]]) if len(rows) > 1 else 1.0
-            tip = _differences(self.ik.positions[rows], seconds)
-            speed, acceleration = _differences(self.ik.joints[rows], seconds)
-            of_phase = {
-                "tip_speed": float(np.linalg.norm(tip[0], axis=1).max(initial=0.0)),
-                "tip_acceleration": float(np.linalg.norm(tip[1], axis=1).max(initial=0.0)),
-                "joint_speed": _share(speed, self.arm.max_speed),
-                "joint_acceleration": _share(acceleration, self.arm.max_acceleration),
+            if len(rows) < 2:
+                continue
+            curve = rest_to_rest(self.times[rows], self.ik.joints[rows])
+            at = samples(curve)
+            velocity, acceleration = _tip_motion(self.arm, curve)
+            of_phase = (
+                np.linalg.norm(velocity, axis=1).max(),
+                np.linalg.norm(acceleration, axis=1).max(),
+                (np.abs(curve(at, 1)) / self.arm.max_speed).max(),
+                (np.abs(curve(at, 2)) / self.arm.max_acceleration).max(),
+            )
+            peaks = {
+                name: max(peaks[name], float(peak))
+                for name, peak in zip(names, of_phase, strict=True)
             }
-            peaks = {name: max(peaks.get(name, 0.0), peak) for name, peak in of_phase.items()}
         return peaks
 
     def rates(self, values: NDArray) -> NDArray[np.float64]:
-        """(N, d) velocities of values (N, d), a second; 0 where a phase ends."""
-        if len(values) < 2:
-            return np.zeros_like(values)
-        rates: NDArray[np.float64] = np.gradient(values, self.times, axis=0)
-        rates[[rows[-1] for rows in _phases(self.waypoints)]] = 0.0
+        """(N, d) velocities of values (N, d), a second, along cubics from rest to rest in each
+        phase."""
+        rates = np.zeros_like(values)
+        for rows in _phases(self.waypoints):
+            inner = rows[1:-1]
+            if len(inner):
+                rates[inner] = rest_to_rest(self.times[rows], values[rows])(self.times[inner], 1)
         return rates
 
     def summary(self) -> str:
@@ -120,33 +129,28 @@ class Export:
 def _time_joints(
     arm: Arm, waypoints: Waypoints, ik: IkSolution, max_speed: float
 ) -> NDArray[np.float64]:
-    """Times (N,) of evenly spaced waypoints, each phase slowed as a whole, from rest to rest, until
-    tip (m/s) and joints keep their limits."""
+    """Times (N,) of evenly spaced waypoints, each phase from rest to rest: slowed as a whole until
+    the tip (m/s), and where they are too fast until the joints keep their limits."""
     even = float(waypoints.times[1] - waypoints.times[0]) if len(waypoints) > 1 else 0.0
-    intervals = np.full(len(waypoints), even)
-    lengths = _tip_path_lengths(arm, ik.joints)
+    times = np.zeros(len(waypoints))
     for rows in _phases(waypoints):
         if len(rows) < 2:
             continue
-        speed, acceleration = _differences(ik.joints[rows], even)
-        intervals[rows[1:]] *= max(
-            1.0,
-            float(lengths[rows[:-1]].max()) / even / max_speed,
-            _share(speed, arm.max_speed),
-            np.sqrt(_share(acceleration, arm.max_acceleration)),
-        )
-    intervals[:1] = 0.0
-    return np.cumsum(intervals)
+        curve = keep_limits(arm, ik.joints[rows], np.full(len(rows) - 1, even))
+        speeds = np.linalg.norm(_tip_motion(arm, curve)[0], axis=1)
+        times[rows] = times[rows[0]] + curve.x * max(1.0, float(speeds.max()) / max_speed)
+    return times
 
 
-def _tip_path_lengths(arm: Arm, joints: NDArray) -> NDArray[np.float64]:
-    """(N - 1,) metres from each of N configurations to the next, at the pace of the tip's fastest
-    part on its arc."""
-    part = np.linspace(0.0, 1.0, SUBDIVISIONS + 1)[:-1, None]
-    between = joints[:-1, None] + part * np.diff(joints, axis=0)[:, None]  # (N - 1, parts, n)
-    tips = arm.tip_positions(np.concatenate([between.reshape(-1, joints.shape[1]), joints[-1:]]))
-    lengths = np.linalg.norm(np.diff(tips, axis=0), axis=1).reshape(-1, SUBDIVISIONS)
-    return SUBDIVISIONS * lengths.max(axis=1)
+def _tip_motion(arm: Arm, curve: CubicSpline) -> tuple[NDArray, NDArray]:
+    """Velocities (M, 3), m/s, and accelerations (M + 1, 3) of the tip along joints in time, from
+    rest to rest."""
+    at = samples(curve)
+    step = np.diff(at)[:, None]
+    velocity = np.diff(arm.tip_positions(curve(at)), axis=0) / step
+    rest = np.zeros((1, 3))
+    between = np.pad((step[1:] + step[:-1]) / 2, ((1, 1), (0, 0)), "edge")
+    return velocity, np.diff(np.concatenate([rest, velocity, rest]), axis=0) / between
 
 
 def _phases(waypoints: Waypoints) -> list[NDArray[np.intp]]:
@@ -154,17 +158,6 @@ def _phases(waypoints: Waypoints) -> list[NDArray[np.intp]]:
     names = list(zip(waypoints.step.tolist(), waypoints.phases, strict=True))
     cuts = [0, *(i for i in range(1, len(names)) if names[i] != names[i - 1]), len(names)]
     return [np.arange(max(a - 1, 0), b) for a, b in itertools.pairwise(cuts)]
-
-
-def _differences(values: NDArray, interval: float) -> tuple[NDArray, NDArray]:
-    """Speeds (m - 1, d) between m values, and accelerations (m, d) from rest to rest."""
-    speed = np.diff(values, axis=0) / interval
-    rest = np.zeros((1, values.shape[1]))
-    return speed, np.diff(np.concatenate([rest, speed, rest]), axis=0) / interval
-
-
-def _share(values: NDArray, limits: NDArray) -> float:
-    return float((np.abs(values) / limits).max(initial=0.0))
 
 
 def export_plan(

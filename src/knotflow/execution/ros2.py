@@ -18,6 +18,7 @@ from scipy.interpolate import CubicSpline
 from knotflow.execution.arm_model import Arm, Base, find_arm
 from knotflow.execution.export import LOWEST
 from knotflow.execution.inverse_kinematics import Solver
+from knotflow.execution.timing import keep_limits
 from knotflow.perception import RgbdImage
 from knotflow.perception.camera.ros_image import read_messages, stamp
 from knotflow.topology.polyline import Floats
@@ -212,7 +213,9 @@ class Ros2Arm:
         if np.abs(lifted - self._solver.tip(start)).max() < STILL:
             return None
         joints, parts = self._plan(start, lifted, strand)
-        times, rates = keep_limits(self._arm, joints, seconds / parts)
+        moved = keep_limits(self._arm, joints, np.full(len(joints) - 1, seconds / parts))
+        times, rates = moved.x, moved(moved.x, 1)
+        rates[[0, -1]] = 0.0  # controllers reject a rounding error
         goal = self._trajectory(joints, times, rates)
         handle, result = self._request(self.config.trajectory_action, self._mover, goal)
         arrivals = self._now() + times[parts::parts]
@@ -332,20 +335,3 @@ class Ros2Arm:
 
     def _frame_time(self) -> float:
         return min(map(stamp, self._frame[:2])) if self._frame else -np.inf
-
-
-def keep_limits(arm: Arm, joints: Floats, interval: float) -> tuple[Floats, Floats]:
-    """Times (N,), seconds, and velocities (N, n) through joints (N, n), from rest to rest.
-
-    They are slowed as a whole from even intervals until cubics through them keep the arm's limits.
-    """
-    curve = CubicSpline(interval * np.arange(len(joints)), joints, bc_type="clamped")
-    times = np.linspace(0.0, curve.x[-1], 4 * len(joints) - 3)
-    slowdown = max(
-        1.0,
-        float((np.abs(curve(times, 1)) / arm.max_speed).max()),
-        float((np.abs(curve(times, 2)) / arm.max_acceleration).max()) ** 0.5,
-    )
-    rates = curve(curve.x, 1) / slowdown
-    rates[[0, -1]] = 0.0  # controllers reject a rounding error
-    return slowdown * curve.x, rates
