@@ -367,6 +367,15 @@ def test_a_picture_replaces_no_file_that_was_named(here):
     assert (here / "mine.png").read_text() == "a photo"
 
 
+def test_see_replaces_none_of_its_own_files(here, capsys):
+    (here / "photo.png").write_text("a photo")
+    words = ["see", "photo.png", "--length", "1m", "--overwrite", "--out"]
+    for out, told in (("photo.csv", "would replace photo.png"), ("rope.png", "is a .csv")):
+        assert main([*words, out]) == 2
+        assert told in capsys.readouterr().err
+    assert (here / "photo.png").read_text() == "a photo"
+
+
 @pytest.mark.slow
 def test_a_plan_is_exported_for_an_arm_beside_it(found, here, capsys):
     (here / "plan.json").write_text(found.to_json())

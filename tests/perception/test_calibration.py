@@ -171,6 +171,11 @@ def test_quaternion_without_names_may_be_in_either_order(tmp_path):
         assert any(np.allclose(one, POSE) for one in found.poses)
 
 
+@pytest.mark.parametrize("order", [[1, 0, 0, 0], [0, 0, 0, 1]])
+def test_no_turn_at_the_origin_is_no_pose_in_either_order(order, tmp_path):
+    assert load(tmp_path, OURS | {"position": [0, 0, 0], "rotation": order}).poses == ()
+
+
 def test_identity_is_no_pose(tmp_path):
     assert load(tmp_path, OURS | {"extrinsic": np.eye(4).tolist()}).poses == ()
 
@@ -207,6 +212,34 @@ def test_undistorting_undoes_distorting(tmp_path):
         assert seen.mean() > 0.6
         assert np.abs(again - image)[seen].max() < 5e-3
     assert np.abs(calibration.undistorted(image) - image)[20, 20] > 0.1
+
+
+def test_colours_beyond_the_image_go_on_as_at_its_border(tmp_path):
+    calibration = load(tmp_path, OURS | {"d": [0.1, 0.0, 0.0, 0.0, 0.0]})
+    flat = np.full((480, 640, 3), 150, np.uint8)
+    assert (calibration.undistorted(flat) == 150).all()
+    assert np.isnan(calibration.undistorted(flat[..., 0].astype(float))).any()
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"d": [0.1, 0.0, 0.0, 0.0, 0.0]}, "has distortion: undistort the images"),
+        ({}, "has no pose: add its position and rotation"),
+        ({"position": [0, 0, 1], "rotation": [0.6, 0, 0, 0.8]}, "name them, as in {x: 1"),
+        ({"position": [0, 0, -0.8], "rotation": np.eye(3).tolist()}, "does not look down"),
+        ({"position": [0, 0, 0.8], "rotation": np.eye(3).tolist()}, "does not look down"),
+    ],
+)
+def test_a_camera_without_depth_looks_down_from_one_pose(values, message, tmp_path):
+    bare = {name: OURS[name] for name in ("width", "height", "fx", "fy", "cx", "cy")}
+    with pytest.raises(CameraError, match=f"camera.txt: .*{message}"):
+        load(tmp_path, bare | values).camera()
+
+
+def test_braces_are_yaml_too(tmp_path):
+    text = "{width: 800, height: 600, fx: 700, fy: 700, cx: 400, cy: 300}"
+    assert load(tmp_path, text).size == (800, 600)
 
 
 def test_scaled_camera_sees_the_same_directions(tmp_path):

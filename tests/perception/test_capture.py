@@ -92,6 +92,19 @@ def test_unit_of_depth_without_pose_is_the_usual_one_or_asked_for(read, image):
         read(NO_POSE, 2.5e-4)
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e-6])
+def test_a_unit_with_which_there_is_no_table_is_refused(unit, read):
+    with pytest.raises(ImageError, match="depth.png: with units of .* but a table is 0.05 to"):
+        read(NO_POSE, depth_unit=unit)
+
+
+def test_a_table_is_not_found_in_a_few_pixels(read, image):
+    depth = np.full_like(image.depth, np.nan)
+    depth[10] = image.depth[10]
+    with pytest.raises(ImageError, match="no table is found: 0.8% of its pixels have a depth"):
+        read(NO_POSE, depth=depth, depth_unit=1e-3)
+
+
 @pytest.mark.parametrize("factor", [2, 3])
 def test_depth_of_another_size_is_scaled_to_the_colour_image(factor, read, image):
     seen = read(CALIBRATION, depth=image.depth[factor // 2 :: factor, factor // 2 :: factor])

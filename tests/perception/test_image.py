@@ -66,6 +66,20 @@ def test_image_without_depth_raises(unknown, image, tmp_path):
         RgbdImage(image.rgb, read_depth(tmp_path / "depth.npy").astype(np.float32))
 
 
+def test_grey_of_16_bits_is_no_white_picture(tmp_path):
+    grey = np.linspace(0, 65535, 40, dtype=np.uint16).reshape(4, 10)
+    Image.fromarray(grey).save(tmp_path / "grey.png")
+    found = read_colour(tmp_path / "grey.png")
+    np.testing.assert_allclose(found, np.repeat(grey[..., None] / 257.0, 3, axis=2), atol=1.0)
+
+
+@pytest.mark.parametrize("shape", [(0, 0), (0, 320)])
+def test_depth_without_pixels_raises(shape, tmp_path):
+    np.save(tmp_path / "depth.npy", np.zeros(shape))
+    with pytest.raises(ImageError, match=r"depth.npy: depth is \(H, W\)"):
+        read_depth(tmp_path / "depth.npy")
+
+
 def test_invalid_depth_raises(image, tmp_path):
     Image.fromarray(image.rgb[..., 0]).save(tmp_path / "eight-bit.png")
     np.save(tmp_path / "quarters.npy", 4000.0 * image.depth)

@@ -1,7 +1,9 @@
 """Ropes in photographs: states of drawn ropes are read, and doubtful ones are said to be."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from PIL import Image
 from scipy.spatial import cKDTree
 from tests.perception.photographs import centre_line, crossings_of, photograph, state_of
 
-from knotflow.perception import ImageError
+from knotflow.perception import Camera, ImageError
 from knotflow.perception.photo import io
 from knotflow.perception.photo.colours import Colours
 from knotflow.perception.photo.estimate import estimate_photo
@@ -115,6 +117,24 @@ def test_a_real_photograph():
 
 
 @pytest.mark.slow
+def test_a_camera_with_a_pose_wins_over_the_length():
+    line = np.column_stack([np.linspace(60, 260, 50), np.full(50, 100.0)])
+    found = SimpleNamespace(pixels=line, length=200.0)
+    eye = Camera.overhead(320, 240, distance=0.8)
+    xy = io.on_table(found, 3.0, eye)
+    seen = eye.project(np.column_stack([xy, np.zeros(50)]))[:, :2]
+    np.testing.assert_allclose(seen, line, atol=1e-6)
+    level = replace(eye, rotation=eye.rotation @ np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]))
+    with pytest.raises(ImageError, match="above the horizon"):
+        io.on_table(found, None, level)
+
+
+@pytest.mark.parametrize("text", ["rgb(300,0,0)", "reddish"])
+def test_what_is_no_colour_is_refused(text):
+    with pytest.raises(ImageError, match="is no colour: give a name"):
+        Colours.parse(text, None)
+
+
 def test_the_heads_colour_tells_the_head():
     rgb, line, state = drawn("overhand", 5)
     for end in (0, -1):

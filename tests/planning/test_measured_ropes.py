@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from knotflow.planning import Frame, RopeInputError, RopeOptions, measured_rope
-from knotflow.simulation import check_points
+from knotflow.simulation import RopeConfig, check_points, random_curve
 from knotflow.topology import TopologicalState
 from knotflow.topology.draw import draw
 from knotflow.topology.polyline import arc_lengths
@@ -70,6 +70,29 @@ def test_points_come_back_in_frame_and_unit(tmp_path, unit):
     assert any(re.search(r"tilted by (20|21)\.", remark) for remark in rope.remarks)
     apart = np.linalg.norm(in_file(rope)[:, None] - points[None], axis=2).min(axis=1)
     assert apart.max() < 0.015 / {"m": 1, "cm": 0.01, "mm": 0.001}[unit]
+
+
+@pytest.mark.parametrize("degrees", [4, 8])
+def test_a_slight_tilt_is_found_where_the_rope_is_flat_across_it(tmp_path, degrees):
+    tilt = Rotation.from_euler("y", degrees, degrees=True)
+    bent = random_curve(RopeConfig(), np.random.default_rng(5))
+    rope = measured(tmp_path, tilt.apply(bent))
+    assert any(f"tilted by {degrees}.0 degrees" in remark for remark in rope.remarks)
+    assert np.ptp(tilt.inv().apply(in_file(rope))[:, 2]) < 0.003
+    crossing = measured(tmp_path, tilt.apply(line(LOOP)))
+    assert (
+        np.ptp(tilt.inv().apply(in_file(crossing))[:, 2]) < 0.02 < np.ptp(in_file(crossing)[:, 2])
+    )
+    level = measured(tmp_path, line(LOOP))
+    assert not any("tilted" in remark for remark in level.remarks)
+
+
+@pytest.mark.parametrize("diameter", ["10mm", "16mm"])
+def test_a_rope_that_rises_steeply_gets_more_links(diameter):
+    options = RopeOptions(diameter=diameter)
+    file = Path(__file__).with_name("pentagram_at_rest.csv")
+    rope = measured_rope(str(file), options, np.random.default_rng(0))
+    assert state_of(rope).num_crossings == 5
 
 
 def test_frames_are_inverted_and_written():

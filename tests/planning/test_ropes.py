@@ -39,6 +39,15 @@ def test_generated_ropes_are_untangled(name):
     assert TopologicalState.from_curve(points) == TopologicalState.trivial()
 
 
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [({"cut": 0}, "--cut"), ({"up": "y"}, "--up"), ({"crossings": "1o2+"}, "--crossings")],
+)
+def test_options_of_a_file_are_refused_for_a_generated_rope(options, told):
+    with pytest.raises(RopeInputError, match=f"the rope is random: {told} are for the file"):
+        measured_rope("random", RopeOptions(**options), np.random.default_rng(0))
+
+
 def test_the_seed_draws_the_random_rope():
     draws = [parse_rope("random", ROPE, np.random.default_rng(seed)) for seed in (1, 1, 2)]
     np.testing.assert_array_equal(draws[0], draws[1])
@@ -182,6 +191,8 @@ def rows(separator=",", scale=1.0, decimal="."):
         "# Tuesday, the long rope\n\nx,y,z\n" + rows() + "# the end\n\n",
         "x [mm],y [mm],z [mm]\n" + rows(scale=1000.0),
         "x_cm, y_cm, z_cm\n" + rows(scale=100.0),
+        "x (meters),y (meters),z (meters)\n" + rows(),
+        "X_millimetres,Y_millimetres,Z_millimetres\n" + rows(scale=1000.0),
         "t,z,y,x\n" + "\n".join(f"7,{z},{y},{x}" for x, y, z in BOW),
         rows().replace("0.9794", '"0.9794"'),
     ],
@@ -205,6 +216,9 @@ def test_tables_of_every_habit_hold_the_same_points(tmp_path, text):
         ("x [mm],y [m],z [m]\n" + rows(), "different units"),
         (rows().replace("0.", '"0.', 1), "line 1"),
         ("0,0,0\n", "1 points are too few"),
+        ("x [in],y [in],z [in]\n" + rows(), r"has 'x \[in\]'; .*units are m, cm, mm"),
+        ("x,y,z,x,y,z\n" + rows(), "names x twice"),
+        ("nan,nan,nan\n" + rows(), "line 1: x is 'nan'"),
     ],
 )
 def test_what_cannot_be_read_is_named_with_its_line_and_the_cure(tmp_path, text, message):

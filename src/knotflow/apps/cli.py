@@ -179,7 +179,8 @@ def next_step(
         _check_free(out)
     files, size_of = image or [], (options or RopeOptions()).length
     colours = rope_color, head_color
-    if (rope is None) == (not files) or len(files) > 2 or (len(files) == 2 and not camera):
+    apart = (rope is None) != (not files) and (files or not camera)
+    if not apart or len(files) > 2 or (len(files) == 2 and not camera):
         raise ValueError(
             "next takes either --rope, or --image COLOUR DEPTH with --camera, or --image "
             "PHOTOGRAPH with --length"
@@ -187,7 +188,7 @@ def next_step(
     with tempfile.TemporaryDirectory() as folder:
         seen, ambiguous = Path(folder) / "seen.csv", False
         if len(files) == 1:
-            ambiguous = _see_photo(files[0], camera, size_of, colours, seen) != 0
+            ambiguous = _see_photo(files[0], camera, size_of, colours, seen, picture=False) != 0
         elif camera and files:
             from knotflow.perception import io
             from knotflow.planning.rope_size import RopeSize
@@ -201,8 +202,10 @@ def next_step(
         if ambiguous:
             print("the rope is ambiguous: spread its crossings apart and take another image")
             return 1
-        rope = str(seen) if files else rope
-        measured = _read_rope(str(rope), options, seed)
+        try:
+            measured = _read_rope(str(seen if files else rope), options, seed)
+        except planning.RopeInputError as error:
+            raise ValueError(str(error).replace(str(seen), str(files[0]))) from error
     earlier = None if plan is None else _kept_plan(plan, knot, measured)
     found, _ = _search(
         knot, measured, earlier, seed, max_seconds, margin, worlds, GRIPPER_ERROR, arm
@@ -347,6 +350,8 @@ def knots(*, out: Path | None = None) -> None:
         from knotflow.viz.notation import draw_knots
 
         _check_picture(out)
+        _check_free(out)
+        out.parent.mkdir(parents=True, exist_ok=True)
         draw_knots(out)
         print(out)
 
@@ -371,6 +376,7 @@ def explain(what: str = "", /, *, state: str = "trivial", out: Path | None = Non
     _check_picture(path)
     if out is not None:
         _check_free(out)
+        out.parent.mkdir(parents=True, exist_ok=True)
     if is_knot_name(what):
         from knotflow.viz.dag import draw_dag
 
@@ -518,7 +524,7 @@ def see(
     diameter: str | None = None,
     rope_color: str | None = None,
     head_color: str | None = None,
-    max_seconds: float = 60.0,
+    max_seconds: Annotated[float, Parameter(validator=Number(gt=0))] = 60.0,
     overwrite: bool = False,
 ) -> int:
     """Estimate the rope in an RGB-D image, or in a photograph, and write a file for `--rope`.
@@ -540,6 +546,13 @@ def see(
     for path in (out, drawing):
         if path:
             (_check_writable if overwrite else _check_free)(path)
+    if out is not None and out.suffix.lower() != ".csv":
+        raise ValueError(f"--out {out}: the rope's file is a .csv, with a picture beside it")
+    for given in (image, depth, camera):
+        if given and given.resolve() in (one.resolve() for one in (out, drawing) if one):
+            raise ValueError(f"--out {out} would replace {given}")
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
     if depth is None:
         return _see_photo(image, camera, length, (rope_color, head_color), out)
     if camera is None or out is None or drawing is None:
@@ -617,8 +630,9 @@ def _see_photo(
     length: str | None,
     colours: tuple[str | None, str | None],
     out: Path | None,
+    picture: bool = True,
 ) -> int:
-    """`see` without depth; returns the exit code."""
+    """`see` without depth, with a picture beside `out`; returns the exit code."""
     from knotflow.perception import Calibration  # slow to import
     from knotflow.perception.photo import io
     from knotflow.planning.rope_size import parse_metres
@@ -633,15 +647,16 @@ def _see_photo(
     calibration = Calibration.load(camera) if camera else None
     found, rgb = io.see_photo(image, calibration, colours)
     eye = None
-    if calibration is not None and metres is None:
+    if calibration is not None and (calibration.poses or (out is not None and metres is None)):
         scaled = calibration.scaled(rgb.shape[1], rgb.shape[0])
         eye = replace(scaled, distortion=scaled.distortion[:0]).camera()
     xy = io.on_table(found, metres, eye) if metres or eye else None
     print(io.describe_photo(found, None if xy is None else float(arc_lengths(xy)[-1])))
     if out is not None and xy is not None:
         io.write_photo_rope(out, xy, found.over)
-        io.draw_photo(out.with_suffix(".png"), rgb, found)
-        print(f"{out}, {out.with_suffix('.png')}")
+        if picture:
+            io.draw_photo(out.with_suffix(".png"), rgb, found)
+            print(f"{out}, {out.with_suffix('.png')}")
     return 1 if found.doubts else 0
 
 
@@ -777,6 +792,8 @@ def _stored_outcome(
             raise ValueError(f"{folder} holds files, but no plan; name another folder with --out")
     elif not overwrite and (folder / OUTCOME).is_file():
         stored = json.loads((folder / REQUEST).read_text("utf-8"))
+        if not isinstance(stored, dict):
+            raise ValueError(f"{folder / REQUEST} is damaged; --overwrite replaces the plan")
         if stored == request:
             return dict(json.loads((folder / OUTCOME).read_text("utf-8")))
         differing = ", ".join(

@@ -185,6 +185,8 @@ class Tracker:
             for one in (v, u)
         )
         for part in ((rows, columns), (slice(None), slice(None))):
+            if part[0] == rows and not np.isfinite(image.depth[part]).any():
+                continue
             near = RgbdImage(image.rgb[part], image.depth[part], image.time)
             target = observe(near, self.camera.cropped(*part), self.rope)
             if bool(target.mask.any()) and not target.leaves_image:

@@ -28,6 +28,7 @@ MAX_POINTS = 1001
 square."""
 
 _NAME = r"^([a-z]\w*?)[\s_]*(?:[\[(]?\s*(mm|cm|m)\s*[\])]?)?$"
+_LONG_UNITS = {r"millimet(?:er|re)s?": "mm", r"centimet(?:er|re)s?": "cm", r"met(?:er|re)s?": "m"}
 
 
 class RopeInputError(ValueError):
@@ -167,8 +168,22 @@ def _read_csv(path: Path) -> RopeTable:
     if cells.empty:
         raise RopeInputError(f"{path}: holds no points; write x, y, z of a point in a row")
     unit, names = None, {}
-    if pd.to_numeric(cells.iloc[0], errors="coerce").isna().all():
-        header = cells.iloc[0].str.lower().str.extract(_NAME)
+    first = cells.iloc[0].str.lower()
+    if pd.to_numeric(first, errors="coerce").isna().all() and not first.eq("nan").any():
+        first = first.replace(_LONG_UNITS, regex=True)
+        header = first.str.extract(_NAME)
+        strange = first[header[0].isna() & first.str.match(r"(?:[xyz]|over)(?![a-z])", na=False)]
+        if not strange.empty:
+            raise RopeInputError(
+                f"{path}: its header has {strange.iloc[0]!r}; write x, y, z and over, with a unit "
+                f"perhaps, as in x [mm]; units are {', '.join(METRES)}"
+            )
+        axes = header[0][header[0].isin([*"xyz", "over"])]
+        if axes.duplicated().any():
+            raise RopeInputError(
+                f"{path}: its header names {axes[axes.duplicated()].iloc[0]} twice; delete the "
+                "columns that are not the rope's"
+            )
         cells = cells.iloc[1:]
         names = {name: at for at, name in header[0].items()}
         units = header[1][header[0].isin([*"xyz"])].dropna().unique()

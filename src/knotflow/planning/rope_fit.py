@@ -59,6 +59,8 @@ def fit_rope(curve: Floats, later_over: NDArray[np.bool_], rope: RopeConfig) -> 
             break
         if np.ptp(heights) == 0:
             heights = _heights(found, later_over, rope)
+            if np.abs(np.diff(heights)).max() >= rope.link_length:  # the links are too short
+                return Fit(np.column_stack([xy, heights]), np.zeros(len(targets)), False)
     fitted = np.column_stack([np.interp(places * rope.links, range(len(xy)), c) for c in xy.T])
     off = np.linalg.norm(fitted - targets, axis=1)
     return Fit(np.column_stack([xy, heights]), off, found.crossings == wanted)

@@ -74,6 +74,15 @@ def measured_rope(text: str, options: RopeOptions, rng: np.random.Generator) -> 
         RopeInputError: neither a valid name nor a usable file, or options that do not fit it.
     """
     if text in ROPE_NAMES:
+        given = {
+            "--rope-unit": options.rope_unit is not None,
+            "--up": options.up != "z",
+            "--cut": options.cut is not None,
+            "--crossings": options.crossings is not None,
+        }
+        if any(given.values()):
+            told = ", ".join(name for name, one in given.items() if one)
+            raise RopeInputError(f"the rope is {text}: {told} are for the file of a rope, --rope")
         size = RopeSize.of_options(options)
         points = parse_rope(text, size.model(), rng)
         return MeasuredRope(points, size, Placement(size.length), Frame())
@@ -344,12 +353,13 @@ def _table_frame(
     heights = points @ rotation[:, 2]
     highest = max(LYING[0] * thick, LYING[1] * length)
     told: tuple[str, ...] = ()
-    if np.ptp(heights) > highest:
-        centred = points - points.mean(axis=0)
-        _, spread, axes = np.linalg.svd(centred, full_matrices=False)
-        normal = axes[2] * np.sign(axes[2] @ rotation[:, 2] or 1.0)
-        cosine = float(normal @ rotation[:, 2])
-        flat = np.ptp(points @ normal) <= highest and spread[1] > 3 * thick * np.sqrt(len(points))
+    _, spread, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    normal = axes[2] * np.sign(axes[2] @ rotation[:, 2] or 1.0)
+    cosine = float(normal @ rotation[:, 2])
+    across = np.ptp(points @ normal)
+    flat = across <= highest and spread[1] > 3 * thick * np.sqrt(len(points))
+    tilted = flat and np.ptp(heights) > 2 * max(thick, across)
+    if np.ptp(heights) > highest or tilted:
         if not flat or cosine < np.cos(MOST_TILT):
             tilt = f"; their plane is {np.rad2deg(np.arccos(cosine)):.0f} degrees from level"
             raise RopeInputError(

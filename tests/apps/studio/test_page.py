@@ -58,6 +58,11 @@ def open_page(tmp_path):
         page.close()
 
 
+def test_an_address_of_another_machine_is_refused_at_once(open_page):
+    with pytest.raises(OSError, match="assign requested address"):
+        open_page("203.0.113.5")
+
+
 def status(port, path):
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=5)
     connection.request("GET", path)

@@ -151,6 +151,12 @@ def test_length_and_diameter_are_asked_for_and_checked(photos):
         photo.rope()
 
 
+def test_the_name_of_a_photograph_is_no_path(sure, tmp_path):
+    sure.name, sure.length = str(tmp_path / "victim.jpg"), "0.9m"
+    sure.rope()
+    assert not [*tmp_path.iterdir()]
+
+
 def test_pictures_without_a_rope_say_why(tmp_path):
     session = Session("straight", tmp_path / "mine.jsonl")
     with pytest.raises(ImageError, match=r"^table.png: no rope is seen"):

@@ -36,6 +36,7 @@ class Page:
     def __init__(self, session: Session, host: str = "localhost", port: int = 8080) -> None:
         """Open the page; on the next free port (`url` names it) where this one is taken."""
         self._token = "" if host in LOCAL_HOSTS else secrets.token_urlsafe(16)
+        _check_address(host)
         with _checked_requests(self._token):
             self.server = viser.ViserServer(host, port, label="knotflow studio", verbose=False)
         gui = self.server.gui
@@ -61,6 +62,7 @@ class Page:
         """Address of the page; of this machine where it listens on all of its addresses."""
         host, port = self.server.get_host(), self.server.get_port()
         name = socket.gethostname() if host in ("0.0.0.0", "::") else host
+        name = f"[{name}]" if ":" in name else name
         return f"http://{name}:{port}" + (f"/{self._token}/" if self._token else "")
 
     def serve(self) -> None:
@@ -69,6 +71,13 @@ class Page:
 
     def close(self) -> None:
         self.server.stop()
+
+
+def _check_address(host: str) -> None:
+    """Raises OSError where nothing can listen on a host, for which viser waits forever."""
+    for family, kind, *_, address in socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM):
+        with socket.socket(family, kind) as probe:
+            probe.bind(address)
 
 
 def refusal(headers: Mapping[str, str], path: str, token: str) -> str:

@@ -197,7 +197,10 @@ class PhotoTab:
         size = self._length.value, self._diameter.value
         if size != (photo.length, photo.diameter):
             photo.length, photo.diameter = size
-            session.laid = False
+            if session.laid:
+                session.open_photo()
+                self._open()
+                return
         self._buttons[0].visible = bool(photo.doubts)
         lines = [f"{n}. {one.describe()}" for n, one in enumerate(photo.found.crossings, 1)]
         if photo.doubts:

@@ -182,8 +182,7 @@ class Photograph:
             )
         options = RopeOptions(length=f"{size.length:.9g}", diameter=f"{size.diameter:.9g}")
         with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / self.name
-            path = path.with_name(f"{path.stem}.csv")
+            path = Path(folder) / "photograph.csv"  # its name is the browser's
             write_photo_rope(path, on_table(self.found, size.length, None), self.found.over)
             try:
                 measured = measured_rope(str(path), options, np.random.default_rng())

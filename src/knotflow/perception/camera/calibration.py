@@ -70,9 +70,9 @@ class Calibration:
         """
         try:
             text = Path(path).read_text("utf-8")
-            if text.lstrip().startswith("{"):
+            try:
                 values = json.loads(text)
-            else:
+            except ValueError:
                 # OpenCV begins its files with a directive that is not YAML's.
                 documents = yaml.load_all(re.sub(r"^\s*%YAML.*\n(---)?", "", text), _Loader)
                 values = next(documents, None)
@@ -140,24 +140,39 @@ class Calibration:
             raise CameraError(f"{self.source}: {error}") from error
 
     def camera(self) -> Camera:
-        """The camera at its pose.
+        """The camera at its pose, above a table at z = 0.
 
         Raises:
-            CameraError: distortion, or not one pose.
+            CameraError: distortion, not one pose, or one whose z points down.
         """
-        if self.distortion.size or len(self.poses) != 1:
-            what = "distortion" if self.distortion.size else f"{len(self.poses) or 'no'} poses"
-            raise CameraError(f"{self.source}: has {what}; read its images with read_capture")
-        return self.at(self.poses[0])
+        if self.distortion.size:
+            raise CameraError(
+                f"{self.source}: has distortion: undistort the images, and leave its coefficients "
+                "out of the file"
+            )
+        if not self.poses:
+            raise CameraError(f"{self.source}: has no pose: add its position and rotation")
+        if len(self.poses) > 1:
+            raise CameraError(
+                f"{self.source}: a quaternion of four numbers may be x, y, z, w or w, x, y, z: "
+                "name them, as in {x: 1, y: 0, z: 0, w: 0}"
+            )
+        camera = self.at(self.poses[0])
+        if camera.position[2] <= 0 or camera.rays()[camera.height // 2, camera.width // 2, 2] >= 0:
+            raise CameraError(
+                f"{self.source}: by its pose the camera does not look down on the table, z = 0, "
+                "from above it; z is up, and the camera's axes are OpenCV's"
+            )
+        return camera
 
     def undistorted(self, pixels: NDArray, nearest: bool = False) -> NDArray:
         """An image (H, W, ...) as a camera without distortion takes it; what it did not see is NaN,
-        or 0. Values are interpolated, or those of the `nearest` pixel."""
+        or as at the border. Values are interpolated, or those of the `nearest` pixel."""
         height, width = pixels.shape[:2]
         v, u = np.indices((height, width), np.float64)
         seen = np.stack([u, v], axis=-1)
         places = self._distort((seen - self.centre) / self.focal) * self.focal + self.centre
-        outside = np.nan if pixels.dtype.kind == "f" else 0
+        outside = np.nan if pixels.dtype.kind == "f" else None
         return interpolated(pixels, places, 0 if nearest else 1, outside)
 
     def _distort(self, places: Floats) -> Floats:
@@ -297,8 +312,8 @@ def _poses(values: Mapping[str, Any]) -> tuple[Floats, ...]:
             )
         at = floats(_listed(position, "xyz"), "a camera's position", CameraError)
         found = tuple(_rigid(turn, at) for turn in _rotations(rotation))
-    # An identity is what programs write that know no pose.
-    return tuple(one for one in found if not np.allclose(one, np.eye(4)))
+    # An identity is what programs write that know no pose, whatever the quaternion's order.
+    return () if any(np.allclose(one, np.eye(4)) for one in found) else found
 
 
 def _rotations(value: Any) -> list[Floats]:

@@ -26,7 +26,7 @@ MAX_OFFSET, MAX_TILT = 0.05, 0.1
 _UNITS = (1.0, 1e-3, 2.5e-4, 2e-4, 1e-4)  # metres, of depth images of cameras and data sets
 _SAME_UNIT = 0.1  # relative difference of distances by pose and by depth
 _REACH = (0.05, 20.0)  # metres, in which a table is
-_LEAST_TABLE = 0.3  # of an image
+_LEAST_TABLE, _LEAST_DEPTH = 0.3, 0.05  # of an image
 _GRAZING = 0.17  # sine of the angle between the table and the line of sight
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 _BODY = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
@@ -92,6 +92,12 @@ def read_capture(
     if unit is None:
         unit, how = conventional_unit(raw, depth), "the usual unit; --depth-unit is another"
     metres = (unit * raw).astype(np.float32)
+    far = float(np.nanmedian(unit * raw))
+    if not _REACH[0] < far < _REACH[1]:
+        raise ImageError(
+            f"{depth}: with units of {1e3 * unit:g} mm ({how}) most of it is {far:.3g} m away, but "
+            f"a table is {_REACH[0]:g} to {_REACH[1]:g} m away; --depth-unit is another"
+        )
     find = _posed if calibration.poses else _above_table
     camera, told = find(metres, calibration, depth)
     name = {1.0: "metres", 1e-3: "millimetres"}.get(unit, f"units of {1e3 * unit:g} mm")
@@ -189,6 +195,12 @@ def _above_table(
     metres: NDArray, calibration: Calibration, depth: Path | str
 ) -> tuple[Camera, list[str]]:
     """The camera above the table that is found in a depth image (H, W), metres."""
+    known = float(np.isfinite(metres).mean())
+    if known < _LEAST_DEPTH:
+        raise ImageError(
+            f"{depth}: no table is found: {known:.1%} of its pixels have a depth; at least "
+            f"{_LEAST_DEPTH:.0%} are needed, or the camera's pose in its file"
+        )
     pose, share, rms = find_table(metres, calibration)
     camera = calibration.at(pose)
     slope = -float(camera.rays()[camera.height // 2, camera.width // 2, 2])

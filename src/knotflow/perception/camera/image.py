@@ -95,6 +95,10 @@ def _read_pixels(path: Path, kind: str, mode: str | None = None, upright: bool =
                     f"give it with {_MAX_PIXELS / 1e6:.0f} million at most"
                 )
             turned = ImageOps.exif_transpose(image) if upright else image
+            if mode == "RGB" and turned.mode.startswith(("I", "F")):  # Pillow cuts them off at 255
+                values = np.asarray(turned, np.float64)
+                full = 65535.0 if turned.mode.startswith("I") else max(values.max(), 1.0)
+                turned = Image.fromarray((255.0 * values / full).clip(0, 255).astype(np.uint8))
             return np.asarray(turned.convert(mode) if mode else turned)
     except ImageError:
         raise
@@ -124,7 +128,7 @@ def read_depth(path: Path) -> NDArray[np.float64]:
             "bits or NPY (RealSense: before the colorizer; ROS: topics with encoding 16UC1 or "
             "32FC1)"
         )
-    if raw.ndim != 2 or raw.dtype.kind not in "uif":
+    if raw.ndim != 2 or not raw.size or raw.dtype.kind not in "uif":
         raise ImageError(
             f"{path}: depth is (H, W), whole numbers of 16 bits or floats; the file has "
             f"{raw.shape} {raw.dtype.name}"

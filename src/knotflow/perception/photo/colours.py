@@ -41,9 +41,12 @@ def _parse(text: str | None) -> Colour | None:
     if not text:
         return None
     try:
-        return cast("Colour", ImageColor.getrgb(text)[:3])
+        colour = ImageColor.getrgb(text)[:3]
+        if max(colour) <= 255:
+            return cast("Colour", colour)
     except ValueError:
-        raise ImageError(f"{text!r} is no colour: give a name such as red, or #rrggbb") from None
+        pass
+    raise ImageError(f"{text!r} is no colour: give a name such as red, or #rrggbb")
 
 
 def end_of_colour(rgb: NDArray[np.uint8], pixels: NDArray, colour: Colour) -> int | None:

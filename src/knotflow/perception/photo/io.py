@@ -47,13 +47,13 @@ def see_photo(
 
 
 def on_table(found: PhotoEstimate, length: float | None, camera: Camera | None) -> Floats:
-    """The centre line (N, 2), metres, x right and y up: scaled to the rope's `length`, metres, else
-    where the rays of a `camera` with a pose meet the table, z = 0.
+    """The centre line (N, 2), metres, x right and y up: where the rays of a `camera` with a pose
+    meet the table, z = 0, else scaled to the rope's `length`, metres.
 
     Raises:
-        ImageError: neither is known.
+        ImageError: neither is known, or the pose does not put the rope on the table.
     """
-    if length is not None:
+    if camera is None and length is not None:
         scaled = found.pixels * (length / found.length) * [1.0, -1.0]
         return np.asarray(scaled - (scaled.min(0) + scaled.max(0)) / 2)
     if camera is None:
@@ -62,6 +62,8 @@ def on_table(found: PhotoEstimate, length: float | None, camera: Camera | None) 
         )
     far = camera.unproject(found.pixels, np.ones(len(found.pixels)))
     down = far - camera.position
+    if (down[:, 2] >= 0).any():
+        raise ImageError("by the camera's pose a part of the rope is above the horizon")
     reach = -camera.position[2] / down[:, 2:]
     return np.asarray((camera.position + reach * down)[:, :2])
 
