@@ -432,7 +432,7 @@ def test_images_are_decoded(robot, ros, colour, depth):
 
 
 def test_distortion_is_taken_out_unless_the_topics_are_rectified(robot, ros, scara_arm):
-    show(ros, ("rgb8", COLOUR), ("32FC1", METRES), d=(4.0, 0.0, 0.0, 0.0, 0.0))
+    show(ros, ("rgb8", COLOUR), ("32FC1", METRES), d=(400.0, 0.0, 0.0, 0.0, 0.0))
     straightened = robot.observe()
     rectified = Ros2Arm(Ros2Config(scara_arm, rectified=True)).observe()
     np.testing.assert_array_equal(rectified.rgb, COLOUR)
