@@ -86,6 +86,7 @@ def searches(monkeypatch, found):
         (["explain", "overhnd"], "cannot explain 'overhnd': give a knot (unknot, overhand"),
         (["explain", "C(0,9,1)"], "there is no segment 9"),
         (["explain", "C(0,1)"], "C(0,1)"),
+        (["explain", "overhand", "--state", "2o1+"], "--state is for an action"),
         (["explain", "3o1-"], "each position from 1 to 2 once"),
         (["explain", "--out", "picture.doc"], ".png, .svg or .pdf"),
         (["view", "none.mcap"], "none.mcap"),

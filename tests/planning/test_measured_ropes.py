@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from knotflow.planning import Frame, RopeInputError, RopeOptions, measured_rope
+from knotflow.planning import Frame, RopeInputError, RopeOptions, RopeTable, measured_rope
 from knotflow.simulation import RopeConfig, check_points, random_curve
 from knotflow.topology import TopologicalState
 from knotflow.topology.draw import draw
@@ -93,6 +93,24 @@ def test_a_rope_that_rises_steeply_gets_more_links(diameter):
     file = Path(__file__).with_name("pentagram_at_rest.csv")
     rope = measured_rope(str(file), options, np.random.default_rng(0))
     assert state_of(rope).num_crossings == 5
+
+
+def test_an_estimate_is_laid_as_its_file_would_be(tmp_path, rng):
+    points = line(OVERHAND, 60, 0.9).round(6)
+    written = measured(tmp_path, points, diameter="8mm")
+    laid = measured_rope(RopeTable(points), RopeOptions(diameter="8mm"), rng)
+    np.testing.assert_array_equal(laid.points, written.points)
+    assert (laid.size, laid.remarks) == (written.size, written.remarks)
+    assert laid.hand.config.opening == pytest.approx(0.05 / laid.size.length)
+    with pytest.raises(RopeInputError, match=r"photo\.jpg: --rope-unit is for the file of a rope"):
+        measured_rope(RopeTable(points, name="photo.jpg"), RopeOptions(rope_unit="mm"), rng)
+    with pytest.raises(RopeInputError, match=r"photo\.jpg: point 3 .* must be finite"):
+        measured_rope(
+            RopeTable(np.where(np.arange(60)[:, None] == 3, np.nan, points), name="photo.jpg"),
+            RopeOptions(), rng,
+        )  # fmt: skip
+    with pytest.raises(RopeInputError, match="has no z, so that --up y says nothing of it"):
+        measured_rope(RopeTable(line(LOOP)[:, :2]), RopeOptions(up="y"), rng)
 
 
 def test_frames_are_inverted_and_written():

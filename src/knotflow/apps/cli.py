@@ -32,6 +32,7 @@ from knotflow.planning.config import FAST_SEARCH, RopeOptions, plan_name
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from knotflow.perception.photo.estimate import PhotoEstimate
     from knotflow.simulation import Attempts, RopeConfig
 
 EXAMPLES = """\
@@ -185,27 +186,27 @@ def next_step(
             "next takes either --rope, or --image COLOUR DEPTH with --camera, or --image "
             "PHOTOGRAPH with --length"
         )
-    with tempfile.TemporaryDirectory() as folder:
-        seen, ambiguous = Path(folder) / "seen.csv", False
-        if len(files) == 1:
-            ambiguous = _see_photo(files[0], camera, size_of, colours, seen, picture=False) != 0
-        elif camera and files:
-            from knotflow.perception import io
-            from knotflow.planning.rope_size import RopeSize
+    shape: str | planning.RopeTable = rope or ""
+    ambiguous = False
+    if len(files) == 1:
+        photo, _, xy = _see_photo(files[0], camera, size_of, colours, scaled=True)
+        assert xy is not None
+        shape = planning.RopeTable(xy, "m", photo.over, name=str(files[0]))
+        ambiguous = bool(photo.doubts)
+    elif camera and files:
+        from knotflow.perception import io
+        from knotflow.planning.rope_size import RopeSize
 
-            size = RopeSize.of_options(options or RopeOptions()).rope()
-            depth = files[1], camera, size, _depth_unit(depth_unit)
-            found_rope, capture = io.see(files[0], *depth, colours, max_seconds)
-            print(io.describe(found_rope, capture))
-            io.write_rope(seen, found_rope.points)
-            ambiguous = found_rope.ambiguous
-        if ambiguous:
-            print("the rope is ambiguous: spread its crossings apart and take another image")
-            return 1
-        try:
-            measured = _read_rope(str(seen if files else rope), options, seed)
-        except planning.RopeInputError as error:
-            raise ValueError(str(error).replace(str(seen), str(files[0]))) from error
+        size = RopeSize.of_options(options or RopeOptions()).rope()
+        depth = files[1], camera, size, _depth_unit(depth_unit)
+        seen, capture = io.see(files[0], *depth, colours, max_seconds)
+        print(io.describe(seen, capture))
+        shape = planning.RopeTable(seen.points, "m", name=str(files[0]))
+        ambiguous = seen.ambiguous
+    if ambiguous:
+        print("the rope is ambiguous: spread its crossings apart and take another image")
+        return 1
+    measured = _read_rope(shape, options, seed)
     earlier = None if plan is None else _kept_plan(plan, knot, measured)
     found, _ = _search(
         knot, measured, earlier, seed, max_seconds, margin, worlds, GRIPPER_ERROR, arm
@@ -285,7 +286,7 @@ def run(
     """
     from knotflow.apps import lab
     from knotflow.execution import ExecutionConfig
-    from knotflow.perception import Calibration, Camera, io
+    from knotflow.perception import Calibration, Camera
     from knotflow.planning.rope_size import RopeSize
     from knotflow.recording import RunLog
     from knotflow.simulation import ShapeError
@@ -308,18 +309,15 @@ def run(
 
     def replan(points: NDArray) -> planning.KnotPlan:
         nonlocal found
-        with tempfile.TemporaryDirectory() as folder:
-            seen = Path(folder) / "seen.csv"
-            io.write_rope(seen, points)
-            try:
-                measured = _read_rope(str(seen), options, seed)
-            except planning.RopeInputError as error:
-                raise ShapeError(str(error)) from error
-            if found is not None:
-                found = _resampled(found, measured)
-            found, _ = _search(
-                knot, measured, found, next(seeds), max_seconds, margin, worlds, GRIPPER_ERROR, arm
-            )
+        try:
+            measured = _read_rope(planning.RopeTable(points, "m"), options, seed)
+        except planning.RopeInputError as error:
+            raise ShapeError(str(error)) from error
+        if found is not None:
+            found = _resampled(found, measured)
+        found, _ = _search(
+            knot, measured, found, next(seeds), max_seconds, margin, worlds, GRIPPER_ERROR, arm
+        )
         return found.placed(measured.placement, measured.frame)
 
     path = lab.log_path(out, knot)
@@ -369,6 +367,8 @@ def explain(what: str = "", /, *, state: str = "trivial", out: Path | None = Non
     from knotflow.topology.action_text import describe
     from knotflow.viz.notation import draw_action, draw_notation, draw_state
 
+    if state != "trivial" and "(" not in what:
+        raise ValueError("--state is for an action, as in: explain 'C(0,2,-1)' --state 3o1-2o4-")
     name = what if state == "trivial" else f"{what} after {state}"
     # Signs stay distinct in the name of the file.
     word = re.sub(r"[^A-Za-z0-9]+", "_", name.replace("+", "p").replace("-", "m")).strip("_")
@@ -553,8 +553,16 @@ def see(
             raise ValueError(f"--out {out} would replace {given}")
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
+    colours = rope_color, head_color
     if depth is None:
-        return _see_photo(image, camera, length, (rope_color, head_color), out)
+        from knotflow.perception.photo import io as photo_io
+
+        photo, rgb, xy = _see_photo(image, camera, length, colours, scaled=out is not None)
+        if out is not None and drawing is not None and xy is not None:
+            photo_io.write_photo_rope(out, xy, photo.over)
+            photo_io.draw_photo(drawing, rgb, photo)
+            print(f"{out}, {drawing}")
+        return 1 if photo.doubts else 0
     if camera is None or out is None or drawing is None:
         raise ValueError("with a depth image, see needs --camera FILE and --out FILE")
 
@@ -562,7 +570,7 @@ def see(
     from knotflow.planning.rope_size import RopeSize
 
     rope = RopeSize.of_options(RopeOptions(length=length, diameter=diameter)).rope()
-    unit, colours = _depth_unit(depth_unit), (rope_color, head_color)
+    unit = _depth_unit(depth_unit)
     found, seen = io.see(image, depth, camera, rope, unit, colours, max_seconds)
     io.write_rope(out, found.points)
     io.draw_overlay(drawing, seen.image, seen.camera, rope, found)
@@ -615,7 +623,9 @@ def _check_picture(path: Path) -> None:
         raise ValueError(f"--out {path}: a picture is a .png, .svg or .pdf file")
 
 
-def _read_rope(rope: str, options: RopeOptions | None, seed: int) -> planning.MeasuredRope:
+def _read_rope(
+    rope: str | planning.RopeTable, options: RopeOptions | None, seed: int
+) -> planning.MeasuredRope:
     from knotflow.seeding import rng_of
 
     found = planning.measured_rope(rope, options or RopeOptions(), rng_of(seed, 0))
@@ -629,35 +639,30 @@ def _see_photo(
     camera: Path | None,
     length: str | None,
     colours: tuple[str | None, str | None],
-    out: Path | None,
-    picture: bool = True,
-) -> int:
-    """`see` without depth, with a picture beside `out`; returns the exit code."""
+    scaled: bool,
+) -> tuple[PhotoEstimate, NDArray, NDArray | None]:
+    """The rope in a photograph, the photograph (H, W, 3), and the centre line (N, 2), metres, if
+    its scale is known; `scaled` refuses it without."""
     from knotflow.perception import Calibration  # slow to import
     from knotflow.perception.photo import io
     from knotflow.planning.rope_size import parse_metres
     from knotflow.topology.polyline import arc_lengths
 
     metres = parse_metres(length, "--length") if length else None
-    if out is not None and metres is None and camera is None:
+    if scaled and metres is None and camera is None:
         raise ValueError(
-            f"--out {out}: a photograph has no scale: give the rope's --length, or --camera FILE "
-            "with its pose"
+            f"{image}: a photograph has no scale: give the rope's --length, or --camera FILE with "
+            "its pose"
         )
     calibration = Calibration.load(camera) if camera else None
     found, rgb = io.see_photo(image, calibration, colours)
     eye = None
-    if calibration is not None and (calibration.poses or (out is not None and metres is None)):
-        scaled = calibration.scaled(rgb.shape[1], rgb.shape[0])
-        eye = replace(scaled, distortion=scaled.distortion[:0]).camera()
+    if calibration is not None and (calibration.poses or (scaled and metres is None)):
+        fitted = calibration.scaled(rgb.shape[1], rgb.shape[0])
+        eye = replace(fitted, distortion=fitted.distortion[:0]).camera()
     xy = io.on_table(found, metres, eye) if metres or eye else None
     print(io.describe_photo(found, None if xy is None else float(arc_lengths(xy)[-1])))
-    if out is not None and xy is not None:
-        io.write_photo_rope(out, xy, found.over)
-        if picture:
-            io.draw_photo(out.with_suffix(".png"), rgb, found)
-            print(f"{out}, {out.with_suffix('.png')}")
-    return 1 if found.doubts else 0
+    return found, rgb, xy
 
 
 def _depth_unit(text: str | None) -> float | None:
@@ -718,7 +723,7 @@ def _search(
     survival = planning.SurvivalConfig(worlds)
     if error:  # and what follows is planned again, so that the worlds may be milder
         survival.spread = WorldsConfig(error=error / length)
-    reach = planning.Hand(measured.model.radius, planning.HandConfig().scaled(length))
+    reach = measured.hand
     if arm.arm is not None:
         from knotflow.execution import ArmReach
 

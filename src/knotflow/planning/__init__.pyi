@@ -6,7 +6,7 @@ from .hand import Hand, HandConfig, Reach
 from .plan import KnotPlan, PlanFormatError, PlanStep
 from .planner import plan_rope
 from .proposals import attempt_arranged
-from .rope_files import ROPE_NAMES, RopeInputError
+from .rope_files import ROPE_NAMES, RopeInputError, RopeTable
 from .ropes import MeasuredRope, lay_down, measured_rope, parse_rope, read_rope
 from .survival import SurvivalSearch, surviving
 from .tree import SearchStoppedError, SearchUpdate, TreeSearch, plan_knot
@@ -16,8 +16,9 @@ from .waypoints import GripperConfig, Waypoints
 __all__ = [
     "FAST_SEARCH", "ROPE_NAMES", "Frame", "Goal", "GripperConfig", "Hand", "HandConfig",
     "KnotPlan", "MeasuredRope", "Placement", "PlanFormatError", "PlanStep", "PlannerConfig",
-    "Reach", "RopeInputError", "RopeOptions", "SearchStoppedError", "SearchUpdate", "SolutionDag",
-    "SurvivalConfig", "SurvivalSearch", "TreeSearch", "UnreachableGoalError", "Waypoints",
+    "Reach", "RopeInputError", "RopeOptions", "RopeTable", "SearchStoppedError", "SearchUpdate",
+    "SolutionDag", "SurvivalConfig", "SurvivalSearch", "TreeSearch", "UnreachableGoalError",
+    "Waypoints",
     "attempt_arranged", "check_steps", "find_penetrations", "lay_down", "measured_rope",
     "parse_goal", "parse_rope", "plan_knot", "plan_name", "plan_rope", "read_rope", "replay",
     "surviving",

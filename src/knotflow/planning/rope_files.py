@@ -8,7 +8,7 @@ others, and a unit in brackets, such as `x [mm]`, counts.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 from pathlib import Path
 
@@ -37,7 +37,7 @@ class RopeInputError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class RopeTable:
-    """The rows of a file."""
+    """A measured centre line: the rows of a file, or an estimate."""
 
     points: Floats
     """(N, 3), or (N, 2) where there is no z, metres, head first, without repetitions."""
@@ -47,6 +47,8 @@ class RopeTable:
     """(N,) column `over`: 1 where the rope is the upper strand of a crossing, else 0."""
     closed: bool = False
     """Whether the file says that the last point is joined to the first."""
+    name: str = "the rope"
+    """Of its file or image, for errors."""
 
 
 def read_table(path: Path, unit: str | None = None) -> RopeTable:
@@ -75,33 +77,43 @@ def read_table(path: Path, unit: str | None = None) -> RopeTable:
     if unit and table.unit and unit != table.unit:
         raise RopeInputError(f"{path}: its header says {table.unit}, but {unit} was asked for")
     unit = unit or table.unit
-    points, over = table.points * METRES[unit or "m"], table.over
+    name, points = str(path), table.points * METRES[unit or "m"]
+    return checked(replace(table, name=name, points=points, unit=unit))
+
+
+def checked(table: RopeTable) -> RopeTable:
+    """The table without repetitions and with at most `MAX_POINTS` points.
+
+    Raises:
+        RopeInputError: not (N, 3) or (N, 2) finite numbers of a line.
+    """
+    name, points, over = table.name, table.points, table.over
     if points.ndim != 2 or points.shape[1] not in (2, 3):
         raise RopeInputError(
-            f"{path}: a rope has rows of x, y, z, shape (N, 3), or of x, y; the file has shape "
+            f"{name}: a rope has rows of x, y, z, shape (N, 3), or of x, y; this one has shape "
             f"{points.shape}"
         )
     if len(points) < MIN_POINTS:
         raise RopeInputError(
-            f"{path}: {len(points)} points are too few for a rope, at least {MIN_POINTS} are needed"
+            f"{name}: {len(points)} points are too few for a rope, at least {MIN_POINTS} are needed"
         )
     finite = np.isfinite(points).all(axis=1)
     if not finite.all():
         number = int(np.argmin(finite))
         raise RopeInputError(
-            f"{path}: point {number} (counted from 0) is {points[number].tolist()}; all numbers "
+            f"{name}: point {number} (counted from 0) is {points[number].tolist()}; all numbers "
             "must be finite, so leave out points that were not measured"
         )
     apart = np.r_[True, np.linalg.norm(np.diff(points, axis=0), axis=1) > 0.0]
     if apart.sum() == 1:
-        raise RopeInputError(f"{path}: all points are the same")
+        raise RopeInputError(f"{name}: all points are the same")
     points, over = points[apart], None if over is None else over[apart]
     if len(points) > MAX_POINTS:
         along = arc_lengths(points)
         at = np.linspace(0.0, along[-1], MAX_POINTS)
         points = np.column_stack([np.interp(at, along, column) for column in points.T])
         over = None if over is None else np.interp(at, along, over)
-    return RopeTable(points, unit, over, table.closed)
+    return replace(table, points=points, over=over)
 
 
 def _read_npy(path: Path) -> RopeTable:

@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 
 from knotflow.planning.config import Axis, RopeOptions
 from knotflow.planning.frame import Frame, Placement
-from knotflow.planning.rope_files import METRES, ROPE_NAMES, RopeInputError, RopeTable, read_table
+from knotflow.planning.hand import Hand, HandConfig
+from knotflow.planning.rope_files import (
+    METRES,
+    ROPE_NAMES,
+    RopeInputError,
+    RopeTable,
+    checked,
+    read_table,
+)
 from knotflow.planning.rope_fit import Fit, fit_rope, planar_code, rests
 from knotflow.planning.rope_size import RopeSize, parse_metres
 from knotflow.simulation import (
@@ -66,14 +74,21 @@ class MeasuredRope:
         """Its real size."""
         return self.size.rope(len(self.points) - 1)
 
+    @property
+    def hand(self) -> Hand:
+        """Fingers of the usual size beside the model."""
+        return Hand(self.model.radius, HandConfig().scaled(self.size.length))
 
-def measured_rope(text: str, options: RopeOptions, rng: np.random.Generator) -> MeasuredRope:
-    """The rope that a text names (see `parse_rope`), of any size.
+
+def measured_rope(
+    rope: str | RopeTable, options: RopeOptions, rng: np.random.Generator
+) -> MeasuredRope:
+    """The rope that a text names (see `parse_rope`) or whose centre line is given, of any size.
 
     Raises:
-        RopeInputError: neither a valid name nor a usable file, or options that do not fit it.
+        RopeInputError: neither a valid name nor a usable centre line, or options that do not fit.
     """
-    if text in ROPE_NAMES:
+    if rope in ROPE_NAMES:
         given = {
             "--rope-unit": options.rope_unit is not None,
             "--up": options.up != "z",
@@ -82,11 +97,15 @@ def measured_rope(text: str, options: RopeOptions, rng: np.random.Generator) -> 
         }
         if any(given.values()):
             told = ", ".join(name for name, one in given.items() if one)
-            raise RopeInputError(f"the rope is {text}: {told} are for the file of a rope, --rope")
+            raise RopeInputError(f"the rope is {rope}: {told} are for the file of a rope, --rope")
         size = RopeSize.of_options(options)
-        points = parse_rope(text, size.model(), rng)
+        points = parse_rope(rope, size.model(), rng)
         return MeasuredRope(points, size, Placement(size.length), Frame())
-    return _measure(Path(text), options)
+    if isinstance(rope, str):
+        rope = read_table(Path(rope), options.rope_unit)
+    elif options.rope_unit is not None:
+        raise RopeInputError(f"{rope.name}: --rope-unit is for the file of a rope, --rope")
+    return _measure(checked(rope), options)
 
 
 def parse_rope(
@@ -119,7 +138,7 @@ def read_rope(path: Path, rope: RopeConfig) -> Floats:
         RopeInputError: an unreadable file, or a rope that the model cannot be or splines not reach.
     """
     length, diameter = f"{rope.length:.9g}", f"{2 * rope.radius:.9g}"
-    line = _CentreLine.read(path, RopeOptions(length=length, diameter=diameter))
+    line = _CentreLine.of(read_table(path), RopeOptions(length=length, diameter=diameter))
     points: Floats = line.fit(rope).points + [*line.middle, 0.0]
     reach = float(SPLINE_HIGH[-1])
     far = np.abs(points[:, :2]).max(axis=1)
@@ -151,8 +170,8 @@ def lay_down(curve: Floats, rope: RopeConfig) -> Floats:
     return points
 
 
-def _measure(path: Path, options: RopeOptions) -> MeasuredRope:
-    line = _CentreLine.read(path, options)
+def _measure(table: RopeTable, options: RopeOptions) -> MeasuredRope:
+    line = _CentreLine.of(table, options)
     size = RopeSize.of(line.length, options.diameter, options.stiffness)
     links = size.links
     while True:
@@ -182,7 +201,7 @@ class _CentreLine:
     """A measured centre line on its table.
 
     Attributes:
-        name: of its file.
+        name: of its file or image.
         curve: (N, 3) metres, z above a rope that touches the table.
         crossings: of `planar_code`.
         later_over: (c,) of each crossing, whether its later strand is on top.
@@ -198,14 +217,14 @@ class _CentreLine:
     remarks: tuple[str, ...] = ()
 
     @classmethod
-    def read(cls, path: Path, options: RopeOptions) -> _CentreLine:
-        """Read a file; the errors are those of `measured_rope`."""
-        table, smoothed = _smoothed(path, read_table(path, options.rope_unit))
-        table, cut = _cut(path, table, options.cut)
+    def of(cls, table: RopeTable, options: RopeOptions) -> _CentreLine:
+        """The errors are those of `measured_rope`."""
+        table, smoothed = _smoothed(table)
+        table, cut = _cut(table, options.cut)
         points = table.points
-        length = _length(path, table, options.length)
+        length = _length(table, options.length)
         thick = RopeSize.of(length, options.diameter).diameter
-        frame, tilted = _table_frame(path, points, options.up, length, thick)
+        frame, tilted = _table_frame(table, options.up, length, thick)
         frame = replace(frame, unit=table.unit or "m")
         if points.shape[1] == 3:
             points = points @ frame.rotation - [0.0, 0.0, frame.height + thick / 2]
@@ -215,12 +234,12 @@ class _CentreLine:
             crossings = planar_code(points[:, :2])
         except DegenerateCurveError as error:
             raise RopeInputError(
-                f"{path}: how this rope crosses itself cannot be read when seen from above: "
+                f"{table.name}: how this rope crosses itself cannot be read when seen from above: "
                 f"{error}. Neither an end nor two strands may lie exactly on another in x and y"
             ) from error
-        later = _later_over(path, points, crossings, table, options.crossings, thick)
+        later = _later_over(points, crossings, table, options.crossings, thick)
         remarks = (*smoothed, *cut, *tilted)
-        return cls(str(path), points, crossings, later, length, frame, remarks)
+        return cls(table.name, points, crossings, later, length, frame, remarks)
 
     @property
     def middle(self) -> Floats:
@@ -269,7 +288,7 @@ class _CentreLine:
         )
 
 
-def _cut(path: Path, table: RopeTable, cut: int | str | None) -> tuple[RopeTable, tuple[str, ...]]:
+def _cut(table: RopeTable, cut: int | str | None) -> tuple[RopeTable, tuple[str, ...]]:
     """The table of an open curve, and what was done to it."""
     points = table.points
     step = float(np.median(np.linalg.norm(np.diff(points, axis=0), axis=1)))
@@ -281,13 +300,13 @@ def _cut(path: Path, table: RopeTable, cut: int | str | None) -> tuple[RopeTable
         return table, ()
     if cut is None:
         raise RopeInputError(
-            f"{path}: a closed curve: its last point is {1e3 * apart:.2g} mm from the first, as "
-            f"neighbours are; a rope has two ends: say at which point (0 to {len(points) - 1}) it "
-            "is to be cut, as in --cut 0, or that it is open: --cut open"
+            f"{table.name}: a closed curve: its last point is {1e3 * apart:.2g} mm from the first, "
+            "as neighbours are; a rope has two ends: say at which point (0 to "
+            f"{len(points) - 1}) it is to be cut, as in --cut 0, or that it is open: --cut open"
         )
     if not closed or not 0 <= int(cut) < len(points):
         raise RopeInputError(
-            f"{path}: --cut {cut}: "
+            f"{table.name}: --cut {cut}: "
             + (f"its points are 0 to {len(points) - 1}" if closed else "its curve is open already")
         )
     kept = np.roll(np.arange(len(points) - (apart <= 1e-6 * step)), -int(cut))
@@ -297,7 +316,7 @@ def _cut(path: Path, table: RopeTable, cut: int | str | None) -> tuple[RopeTable
     return replace(table, points=points[kept], over=over), told
 
 
-def _smoothed(path: Path, table: RopeTable) -> tuple[RopeTable, tuple[str, ...]]:
+def _smoothed(table: RopeTable) -> tuple[RopeTable, tuple[str, ...]]:
     """The table without the noise of dense points, which generalised cross-validation tells."""
     points = table.points
     if len(points) < DENSE:
@@ -312,9 +331,9 @@ def _smoothed(path: Path, table: RopeTable) -> tuple[RopeTable, tuple[str, ...]]
     length = float(arc_lengths(smooth)[-1])
     if noise > MOST_NOISE * length:
         raise RopeInputError(
-            f"{path}: these points are no line: they lie {1e3 * noise:.3g} mm (rms) off any smooth "
-            "curve through them in the file's order. Of a cloud of points, keep the centre line, "
-            "ordered from head to tail"
+            f"{table.name}: these points are no line: they lie {1e3 * noise:.3g} mm (rms) off any "
+            "smooth curve through them in the file's order. Of a cloud of points, keep the centre "
+            "line, ordered from head to tail"
         )
     if noise < 1e-4 * length:  # rounding
         return table, ()
@@ -322,7 +341,7 @@ def _smoothed(path: Path, table: RopeTable) -> tuple[RopeTable, tuple[str, ...]]
     return replace(table, points=smooth), (told,)
 
 
-def _length(path: Path, table: RopeTable, text: str | None) -> float:
+def _length(table: RopeTable, text: str | None) -> float:
     """The rope's length, metres: as given by a text, or that of its points."""
     length = float(arc_lengths(table.points)[-1])
     given = length if text is None else parse_metres(text, "--length")
@@ -333,18 +352,21 @@ def _length(path: Path, table: RopeTable, text: str | None) -> float:
     in_file = length / METRES[table.unit or "m"]
     units = (f"{unit} ({in_file * metres:.3g} m)" for unit, metres in METRES.items())
     raise RopeInputError(
-        f"{path}: this rope would be {length:.3g} m long{expected}: give its --length, or "
+        f"{table.name}: this rope would be {length:.3g} m long{expected}: give its --length, or "
         f"--rope-unit {', '.join(units)}"
     )
 
 
 def _table_frame(
-    path: Path, points: Floats, up: str, length: float, thick: float
+    table: RopeTable, up: str, length: float, thick: float
 ) -> tuple[Frame, tuple[str, ...]]:
-    """The frame of the table on which points (N, D), metres, lie, and what is to be said of it."""
+    """The frame of the table on which the points lie, and what is to be said of it."""
     from scipy.spatial.transform import Rotation  # slow to import
 
+    points = table.points
     if points.shape[1] == 2:
+        if up != "z":
+            raise RopeInputError(f"{table.name}: has no z, so that --up {up} says nothing of it")
         return Frame(), ()
     axis = "xyz".index(up[-1])
     rotation = np.roll(np.eye(3), -1 - axis, axis=1)
@@ -363,7 +385,7 @@ def _table_frame(
         if not flat or cosine < np.cos(MOST_TILT):
             tilt = f"; their plane is {np.rad2deg(np.arccos(cosine)):.0f} degrees from level"
             raise RopeInputError(
-                f"{path}: this rope stands or hangs rather than lies: its points are "
+                f"{table.name}: this rope stands or hangs rather than lies: its points are "
                 f"{heights.min():.2f} to {heights.max():.2f} m high ({up}), but those of a rope of "
                 f"{length:.3g} m that lies on a table differ by {highest:.2g} m at most"
                 f"{tilt if flat else ''}. Where another axis points up from the table, say which: "
@@ -387,7 +409,6 @@ def _at_crossings(values: Floats, curve: Floats, crossings: CurveCrossings) -> F
 
 
 def _later_over(
-    path: Path,
     points: Floats,
     crossings: CurveCrossings,
     table: RopeTable,
@@ -404,7 +425,8 @@ def _later_over(
         named = {f"{o}o{u}{'-+'[s > 0]}" for o, u, s in TopologicalState.parse(text).crossings}
         if len(named) != len(either) or not all(named & {*pair} for pair in either):
             raise RopeInputError(
-                f"{path}: --crossings {text} are not this curve's; seen from above it has {choices}"
+                f"{table.name}: --crossings {text} are not this curve's; seen from above it has "
+                f"{choices}"
             )
         return np.array([pair[0] in named for pair in either], bool)
     if not either:
@@ -416,14 +438,15 @@ def _later_over(
         column, values, least = "z", points[:, 2], LEAST_GAP * thick
     else:
         raise RopeInputError(
-            f"{path}: has no z, and crosses itself {len(either)} times when seen from above; which "
-            f"strand is on top? Add z, or {cure}"
+            f"{table.name}: has no z, and crosses itself {len(either)} times when seen from above; "
+            f"which strand is on top? Add z, or {cure}"
         )
     earlier, later = _at_crossings(values, points, crossings)
     gaps = np.abs(later - earlier)
     if (closest := gaps.min()) <= least:
         raise RopeInputError(
-            f"{path}: {column} must say which strand of {' or '.join(either[gaps.argmin()])} is on "
-            f"top, and differ by more than {least:.2g}, but differs by {closest:.2g}; or {cure}"
+            f"{table.name}: {column} must say which strand of "
+            f"{' or '.join(either[gaps.argmin()])} is on top, and differ "
+            f"by more than {least:.2g}, but differs by {closest:.2g}; or {cure}"
         )
     return np.asarray(later > earlier)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,8 +11,8 @@ from scipy.optimize import linear_sum_assignment
 from knotflow.perception.estimation.crossings import CrossingEvidence
 from knotflow.perception.photo.colours import Colours
 from knotflow.perception.photo.estimate import PhotoEstimate, RopePhoto
-from knotflow.perception.photo.io import on_table, write_photo_rope
-from knotflow.planning import MeasuredRope, RopeInputError, RopeOptions, measured_rope
+from knotflow.perception.photo.io import on_table
+from knotflow.planning import MeasuredRope, RopeOptions, RopeTable, measured_rope
 from knotflow.planning.rope_size import RopeSize, parse_metres
 from knotflow.topology import TopologicalState
 from knotflow.topology.polyline import Floats, arc_lengths
@@ -181,13 +179,9 @@ class Photograph:
                 "confirm that it is right"
             )
         options = RopeOptions(length=f"{size.length:.9g}", diameter=f"{size.diameter:.9g}")
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "photograph.csv"  # its name is the browser's
-            write_photo_rope(path, on_table(self.found, size.length, None), self.found.over)
-            try:
-                measured = measured_rope(str(path), options, np.random.default_rng())
-            except RopeInputError as error:
-                raise RopeInputError(str(error).replace(str(path), self.name)) from None
+        xy = on_table(self.found, size.length, None)
+        table = RopeTable(xy, "m", self.found.over, name=self.name)
+        measured = measured_rope(table, options, np.random.default_rng())
         laid = TopologicalState.from_curve(measured.points)
         if laid != self.state:
             raise PhotoError(f"as a rope of this size it is in the state {laid}, not {self.state}")

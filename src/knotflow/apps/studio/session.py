@@ -24,10 +24,10 @@ from knotflow.planning import (
     FAST_SEARCH,
     ROPE_NAMES,
     Hand,
-    HandConfig,
     KnotPlan,
     MeasuredRope,
     RopeOptions,
+    RopeTable,
     SearchUpdate,
     SurvivalConfig,
     measured_rope,
@@ -95,7 +95,7 @@ class Session:
         if rope in ROPES:
             self.lay_named(rope)
         else:
-            self._lay_file(Path(rope), ANY_SIZE)
+            self._lay(rope, ANY_SIZE)
 
     @cached_property
     def simulator(self) -> RopeSimulator:
@@ -146,7 +146,7 @@ class Session:
     def lay_upload(self, name: str, content: bytes, options: RopeOptions = ANY_SIZE) -> None:
         """Lay the rope of a file that came through the browser."""
         with _uploaded(name, content) as path:
-            self._lay_file(path, options)
+            self._lay(str(path), options)
 
     def lay_image(
         self, files: Mapping[str, bytes], options: RopeOptions = ANY_SIZE
@@ -158,7 +158,7 @@ class Session:
         Raises:
             ImageError, CameraError, TraceError: see `perception.estimate`.
         """
-        from knotflow.perception import estimate, io, read_capture
+        from knotflow.perception import estimate, read_capture
 
         rope = RopeSize.of_options(options).rope()
         with tempfile.TemporaryDirectory() as folder:
@@ -169,13 +169,11 @@ class Session:
             seen = read_capture(*paths)
         with self._busy, one_thread():
             found = estimate(seen.image, seen.camera, rope)
-        with _uploaded("image.csv", b"") as path:
-            io.write_rope(path, found.points)
-            self._lay_file(path, options)
+        self._lay(RopeTable(found.points, "m", name="the image"), options)
         return found.all_ambiguities
 
-    def _lay_file(self, path: Path, options: RopeOptions) -> None:
-        measured = measured_rope(str(path), options, self._rng)
+    def _lay(self, rope: str | RopeTable, options: RopeOptions) -> None:
+        measured = measured_rope(rope, options, self._rng)
         self.lay(measured.points, measured)
 
     def read_photo(self, name: str, content: bytes, colour: str = "") -> Photograph:
@@ -215,14 +213,14 @@ class Session:
         with self._busy:
             config = replace(FAST_SEARCH, max_seconds=max_seconds)
             simulation = replace(self.simulation, rope=self.rope)
-            hand = HandConfig().scaled(self.measured.size.length if self.measured else 1.0)
+            hand = self.measured.hand if self.measured else Hand(self.rope.radius)
             with warnings.catch_warnings(record=True) as unlike:
                 warnings.simplefilter("ignore")
                 warnings.simplefilter("always", UnlikeRopeWarning)
                 plan = plan_rope(
                     self.points, knot, self._rng,
                     sampler=self.library, simulation=simulation, config=config, progress=progress,
-                    survival=SurvivalConfig(worlds), reach=Hand(self.rope.radius, hand),
+                    survival=SurvivalConfig(worlds), reach=hand,
                 )  # fmt: skip
         self.remarks = tuple(str(one.message) for one in unlike)
         self.plan = subsample(plan)
