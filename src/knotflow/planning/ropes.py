@@ -102,8 +102,8 @@ def measured_rope(
         points = parse_rope(rope, size.model(), rng)
         return MeasuredRope(points, size, Placement(size.length), Frame())
     if isinstance(rope, str):
-        rope = read_table(Path(rope), options.rope_unit)
-    elif options.rope_unit is not None:
+        return _measure(read_table(Path(rope), options.rope_unit), options)
+    if options.rope_unit is not None:
         raise RopeInputError(f"{rope.name}: --rope-unit is for the file of a rope, --rope")
     return _measure(checked(rope), options)
 
