@@ -34,6 +34,7 @@ from knotflow.execution import (
     TwinConfig,
     panda,
 )
+from knotflow.execution.mppi import Mppi, MppiConfig
 from knotflow.execution.step_executor import path_from_grasp
 from knotflow.execution.timing import keep_limits
 from knotflow.perception import (
@@ -444,6 +445,15 @@ def execution() -> dict[str, Any]:
     }
 
 
+def control() -> dict[str, Any]:
+    """How a controller corrects a drag."""
+    frames, weights = np.linspace(loop(), loop() + [0.06, 0.02, 0.0], 7), np.linspace(1, 2, 41)
+    mppi = Mppi(filled(LstmDynamics(LstmConfig(hidden=8))), MppiConfig(samples=8))
+    mppi.begin(frames, frames[:, 5] + [0.0, 0.0, 0.01], weights, 5)
+    aside = frames[:2] + [0.0, 0.01, 0.0]
+    return {"acted": [mppi.act(rope, 0.0 * rope, rope[5] + [0.01, 0.0, 0.0]) for rope in aside]}
+
+
 def export() -> dict[str, Any]:
     """When an arm is where, on a path that turns back faster than it can."""
     turn = np.linspace(0.0, 1.5 * np.pi, 12)[:, None]
@@ -523,6 +533,7 @@ CASES: dict[str, Callable[[], dict[str, Any]]] = {
     "crossings": crossings,
     "tracking": tracking,
     "execution": execution,
+    "control": control,
     "twin": twin,
     "export": export,
     "recording": recording,

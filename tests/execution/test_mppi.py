@@ -56,6 +56,17 @@ def test_rope_on_the_plan_stays():
     assert follow(*begin(MppiConfig(), off=(0.0, 0.0, 0.0))).max() < 0.006
 
 
+def test_errors_of_the_gripper_do_not_add_up():
+    controller, points, reference = begin(MppiConfig(), (0.0, 0.0, 0.0), StaticDynamics())
+    centre, placed = (points[LINK] + points[LINK + 1]) / 2, []
+    for tick, wanted in enumerate(reference[:-1]):
+        error = [0.0 if tick == 0 else 0.005, 0.0, 0.0]
+        placed.append(controller.act(wanted, np.zeros_like(points), centre + error))
+        centre = placed[-1]
+    wanted = (reference[-1, LINK] + reference[-1, LINK + 1]) / 2
+    assert np.linalg.norm(placed[-1] - wanted) < 0.03
+
+
 def test_model_bias_is_not_corrected():
     on_plan = begin(MppiConfig(), off=(0.0, 0.0, 0.0), dynamics=Biased())
     assert follow(*on_plan).max() < 0.006

@@ -152,6 +152,17 @@ def test_invalid_initial_shape_raises():
         Tracker(CAMERA, ROPE, s_curve()[:-1], still)
 
 
+def test_the_held_link_stays_where_it_was_caught():
+    points = s_curve()
+    tracker = Tracker(CAMERA, ROPE, points, still, QUICK)
+    place = points[LINK : LINK + 2].mean(axis=0)
+    tracker.update(at(points, 0.0), place, LINK)
+    for frame in range(1, 6):  # the image shows the rope sliding through the fingers
+        slid = points + [0.0, 0.004 * frame, 0.0]
+        tracker.update(at(slid, 0.1 * frame), place, LINK)
+    assert np.linalg.norm(tracker._held_place(place, LINK) - place) < 0.003
+
+
 def test_model_receives_gripper_position():
     points, told = s_curve(), []
 

@@ -50,7 +50,8 @@ class Mppi:
 
     def begin(self, reference: NDArray, path: NDArray, weights: NDArray, grasped: int) -> None:
         config = self.config
-        planned = torch.from_numpy(np.asarray(path, np.float32))
+        self._path = np.asarray(path, np.float64)
+        planned = torch.from_numpy(self._path.astype(np.float32))
         self._steps = torch.diff(planned, dim=0, append=planned[-1:])  # at its end it stays
         self._weights = torch.from_numpy(np.asarray(weights, np.float32))
         self._grasped, self._tick = grasped, 0
@@ -83,11 +84,15 @@ class Mppi:
             torch.manual_seed(self.config.seed + self._tick)
             action = self._planner.command(state.float(), self._tick > 0)
         action = action.clamp(-self.config.bound, self.config.bound)  # knots overshoot
-        step = self._steps[self._frame(0)] + action
+        if self._tick == 0:
+            self._aside = gripper - self._path[0]
         self._tick += 1
+        # Not from where the gripper is measured in each tick: its errors would add up.
+        self._aside = self._aside + action.numpy().astype(np.float64)
+        place = self._path[min(self._tick, len(self._path) - 1)] + self._aside
         reach = self.config.reach
         low, high = [-reach, -reach, self.config.table], [reach, reach, np.inf]
-        return np.clip(gripper + step.numpy().astype(np.float64), low, high)
+        return np.clip(place, low, high)
 
     @one_thread()
     def _predict_plan(self, points: Tensor) -> Tensor:

@@ -146,7 +146,7 @@ class Tracker:
                 moves = moves * square / (square + (0.5 * self._resolution) ** 2)
                 self.velocities = moves / seconds
         self.points = shape
-        if grasped is not None:
+        if grasped is not None and self._trailing is None:
             self._trailing = shape[grasped : grasped + 2].mean(axis=0) - np.asarray(gripper)
         state = state_or_none(shape)
         ambiguities = list_ambiguities(state, crossings, fraction, target)
@@ -238,8 +238,8 @@ class Tracker:
         return replace(found, ambiguities=(reason, *found.ambiguities))
 
     def _held_place(self, gripper: NDArray | None, grasped: int | None) -> Floats | None:
-        """Where the gripper has the held link's centre (3,), which trails behind the gripper by as
-        much as in the last image; None where it holds nothing."""
+        """Where the gripper has the held link's centre (3,), which is beside the gripper where it
+        was when it was caught; None where it holds nothing."""
         if grasped is None:
             self._trailing = None
             return None
