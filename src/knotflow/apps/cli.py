@@ -650,10 +650,7 @@ def _see_photo(
 
     metres = parse_metres(length, "--length") if length else None
     if scaled and metres is None and camera is None:
-        raise ValueError(
-            f"{image}: a photograph has no scale: give the rope's --length, or --camera FILE with "
-            "its pose"
-        )
+        raise ValueError(f"{image}: {io.NO_SCALE}")
     calibration = Calibration.load(camera) if camera else None
     found, rgb = io.see_photo(image, calibration, colours)
     eye = None

@@ -24,6 +24,8 @@ from knotflow.viz.style import PNG_DPI, WIDTH, styled
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+NO_SCALE = "a photograph has no scale: give the rope's --length, or --camera FILE with its pose"
+
 
 def see_photo(
     path: Path,
@@ -57,9 +59,7 @@ def on_table(found: PhotoEstimate, length: float | None, camera: Camera | None) 
         scaled = found.pixels * (length / found.length) * [1.0, -1.0]
         return np.asarray(scaled - (scaled.min(0) + scaled.max(0)) / 2)
     if camera is None:
-        raise ImageError(
-            "a photograph has no scale: give the rope's --length, or --camera FILE with its pose"
-        )
+        raise ImageError(NO_SCALE)
     far = camera.unproject(found.pixels, np.ones(len(found.pixels)))
     down = far - camera.position
     if (down[:, 2] >= 0).any():
