@@ -116,7 +116,7 @@ def plan(
         knot: overhand, figure_eight, ...; crossings (4o1+2o5+6o3+); actions ("R1(0,1,1) C(0,1,1)").
         out: Folder for pictures, recording and waypoints; plans/KNOT-ROPE-SEED by default.
         seed: Seed of the random rope and of the search.
-        margin: Metres of rope that every step leaves between crossings.
+        margin: Least length of each piece of rope between crossings, metres.
         worlds: Search until a plan ties in 3/4 of N worlds and of 2 N others; 0 takes the first.
         overwrite: Replace the plan in that folder; other files there are kept.
     """
@@ -173,7 +173,7 @@ def next_step(
         plan: JSON file that keeps the whole plan, to go on with it after this action.
         out: CSV file for the gripper's waypoints of this action.
         seed: Seed of the search.
-        margin: Metres of rope that every step leaves between crossings.
+        margin: Least length of each piece of rope between crossings, metres.
         worlds: As in `knotflow plan`.
     """
     if out is not None:
@@ -278,7 +278,7 @@ def run(
         stiffness: As in `knotflow plan`.
         out: Folder for the log (MCAP) of all images and motions.
         seed: Seed of the search and of the twin.
-        margin: Metres of rope that every step leaves between crossings.
+        margin: Least length of each piece of rope between crossings, metres.
         worlds: As in `knotflow next`.
         max_actions: Give up after this many actions.
         level: Level of the twin's errors in rope, gripper and camera.

@@ -389,7 +389,7 @@ def _table_frame(
                 f"{heights.min():.2f} to {heights.max():.2f} m high ({up}), but those of a rope of "
                 f"{length:.3g} m that lies on a table differ by {highest:.2g} m at most"
                 f"{tilt if flat else ''}. Where another axis points up from the table, say which: "
-                f"--up {', '.join(get_args(Axis))}"
+                f"--up={', '.join(get_args(Axis))}"
             )
         turn, _ = Rotation.align_vectors(normal, rotation[:, 2])
         rotation = turn.as_matrix() @ rotation
