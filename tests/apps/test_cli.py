@@ -9,9 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from PIL import Image
+from tests.perception.photographs import centre_line, photograph
 
 from knotflow.apps import cli, lab
 from knotflow.apps.cli import main
+from knotflow.perception import Camera
 from knotflow.planning import KnotPlan, PlannerConfig, parse_rope, plan_rope
 from knotflow.samplers.demonstrations import load_demonstrations, save_demonstrations
 from knotflow.samplers.sampler import SamplerConfig, build_sampler
@@ -368,6 +371,17 @@ def test_a_picture_replaces_no_file_that_was_named(here):
     assert (here / "mine.png").read_text() == "a photo"
 
 
+@pytest.mark.slow
+def test_a_length_that_the_pose_contradicts_is_refused(here, capsys):
+    line = centre_line("loop", (240, 320))
+    Image.fromarray(photograph(line, [True], (240, 320))).save(here / "photo.png")
+    Camera.overhead(320, 240, distance=0.8).save(here / "camera.yaml")
+    words = ["see", "photo.png", "--camera", "camera.yaml", "--out", "rope.csv"]
+    assert main([*words, "--length", "9m"]) == 2
+    assert "by the camera's pose the rope is" in capsys.readouterr().err
+    assert [one.name for one in here.iterdir() if one.suffix == ".csv"] == []
+
+
 def test_see_replaces_none_of_its_own_files(here, capsys):
     (here / "photo.png").write_text("a photo")
     words = ["see", "photo.png", "--length", "1m", "--overwrite", "--out"]
@@ -387,6 +401,10 @@ def test_a_plan_is_exported_for_an_arm_beside_it(found, here, capsys):
     assert (here / "panda-joint.yaml").read_text().startswith("#")
     assert main(["export", "plan.json", "--format", "ros2"]) == 2
     assert "panda-joint.yaml exists already" in capsys.readouterr().err
+    (here / "part.json").write_text(replace(found, solved=False, reason="no time").to_json())
+    assert main(["export", "part.json", "--out", "new/part.csv"]) == 1
+    assert f"this is not a whole plan for {found.goal}: no time" in capsys.readouterr().out
+    assert (here / "new" / "part.csv").exists()
 
 
 @pytest.mark.parametrize(
@@ -396,6 +414,7 @@ def test_a_plan_is_exported_for_an_arm_beside_it(found, here, capsys):
         (["plan.json", "--arm", "nothing.xml"], "nothing.xml"),
         (["plan.json", "--max-speed", "0"], "max_speed must be above 0"),
         (["plan.json", "--base", "nothing.yaml"], "nothing.yaml"),
+        (["plan.json", "--tip", "hand"], "--tip hand: the panda has its own gripper"),
     ],
 )
 def test_what_cannot_be_exported_is_2_and_leaves_nothing(words, message, found, here, capsys):

@@ -99,6 +99,19 @@ def test_a_fault_of_the_driver_ends_the_run_and_opens_the_fingers(start, twin):
     assert robot.released
 
 
+def test_a_fault_is_told_with_fingers_that_stay_closed(start, twin):
+    robot, opened = Faulty(twin.robot()), []
+
+    def release(self):
+        if opened:
+            raise RuntimeError("not homed")
+        opened.append(True)
+
+    robot.__class__ = type("Jammed", (Faulty,), {"release": release})
+    reason = start(robot).reason
+    assert "motor 3 is off" in reason and "may still be closed: the robot failed at" in reason
+
+
 @pytest.mark.parametrize("fails", ["move_to", "position", "expect"])
 def test_every_fault_but_a_late_image_ends_the_run_with_open_fingers(start, twin, fails):
     robot = Faulty(twin.robot())

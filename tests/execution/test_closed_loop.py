@@ -121,6 +121,16 @@ def test_failing_robot_releases(plan):
     assert robot.words[-1] == "release"
 
 
+def test_fingers_that_do_not_open_do_not_hide_why_they_should(plan):
+    class Jammed(Recorded):
+        def release(self):
+            raise OSError("gripper not homed")
+
+    with pytest.raises(ConnectionError) as told:
+        execute(plan, Jammed(fails_at=1))
+    assert told.value.__notes__ == ["the fingers may still be closed: gripper not homed"]
+
+
 def replanned(plan, **changes):
     """A planner that always answers with the same plan, changed, and what it was asked."""
     asked = []

@@ -57,6 +57,23 @@ def test_a_robot_that_does_not_follow_is_told_from_one_that_does(position, told,
     assert robot.moves <= most
 
 
+def test_a_robot_that_takes_announced_moves_and_stays_does_not_grasp(plan):
+    class Announced(Stalled):
+        grasps = 0
+
+        def expect(self, positions, seconds, strand=None):
+            return True
+
+        def grasp(self):
+            self.grasps += 1
+
+    robot = Announced((0.0, 0.0, 0.3))
+    executor = StepExecutor(robot, ExecutionConfig(), corrects=True)
+    with pytest.raises(RobotError, match="m from where it was sent"):
+        executor.execute(plan.steps[0], plan, 0)
+    assert robot.grasps == 0
+
+
 def test_path_from_another_grasp_ends_as_planned(plan):
     step = plan.steps[0]
     path = path_from_grasp(step, step.gripper[0] + [0.0, 0.02, 0.0])

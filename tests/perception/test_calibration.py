@@ -201,6 +201,12 @@ def test_distortion_moves_pixels_as_its_model_says(model, coefficients, at, tmp_
     assert np.abs(found.mean(axis=0) - [117.5, 175]).max() < 1.0
 
 
+def test_fisheye_coefficients_have_names_of_their_own(tmp_path):
+    named = {"k1": 0.1, "k2": 0.02, "k3": 0.003, "k4": 0.0004}
+    calibration = load(tmp_path, OURS | named | {"distortion_model": "equidistant"})
+    np.testing.assert_array_equal(calibration.distortion, [0.1, 0.02, 0.003, 0.0004])
+
+
 def test_undistorting_undoes_distorting(tmp_path):
     calibration = load(tmp_path, OURS | {"d": [-0.25, 0.08, 1e-3, -5e-4, 0.0]})
     v, u = np.indices((480, 640)).astype(float)

@@ -104,6 +104,15 @@ def test_a_written_rope_keeps_its_state(tmp_path):
     assert (tmp_path / "drawn.png").stat().st_size > 10_000
 
 
+def test_a_turned_photograph_is_refused_with_a_camera(tmp_path):
+    rgb, *_ = drawn("overhand", 2)
+    turned = Image.Exif()
+    turned[0x0112] = 6
+    Image.fromarray(rgb).save(tmp_path / "rope.jpg", exif=turned)
+    with pytest.raises(ImageError, match="EXIF"):
+        io.see_photo(tmp_path / "rope.jpg", Camera.overhead(*SHAPE))
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not REAL.is_dir(), reason="the photographs are not at hand")
 def test_a_real_photograph():

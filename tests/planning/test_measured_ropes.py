@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from knotflow.planning import Frame, RopeInputError, RopeOptions, RopeTable, measured_rope
+from knotflow.planning.rope_files import read_table
 from knotflow.simulation import RopeConfig, check_points, random_curve
 from knotflow.topology import TopologicalState
 from knotflow.topology.draw import draw
@@ -181,6 +182,31 @@ def test_strands_at_one_height_are_asked_for(tmp_path):
 def ring(count=80):
     angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
     return np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]) / (2 * np.pi)
+
+
+@pytest.mark.parametrize("points", [ring(2000), np.repeat(ring(), 2, axis=0)])
+def test_a_cut_counts_the_points_of_the_file(tmp_path, points):
+    rope = measured(tmp_path, points, cut=len(points) // 4)
+    np.testing.assert_allclose(in_file(rope)[0, :2], points[len(points) // 4, :2], atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("header", "columns"), [("frame,x_pos,y_pos", (2, 0, 1)), ("x,z,over", (0, 1, 2))]
+)
+def test_columns_that_are_not_x_y_z_are_not_taken_for_them(tmp_path, header, columns):
+    with pytest.raises(RopeInputError, match="where x, y and z are expected"):
+        measured(tmp_path, line()[:, columns], header)
+
+
+@pytest.mark.parametrize("header", ["px,py,pz", "x_pos,y_pos,z_pos"])
+def test_columns_named_much_like_x_y_z_are_read_by_position(tmp_path, header):
+    assert state_of(measured(tmp_path, line(), header)) == OVERHAND
+
+
+def test_empty_columns_are_left_out(tmp_path):
+    rows = [",".join(f"{number:.4f}" for number in point) + ",\n" for point in line()]
+    (tmp_path / "rope.csv").write_text("".join(rows))
+    assert read_table(tmp_path / "rope.csv").points.shape == line().shape
 
 
 @pytest.mark.parametrize("repeated", [False, True])

@@ -79,6 +79,23 @@ def test_thickness_out_of_range_is_refused_or_told():
     assert thread.model().radius == pytest.approx(0.001)
 
 
+@pytest.mark.parametrize(("length", "diameter"), [(0.7, "35mm"), (1.4, "7cm"), (2.8, "14cm")])
+def test_the_largest_diameter_is_taken(length, diameter):
+    assert RopeSize.of(length, diameter).diameter == pytest.approx(length / 20)
+
+
+@pytest.mark.parametrize("diameter", ["1mm", "2mm", "10mm"])
+def test_a_thin_rope_has_the_bending_length_that_is_said(diameter):
+    size = RopeSize.of(1.0, diameter)
+    assert size.rope().bending_length == pytest.approx(size.bending_length)
+
+
+@pytest.mark.parametrize("stiffness", ["4", "0.001mm"])
+def test_a_stiffness_that_is_no_bending_length_is_refused(stiffness):
+    with pytest.raises(RopeInputError, match=f"--stiffness {stiffness}.*as in 4cm"):
+        RopeSize.of(1.0, stiffness=stiffness)
+
+
 def test_model_moves_as_the_rope_itself():
     """Simulated in metres and seconds, and in units of its length: the same shapes."""
     size = RopeSize.of(0.5, "4mm")

@@ -5,7 +5,7 @@ from io import StringIO
 import numpy as np
 import pytest
 
-from knotflow.planning import Frame, GripperConfig
+from knotflow.planning import Frame, GripperConfig, Placement
 from knotflow.simulation import grasped_link, spline_path
 
 ORDER = ["travel", "descend", "close", "drag", "open", "rise"]
@@ -78,6 +78,15 @@ def test_a_gripper_that_would_touch_the_rope_is_refused(plan):
     for name in ("approach_height", "retreat_height"):
         with pytest.raises(ValueError, match=f"{name}.*take at least"):
             plan.waypoints(20.0, GripperConfig(**{name: 0.02}))
+
+
+def test_by_default_the_gripper_travels_as_high_as_the_rope_needs(plan):
+    large = plan.placed(Placement(40 * 0.005 / plan.radius), Frame())
+    with pytest.raises(ValueError, match="approach_height"):
+        large.waypoints(20.0, GripperConfig())
+    waypoints = large.waypoints()
+    travel = waypoints.positions[np.array(waypoints.phases) == "travel"]
+    assert travel[:, 2].min() > large.shapes[..., 2].max() + large.radius
 
 
 def test_a_plan_without_steps_has_no_waypoints(plan):

@@ -112,6 +112,10 @@ def test_starts_that_no_search_solves_are_beside_the_failures_of_rl(write):
     write.table("single_stage", "reachable.csv", ("action", "start", "splines", "found"), rows)
     text = reachable(Results(write.root), read(write))
     assert f"| `{ACTION}` | 2 of 10 | 3 | 4 of 10 | 2 | 75.0 %" in text
+    rows = [(ACTION, start, 256, 0) for start in range(10)]
+    write.table("single_stage", "reachable.csv", ("action", "start", "splines", "found"), rows)
+    text = reachable(Results(write.root), read(write))
+    assert f"| `{ACTION}` | 10 of 10 | – | 4 of 10 | 4 | – |" in text
 
 
 def test_an_option_has_the_mean_of_each_training_and_primitive(write, rate_counts):

@@ -92,6 +92,7 @@ class ArmOptions:
 NO_ARM = ArmOptions()
 OfArm = Annotated[ArmOptions, Parameter(name="*")]
 
+MARGIN = 0.03  # least length between crossings of `next` and `run`, metres; a share of short ropes
 GRIPPER_ERROR = 0.005  # standard deviation in the worlds of `next`, metres
 
 
@@ -157,7 +158,7 @@ def next_step(
     out: Path | None = None,
     seed: Seed = 0,
     max_seconds: Seconds = 60.0,
-    margin: Margin = 0.03,
+    margin: Margin | None = None,
     worlds: Worlds = 16,
     arm: OfArm = NO_ARM,
 ) -> int:
@@ -173,7 +174,7 @@ def next_step(
         plan: JSON file that keeps the whole plan, to go on with it after this action.
         out: CSV file for the gripper's waypoints of this action.
         seed: Seed of the search.
-        margin: Least length of each piece of rope between crossings, metres.
+        margin: Least length of each piece of rope between crossings, metres; 0.03 by default.
         worlds: As in `knotflow plan`.
     """
     if out is not None:
@@ -212,6 +213,7 @@ def next_step(
         knot, measured, earlier, seed, max_seconds, margin, worlds, GRIPPER_ERROR, arm
     )
     if not found.solved:
+        margin = _margin(margin, measured)
         tighter = f"; tighter loops: --margin {margin / 2:g}" if margin else ""
         print(f"{found.summary()}\nlonger: --max-seconds {2 * max_seconds:g}{tighter}")
         return 1
@@ -260,7 +262,7 @@ def run(
     out: Path = Path("runs"),
     seed: Seed = 0,
     max_seconds: Seconds = 60.0,
-    margin: Margin = 0.03,
+    margin: Margin | None = None,
     worlds: Worlds = 16,
     max_actions: Annotated[int, Parameter(validator=Number(gte=1))] = 20,
     level: Literal[0, 1, 2] = 1,
@@ -278,7 +280,7 @@ def run(
         stiffness: As in `knotflow plan`.
         out: Folder for the log (MCAP) of all images and motions.
         seed: Seed of the search and of the twin.
-        margin: Least length of each piece of rope between crossings, metres.
+        margin: Least length of each piece of rope between crossings, metres; 0.03 by default.
         worlds: As in `knotflow next`.
         max_actions: Give up after this many actions.
         level: Level of the twin's errors in rope, gripper and camera.
@@ -456,9 +458,12 @@ def export(
     _check_free(path)
     found = planning.KnotPlan.from_json(source.read_text(encoding="utf-8"))
     exported = export_plan(found, arm, base, max_speed, format, space, tip=tip)
+    path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(exported.text, encoding="utf-8")
     print(f"{exported.summary()}\n{path}")
-    return 0 if exported.reachable else 1
+    if not found.solved:
+        print(f"this is not a whole plan for {found.goal}: {found.reason}")
+    return 0 if exported.reachable and found.solved else 1
 
 
 @app.command
@@ -646,6 +651,7 @@ def _see_photo(
     from knotflow.perception import Calibration  # slow to import
     from knotflow.perception.photo import io
     from knotflow.planning.rope_size import parse_metres
+    from knotflow.planning.ropes import LENGTH_TOLERANCE
     from knotflow.topology.polyline import arc_lengths
 
     metres = parse_metres(length, "--length") if length else None
@@ -658,7 +664,13 @@ def _see_photo(
         fitted = calibration.scaled(rgb.shape[1], rgb.shape[0])
         eye = replace(fitted, distortion=fitted.distortion[:0]).camera()
     xy = io.on_table(found, metres, eye) if metres or eye else None
-    print(io.describe_photo(found, None if xy is None else float(arc_lengths(xy)[-1])))
+    seen = None if xy is None else float(arc_lengths(xy)[-1])
+    if eye and metres and seen and abs(seen / metres - 1.0) > LENGTH_TOLERANCE:
+        raise ValueError(
+            f"{image}: by the camera's pose the rope is {seen:.3g} m long, not {metres:.3g} m: "
+            "check --length, and the pose's unit and height above the table"
+        )
+    print(io.describe_photo(found, seen))
     return found, rgb, xy
 
 
@@ -667,6 +679,12 @@ def _depth_unit(text: str | None) -> float | None:
     from knotflow.planning.rope_size import METRES, parse_metres
 
     return parse_metres(f"1{text}" if text in METRES else text, "--depth-unit") if text else None
+
+
+def _margin(given: float | None, measured: planning.MeasuredRope) -> float:
+    """Least length of rope between crossings, metres: as given, or `MARGIN`, less of a short
+    rope."""
+    return MARGIN * min(measured.size.length, 1.0) if given is None else given
 
 
 def _kept_plan(file: Path, knot: str, measured: planning.MeasuredRope) -> planning.KnotPlan | None:
@@ -700,7 +718,7 @@ def _search(
     earlier: planning.KnotPlan | None,
     seed: int,
     max_seconds: float,
-    margin: float,
+    margin: float | None,
     worlds: int,
     error: float = 0.0,
     arm: ArmOptions = NO_ARM,
@@ -716,7 +734,9 @@ def _search(
     planning.parse_goal(knot, measured.rope)  # refuses it before the slow import
     library = PrimitiveLibrary.load(Path(SHIPPED_PRIMITIVES), RopeConfig())
     length = measured.size.length
-    config = replace(FAST_SEARCH, max_seconds=max_seconds, margin=margin / length)
+    config = replace(
+        FAST_SEARCH, max_seconds=max_seconds, margin=_margin(margin, measured) / length
+    )
     survival = planning.SurvivalConfig(worlds)
     if error:  # and what follows is planned again, so that the worlds may be milder
         survival.spread = WorldsConfig(error=error / length)

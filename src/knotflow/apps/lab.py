@@ -166,7 +166,7 @@ def tie(
             confirm=confirm, allow=allow,
         )  # fmt: skip
     except (LabError, RobotError) as error:
-        return Tied(False, str(error))
+        return Tied(False, "; ".join([str(error), *getattr(error, "__notes__", ())]))
     finally:
         with suppress(LabError):
             logged.release()

@@ -181,10 +181,21 @@ ARMS = {"panda": panda, "ur5e": ur5e, "xarm7": xarm7}
 
 
 def find_arm(arm: str | Path | Arm, tip: str | None = None) -> Arm:
-    """An arm by its name in `ARMS` or its file, see `load_arm`."""
+    """An arm by its name in `ARMS` or its file, see `load_arm`.
+
+    Raises:
+        ArmError: as of `load_arm`, or a tip for an arm that has one.
+    """
     if isinstance(arm, Arm):
         return arm
-    return ARMS[str(arm)]() if str(arm) in ARMS else load_arm(Path(arm), tip)
+    if str(arm) not in ARMS:
+        return load_arm(Path(arm), tip)
+    if tip is not None:
+        raise ArmError(
+            f"--tip {tip}: the {arm} has its own gripper and tip; with another gripper, give the "
+            "arm's file (MJCF or URDF)"
+        )
+    return ARMS[str(arm)]()
 
 
 def load_arm(

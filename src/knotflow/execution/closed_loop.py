@@ -92,8 +92,13 @@ def execute(
     knot = _KnotExecution(executor, plan, estimator, confirm, allow)
     try:
         reason = knot.execute_steps() if replan is None else knot.execute_with_replanning(replan)
-    finally:
-        robot.release()
+    except BaseException as error:
+        try:
+            robot.release()
+        except Exception as failure:
+            error.add_note(f"the fingers may still be closed: {failure}")
+        raise
+    robot.release()
     return knot.record(reason)
 
 

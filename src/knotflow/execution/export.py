@@ -201,7 +201,7 @@ def export_plan(
         vertical_speed=min(GripperConfig().vertical_speed, max_speed),
         drag_speed=max_speed,
         lowest=LOWEST,
-    )
+    ).clear_of(plan.shapes, plan.radius)
     waypoints, frame = plan.waypoints(rate_hz, moves), replace(plan.frame, unit="m")
     ik = follow_waypoints(waypoints, arm, base.seen_from(frame) if base else None)
     waypoints = replace(waypoints, positions=frame.to_file(waypoints.positions))

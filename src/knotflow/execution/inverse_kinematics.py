@@ -103,6 +103,7 @@ class Solver:
 
     def __init__(self, arm: Arm, base: Base) -> None:
         import mink
+        import mujoco
 
         self.base, self.model = base, arm.model(base)
         self.configuration = mink.Configuration(self.model)
@@ -123,7 +124,9 @@ class Solver:
         x, y, _ = rotation[:, 0]
         self.home_azimuth = self._azimuth(position)
         # About the vertical, upward (+1) or downward (-1)? Then the first joint faces the work.
-        self.swing = float(np.trunc(self.configuration.data.xaxis[ids[0]][2] * (1.0 + 1e-6)))
+        turns = self.model.jnt_type[ids[0]] == mujoco.mjtJoint.mjJNT_HINGE
+        vertical = self.configuration.data.xaxis[ids[0]][2] * (1.0 + 1e-6)
+        self.swing = float(np.trunc(vertical)) if turns else 0.0
         self.home_yaw = float(np.arctan2(y, x)) - abs(self.swing) * self.home_azimuth
 
     def nearest_yaw(self, strand: float, position: NDArray) -> float:

@@ -123,6 +123,7 @@ class StepExecutor:
         self._camera = CameraTimer(self.robot)
         self._expected = 0  # moves that the robot makes as one motion
         self._astray = 0  # moves in a row after which the robot was far off
+        self._unmeasured = 0  # moves since its position was last asked for
 
     def execute(self, step: PlanStep, plan: KnotPlan, number: int) -> StepOutcome:
         """Grasp, drag, let go and rise."""
@@ -130,12 +131,10 @@ class StepExecutor:
         rope = step.start if self.points is None else self.points
         link = int(grasped_link(step.spline, len(rope) - 1))
         path = path_from_grasp(step, (rope[link] + rope[link + 1]) / 2)
+        shapes = np.stack([step.start, step.end])
+        gripper = self.config.gripper.clear_of(shapes, plan.radius)
         waypoints = trace_waypoints(
-            [replace(step, gripper=path)],
-            np.stack([step.start, step.end]),
-            plan.radius,
-            1 / STEP,
-            self.config.gripper,
+            [replace(step, gripper=path)], shapes, plan.radius, 1 / STEP, gripper
         )
         drag = np.flatnonzero([phase == "drag" for phase in waypoints.phases])
         before, after = waypoints.positions[: drag[0]], waypoints.positions[drag[-1] + 1 :]
@@ -285,13 +284,15 @@ class StepExecutor:
         self.commanded = position
         self.robot.move_to(position - self.error, STEP)
         self._expected = max(self._expected - 1, 0)
+        self._unmeasured += 1
         if self.corrects and not self._expected:
-            off = self._position() - position
-            self._astray = self._astray + 1 if np.linalg.norm(off) > MOST_ASTRAY else 0
-            if self._astray == MOST_TICKS_ASTRAY:
+            off, moves = self._position() - position, self._unmeasured
+            self._astray = self._astray + moves if np.linalg.norm(off) > MOST_ASTRAY else 0
+            self._unmeasured = 0
+            if self._astray >= MOST_TICKS_ASTRAY:
                 raise RobotError(
                     f"the gripper is {np.linalg.norm(off):.2f} m from where it was sent, after "
-                    f"{MOST_TICKS_ASTRAY} moves: {(position + off).round(3).tolist()}, not "
+                    f"{self._astray} moves: {(position + off).round(3).tolist()}, not "
                     f"{position.round(3).tolist()}"
                 )
             self.error = np.clip(self.error + off, -MAX_CORRECTION, MAX_CORRECTION)

@@ -201,8 +201,10 @@ class KnotPlan:
         return replace(self, start=at.points(self.start), steps=steps, radius=radius, frame=frame)
 
     def waypoints(self, rate_hz: float = 20.0, config: GripperConfig | None = None) -> Waypoints:
-        """Timed gripper waypoints with open and close; errors as of `trace_waypoints`."""
-        shapes, moves = self.shapes, config or GripperConfig()
+        """Timed gripper waypoints with open and close, by default as high as the rope needs; errors
+        as of `trace_waypoints`."""
+        shapes = self.shapes
+        moves = config or GripperConfig().clear_of(shapes, self.radius)
         return trace_waypoints(self.steps, shapes, self.radius, rate_hz, moves)
 
     def to_json(self, trajectories: bool = True) -> str:

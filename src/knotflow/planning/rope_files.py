@@ -45,6 +45,8 @@ class RopeTable:
     """Of the file's numbers, as stated in its header or asked for; None takes metres."""
     over: Floats | None = None
     """(N,) column `over`: 1 where the rope is the upper strand of a crossing, else 0."""
+    rows: Floats | None = None
+    """(N,) each point's number in the file, from 0; None where these are all."""
     closed: bool = False
     """Whether the file says that the last point is joined to the first."""
     name: str = "the rope"
@@ -107,13 +109,15 @@ def checked(table: RopeTable) -> RopeTable:
     apart = np.r_[True, np.linalg.norm(np.diff(points, axis=0), axis=1) > 0.0]
     if apart.sum() == 1:
         raise RopeInputError(f"{name}: all points are the same")
+    rows = np.flatnonzero(apart).astype(float)
     points, over = points[apart], None if over is None else over[apart]
     if len(points) > MAX_POINTS:
         along = arc_lengths(points)
         at = np.linspace(0.0, along[-1], MAX_POINTS)
         points = np.column_stack([np.interp(at, along, column) for column in points.T])
         over = None if over is None else np.interp(at, along, over)
-    return replace(table, points=points, over=over)
+        rows = np.interp(at, along, rows)
+    return replace(table, points=points, over=over, rows=rows)
 
 
 def _read_npy(path: Path) -> RopeTable:
@@ -176,7 +180,8 @@ def _read_csv(path: Path) -> RopeTable:
     lines = [[cell.strip(' "') for cell in line.split(mark)] for line in text.splitlines()]
     cells = pd.DataFrame([*zip_longest(*lines)], dtype=object).T
     cells.index += 1  # as editors count lines
-    cells = cells.mask(cells == "").dropna(how="all")
+    cells = cells.mask(cells == "").dropna(how="all").dropna(how="all", axis="columns")
+    cells.columns = range(cells.shape[1])
     if cells.empty:
         raise RopeInputError(f"{path}: holds no points; write x, y, z of a point in a row")
     unit, names = None, {}
@@ -208,6 +213,15 @@ def _read_csv(path: Path) -> RopeTable:
         raise RopeInputError(
             f"{path}, line {cells[3].notna().idxmax()}: a point has x, y, z, and here are more "
             "values; delete the others, or say in a header row which columns are x, y and z"
+        )
+    elif strange := [
+        name
+        for name, axis in zip(names, "xyz", strict=False)
+        if not str(name).startswith(axis) and not str(name).endswith(axis)
+    ]:
+        raise RopeInputError(
+            f"{path}: its header has {strange[0]!r} where x, y and z are expected; name the "
+            "columns of the centre line x, y and z"
         )
     else:
         columns = {axis: at for at, axis in enumerate("xyz"[: max(2, len(cells.columns))])}

@@ -21,6 +21,8 @@ STIFFNESS = {"soft": 0.5, "medium": 1.0, "stiff": 2.0}
 """Bending lengths relative to one of the model rope's material."""
 THINNEST, THICKEST = 1 / 500, 1 / 20
 """Diameters in lengths of the rope; thinner ropes are simulated as the thinnest."""
+SOFTEST, STIFFEST = 1 / 500, 1 / 2
+"""Bending lengths in lengths of the rope."""
 
 _NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:e-?\d+)?"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(mm|cm|m|)\s*", re.IGNORECASE)
@@ -57,14 +59,21 @@ class RopeSize:
             RopeInputError: texts that cannot be read, or a diameter out of range.
         """
         thick = DIAMETER * length if diameter is None else parse_metres(diameter, "--diameter")
-        if thick > THICKEST * length:
+        if thick > THICKEST * length * (1 + 1e-9):
             raise RopeInputError(
                 f"--diameter {diameter}: {thick:g} m is more than a twentieth of the rope's length "
                 f"of {length:.3g} m; units are m, cm and mm, as in 6mm"
             )
         stiffness = stiffness or "medium"
         if stiffness not in STIFFNESS:
-            return cls(length, thick, parse_metres(stiffness, "--stiffness soft, medium, stiff or"))
+            bending = parse_metres(stiffness, "--stiffness soft, medium, stiff or")
+            if not SOFTEST * length <= bending <= STIFFEST * length:
+                raise RopeInputError(
+                    f"--stiffness {stiffness}: a bending length of {bending:g} m is not between "
+                    f"{SOFTEST * length:.2g} and {STIFFEST * length:.2g} m; units are m, cm and "
+                    "mm, as in 4cm"
+                )
+            return cls(length, thick, bending)
         # Of one material, stiffness grows with the fourth power of thickness, weight by the second.
         relative = (thick / (DIAMETER * length)) ** (2 / 3)
         return cls(length, thick, STIFFNESS[stiffness] * relative * BENDING_LENGTH * length)
@@ -83,6 +92,7 @@ class RopeSize:
             model,
             length=length,
             radius=0.5 * self.diameter,
+            density=model.density * (2 * model.radius * length / self.diameter) ** 2,
             joint_stiffness=torque * model.joint_stiffness,
             joint_damping=torque * length**0.5 * model.joint_damping,
             joint_armature=torque * length * model.joint_armature,

@@ -295,6 +295,7 @@ def _cut(table: RopeTable, cut: int | str | None) -> tuple[RopeTable, tuple[str,
     apart = float(np.linalg.norm(points[0] - points[-1]))
     few = max(1, len(points) // 20)
     onward = (points[few] - points[0]) @ (points[-1] - points[-1 - few]) > 0
+    rows = np.arange(len(points)) if table.rows is None else table.rows
     closed = table.closed or (apart <= 1.5 * step and (onward or apart <= 1e-6 * step))
     if cut == "open" or (cut is None and not closed):
         return table, ()
@@ -302,14 +303,15 @@ def _cut(table: RopeTable, cut: int | str | None) -> tuple[RopeTable, tuple[str,
         raise RopeInputError(
             f"{table.name}: a closed curve: its last point is {1e3 * apart:.2g} mm from the first, "
             "as neighbours are; a rope has two ends: say at which point (0 to "
-            f"{len(points) - 1}) it is to be cut, as in --cut 0, or that it is open: --cut open"
+            f"{rows[-1]:.0f}) it is to be cut, as in --cut 0, or that it is open: --cut open"
         )
-    if not closed or not 0 <= int(cut) < len(points):
+    if not closed or not 0 <= int(cut) <= rows[-1]:
         raise RopeInputError(
             f"{table.name}: --cut {cut}: "
-            + (f"its points are 0 to {len(points) - 1}" if closed else "its curve is open already")
+            + (f"its points are 0 to {rows[-1]:.0f}" if closed else "its curve is open already")
         )
-    kept = np.roll(np.arange(len(points) - (apart <= 1e-6 * step)), -int(cut))
+    first = int(np.abs(rows - int(cut)).argmin())
+    kept = np.roll(np.arange(len(points) - (apart <= 1e-6 * step)), -first)
     kept = kept[: -max(1, round(CUT_OUT * len(kept)))]
     over = None if table.over is None else table.over[kept]
     told = (f"cut at point {cut}, {CUT_OUT:.0%} of the curve before it left out",)
@@ -389,7 +391,7 @@ def _table_frame(
                 f"{heights.min():.2f} to {heights.max():.2f} m high ({up}), but those of a rope of "
                 f"{length:.3g} m that lies on a table differ by {highest:.2g} m at most"
                 f"{tilt if flat else ''}. Where another axis points up from the table, say which: "
-                f"--up={', '.join(get_args(Axis))}"
+                f"--up {', '.join(get_args(Axis))} (with =, as in --up=-z)"
             )
         turn, _ = Rotation.align_vectors(normal, rotation[:, 2])
         rotation = turn.as_matrix() @ rotation

@@ -10,7 +10,7 @@ a whole number of sampling intervals, rounded up.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
 from typing import Protocol
@@ -55,6 +55,13 @@ class GripperConfig:
                 raise ValueError(f"gripper.{name} must be above 0 m/s, got {value}")
             if name.endswith("_time") and not value >= 0.0:
                 raise ValueError(f"gripper.{name} must be 0 s or more, got {value}")
+
+    def clear_of(self, shapes: Floats, radius: float) -> GripperConfig:
+        """This configuration, its heights raised where ropes (..., V, 3) of a radius, metres, lie
+        higher."""
+        least = _top(shapes, radius) + self.clearance
+        approach, retreat = max(self.approach_height, least), max(self.retreat_height, least)
+        return replace(self, approach_height=approach, retreat_height=retreat)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +146,7 @@ def trace_waypoints(
     """
     if not rate_hz > 0.0:
         raise ValueError(f"the rate must be above 0 Hz, got {rate_hz}")
-    top = float(shapes[..., 2].max()) + radius
+    top = _top(shapes, radius)
     for name in ("approach_height", "retreat_height"):
         if not (height := getattr(config, name)) >= top + config.clearance:
             raise ValueError(
@@ -169,6 +176,11 @@ def trace_waypoints(
         actions=tuple(row[2] for row in rows),
         phases=tuple(row[3] for row in rows),
     )
+
+
+def _top(shapes: Floats, radius: float) -> float:
+    """The highest point of ropes (..., V, 3), metres."""
+    return float(shapes[..., 2].max()) + radius
 
 
 def _phases(

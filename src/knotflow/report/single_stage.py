@@ -135,10 +135,14 @@ def reachable(results: Results, rates: Rates) -> str:
             {
                 "action": f"`{action}`",
                 "search finds nothing": f"{nothing.sum()} of {len(own)}",
-                "splines until it succeeds, median": f"{own['splines'][on].median():.0f}",
+                "splines until it succeeds, median": f"{own['splines'][on].median():.0f}"
+                if len(on)
+                else md.NOTHING,
                 "RL never succeeds": f"{never.sum()} of {len(never)}",
                 "neither does": str((nothing & never).sum()),
-                "RL where the search succeeds": md.percent(clustered_rate(hits[on], trials[on])),
+                "RL where the search succeeds": md.percent(clustered_rate(hits[on], trials[on]))
+                if len(on)
+                else md.NOTHING,
             }
         )
     return md.table(

@@ -124,6 +124,7 @@ def save_rerun(
     if not chosen:
         raise ValueError(no_such_number(source, number, [rollout.number for rollout in every]))
     name = source.stem if number is None else f"{source.stem}#{number}"
+    rrd.parent.mkdir(parents=True, exist_ok=True)
     with rr.RecordingStream(APPLICATION, recording_id=name) as stream:
         stream.set_log_time_enabled(False)
         stream.set_log_tick_enabled(False)

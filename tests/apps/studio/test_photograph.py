@@ -119,6 +119,10 @@ def test_a_rope_in_doubt_is_not_laid_before_it_is_confirmed(flat):
         flat.rope()
     flat.confirm()
     assert flat.doubts == ()
+    outside = flat.found.pixels[-1] + [0.0, 40.0]
+    flat.drag(len(flat.handles) - 1, outside)
+    assert flat._accepted <= {*flat.found.doubts, *flat._path_doubts}  # of this shape alone
+    flat.undo()
     measured = flat.rope()
     assert TopologicalState.from_curve(measured.points) == flat.state
     assert measured.size.length == 0.9

@@ -109,8 +109,9 @@ def test_any_legal_action_can_be_demonstrated_and_signed(shipped, tmp_path, star
     human = Demonstration(
         one, shipped[0].points, shipped[0].spline, "human", "Ada", "2026-11-21T17:00:00+00:00"
     )
-    path = tmp_path / "mine.jsonl"
+    path = tmp_path / "new" / "mine.jsonl"
     add_demonstration(path, human)
+    path.write_text(path.read_text().rstrip("\n"))  # as some editors save it
     add_demonstration(path, shipped[0])
     again, other = load_demonstrations(path)
     assert again.task.action == parse_action(action) and again.task.start_state == state

@@ -196,9 +196,10 @@ class PhotoTab:
             return
         size = self._length.value, self._diameter.value
         if size != (photo.length, photo.diameter):
+            if laid := session.laid:
+                session.open_photo()  # refused during a search: the size has not changed then
             photo.length, photo.diameter = size
-            if session.laid:
-                session.open_photo()
+            if laid:
                 self._open()
                 return
         self._buttons[0].visible = bool(photo.doubts)

@@ -191,6 +191,7 @@ class Photograph:
         self._history.append((self.found, self._said, self._accepted))
         self.found = self._photo.read(line, tuple(crossings))
         self._said = tuple(said)
+        self._accepted &= {*self.found.doubts, *self._path_doubts}
 
 
 def _fractions(crossings: list[CrossingEvidence] | tuple[CrossingEvidence, ...]) -> Floats:

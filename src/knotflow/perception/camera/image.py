@@ -19,6 +19,7 @@ SAMPLE = Path(__file__).parents[1] / "data"
 _USUAL = {1.0: (0.1, 10.0), 1e-3: (150.0, 3000.0)}
 """Median depths that are in a usual unit, metres, most likely; others are asked for."""
 _MAX_PIXELS = 2**25  # of an image from a file
+_ORIENTATION = 0x0112  # EXIF tag; 1 is upright
 _PILLOW_ERRORS = (OSError, ValueError, SyntaxError, EOFError, MemoryError)
 
 
@@ -110,6 +111,17 @@ def read_colour(path: Path, upright: bool = False) -> NDArray[np.uint8]:
     """The colours (H, W, 3) of an image's file, turned as the file says (EXIF) if `upright`; raises
     `ImageError`."""
     return _read_pixels(path, "colour", "RGB", upright)
+
+
+def is_turned(path: Path) -> bool:
+    """Whether an image's file says that it is to be shown turned (EXIF); raises `ImageError`."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as image:
+            return int(image.getexif().get(_ORIENTATION, 1)) != 1
+    except (*_PILLOW_ERRORS, Image.DecompressionBombError) as error:
+        raise ImageError(f"{path}: cannot be read as a colour image: {error}") from error
 
 
 def read_depth(path: Path) -> NDArray[np.float64]:

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from knotflow.arrays import floats
 from knotflow.topology.polyline import Floats
 
-_MIN_BINNED = 16  # rows and columns left after binning, least
+MIN_BINNED = 16
+"""Rows and columns left after binning, least."""
 _SHAPES = {"position": (3,), "rotation": (3, 3)}
 _HEADER = """\
 # A pinhole camera. Sizes, focal lengths (fx, fy) and principal point (cx, cy) in pixels, of images
@@ -138,7 +139,7 @@ class Camera:
         if not distance > 0:
             return 1
         wanted = round(size * max(self.fx, self.fy) / distance / pixels)
-        return max(1, min(wanted, min(self.width, self.height) // _MIN_BINNED))
+        return max(1, min(wanted, min(self.width, self.height) // MIN_BINNED))
 
     def cropped(self, rows: slice, columns: slice) -> Camera:
         """The camera whose image is these rows and columns of this one's."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.perception.camera.calibration import Calibration
-from knotflow.perception.camera.image import ImageError, read_colour
+from knotflow.perception.camera.image import ImageError, is_turned, read_colour
 from knotflow.perception.camera.pinhole import Camera
 from knotflow.perception.estimation.crossings import CrossingEvidence
 from knotflow.perception.photo.colours import Colours
@@ -37,8 +37,14 @@ def see_photo(
     `colours` are the rope's and its head's, names or #rrggbb.
 
     Raises:
-        ImageError: no image, no rope in it, or no colour.
+        ImageError: no image, no rope in it, no colour, or with a camera an image that is shown
+            turned.
     """
+    if camera is not None and is_turned(path):
+        raise ImageError(
+            f"{path}: is shown in another direction than it is stored in (EXIF), and the camera "
+            "file does not say which it means: save it again in that direction, without the tag"
+        )
     rgb = read_colour(path, upright=camera is None)
     if isinstance(camera, Calibration) and camera.distortion.size:
         rgb = camera.scaled(rgb.shape[1], rgb.shape[0]).undistorted(rgb)

@@ -137,13 +137,17 @@ def noisy_copies(
 
 def save_demonstrations(path: Path, demonstrations: Iterable[Demonstration]) -> None:
     """Write demonstrations as JSON lines, positions to a micrometre."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("".join(f"{_line(one)}\n" for one in demonstrations), encoding="utf-8")
 
 
 def add_demonstration(path: Path, demonstration: Demonstration) -> None:
     """Append one demonstration to a file, which is made if there is none."""
-    with path.open("a", encoding="utf-8") as file:
-        file.write(f"{_line(demonstration)}\n")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a+b") as file:
+        if file.tell() and path.read_bytes()[-1:] != b"\n":  # as some editors leave it
+            file.write(b"\n")
+        file.write(f"{_line(demonstration)}\n".encode())
 
 
 def merge_demonstrations(paths: Sequence[Path]) -> list[Demonstration]:
