@@ -203,6 +203,8 @@ def test_the_next_action_says_what_how_sure_and_what_to_check(searches, here, ca
     assert "success  in 15 of 16 worlds, of the whole plan in 15" in told
     assert (here / "step.csv").read_text().startswith("time_s,")
     assert [search[-4:-1] for search in searches] == [(0.03, 16, 0.005)]
+    assert main(["next", LOOP, "--rope", "straight", "--length", "0.2m"]) == 0
+    assert searches.pop()[-4] == pytest.approx(0.006)
     assert main(["next", LOOP, "--rope", "straight", "--out", "step.csv"]) == 2
 
 

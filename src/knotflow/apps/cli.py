@@ -209,12 +209,12 @@ def next_step(
         return 1
     measured = _read_rope(shape, options, seed)
     earlier = None if plan is None else _kept_plan(plan, knot, measured)
+    least = _margin(margin, measured)
     found, _ = _search(
-        knot, measured, earlier, seed, max_seconds, margin, worlds, GRIPPER_ERROR, arm
+        knot, measured, earlier, seed, max_seconds, least, worlds, GRIPPER_ERROR, arm
     )
     if not found.solved:
-        margin = _margin(margin, measured)
-        tighter = f"; tighter loops: --margin {margin / 2:g}" if margin else ""
+        tighter = f"; tighter loops: --margin {least / 2:g}" if least else ""
         print(f"{found.summary()}\nlonger: --max-seconds {2 * max_seconds:g}{tighter}")
         return 1
     from knotflow.topology.action_text import describe
@@ -317,8 +317,9 @@ def run(
             raise ShapeError(str(error)) from error
         if found is not None:
             found = _resampled(found, measured)
+        least = _margin(margin, measured)
         found, _ = _search(
-            knot, measured, found, next(seeds), max_seconds, margin, worlds, GRIPPER_ERROR, arm
+            knot, measured, found, next(seeds), max_seconds, least, worlds, GRIPPER_ERROR, arm
         )
         return found.placed(measured.placement, measured.frame)
 
@@ -718,7 +719,7 @@ def _search(
     earlier: planning.KnotPlan | None,
     seed: int,
     max_seconds: float,
-    margin: float | None,
+    margin: float,
     worlds: int,
     error: float = 0.0,
     arm: ArmOptions = NO_ARM,
@@ -734,9 +735,7 @@ def _search(
     planning.parse_goal(knot, measured.rope)  # refuses it before the slow import
     library = PrimitiveLibrary.load(Path(SHIPPED_PRIMITIVES), RopeConfig())
     length = measured.size.length
-    config = replace(
-        FAST_SEARCH, max_seconds=max_seconds, margin=_margin(margin, measured) / length
-    )
+    config = replace(FAST_SEARCH, max_seconds=max_seconds, margin=margin / length)
     survival = planning.SurvivalConfig(worlds)
     if error:  # and what follows is planned again, so that the worlds may be milder
         survival.spread = WorldsConfig(error=error / length)
