@@ -337,6 +337,21 @@ def test_another_move_than_announced_cancels_the_rest(robot, ros):
     np.testing.assert_allclose(robot.position, begin, atol=5e-4)
 
 
+def test_fingers_open_as_far_as_they_are_told(robot, ros):
+    def commanded():
+        return [one.position for one in ros.grips]
+
+    config = robot.config
+    robot.open_to(config.widest / 2)
+    half = (config.opened + config.closed) / 2
+    assert commanded()[-1] == pytest.approx(half)
+    robot.grasp()
+    robot.open_to(config.widest)
+    assert commanded()[-1] == config.closed  # not before it lets go
+    robot.release()
+    assert commanded()[-1] == config.opened
+
+
 def test_opening_the_fingers_ends_an_announced_motion(robot, ros):
     begin = robot.position
     path = begin + np.arange(1, 31)[:, None] * [0.0, -0.01, 0.0]

@@ -74,6 +74,26 @@ def test_a_robot_that_takes_announced_moves_and_stays_does_not_grasp(plan):
     assert robot.grasps == 0
 
 
+@pytest.mark.parametrize("lowest", [0.008, 0.02])
+def test_fingers_on_the_table_are_not_pressed_into_it(plan, lowest):
+    class OnTable(Stalled):
+        sent = np.inf
+
+        def move_to(self, position, seconds):
+            self.sent = min(self.sent, position[2])
+            self.position = np.array([*position[:2], max(position[2], lowest)])
+
+        def grasp(self):
+            pass
+
+        release = grasp
+
+    robot = OnTable((0.0, 0.0, 0.3))
+    StepExecutor(robot, ExecutionConfig(), corrects=True).execute(plan.steps[0], plan, 0)
+    planned = plan.steps[0].gripper[:, 2].min()
+    assert robot.sent >= max(planned - 0.002, planned / 2) - 1e-9
+
+
 def test_path_from_another_grasp_ends_as_planned(plan):
     step = plan.steps[0]
     path = path_from_grasp(step, step.gripper[0] + [0.0, 0.02, 0.0])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from knotflow.planning import Hand, HandConfig
-from knotflow.planning.hand import openings
+from knotflow.planning.fingers import openings
 from knotflow.simulation import RopeConfig, resample, straight
 from knotflow.topology import TopologicalState
 from knotflow.topology.draw import draw

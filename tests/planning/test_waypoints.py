@@ -5,7 +5,8 @@ from io import StringIO
 import numpy as np
 import pytest
 
-from knotflow.planning import Frame, GripperConfig, Placement
+from knotflow.planning import Frame, GripperConfig, HandConfig, Placement
+from knotflow.planning.fingers import openings
 from knotflow.simulation import grasped_link, spline_path
 
 ORDER = ["travel", "descend", "close", "drag", "open", "rise"]
@@ -89,6 +90,22 @@ def test_by_default_the_gripper_travels_as_high_as_the_rope_needs(plan):
     assert travel[:, 2].min() > large.shapes[..., 2].max() + large.radius
 
 
+def test_fingers_open_as_wide_as_neighbours_allow(plan):
+    waypoints, most = plan.waypoints(50.0), HandConfig().opening
+    phases, step = np.array(waypoints.phases), waypoints.step
+    assert (waypoints.openings[np.isin(phases, ["drag"])] == 0.0).all()
+    links, hand = plan.shapes.shape[1] - 1, HandConfig()
+    for number, one in enumerate(plan.steps):
+        link = [int(grasped_link(one.spline, links))]
+        for phase, shape in (("descend", number), ("rise", number + 1)):
+            (room,) = openings(plan.shapes[shape], link, plan.radius, hand)
+            width = max(room, 2 * (plan.radius + hand.clearance))
+            own = waypoints.openings[(phases == phase) & (step == number)]
+            np.testing.assert_allclose(own, width)
+    assert 2 * plan.radius < waypoints.openings[phases != "drag"].max() <= most
+    assert np.abs(np.diff(waypoints.openings)).max() <= most / (50.0 * 0.5) + 1e-9  # gradually
+
+
 def test_a_plan_without_steps_has_no_waypoints(plan):
     assert len(replace(plan, steps=()).waypoints()) == 0
 
@@ -107,7 +124,7 @@ def test_the_csv_holds_every_waypoint(plan, tmp_path):
     waypoints.to_csv(tmp_path / "waypoints.csv")
     with (tmp_path / "waypoints.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert [*rows[0]] == "time_s x_m y_m z_m yaw_rad closed step action phase".split()
+    assert [*rows[0]] == "time_s x_m y_m z_m yaw_rad opening_m closed step action phase".split()
     assert len(rows) == len(waypoints)
     read = np.array([[float(row[name]) for name in ("x_m", "y_m", "z_m")] for row in rows])
     np.testing.assert_allclose(read, waypoints.positions, atol=1e-6)

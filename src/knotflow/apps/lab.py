@@ -108,6 +108,9 @@ class LoggedRobot(RobotWrapper):
     def expect(self, positions: NDArray, seconds: float, strand: float | None = None) -> bool:
         return self._try(super().expect, positions, seconds, strand)
 
+    def open_to(self, opening: float) -> None:
+        self._try(super().open_to, opening)
+
     def _try(
         self,
         command: Callable[..., Given],

@@ -89,7 +89,7 @@ class Arm:
         max_speed: (n,) of each joint, rad/s (m/s).
         max_acceleration: (n,) of each joint, rad/s^2 (m/s^2).
         gripper: name of the gripper's joint in trajectories.
-        opening: its position when open and when closed.
+        opening: its position when open as wide as a `HandConfig` says, and when closed.
     """
 
     name: str
@@ -158,7 +158,7 @@ def panda() -> Arm:
         max_speed=[2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61],
         max_acceleration=[15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0],
     )
-    return replace(arm, gripper="panda_finger_joint1", opening=(0.012, 0.008))
+    return replace(arm, gripper="panda_finger_joint1", opening=(0.025, 0.0))
 
 
 def ur5e() -> Arm:

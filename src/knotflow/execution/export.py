@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline
 from knotflow.execution.arm_model import Arm, ArmError, Base, find_arm
 from knotflow.execution.inverse_kinematics import IkSolution, follow_waypoints
 from knotflow.execution.timing import keep_limits, rest_to_rest, samples
-from knotflow.planning import GripperConfig, KnotPlan, Waypoints
+from knotflow.planning import GripperConfig, HandConfig, KnotPlan, Waypoints
 
 FORMATS = ("csv", "ros2")
 SPACES = ("joint", "cartesian")
@@ -222,15 +222,9 @@ def _runs(mask: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
 
 
 def _gripper_positions(export: Export) -> NDArray[np.float64]:
-    """Positions (N,) of the gripper's joint, which moves while the arm stands."""
+    """Positions (N,) of the gripper's joint, which closes and lets go while the arm stands."""
     opened, closed = export.arm.opening
-    phases = np.array(export.waypoints.phases)
-    share = export.waypoints.closed.astype(float)
-    for phase in ("close", "open"):
-        for rows in _runs(phases == phase):
-            u = np.arange(1, len(rows) + 1) / len(rows)
-            share[rows] = u if phase == "close" else 1.0 - u
-    return opened + (closed - opened) * share
+    return closed + (opened - closed) * export.waypoints.openings / HandConfig().opening
 
 
 def _csv(export: Export) -> str:

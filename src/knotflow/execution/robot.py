@@ -24,8 +24,8 @@ class Robot(Protocol):
     origin), of the point between the fingertips that lies on a held rope's centre line. Yaw, joints
     and the avoidance of collisions are left to the implementation.
 
-    Methods block until they are done; an exception ends the execution after a `release()`. One more
-    method, `expect`, is optional, see `RobotWrapper.expect`.
+    Methods block until they are done; an exception ends the execution after a `release()`. Two more
+    methods are optional, see `RobotWrapper.expect` and `RobotWrapper.open_to`.
     """
 
     def observe(self) -> RgbdImage:
@@ -87,6 +87,13 @@ class RobotWrapper:
         """
         expect = getattr(self.robot, "expect", None)
         return expect is not None and bool(expect(positions, seconds, strand))
+
+    def open_to(self, opening: float) -> None:
+        """Say how far apart the open fingers are to be, metres: at once where they are open, else
+        from the next `release` on. Wider, they would touch other strands."""
+        open_to = getattr(self.robot, "open_to", None)
+        if open_to is not None:
+            open_to(opening)
 
 
 class RopeSource(Protocol):

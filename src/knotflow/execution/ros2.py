@@ -57,9 +57,12 @@ class Ros2Config:
     rectified: bool = False
     """Whether the images are free of the distortion in `camera_info`."""
     opened: float = 0.04
-    """Gripper position, in its controller's unit: a gap, a finger's way or an angle."""
+    """Gripper position, in its controller's unit, a gap, a finger's way or an angle, when the
+    fingers are"""
+    widest: float = 0.05
+    """so far apart, metres, and"""
     closed: float = 0.0
-    """It may stall before, on the rope."""
+    """when they touch; it may stall before, on the rope."""
     max_effort: float = 10.0
     timeout: float = 5.0
     """Seconds for which servers, joint states, and results that are due are waited for."""
@@ -118,6 +121,7 @@ class Ros2Arm:
         self._ended = -np.inf  # ROS time at the end of the last motion
         self._lift = np.zeros(3)  # metres by which the last motion is raised to clear the table
         self._open = False  # as far as it is known
+        self._opened = config.opened  # the gripper's position where it opens
         self._endings = {
             GoalStatus.STATUS_SUCCEEDED: "",
             GoalStatus.STATUS_ABORTED: "aborted",
@@ -195,8 +199,15 @@ class Ros2Arm:
     def release(self) -> None:
         self._stop()
         if not self._open:
-            self._grip(self.config.opened)
+            self._grip(self._opened)
             self._open = True
+
+    def open_to(self, opening: float) -> None:
+        config, before = self.config, self._opened
+        share = min(opening / config.widest, 1.0)
+        self._opened = config.closed + share * (config.opened - config.closed)
+        if self._open and self._opened != before:
+            self._grip(self._opened)
 
     @property
     def position(self) -> Floats:

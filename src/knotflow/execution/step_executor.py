@@ -30,6 +30,9 @@ from knotflow.topology import TopologicalState, project
 
 MAX_CORRECTION = 0.03
 """Largest error of the robot along each axis that is made up for, metres."""
+MOST_LOWERED = 0.002
+"""By which a gripper that is too high is sent lower, metres, at most to half its height: fingers on
+the table cannot go on."""
 MOST_ASTRAY, MOST_TICKS_ASTRAY = 0.1, 10
 """A robot that is farther from where it was sent, metres, after so many moves does not follow."""
 CROSSING_WIDTH = 0.08  # share of the rope around each crossing within which vertices matter most
@@ -140,12 +143,14 @@ class StepExecutor:
         before, after = waypoints.positions[: drag[0]], waypoints.positions[drag[-1] + 1 :]
         x, y, _ = rope[link + 1] - rope[link]
         strand, closing = float(np.arctan2(y, x)), waypoints.phases.index("close")
+        self._camera.open_to(float(waypoints.openings[0]))
         self._travel(before[0], number, strand)
         self._follow(before[:closing], number, strand)
         self._grasp()
         self._follow(before[closing:], number, strand, track=True)
         planned = np.concatenate([before[-1:], waypoints.positions[drag]])
         held = self._drag(step, planned, number)
+        self._camera.open_to(float(waypoints.openings[-1]))
         self._release()
         positions = after + self.commanded - planned[-1]
         positions[:, 2] = np.maximum(positions[:, 2], planned[-1, 2])
@@ -234,7 +239,7 @@ class StepExecutor:
     def _expect(self, positions: NDArray, strand: float | None = None) -> None:
         """Announce moves that nothing seen on the way will change."""
         if self.source is None and len(positions):
-            announced = self._camera.expect(positions - self.error, STEP, strand)
+            announced = self._camera.expect(self._corrected(positions), STEP, strand)
             self._expected = len(positions) if announced else 0
 
     def _drag(self, step: PlanStep, path: NDArray, number: int) -> bool:
@@ -282,7 +287,7 @@ class StepExecutor:
     ) -> tuple[float, float]:
         """Move for a tick; seconds that the image and the tracker took."""
         self.commanded = position
-        self.robot.move_to(position - self.error, STEP)
+        self.robot.move_to(self._corrected(position), STEP)
         self._expected = max(self._expected - 1, 0)
         self._unmeasured += 1
         if self.corrects and not self._expected:
@@ -295,11 +300,18 @@ class StepExecutor:
                     f"{self._astray} moves: {(position + off).round(3).tolist()}, not "
                     f"{position.round(3).tolist()}"
                 )
-            self.error = np.clip(self.error + off, -MAX_CORRECTION, MAX_CORRECTION)
+            most = np.array([MAX_CORRECTION, MAX_CORRECTION, MOST_LOWERED])
+            self.error = np.clip(self.error + off, -MAX_CORRECTION, most)
         took = self._track() if track else (0.0, 0.0)
         points = None if self.source is None else self.points
         self.moves.append(Move(position, self.closed, number, reference, points))
         return took
+
+    def _corrected(self, positions: NDArray) -> NDArray[np.float64]:
+        """Where to send the robot so that it arrives at positions (..., 3), metres."""
+        sent = np.asarray(positions - self.error)
+        sent[..., 2] = np.maximum(sent[..., 2], positions[..., 2] / 2)
+        return sent
 
     def _position(self) -> NDArray[np.float64]:
         """Where the gripper is measured to be (3,), metres."""

@@ -1,8 +1,9 @@
 from .certainty import SurvivalConfig
 from .config import FAST_SEARCH, PlannerConfig, RopeOptions, plan_name
+from .fingers import HandConfig
 from .frame import Frame, Placement
 from .goals import Goal, SolutionDag, UnreachableGoalError, parse_goal
-from .hand import Hand, HandConfig, Reach
+from .hand import Hand, Reach
 from .plan import KnotPlan, PlanFormatError, PlanStep
 from .planner import plan_rope
 from .proposals import attempt_arranged

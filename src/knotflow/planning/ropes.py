@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.planning.config import Axis, RopeOptions
+from knotflow.planning.fingers import HandConfig
 from knotflow.planning.frame import Frame, Placement
-from knotflow.planning.hand import Hand, HandConfig
+from knotflow.planning.hand import Hand
 from knotflow.planning.rope_files import (
     METRES,
     ROPE_NAMES,

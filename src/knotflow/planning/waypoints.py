@@ -18,7 +18,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from knotflow.planning.fingers import HandConfig, openings
 from knotflow.planning.frame import Frame
+from knotflow.planning.rope_files import METRES
 from knotflow.simulation import grasped_link
 from knotflow.topology import Action
 from knotflow.topology.polyline import Floats
@@ -74,6 +76,8 @@ class Waypoints:
         yaws: (N,) direction of the strand across which the fingers close in that step, radians
             about z from x; while they hold the rope they may turn freely.
         closed: (N,) whether the gripper is commanded to be closed.
+        openings: (N,) distance between the fingers, metres: when open as wide as neighbouring
+            strands allow where they grasp or let go, see `fingers.openings`; when closed 0.
         step: (N,) index of the plan's step that the waypoint belongs to.
         actions: (N,) that step's action as text.
         phases: (N,) travel, descend, close, drag, open or rise.
@@ -83,6 +87,7 @@ class Waypoints:
     positions: Floats
     yaws: Floats
     closed: NDArray[np.bool_]
+    openings: Floats
     step: NDArray[np.int64]
     actions: tuple[str, ...]
     phases: tuple[str, ...]
@@ -91,10 +96,10 @@ class Waypoints:
         return len(self.times)
 
     def to_csv(self, file: Path | StringIO, frame: Frame | None = None) -> None:
-        """Write a row a waypoint: time_s, x_m, y_m, z_m, yaw_rad, closed (0 or 1), step, action and
-        phase.
+        """Write a row a waypoint: time_s, x_m, y_m, z_m, yaw_rad, opening_m, closed (0 or 1), step,
+        action and phase.
 
-        Positions and yaws are in the `frame`, positions in its unit, which the columns name.
+        Positions and yaws are in the `frame`, lengths in its unit, which the columns name.
         """
         import pandas as pd  # slow to import
 
@@ -105,6 +110,7 @@ class Waypoints:
         strands = np.stack([np.cos(self.yaws), np.sin(self.yaws), 0 * self.yaws], axis=1)
         x, y, _ = (strands @ frame.rotation.T).T
         table["yaw_rad"] = np.arctan2(y, x)
+        table[f"opening_{frame.unit}"] = self.openings / METRES[frame.unit]
         table = table.assign(closed=self.closed.astype(int), step=self.step)
         table = table.assign(action=self.actions, phase=self.phases)
         table.to_csv(file, index=False, float_format="%.6f", lineterminator="\r\n")
@@ -154,7 +160,8 @@ def trace_waypoints(
                 f"gripper.clearance is {config.clearance:g} m: take at least "
                 f"{top + config.clearance:.3f} m"
             )
-    rows: list[tuple[Floats, int, str, str]] = []
+    rows: list[tuple[Floats, int, str, str, float]] = []
+    hand, wide = HandConfig(), 0.0
     links = shapes.shape[1] - 1
     grasped = [int(grasped_link(step.spline, links)) for step in steps]
     strands = np.array(
@@ -164,14 +171,28 @@ def trace_waypoints(
         path = _drag(step, rate_hz, config.drag_speed)
         path[:, 2] += max(config.lowest - float(path[:, 2].min()), 0.0)
         here = rows[-1][0] if rows else None
+        least = 2 * (radius + hand.clearance)
+        before, after = (
+            max(float(openings(shape, [link], radius, hand)[0]), least)
+            for shape, link in zip(shapes[number : number + 2], [grasped[number]] * 2, strict=True)
+        )
+        wide = wide or before
+        targets = {"travel": before, "close": 0.0, "open": after}
         for phase, positions in _phases(here, path, rate_hz, config).items():
-            rows += [(place, number, str(step.action), phase) for place in positions]
+            target, count = targets.get(phase, wide), len(positions)
+            ramp = wide + (target - wide) * np.arange(1, count + 1) / max(count, 1)
+            rows += [
+                (place, number, str(step.action), phase, width)
+                for place, width in zip(positions, ramp.tolist(), strict=True)
+            ]
+            wide = target
     step_of = np.array([row[1] for row in rows], np.int64)
     return Waypoints(
         times=np.arange(len(rows)) / rate_hz,
         positions=np.array([row[0] for row in rows]).reshape(-1, 3),
         yaws=np.arctan2(strands[:, 1], strands[:, 0])[step_of],
         closed=np.array([row[3] in ("close", "drag") for row in rows], bool),
+        openings=np.array([row[4] for row in rows]),
         step=step_of,
         actions=tuple(row[2] for row in rows),
         phases=tuple(row[3] for row in rows),
