@@ -161,6 +161,13 @@ def test_xy_with_crossings_asks_which_strand_is_on_top(tmp_path):
         measured(tmp_path, points, "x,y", crossings="1o2-")
 
 
+def test_a_rope_stays_where_it_was_measured_whatever_its_length(tmp_path):
+    points = np.column_stack([np.linspace(-0.476, 0.476, 100), np.zeros((100, 2))])
+    rope = measured(tmp_path, points, length="1m")
+    assert rope.size.length == 1.0
+    np.testing.assert_allclose(in_file(rope)[[0, -1], 0], [-0.476, 0.476], atol=1e-3)
+
+
 def test_column_over_says_which_strand_is_on_top(tmp_path):
     points = line()
     table = np.column_stack([points[:, :2], points[:, 2] > 0.005])

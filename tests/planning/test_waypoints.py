@@ -90,6 +90,18 @@ def test_by_default_the_gripper_travels_as_high_as_the_rope_needs(plan):
     assert travel[:, 2].min() > large.shapes[..., 2].max() + large.radius
 
 
+def test_where_z_is_not_up_strands_are_written_as_directions(plan):
+    turn = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # up is the file's y
+    waypoints, text = plan.waypoints(), StringIO()
+    waypoints.to_csv(text, Frame(turn))
+    rows = list(csv.DictReader(StringIO(text.getvalue())))
+    assert "yaw_rad" not in rows[0]
+    found = np.array([[float(row[f"strand_{axis}"]) for axis in "xyz"] for row in rows])
+    yaws = waypoints.yaws
+    wanted = np.stack([np.cos(yaws), np.sin(yaws), 0 * yaws], axis=1) @ turn.T
+    np.testing.assert_allclose(found, wanted, atol=1e-6)
+
+
 def test_fingers_open_as_wide_as_neighbours_allow(plan):
     waypoints, most = plan.waypoints(50.0), HandConfig().opening
     phases, step = np.array(waypoints.phases), waypoints.step

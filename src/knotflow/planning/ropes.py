@@ -193,7 +193,8 @@ def _measure(table: RopeTable, options: RopeOptions) -> MeasuredRope:
         f"laid with {links} links, {off.max():.2g} mm off at most, {np.sqrt((off**2).mean()):.2g} "
         f"mm rms; its state is {line.state}",
     )
-    placement = Placement(line.length, *line.middle.tolist())
+    # Where it was measured, even if the rope's own length is another one.
+    placement = Placement(float(arc_lengths(line.curve)[-1]), *line.middle.tolist())
     return MeasuredRope(fit.points, size, placement, line.frame, (*line.remarks, *told))
 
 

@@ -25,6 +25,10 @@ from knotflow.simulation import grasped_link
 from knotflow.topology import Action
 from knotflow.topology.polyline import Floats
 
+UPRIGHT = 0.99
+"""Cosine of the largest angle between z and a table's normal at which a yaw about z says how the
+fingers close."""
+
 
 @dataclass
 class GripperConfig:
@@ -99,7 +103,9 @@ class Waypoints:
         """Write a row a waypoint: time_s, x_m, y_m, z_m, yaw_rad, opening_m, closed (0 or 1), step,
         action and phase.
 
-        Positions and yaws are in the `frame`, lengths in its unit, which the columns name.
+        Positions and yaws are in the `frame`, lengths in its unit, which the columns name. Where
+        z is not the table's normal there, the strand's direction, strand_x, strand_y and strand_z,
+        stands in place of yaw_rad.
         """
         import pandas as pd  # slow to import
 
@@ -108,8 +114,11 @@ class Waypoints:
         table = pd.DataFrame(frame.to_file(self.positions), columns=columns)
         table.insert(0, "time_s", self.times)
         strands = np.stack([np.cos(self.yaws), np.sin(self.yaws), 0 * self.yaws], axis=1)
-        x, y, _ = (strands @ frame.rotation.T).T
-        table["yaw_rad"] = np.arctan2(y, x)
+        x, y, z = (strands @ frame.rotation.T).T
+        if abs(frame.rotation[2, 2]) > UPRIGHT:
+            table["yaw_rad"] = np.arctan2(y, x)
+        else:
+            table = table.assign(strand_x=x, strand_y=y, strand_z=z)
         table[f"opening_{frame.unit}"] = self.openings / METRES[frame.unit]
         table = table.assign(closed=self.closed.astype(int), step=self.step)
         table = table.assign(action=self.actions, phase=self.phases)
