@@ -14,6 +14,7 @@ from knotflow.topology import (
     segment_lengths,
 )
 from knotflow.topology.draw import draw
+from knotflow.topology.polyline import arc_lengths
 
 
 def rope(*vertices):
@@ -167,6 +168,14 @@ def test_harmless_degeneracy_is_resolved(points):
 def test_harmful_degeneracy_is_refused(points, wrong):
     with pytest.raises(DegenerateCurveError, match=wrong):
         project(points)
+
+
+@pytest.mark.parametrize("length", [0.05, 0.1, 0.4, 2.0])
+def test_short_ropes_have_a_smaller_gap(length):
+    overhand = TopologicalState.parse("4o1+2o5+6o3+")
+    curve = draw(overhand, gap=0.004)
+    curve *= length / arc_lengths(curve)[-1]
+    assert TopologicalState.from_curve(curve) == overhand
 
 
 def test_min_gap_is_a_choice():

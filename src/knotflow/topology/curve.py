@@ -28,8 +28,9 @@ from knotflow.topology.polyline import (
     planar_crossings,
 )
 
-DEFAULT_MIN_GAP = 1e-3
-"""Metres. Strands of a crossing that are closer in height pass through each other."""
+DEFAULT_MIN_GAP, SHORT_MIN_GAP = 1e-3, 2e-3
+"""Strands of a crossing that are closer in height, metres, pass through each other; of ropes below
+half a metre, relative to their length."""
 FARTHEST = 1e9
 """Metres from the origin to a vertex; far beyond, squares of lengths overflow."""
 
@@ -61,18 +62,20 @@ class CurveCrossings:
         return np.stack((bounds[:-1], bounds[1:]), axis=1)
 
 
-def project(points: ArrayLike, min_gap: float = DEFAULT_MIN_GAP) -> CurveCrossings:
+def project(points: ArrayLike, min_gap: float | None = None) -> CurveCrossings:
     """The crossings of a rope (V, 3), metres, head first, z up, projected onto the table.
 
     Raises:
         DegenerateCurveError: the projection does not determine the state, or strands are closer in
-            height than `min_gap` metres; says where on the rope.
+            height than `min_gap` metres, see `DEFAULT_MIN_GAP`; says where on the rope.
         ValueError: not finite (V, 3) numbers.
     """
     rope = as_rope(points)
     reached = arc_lengths(rope)
     if reached[-1] == 0.0:
         raise DegenerateCurveError("all vertices of the rope are at one point")
+    if min_gap is None:
+        min_gap = min(DEFAULT_MIN_GAP, SHORT_MIN_GAP * float(reached[-1]))
     fractions = reached / reached[-1]
     planar = planar_crossings(rope[:, :2])
     if not planar.degenerate:
