@@ -1,5 +1,6 @@
 """The studio's session: ropes, demonstrations, plans, without a browser."""
 
+import io
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from knotflow.apps.studio.session import ROPES, Session, StudioError
 from knotflow.perception import SAMPLE
+from knotflow.perception.camera.image import read_depth
 from knotflow.planning import RopeInputError, RopeOptions
 from knotflow.samplers.demonstrations import TASKS, load_demonstrations, task
 from knotflow.simulation import straight
@@ -58,17 +60,23 @@ def test_a_file_or_an_image_may_show_a_rope_of_any_size(session, monkeypatch):
     with pytest.raises(RopeInputError, match=r"^mine.csv: this rope would be 2.2 m long, not 1 m"):
         session.lay_upload("mine.csv", rows.encode(), RopeOptions(length="1m"))
 
-    def estimate(image, camera, rope):
+    def estimate(image, camera, rope, **_):
         asked.append(rope)
         return SimpleNamespace(points=0.7 * straight(session.simulation.rope), all_ambiguities=())
 
     asked = []
-    monkeypatch.setattr("knotflow.perception.estimate", estimate)
+    monkeypatch.setattr("knotflow.perception.io.estimate", estimate)
     names = {"rgb": "overhand.png", "depth": "overhand-depth.png", "camera": "camera.yaml"}
-    files = {key: (SAMPLE / name).read_bytes() for key, name in names.items()}
+    files = {key: (name, (SAMPLE / name).read_bytes()) for key, name in names.items()}
     assert session.lay_image(files, RopeOptions(length="0.7m", diameter="8mm")) == ()
     assert asked[0].length == 0.7 and asked[0].radius == 0.004
     assert session.measured.size.length == 0.7 and len(session.points) == asked[0].links + 1
+    depth = io.BytesIO()
+    np.save(depth, 1e-3 * read_depth(SAMPLE / "overhand-depth.png"))
+    session.lay_image({**files, "depth": ("depth.npy", depth.getvalue())}, RopeOptions())
+    for key, name in (("depth", "my-depth.png"), ("camera", "my-camera.yaml")):
+        with pytest.raises(ValueError, match=f"^{name}: "):
+            session.lay_image({**files, key: (name, b"no such thing")})
 
 
 def test_only_offered_names_are_laid(session, tmp_path):

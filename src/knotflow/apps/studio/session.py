@@ -5,6 +5,7 @@ A method that simulates blocks the thread that calls it; only one runs at a time
 
 from __future__ import annotations
 
+import re
 import tempfile
 import threading
 import warnings
@@ -65,6 +66,8 @@ ROPES = (*ROPE_NAMES, *STARTS)
 
 ANY_SIZE = RopeOptions()
 """Of a rope file of which only the file says how long it is."""
+MOST_SECONDS = 60.0
+"""For which a rope is looked for in an image."""
 
 
 class StudioError(ValueError):
@@ -145,30 +148,25 @@ class Session:
 
     def lay_upload(self, name: str, content: bytes, options: RopeOptions = ANY_SIZE) -> None:
         """Lay the rope of a file that came through the browser."""
-        with _uploaded(name, content) as path:
+        with _uploaded((name, content)) as (path,):
             self._lay(str(path), options)
 
     def lay_image(
-        self, files: Mapping[str, bytes], options: RopeOptions = ANY_SIZE
+        self, files: Mapping[str, tuple[str, bytes]], options: RopeOptions = ANY_SIZE
     ) -> tuple[str, ...]:
         """Lay the rope of an image, and return what is ambiguous in it.
 
-        `files` are the contents of `rgb` and `depth` (PNG), and of `camera` (YAML or JSON).
+        `files` are names and contents of `rgb`, `depth` and `camera`, see `perception.io.see`.
 
         Raises:
-            ImageError, CameraError, TraceError: see `perception.estimate`.
+            ImageError, CameraError: see `perception.io.see`.
         """
-        from knotflow.perception import estimate, read_capture
+        from knotflow.perception import io
 
         rope = RopeSize.of_options(options).rope()
-        with tempfile.TemporaryDirectory() as folder:
-            home = Path(folder)
-            paths = home / "rgb.png", home / "depth.png", home / "camera.yaml"
-            for path in paths:
-                path.write_bytes(files[path.stem])
-            seen = read_capture(*paths)
-        with self._busy, one_thread():
-            found = estimate(seen.image, seen.camera, rope)
+        own = (files[key] for key in ("rgb", "depth", "camera"))
+        with self._busy, one_thread(), _uploaded(*own) as (rgb, depth, camera):
+            found, _ = io.see(rgb, depth, camera, rope, max_seconds=MOST_SECONDS)
         self._lay(RopeTable(found.points, "m", name="the image"), options)
         return found.all_ambiguities
 
@@ -182,7 +180,7 @@ class Session:
         from knotflow.perception.camera.image import read_colour
 
         self._check_idle()
-        with self._busy, one_thread(), _uploaded(name, content) as path:
+        with self._busy, one_thread(), _uploaded((name, content)) as (path,):
             self.photo = Photograph(name, read_colour(path, upright=True), colour)
         self.laid = False
         return self.photo
@@ -285,14 +283,18 @@ class Session:
 
 
 @contextmanager
-def _uploaded(name: str, content: bytes) -> Iterator[Path]:
-    """A file that came through the browser; errors name it as the person knows it."""
+def _uploaded(*files: tuple[str, bytes]) -> Iterator[list[Path]]:
+    """Files that came through the browser; errors name them as the person knows them."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / Path(name).name
-        path.write_bytes(content)
+        paths = []
+        for number, (name, content) in enumerate(files):
+            paths.append(Path(folder) / str(number) / Path(name).name)
+            paths[-1].parent.mkdir()
+            paths[-1].write_bytes(content)
         try:
-            yield path
+            yield paths
         except ValueError as error:
-            text = str(error).replace(f"{folder}/", "")
-            error.args = (text if path.name in text else f"{name}: {text}",)
+            text = re.sub(rf"{re.escape(folder)}/\d+/", "", str(error))
+            named = any(path.name in text for path in paths)
+            error.args = (text if named else f"{', '.join(name for name, _ in files)}: {text}",)
             raise

@@ -22,7 +22,7 @@ from knotflow.topology.action_text import describe
 from knotflow.topology.draw import draw
 from knotflow.viz.rope import rope_image
 
-_IMAGES = {"rgb": "Colour (PNG)", "depth": "Depth (PNG)", "camera": "Camera (YAML, JSON)"}
+_IMAGES = {"rgb": "Colour (PNG)", "depth": "Depth (PNG, NPY)", "camera": "Camera (YAML, JSON)"}
 _DRAW = "Draw it with the mouse"
 _WIDTH = 0.02  # metres, of a rope of one metre: thick enough to see in a small picture
 _INSTRUCTIONS = {
@@ -112,10 +112,10 @@ class RopeTab:
     def __init__(self, state: AppState) -> None:
         self._state, gui = state, state.server.gui
         self._corners: list[tuple[float, float]] = []
-        self._files: dict[str, bytes] = {}
+        self._files: dict[str, tuple[str, bytes]] = {}
         self._name = gui.add_dropdown("Rope", ROPES, initial_value="random")
         state.button("Lay it", self._lay)
-        hint = "CSV or NPY, rows of x, y, z, head first"
+        hint = "CSV or NPY, rows of x, y, z, head first; the unit in the header, as in x [mm], or m"
         button = gui.add_upload_button(
             "From a file", color="gray", hint=hint, mime_type=".csv,.npy"
         )
@@ -165,7 +165,7 @@ class RopeTab:
         self._state.scene.polyline(np.array(self._corners))
 
     def _image(self, event: viser.GuiEvent, name: str) -> None:
-        self._files[name] = event.target.value.content
+        self._files[name] = event.target.value.name, event.target.value.content
         if missing := [label for key, label in _IMAGES.items() if key not in self._files]:
             self._state.say(f"Still needed: {', '.join(missing)}.")
             return
