@@ -46,7 +46,7 @@ class RopeTable:
     over: Floats | None = None
     """(N,) column `over`: 1 where the rope is the upper strand of a crossing, else 0."""
     rows: Floats | None = None
-    """(N,) each point's number in the file, from 0; None where these are all."""
+    """(N,) each point's number in the file, from 0, once `checked`."""
     closed: bool = False
     """Whether the file says that the last point is joined to the first."""
     name: str = "the rope"

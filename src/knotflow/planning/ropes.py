@@ -297,7 +297,8 @@ def _cut(table: RopeTable, cut: int | str | None) -> tuple[RopeTable, tuple[str,
     apart = float(np.linalg.norm(points[0] - points[-1]))
     few = max(1, len(points) // 20)
     onward = (points[few] - points[0]) @ (points[-1] - points[-1 - few]) > 0
-    rows = np.arange(len(points)) if table.rows is None else table.rows
+    rows = table.rows
+    assert rows is not None
     closed = table.closed or (apart <= 1.5 * step and (onward or apart <= 1e-6 * step))
     if cut == "open" or (cut is None and not closed):
         return table, ()

@@ -171,6 +171,7 @@ def trace_waypoints(
             )
     rows: list[tuple[Floats, int, str, str, float]] = []
     hand, wide = HandConfig(), 0.0
+    least = 2 * (radius + hand.clearance)
     links = shapes.shape[1] - 1
     grasped = [int(grasped_link(step.spline, links)) for step in steps]
     strands = np.array(
@@ -180,10 +181,9 @@ def trace_waypoints(
         path = _drag(step, rate_hz, config.drag_speed)
         path[:, 2] += max(config.lowest - float(path[:, 2].min()), 0.0)
         here = rows[-1][0] if rows else None
-        least = 2 * (radius + hand.clearance)
         before, after = (
-            max(float(openings(shape, [link], radius, hand)[0]), least)
-            for shape, link in zip(shapes[number : number + 2], [grasped[number]] * 2, strict=True)
+            max(float(openings(shape, [grasped[number]], radius, hand)[0]), least)
+            for shape in shapes[number : number + 2]
         )
         wide = wide or before
         targets = {"travel": before, "close": 0.0, "open": after}

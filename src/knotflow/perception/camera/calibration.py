@@ -268,21 +268,21 @@ def _calibration(values: Mapping[str, Any], source: str) -> Calibration:
 
 
 def _distortion(values: Mapping[str, Any]) -> tuple[Floats, str]:
-    given = _first(values, _DISTORTION)
-    named = given is None
-    coefficients = _numbers(
-        [values.get(one, 0) for one in _COEFFICIENTS] if named else given, "distortion"
-    )
-    if not coefficients.any():
-        return np.zeros(0), ""
     told = _first(values, ("distortionmodel", "model", "cameramodel")) or ""
     if isinstance(told, int) and 0 <= told < len(_REALSENSE):
         told = _REALSENSE[told]
     word = re.sub("rs2distortion|distortion", "", _plain(told))
+    given = _first(values, _DISTORTION)
+    if given is None:
+        names = ("k1", "k2", "k3", "k4") if word in _FISHEYE else _COEFFICIENTS
+        given = [values.get(one, 0) for one in names]
+    coefficients = _numbers(given, "distortion")
+    if not coefficients.any():
+        return np.zeros(0), ""
     if word == "inversebrownconrady":
         return coefficients, "inverse"
     if word in _FISHEYE:
-        return coefficients[[0, 1, 4, 5] if named else slice(4)], "fisheye"
+        return coefficients[:4], "fisheye"
     if word not in _BROWN or coefficients[12:].any():
         raise CameraError(
             f"images of the distortion model {told} with {coefficients.size} coefficients cannot "

@@ -4,9 +4,12 @@ depth, shadows of the projector without depth."""
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,27 +87,36 @@ class RgbdImage:
         return RgbdImage(rgb.round().astype(np.uint8), depth.astype(np.float32), self.time)
 
 
-def _read_pixels(path: Path, kind: str, mode: str | None = None, upright: bool = False) -> NDArray:
-    """The pixels of an image's file, in one of Pillow's modes if one is given."""
-    from PIL import Image, ImageOps
+@contextmanager
+def _opened(path: Path, kind: str) -> Iterator[Any]:
+    """An image's file, opened by Pillow; raises `ImageError` where it cannot be read."""
+    from PIL import Image
 
     try:
         with Image.open(path) as image:
-            if image.width * image.height > _MAX_PIXELS:
-                raise ImageError(
-                    f"{path}: {image.width}x{image.height} pixels are too many for a {kind} image; "
-                    f"give it with {_MAX_PIXELS / 1e6:.0f} million at most"
-                )
-            turned = ImageOps.exif_transpose(image) if upright else image
-            if mode == "RGB" and turned.mode.startswith(("I", "F")):  # Pillow cuts them off at 255
-                values = np.asarray(turned, np.float64)
-                full = 65535.0 if turned.mode.startswith("I") else max(values.max(), 1.0)
-                turned = Image.fromarray((255.0 * values / full).clip(0, 255).astype(np.uint8))
-            return np.asarray(turned.convert(mode) if mode else turned)
+            yield image
     except ImageError:
         raise
     except (*_PILLOW_ERRORS, Image.DecompressionBombError) as error:
         raise ImageError(f"{path}: cannot be read as a {kind} image: {error}") from error
+
+
+def _read_pixels(path: Path, kind: str, mode: str | None = None, upright: bool = False) -> NDArray:
+    """The pixels of an image's file, in one of Pillow's modes if one is given."""
+    from PIL import Image, ImageOps
+
+    with _opened(path, kind) as image:
+        if image.width * image.height > _MAX_PIXELS:
+            raise ImageError(
+                f"{path}: {image.width}x{image.height} pixels are too many for a {kind} image; "
+                f"give it with {_MAX_PIXELS / 1e6:.0f} million at most"
+            )
+        turned = ImageOps.exif_transpose(image) if upright else image
+        if mode == "RGB" and turned.mode.startswith(("I", "F")):  # Pillow cuts them off at 255
+            values = np.asarray(turned, np.float64)
+            full = 65535.0 if turned.mode.startswith("I") else max(values.max(), 1.0)
+            turned = Image.fromarray((255.0 * values / full).clip(0, 255).astype(np.uint8))
+        return np.asarray(turned.convert(mode) if mode else turned)
 
 
 def read_colour(path: Path, upright: bool = False) -> NDArray[np.uint8]:
@@ -115,13 +127,8 @@ def read_colour(path: Path, upright: bool = False) -> NDArray[np.uint8]:
 
 def is_turned(path: Path) -> bool:
     """Whether an image's file says that it is to be shown turned (EXIF); raises `ImageError`."""
-    from PIL import Image
-
-    try:
-        with Image.open(path) as image:
-            return int(image.getexif().get(_ORIENTATION, 1)) != 1
-    except (*_PILLOW_ERRORS, Image.DecompressionBombError) as error:
-        raise ImageError(f"{path}: cannot be read as a colour image: {error}") from error
+    with _opened(path, "colour") as image:
+        return int(image.getexif().get(_ORIENTATION, 1)) != 1
 
 
 def read_depth(path: Path) -> NDArray[np.float64]:

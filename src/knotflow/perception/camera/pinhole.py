@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from knotflow.arrays import floats
 from knotflow.topology.polyline import Floats
 
-MIN_BINNED = 16
-"""Rows and columns left after binning, least."""
+_MIN_BINNED = 16  # rows and columns left after binning, least
 _SHAPES = {"position": (3,), "rotation": (3, 3)}
 _HEADER = """\
 # A pinhole camera. Sizes, focal lengths (fx, fy) and principal point (cx, cy) in pixels, of images
@@ -138,8 +137,11 @@ class Camera:
         distance = float(np.median(self.project(points)[:, 2]))
         if not distance > 0:
             return 1
-        wanted = round(size * max(self.fx, self.fy) / distance / pixels)
-        return max(1, min(wanted, min(self.width, self.height) // MIN_BINNED))
+        return self.feasible_binning(size * max(self.fx, self.fy) / distance / pixels)
+
+    def feasible_binning(self, wanted: float) -> int:
+        """The nearest factor, from 1 to what leaves an image to look at."""
+        return max(1, min(round(wanted), min(self.width, self.height) // _MIN_BINNED))
 
     def cropped(self, rows: slice, columns: slice) -> Camera:
         """The camera whose image is these rows and columns of this one's."""

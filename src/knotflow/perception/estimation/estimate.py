@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.perception.camera.image import RgbdImage
-from knotflow.perception.camera.pinhole import MIN_BINNED, Camera
+from knotflow.perception.camera.pinhole import Camera
 from knotflow.perception.estimation.crossings import (
     END_AMBIGUITIES,
     CrossingEvidence,
@@ -143,8 +143,7 @@ def estimate(
     config, colours = config or EstimateConfig(), colours or Colours()
     image.check(camera)
     width = 2 * rope.radius * camera.fx / float(np.nanmedian(image.depth))
-    most = min(camera.width, camera.height) // MIN_BINNED
-    factor = max(1, min(round(width / _PIXELS), most))
+    factor = camera.feasible_binning(width / _PIXELS)
     image, camera = image.binned(factor), camera.binned(factor)
     target = observe(image, camera, rope)
     if initial is not None:
