@@ -11,7 +11,7 @@ import importlib
 import os
 import shutil
 import time
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import numpy as np
@@ -121,8 +121,12 @@ class Person:
         beside = self.page.locator(f'label:text-is("{label}")')
         box = beside.locator("xpath=following::input[@role='combobox'][1]")
         box.wait_for()  # the tab may still be opening
-        box.click(force=True)
-        self.page.get_by_role("option", name=option, exact=True).click(force=True)
+        wanted = self.page.get_by_role("option", name=option, exact=True)
+        while box.input_value() != option:  # a redrawn panel loses clicks and closes lists
+            assert time.monotonic() < self.end, f"waited in vain for {label}: {option}"
+            with suppress(playwright.TimeoutError):
+                (wanted if wanted.is_visible() else box).click(force=True, timeout=2000)
+            self.page.wait_for_timeout(300)
 
     def texts(self):
         handles = self.studio.server.gui._gui_input_handle_from_uuid.values()
