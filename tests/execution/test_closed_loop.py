@@ -83,6 +83,13 @@ def test_closed_loop_grasps_a_displaced_rope(plan):
     np.testing.assert_allclose(twin.points, moved, atol=1e-3)
 
 
+def test_execution_of_an_unsolved_plan_says_so(plan):
+    unsolved = replace(plan, solved=False, reason="max_branches")
+    execution = execute(unsolved, twin_of(plan).robot())
+    told = "every step was executed of a plan that does not tie the knot"
+    assert execution.reason == told
+
+
 def test_closed_loop_corrects_the_robots_error(plan):
     twin = twin_of(plan, level=2)
     execution = execute(plan, twin.robot(), source=TrueState(twin))

@@ -42,6 +42,12 @@ def test_splines_beyond_reach_or_too_fast_are_refused(still):
     assert not slow.may_follow(still.start, splines).any()
 
 
+def test_arm_must_reach_above_the_pile(reach, still):
+    pile = still.start.copy()
+    pile[len(pile) // 2, 2] = 1.5
+    assert not reach.may_follow(pile, still.splines).any()
+
+
 def test_reach_is_of_the_measured_rope(reach, still):
     """What is searched for about the origin lies elsewhere, and the base is given in its frame."""
     turn = Rotation.from_rotvec([0.0, 0.0, 0.4]).as_matrix()

@@ -18,7 +18,7 @@ from knotflow.simulation import grasped_link, state_or_none
 def test_ambiguous_ends_are_pulled_in_turn(ends, turn, end, plan):
     twin = Twin(plan.start, TwinConfig(level=0), np.random.default_rng(1))
     before = twin.points
-    StepExecutor(twin.robot(), ExecutionConfig(), points=before).pull(0, ends, turn)
+    StepExecutor(twin.robot(), ExecutionConfig(), points=before).pull(0, plan.radius, ends, turn)
     outward = before[end] - before.mean(axis=0)
     assert 0.02 < (twin.points - before)[end] @ outward / np.linalg.norm(outward) < 0.06
 
@@ -28,11 +28,21 @@ def test_pull_preserves_the_state(plan):
     twin = Twin(step.end, TwinConfig(level=1), np.random.default_rng(1))
     run = StepExecutor(twin.robot(), ExecutionConfig(), points=twin.points)
     before = twin.points
-    run.pull(0)
+    run.pull(0, plan.radius)
     moved = np.linalg.norm(twin.points - before, axis=1)[[0, -1]]
     assert 0.02 < moved.max() < 0.06
     assert state_or_none(twin.points) == step.end_state
     assert not run.closed and not twin.grasped
+
+
+def test_gripper_travels_above_a_pile_to_the_end_that_it_pulls(plan):
+    twin = Twin(plan.start, TwinConfig(level=0), np.random.default_rng(1))
+    pile = plan.start.copy()
+    pile[len(pile) // 2, 2] = 0.3
+    run = StepExecutor(twin.robot(), ExecutionConfig(), points=pile)
+    run.pull(0, 0.05)
+    highest = max(move.gripper[2] for move in run.moves)
+    assert highest == pytest.approx(0.3 + 0.05 + run.config.gripper.clearance)
 
 
 class Stalled:

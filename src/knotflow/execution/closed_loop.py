@@ -122,7 +122,8 @@ class _KnotExecution:
                 reason = f"the rope was lost in all {attempts} attempts at step {number}"
                 break
         else:
-            reason = "every step was executed"
+            whole = "" if self.plan.solved else " of a plan that does not tie the knot"
+            reason = f"every step was executed{whole}"
         if self.estimator is None:
             return reason
         self._observe(self.plan.steps[-1].end if self.plan.steps else self.plan.start)
@@ -182,7 +183,7 @@ class _KnotExecution:
                 f"pull an end {1e3 * PULL_DISTANCE:.0f} mm outward, and look again"
             ):
                 break
-            executor.pull(done, self.observation.ambiguous_ends, turn)
+            executor.pull(done, self.plan.radius, self.observation.ambiguous_ends, turn)
             self.observation = executor.observe(self.estimator, done, likely)
         return self.observation
 

@@ -98,12 +98,15 @@ class ArmReach:
                 for strand, end in zip(np.arctan2(y, x), path[:, -1], strict=True)
             ]
         )
-        both = self._follow(np.tile(path, (2, 1, 1)), np.concatenate([yaws, yaws + np.pi]))
+        radius = self._placement.length * self._simulation.rope.radius
+        heights = GripperConfig().clear_of(self._placement.points(points), radius)
+        yaws = np.concatenate([yaws, yaws + np.pi])
+        both = self._follow(np.tile(path, (2, 1, 1)), yaws, heights)
         return np.asarray(both.reshape(2, -1).any(axis=0))
 
-    def _follow(self, paths: Floats, yaws: Floats) -> NDArray[np.bool_]:
+    def _follow(self, paths: Floats, yaws: Floats, heights: GripperConfig) -> NDArray[np.bool_]:
         """Whether the arm comes down on, follows and leaves paths (B, P, 3), at full pace."""
-        solver, chain, heights = self._solver, self._chain, GripperConfig()
+        solver, chain = self._solver, self._chain
         above, up = paths[:, 0].copy(), paths[:, -1].copy()
         above[:, 2], up[:, 2] = heights.approach_height, heights.retreat_height
         home = np.array([solver.home_towards(one)[solver.columns] for one in above])

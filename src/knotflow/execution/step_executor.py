@@ -179,13 +179,13 @@ class StepExecutor:
         self.previous_points = self.points = observation.points
         return observation
 
-    def pull(self, number: int, ends: Sequence[int] = (), turn: int = 0) -> None:
-        """Pull an end outward along itself, which undoes no crossing.
+    def pull(self, number: int, radius: float, ends: Sequence[int] = (), turn: int = 0) -> None:
+        """Pull an end of a rope, of that radius in metres, along itself, which undoes no crossing.
 
         `ends` (0: head, -1: tail) take turns; by default both, the outer one first.
         """
         assert self.points is not None
-        gripper, points = self.config.gripper, self.points
+        gripper, points = self.config.gripper.clear_of(self.points, radius), self.points
         from_middle = np.linalg.norm((points - points.mean(axis=0))[:, :2], axis=1)
         ends = ends or ((0, -1) if from_middle[0] >= from_middle[-1] else (-1, 0))
         if ends[turn % len(ends)] == -1:
@@ -194,7 +194,8 @@ class StepExecutor:
         begin = (points[0] + points[1]) / 2
         step = PULL_DISTANCE / max(float(np.linalg.norm(outward)), 1e-9)
         end = begin + step * outward
-        above, raised = np.array([begin, end]) * [1, 1, 0] + [0, 0, gripper.approach_height]
+        above, raised = np.array([begin, end])
+        above[2], raised[2] = gripper.approach_height, gripper.retreat_height
         speed, strand = gripper.vertical_speed, float(np.arctan2(outward[1], outward[0]))
         self._travel(above, number, strand)
         self._line(above, begin, speed, number, strand)
