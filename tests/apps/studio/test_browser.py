@@ -245,7 +245,7 @@ def person(browser, tmp_path):
     session = Session("straight", tmp_path / "mine.jsonl")
     with (
         closing(Page(session, port=8391)) as studio,
-        browser.new_page(viewport={"width": 1024, "height": 768}) as page,
+        browser.new_page(viewport={"width": 1024, "height": 768}, device_scale_factor=0.5) as page,
     ):
         someone = Person(page, studio)
         someone.arrive()
