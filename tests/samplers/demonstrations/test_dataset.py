@@ -2,6 +2,7 @@
 
 import json
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -71,6 +72,10 @@ def test_output_of_the_demonstrator_is_read(shipped, tmp_path):
         ({"start": ["C(0,1,1)"]}, r"line 1: "),
         ({"who": 7}, r"line 1: who must be a name, got 7"),
         ({"when": "yesterday"}, r"line 1: .*'yesterday'"),
+        (
+            {"action": "C(0,1,1)"},
+            r"line 1: the points, head first, are in state trivial, but C\(0,1,1\) .* from 2o1\+",
+        ),
     ],
 )
 def test_a_wrong_line_is_named(tmp_path, change, message):
@@ -79,6 +84,14 @@ def test_a_wrong_line_is_named(tmp_path, change, message):
     path = tmp_path / "wrong.jsonl"
     path.write_text(json.dumps(row) + "\n")
     with pytest.raises(DemonstrationError, match=message):
+        load_demonstrations(path)
+
+
+def test_a_rope_given_tail_first_is_refused(shipped, tmp_path):
+    loop = next(one for one in shipped if one.task.start_actions)
+    path = tmp_path / "reversed.jsonl"
+    save_demonstrations(path, [shipped[0], replace(loop, points=loop.points[::-1])])
+    with pytest.raises(DemonstrationError, match="line 2: the points, head first"):
         load_demonstrations(path)
 
 
@@ -98,7 +111,9 @@ def test_the_shipped_file_is_what_saving_it_writes(shipped, tmp_path):
     ("start", "action"),
     [((), "R1(0,-1,1)"), (("R1(0,1,1)",), "R2(1,1,1,1)"), (("R2(0,0,1,1)",), "C(0,2,1)")],
 )
-def test_any_legal_action_can_be_demonstrated_and_signed(shipped, tmp_path, start, action):
+def test_any_legal_action_can_be_demonstrated_and_signed(
+    shipped, shape_of, tmp_path, start, action
+):
     state = TopologicalState.trivial()
     for one in start:
         state = state.apply(parse_action(one))
@@ -107,7 +122,7 @@ def test_any_legal_action_can_be_demonstrated_and_signed(shipped, tmp_path, star
     except ValueError:
         pytest.fail(f"{action} is legal in {state}: {[str(a) for a, _ in state.actions()]}")
     human = Demonstration(
-        one, shipped[0].points, shipped[0].spline, "human", "Ada", "2026-11-21T17:00:00+00:00"
+        one, shape_of(state), shipped[0].spline, "human", "Ada", "2026-11-21T17:00:00+00:00"
     )
     path = tmp_path / "new" / "mine.jsonl"
     add_demonstration(path, human)

@@ -203,6 +203,11 @@ def _demonstration(row: Any) -> Demonstration:
         shown.goal_state  # noqa: B018  raises where an action is illegal
     else:
         shown = task(row["action"])
+    if (state := TopologicalState.from_curve(points)) != shown.start_state:
+        raise ValueError(
+            f"the points, head first, are in state {state}, but {shown.action} is demonstrated "
+            f"from {shown.start_state}"
+        )
     who, when = row.get("who", ""), row.get("when", "")
     if not isinstance(who, str):
         raise ValueError(f"who must be a name, got {who!r}")
