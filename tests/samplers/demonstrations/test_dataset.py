@@ -95,6 +95,13 @@ def test_a_rope_given_tail_first_is_refused(shipped, tmp_path):
         load_demonstrations(path)
 
 
+def test_empty_lines_at_the_end_are_passed_over(shipped, tmp_path):
+    path = tmp_path / "edited.jsonl"
+    save_demonstrations(path, shipped[:2])
+    path.write_text(path.read_text() + "\n\n")
+    assert len(load_demonstrations(path)) == 2
+
+
 def test_a_line_that_is_no_json_is_named(tmp_path):
     path = tmp_path / "wrong.jsonl"
     path.write_text(SHIPPED.read_text().splitlines()[0] + "\n{oops\n")

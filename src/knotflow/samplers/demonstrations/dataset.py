@@ -181,7 +181,7 @@ def load_demonstrations(path: Path = SHIPPED) -> list[Demonstration]:
     if path.is_dir():
         path /= SHIPPED.name
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8").rstrip().splitlines()
     except UnicodeDecodeError as error:
         raise DemonstrationError(f"{path}: not UTF-8 text: {error}") from None
     for number, line in enumerate(lines, 1):
