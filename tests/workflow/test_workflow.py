@@ -114,6 +114,16 @@ def test_keys_follow_inputs_but_not_captions_and_threads(read, root):
         ),
         (
             {
+                "stages": {
+                    "toy_numbers": {"matrix": ["seed"]},
+                    "toy_sum": {"toy_numbers": "toy_numbers[3]"},
+                },
+                "matrix": {"seed": [1, 2]},
+            },
+            "no node 'toy_numbers[3]'; there are toy_numbers[1], toy_numbers[2]",
+        ),
+        (
+            {
                 "matrix": {"size": {"big": {"shrads": 2}}},
                 "stages": {"toy_numbers": {"matrix": ["size"]}},
                 "results": {},

@@ -152,6 +152,11 @@ class _Reader:
                 nodes[node.name] = node
         self._check_axes()
         needs = {name: node.needs() for name, node in nodes.items()}
+        for name, named in needs.items():
+            if absent := named - {*nodes}:
+                base = min(absent).partition("[")[0]
+                known = ", ".join(one for one in nodes if one.partition("[")[0] == base)
+                raise self._error(name, f"no node {min(absent)!r}; there are {known}")
         try:
             order = list(TopologicalSorter(needs).static_order())
         except CycleError as error:
