@@ -112,6 +112,12 @@ def test_unknown_names_and_settings_are_answered_with_the_valid_ones():
         build_sampler(SamplerConfig("icp", {"length": 1}), {"demonstrations": Path()})
 
 
+def test_a_module_that_does_not_register_its_name_is_named(monkeypatch):
+    monkeypatch.setitem(MODULES, "mine", MODULES["random"])
+    with pytest.raises(ValueError, match=r"knotflow.samplers.random registers no @sampler\('mine'"):
+        SamplerConfig("mine").inputs()
+
+
 def test_sampler_without_its_inputs_is_not_offered():
     with pytest.raises(ValueError, match="without it") as error:
         build_sampler(SamplerConfig("icp"), {})

@@ -95,9 +95,15 @@ class SamplerConfig:
         raise ValueError(f"unknown sampler {self.name!r}; valid are {names}")
 
     def inputs(self) -> tuple[str, ...]:
-        """Names of the stage inputs without which the sampler cannot be built."""
+        """Names of the stage inputs without which the sampler cannot be built.
+
+        Raises:
+            ValueError: the module does not register the name; see `modules`, too.
+        """
         for module in self.modules():
             import_module(module)
+            if self.name not in _FACTORIES:
+                raise ValueError(f"{module} registers no @sampler({self.name!r})")
         return _REQUIRED_INPUTS[self.name]
 
 
