@@ -91,3 +91,9 @@ class PrimitiveConfig:
                 raise ValueError(
                     f"unknown {name} {value!r} of a primitive; there are {', '.join(known)}"
                 )
+        smallest = min(self.cem.population, self.cem.critic_only_population)
+        if not 0 < self.cem.elites <= smallest:
+            raise ValueError(
+                f"cem.elites of a primitive are 1 to {smallest}, the smallest population, got "
+                f"{self.cem.elites}"
+            )
