@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from knotflow.simulation import ProportionsConfig, WorldsConfig
+from knotflow.topology import knot
 
 
 @dataclass
@@ -71,6 +72,13 @@ class ExplorationConfig:
     population: int = 256
     """Splines scored in each iteration of every search in training."""
 
+    def __post_init__(self) -> None:
+        if min(self.search, self.spread) < 0 or self.search + self.spread > 1:
+            raise ValueError(
+                "search and spread of an exploration are shares of at most 1 together, got "
+                f"{self.search:g} and {self.spread:g}"
+            )
+
 
 @dataclass
 class ImitationConfig:
@@ -113,6 +121,13 @@ class ReinforcementConfig:
     """Rounds between two resets of the critic; there is one after the last round, too."""
     critic_reset_steps: int = 1000
     """Gradient steps after a reset, over which the learning rate falls to 0."""
+
+    def __post_init__(self) -> None:
+        for name, values in (("rounds", self.rounds), ("room", self.room)):
+            if len(values) != 4:
+                raise ValueError(
+                    f"{name} of a reinforcement training are of primitives 1 to 4, got {values}"
+                )
 
 
 @dataclass
@@ -182,6 +197,9 @@ class JointConfig(EpisodesConfig):
     goal: str = "overhand"
     """The knot that episodes tie."""
 
+    def __post_init__(self) -> None:
+        knot(self.goal)  # raises where there is none of that name
+
 
 @dataclass
 class RopesConfig:
@@ -212,6 +230,10 @@ class KnotsConfig(RopesConfig, EpisodesConfig):
     rounds: int = 60
     critic_reset_every: int = 0
     """Never: critics go on from self-play, whose trials are more than these."""
+
+    def __post_init__(self) -> None:
+        for name in self.knots:
+            knot(name)
 
 
 @dataclass
