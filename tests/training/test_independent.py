@@ -108,6 +108,18 @@ def test_what_was_tried_is_what_is_remembered(start, curves):
     np.testing.assert_array_equal(items["reward"].numpy().ravel(), attempts.success)
 
 
+def test_trials_of_other_primitives_are_left_out(primitive_config, trials, curves, simulator):
+    loop = resample(draw(TASK.goal_state), RopeConfig())
+    others = [
+        replace(trials[0], start=task(name).start_state, action=task(name).action, points=points)
+        for name, points in (("R2(0,0,1,1)", trials[0].points), ("C(0,1,1)", loop[None]))
+    ]
+    pools = {TASK: curves}
+    primitive = Primitive(primitive_config)
+    some = Reinforcement(primitive, [*trials, *others], pools, simulator, CONFIG, 5)
+    assert len(some.learner.demonstrations) == len(trials)
+
+
 @pytest.mark.parametrize(("room", "rewarded"), [(0.1, 1.0), (0.4, 0.0)])
 def test_an_end_without_room_is_no_reward(start, laid, room, rewarded):
     loop = resample(draw(TASK.goal_state), RopeConfig())

@@ -111,9 +111,11 @@ class Reinforcement(Trainer):
         generator = self.learner.generator
         capacity = self.rounds * config.ropes * len(pools)
         self.rollouts = self.learner.rollouts = TrialBuffer(capacity, config.splines, generator)
-        if trials:
+        # Of a task's action, some may be from another state, where another primitive does it.
+        own = [one for one in trials if primitive_of(one.action, one.start.num_segments) == number]
+        if own:
             rope = simulator.config.rope
-            self.learner.demonstrations = demonstration_buffer(trials, generator, rope)
+            self.learner.demonstrations = demonstration_buffer(own, generator, rope)
         self._rng = np.random.default_rng(seed)
         self._starts = starts or StartsConfig()
         self._observe = observe
