@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from knotflow.samplers.demonstrations import (
+    DemonstrationError,
     Demonstrator,
     DemonstratorConfig,
     NoiseConfig,
@@ -115,6 +116,16 @@ def test_trials_are_loaded_by_action(tmp_path):
         assert (read.action, read.start) == (part.action, part.start)
         for name in ("points", "splines", "success"):
             assert np.array_equal(getattr(read, name), getattr(part, name))
+
+
+def test_an_action_without_trials_is_named_with_those_there_are(tmp_path):
+    (tmp_path / "trials").mkdir()
+    make_trials().save(tmp_path / "trials" / "0.npz")
+    loaded = load_trials(tmp_path)
+    missing = parse_action("C(0,1,1)")
+    assert loaded.get(missing) is None
+    with pytest.raises(DemonstrationError, match=r"of C\(0,1,1\), only of R1\(0,1,1\); .* merge"):
+        loaded[missing]
 
 
 def test_a_folder_without_trials_is_an_error(tmp_path):

@@ -230,9 +230,21 @@ def _line(one: Demonstration) -> str:
     return json.dumps({key: value for key, value in row.items() if value not in (None, "")})
 
 
+class _TrialsByAction(dict[Action, list[Trials]]):
+    def __missing__(self, action: Action) -> list[Trials]:
+        raise DemonstrationError(
+            f"there is no demonstration of {action}, only of {', '.join(map(str, self))}; "
+            "demonstrate it, or merge the file with the shipped demonstrations: "
+            f"knotflow merge FILE {SHIPPED}"
+        )
+
+
 def load_trials(folder: Path) -> dict[Action, list[Trials]]:
-    """All trials of a `demonstrations` stage's output, by action: an item a demonstrated rope."""
-    trials: dict[Action, list[Trials]] = {}
+    """All trials of a `demonstrations` stage's output, by action: an item a demonstrated rope.
+
+    An action that was not demonstrated raises a `DemonstrationError` where it is looked up.
+    """
+    trials = _TrialsByAction()
     for path in sorted((Path(folder) / "trials").glob("*.npz")):
         own = Trials.load(path)
         trials.setdefault(own.action, []).append(own)
