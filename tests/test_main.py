@@ -15,6 +15,10 @@ import pytest
         (["+experiment=benchmark", "workers.backend=dask"], "loky or ray"),
         (["+experiment=single_stage", "demonstrations_file=nowhere.jsonl"], "nowhere.jsonl"),
         (["+experiment=knots", "sampler.name=magic"], "magic"),
+        (
+            ["+experiment=overhand", "+overhand.knto=figure_eight"],
+            "'knto'; those of 'overhand' take knot",
+        ),
     ],
 )
 def test_errors_name_what_is_wrong_and_what_is_valid(command, arguments, message, tmp_path):

@@ -6,6 +6,7 @@ import os
 import sys
 
 import hydra
+from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from knotflow.experiments.config import HOME, experiments, register
@@ -19,7 +20,7 @@ def main(config: DictConfig) -> None:
     from knotflow.experiments.run import run_experiment  # imports every stage, which takes seconds
 
     try:
-        run_experiment(config)
+        run_experiment(config, HydraConfig.get().overrides.task)
     except (ValueError, RuntimeError, OSError, ModuleNotFoundError) as error:
         if os.environ.get("HYDRA_FULL_ERROR") == "1":  # Hydra's own switch for a traceback
             raise

@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from knotflow.experiments.config import HOME, experiments, register
-from knotflow.experiments.run import stale, workflow_of
-from knotflow.workflow import dependencies
+from knotflow.experiments.run import check_added, stale, workflow_of
+from knotflow.workflow import WorkflowError, dependencies
 
 EXPERIMENTS = [name for name in experiments() if name != "paper"]
 
@@ -86,6 +86,21 @@ def test_groups_and_sections_are_overridden_from_the_command_line():
     arguments = nodes["searches"].arguments
     assert (arguments["planner"].rule, arguments["seeds"]) == ("paper", 3)
     assert arguments["simulation"].rope.length == 0.8
+
+
+def test_an_added_value_is_one_that_a_stage_takes():
+    workflow = bound("goals", "paper")
+    good = (
+        "+experiment=goals",
+        "+workers.jobs=2",
+        "+tree_size.planner.batch=8",
+        "+goals={seed: 3}",
+    )
+    check_added(workflow, good)
+    with pytest.raises(
+        WorkflowError, match="'tree'; those of 'goals' take planner, sampler, seed, sets"
+    ):
+        check_added(workflow, [*good, "+goals.tree=5"])
 
 
 def test_planner_ablations_lack_one_part_each():

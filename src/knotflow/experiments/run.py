@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import pkgutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -14,23 +14,50 @@ import hydra
 from omegaconf import DictConfig, OmegaConf
 
 import knotflow.experiments
-from knotflow.experiments.config import HOME, PACKAGE, experiments, register
-from knotflow.workflow import WorkersConfig, Workflow, read_workflow, run_workflow
+from knotflow.experiments.config import HOME, PACKAGE, SECTIONS, experiments, register
+from knotflow.workflow import (
+    WorkersConfig,
+    Workflow,
+    WorkflowError,
+    read_workflow,
+    run_workflow,
+)
 from knotflow.workflow.key import digest
+from knotflow.workflow.stage import STAGES
 
 for module in pkgutil.iter_modules(knotflow.experiments.__path__, "knotflow.experiments."):
     import_module(module.name)  # registers its stages
 
 
-def run_experiment(config: DictConfig) -> Path:
-    """Run the workflow of a root configuration; returns the results folder."""
+def run_experiment(config: DictConfig, overrides: Iterable[str] = ()) -> Path:
+    """Run the workflow of a root configuration; returns the results folder.
+
+    Raises:
+        WorkflowError: see `read_workflow`; or an override adds a value that no stage takes.
+    """
+    workflow = workflow_of(config)
+    check_added(workflow, overrides)
     return run_workflow(
-        workflow_of(config),
+        workflow,
         Path(config.results_dir),
         name=config.results_name,
         budget=config.budget,
         workers=WorkersConfig(**config.workers),
     )
+
+
+def check_added(workflow: Workflow, overrides: Iterable[str]) -> None:
+    """Refuse `+section.key=value` where no stage takes the key: Hydra adds whatever it is told."""
+    every = {name for stage in STAGES.values() for name in stage.arguments}
+    for one in overrides:
+        section, _, place = one.partition("=")[0].partition(".")
+        key = place.partition(".")[0]
+        if section[0] == "+" and section.lstrip("+") in SECTIONS and key and key not in every:
+            own = {name for node in workflow.nodes.values() for name in node.stage.arguments}
+            raise WorkflowError(
+                f"{one}: no stage takes {key!r}; those of {workflow.name!r} take "
+                f"{', '.join(sorted(own))}"
+            )
 
 
 def workflow_of(config: DictConfig) -> Workflow:
