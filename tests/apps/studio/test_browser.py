@@ -224,8 +224,7 @@ class Person:
             if session.simulated.success[0]:
                 break
         self.page.get_by_text("keep it.").wait_for()
-        self.press("Keep")
-        self.until(lambda: len(session.kept()) > count, "a kept demonstration")
+        self.press("Keep", lambda: len(session.kept()) > count)
 
 
 @pytest.fixture(scope="module")
@@ -255,15 +254,12 @@ def person(browser, tmp_path):
 def test_ropes_are_laid_and_drawn(person):
     session = person.studio.state.session
     before = session.points
-    person.press("Lay it")
-    person.until(lambda: session.points is not before, "a random rope")
-    person.press("Draw it with the mouse")
-    person.until(lambda: person.studio.state.on_click is not None, "drawing")
+    person.press("Lay it", lambda: session.points is not before)
+    person.press("Draw it with the mouse", lambda: person.studio.state.on_click is not None)
     for place in ((-0.4, 0.0, 0.0), (0.2, 0.0, 0.0), (0.2, 0.3, 0.0), (0, 0.3, 0), (0, -0.3, 0)):
         person.click_at(place)
         person.page.wait_for_timeout(200)
-    person.press("Finish drawing")
-    person.until(lambda: session.state.num_crossings == 1, "the drawn loop")
+    person.press("Finish drawing", lambda: session.state.num_crossings == 1)
 
 
 def test_three_clicks_are_a_demonstration(person):
@@ -273,8 +269,7 @@ def test_three_clicks_are_a_demonstration(person):
     person.demonstrate(shown.spline)
     assert session.simulated.success[0]
     assert session.draft.spline == pytest.approx(shown.spline, abs=0.005)
-    person.press("Keep")
-    person.until(session.kept, "a kept demonstration")
+    person.press("Keep", session.kept)
     (kept,) = session.kept()
     assert (kept.task, kept.source, kept.who) == (TASKS[0], "human", "Ada")
 
