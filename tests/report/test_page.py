@@ -83,6 +83,20 @@ def test_empty_results_folder_says_how_to_run(write, report):
     assert "Of 10 claims, 10 were not run." in text
 
 
+def test_what_was_not_run_is_not_reported_as_a_limit(write, rate_counts, report):
+    assert "not run succeed" not in report() and "| Rope | not given | – |" in report()
+    assert "**No robot.**" in report() and "**Hard actions" not in report()
+    write.rates("single_stage", rate_counts(("random", "reinforcement")))
+    assert "One spline for `C(2,4,1)` after RL: 34\u00a0% succeed" in report()
+    assert "not run [random states]" not in report()
+
+
+def test_documentation_is_linked_where_it_is(write, report, tmp_path):
+    assert "../docs/" not in report() and "What a lab can expect lists" in report()
+    (tmp_path / "docs").mkdir()
+    assert "](../docs/what_to_expect.md)" in report()
+
+
 @pytest.mark.slow
 def test_only_the_baselines(write, rate_counts, report):
     write.rates("single_stage", rate_counts(("random", "icp")))

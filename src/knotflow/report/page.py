@@ -92,6 +92,8 @@ COUNTED = {
 """What one claim does, and what several do."""
 FIGURE = re.compile(r"!\[[^\]]*\]\((\S+)\)\n\n\*.+\*\n")
 """A picture in the template, with its caption."""
+DOCS = re.compile(r"\[([^\]]+)\]\(\.\./docs/[^)]+\)")
+"""A link of the template to the documentation, which is beside the committed report only."""
 
 NOT_RUN = (
     "> **Nothing has been run yet.** `python -m knotflow +experiment=single_stage budget=smoke` is "
@@ -113,7 +115,9 @@ def make(results_folder: Path, out: Path) -> list[Path]:
     """
     results = Results(results_folder)
     figures = Figures(results, Path(os.path.relpath(results_folder, out)).as_posix())
-    written = {out / "report.md": compose(results, figures).encode()}
+    text = compose(results, figures)
+    text = text if (out.parent / "docs").is_dir() else DOCS.sub(r"\1", text)
+    written = {out / "report.md": text.encode()}
     folder = out / "figures"
     written |= {folder / f"{name}.png": png for name, png in figures.made.items()}
     around = pages(results)
@@ -131,7 +135,7 @@ def compose(results: Results, figures: Figures) -> str:
     sections = [*PAPER, *further]
     found = {section.text.title: results.measured(section.experiment) for section in sections}
     smaller = [title for title, one in found.items() if one and one.budget != "paper"]
-    rope = results.setting("single_stage", "rope") or {"length": 1.0, "radius": 0.008, "links": 40}
+    rope = results.setting("single_stage", "rope")
     crossings = results.setting("library_training", "most_crossings")
     arranging = results.setting("single_stage", "arranging", "reinforcement_arranged")
     paper = md.join(*(_section(section, results, figures) for section in PAPER))
@@ -144,7 +148,8 @@ def compose(results: Results, figures: Figures) -> str:
         own = (results.root / match[1].removeprefix("{link}/")).is_file()
         return match[0] if made or own else ""
 
-    text = FIGURE.sub(shown, TEMPLATE.read_text("utf-8")).format(
+    template = FIGURE.sub(shown, TEMPLATE.read_text("utf-8"))
+    text = _without_unmeasured(template, results).format(
         link=figures.link,
         open=_open(results, sections),
         notices=md.join(
@@ -161,7 +166,9 @@ def compose(results: Results, figures: Figures) -> str:
         further=beyond,
         timing=timing(results),
         rope=f"{rope['length']:g} m long, {1000 * rope['radius']:g} mm in radius, "
-        f"{rope['links']} links",
+        f"{rope['links']} links"
+        if rope
+        else md.NOTHING,
         crossings=f" that lead to at most {crossings} crossings" if crossings else "",
         arranging=f"up to {arranging}" if arranging else "some",
         resamples=f"{RESAMPLES:,}",
@@ -169,6 +176,15 @@ def compose(results: Results, figures: Figures) -> str:
     text = re.sub(r"\n{3,}", "\n\n", fill(text, results, marks=False))
     # No line ends between number and unit, or within limits.
     return re.sub(r"\d [%×]|\([−\d.,]+ to [−\d.,]+\)", lambda m: m[0].replace(" ", "\u00a0"), text)
+
+
+def _without_unmeasured(text: str, results: Results) -> str:
+    """`text` without the list items that rest on a table which is not there."""
+    return "".join(
+        line
+        for line in text.splitlines(keepends=True)
+        if not line.startswith("- ") or Verdict.NOT_RUN not in fill(line, results, marks=False)
+    )
 
 
 def _claims(results: Results) -> tuple[str, str]:
