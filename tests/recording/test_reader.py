@@ -14,6 +14,7 @@ from knotflow.recording import (
     DamagedRecordingError,
     NotARecordingError,
     RolloutImages,
+    RunLog,
     load,
     read_metadata,
     read_recording,
@@ -130,6 +131,13 @@ def test_foreign_mcap_is_refused(tmp_path):
         list(read_recording(path))
     with pytest.raises(NotARecordingError, match="without a single rollout"):
         load(path)
+
+
+def test_log_of_a_run_says_what_opens_it(tmp_path):
+    with RunLog(tmp_path / "run.mcap", {}) as log:
+        log.say("looks")
+    with pytest.raises(NotARecordingError, match=r"`rerun .*run\.mcap` or Foxglove"):
+        list(read_recording(tmp_path / "run.mcap"))
 
 
 def png(shade):

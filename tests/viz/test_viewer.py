@@ -208,6 +208,13 @@ def test_only_the_chosen_rollout_is_saved(recording, tmp_path):
         save_rerun(recording, tmp_path / "a.rrd", number=9)
 
 
+def test_recording_is_not_written_over(recording):
+    before = recording.read_bytes()
+    with pytest.raises(ValueError, match=r"a\.mcap: a Rerun file ends in \.rrd"):
+        save_rerun(recording, recording)
+    assert recording.read_bytes() == before
+
+
 def test_damaged_recording_is_not_converted(tmp_path, make_rollout):
     path = tmp_path / "changed.mcap"
     write_recording(path, map(make_rollout, range(30)), {})

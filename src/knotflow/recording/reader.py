@@ -210,4 +210,7 @@ def _messages(
             if found:
                 yield channel.topic, message.log_time, message.data
     if not found:
-        raise NotARecordingError(f"{path} is an MCAP without a single rollout ({messages.ROLLOUT})")
+        raise NotARecordingError(
+            f"{path} is an MCAP without a single rollout ({messages.ROLLOUT}); the log of a run is "
+            f"opened by `rerun {path}` or Foxglove"
+        )

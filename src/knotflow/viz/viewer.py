@@ -114,11 +114,13 @@ def save_rerun(
 ) -> Path:
     """Write the rollouts of a recording, or the one of a number, and our blueprint as one ``.rrd``
     that ``rerun`` opens as it is. Raises as `read_recording`, and ValueError where no rollout has
-    this number.
+    this number or the target is no ``.rrd``.
     """
     import rerun as rr
 
     source, rrd = Path(path), Path(target)
+    if rrd.suffix != ".rrd":
+        raise ValueError(f"{rrd}: a Rerun file ends in .rrd")
     every = [*read_recording(source)]
     chosen = [rollout for rollout in every if number in (None, rollout.number)]
     if not chosen:
