@@ -35,6 +35,7 @@ def test_totals_with_and_without_arranging(write):
     write.actions(ROWS)
     text = body(write)
     assert "Of 3 actions up to Mirror and Reverse, with one spline 1 succeed" in text
+    assert "10 to 20 trials an action" in text
     assert "1 never did (mean 50.0 %)" in text and "0 never did (mean 68.3 %)" in text
 
 

@@ -31,6 +31,7 @@ def test_rates_are_over_worlds_and_ropes(write):
     assert shipped.count("90.0 % ") == len(DISTURBANCES) and shipped.endswith("| 200 |")
     (first,) = (line for line in text.splitlines() if line.startswith("| first plan"))
     assert first.count("30.0 % (0.0 to 60.0)") == len(DISTURBANCES)
+    assert "| plan | none | pace |" in text and "Whiskers are 95 % intervals" in text
 
 
 def test_more_worlds_tied_than_there_are_is_refused(write):
@@ -50,4 +51,4 @@ def test_ropes_have_a_row_a_knot(write):
     lines = body(write, "ropes").splitlines()
     assert lines[-2].startswith("| cord | 0.5 m by 4 mm, 2 cm | overhand | 75.0 % ")
     assert "<br>3 of 4 | 40 | 75.0 %" in lines[-2]
-    assert "| figure eight | 0.0 % " in lines[-1] and "<br>0 of 4 | - |" in lines[-1]
+    assert "| figure eight | 0.0 % " in lines[-1] and "<br>0 of 4 | – |" in lines[-1]

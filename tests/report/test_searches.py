@@ -120,6 +120,8 @@ def test_splines_spent_by_method_the_most_first(write):
     assert len(table) == 2 + 4
     assert "`C(3,0,1)`" in table[2] and "1,003" in table[2] and "| 6 |" in table[2]
     assert "`C(8,0,1)`" in table[3]
+    labelled = splines_spent(Results(write.root), "tree_size", "method", METHODS)
+    assert labelled.splitlines()[4].startswith("| ICP |")
 
 
 def test_knot_type_columns_are_not_needed(write):

@@ -99,3 +99,13 @@ def test_networks_end_where_the_last_validation_was_whatever_the_order(write):
     text = SECTIONS["strand_training"].body(results, Figures(results))
     assert "| gradient steps | loss, held out | crossings, held out |" in text
     assert "| 400 | 5.90 | 0.85 |" in text and "(figures/strand_training.png)" in text
+
+
+def test_what_networks_are_judged_by_has_units(write):
+    columns = ("step", "error_mm", "validation_10_mm", "validation_ends")
+    write.table("dynamics_training", "curves.csv", columns, [(400, 2.5, 12.0, 0.999)])
+    results = Results(write.root)
+    text = SECTIONS["dynamics_training"].body(results, Figures(results))
+    titles = ("error, mm, training", "error after 1 s, mm, held out", "ends recognised, held out")
+    assert f"| gradient steps | {' | '.join(titles)} |" in text
+    assert "| 400 | 2.50 | 12.0 | 99.9 % |" in text

@@ -29,8 +29,10 @@ def actions(results: Results, figures: Figures) -> Parts:
         f"{100 * rates[most].mean():.1f} %)"
         for most in arranging(rates)
     ]
+    trials = sorted(set(table["trials"]))
     return {
         "count": str(len(rates)),
+        "trials": " to ".join(map(str, dict.fromkeys((trials[0], trials[-1])))),
         "totals": md.listed(totals),
         "figure": figures.draw(
             EXPERIMENT,
@@ -94,6 +96,6 @@ def _plot(figure: Figure, rates: pd.DataFrame) -> None:
         axes.step(ordered, shares, color=colour, linewidth=1.6, label=_splines(most))
     per_cent(axes.xaxis)
     per_cent(axes.yaxis)
-    axes.set(xlabel="success rate", ylabel="actions", xlim=(0, 1), ylim=(0, 1))
+    axes.set(xlabel="success rate", ylabel="share of actions", xlim=(0, 1), ylim=(0, 1))
     bare_axis(axes, "both")
     axes.legend(frameon=False)

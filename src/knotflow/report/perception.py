@@ -135,7 +135,11 @@ def _plans(results: Results) -> str:
 
 def _by_crossings(figures: Figures, shown: pd.DataFrame) -> str:
     """State accuracy and median vertex error, a line a level of noise."""
-    caption = "State accuracy and vertex error of the complete method by number of crossings."
+    ropes = sorted(set(shown.groupby(["noise", "crossings"]).size()))
+    caption = (
+        "State accuracy and vertex error of the complete method by number of crossings, "
+        f"{md.listed([*map(str, ropes)])} ropes a point."
+    )
     panels: dict[str, list[Line]] = {"state accuracy": [], "vertex error, mm (median rope)": []}
     for colour, (noise, own) in zip(COLOURS, shown.groupby("noise"), strict=False):
         by = own.groupby("crossings")
@@ -168,7 +172,7 @@ def _track_line(own: pd.DataFrame) -> dict[str, str]:
         "rollouts": str(len(ends)),
         "error in motion, mm": _mean(motion),
         "error at rest, mm": _mean(ends["mean_error_mm"]),
-        "median at rest": f"{ends['mean_error_mm'].median():.1f}",
+        "median at rest, mm": f"{ends['mean_error_mm'].median():.1f}",
         "state accuracy at rest": md.rate(ends["state_correct"]),
         "images lost": f"{100 * own['lost'].mean():.1f} %",
         "CPU time an image": time,
@@ -226,7 +230,7 @@ def real_images(results: Results, _: Figures) -> Parts:
                 "crossings": f"{name}",
                 "number correct": md.share(own["crossings_correct"]),
                 "state correct": md.share(own["state_correct"]),
-                "of those without doubt": md.share(sure) if len(sure) else "-",
+                "of those without doubt": md.share(sure) if len(sure) else md.NOTHING,
                 "centre line": md.share(own["share_within_half_width"] >= 0.95),
                 "seconds, median": f"{own['seconds'].median():.1f}",
             }

@@ -14,12 +14,12 @@ METHODS = {
     "neither": "trained in one world, first plan",
 }
 DISTURBANCES = {
+    "twin_0": "none",
     "pace": "pace",
     "level_1": "level 1, pace",
     "level_2": "level 2, pace",
-    "twin_0": "twin 0",
-    "twin_1": "twin 1",
-    "twin_2": "twin 2",
+    "twin_1": "level 1, gripper",
+    "twin_2": "level 2, gripper",
 }
 COLUMNS = {"method": str, "disturbance": str, "rope_seed": int, "worlds": int, "tied": int}
 COLUMNS |= {"simulated": int, "seconds": float}
@@ -52,7 +52,8 @@ def robustness(results: Results, figures: Figures) -> Parts:
     return {
         "figure": figures.draw(
             "robustness",
-            f"Share of worlds in which an overhand plan ties open loop, {rows and len(own)} ropes.",
+            f"Share of worlds in which an overhand plan ties open loop, {rows and len(own)} ropes. "
+            "Whiskers are 95 % intervals with ropes resampled.",
             2.6,
             lambda figure: tied_bars(figure, [*DISTURBANCES.values()], series),
         ),
@@ -76,7 +77,7 @@ def lab_ropes(results: Results, _: Figures) -> Parts:
                 "size": f"{length:g} m by {1e3 * diameter:g} mm, {1e2 * bending:.2g} cm",
                 "knot": knot.replace("_", " "),
                 "planned": md.share(exact["solved"]),
-                "splines, median": f"{solved.median():.0f}" if len(solved) else "-",
+                "splines, median": f"{solved.median():,.0f}" if len(solved) else md.NOTHING,
                 "tied in a world of level 1": md.share(worlds["solved"]),
             }
         )

@@ -121,22 +121,25 @@ def checks(results: Results, experiment: str) -> str:
         return ""
     passed = int((table["passages"] > 0).sum())
     return (
-        f"Of the {len(table)} steps of these plans, simulated again, {passed or 'none'} had a "
+        f"Of the {len(table):,} steps of these plans, simulated again, {passed or 'none'} had a "
         f"strand pass through another; {md.rate(table['steady'])} also reached their state at half "
         "the time step and kept it afterwards."
     )
 
 
 @optional
-def splines_spent(results: Results, experiment: str, method: str) -> str:
+def splines_spent(
+    results: Results, experiment: str, method: str, methods: Sequence[Method] = ()
+) -> str:
     """Where most splines of each method went, and how many succeeded."""
+    labels = {one.name: one.label for one in methods}
     keys = (method, "start", "state", "action")
     columns = dict.fromkeys(keys, str) | {"simulated": int, "successes": int}
     tried = results.table(experiment, "tried.csv", columns, key=keys)
     total = tried.groupby([method, "state", "action"], sort=False, as_index=False).sum()
     rows = [
         {
-            method: str(name).replace("_", " "),
+            method: labels.get(str(name), str(name).replace("_", " ")),
             "state": f"`{one.state}`",
             "action": f"`{one.action}`",
             "simulated": f"{one.simulated:,}",

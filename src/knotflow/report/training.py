@@ -19,6 +19,15 @@ from knotflow.viz.style import INK
 NAMES = {number: name for number, name in enumerate(PRIMITIVES, 1)}
 NAMES |= {5: "5: arranging, state kept", 6: "6: undoing"}
 """The primitives by number: the paper's four, and those beyond it."""
+QUANTITIES = {
+    "headings": "headings right",
+    "height": "height error, radii",
+    "ends": "ends recognised",
+    "error mm": "error, mm",
+} | {f"{steps} mm": f"error after {0.1 * steps:g} s, mm" for steps in (1, 10, 25)}
+"""What a network's curves are called."""
+SHARES = ("headings right", "ends recognised")
+"""Those in per cent."""
 IMITATION = {
     "critic: cross-entropy": "loss_critic",
     "actor: REINFORCE loss": "loss_actor",
@@ -119,7 +128,9 @@ def imitation(results: Results, figures: Figures, experiment: str) -> str:
         "training batches (pale). The last weights are kept."
     )
     rates = ["critic: accuracy"]
-    return draw_curves(figures, "imitation", caption, panels, "validation", rates, legend=True)
+    steps = results.setting(experiment, "steps", "imitation")
+    over = f"validation, every {steps} gradient steps" if steps else "validation"
+    return draw_curves(figures, "imitation", caption, panels, over, rates, legend=True)
 
 
 @optional
@@ -233,11 +244,13 @@ def network(experiment: str, results: Results, figures: Figures) -> Parts:
         held_out = quantity != column
         label, colour = ("held out", COLOURS[0]) if held_out else ("training", COLOURS[-1])
         line = Line(curves[column], colour, label, None if held_out else PALE)
-        panels.setdefault(quantity.replace("_", " "), []).append(line)
-    last = {"gradient steps": f"{curves.index[-1]:,.0f}"} | {
-        f"{title}, {lines[-1].label}": md.number(lines[-1].curve.iloc[-1])
-        for title, lines in panels.items()
-    }
+        quantity = quantity.replace("_", " ")
+        panels.setdefault(QUANTITIES.get(quantity, quantity), []).append(line)
+    last = {"gradient steps": f"{curves.index[-1]:,.0f}"}
+    for title, lines in panels.items():
+        value = lines[-1].curve.iloc[-1]
+        written = f"{100 * value:.1f} %" if title in SHARES else md.number(value)
+        last[f"{title}, {lines[-1].label}"] = written
     caption = "Learning curves, in training (pale) and held out. The last weights are kept."
-    drawn = draw_curves(figures, experiment, caption, panels, "gradient step")
+    drawn = draw_curves(figures, experiment, caption, panels, "gradient step", SHARES)
     return {"curves": md.join(drawn, md.table([last]))}
