@@ -157,6 +157,15 @@ def joint_trees(write, independent, joint, solved=True):
     write.searches("joint_finetuning", "training", rows, ("10", "11", "12"))
 
 
+def test_where_reinforcement_gains_little_both_rates_are_named(write, rate_counts):
+    counts = rate_counts(("imitation", "reinforcement"))
+    counts["imitation", "R1(0,1,1)"] = counts["reinforcement", "R2(0,0,1,1)"] = (200, 400)
+    counts["reinforcement", "R1(0,1,1)"] = (100, 400)
+    write.rates("single_stage", counts)
+    found = CLAIMS[2][1].reason(Results(write.root))
+    assert found.startswith("less than 1.14× on `R1(0,1,1)` (25 against 50 %)")
+
+
 def test_large_trees_are_the_reason_of_joint_finetuning(write):
     joint_trees(write, [5] * 9 + [55], [4] * 9 + [64])
     found = CLAIMS[7][1].reason(Results(write.root))

@@ -60,8 +60,8 @@ def overhand(results: Results, figures: Figures) -> Parts:
         "dag": figures.own(
             "overhand",
             "dag.png",
-            "The solution DAG: every sequence of actions that leads to this knot, the plan's in "
-            "green.",
+            "The solution DAG: every sequence of actions that leads to the tied state, the plan's "
+            "in green.",
         ),
     }
 
@@ -87,7 +87,7 @@ def judge_pentagram(results: Results) -> Judgement:
     if median_size(searches).estimate <= PAPER_BRANCHES:
         verdict = Verdict.HOLDS
     kept, simulated = effort(searches)
-    return Judgement(f"{tied}<br>{kept}", verdict, detail=simulated)
+    return Judgement(f"{tied}<br>{kept}", verdict, detail=simulated[1:-1])
 
 
 def knots(results: Results, _: Figures) -> Parts:

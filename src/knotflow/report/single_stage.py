@@ -331,7 +331,7 @@ SINGLE_STAGE_CLAIMS = (
             "reinforcement",
             "imitation",
             lambda ratio: not ratio.reaches(1.14),
-            "little was left to gain on",
+            "less than 1.14× on",
         ),
     ),
 )
