@@ -29,6 +29,10 @@ MOST_TRIED = 4
 """Lines of each method in the table of where branches went."""
 MARKS = [m * 10**k for k in range(8) for m in (1, 2, 5)]
 """Numbers of splines that the axis of a figure may name."""
+RULES = {
+    "posterior": "by the posterior rule (where the fewest further splines are expected)",
+}
+"""Rules of the search beyond the paper's."""
 STATE_NOTATION = (
     "A state is written as its crossings, each as over position, `o`, under position and sign, "
     "counted from head to tail."
@@ -98,7 +102,9 @@ def search_words(results: Results, experiment: str, node: str = "searches") -> s
     most = 0 if paper else planner["arranging"]
     guessed = 0.0 if paper else planner["guess_fraction"]
     parts = [
-        "by the paper's rule" if paper else f"by the {planner['rule']} rule",
+        "by the paper's rule"
+        if paper
+        else RULES.get(planner["rule"], f"by the {planner['rule']} rule"),
         "one spline at a time" if batch == 1 else f"{batch} splines at a time",
         f"with up to {most} arranging splines in a row" if most else "without arranging splines",
         f"{100 * guessed:g} % guesses where little succeeds" if guessed else "without guesses",
