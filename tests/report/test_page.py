@@ -168,6 +168,14 @@ def test_old_figures_are_removed(write, rate_counts, tmp_path, capsys):
     assert list((out / "figures").iterdir()) == []
 
 
+def test_other_files_beside_the_figures_stay(write, report, tmp_path):
+    folder = tmp_path / "reports" / "figures"
+    (folder / "folder").mkdir(parents=True)
+    (folder / "mine.png").touch()
+    report()
+    assert {path.name for path in folder.iterdir()} == {"folder", "mine.png"}
+
+
 @pytest.mark.slow
 def test_report_imports_nothing_that_simulates():
     told = "import sys, knotflow.report.__main__; print(*sys.modules)"

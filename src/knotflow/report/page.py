@@ -92,6 +92,8 @@ COUNTED = {
 """What one claim does, and what several do."""
 FIGURE = re.compile(r"!\[[^\]]*\]\((\S+)\)\n\n\*.+\*\n")
 """A picture in the template, with its caption."""
+OWN = re.compile(r"\(figures/([^/)]+\.png)\)")
+"""A figure of a report; those of an earlier one are removed."""
 DOCS = re.compile(r"\[([^\]]+)\]\(\.\./docs/[^)]+\)")
 """A link of the template to the documentation, which is beside the committed report only."""
 
@@ -122,8 +124,9 @@ def make(results_folder: Path, out: Path) -> list[Path]:
     written |= {folder / f"{name}.png": png for name, png in figures.made.items()}
     around = pages(results)
     folder.mkdir(parents=True, exist_ok=True)
-    for old in set(folder.iterdir()) - written.keys():
-        old.unlink()
+    earlier = (out / "report.md").read_text("utf-8") if (out / "report.md").is_file() else ""
+    for name in set(OWN.findall(earlier)):
+        (folder / name).unlink(missing_ok=True)
     for path, content in (written | around).items():
         path.write_bytes(content)
     return list(written)
