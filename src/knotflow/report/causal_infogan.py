@@ -75,7 +75,7 @@ def _panels(results: Results, figures: Figures) -> str:
         caption = (
             f"Plans of rope shapes by a model of {MODELS[str(model)]}, the first that did not "
             f"collapse (seed {rows['seed'].iloc[0]}). Blue is the head, orange the tail. The rows "
-            "are taken by a fixed rule, not chosen."
+            "are the first and the middle one of each kind of plans."
         )
         height = WIDTH / columns * (len(plans) + 0.55)
         plot = partial(_plot_panel, plans=plans, columns=columns)
