@@ -447,6 +447,13 @@ def test_the_studio_without_its_extra_names_it(monkeypatch, capsys):
     assert "pip install 'knotflow[studio]'" in capsys.readouterr().err
 
 
+def test_an_arm_without_its_extra_names_it(monkeypatch, found, here, capsys):
+    (here / "plan.json").write_text(found.to_json())
+    monkeypatch.setitem(sys.modules, "mink", None)
+    assert main(["export", "plan.json"]) == 2
+    assert "pip install 'knotflow[arm]'" in capsys.readouterr().err
+
+
 def test_a_plan_that_ties_nothing_says_what_to_try(searches, found, monkeypatch, capsys):
     failed = replace(found, solved=False, reason="60 s passed")
     monkeypatch.setattr(cli, "_search", lambda *_: (failed, None))

@@ -102,9 +102,12 @@ class Solver:
     """An arm's kinematics and the QP that moves its tip."""
 
     def __init__(self, arm: Arm, base: Base) -> None:
-        import mink
         import mujoco
 
+        try:
+            import mink
+        except ModuleNotFoundError as error:
+            raise ImportError(f"arms need {error.name}: pip install 'knotflow[arm]'") from error
         self.base, self.model = base, arm.model(base)
         self.configuration = mink.Configuration(self.model)
         ids = arm.joint_ids(self.model)
