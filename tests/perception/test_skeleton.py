@@ -46,6 +46,13 @@ def test_trace_of_empty_mask_raises():
         trace(mask, 3.0)
 
 
+def test_trace_of_a_speck_with_four_arms_raises():
+    mask = np.zeros((60, 80), bool)
+    mask[27:34, 40] = mask[30, 37:44] = True
+    with pytest.raises(TraceError, match="longer than a rope is wide"):
+        trace(mask, 3.0)
+
+
 def test_pixel_coverage_of_mixed_colours(rng):
     seen = image(s_curve())
     whole = segment(seen, CAMERA, ROPE.radius)

@@ -64,12 +64,12 @@ def rank_paths(
     arms, junctions = _skeleton(mask, width, _CLOSED if shared else 0.0)
     if shared:
         arms, junctions = _without_shared(arms, junctions, width)
-    if not arms:
+    total = sum(_length(arm) for arm in arms)
+    if not total:  # no arms, or single pixels
         raise TraceError(
             f"nothing in the mask ({float(mask.sum()):.0f} pixels) is longer than a rope is wide "
             f"({width / _ZOOM:.1f} pixels)"
         )
-    total = sum(_length(arm) for arm in arms)
     choices = [_pairings(ends, arms, width) for ends in junctions]
     while np.prod([len(one) for one in choices], dtype=float) > _MOST_PAIRINGS:
         longest = max(range(len(choices)), key=lambda k: len(choices[k]))
