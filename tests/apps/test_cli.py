@@ -426,6 +426,13 @@ def test_what_cannot_be_exported_is_2_and_leaves_nothing(words, message, found, 
     assert [path.name for path in here.iterdir()] == ["plan.json"]
 
 
+@pytest.mark.parametrize("content", [b"", b"time_s,x_m\n", b"\x89PNG"])
+def test_a_file_that_is_no_plan_is_named(content, here, capsys):
+    (here / "file").write_bytes(content)
+    assert main(["export", "file"]) == 2
+    assert "knotflow: file: " in capsys.readouterr().err
+
+
 def test_two_files_of_demonstrations_merge_into_one(here, capsys):
     shipped = load_demonstrations()
     save_demonstrations(here / "ada.jsonl", shipped[:2])

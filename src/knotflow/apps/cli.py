@@ -457,7 +457,7 @@ def export(
     suffix = "csv" if format == "csv" else "yaml"
     path = out if out is not None else source.with_name(f"{Path(arm).stem}-{space}.{suffix}")
     _check_free(path)
-    found = planning.KnotPlan.from_json(source.read_text(encoding="utf-8"))
+    found = _load_plan(source)
     exported = export_plan(found, arm, base, max_speed, format, space, tip=tip)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(exported.text, encoding="utf-8")
@@ -688,6 +688,13 @@ def _margin(given: float | None, measured: planning.MeasuredRope) -> float:
     return MARGIN * min(measured.size.length, 1.0) if given is None else given
 
 
+def _load_plan(file: Path) -> planning.KnotPlan:
+    try:
+        return planning.KnotPlan.from_json(file.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from error
+
+
 def _kept_plan(file: Path, knot: str, measured: planning.MeasuredRope) -> planning.KnotPlan | None:
     """The plan that a file keeps, if it exists, for the model of a rope measured anew.
 
@@ -696,7 +703,7 @@ def _kept_plan(file: Path, knot: str, measured: planning.MeasuredRope) -> planni
     """
     if not file.exists():
         return None
-    kept = planning.KnotPlan.from_json(file.read_text(encoding="utf-8"))
+    kept = _load_plan(file)
     if set(kept.goal_states) != set(planning.parse_goal(knot, measured.rope).states):
         raise ValueError(f"{file} keeps a plan for {kept.goal}: name another file for {knot}")
     kept = kept.placed(planning.Placement(1 / measured.placement.length), planning.Frame())
