@@ -75,6 +75,12 @@ def test_unit_of_depth_is_recognised_by_the_pose(unit, read, image):
     assert "by the pose" in seen.notes[0] and not seen.unit_assumed
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_camera_on_the_table_is_refused(read):
+    with pytest.raises(CameraError, match=r"c.yaml: with this pose .* above z = 0"):
+        read(replace(CALIBRATION, poses=(pose_of(replace(EYE, position=np.zeros(3))),)))
+
+
 def test_unit_of_depth_in_the_camera_file_wins_and_the_option_before_it(read, image):
     wrong = replace(NO_POSE, depth_unit=2e-3)
     assert np.allclose(read(wrong).image.depth, 2 * image.depth, atol=2e-3, equal_nan=True)

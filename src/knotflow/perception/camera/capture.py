@@ -130,7 +130,7 @@ def _unit_by_pose(raw: Floats, calibration: Calibration) -> float | None:
             share = np.nanmedian(far / raw) if np.isfinite(far).any() else np.nan
         for unit in _UNITS:
             reached = unit * float(np.nanmedian(raw))
-            if abs(unit / share - 1) < _SAME_UNIT and _REACH[0] < reached < _REACH[1]:
+            if abs(unit - share) < _SAME_UNIT * share and _REACH[0] < reached < _REACH[1]:
                 return unit
     return None
 
