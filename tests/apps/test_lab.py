@@ -186,7 +186,10 @@ def test_images_are_logged(twin, tmp_path):
 
 
 def test_a_driver_is_found_by_its_name(monkeypatch, tmp_path):
-    (tmp_path / "my_robots.py").write_text("from tests_lab_arm import Arm\nclass Half: grasp = 1\n")
+    (tmp_path / "my_robots.py").write_text(
+        "from tests_lab_arm import Arm\nclass Half: grasp = 1\n"
+        "def absent(): raise RuntimeError('off')\n"
+    )
     (tmp_path / "tests_lab_arm.py").write_text(
         "class Arm:\n    position = 0\n    observe = move_to = grasp = release = print\n"
     )
@@ -196,6 +199,7 @@ def test_a_driver_is_found_by_its_name(monkeypatch, tmp_path):
         ("my_robots", "write twin, or a driver as my_lab.robots:Arm"),
         ("my_robots:Leg", "has no attribute 'Leg'"),
         ("no_such_lab:Arm", "No module named 'no_such_lab'"),
+        ("my_robots:absent", "my_robots:absent: RuntimeError: off"),
         ("my_robots:Half", "lacks observe, move_to, release, position"),
     ):
         with pytest.raises(ValueError, match=message):

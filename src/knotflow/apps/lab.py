@@ -46,7 +46,7 @@ def load_robot(name: str) -> Robot:
     """The robot of a text such as my_lab.robots:Arm, called without arguments.
 
     Raises:
-        ValueError: there is no such module or attribute, or it lacks a method of `Robot`.
+        ValueError: there is no such module or attribute, it fails, or lacks a method of `Robot`.
     """
     module, colon, attribute = name.partition(":")
     if not (module and colon and attribute):
@@ -58,7 +58,10 @@ def load_robot(name: str) -> Robot:
         raise ValueError(f"--robot {name}: {error}") from None
     finally:
         sys.path.remove("")
-    robot: Robot = factory()
+    try:
+        robot: Robot = factory()
+    except Exception as error:  # whatever its libraries raise
+        raise ValueError(f"--robot {name}: {type(error).__name__}: {error}") from error
     methods = ("observe", "move_to", "grasp", "release", "position")
     if missing := [one for one in methods if not hasattr(robot, one)]:
         raise ValueError(
