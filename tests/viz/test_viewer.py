@@ -215,6 +215,14 @@ def test_recording_is_not_written_over(recording):
     assert recording.read_bytes() == before
 
 
+def test_a_rerun_file_that_cannot_be_made_is_named(tmp_path, make_rollout):
+    pytest.importorskip("rerun")
+    write_recording(tmp_path / "a.mcap", map(make_rollout, range(1)), {})
+    (tmp_path / "a.rrd").mkdir()
+    with pytest.raises(OSError, match=r"a\.rrd"):
+        save_rerun(tmp_path / "a.mcap", tmp_path / "a.rrd")
+
+
 def test_damaged_recording_is_not_converted(tmp_path, make_rollout):
     path = tmp_path / "changed.mcap"
     write_recording(path, map(make_rollout, range(30)), {})

@@ -113,8 +113,8 @@ def save_rerun(
     path: str | os.PathLike[str], target: str | os.PathLike[str], *, number: int | None = None
 ) -> Path:
     """Write the rollouts of a recording, or the one of a number, and our blueprint as one ``.rrd``
-    that ``rerun`` opens as it is. Raises as `read_recording`, and ValueError where no rollout has
-    this number or the target is no ``.rrd``.
+    that ``rerun`` opens as it is. Raises as `read_recording`, ValueError where no rollout has
+    this number or the target is no ``.rrd``, and OSError where it cannot be written.
     """
     import rerun as rr
 
@@ -130,7 +130,10 @@ def save_rerun(
     with rr.RecordingStream(APPLICATION, recording_id=name) as stream:
         stream.set_log_time_enabled(False)
         stream.set_log_tick_enabled(False)
-        stream.save(rrd, blueprint(any(rollout.camera is not None for rollout in chosen)))
+        try:
+            stream.save(rrd, blueprint(any(rollout.camera is not None for rollout in chosen)))
+        except RuntimeError as error:  # Rerun's, of a file that cannot be made
+            raise OSError(str(error)) from error
         radius = messages.rope_radius(chosen[0].control_points)
         _log_looks(stream, chosen[0].points.shape[1], radius)
         start = 0.0
