@@ -240,6 +240,13 @@ def test_the_next_action_goes_on_with_the_plan_that_is_kept(searches, found, her
     assert len(searches) == 2
 
 
+def test_a_plan_that_cannot_be_kept_is_refused_before_the_search(searches, here, capsys):
+    (here / "file").touch()
+    assert main(["next", LOOP, "--rope", "straight", "--plan", "file/kept.json"]) == 2
+    assert "cannot write file/kept.json" in capsys.readouterr().err
+    assert not searches
+
+
 def test_a_run_goes_on_with_its_last_plan(searches, found, here, monkeypatch):
     def tie(knot, robot, camera, rope, replan, *_):
         plans.extend(replan(found.start) for _ in range(3))

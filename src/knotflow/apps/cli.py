@@ -179,6 +179,8 @@ def next_step(
     """
     if out is not None:
         _check_free(out)
+    if plan is not None:
+        _check_writable(plan)
     files, size_of = image or [], (options or RopeOptions()).length
     colours = rope_color, head_color
     apart = (rope is None) != (not files) and (files or not camera)
