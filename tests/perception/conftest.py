@@ -1,7 +1,9 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from knotflow.perception import SAMPLE, Camera, SimulatedCamera
+from knotflow.perception import Camera, SimulatedCamera
 from knotflow.simulation import RopeConfig
 
 
@@ -17,4 +19,4 @@ def simulated(camera) -> SimulatedCamera:
 
 @pytest.fixture(scope="session")
 def overhand():
-    return np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
+    return np.loadtxt(Path(__file__).with_name("overhand.csv"), delimiter=",", skiprows=1)

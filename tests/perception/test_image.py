@@ -100,8 +100,7 @@ def test_invalid_depth_raises(image, tmp_path):
 def test_shipped_sample_is_reproducible():
     points = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
     look = Appearance(head=TAPE)
-    eye, noise = Camera.overhead(320, 240), CameraNoiseConfig()
-    camera = SimulatedCamera(eye, RopeConfig(radius=0.008), noise, look)
+    camera = SimulatedCamera(Camera.overhead(), RopeConfig(), CameraNoiseConfig(), look)
     again = camera.capture(points, np.random.default_rng(0))
     # Last digits differ between machines.
     assert (read_colour(SAMPLE / "overhand.png") == again.rgb).mean() > 0.99
@@ -185,13 +184,12 @@ def test_negative_noise_raises():
         CameraNoiseConfig(depth_std=-1)
 
 
-def test_binned_image_is_that_of_the_binned_camera(rng):
+def test_binned_image_is_that_of_the_binned_camera(overhand, rng):
     camera = Camera.overhead()
-    points = np.loadtxt(SAMPLE / "overhand.csv", delimiter=",", skiprows=1)
-    image = SimulatedCamera(camera, RopeConfig(radius=0.008)).view(points).image
+    image = SimulatedCamera(camera, RopeConfig(radius=0.008)).view(overhand).image
     image.depth[:40, :40] = np.nan
     coarse = image.binned(2)
-    small = SimulatedCamera(camera.binned(2), RopeConfig(radius=0.008)).view(points).image
+    small = SimulatedCamera(camera.binned(2), RopeConfig(radius=0.008)).view(overhand).image
     assert coarse.rgb.shape == (240, 320, 3) and coarse.depth.dtype == np.float32
     assert np.isnan(coarse.depth[:20, :20]).all() and np.isfinite(coarse.depth[20:]).all()
     # They differ at edges alone, where squares are half rope, half table.
