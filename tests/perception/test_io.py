@@ -17,6 +17,7 @@ from knotflow.perception import (
 from knotflow.perception.estimation.estimate import RopeEstimate
 from knotflow.perception.io import describe, draw_overlay, write_rope
 from knotflow.planning.ropes import read_rope
+from knotflow.simulation import RopeConfig
 from knotflow.topology import TopologicalState
 
 from .shapes import CAMERA, ROPE, image, s_curve
