@@ -75,6 +75,7 @@ def searches(monkeypatch, found):
         (["plan", "overhand", "--rope-unit", "km"], "Choose from"),
         (["plan", "overhand", "--diameter", "6in"], "--diameter '6in' is no length: write 6mm"),
         (["plan", "overhand", "--stiffness", "hard"], "--stiffness soft, medium, stiff or"),
+        (["plan", "overhand", "--stiffness", "hard"], "such as 4cm, not 'hard'"),
         (["plan", "overhand", "--length", "0.1", "--diameter", "1cm"], "a twentieth of the rope"),
         (["plan", "overhand", "--seed", "-1"], "--seed"),
         (["plan", "overhand", "--seed", "one"], "--seed"),
@@ -95,6 +96,7 @@ def searches(monkeypatch, found):
         (["view", "none.mcap"], "none.mcap"),
         (["see", "a.png", "b.png", "--out", "r.csv"], "--camera"),
         (["see", "a.png", "b.png", "--camera", "no.yaml", "--out", "r.csv"], "no.yaml: cannot be"),
+        (["see", "a.png", "--depth-unit", "mm"], "--depth-unit is of a depth image"),
         (["report", "--results", "nowhere"], "there is no such results folder"),
     ],
 )

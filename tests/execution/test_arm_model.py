@@ -112,6 +112,7 @@ def test_base_is_loaded(tmp_path):
         ("position: here\n", "three numbers"),
         ("yaw: 3\n", "rpy_deg"),
         ("- 1\n", "mapping"),
+        ("", "it holds None"),
         ("a: [\n", "cannot be read"),
     ],
 )

@@ -344,16 +344,18 @@ def knots(*, out: Path | None = None) -> None:
     """
     from knotflow.topology import CATALOGUE, knot
 
+    if out is not None:
+        _check_picture(out)
+        _check_free(out)
     for one in CATALOGUE:
         states = sorted(knot(one.name))
         known = f" ({', '.join(one.aliases)})" if one.aliases else ""
-        count = f"{states[0].num_crossings} crossings, {len(states)} states"
+        plural = "s" * (len(states) > 1)
+        count = f"{states[0].num_crossings} crossings, {len(states)} state{plural}"
         print(f"{one.name + known:38}{count:26}{one.use}")
     if out is not None:
         from knotflow.viz.notation import draw_knots
 
-        _check_picture(out)
-        _check_free(out)
         out.parent.mkdir(parents=True, exist_ok=True)
         draw_knots(out)
         print(out)
@@ -562,6 +564,8 @@ def see(
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
     colours = rope_color, head_color
+    if depth is None and depth_unit:
+        raise ValueError("--depth-unit is of a depth image, of which there is none")
     if depth is None:
         from knotflow.perception.photo import io as photo_io
 

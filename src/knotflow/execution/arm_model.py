@@ -58,6 +58,8 @@ class Base:
         """
         try:
             data = yaml.safe_load(Path(path).read_text("utf-8"))
+            if not isinstance(data, dict):
+                raise ValueError(f"it holds {data!r}")
             return cls(data.pop("position"), **data)
         except (ValueError, AttributeError, KeyError, TypeError, OSError, yaml.YAMLError) as error:
             raise ArmError(

@@ -66,7 +66,13 @@ class RopeSize:
             )
         stiffness = stiffness or "medium"
         if stiffness not in STIFFNESS:
-            bending = parse_metres(stiffness, "--stiffness soft, medium, stiff or")
+            try:
+                bending = parse_metres(stiffness, "--stiffness")
+            except RopeInputError:
+                raise RopeInputError(
+                    "--stiffness soft, medium, stiff or a bending length such as 4cm, not "
+                    f"{stiffness!r}"
+                ) from None
             if not SOFTEST * length <= bending <= STIFFEST * length:
                 raise RopeInputError(
                     f"--stiffness {stiffness}: a bending length of {bending:g} m is not between "
