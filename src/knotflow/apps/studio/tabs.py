@@ -170,8 +170,8 @@ class RopeTab:
             self._state.say(f"Still needed: {', '.join(missing)}.")
             return
         self._state.say("Reading the image...")
-        files, self._files = self._files, {}
-        ambiguities = self._state.session.lay_image(files, self._options())
+        ambiguities = self._state.session.lay_image(self._files, self._options())
+        self._files = {}  # kept where one of them cannot be read: it is loaded again alone
         self._state.rope_changed(
             f"The rope of the image: {self._remarks()}."
             + "".join(f" Ambiguous: {one}." for one in ambiguities)

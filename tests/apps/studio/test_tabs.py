@@ -1,0 +1,44 @@
+"""What the tabs do without a browser."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from knotflow.apps.studio.session import Session
+
+pytest.importorskip("viser", reason="the studio needs: pip install 'knotflow[studio]'")
+
+from knotflow.apps.studio.page import Page
+from knotflow.apps.studio.tabs import RopeTab
+
+
+@pytest.fixture
+def state(tmp_path):
+    page = Page(Session("straight", tmp_path / "mine.jsonl"), port=8491)
+    yield page.state
+    page.close()
+
+
+def test_one_bad_file_of_an_image_is_loaded_again_alone(state, monkeypatch):
+    read = []
+
+    def lay_image(files, options):
+        read.append({key: name for key, (name, _) in files.items()})
+        if files["camera"][0] == "bad.yaml":
+            raise ValueError("bad.yaml: cannot be read")
+        return ()
+
+    def load(key, name):
+        file = SimpleNamespace(name=name, content=b"")
+        tab._image(SimpleNamespace(target=SimpleNamespace(value=file)), key)
+
+    monkeypatch.setattr(state.session, "lay_image", lay_image)
+    tab = RopeTab(state)
+    load("rgb", "rope.png")
+    load("depth", "depth.png")
+    with pytest.raises(ValueError, match=r"bad\.yaml"):
+        load("camera", "bad.yaml")
+    load("camera", "good.yaml")
+    assert read[1] == {"rgb": "rope.png", "depth": "depth.png", "camera": "good.yaml"}
+    load("rgb", "next.png")  # begins another image
+    assert len(read) == 2
