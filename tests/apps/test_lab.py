@@ -10,6 +10,7 @@ from mcap.stream_reader import StreamReader
 
 from knotflow.apps import lab
 from knotflow.execution import TrueState, Twin, TwinConfig
+from knotflow.execution.robot import RobotWrapper
 from knotflow.perception import Camera, RgbdImage
 from knotflow.planning import PlannerConfig, plan_rope
 from knotflow.recording import RunLog
@@ -189,18 +190,35 @@ def test_a_driver_is_found_by_its_name(monkeypatch, tmp_path):
     (tmp_path / "my_robots.py").write_text(
         "from tests_lab_arm import Arm\nclass Half: grasp = 1\n"
         "def absent(): raise RuntimeError('off')\n"
+        "def late():\n    import tests_lab_late\n    return tests_lab_late.Arm()\n"
     )
     (tmp_path / "tests_lab_arm.py").write_text(
         "class Arm:\n    position = 0\n    observe = move_to = grasp = release = print\n"
     )
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "tests_lab_late.py").write_text(
+        "from tests_lab_arm import Arm as Other\nclass Arm(Other):\n"
+        "    @property\n    def position(self): raise RuntimeError('not yet')\n"
+    )
+    (tmp_path / "broken.py").write_text("raise RuntimeError('no driver')\n")
     assert type(lab.load_robot("my_robots:Arm")).__name__ == "Arm"
+    assert type(lab.load_robot("my_robots:late")).__name__ == "Arm"
     for name, message in (
         ("my_robots", "write twin, or a driver as my_lab.robots:Arm"),
         ("my_robots:Leg", "has no attribute 'Leg'"),
         ("no_such_lab:Arm", "No module named 'no_such_lab'"),
+        ("broken:Arm", "broken:Arm: RuntimeError: no driver"),
         ("my_robots:absent", "my_robots:absent: RuntimeError: off"),
         ("my_robots:Half", "lacks observe, move_to, release, position"),
     ):
         with pytest.raises(ValueError, match=message):
             lab.load_robot(name)
+
+
+def test_what_a_camera_gives_is_an_image(twin, tmp_path):
+    class Pair(RobotWrapper):
+        def observe(self):
+            return np.zeros((4, 4, 3), np.uint8), np.ones((4, 4))
+
+    with RunLog(tmp_path / "run.mcap", {}) as log, pytest.raises(lab.LabError, match="got tuple"):
+        lab.LoggedRobot(Pair(twin.robot()), log).observe()

@@ -189,3 +189,9 @@ def test_a_plan_is_followed_by_an_arm_of_a_urdf(urdf, still):
     arm = load_arm(urdf, tip="fingers")
     exported = export_plan(still, arm, Base([-0.3, 0.0, 0.65], [0.0, -90.0, 180.0]), rate_hz=10.0)
     assert exported.reachable, exported.summary()
+
+
+def test_a_speed_limit_that_is_no_number_is_told(urdf):
+    urdf.write_text(urdf.read_text().replace('velocity="3.1"', 'velocity="fast"'))
+    with pytest.raises(ArmError, match="lab.urdf: the velocity of a limit is a number: .*fast"):
+        load_arm(urdf, tip="fingers")

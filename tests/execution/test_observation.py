@@ -197,3 +197,24 @@ def test_nearest_link_is_held_until_release():
     robot.time = 9.5  # no image
     np.testing.assert_array_equal(source.points(robot, False), STRAIGHT)
     assert len(tracker.held) == 4
+
+
+@pytest.mark.parametrize(("off", "refused"), [(0.03, False), (0.1, True)])
+def test_a_camera_off_the_table_is_corrected_or_told(off, refused, monkeypatch):
+    seen = []
+
+    def estimate(image, camera, *args, **kwargs):
+        seen.append(camera)
+        return SEEN
+
+    monkeypatch.setattr("knotflow.perception.estimate", estimate)
+    position = CAMERA.position + [0.0, 0.0, off]
+    estimator, robot = ImageStateEstimator(replace(CAMERA, position=position)), Filmed()
+    estimator.estimate(robot)
+    robot.time = 1.0
+    found = estimator.estimate(robot)
+    if refused:
+        assert found.points is None and not seen
+        assert "100 mm above z = 0" in found.ambiguities[0] and "pose" in found.ambiguities[0]
+    else:
+        np.testing.assert_allclose(seen[0].position, CAMERA.position, atol=1e-6)

@@ -142,3 +142,28 @@ def test_the_reference_keeps_the_time_of_a_slowed_path(plan, speed):
     held = (controller.reference[:, link] + controller.reference[:, link + 1]) / 2
     away = np.linalg.norm(held - controller.path, axis=1)
     assert away.max() < 0.03
+
+
+def test_a_robot_that_stays_is_noticed_in_open_loop(plan):
+    class Still(Stalled):
+        def grasp(self):
+            pass
+
+        release = grasp
+
+    executor = StepExecutor(Still((0.0, 0.0, 0.3)), ExecutionConfig())
+    with pytest.raises(RobotError, match="m from where it was sent"):
+        executor.execute(plan.steps[0], plan, 0)
+
+
+def test_a_position_is_three_numbers():
+    with pytest.raises(RobotError, match=r"the gripper's position is \(3,\), metres, got \(7,\)"):
+        StepExecutor(Stalled(np.zeros(7)), ExecutionConfig(), corrects=True).observe(None, 0)
+
+
+def test_fingers_do_not_pull_from_under_the_table(plan):
+    twin = Twin(plan.start, TwinConfig(level=0), np.random.default_rng(1))
+    sunk = plan.start - [0.0, 0.0, 0.02]
+    run = StepExecutor(twin.robot(), ExecutionConfig(), points=sunk)
+    run.pull(0, plan.radius)
+    assert min(move.gripper[2] for move in run.moves) >= 0.0

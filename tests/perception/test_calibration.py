@@ -274,6 +274,9 @@ def test_scaled_camera_sees_the_same_directions(tmp_path):
         ({"model": "ftheta", "coeffs": [0.1]}, "undistort them before"),
         ({"depth_scale": 0}, "depth_scale is positive"),
         ({"roi": {"x_offset": 10, "y_offset": 0}}, "region of the image"),
+        ({"roi": {"x_offset": 0, "y_offset": 0, "width": 320}}, "region of the image"),
+        ({"resolution": [640]}, "the resolution has 2 numbers"),
+        ({"resolution": [640, 480, 3]}, "the resolution has 2 numbers"),
     ],
 )
 def test_invalid_file_names_what_is_wrong(values, message, tmp_path):
@@ -289,3 +292,13 @@ def test_calibration_of_other_proportions_raises(tmp_path):
     with pytest.raises(CameraError, match="add width and height"):
         load(tmp_path, sizeless).scaled(1280, 960)
     assert load(tmp_path, sizeless).scaled(640, 480).size == (640, 480)
+
+
+def test_a_region_that_is_the_whole_image_is_none(tmp_path):
+    whole = {"x_offset": 0, "y_offset": 0, "width": 640, "height": 480}
+    assert load(tmp_path, OURS | {"roi": whole}).size == (640, 480)
+
+
+def test_an_image_without_pixels_has_no_calibration(tmp_path):
+    with pytest.raises(CameraError, match="an image has pixels, got 0x0"):
+        load(tmp_path, OURS).scaled(0, 0)

@@ -247,3 +247,34 @@ def test_table_of_real_images(name):
     apart = heights(found) - heights(posed)
     assert np.nanquantile(np.abs(apart), 0.99) < 3e-3
     assert found.camera.position[2] == pytest.approx(posed.camera.position[2], abs=2e-3)
+
+
+@pytest.mark.parametrize("up", [0.03, -0.03])
+def test_a_pose_off_the_table_is_corrected_and_told(up, read):
+    off = replace(EYE, position=EYE.position + [0.0, 0.0, up])
+    seen = read(replace(CALIBRATION, poses=(pose_of(off),)))
+    assert np.nanmedian(heights(seen)) == pytest.approx(0.0, abs=2e-3)
+    np.testing.assert_allclose(seen.camera.position, EYE.position, atol=4e-3)
+    assert any(f"the table lies {1e3 * up:+.0f} mm above z = 0" in note for note in seen.notes)
+
+
+def test_a_tilted_pose_is_corrected(read):
+    tilt = Rotation.from_rotvec([0.03, -0.02, 0.0]).as_matrix()
+    off = replace(EYE, rotation=tilt @ EYE.rotation, position=tilt @ EYE.position)
+    seen = read(replace(CALIBRATION, poses=(pose_of(off),)))
+    points = seen.camera.points(seen.image.depth)
+    on_table = points[np.abs(points[..., 2]) < 0.003]
+    assert len(on_table) > 0.8 * np.isfinite(seen.image.depth).sum()
+    np.testing.assert_allclose(seen.camera.rotation, EYE.rotation, atol=0.01)
+
+
+def test_a_pose_that_fits_stays(read):
+    camera = read(CALIBRATION).camera
+    np.testing.assert_array_equal(camera.position, EYE.position)
+    np.testing.assert_array_equal(camera.rotation, EYE.rotation)
+
+
+@pytest.mark.parametrize("unit", [0.0, -1e-3, np.nan])
+def test_a_unit_of_depth_is_positive(unit, read):
+    with pytest.raises(ImageError, match="a unit of depth is positive"):
+        read(CALIBRATION, depth_unit=unit)

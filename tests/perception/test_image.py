@@ -196,3 +196,31 @@ def test_binned_image_is_that_of_the_binned_camera(overhand, rng):
     assert (np.abs(coarse.depth - small.depth)[20:] < 1e-3).mean() > 0.97
     assert (np.abs(coarse.rgb.astype(int) - small.rgb)[20:] < 3).mean() > 0.97
     assert image.binned(1) is image
+
+
+@pytest.mark.parametrize("unknown", [0.0, -1.0, np.inf])
+def test_depth_that_is_unknown_to_a_driver_is_nan(unknown, image):
+    depth = image.depth.copy()
+    depth[3, 4] = unknown
+    np.testing.assert_array_equal(RgbdImage(image.rgb, depth).depth, image.depth)
+
+
+def test_depth_of_an_image_is_in_metres(image):
+    with pytest.raises(ImageError, match="depth is in metres, but most of the image is .* m away"):
+        RgbdImage(image.rgb, 1000 * image.depth)
+
+
+@pytest.mark.parametrize("bits", [10, 12, 16])
+def test_grey_of_any_depth_of_bits_keeps_its_brightness(bits, tmp_path):
+    grey = np.linspace(0, 2**bits - 1, 256).round().astype(np.uint16).reshape(16, 16)
+    Image.fromarray(grey).save(tmp_path / "grey.png")
+    expected = np.arange(256).reshape(16, 16)
+    assert np.abs(read_colour(tmp_path / "grey.png")[..., 0] - expected).max() <= 1
+
+
+def test_grey_that_is_unknown_is_black(tmp_path):
+    grey = np.full((16, 16), 0.5, np.float32)
+    grey[0, 0], grey[1, 1] = np.nan, 1.0
+    Image.fromarray(grey).save(tmp_path / "grey.tiff")
+    read = read_colour(tmp_path / "grey.tiff")[..., 0]
+    assert read[0, 0] == 0 and read[1, 1] == 255 and read[2, 2] == 127

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
+from inspect import getattr_static
 from pathlib import Path
 from typing import TypeVar
 
@@ -54,21 +55,25 @@ def load_robot(name: str) -> Robot:
     sys.path.insert(0, "")  # as `python -m` does
     try:
         factory = getattr(import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
-        raise ValueError(f"--robot {name}: {error}") from None
-    finally:
-        sys.path.remove("")
-    try:
         robot: Robot = factory()
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"--robot {name}: {error}") from error
     except Exception as error:  # whatever its libraries raise
         raise ValueError(f"--robot {name}: {type(error).__name__}: {error}") from error
+    finally:
+        sys.path.remove("")
     methods = ("observe", "move_to", "grasp", "release", "position")
-    if missing := [one for one in methods if not hasattr(robot, one)]:
+    if missing := [one for one in methods if not _has(robot, one)]:
         raise ValueError(
             f"--robot {name} lacks {', '.join(missing)}; a robot has {', '.join(methods)}, see "
             "knotflow.execution.Robot"
         )
     return robot
+
+
+def _has(robot: object, name: str) -> bool:
+    """Whether it has an attribute, without asking a property."""
+    return getattr_static(robot, name, None) is not None or hasattr(robot, name)
 
 
 def make_twin(rope: RopeConfig, camera: Camera, level: int, seed: int) -> Robot:
@@ -86,6 +91,9 @@ class LoggedRobot(RobotWrapper):
 
     def observe(self) -> RgbdImage:
         image = self._try(super().observe, late=TimeoutError)
+        if not isinstance(image, RgbdImage):
+            kind = type(image).__name__
+            raise LabError(f"the robot's observe() gives knotflow.perception.RgbdImage, got {kind}")
         self._log.image(encode_jpeg(image))
         return image
 

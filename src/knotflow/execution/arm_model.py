@@ -278,11 +278,15 @@ def _urdf_speeds(path: Path) -> dict[str, float]:
     """Speed limits of a URDF's joints, rad/s or m/s; none of another file."""
     if path.suffix.lower() != ".urdf":
         return {}
-    speeds = {
-        joint.get("name", ""): float(limit.get("velocity", 0.0))
+    limits = {
+        joint.get("name", ""): limit.get("velocity", "0")
         for joint in ElementTree.parse(path).getroot().iter("joint")
         for limit in joint.findall("limit")
     }
+    try:
+        speeds = {name: float(limit) for name, limit in limits.items()}
+    except ValueError as error:
+        raise ArmError(f"{path}: the velocity of a limit is a number: {error}") from None
     return {name: speed for name, speed in speeds.items() if speed > 0.0}
 
 

@@ -55,7 +55,8 @@ class Ros2Config:
     """At the colour image's pixels."""
     camera_info: str = "/camera/camera/color/camera_info"
     rectified: bool = False
-    """Whether the images are free of the distortion in `camera_info`."""
+    """Whether the images are free of the distortion in `camera_info`. Those of image_proc have the
+    focal lengths and centre of its `p`: give the camera these."""
     opened: float = 0.04
     """Gripper position, in its controller's unit, a gap, a finger's way or an angle, when the
     fingers are"""

@@ -192,6 +192,7 @@ class StepExecutor:
             points = points[::-1]
         outward = (points[0] - points[4]) * [1.0, 1.0, 0.0]
         begin = (points[0] + points[1]) / 2
+        begin[2] = max(begin[2], gripper.lowest)
         step = PULL_DISTANCE / max(float(np.linalg.norm(outward)), 1e-9)
         end = begin + step * outward
         above, raised = np.array([begin, end])
@@ -265,7 +266,18 @@ class StepExecutor:
             allowed = at_grasp[link] + self.config.slip + trailing
             if self.source is not None and self._link_distances()[link] > allowed:
                 return False
+        if not self.corrects and not self._expected:
+            self._check_arrived()
         return True
+
+    def _check_arrived(self) -> None:
+        off = self._position() - self.commanded
+        if np.linalg.norm(off) > MOST_ASTRAY:
+            raise RobotError(
+                f"the gripper is {np.linalg.norm(off):.2f} m from where it was sent: "
+                f"{(self.commanded + off).round(3).tolist()}, not "
+                f"{self.commanded.round(3).tolist()}"
+            )
 
     def _link_distances(self) -> NDArray[np.float64]:
         """(V - 1,) of the links' centres from the gripper, metres; 0 where no rope is seen."""
@@ -317,6 +329,8 @@ class StepExecutor:
     def _position(self) -> NDArray[np.float64]:
         """Where the gripper is measured to be (3,), metres."""
         position = np.asarray(self.robot.position, np.float64)
+        if position.shape != (3,):
+            raise RobotError(f"the gripper's position is (3,), metres, got {position.shape}")
         if not np.isfinite(position).all():
             raise RobotError(f"the gripper is measured to be at {position.tolist()}")
         return position

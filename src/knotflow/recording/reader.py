@@ -1,4 +1,5 @@
-"""Recordings read back, as rollouts or as a pandas table, with every checksum compared."""
+"""Recordings read back, as rollouts or as a pandas table, with every checksum of the messages
+compared."""
 
 from __future__ import annotations
 
@@ -26,6 +27,7 @@ from .rollout import RecordedRollout, RolloutImages
 _UNREADABLE = (
     *(McapError, DecodeError, struct.error, zstandard.ZstdError),
     *(ValueError, LookupError, OverflowError, MemoryError),
+    RuntimeError,  # LZ4
 )
 _DECODERS = {
     messages.ROPE: messages.cloud_points,

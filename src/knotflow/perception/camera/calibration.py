@@ -104,6 +104,8 @@ class Calibration:
         Raises:
             CameraError: other proportions; or no size known, and a centre unlike that size's.
         """
+        if min(width, height) < 1:
+            raise CameraError(f"{self.source}: an image has pixels, got {width}x{height}")
         if self.size is None:
             off = np.abs(np.array(self.centre) / (width, height) - 0.5)
             if off.max() > 0.25:
@@ -221,7 +223,7 @@ def _flat(values: Mapping[Any, Any]) -> dict[str, Any]:
     for key, value in values.items():
         name = _plain(key)
         if name == "roi":
-            found[name] = any(_attribute(value, one) for one in ("x_offset", "y_offset"))
+            found[name] = value
         elif name in _SECTIONS and isinstance(value, Mapping):
             found = _flat(value) | found
         elif value is not None:
@@ -248,8 +250,8 @@ def _calibration(values: Mapping[str, Any], source: str) -> Calibration:
         )
     sides = [_first(values, (f"image{name}", name)) for name in ("width", "height")]
     if "resolution" in values:
-        sides = list(_numbers(values["resolution"], "the resolution"))
-    if values.get("roi"):
+        sides = list(_numbers(values["resolution"], "the resolution", 2))
+    if "roi" in values and _is_cropped(values["roi"], sides):
         raise CameraError("is of a region of the image (roi): give the one of the whole image")
     if (sides[0] is None) != (sides[1] is None):
         raise CameraError(f"lacks {'width' if sides[0] is None else 'height'}")
@@ -355,6 +357,14 @@ def inverted(pose: Floats) -> Floats:
 
 def _first(values: Mapping[str, Any], names: tuple[str, ...]) -> Any:
     return next((values[name] for name in names if values.get(name) is not None), None)
+
+
+def _is_cropped(region: Any, sides: list[Any]) -> bool:
+    """Whether a CameraInfo's roi is a part of the image; of size 0 it is all of it."""
+    if any(_attribute(region, one) for one in ("x_offset", "y_offset")):
+        return True
+    sizes = [_attribute(region, one) for one in ("width", "height")]
+    return any(size and size != side for size, side in zip(sizes, sides, strict=True))
 
 
 def _attribute(value: Any, name: str) -> Any:

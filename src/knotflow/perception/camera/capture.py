@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from knotflow.perception.camera.calibration import Calibration, inverted
 from knotflow.perception.camera.image import (
+    FARTHEST,
     ImageError,
     RgbdImage,
     conventional_unit,
@@ -18,14 +19,12 @@ from knotflow.perception.camera.image import (
     read_depth,
 )
 from knotflow.perception.camera.pinhole import Camera, CameraError
-from knotflow.perception.camera.table import find_table, table_error
+from knotflow.perception.camera.table import find_table, fits_table, seated, table_error
 from knotflow.topology.polyline import Floats
 
-MAX_OFFSET, MAX_TILT = 0.05, 0.1
-"""Errors of a camera's pose that are corrected: metres in height, and radians."""
 _UNITS = (1.0, 1e-3, 2.5e-4, 2e-4, 1e-4)  # metres, of depth images of cameras and data sets
 _SAME_UNIT = 0.1  # relative difference of distances by pose and by depth
-_REACH = (0.05, 20.0)  # metres, in which a table is
+_REACH = (0.05, FARTHEST)  # metres, in which a table is
 _LEAST_TABLE, _LEAST_DEPTH = 0.3, 0.05  # of an image
 _GRAZING = 0.17  # sine of the angle between the table and the line of sight
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -85,7 +84,9 @@ def read_capture(
         notes.append("lens distortion is taken out by the file's coefficients")
     if not np.isfinite(raw).any():
         raise ImageError(f"{depth}: no pixel has a depth: all are NaN, or 0 in the file")
-    unit, how = depth_unit or calibration.depth_unit, "as given"
+    unit, how = calibration.depth_unit if depth_unit is None else depth_unit, "as given"
+    if unit is not None and not 0 < unit < np.inf:
+        raise ImageError(f"{depth}: a unit of depth is positive, in metres, got {unit}")
     if unit is None:
         unit, how = _unit_by_pose(raw, calibration), "by the pose"
     assumed = unit is None
@@ -153,7 +154,8 @@ def _posed(
         told.append(f"the quaternion is {order}: the other order puts no table at z = 0")
     if fitting[0][2, 3] < 0:
         told.append("the pose's z points down: y and z are reversed")
-    return calibration.at(_upright(fitting[0])), told
+    camera, correction = seated(metres, calibration.at(_upright(fitting[0])))
+    return camera, told + correction
 
 
 def _misfit(metres: NDArray, calibration: Calibration, depth: Path | str) -> str:
@@ -181,9 +183,8 @@ def _misfit(metres: NDArray, calibration: Calibration, depth: Path | str) -> str
 def _fits(metres: NDArray, calibration: Calibration, pose: Floats) -> bool:
     """Whether a pose (4, 4) puts the table of a depth image (H, W), metres, below it, at z = 0."""
     camera = calibration.at(_upright(pose))
-    off, tilt = table_error(metres, camera)
     middle = camera.rays()[camera.height // 2, camera.width // 2]
-    return abs(off) <= MAX_OFFSET and tilt <= MAX_TILT and bool(middle[2] < 0)
+    return fits_table(metres, camera) and bool(middle[2] < 0)
 
 
 def _upright(pose: Floats) -> Floats:

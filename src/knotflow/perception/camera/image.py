@@ -19,6 +19,8 @@ from knotflow.perception.camera.pinhole import Camera
 
 SAMPLE = Path(__file__).parents[1] / "data"
 """A sample: overhand.png, overhand-depth.png, camera.yaml, and the true rope, overhand.csv."""
+FARTHEST = 20.0
+"""Metres; a table is nearer."""
 _USUAL = {1.0: (0.1, 10.0), 1e-3: (150.0, 3000.0)}
 """Median depths that are in a usual unit, metres, most likely; others are asked for."""
 _MAX_PIXELS = 2**25  # of an image from a file
@@ -42,10 +44,11 @@ class ImageError(ValueError):
 @dataclass(frozen=True, eq=False)
 class RgbdImage:
     """Colour `rgb` (H, W, 3) uint8 and `depth` (H, W) float32 of the same pixels, metres along the
-    optical axis, NaN where unknown; `time` in seconds.
+    optical axis; `time` in seconds. Depth that is unknown, 0 or not finite, becomes NaN.
 
     Raises:
-        ImageError: another shape or type, colour and depth of different sizes, or no depth at all.
+        ImageError: another shape or type, colour and depth of different sizes, no depth at all, or
+            most of it farther than `FARTHEST`.
     """
 
     rgb: NDArray[np.uint8]
@@ -62,8 +65,13 @@ class RgbdImage:
             )
         if self.depth.dtype != np.float32:
             raise ImageError(f"depth is float32 in metres, got {self.depth.dtype.name}")
-        if not np.isfinite(self.depth).any():
+        known = np.isfinite(self.depth) & (self.depth > 0)
+        if not known.any():
             raise ImageError("no pixel has a depth: all are NaN (or 0 in the file)")
+        if (~known & ~np.isnan(self.depth)).any():
+            object.__setattr__(self, "depth", np.where(known, self.depth, np.float32(np.nan)))
+        if (far := float(np.nanmedian(self.depth))) > FARTHEST:
+            raise ImageError(f"depth is in metres, but most of the image is {far:.4g} m away")
 
     def check(self, camera: Camera) -> None:
         """Raises `ImageError` where the image is not of this camera's size."""
@@ -114,7 +122,10 @@ def _read_pixels(path: Path, kind: str, mode: str | None = None, upright: bool =
         turned = ImageOps.exif_transpose(image) if upright else image
         if mode == "RGB" and turned.mode.startswith(("I", "F")):  # Pillow cuts them off at 255
             values = np.asarray(turned, np.float64)
-            full = 65535.0 if turned.mode.startswith("I") else max(values.max(), 1.0)
+            values = np.nan_to_num(values, posinf=0.0, neginf=0.0)
+            full = max(values.max(), 1.0)
+            if turned.mode.startswith("I"):  # of 10, 12, 14 or 16 bits
+                full = 2.0 ** max(np.ceil(np.log2(full + 1.0)), 8.0) - 1.0
             turned = Image.fromarray((255.0 * values / full).clip(0, 255).astype(np.uint8))
         return np.asarray(turned.convert(mode) if mode else turned)
 

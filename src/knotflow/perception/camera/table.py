@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from knotflow.perception.camera.calibration import Calibration
 from knotflow.perception.camera.pinhole import Camera
 from knotflow.topology.polyline import Floats
 
+MAX_OFFSET, MAX_TILT = 0.05, 0.1
+"""Errors of a camera's pose that are corrected: metres in height, and radians."""
+_OFFSET, _TILT = 0.008, 0.02
+"""Larger ones are taken out of the pose; smaller ones, out of heights above the table alone."""
 _PLANES = 300  # through three points, that are tried
 _SAMPLE = 4000  # points at which they are compared
 _LARGEST, _LEAST = 0.01, 0.002  # share of its distance, by which a point of the plane is off
@@ -78,8 +85,38 @@ def table_error(depth: NDArray, camera: Camera) -> tuple[float, float]:
     """Error of the camera's pose: metres in height, at the middle of the image, and radians of tilt
     of the plane that fills most of a depth image (H, W), metres, against z = 0. Zero where too
     little depth is known."""
+    middle, slope = _table(depth, camera)
+    return float(middle[2]), float(np.arctan(np.hypot(*slope)))
+
+
+def fits_table(depth: NDArray, camera: Camera) -> bool:
+    """Whether the table of a depth image (H, W), metres, is as near z = 0 as is corrected."""
+    off, tilt = table_error(depth, camera)
+    return abs(off) <= MAX_OFFSET and tilt <= MAX_TILT
+
+
+def seated(depth: NDArray, camera: Camera) -> tuple[Camera, list[str]]:
+    """The camera as it is above the table of a depth image (H, W), metres, and what was corrected,
+    if its pose is off by more than some millimetres or a degree."""
+    middle, slope = _table(depth, camera)
+    tilt = float(np.arctan(np.hypot(*slope)))
+    if abs(middle[2]) <= _OFFSET and tilt <= _TILT:
+        return camera, []
+    up = np.r_[-slope, 1.0] / np.sqrt(1.0 + slope @ slope)
+    turn = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])[0].as_matrix()
+    position = turn @ (camera.position - middle) + middle * [1.0, 1.0, 0.0]
+    told = (
+        f"with the file's pose the table lies {1e3 * middle[2]:+.0f} mm above z = 0, tilted by "
+        f"{np.rad2deg(tilt):.1f} degrees: the pose is corrected by that"
+    )
+    return replace(camera, position=position, rotation=turn @ camera.rotation), [told]
+
+
+def _table(depth: NDArray, camera: Camera) -> tuple[Floats, Floats]:
+    """The middle (3,) of the table of a depth image (H, W), metres, and its slope (2,); zero where
+    too little depth is known."""
     points, plane = table_near_zero(depth, camera)
     if plane is None:
-        return 0.0, 0.0
+        return np.zeros(3), np.zeros(2)
     middle = np.nanmedian(points[..., :2], axis=(0, 1))
-    return float(plane[0] + plane[1:] @ middle), float(np.arctan(np.hypot(*plane[1:])))
+    return np.r_[middle, plane[0] + plane[1:] @ middle], plane[1:]
