@@ -240,3 +240,16 @@ def test_the_mean_of_actions_is_surer_than_each_unless_the_trainings_differ():
     unlike = [(hit // np.array([1, 2, 8])[:, None], tried) for hit, _ in like]
     found = clustered_mean(unlike)
     assert found.low < 0.15 and found.high > 0.35
+
+
+def test_starts_without_trials_do_not_count():
+    some = statistics.clustered_rate([3, 5], [10, 10])
+    assert statistics.clustered_rate([3, 0, 5], [10, 0, 10]) == some
+
+
+@pytest.mark.parametrize("data", [([], []), ([0, 0], [0, 0])])
+def test_without_trials_there_is_no_rate(data):
+    with pytest.raises(ValueError, match="needs trials"):
+        statistics.clustered_rate(*data)
+    with pytest.raises(ValueError, match="needs values"):
+        statistics.bootstrap([])

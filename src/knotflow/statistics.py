@@ -129,6 +129,8 @@ def bootstrap(values: ArrayLike) -> Interval:
     A sample of one value, or of equal ones, has an estimate and no limits.
     """
     sample = np.asarray(values, dtype=float)  # (n,)
+    if not sample.size:
+        raise ValueError("a mean needs values, got none")
     estimate = float(sample.mean())
     if np.all(sample == sample[0]):
         return Interval(estimate)
@@ -204,8 +206,12 @@ def hierarchical(
 
 
 def _counts(successes: ArrayLike, trials: ArrayLike) -> tuple[Floats, Floats]:
-    """(T, n) each."""
-    return np.atleast_2d(np.asarray(successes, float)), np.atleast_2d(np.asarray(trials, float))
+    """(T, n) each, of the n starts that have trials."""
+    hit, tried = (np.atleast_2d(np.asarray(one, float)) for one in (successes, trials))
+    some = tried.any(axis=0)
+    if not some.any():
+        raise ValueError("a success rate needs trials, got none")
+    return hit[:, some], tried[:, some]
 
 
 def _all_alike(hit: Floats, tried: Floats) -> bool:

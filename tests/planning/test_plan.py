@@ -66,6 +66,9 @@ def test_what_is_no_plan_is_refused(plan):
         (json.dumps(data | {"version": 99}), r"\('knotflow.plan', 99\)"),
         (json.dumps({key: data[key] for key in data if key != "start_m"}), "no 'start_m'"),
         (json.dumps(data | {"start_state": "knotty"}), "knotty"),
+        (json.dumps(data | {"start_state": None}), "None is not a state's text"),
+        (json.dumps(data | {"tried": [1]}), "cannot be read"),
+        ("[" * 100_000, "cannot be read"),
     ]:
         with pytest.raises(PlanFormatError, match=message):
             KnotPlan.from_json(text)

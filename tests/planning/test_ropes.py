@@ -12,7 +12,7 @@ from knotflow.planning import (
     parse_rope,
     read_rope,
 )
-from knotflow.planning.rope_files import MAX_POINTS, read_table
+from knotflow.planning.rope_files import MAX_POINTS, RopeTable, checked, read_table
 from knotflow.simulation import RopeConfig, check_points, straight
 from knotflow.topology import TopologicalState
 from knotflow.topology.draw import draw
@@ -271,3 +271,11 @@ def test_very_many_points_take_little_memory_and_give_the_same_rope(tmp_path):
     assert tracemalloc.get_traced_memory()[1] < 200 * 2**20
     tracemalloc.stop()
     np.testing.assert_allclose(points[0, :2], [np.sin(-0.5), np.cos(-0.5) - 0.9], atol=1e-4)
+
+
+def test_a_table_of_points_is_checked():
+    with pytest.raises(RopeInputError, match="unknown unit 'inch'; there are m, cm, mm"):
+        checked(RopeTable(BOW, "inch"))
+    np.testing.assert_array_equal(checked(RopeTable(BOW.tolist())).points, BOW)
+    with pytest.raises(RopeInputError, match="the rope: a rope's points"):
+        checked(RopeTable([["a", "b"]]))

@@ -11,6 +11,7 @@ from knotflow.planning import (
     SearchStoppedError,
     SurvivalConfig,
     TreeSearch,
+    survival,
 )
 from knotflow.planning.survival import SurvivalSearch
 from knotflow.simulation import straight
@@ -46,8 +47,8 @@ def survive(brittle, goal, told=lambda update: None, budget=1000, stoppable=Fals
         updates.append(update)
         told(update)
 
-    survival = SurvivalSearch(search, SurvivalConfig(**options), rng)
-    return survival.run(progress, stoppable), [one.survival for one in updates]
+    surviving = SurvivalSearch(search, SurvivalConfig(**options), rng)
+    return surviving.run(progress, stoppable), [one.survival for one in updates]
 
 
 @pytest.mark.slow
@@ -138,3 +139,91 @@ def test_it_ends_where_no_further_spline_is_in_reach(world, path_goal):
     plan = SurvivalSearch(search, SurvivalConfig(), rng).run()
     assert plan.solved and len(plan.steps) == 3
     assert "in the arm's reach" in plan.reason
+
+
+def drawn_worlds(brittle, monkeypatch):
+    """The worlds of each draw, and those of each simulated spline, by identity."""
+    draws, used = [], []
+    drawing, executing = survival.draw_worlds, brittle.execute
+
+    def draw(*args, **options):
+        draws.append(drawing(*args, **options))
+        return draws[-1]
+
+    def execute(points, splines, worlds=None, controls=None):
+        used.extend(worlds or [])
+        return executing(points, splines, worlds, controls)
+
+    monkeypatch.setattr(survival, "draw_worlds", draw)
+    monkeypatch.setattr(brittle, "execute", execute)
+    return draws, used
+
+
+def test_a_plan_is_confirmed_and_measured_in_worlds_of_its_own(world, path_goal, monkeypatch):
+    brittle = Brittle(world(), 1.0)
+    draws, used = drawn_worlds(brittle, monkeypatch)
+    plan, _ = survive(brittle, path_goal, worlds=4)
+    chosen, *confirming, measuring = draws
+    assert plan.survived == (4, 4, 4) and len(confirming) == 2
+    for some in (chosen, *confirming, measuring):
+        for one in some:  # each of three steps once
+            assert sum(one is other for other in used) == 3
+
+
+def test_losses_in_the_worlds_it_was_chosen_by_count(world, path_goal, monkeypatch):
+    class Lossy(Brittle):
+        """Loses one world of the first four, and three of the next eight."""
+
+        def execute(self, points, splines, worlds=None, controls=None):
+            rollouts = self.world.execute(points, splines)
+            lost = [one for some, n in zip(draws, (1, 2, 1), strict=False) for one in some[:n]]
+            for row, one in enumerate(worlds or []):
+                if any(one is other for other in lost):
+                    rollouts.end_points[row] = points[row]
+            return rollouts
+
+    draws = [[]]
+    lossy = Lossy(world(), 1.0)
+    recorded, _ = drawn_worlds(lossy, monkeypatch)
+    draws = recorded
+    plan, _ = survive(lossy, path_goal, worlds=4, least=0.75)
+    assert plan.solved and len(draws) > 4  # 4 of 12 are more than a quarter: another is looked for
+
+
+@pytest.mark.parametrize("stoppable", [True, False])
+def test_ctrl_c_in_the_first_worlds_leaves_the_plan_to_who_asked(world, path_goal, stoppable):
+    class Interrupted(Brittle):
+        pressed = 0
+
+        def execute(self, points, splines, worlds=None, controls=None):
+            if worlds and not self.pressed:
+                self.pressed += 1
+                raise KeyboardInterrupt
+            return super().execute(points, splines, worlds, controls)
+
+    if stoppable:
+        plan, _ = survive(Interrupted(world(), 1.0), path_goal, stoppable=True)
+        assert plan.solved and plan.reason == "the search was stopped" and plan.worlds == 16
+    else:
+        with pytest.raises(KeyboardInterrupt):
+            survive(Interrupted(world(), 1.0), path_goal)
+
+
+def test_ctrl_c_while_it_is_measured_leaves_the_plan(world, path_goal):
+    class Interrupted(Brittle):
+        def execute(self, points, splines, worlds=None, controls=None):
+            if worlds:
+                raise KeyboardInterrupt
+            return super().execute(points, splines, worlds, controls)
+
+    plan, _ = survive(Interrupted(world(), 1.0), path_goal, stoppable=True)
+    assert plan.solved and plan.worlds == 0 and plan.survived == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("worlds", -1), ("batch", 0), ("tested", 0), ("screened", 0), ("least", 1.5)],
+)
+def test_settings_out_of_range_are_refused(name, value):
+    with pytest.raises(ValueError, match=f"survival.{name} .*{value}"):
+        SurvivalConfig(**{name: value})

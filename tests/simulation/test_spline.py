@@ -92,3 +92,10 @@ def test_error_names_spline_and_number():
     splines[1, 3] = 2.0
     with pytest.raises(SplineError, match=r"spline\[1\] has height = 2, which must lie in \[0.02"):
         check_splines(splines)
+
+
+def test_nan_is_not_told_to_be_clipped():
+    spline = np.array([0.5, np.nan, 0.2, 0.1, 0.1, 0.3])
+    with pytest.raises(SplineError, match="= nan, which must lie in") as raised:
+        check_splines(spline)
+    assert "clip_splines" not in str(raised.value)

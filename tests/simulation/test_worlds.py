@@ -121,3 +121,19 @@ def test_a_planned_motion_is_executed_blindly(fast, rng):
     missed = fast.execute(away, splines, worlds, controls)
     untouched = np.abs(missed.end_points - away).max(axis=(1, 2)) < 5e-3
     assert untouched.any()
+
+
+def test_worlds_have_the_simulators_rope_and_one_is_a_spline_s(fast, rng):
+    points, splines = trials(2, rng)
+    with pytest.raises(ValueError, match="2 splines need as many worlds, got 1"):
+        fast.execute(points, splines, [World()])
+    with pytest.raises(ValueError, match="a world's rope is 2 m in 80 links, but .* 1 m in 40"):
+        fast.execute(points, splines, [World(RopeConfig(length=2.0, links=80))] * 2)
+
+
+@pytest.mark.parametrize(
+    "values", [{"slowest": 0.0}, {"slowest": 3.0}, {"fastest": np.inf}, {"error": -1.0}]
+)
+def test_ranges_that_nothing_can_be_drawn_from_are_refused(values):
+    with pytest.raises(ValueError, match="of worlds"):
+        WorldsConfig(**values)

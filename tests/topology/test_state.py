@@ -160,3 +160,10 @@ def test_random_plan_can_be_undone(data, length):
     for action, before in reversed(plan):
         state = state.undo(action)
         assert state == before
+
+
+def test_what_is_no_text_and_no_action_is_refused():
+    with pytest.raises(InvalidStateError, match="5 is not a state's text"):
+        TopologicalState.parse(5)
+    with pytest.raises(TypeError, match=r"'R1\(0,1,1\)' is not an action; parse_action"):
+        TopologicalState.trivial().apply("R1(0,1,1)")

@@ -23,3 +23,10 @@ class SurvivalConfig:
     """Most of their ends that are simulated in the worlds, those of the highest value."""
     screened: int = 4
     """Worlds in which each is simulated first, and alone where more than one of them is lost."""
+
+    def __post_init__(self) -> None:
+        for name, low in {"worlds": 0, "batch": 1, "tested": 1, "screened": 1}.items():
+            if not (value := getattr(self, name)) >= low:
+                raise ValueError(f"survival.{name} must be {low} or more, got {value}")
+        if not 0.0 <= self.least <= 1.0:
+            raise ValueError(f"survival.least is a share, 0 to 1, got {self.least}")

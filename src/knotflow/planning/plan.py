@@ -262,7 +262,7 @@ class KnotPlan:
             return cls._parse(data)
         except KeyError as error:
             raise PlanFormatError(f"the plan has no {error}") from None
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, AttributeError, RecursionError) as error:
             raise PlanFormatError(f"the plan cannot be read: {error}") from error
 
     @classmethod

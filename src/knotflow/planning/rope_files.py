@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from knotflow.arrays import read_npy
+from knotflow.arrays import floats, read_npy
 from knotflow.topology.polyline import Floats, arc_lengths
 
 ROPE_NAMES = ("straight", "arc", "random")
@@ -89,7 +89,10 @@ def checked(table: RopeTable) -> RopeTable:
     Raises:
         RopeInputError: not (N, 3) or (N, 2) finite numbers of a line.
     """
-    name, points, over = table.name, table.points, table.over
+    name, over = table.name, table.over
+    points = floats(table.points, f"{name}: a rope's points", RopeInputError)
+    if table.unit is not None and table.unit not in METRES:
+        raise RopeInputError(f"{name}: unknown unit {table.unit!r}; there are {', '.join(METRES)}")
     if points.ndim != 2 or points.shape[1] not in (2, 3):
         raise RopeInputError(
             f"{name}: a rope has rows of x, y, z, shape (N, 3), or of x, y; this one has shape "

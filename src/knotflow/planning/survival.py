@@ -66,7 +66,9 @@ class SurvivalSearch:
         """The plan that survives best; how often is measured in fresh worlds.
 
         `SearchStoppedError` and, if `stoppable`, Ctrl-C end the search with the best plan so far,
-        and go on to the caller before there is one.
+        and go on to the caller before there is one. While it is measured, they leave it without
+        `worlds`. The measurement, and a test of a plan that has begun, may pass the limits of the
+        search.
         """
         stops = (SearchStoppedError, KeyboardInterrupt) if stoppable else SearchStoppedError
         search, config = self._search, self._config
@@ -74,9 +76,9 @@ class SurvivalSearch:
         if not (first.solved and first.steps):
             return first
         self._worlds, best = self._draw(), search.nearest()
-        self._simulate(best.path())
         reason = f"it ties in at least {100 * config.least:g} % of {3 * config.worlds} worlds"
         try:
+            self._simulate(best.path())
             while not self._is_sure(best):
                 if (spent := search.spent()) is not None:
                     reason = spent
@@ -91,7 +93,10 @@ class SurvivalSearch:
         except stops:
             reason = "the search was stopped"
         plan = search.plan(True, reason, best)
-        survived = surviving(plan.steps, search.simulator, self._draw())
+        try:
+            survived = surviving(plan.steps, search.simulator, self._draw())
+        except stops:
+            return replace(plan, seconds=search.elapsed())
         return replace(plan, worlds=config.worlds, survived=survived, seconds=search.elapsed())
 
     def _is_sure(self, tied: Node) -> bool:

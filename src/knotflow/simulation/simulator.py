@@ -172,6 +172,7 @@ class RopeSimulator:
         Raises:
             ShapeError: points that are not shapes of this rope.
             SplineError: splines out of range.
+            ValueError: another number of worlds, or a world of a rope of other length or links.
         """
         rope = self.config.rope
         points, splines = check_points(points, rope), check_splines(splines)
@@ -180,6 +181,14 @@ class RopeSimulator:
                 f"execute() takes points (B, V, 3) and splines (B, 6), got {points.shape} and "
                 f"{splines.shape}"
             )
+        for world in worlds or ():
+            if (world.rope.length, world.rope.links) != (rope.length, rope.links):
+                raise ValueError(
+                    f"a world's rope is {world.rope.length:g} m in {world.rope.links} links, but "
+                    f"the simulator's {rope.length:g} m in {rope.links}"
+                )
+        if worlds is not None and len(worlds) != len(points):
+            raise ValueError(f"{len(points)} splines need as many worlds, got {len(worlds)}")
         blind = controls is not None
         if controls is None:
             controls = control_points(points, splines, rope.radius)

@@ -41,10 +41,11 @@ def check_splines(splines: ArrayLike) -> Floats:
     inside = (splines >= SPLINE_LOW) & (splines <= SPLINE_HIGH)  # NaN is not inside
     if not inside.all():
         *row, column = np.argwhere(~inside)[0].tolist()
+        value = splines[(*row, column)]
+        cure = "" if np.isnan(value) else "; clip_splines() brings splines into range"
         raise SplineError(
-            f"spline{row} has {SPLINE_NAMES[column]} = {splines[(*row, column)]:.4g}, which must "
-            f"lie in [{SPLINE_LOW[column]:g}, {SPLINE_HIGH[column]:g}]; clip_splines() brings "
-            "splines into range"
+            f"spline{row} has {SPLINE_NAMES[column]} = {value:.4g}, which must lie in "
+            f"[{SPLINE_LOW[column]:g}, {SPLINE_HIGH[column]:g}]{cure}"
         )
     return splines
 

@@ -58,7 +58,7 @@ class World:
     """What a spline is executed with."""
 
     rope: RopeConfig = field(default_factory=RopeConfig)
-    """A rope of the nominal one's length and links."""
+    """A rope of the simulator's length and links."""
     pace: float = 1.0
     """Factor on the gripper's speed."""
     grasp: tuple[float, float] = (0.0, 0.0)
@@ -90,6 +90,15 @@ class WorldsConfig:
     """Largest factor on the pace."""
     error: float = 0.0
     """Standard deviation of the gripper's errors in x and y, metres; see `GRIPPER_ERROR_STD`."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.slowest <= self.fastest < np.inf:
+            raise ValueError(
+                f"paces of worlds are above 0, the slowest first, got {self.slowest} and "
+                f"{self.fastest}"
+            )
+        if not 0.0 <= self.error < np.inf:
+            raise ValueError(f"error of worlds must be 0 or more, got {self.error}")
 
 
 def draw_worlds(

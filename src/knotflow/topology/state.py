@@ -77,6 +77,8 @@ class TopologicalState:
         Raises:
             InvalidStateError: the text has another form, or its crossings no plane curve has.
         """
+        if not isinstance(text, str):
+            raise InvalidStateError(f"{text!r} is not a state's text")
         text = text.strip()
         if text == _TRIVIAL_TEXT:
             return cls.trivial()
@@ -122,7 +124,8 @@ class TopologicalState:
             return self
         if isinstance(action, Undo):
             return self.undo(action.action)
-        assert isinstance(action, ForwardAction)
+        if not isinstance(action, ForwardAction):
+            raise TypeError(f"{action!r} is not an action; parse_action() reads texts")
         return self._after(action)
 
     def _after(self, action: ForwardAction) -> TopologicalState:
