@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from knotflow.seeding import rng_of
 
@@ -10,3 +11,8 @@ def test_trailing_zeros_make_another_stream():
 
 def test_streams_are_reproducible():
     assert np.array_equal(rng_of(1, 2).random(3), rng_of(1, 2).random(3))
+
+
+def test_a_negative_seed_is_named():
+    with pytest.raises(ValueError, match="a seed is 0 or more, got -1"):
+        rng_of(-1)

@@ -19,13 +19,18 @@ def main(config: DictConfig) -> None:
         sys.exit(f"error: choose one with +experiment=NAME; there are {', '.join(experiments())}")
     from knotflow.experiments.run import run_experiment  # imports every stage, which takes seconds
 
+    def notes(error: BaseException) -> str:
+        return "".join(f"\n{note}" for note in getattr(error, "__notes__", ()))
+
     try:
         run_experiment(config, HydraConfig.get().overrides.task)
+    except KeyboardInterrupt as error:
+        print(f"interrupted{notes(error)}", file=sys.stderr)
+        sys.exit(130)
     except (ValueError, RuntimeError, OSError, ModuleNotFoundError) as error:
         if os.environ.get("HYDRA_FULL_ERROR") == "1":  # Hydra's own switch for a traceback
             raise
-        notes = "".join(f"\n{note}" for note in getattr(error, "__notes__", ()))
-        sys.exit(f"error: {error}{notes}")
+        sys.exit(f"error: {error}{notes(error)}")
 
 
 if __name__ == "__main__":

@@ -135,6 +135,11 @@ def test_the_same_plan_is_told_again_and_another_takes_no_place(searches, here, 
     first = (folder / "request.json").read_bytes()
     assert main(words) == 0
     assert "already planned; --overwrite" in capsys.readouterr().out
+    outcome = (folder / "outcome.json").read_text()
+    (folder / "outcome.json").write_text("{}")
+    assert main(words) == 2
+    assert "outcome.json is damaged; --overwrite" in capsys.readouterr().err
+    (folder / "outcome.json").write_text(outcome)
     assert len(searches) == 1
     assert main([*words, "--max-seconds", "5"]) == 2
     told = capsys.readouterr().err

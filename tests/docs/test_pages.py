@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import sys
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
+import hydra
 import pytest
 
 from knotflow.apps.cli import app
-from knotflow.experiments.config import experiments
+from knotflow.experiments.config import HOME, experiments, register
+from knotflow.experiments.run import workflow_of
+from knotflow.samplers.demonstrations import SHIPPED
 
 # The package exports a function of the module's name.
 sampler_module = import_module("knotflow.samplers.sampler")
@@ -57,6 +61,23 @@ def test_commands_exist(page):
     commands = {m[1] for line in lines if (m := re.match(r"(?:\$ )?knotflow (\w+)", line))}
     named = set(re.findall(r"\+experiment=(\w+)", text)) - {"NAME"}
     assert commands <= set(app) and named <= set(experiments())
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda page: page.name)
+def test_experiments_take_what_the_page_sets(page):
+    text = page.read_text("utf-8").replace("\\\n", " ")
+    for line in re.findall(r"^(?:\w+=\S+ )?python -m knotflow (.*)$", text, re.MULTILINE):
+        words = [one for one in shlex.split(line, comments=True) if not one.startswith("-")]
+        set_up = [one.partition(",")[0] for one in words if not one.startswith("hydra/")]
+        if "demonstrations_file=both.jsonl" in set_up:
+            set_up[set_up.index("demonstrations_file=both.jsonl")] = (
+                f"demonstrations_file={SHIPPED}"
+            )
+        register()
+        with hydra.initialize_config_dir(str(HOME / "conf"), version_base="1.3"):
+            config = hydra.compose("config", overrides=set_up)
+        if "+experiment=paper" not in set_up:
+            assert workflow_of(config).nodes, line
 
 
 def test_every_experiment_is_documented():

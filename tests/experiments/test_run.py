@@ -1,4 +1,5 @@
 import json
+import re
 import shutil
 from dataclasses import replace
 from functools import cache
@@ -144,9 +145,14 @@ def test_seeds_of_evaluations_are_used_for_nothing_else():
 
 @pytest.mark.slow
 def test_an_overhand_is_planned_into_its_folder(command, tmp_path):
-    overrides = ("overhand.start=straight", "overhand.planner.max_branches=64")
+    overrides = ["overhand.start=straight", "overhand.planner.max_branches=64", "training=authors"]
     done = command("+experiment=overhand", "budget=smoke", *overrides, results=tmp_path)
     assert done.returncode == 0, done.stderr
+    unused = re.findall("(.*) changes nothing: no stage of overhand takes it", done.stdout)
+    assert unused == ["training=authors"]
+    record = json.loads((tmp_path / "overhand" / "run.json").read_text())
+    assert record["overrides"] == overrides
+    assert not [*stale(tmp_path)]
     made = {path.name for path in (tmp_path / "overhand").iterdir()}
     assert {"plan.png", "plan.json", "plan.mcap", "waypoints.csv", "branches.csv"} <= made
 
@@ -189,3 +195,56 @@ def test_changed_shipped_weights_and_unknown_experiments_are_stale(results):
     run["ships"] = {"samplers/primitives/data": {"node": "throughput", "digest": "0" * 16}}
     file.write_text(json.dumps(run))
     assert {one.where for one in stale(results)} == {"gone", "samplers/primitives/data"}
+
+
+def test_results_of_other_values_are_compared_with_these(results):
+    file = results / "benchmark" / "run.json"
+    run = json.loads(file.read_text())
+    workflow = workflow_of(composed("+experiment=benchmark", "benchmark.rollouts=7"))
+    for name, made in run["stages"].items():
+        made["key"] = workflow.keys[name]
+    file.write_text(json.dumps(run))
+    assert [one.where for one in stale(results)] == ["benchmark/throughput"]
+    file.write_text(json.dumps(run | {"overrides": ["benchmark.rollouts=7"]}))
+    assert not [*stale(results)]
+
+
+def test_where_nothing_can_be_compared_nothing_is_called_current(results, tmp_path):
+    with pytest.raises(WorkflowError, match="nowhere: there is no .*run.json"):
+        [*stale(tmp_path / "nowhere")]
+    (results / "benchmark" / "run.json").write_text('{"workflow": "benchmark", "stages": {}}')
+    with pytest.raises(WorkflowError, match="benchmark/run.json: has no budget"):
+        [*stale(results)]
+
+
+NAMED = (
+    "single_stage",
+    "tree_size",
+    "joint_finetuning",
+    "ablation_actor_critic",
+    "learning_options",
+)
+
+
+@pytest.mark.parametrize("experiment", NAMED)
+def test_rows_of_primitives_are_of_primitives_whatever_the_group(experiment):
+    nodes = workflow_of(composed(f"+experiment={experiment}", "sampler=random")).nodes
+    own = [
+        one for one in nodes.values() if "sampler" in one.arguments and "primitives" in one.inputs
+    ]
+    assert own
+    for node in own:
+        assert node.arguments["sampler"].name == "primitives", node.name
+
+
+@pytest.mark.parametrize("sampler", ["aimed", "icp", "icp_authors", "random"])
+@pytest.mark.parametrize("experiment", ["actions", "goals", "knots", "overhand", "tree_size"])
+def test_a_sampler_binds_with_its_inputs_or_is_refused(experiment, sampler):
+    config = composed(f"+experiment={experiment}", f"sampler={sampler}")
+    if sampler.startswith("icp") and experiment != "tree_size":
+        with pytest.raises(WorkflowError, match="demonstrations"):
+            workflow_of(config)
+        return
+    for node in workflow_of(config).nodes.values():
+        if "primitives" in node.stage.inputs and "sampler" in node.arguments:
+            assert {*node.arguments["sampler"].inputs()} <= node.inputs.keys(), node.name

@@ -10,7 +10,7 @@ from string import Formatter
 
 import pytest
 
-from knotflow.report import ResultsError, make
+from knotflow.report import ResultsError, beside, make
 from knotflow.report.__main__ import main
 from knotflow.report.markdown import slug
 from knotflow.report.page import SECTIONS, timing
@@ -228,3 +228,23 @@ def test_time_by_kind(write):
     write.run("knots", {"knots": {"seconds": 30.0}})
     text = run_times(write)
     assert "the paper's 1 min 0 s, trainings of what ships 2 min 0 s and others 30 s" in text
+
+
+@pytest.mark.parametrize(
+    ("results", "out"),
+    [
+        ("results", "reports"),
+        ("results/smoke", "reports/smoke"),
+        ("/lab/results/mine/results", "/lab/results/mine/reports"),
+        ("tables", "tables/reports"),
+    ],
+)
+def test_a_report_is_beside_its_results(results, out):
+    assert beside(Path(results)) == Path(out)
+
+
+def test_a_folder_without_runs_leaves_the_pages_around_it(tmp_path, undrawn):
+    (tmp_path / "README.md").write_text(shown := "<!-- state single_stage -->current<!-- / -->")
+    (tmp_path / "tables").mkdir()
+    make(tmp_path / "tables", tmp_path / "tables" / "reports")
+    assert (tmp_path / "README.md").read_text() == shown

@@ -158,3 +158,19 @@ def test_code_state_of_a_folder_outside_a_checkout(tmp_path):
     state = code_state(tmp_path)
     assert state["commit"] == "none" and not state["dirty"]
     assert {"python", "mujoco", "torch"} <= state["versions"].keys()
+
+
+@pytest.mark.parametrize("name", ["stages", "../elsewhere", "a/b", ".."])
+def test_results_go_into_a_folder_of_their_own(go, name, tmp_path):
+    with pytest.raises(WorkflowError, match="results_name="):
+        go(name=name)
+    assert not list(tmp_path.rglob("run.json"))
+
+
+def test_results_of_another_workflow_are_not_replaced(go):
+    folder = go()
+    run = json.loads((folder / "run.json").read_text())
+    (folder / "run.json").write_text(json.dumps(run | {"workflow": "other"}))
+    with pytest.raises(WorkflowError, match="has results of other"):
+        go()
+    assert (folder / "sum.txt").is_file()

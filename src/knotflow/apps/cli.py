@@ -591,14 +591,12 @@ def see(
 
 
 @app.command
-def report(
-    *, results: Path = Path("results"), out: Path = Path("reports"), check: bool = False
-) -> int:
+def report(*, results: Path = Path("results"), out: Path | None = None, check: bool = False) -> int:
     """Make the report from the results folder.
 
     Args:
         results: Folder with one folder per experiment.
-        out: Folder for report.md and figures/.
+        out: Folder for report.md and figures/; reports/X for results/X by default.
         check: Make nothing; list committed results and weights that today's code would not make.
     """
     if check:
@@ -608,9 +606,9 @@ def report(
             print(f"stale  {one.where}: {', '.join(one.reasons)}")
         print(f"{len(found)} stale")
         return 1 if found else 0
-    from knotflow.report import make
+    from knotflow.report import beside, make
 
-    page, *figures = make(results, out)
+    page, *figures = make(results, out or beside(results))
     print(f"{page} and {len(figures)} figures")
     return 0
 
@@ -829,7 +827,10 @@ def _stored_outcome(
         if not isinstance(stored, dict):
             raise ValueError(f"{folder / REQUEST} is damaged; --overwrite replaces the plan")
         if stored == request:
-            return dict(json.loads((folder / OUTCOME).read_text("utf-8")))
+            outcome = json.loads((folder / OUTCOME).read_text("utf-8"))
+            if not isinstance(outcome, dict) or not {"text", "success"} <= outcome.keys():
+                raise ValueError(f"{folder / OUTCOME} is damaged; --overwrite replaces the plan")
+            return outcome
         differing = ", ".join(
             f"{key} {stored.get(key)!r} there and {request.get(key)!r} here"
             for key in sorted({*stored, *request})

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import logging
 import pkgutil
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from importlib import import_module
@@ -11,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import hydra
+from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf
 
 import knotflow.experiments
@@ -25,6 +28,10 @@ from knotflow.workflow import (
 from knotflow.workflow.key import digest
 from knotflow.workflow.stage import STAGES
 
+log = logging.getLogger(__name__)
+_ELSEWHERE = re.compile(r"\+?(experiment|budget|results_dir|results_name)=|\+?(workers|hydra)\b")
+"""Overrides that no stage takes."""
+
 for module in pkgutil.iter_modules(knotflow.experiments.__path__, "knotflow.experiments."):
     import_module(module.name)  # registers its stages
 
@@ -35,15 +42,25 @@ def run_experiment(config: DictConfig, overrides: Iterable[str] = ()) -> Path:
     Raises:
         WorkflowError: see `read_workflow`; or an override adds a value that no stage takes.
     """
-    workflow = workflow_of(config)
+    workflow, overrides = workflow_of(config), [*overrides]
     check_added(workflow, overrides)
+    kept = [one for one in overrides if not _ELSEWHERE.match(one)]
+    for one in kept if GlobalHydra.instance().is_initialized() else ():
+        others = [other for other in overrides if other != one]
+        if _bound(workflow_of(hydra.compose("config", overrides=others))) == _bound(workflow):
+            log.warning("%s changes nothing: no stage of %s takes it", one, workflow.name)
     return run_workflow(
         workflow,
         Path(config.results_dir),
         name=config.results_name,
         budget=config.budget,
+        overrides=kept,
         workers=WorkersConfig(**config.workers),
     )
+
+
+def _bound(workflow: Workflow) -> Any:
+    return {name: (one.arguments, one.inputs) for name, one in workflow.nodes.items()}
 
 
 def check_added(workflow: Workflow, overrides: Iterable[str]) -> None:
@@ -78,16 +95,25 @@ class Stale:
 
 
 def stale(results_dir: Path) -> Iterator[Stale]:
-    """Compare the keys in results_dir/<experiment>/run.json with those of today's code."""
+    """Compare the keys in results_dir/<experiment>/run.json with those of today's code.
+
+    Raises:
+        WorkflowError: there is none, or one that no run wrote.
+    """
     register()
-    for file in sorted(results_dir.glob("*/run.json")):
+    if not (files := sorted(results_dir.glob("*/run.json"))):
+        raise WorkflowError(f"{results_dir}: there is no */run.json, nothing to compare")
+    for file in files:
         run = json.loads(file.read_text("utf-8"))
+        if not {"budget", "stages"} <= run.keys():
+            raise WorkflowError(f"{file}: has no budget or no stages, and is no run's")
         experiment = run.get("workflow", file.parent.name)
         if experiment not in experiments():
             yield Stale(file.parent.name, ("there is no such experiment",))
             continue
         with hydra.initialize_config_dir(str(HOME / "conf"), version_base="1.3"):
             overrides = [f"+experiment={experiment}", f"budget={run['budget']}"]
+            overrides += run.get("overrides", [])
             workflow = workflow_of(hydra.compose("config", overrides=overrides))
         for name in workflow.nodes:
             made = run["stages"].get(name, {})

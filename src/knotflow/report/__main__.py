@@ -6,17 +6,17 @@ import argparse
 import sys
 from pathlib import Path
 
-from knotflow.report import ResultsError, make
+from knotflow.report import ResultsError, beside, make
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Make the report; 1 and a message where a table is not what the report expects."""
     parser = argparse.ArgumentParser(prog="python -m knotflow.report", description=__doc__)
     parser.add_argument("--results", type=Path, default=Path("results"), help="default: results")
-    parser.add_argument("--out", type=Path, default=Path("reports"), help="default: reports")
+    parser.add_argument("--out", type=Path, help="default: reports/X for results/X")
     options = parser.parse_args(arguments)
     try:
-        page, *figures = make(options.results, options.out)
+        page, *figures = make(options.results, options.out or beside(options.results))
     except ResultsError as problem:
         print(f"knotflow.report: {problem}", file=sys.stderr)
         return 1

@@ -106,8 +106,8 @@ NOT_RUN = (
 def make(results_folder: Path, out: Path) -> list[Path]:
     """Write report.md and figures/ into `out`, from `results_folder` alone.
 
-    Numbers of README.md and docs/ beside the results folder are written anew as well. The same
-    results give the same bytes. Nothing is written before everything could be made.
+    Numbers of README.md and docs/ beside a results folder with runs are written anew as well. The
+    same results give the same bytes. Nothing is written before everything could be made.
 
     Returns:
         The files written into `out`, report.md first.
@@ -122,7 +122,7 @@ def make(results_folder: Path, out: Path) -> list[Path]:
     written = {out / "report.md": text.encode()}
     folder = out / "figures"
     written |= {folder / f"{name}.png": png for name, png in figures.made.items()}
-    around = pages(results)
+    around = pages(results) if any(results_folder.glob("*/run.json")) else {}
     folder.mkdir(parents=True, exist_ok=True)
     earlier = (out / "report.md").read_text("utf-8") if (out / "report.md").is_file() else ""
     for name in set(OWN.findall(earlier)):
@@ -130,6 +130,15 @@ def make(results_folder: Path, out: Path) -> list[Path]:
     for path, content in (written | around).items():
         path.write_bytes(content)
     return list(written)
+
+
+def beside(results_folder: Path) -> Path:
+    """Where the report of a results folder is by default: reports/X of results/X, or in it."""
+    parts = [*results_folder.parts]
+    if "results" not in parts:
+        return results_folder / "reports"
+    parts[len(parts) - 1 - parts[::-1].index("results")] = "reports"
+    return Path(*parts)
 
 
 def compose(results: Results, figures: Figures) -> str:

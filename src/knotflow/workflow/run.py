@@ -13,7 +13,7 @@ import os
 import platform
 import shutil
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -41,19 +41,22 @@ def run_workflow(
     *,
     name: str = "",
     budget: str = "",
+    overrides: Sequence[str] = (),
     workers: WorkersConfig | None = None,
 ) -> Path:
     """Run what is not finished yet and fill results_dir/<name>/; returns that folder.
 
     `results_dir` holds experiments and `stages/`; `name` is that of the results folder, by default
-    the workflow's, and `budget` goes into run.json. Without `workers`, shards run one after the
-    other in this process.
+    the workflow's, and `budget` and `overrides` go into run.json. Without `workers`, shards run one
+    after the other in this process.
 
     Raises:
-        WorkflowError: a stage did not make a file that the results name.
+        WorkflowError: the folder has results of another workflow, or no name of one; or a stage did
+            not make a file that the results name.
         DamagedStageError: a finished stage's output was changed.
     """
     results_dir, name = Path(results_dir).absolute(), name or workflow.name
+    _check_folder(results_dir / name, name, workflow)
     folders = {node: workflow.folder(node, results_dir) for node in workflow.nodes}
     log.info("%s: %s", name, workflow.caption)
     needed = _needed(workflow, folders)
@@ -69,10 +72,23 @@ def run_workflow(
     }
     folder = results_dir / name
     with store.locked(results_dir / "stages" / f"{name}.lock", f"it publishes {name}"):
-        publish(workflow, folder, folders, records, {"experiment": name, "budget": budget})
+        head = {"experiment": name, "budget": budget, "overrides": [*overrides]}
+        publish(workflow, folder, folders, records, head)
     seconds = sum(record.get("seconds", 0.0) for record in records.values())
     log.info("%s: finished, %.0f s in all; results in %s", name, seconds, folder)
     return folder
+
+
+def _check_folder(folder: Path, name: str, workflow: Workflow) -> None:
+    if Path(name).name != name or name in ("stages", ".."):
+        raise WorkflowError(f"results_name={name}: it is the name of a folder, and not stages")
+    if (run := folder / RUN).is_file():
+        other = json.loads(run.read_text("utf-8")).get("workflow", workflow.name)
+        if other != workflow.name:
+            raise WorkflowError(
+                f"{folder} has results of {other}, which those of {workflow.name} would replace: "
+                "give them another results_name"
+            )
 
 
 def _needed(workflow: Workflow, folders: Mapping[str, StageFolder]) -> set[str]:

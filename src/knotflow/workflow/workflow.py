@@ -191,6 +191,16 @@ class _Reader:
         except WorkflowError as error:
             raise self._error(name, str(error)) from error
         asked = {one for value in arguments.values() for one in named_by(value, "inputs")}
+        optional = [one for one, kind in stage.inputs.items() if kind == OPTIONAL]
+        if optional and (lacking := sorted(asked - stage.inputs.keys())):
+            which = [
+                one for one, value in arguments.items() if lacking[0] in named_by(value, "inputs")
+            ]
+            raise self._error(
+                name,
+                f"its {which[0]} needs {lacking[0]}, but the stage {stage.name!r} takes only "
+                f"{', '.join(optional)}: choose another {which[0]}",
+            )
         inputs = {
             parameter: self._input(base, parameter, kind, own, variant)
             for parameter, kind in stage.inputs.items()
