@@ -247,6 +247,14 @@ def test_starts_without_trials_do_not_count():
     assert statistics.clustered_rate([3, 0, 5], [10, 0, 10]) == some
 
 
+def test_a_ratio_is_of_the_starts_that_both_have():
+    first, second = [8, 2, 6, 3, 5], [4, 1, 5, 1, 3]
+    found = clustered_ratio([*first, 9], [10] * 6, [*second, 0], [10] * 5 + [0])
+    assert found == clustered_ratio(first, [10] * 5, second, [10] * 5)
+    shifted = clustered_ratio([9, *first], [10] * 6, [0, *second], [0] + [10] * 5)
+    assert shifted == found
+
+
 @pytest.mark.parametrize("data", [([], []), ([0, 0], [0, 0])])
 def test_without_trials_there_is_no_rate(data):
     with pytest.raises(ValueError, match="needs trials"):

@@ -67,7 +67,8 @@ def clustered_rate(successes: ArrayLike, trials: ArrayLike) -> Interval:
     Rollouts of one start are alike, so that the starts are what was drawn independently. Where no
     start differs from another, it is Wilson's interval with one trial a start.
     """
-    counts = hit, tried = _counts(successes, trials)
+    (counts,) = _on_same_starts((successes, trials))
+    hit, tried = counts
     estimate = float(hit.sum() / tried.sum())
     if _all_alike(*counts):
         return replace(wilson(round(estimate * hit.shape[1]), hit.shape[1]), estimate=estimate)
@@ -78,7 +79,7 @@ def clustered_rate(successes: ArrayLike, trials: ArrayLike) -> Interval:
 def clustered_mean(counts: Sequence[tuple[ArrayLike, ArrayLike]]) -> Interval:
     """Mean of the success rates of several actions by the same trainings, from successes and trials
     as in `clustered_rate`; each action has starts of its own."""
-    every = [_counts(*one) for one in counts]
+    every = [_on_same_starts(one)[0] for one in counts]
     estimate = np.mean([hit.sum() / tried.sum() for hit, tried in every])
     drawn = np.mean([_resampled(one, starts=number) for number, one in enumerate(every)], axis=0)
     low, high = np.quantile(drawn, TAILS) if np.ptp(drawn) else (math.nan, math.nan)
@@ -88,13 +89,13 @@ def clustered_mean(counts: Sequence[tuple[ArrayLike, ArrayLike]]) -> Interval:
 def clustered_ratio(
     successes: ArrayLike, trials: ArrayLike, base_successes: ArrayLike, base_trials: ArrayLike
 ) -> Interval:
-    """Ratio of two success rates on the same starts, see `clustered_rate`: starts are resampled
-    for both together, trainings for each.
+    """Ratio of two success rates on the same starts (n,), see `clustered_rate`: starts are
+    resampled for both together, trainings for each. Starts count on which both have trials.
 
     The upper limit is `inf` where too many resamples have no success of the base. Where the starts
     of one of them are all alike (none succeeds, say), it is made from the two rates' intervals.
     """
-    top, base = _counts(successes, trials), _counts(base_successes, base_trials)
+    top, base = _on_same_starts((successes, trials), (base_successes, base_trials))
     if _all_alike(*top) or _all_alike(*base):
         return rate_ratio(clustered_rate(*top), clustered_rate(*base))
     p, q = _resampled(top), _resampled(base, trainings=2)
@@ -205,13 +206,16 @@ def hierarchical(
     return Interval(estimate, float(low), float(high))
 
 
-def _counts(successes: ArrayLike, trials: ArrayLike) -> tuple[Floats, Floats]:
-    """(T, n) each, of the n starts that have trials."""
-    hit, tried = (np.atleast_2d(np.asarray(one, float)) for one in (successes, trials))
-    some = tried.any(axis=0)
+def _on_same_starts(*counts: tuple[ArrayLike, ArrayLike]) -> list[tuple[Floats, Floats]]:
+    """Successes and trials (T, n) of each, of the n starts on which all have trials."""
+    found = [
+        (np.atleast_2d(np.asarray(hit, float)), np.atleast_2d(np.asarray(tried, float)))
+        for hit, tried in counts
+    ]
+    some = np.all([tried.any(axis=0) for _, tried in found], axis=0)
     if not some.any():
         raise ValueError("a success rate needs trials, got none")
-    return hit[:, some], tried[:, some]
+    return [(hit[:, some], tried[:, some]) for hit, tried in found]
 
 
 def _all_alike(hit: Floats, tried: Floats) -> bool:

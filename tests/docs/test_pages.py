@@ -10,11 +10,11 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
-import hydra
 import pytest
+from tests.experiments.configuration import composed
 
 from knotflow.apps.cli import app
-from knotflow.experiments.config import HOME, experiments, register
+from knotflow.experiments.config import experiments
 from knotflow.experiments.run import workflow_of
 from knotflow.samplers.demonstrations import SHIPPED
 
@@ -73,9 +73,7 @@ def test_experiments_take_what_the_page_sets(page):
             set_up[set_up.index("demonstrations_file=both.jsonl")] = (
                 f"demonstrations_file={SHIPPED}"
             )
-        register()
-        with hydra.initialize_config_dir(str(HOME / "conf"), version_base="1.3"):
-            config = hydra.compose("config", overrides=set_up)
+        config = composed(*set_up)
         if "+experiment=paper" not in set_up:
             assert workflow_of(config).nodes, line
 

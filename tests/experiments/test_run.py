@@ -4,21 +4,15 @@ import shutil
 from dataclasses import replace
 from functools import cache
 
-import hydra
 import pytest
 import yaml
+from tests.experiments.configuration import composed
 
-from knotflow.experiments.config import HOME, experiments, register
+from knotflow.experiments.config import HOME, experiments
 from knotflow.experiments.run import check_added, stale, workflow_of
 from knotflow.workflow import WorkflowError, dependencies
 
 EXPERIMENTS = [name for name in experiments() if name != "paper"]
-
-
-def composed(*overrides):
-    register()
-    with hydra.initialize_config_dir(str(HOME / "conf"), version_base="1.3"):
-        return hydra.compose("config", overrides=list(overrides))
 
 
 @cache

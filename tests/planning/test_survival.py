@@ -182,10 +182,8 @@ def test_losses_in_the_worlds_it_was_chosen_by_count(world, path_goal, monkeypat
                     rollouts.end_points[row] = points[row]
             return rollouts
 
-    draws = [[]]
     lossy = Lossy(world(), 1.0)
-    recorded, _ = drawn_worlds(lossy, monkeypatch)
-    draws = recorded
+    draws, _ = drawn_worlds(lossy, monkeypatch)
     plan, _ = survive(lossy, path_goal, worlds=4, least=0.75)
     assert plan.solved and len(draws) > 4  # 4 of 12 are more than a quarter: another is looked for
 

@@ -10,10 +10,10 @@ from string import Formatter
 
 import pytest
 
-from knotflow.report import ResultsError, beside, make
+from knotflow.report import ResultsError, make
 from knotflow.report.__main__ import main
 from knotflow.report.markdown import slug
-from knotflow.report.page import SECTIONS, timing
+from knotflow.report.page import SECTIONS, beside, timing
 from knotflow.report.results import NotMeasured, Results
 from knotflow.report.section import Figures, texts
 

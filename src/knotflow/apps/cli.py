@@ -606,9 +606,9 @@ def report(*, results: Path = Path("results"), out: Path | None = None, check: b
             print(f"stale  {one.where}: {', '.join(one.reasons)}")
         print(f"{len(found)} stale")
         return 1 if found else 0
-    from knotflow.report import beside, make
+    from knotflow.report import make
 
-    page, *figures = make(results, out or beside(results))
+    page, *figures = make(results, out)
     print(f"{page} and {len(figures)} figures")
     return 0
 
@@ -823,14 +823,9 @@ def _stored_outcome(
         if folder.exists() and any(folder.iterdir()):
             raise ValueError(f"{folder} holds files, but no plan; name another folder with --out")
     elif not overwrite and (folder / OUTCOME).is_file():
-        stored = json.loads((folder / REQUEST).read_text("utf-8"))
-        if not isinstance(stored, dict):
-            raise ValueError(f"{folder / REQUEST} is damaged; --overwrite replaces the plan")
+        stored = _stored_values(folder / REQUEST)
         if stored == request:
-            outcome = json.loads((folder / OUTCOME).read_text("utf-8"))
-            if not isinstance(outcome, dict) or not {"text", "success"} <= outcome.keys():
-                raise ValueError(f"{folder / OUTCOME} is damaged; --overwrite replaces the plan")
-            return outcome
+            return _stored_values(folder / OUTCOME, "text", "success")
         differing = ", ".join(
             f"{key} {stored.get(key)!r} there and {request.get(key)!r} here"
             for key in sorted({*stored, *request})
@@ -842,6 +837,18 @@ def _stored_outcome(
         )
     _check_writable(folder)
     return None
+
+
+def _stored_values(file: Path, *names: str) -> dict[str, Any]:
+    """The values in a file of a plan's folder; raises `ValueError` where these are not among
+    them."""
+    try:
+        values = json.loads(file.read_text("utf-8"))
+    except ValueError:
+        values = None
+    if not isinstance(values, dict) or not {*names} <= values.keys():
+        raise ValueError(f"{file} is damaged; --overwrite replaces the plan")
+    return values
 
 
 def _write_plan(

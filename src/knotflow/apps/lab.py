@@ -56,8 +56,6 @@ def load_robot(name: str) -> Robot:
     try:
         factory = getattr(import_module(module), attribute)
         robot: Robot = factory()
-    except (ImportError, AttributeError) as error:
-        raise ValueError(f"--robot {name}: {error}") from error
     except Exception as error:  # whatever its libraries raise
         raise ValueError(f"--robot {name}: {type(error).__name__}: {error}") from error
     finally:

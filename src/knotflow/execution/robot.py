@@ -186,7 +186,7 @@ class ImageStateEstimator:
 
     def estimate(self, robot: Robot, likely: Sequence[NDArray] = ()) -> Observation | None:
         from knotflow.perception import EstimateConfig, TraceError, estimate
-        from knotflow.perception.camera.table import fits_table, seated, table_error
+        from knotflow.perception.camera.table import SeenTable
 
         try:
             image = robot.observe()
@@ -197,11 +197,10 @@ class ImageStateEstimator:
             self._previous_time = image.time
             return None
         self._previous_time = None
-        if not fits_table(image.depth, self.camera):
-            off, tilt = table_error(image.depth, self.camera)
-            told = f"{1e3 * off:+.0f} mm above z = 0, tilted by {np.rad2deg(tilt):.0f} degrees"
-            return Observation(None, None, (f"the table lies {told}: the camera's pose is wrong",))
-        camera, _ = seated(image.depth, self.camera)
+        table = SeenTable.of(image.depth, self.camera)
+        if not table.fits:
+            return Observation(None, None, (f"the table lies {table}: the camera's pose is wrong",))
+        camera = table.seated(self.camera)
         likely = [
             one if len(one) == self.rope.num_vertices else resample(one, self.rope)
             for one in likely

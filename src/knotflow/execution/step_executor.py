@@ -267,17 +267,10 @@ class StepExecutor:
             if self.source is not None and self._link_distances()[link] > allowed:
                 return False
         if not self.corrects and not self._expected:
-            self._check_arrived()
+            off = self._position() - self.commanded
+            if np.linalg.norm(off) > MOST_ASTRAY:
+                raise self._astray_error(off)
         return True
-
-    def _check_arrived(self) -> None:
-        off = self._position() - self.commanded
-        if np.linalg.norm(off) > MOST_ASTRAY:
-            raise RobotError(
-                f"the gripper is {np.linalg.norm(off):.2f} m from where it was sent: "
-                f"{(self.commanded + off).round(3).tolist()}, not "
-                f"{self.commanded.round(3).tolist()}"
-            )
 
     def _link_distances(self) -> NDArray[np.float64]:
         """(V - 1,) of the links' centres from the gripper, metres; 0 where no rope is seen."""
@@ -308,17 +301,20 @@ class StepExecutor:
             self._astray = self._astray + moves if np.linalg.norm(off) > MOST_ASTRAY else 0
             self._unmeasured = 0
             if self._astray >= MOST_TICKS_ASTRAY:
-                raise RobotError(
-                    f"the gripper is {np.linalg.norm(off):.2f} m from where it was sent, after "
-                    f"{self._astray} moves: {(position + off).round(3).tolist()}, not "
-                    f"{position.round(3).tolist()}"
-                )
+                raise self._astray_error(off, f", after {self._astray} moves")
             most = np.array([MAX_CORRECTION, MAX_CORRECTION, MOST_LOWERED])
             self.error = np.clip(self.error + off, -MAX_CORRECTION, most)
         took = self._track() if track else (0.0, 0.0)
         points = None if self.source is None else self.points
         self.moves.append(Move(position, self.closed, number, reference, points))
         return took
+
+    def _astray_error(self, off: NDArray, when: str = "") -> RobotError:
+        """For a gripper that is off (3,), metres, where it was sent."""
+        return RobotError(
+            f"the gripper is {np.linalg.norm(off):.2f} m from where it was sent{when}: "
+            f"{(self.commanded + off).round(3).tolist()}, not {self.commanded.round(3).tolist()}"
+        )
 
     def _corrected(self, positions: NDArray) -> NDArray[np.float64]:
         """Where to send the robot so that it arrives at positions (..., 3), metres."""

@@ -47,7 +47,7 @@ def run_experiment(config: DictConfig, overrides: Iterable[str] = ()) -> Path:
     kept = [one for one in overrides if not _ELSEWHERE.match(one)]
     for one in kept if GlobalHydra.instance().is_initialized() else ():
         others = [other for other in overrides if other != one]
-        if _bound(workflow_of(hydra.compose("config", overrides=others))) == _bound(workflow):
+        if workflow_of(hydra.compose("config", overrides=others)) == workflow:
             log.warning("%s changes nothing: no stage of %s takes it", one, workflow.name)
     return run_workflow(
         workflow,
@@ -57,10 +57,6 @@ def run_experiment(config: DictConfig, overrides: Iterable[str] = ()) -> Path:
         overrides=kept,
         workers=WorkersConfig(**config.workers),
     )
-
-
-def _bound(workflow: Workflow) -> Any:
-    return {name: (one.arguments, one.inputs) for name, one in workflow.nodes.items()}
 
 
 def check_added(workflow: Workflow, overrides: Iterable[str]) -> None:

@@ -48,12 +48,12 @@ class PlannerConfig:
         if self.rule not in RULES:
             raise ValueError(f"unknown planner.rule {self.rule!r}; it is one of {', '.join(RULES)}")
         least = {"arranging": 0, "margin": 0, "batch": 1, "max_branches": 1}
-        for name in ("guess_fraction", "guess_below_value"):
-            if not 0.0 <= (share := getattr(self, name)) <= 1.0:
-                raise ValueError(f"planner.{name} is a share, 0 to 1, got {share}")
         for name, low in least.items():
             if not (value := getattr(self, name)) >= low:
                 raise ValueError(f"planner.{name} must be {low} or more, got {value}")
+        for name in ("guess_fraction", "guess_below_value"):
+            if not 0.0 <= (share := getattr(self, name)) <= 1.0:
+                raise ValueError(f"planner.{name} is a share, 0 to 1, got {share}")
         if not self.max_seconds > 0.0:
             raise ValueError(f"planner.max_seconds must be above 0, got {self.max_seconds}")
 

@@ -162,7 +162,7 @@ def parse_goal(text: str, rope: RopeConfig | None = None) -> Goal:
             a knot's name: "overhand", "figure_eight", "pentagram", ...;
             crossings "4o1+2o5+6o3+";
             a topological path from the untangled rope: "R1(0,1,1) C(0,1,1) C(2,0,1)". Its last
-            state is the goal, and a state that it meets twice may be left the later way at once.
+            state is the goal; what lies between two visits of one state may be left out.
         rope: refuse a goal that this rope has no room for; not checked if None.
 
     Raises:

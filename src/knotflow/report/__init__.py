@@ -5,7 +5,7 @@ Reads plain files only and imports no package that simulates, so it works from a
 
 from __future__ import annotations
 
-from knotflow.report.page import beside, make
+from knotflow.report.page import make
 from knotflow.report.results import ResultsError
 
-__all__ = ["ResultsError", "beside", "make"]
+__all__ = ["ResultsError", "make"]

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from knotflow.report import ResultsError, beside, make
+from knotflow.report import ResultsError, make
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -16,7 +16,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="default: reports/X for results/X")
     options = parser.parse_args(arguments)
     try:
-        page, *figures = make(options.results, options.out or beside(options.results))
+        page, *figures = make(options.results, options.out)
     except ResultsError as problem:
         print(f"knotflow.report: {problem}", file=sys.stderr)
         return 1

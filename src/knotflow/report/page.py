@@ -103,8 +103,9 @@ NOT_RUN = (
 )
 
 
-def make(results_folder: Path, out: Path) -> list[Path]:
-    """Write report.md and figures/ into `out`, from `results_folder` alone.
+def make(results_folder: Path, out: Path | None = None) -> list[Path]:
+    """Write report.md and figures/ into `out`, reports/X for results/X by default, from
+    `results_folder` alone.
 
     Numbers of README.md and docs/ beside a results folder with runs are written anew as well. The
     same results give the same bytes. Nothing is written before everything could be made.
@@ -115,14 +116,14 @@ def make(results_folder: Path, out: Path) -> list[Path]:
     Raises:
         ResultsError: a table is not what the report expects; an earlier report stays as it was.
     """
-    results = Results(results_folder)
+    results, out = Results(results_folder), out or beside(results_folder)
     figures = Figures(results, Path(os.path.relpath(results_folder, out)).as_posix())
     text = compose(results, figures)
     text = text if (out.parent / "docs").is_dir() else DOCS.sub(r"\1", text)
     written = {out / "report.md": text.encode()}
     folder = out / "figures"
     written |= {folder / f"{name}.png": png for name, png in figures.made.items()}
-    around = pages(results) if any(results_folder.glob("*/run.json")) else {}
+    around = pages(results) if any(one.run for one in results.experiments.values()) else {}
     folder.mkdir(parents=True, exist_ok=True)
     earlier = (out / "report.md").read_text("utf-8") if (out / "report.md").is_file() else ""
     for name in set(OWN.findall(earlier)):

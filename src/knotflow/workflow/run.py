@@ -56,7 +56,8 @@ def run_workflow(
         DamagedStageError: a finished stage's output was changed.
     """
     results_dir, name = Path(results_dir).absolute(), name or workflow.name
-    _check_folder(results_dir / name, name, workflow)
+    folder = results_dir / name
+    _check_folder(folder, name, workflow)
     folders = {node: workflow.folder(node, results_dir) for node in workflow.nodes}
     log.info("%s: %s", name, workflow.caption)
     needed = _needed(workflow, folders)
@@ -70,7 +71,6 @@ def run_workflow(
         else workflow.identities[name] | {"key": workflow.keys[name]}
         for name, node in workflow.nodes.items()
     }
-    folder = results_dir / name
     with store.locked(results_dir / "stages" / f"{name}.lock", f"it publishes {name}"):
         head = {"experiment": name, "budget": budget, "overrides": [*overrides]}
         publish(workflow, folder, folders, records, head)

@@ -190,16 +190,18 @@ class _Reader:
             arguments = stage.bind(layers)
         except WorkflowError as error:
             raise self._error(name, str(error)) from error
-        asked = {one for value in arguments.values() for one in named_by(value, "inputs")}
+        asked = {
+            one: argument
+            for argument, value in arguments.items()
+            for one in named_by(value, "inputs")
+        }
         optional = [one for one, kind in stage.inputs.items() if kind == OPTIONAL]
-        if optional and (lacking := sorted(asked - stage.inputs.keys())):
-            which = [
-                one for one, value in arguments.items() if lacking[0] in named_by(value, "inputs")
-            ]
+        if optional and (lacking := sorted(asked.keys() - stage.inputs.keys())):
+            which = asked[lacking[0]]
             raise self._error(
                 name,
-                f"its {which[0]} needs {lacking[0]}, but the stage {stage.name!r} takes only "
-                f"{', '.join(optional)}: choose another {which[0]}",
+                f"its {which} needs {lacking[0]}, but the stage {stage.name!r} takes only "
+                f"{', '.join(optional)}: choose another {which}",
             )
         inputs = {
             parameter: self._input(base, parameter, kind, own, variant)

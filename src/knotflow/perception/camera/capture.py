@@ -19,7 +19,7 @@ from knotflow.perception.camera.image import (
     read_depth,
 )
 from knotflow.perception.camera.pinhole import Camera, CameraError
-from knotflow.perception.camera.table import find_table, fits_table, seated, table_error
+from knotflow.perception.camera.table import SeenTable, find_table
 from knotflow.topology.polyline import Floats
 
 _UNITS = (1.0, 1e-3, 2.5e-4, 2e-4, 1e-4)  # metres, of depth images of cameras and data sets
@@ -154,14 +154,18 @@ def _posed(
         told.append(f"the quaternion is {order}: the other order puts no table at z = 0")
     if fitting[0][2, 3] < 0:
         told.append("the pose's z points down: y and z are reversed")
-    camera, correction = seated(metres, calibration.at(_upright(fitting[0])))
-    return camera, told + correction
+    camera = calibration.at(_upright(fitting[0]))
+    table = SeenTable.of(metres, camera)
+    seated = table.seated(camera)
+    if seated is not camera:
+        told.append(f"with the file's pose the table lies {table}: the pose is corrected by that")
+    return seated, told
 
 
 def _misfit(metres: NDArray, calibration: Calibration, depth: Path | str) -> str:
     """How far off the table a pose is, and what would be right."""
     pose = calibration.poses[0]
-    off, tilt = table_error(metres, calibration.at(_upright(pose)))
+    table = SeenTable.of(metres, calibration.at(_upright(pose)))
     for (what, read), scale in itertools.product(_MISREADINGS.items(), (1.0, 1e-3)):
         other = np.array(pose)
         other[:3, 3] *= scale
@@ -175,8 +179,8 @@ def _misfit(metres: NDArray, calibration: Calibration, depth: Path | str) -> str
     else:
         cure = "without a pose in the file, the table is found in the depth image"
     return (
-        f"with this pose most of {depth} lies {off:+.2f} m above z = 0, tilted by "
-        f"{np.rad2deg(tilt):.0f} degrees, but most of an image is the table, at z = 0; {cure}"
+        f"with this pose most of {depth} lies {table.offset:+.2f} m above z = 0, tilted by "
+        f"{np.rad2deg(table.tilt):.0f} degrees, but most of an image is the table, at z = 0; {cure}"
     )
 
 
@@ -184,7 +188,7 @@ def _fits(metres: NDArray, calibration: Calibration, pose: Floats) -> bool:
     """Whether a pose (4, 4) puts the table of a depth image (H, W), metres, below it, at z = 0."""
     camera = calibration.at(_upright(pose))
     middle = camera.rays()[camera.height // 2, camera.width // 2]
-    return fits_table(metres, camera) and bool(middle[2] < 0)
+    return SeenTable.of(metres, camera).fits and bool(middle[2] < 0)
 
 
 def _upright(pose: Floats) -> Floats:

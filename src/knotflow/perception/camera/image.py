@@ -70,7 +70,8 @@ class RgbdImage:
             raise ImageError("no pixel has a depth: all are NaN (or 0 in the file)")
         if (~known & ~np.isnan(self.depth)).any():
             object.__setattr__(self, "depth", np.where(known, self.depth, np.float32(np.nan)))
-        if (far := float(np.nanmedian(self.depth))) > FARTHEST:
+        if 2 * (self.depth > FARTHEST).sum() > known.sum():
+            far = float(np.nanmedian(self.depth))
             raise ImageError(f"depth is in metres, but most of the image is {far:.4g} m away")
 
     def check(self, camera: Camera) -> None:

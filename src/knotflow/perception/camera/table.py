@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,42 +81,52 @@ def table_near_zero(depth: NDArray, camera: Camera) -> tuple[NDArray, NDArray | 
     return points, plane
 
 
-def table_error(depth: NDArray, camera: Camera) -> tuple[float, float]:
-    """Error of the camera's pose: metres in height, at the middle of the image, and radians of tilt
-    of the plane that fills most of a depth image (H, W), metres, against z = 0. Zero where too
-    little depth is known."""
-    middle, slope = _table(depth, camera)
-    return float(middle[2]), float(np.arctan(np.hypot(*slope)))
+@dataclass(frozen=True, eq=False)
+class SeenTable:
+    """The table as a camera's pose puts it: where it lies, with another than z = 0, is how far the
+    pose is off."""
 
+    middle: Floats
+    """(3,) metres, of what the image shows."""
+    slope: Floats
+    """(2,) of z over x and y."""
 
-def fits_table(depth: NDArray, camera: Camera) -> bool:
-    """Whether the table of a depth image (H, W), metres, is as near z = 0 as is corrected."""
-    off, tilt = table_error(depth, camera)
-    return abs(off) <= MAX_OFFSET and tilt <= MAX_TILT
+    @classmethod
+    def of(cls, depth: NDArray, camera: Camera) -> SeenTable:
+        """The plane that fills most of a depth image (H, W), metres; z = 0 where too little depth
+        is known."""
+        points, plane = table_near_zero(depth, camera)
+        if plane is None:
+            return cls(np.zeros(3), np.zeros(2))
+        x, y = np.nanmedian(points[..., :2], axis=(0, 1))
+        return cls(np.array([x, y, plane @ [1.0, x, y]]), plane[1:])
 
+    @property
+    def offset(self) -> float:
+        """Height of the middle, metres."""
+        return float(self.middle[2])
 
-def seated(depth: NDArray, camera: Camera) -> tuple[Camera, list[str]]:
-    """The camera as it is above the table of a depth image (H, W), metres, and what was corrected,
-    if its pose is off by more than some millimetres or a degree."""
-    middle, slope = _table(depth, camera)
-    tilt = float(np.arctan(np.hypot(*slope)))
-    if abs(middle[2]) <= _OFFSET and tilt <= _TILT:
-        return camera, []
-    up = np.r_[-slope, 1.0] / np.sqrt(1.0 + slope @ slope)
-    turn = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])[0].as_matrix()
-    position = turn @ (camera.position - middle) + middle * [1.0, 1.0, 0.0]
-    told = (
-        f"with the file's pose the table lies {1e3 * middle[2]:+.0f} mm above z = 0, tilted by "
-        f"{np.rad2deg(tilt):.1f} degrees: the pose is corrected by that"
-    )
-    return replace(camera, position=position, rotation=turn @ camera.rotation), [told]
+    @property
+    def tilt(self) -> float:
+        """Angle to z = 0, radians."""
+        return float(np.arctan(np.hypot(*self.slope)))
 
+    @property
+    def fits(self) -> bool:
+        """Whether it is as near z = 0 as is corrected."""
+        return abs(self.offset) <= MAX_OFFSET and self.tilt <= MAX_TILT
 
-def _table(depth: NDArray, camera: Camera) -> tuple[Floats, Floats]:
-    """The middle (3,) of the table of a depth image (H, W), metres, and its slope (2,); zero where
-    too little depth is known."""
-    points, plane = table_near_zero(depth, camera)
-    if plane is None:
-        return np.zeros(3), np.zeros(2)
-    middle = np.nanmedian(points[..., :2], axis=(0, 1))
-    return np.r_[middle, plane[0] + plane[1:] @ middle], plane[1:]
+    def seated(self, camera: Camera) -> Camera:
+        """The camera as it is above the table; itself within some millimetres and a degree."""
+        if abs(self.offset) <= _OFFSET and self.tilt <= _TILT:
+            return camera
+        up = np.r_[-self.slope, 1.0] / np.sqrt(1.0 + self.slope @ self.slope)
+        turn = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])[0].as_matrix()
+        position = turn @ (camera.position - self.middle) + self.middle * [1.0, 1.0, 0.0]
+        return replace(camera, position=position, rotation=turn @ camera.rotation)
+
+    def __str__(self) -> str:
+        return (
+            f"{1e3 * self.offset:+.0f} mm above z = 0, tilted by "
+            f"{np.rad2deg(self.tilt):.1f} degrees"
+        )
