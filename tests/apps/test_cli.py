@@ -86,6 +86,7 @@ def searches(monkeypatch, found):
         (["next", "overhand"], "--rope"),
         (["run", "overhand"], "run asks before every action: use a terminal, or --yes"),
         (["run", "overhand", "--yes", "--robot", "a:B"], "--camera FILE, with its pose"),
+        (["run", "overhand", "--yes", "--camera", "c.yaml"], "not for the simulated robot"),
         (["knots", "--out", "knots.doc"], ".png, .svg or .pdf"),
         (["explain", "overhnd"], "cannot explain 'overhnd': give a knot (unknot, overhand"),
         (["explain", "C(0,9,1)"], "there is no segment 9"),

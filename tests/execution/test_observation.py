@@ -13,6 +13,7 @@ from knotflow.execution import (
     TrackedRope,
     execute,
 )
+from knotflow.execution.robot import RobotError
 from knotflow.execution.step_executor import StepExecutor
 from knotflow.perception import Camera, RgbdImage, RopeEstimate, Tracker, TrackerConfig
 from knotflow.simulation import RopeConfig, straight
@@ -197,6 +198,14 @@ def test_nearest_link_is_held_until_release():
     robot.time = 9.5  # no image
     np.testing.assert_array_equal(source.points(robot, False), STRAIGHT)
     assert len(tracker.held) == 4
+
+
+def test_images_of_another_size_are_not_the_cameras():
+    estimator, robot = ImageStateEstimator(Camera.overhead(160, 120)), Filmed()
+    estimator.estimate(robot)
+    robot.time = 1.0
+    with pytest.raises(RobotError, match="80x60 pixels, but the camera's are 160x120"):
+        estimator.estimate(robot)
 
 
 @pytest.mark.parametrize(("off", "refused"), [(0.03, False), (0.1, True)])

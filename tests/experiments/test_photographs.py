@@ -22,6 +22,12 @@ def test_a_row_a_photograph(tmp_path):
     assert row["share_within_half_width"] > 0.95
 
 
+def test_a_missing_photograph_is_named(tmp_path):
+    (tmp_path / LABELS).write_text('[{"file": "arc.png"}]')
+    with pytest.raises(ValueError, match=r"lacks arc\.png"):
+        real_images(StageRun(tmp_path), images=str(tmp_path))
+
+
 def test_a_missing_folder_is_named(tmp_path):
     with pytest.raises(ValueError, match="nowhere: there is no"):
         real_images(StageRun(tmp_path), images="nowhere")

@@ -4,9 +4,15 @@ import numpy as np
 import pytest
 
 from knotflow.planning import PlannerConfig, parse_goal
-from knotflow.planning.proposals import UNDO_VALUE, Proposals, group_by_query
+from knotflow.planning.proposals import (
+    UNDO_VALUE,
+    Proposals,
+    clearance,
+    group_by_query,
+    prospect,
+)
 from knotflow.planning.rules import ACT, ARRANGE, Expansion, Node
-from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW
+from knotflow.simulation import SPLINE_HIGH, SPLINE_LOW, SplineError
 from knotflow.topology import TopologicalState, Undo
 
 LOOP = TopologicalState.parse("2o1+")
@@ -52,6 +58,13 @@ def test_undoing_is_aimed_for_sampler_without_it(node, capabilities):
     assert any(isinstance(action, Undo) for action in critic.asked) == ("undo" in capabilities)
 
 
+def test_prospect_is_of_the_best_action_and_the_room_for_it(node, shape_of):
+    straight = Node(shape_of(TopologicalState.trivial()), LOOP, 0)
+    assert prospect(straight) == 1.0  # a tied rope needs no action
+    node.values = np.linspace(0.2, 0.6, len(node.edges))
+    assert prospect(node) == pytest.approx(0.6 * clearance(node.points))
+
+
 def test_sampler_is_asked_once_per_query(node):
     critic = Critic(set())
     proposals = Proposals(critic, parse_goal("overhand"), PlannerConfig(), np.random.default_rng(0))
@@ -60,6 +73,30 @@ def test_sampler_is_asked_once_per_query(node):
     assert [branch.edge for branch in branches] == sorted(edges)
     assert [len(splines) for splines in proposals.splines(branches)] == [3, 2]
     assert critic.asked == [node.edges[0][0], node.edges[1][0]]
+
+
+@pytest.mark.parametrize(
+    ("splines", "told"),
+    [
+        (np.full((3, 6), np.nan), "= nan"),
+        (np.full((3, 5), 0.1), r"got \(3, 5\)"),
+        (np.full(6, 0.1), r"asked for 3 splines .* \(6,\), in place of \(3, 6\)"),
+        (None, "splines"),
+    ],
+)
+def test_what_a_sampler_gives_wrongly_is_told(node, splines, told):
+    class Wrong(Critic):
+        def sample(self, *_):
+            return splines
+
+    proposals = Proposals(
+        Wrong(set()),
+        parse_goal("overhand"),
+        PlannerConfig(guess_fraction=0.0),
+        np.random.default_rng(),
+    )
+    with pytest.raises(SplineError, match=told):
+        list(proposals.splines([Expansion(node, 0, ACT)] * 3))
 
 
 @pytest.mark.slow
@@ -92,11 +129,11 @@ def test_guesses_are_mixed_in_after_a_success(node):
 
 def test_splines_for_several_ropes_are_those_that_most_of_them_judge_well(node, rng):
     class Judge(Critic):
-        """Each rope judges splines by their height."""
+        """One rope judges splines by their height, the other one by their grasp."""
 
         def success_probability(self, points, action, splines):
             self.judged.append(points)
-            return splines[:, 3]
+            return splines[:, 3 * (len(self.judged) % 2)]
 
     judge = Judge({"success_probability"})
     judge.judged = []
@@ -106,6 +143,8 @@ def test_splines_for_several_ropes_are_those_that_most_of_them_judge_well(node, 
     found = proposals.for_worlds(Expansion(node, 0), ropes, near, 4)
     assert found.shape == (4, 6)
     assert len(judge.judged) == 2
-    assert (np.diff(found[:, 3]) <= 0).all() and found[0, 3] > near[3]  # a noisy copy
+    assert (judge.judged[0] != judge.judged[1]).any()
+    judged = found[:, 0] + found[:, 3]
+    assert (np.diff(judged) <= 0).all() and judged[0] > near[0] + near[3]  # a noisy copy
     without = Proposals(Critic(set()), parse_goal("overhand"), PlannerConfig(), rng)
     assert without.for_worlds(Expansion(node, 0), ropes, near, 4).shape == (4, 6)

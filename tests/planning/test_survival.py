@@ -13,8 +13,9 @@ from knotflow.planning import (
     TreeSearch,
     survival,
 )
+from knotflow.planning.rules import Node
 from knotflow.planning.survival import SurvivalSearch
-from knotflow.simulation import straight
+from knotflow.simulation import Rollouts, straight
 
 
 class Brittle:
@@ -67,6 +68,21 @@ def test_it_keeps_its_best_plan_when_the_budget_is_spent(world, path_goal):
     assert plan.reason == "200 splines were simulated"
     assert plan.worlds > plan.survived[0] >= plan.survived[1] >= plan.survived[2] > 0
     assert max(survivals) < 0.9
+
+
+@pytest.mark.parametrize(("late", "simulated"), [(0, 0), (6, 8)])
+def test_it_ends_in_time_and_still_measures_its_plan(
+    world, path_goal, monkeypatch, late, simulated
+):
+    """Its time is over after the first plan, or while this is carried through four worlds."""
+    brittle = Brittle(world(), 1.0)
+    draws, used = drawn_worlds(brittle, monkeypatch)
+    monkeypatch.setattr(TreeSearch, "is_late", lambda _: bool(draws) and len(used) >= late)
+    plan, _ = survive(brittle, path_goal, worlds=4)
+    assert plan.solved and plan.reason.endswith(" s passed") and plan.survived == (4, 4, 4)
+    chosen, measuring = draws
+    assert len(used) == simulated + 3 * len(measuring)
+    assert all(one in chosen for one in used[:simulated])
 
 
 @pytest.mark.parametrize("ends", [SearchStoppedError, KeyboardInterrupt])
@@ -216,6 +232,72 @@ def test_ctrl_c_while_it_is_measured_leaves_the_plan(world, path_goal):
 
     plan, _ = survive(Interrupted(world(), 1.0), path_goal, stoppable=True)
     assert plan.solved and plan.worlds == 0 and plan.survived == ()
+
+
+def test_steps_are_followed_blindly_and_a_lost_world_stays_lost(world, plan):
+    steps, rows = iter(plan.steps), []
+
+    class Forgiving(world):
+        """The first step fails in the second world; the others end as planned, whatever was."""
+
+        def execute(self, points, splines, worlds, controls):
+            step = next(steps)
+            np.testing.assert_array_equal(controls, [step.controls(plan.radius)] * len(points))
+            ends = np.repeat(step.end[None], len(points), axis=0)
+            if not rows:
+                ends[1] = step.start
+            rows.append(worlds)
+            return Rollouts.between(points, ends)
+
+    assert survival.surviving(plan.steps, Forgiving(), "abc") == (2, 2, 2)
+    assert rows == [list("abc"), ["a", "c"], ["a", "c"]]
+
+
+class Grown:
+    """A search whose nodes are given, and which grows four children of other values."""
+
+    def __init__(self, nodes, child):
+        self.nodes, self.child = nodes, child
+
+    def grow_for(self, expansion, ropes, near, count):
+        self.asked = expansion.node, ropes, near
+        return [self.child(value) for value in (0.3, 0.9, 0.1, 0.6)]
+
+
+def test_the_tree_grows_where_survival_and_value_are_highest(plan, path_goal, shape_of):
+    first, second = (step.end_state for step in plan.steps[:2])
+
+    def node(state, value, parent=None, step=None):
+        dag = path_goal.dag
+        one = Node(shape_of(state), state, dag.distance(state), dag.edges_from(state), parent, step)
+        one.values = np.full(len(one.edges), value)
+        return one
+
+    root = node(plan.start_state, 0.6)
+    sure, best, likely = (node(first, value) for value in (0.2, 0.9, 0.92))
+    steps = [replace(plan.steps[1], spline=np.full(6, share)) for share in (0.2, 0.4, 0.1)]
+    children = [node(second, 0.0, best, step) for step in steps]
+    grown = Grown([root], lambda value: node(second, value))
+    search = SurvivalSearch(grown, SurvivalConfig(worlds=4, tested=2), np.random.default_rng(0))
+    intact = np.array([True, False, True, False])
+    ropes = np.arange(4)[:, None, None] + best.points
+    shares = {sure: 0.9, best: 0.5, likely: 0.48}
+    shares |= dict(zip(children, (0.2, 0.4, 0.1), strict=True))
+    search._ropes |= {one: survival.Ropes(ropes, intact, share) for one, share in shares.items()}
+    search._children[best, second] = children
+    tested = search._next(0.45)
+    assert grown.asked[0] is best
+    np.testing.assert_array_equal(grown.asked[1], ropes[intact])
+    np.testing.assert_array_equal(grown.asked[2], steps[1].spline)
+    assert [one.values[0] for one in tested] == [0.6, 0.9]
+    root.values[:] = likely.values[:] = 0.1
+    search._ropes |= {one: replace(search._ropes[one], survival=0.0) for one in children}
+    search._next(0.45)  # for what was tried there did not survive
+    assert grown.asked[0] is sure
+    root.values[:] = 0.6
+    search._tries.clear()
+    search._next(0.5)  # no plan by way of `best` would be better
+    assert grown.asked[0] is root
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-import os
 import re
 import sys
 import tempfile
@@ -300,6 +299,8 @@ def run(
     planning.parse_goal(knot, rope)  # refuses it before a robot is asked for
     if not yes and not sys.stdin.isatty():
         raise ValueError("run asks before every action: use a terminal, or --yes")
+    if robot == "twin" and camera is not None:
+        raise ValueError(f"--camera {camera} is not for the simulated robot; name yours by --robot")
     if robot == "twin":
         eye = Camera.overhead()
         driver = lab.make_twin(rope, eye, level, seed)
@@ -887,8 +888,10 @@ def _check_free(path: Path) -> None:
 
 def _check_writable(path: Path) -> None:
     folder = next(one for one in path.absolute().parents if one.exists())
-    if not folder.is_dir() or not os.access(folder, os.W_OK):
-        raise ValueError(f"cannot write {path}: {folder} is not a writable folder")
+    try:
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError:
+        raise ValueError(f"cannot write {path}: {folder} is not a writable folder") from None
 
 
 if __name__ == "__main__":

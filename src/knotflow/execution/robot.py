@@ -53,7 +53,8 @@ class Robot(Protocol):
 
 
 class RobotError(RuntimeError):
-    """A robot that is not where it was sent, or does not know where it is."""
+    """A robot that is not where it was sent, or does not know where it is, or whose images are not
+    of its camera."""
 
 
 class RobotWrapper:
@@ -185,7 +186,7 @@ class ImageStateEstimator:
     _search_wider: bool = field(default=False, init=False)
 
     def estimate(self, robot: Robot, likely: Sequence[NDArray] = ()) -> Observation | None:
-        from knotflow.perception import EstimateConfig, TraceError, estimate
+        from knotflow.perception import EstimateConfig, ImageError, TraceError, estimate
         from knotflow.perception.camera.table import SeenTable
 
         try:
@@ -197,6 +198,10 @@ class ImageStateEstimator:
             self._previous_time = image.time
             return None
         self._previous_time = None
+        try:
+            image.check(self.camera)
+        except ImageError as error:
+            raise RobotError(str(error)) from error
         table = SeenTable.of(image.depth, self.camera)
         if not table.fits:
             return Observation(None, None, (f"the table lies {table}: the camera's pose is wrong",))

@@ -28,7 +28,7 @@ def real_images(run: StageRun, *, images: str) -> None:
     of the labelled line within half a width of the estimate.
 
     Raises:
-        ValueError: the folder is missing.
+        ValueError: the folder is missing, or a photograph of it.
     """
     folder = Path(images)
     if not (folder / LABELS).is_file():
@@ -38,6 +38,8 @@ def real_images(run: StageRun, *, images: str) -> None:
         )
     rows = []
     labels = json.loads((folder / LABELS).read_text("utf-8"))
+    if missing := [one["file"] for one in labels if not (folder / one["file"]).is_file()]:
+        raise ValueError(f"real_images.images={images} lacks {', '.join(missing)}")
     for label in run.progress(labels, desc="photographs"):
         began = time.perf_counter()
         row = {"image": label["file"], "crossings": label["num_crossings"]}

@@ -8,7 +8,7 @@ import numpy as np
 
 from knotflow.planning.certainty import SurvivalConfig
 from knotflow.planning.config import FAST_SEARCH, PlannerConfig
-from knotflow.planning.goals import parse_goal
+from knotflow.planning.goals import Goal, parse_goal
 from knotflow.planning.hand import Reach
 from knotflow.planning.plan import KnotPlan
 from knotflow.planning.survival import SurvivalSearch
@@ -23,7 +23,7 @@ from knotflow.topology.polyline import Floats
 
 def plan_rope(
     points: Floats,
-    knot: str,
+    knot: str | Goal,
     rng: np.random.Generator,
     *,
     sampler: Sampler,
@@ -38,22 +38,23 @@ def plan_rope(
 ) -> KnotPlan:
     """Plan how to tie a knot into a rope; the plan has its trajectories, solved or not.
 
-    The rope (V, 3), metres, head first, is at rest; the knot is a name, crossings or a path of
-    actions, see `parse_goal`. Simulation is recorded at `RECORD_RATE`; the default of `config` is
-    `FAST_SEARCH`. With `survival` the search continues until a plan succeeds in other worlds; with
-    `reach` it accepts only what an arm can follow. If `stoppable`, Ctrl-C then ends it with the
-    best plan so far. For the other arguments see `plan_knot`.
+    The rope (V, 3), metres, head first, is at rest; the knot is a goal, or a name, crossings or a
+    path of actions, see `parse_goal`. Simulation is recorded at `RECORD_RATE`; the default of
+    `config` is `FAST_SEARCH`. With `survival` the search continues until a plan succeeds in other
+    worlds; with `reach` it accepts only what an arm can follow. If `stoppable`, Ctrl-C then ends it
+    with the best plan so far. For the other arguments see `plan_knot`.
 
     Raises:
         ValueError: an unknown knot, one that is tied already, or one that cannot be reached from
             this rope; see `parse_goal` and `plan_knot`.
     """
     simulation = replace(simulation or SimulationConfig(), record_rate=RECORD_RATE)
-    goal = parse_goal(knot, simulation.rope)
+    goal = knot if isinstance(knot, Goal) else parse_goal(knot, simulation.rope)
     state = TopologicalState.from_curve(points)
     if state in goal.states:
         raise ValueError(
-            f"there is nothing to plan: the rope is in the state {state}, which is {knot} already"
+            f"there is nothing to plan: the rope is in the state {state}, which is {goal.name} "
+            "already"
         )
     search = TreeSearch(
         points,

@@ -21,7 +21,7 @@ from knotflow.samplers.demonstrations import (
     screened_splines,
 )
 from knotflow.samplers.sampler import Sampler, capability, has_capability
-from knotflow.simulation import Attempts, Observer, RopeSimulator
+from knotflow.simulation import Attempts, Observer, RopeSimulator, SplineError, check_splines
 from knotflow.topology import Action, Arrange, TopologicalState, Undo, segment_lengths
 from knotflow.topology.polyline import Floats
 
@@ -134,7 +134,13 @@ class Proposals:
         guesses = rng.binomial(count, self._guess_fraction) if mixed else 0
         found = [self._guess(expansion, guesses)] if guesses else []
         if guesses < count:
-            found.append(learned(node.points, action, count - guesses, rng))
+            splines = check_splines(learned(node.points, action, count - guesses, rng))
+            if splines.shape != (count - guesses, 6):
+                raise SplineError(
+                    f"the sampler was asked for {count - guesses} splines and gave an array of "
+                    f"shape {splines.shape}, in place of {(count - guesses, 6)}"
+                )
+            found.append(splines)
         return np.concatenate(found)
 
     def _guess(self, expansion: Expansion, count: int) -> Floats:

@@ -67,8 +67,8 @@ class SurvivalSearch:
 
         `SearchStoppedError` and, if `stoppable`, Ctrl-C end the search with the best plan so far,
         and go on to the caller before there is one. While it is measured, they leave it without
-        `worlds`. The measurement, and a test of a plan that has begun, may pass the limits of the
-        search.
+        `worlds`. The measurement may pass the limits of the search; a test of a plan that has begun
+        may pass that of splines.
         """
         stops = (SearchStoppedError, KeyboardInterrupt) if stoppable else SearchStoppedError
         search, config = self._search, self._config
@@ -102,7 +102,10 @@ class SurvivalSearch:
     def _is_sure(self, tied: Node) -> bool:
         """Whether a plan ties in most worlds, and in most of twice as many others: the best of many
         was lucky in the worlds it was chosen by."""
-        config, ropes = self._config, self._ropes[tied]
+        config = self._config
+        if self._search.is_late():
+            return False
+        ropes = self._ropes[tied]
         if ropes.survival < config.least:
             return False
         steps, others = self._search.plan(True, "", tied).steps, self._draw() + self._draw()
@@ -114,10 +117,10 @@ class SurvivalSearch:
             left = surviving(steps, self._search.simulator, some)
             self._search.branches += len(some) + sum(left[:-1])
             tested, lost = tested + len(some), lost + len(some) - left[-1]
-            if lost > most:
+            if lost > most or self._search.is_late():
                 break
         self._ropes[tied] = replace(ropes, survival=1 - lost / tested)
-        return lost <= most
+        return bool(lost <= most) and tested == 3 * config.worlds
 
     def _draw(self) -> list[World]:
         rope, config = self._search.simulator.config.rope, self._config
@@ -158,6 +161,8 @@ class SurvivalSearch:
             parent, step = node.parent, node.step
             if parent is None or step is None or node in self._ropes:
                 continue
+            if self._search.is_late():
+                return
             self._ropes[node] = self._execute(step, self._ropes[parent])
             self._children[parent, node.state].append(node)
 

@@ -219,9 +219,13 @@ class TreeSearch:
             return f"{self.config.max_branches} splines were simulated"
         if self.out_of_reach >= self.config.max_branches:
             return f"{self.config.max_branches} times no spline was in the arm's reach"
-        if self.elapsed() >= self.config.max_seconds:
+        if self.is_late():
             return f"{self.config.max_seconds:g} s passed"
         return None
+
+    def is_late(self) -> bool:
+        """Whether its time is over."""
+        return self.elapsed() >= self.config.max_seconds
 
     def elapsed(self) -> float:
         """Seconds since the search began."""

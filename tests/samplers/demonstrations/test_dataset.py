@@ -55,6 +55,12 @@ def test_what_is_saved_is_read_back(shipped, tmp_path):
         assert np.array_equal(one.spline, other.spline)
 
 
+def test_a_file_of_something_else_is_refused(tmp_path):
+    (tmp_path / "rope.csv").write_text("x,y,z\n0,0,0\n")
+    with pytest.raises(DemonstrationError, match="line 1: not JSON, .* as the studio writes them"):
+        load_demonstrations(tmp_path / "rope.csv")
+
+
 def test_output_of_the_demonstrator_is_read(shipped, tmp_path):
     save_demonstrations(tmp_path / "scripted.jsonl", shipped[:2])
     assert [one.task for one in load_demonstrations(tmp_path)] == [one.task for one in shipped[:2]]

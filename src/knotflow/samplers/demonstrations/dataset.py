@@ -187,6 +187,11 @@ def load_demonstrations(path: Path = SHIPPED) -> list[Demonstration]:
     for number, line in enumerate(lines, 1):
         try:
             demonstrations.append(_demonstration(json.loads(line)))
+        except json.JSONDecodeError as error:
+            raise DemonstrationError(
+                f"{path}, line {number}: not JSON, of which a demonstration file has an object a "
+                f"line, as the studio writes them: {error}"
+            ) from None
         except KeyError as error:
             raise DemonstrationError(f"{path}, line {number}: {error} is missing") from None
         except (ValueError, TypeError) as error:
