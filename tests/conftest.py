@@ -219,6 +219,16 @@ def shape(state):
     return points
 
 
+def long_headed(state, share):
+    """As `shape`, with so much of the rope's length added before the head."""
+    points = shape(state)
+    outward = points[0] - points[1]
+    begin = points[0] + share * outward * CONFIG.rope.links
+    longer = resample(np.concatenate([[begin], points]), CONFIG.rope)
+    assert TopologicalState.from_curve(longer) == state
+    return longer
+
+
 RELEASE = 1.8
 """Seconds from grasp to release in the obedient world."""
 
@@ -283,6 +293,11 @@ def world():
 @pytest.fixture
 def shape_of():
     return shape
+
+
+@pytest.fixture
+def long_headed_shape_of():
+    return long_headed
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,7 @@
 """Plans are executed with five words, and a lost rope is noticed."""
 
 from dataclasses import replace
+from itertools import cycle
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from knotflow.execution import (
     TwinConfig,
     execute,
 )
+from knotflow.execution.step_executor import StepExecutor, StepOutcome
 from knotflow.planning import UnreachableGoalError
 from knotflow.simulation import state_or_none
 
@@ -334,6 +336,23 @@ def test_dropped_rope_is_detected_and_grasped_again(plan):
     assert execution.outcomes[0].observed_state != plan.steps[0].end_state
     assert execution.tied == (state_or_none(twin.points) in plan.goal_states)
     assert len(execution.outcomes) > 1
+
+
+def test_losses_and_unsolved_plans_count_only_in_a_row(plan, monkeypatch):
+    held, solved = cycle([False, True]), cycle([False, True])
+
+    def step_of(self, step, *_):
+        return StepOutcome(step, None, held=next(held), tracked=True)
+
+    monkeypatch.setattr(StepExecutor, "execute", step_of)
+    estimator = Scripted(*[Observation.of(plan.start)] * 7)
+    config = ExecutionConfig(attempts=2, max_unsolved=1, max_actions=6)
+    execution = execute(
+        *(plan, Recorded(), config),
+        estimator=estimator,
+        replan=lambda points: replace(plan, solved=next(solved)),
+    )
+    assert execution.reason.startswith("the knot is not tied after 6 actions")
 
 
 def test_inconsistent_arguments_are_refused(plan):

@@ -28,6 +28,15 @@ def test_distance_is_one_more_than_at_nearest_neighbour(name):
             assert state.apply(action) == onward
 
 
+def test_shortest_path_leads_to_a_goal_in_as_many_edges_as_the_distance():
+    dag = parse_goal("overhand").dag
+    for start in dag.graph:
+        state, path = start, dag.shortest_path(start)
+        for action in path:
+            state = state.apply(action)
+        assert state in dag.goals and len(path) == dag.distance(start)
+
+
 def test_path_has_one_edge_per_state():
     dag = SolutionDag.along(PATH)
     assert len(dag) == 4

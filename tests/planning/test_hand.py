@@ -61,6 +61,21 @@ def test_splines_that_grasp_where_fingers_do_not_fit_are_not_for_the_search():
     assert Hand(ROPE.radius).may_follow(points, splines).tolist() == [False, True]
 
 
+def test_the_arm_that_carries_a_hand_is_asked_too():
+    class Arm:
+        def may_follow(self, points, splines):
+            return splines[:, 0] < 0.6
+
+        def first_failed(self, plan):
+            return 2
+
+    points, hand = hairpin(0.018), Hand(ROPE.radius, arm=Arm())
+    splines = np.tile([0.2, 0.1, 0.1, 0.05, 0.2, 0.1], (3, 1))
+    splines[:, 0] = 0.2, 0.5, 0.8
+    assert hand.may_follow(points, splines).tolist() == [False, True, False]
+    assert (hand.first_failed(None), Hand(ROPE.radius).first_failed(None)) == (2, None)
+
+
 def test_a_hand_is_as_large_in_units_of_the_rope():
     scaled = np.array([*vars(HAND.scaled(2.0)).values()])
     np.testing.assert_allclose(2 * scaled, [*vars(HAND).values()])

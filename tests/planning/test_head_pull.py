@@ -23,15 +23,15 @@ def test_pulls_grasp_the_head_and_other_points_of_the_rope(shape_of, rng):
 
 
 class Rope:
-    """Takes the shapes of a list one after the other, whatever the pull; all other pulls fail."""
+    """The first pulls lead to the shapes of a list, whatever they are; all others fail."""
 
     def __init__(self, config, shapes):
-        self.config, self.shapes = config, iter(shapes)
+        self.config, self.shapes = config, shapes
 
     def execute(self, points, splines):
         count = len(splines)
         ends = points.copy()
-        ends[0] = next(self.shapes, points[0])
+        ends[: len(self.shapes)], self.shapes = self.shapes or points[:0], []
         return Rollouts(
             times=np.array([0.0, 1.0]),
             trajectory=np.stack([ends, ends], axis=1).astype(np.float32),
@@ -54,6 +54,21 @@ def test_shape_nearest_to_the_wanted_lengths_is_kept(world, shape_of, rng, monke
     assert pull_head(points, Rope(config, []), rng) is None
     lost = shape_of(TopologicalState.parse("1o3+4o2+"))  # another state, whatever its lengths
     assert pull_head(points, Rope(config, [lost]), rng) is None
+
+
+def test_of_all_pulls_that_keep_the_state_the_one_with_the_longest_head_is_kept(
+    world, long_headed_shape_of, rng, monkeypatch
+):
+    lost = long_headed_shape_of(TopologicalState.parse("1o3+4o2+"), 0.8)
+    start, long, longest, other = (
+        long_headed_shape_of(OVERHAND, share) for share in (0.0, 0.2, 0.4, 0.1)
+    )
+    head, *inner, _ = segment_lengths(longest) * world.config.rope.length
+    monkeypatch.setattr(head_pull, "LEAST_HEAD", 0.99 * head)
+    monkeypatch.setattr(head_pull, "LEAST_SEGMENT", 0.5 * min(inner))
+    monkeypatch.setattr(head_pull, "ROUNDS", 2)
+    pulled = pull_head(start, Rope(world.config, [long, longest, lost, other]), rng)
+    np.testing.assert_array_equal(pulled, longest)
 
 
 @pytest.mark.parametrize("scale", [0.5, 2.0])

@@ -63,6 +63,23 @@ def test_the_rope_in_its_real_size_bends_under_its_own_weight_as_the_model(lengt
     assert bending == pytest.approx(size.bending_length, rel=1e-3)
 
 
+def ratios(rope):
+    """What decides how a rope moves: its hinges' stiffness, damping and inertia, relative to those
+    of a link's weight, and its thickness."""
+    step = rope.link_length
+    inertia = rope.density * np.pi * rope.radius**2 * step**3
+    rate = np.sqrt(GRAVITY / step)  # 1/s
+    hinge = rope.joint_stiffness / rate**2, rope.joint_damping / rate, rope.joint_armature
+    return np.array([*hinge, inertia]) / inertia
+
+
+@pytest.mark.parametrize("diameter", ["0.2mm", "4mm"])
+@pytest.mark.parametrize("length", [0.3, 3.0])
+def test_a_rope_and_its_model_have_the_same_ratios(length, diameter):
+    size = RopeSize.of(length, diameter)
+    np.testing.assert_allclose(ratios(size.rope()), ratios(size.model()))
+
+
 def test_links_follow_from_length_over_diameter():
     assert RopeSize.of(1.0, "10mm").links == RopeConfig().links
     assert RopeSize.of(0.5, "4mm").links == 48

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,13 +13,15 @@ from knotflow.planning.proposals import Proposals, clearance
 from knotflow.planning.rules import (
     ACT,
     ARRANGE,
+    MAX_GAINS,
+    Expansion,
     Node,
     PosteriorRule,
     ReservationPrices,
     node_probabilities,
 )
 from knotflow.simulation import straight
-from knotflow.topology import TopologicalState, segment_intervals
+from knotflow.topology import Arrange, TopologicalState, segment_intervals
 
 TRIVIAL = TopologicalState.trivial()
 
@@ -169,6 +172,41 @@ def test_arranging_is_chosen_where_it_raises_the_value(world, path_goal):
     ):
         (branch,) = chosen(path_goal, [shape], arranging=most)
         assert branch.kind == ACT
+
+
+@pytest.mark.parametrize(("reached", "kind"), [(0.15, ACT), (0.3, ARRANGE)])
+def test_arranging_goes_on_while_it_gains_what_was_predicted(world, path_goal, reached, kind):
+    shape = node(world, path_goal, TRIVIAL, [0.15], [0.3])
+    arranged = node(world, path_goal, TRIVIAL, [reached])
+    rule = PosteriorRule(PlannerConfig(), path_goal.dag)
+    rule.add(shape)
+    for _ in range(MAX_GAINS):
+        shape.tries[ARRANGE] += 1
+        rule.learn(Expansion(shape, 0, ARRANGE), arranged)
+    (branch,) = rule.choose(1)
+    assert branch.kind == kind
+
+
+def test_arranging_that_loses_the_state_is_given_up(world, path_goal):
+    shape = node(world, path_goal, TRIVIAL, [0.2], [0.9])
+    rule = PosteriorRule(PlannerConfig(), path_goal.dag)
+    rule.add(shape)
+    kinds = []
+    for _ in range(20):
+        (branch,) = rule.choose(1)
+        kinds.append(branch.kind)
+        rule.learn(branch, None)
+    assert kinds[0] == ARRANGE and ACT in kinds
+
+
+def test_an_arranged_shape_inherits_what_was_tried_of_the_action(world, path_goal, plan):
+    shape, arranged = (node(world, path_goal, TRIVIAL, [0.5]) for _ in range(2))
+    shape.tries[:], shape.successes[:] = 7, 2
+    action = Arrange(path_goal.dag.edges_from(TRIVIAL)[0][0])
+    arranged.parent, arranged.step = shape, replace(plan.steps[0], action=action)
+    PosteriorRule(PlannerConfig(), path_goal.dag).add(arranged)
+    assert (arranged.tries[ACT], arranged.successes[ACT]) == (7, 2)
+    assert arranged.tries[ARRANGE] == arranged.successes[ARRANGE] == 0
 
 
 class Tight:

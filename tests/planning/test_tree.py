@@ -12,6 +12,7 @@ from knotflow.planning import (
     tree,
 )
 from knotflow.planning.config import RULES
+from knotflow.planning.proposals import clearance
 from knotflow.planning.tree import DIVERGED, OUT_OF_REACH
 from knotflow.samplers.demonstrations import heuristic_splines
 from knotflow.simulation import (
@@ -191,7 +192,7 @@ def test_margin_is_kept(world, path_goal):
     assert not without.solved and len(without.steps) == 1
     assert "fragile" in [one.outcome for one in without.tried]
     # What was shorter before may be as short again.
-    tight = search(path_goal, world(), start=free.steps[1].end, margin=1.1 * left[1])
+    tight = search(path_goal, world(), start=free.steps[1].end, margin=1.1 * left[2])
     assert tight.solved and tight.branches == 1
 
 
@@ -440,6 +441,28 @@ def test_no_success_of_an_earlier_plan_makes_a_node_likelier_than_certain(world,
     assert plan.solved and plan.branches == 24
     for node in grown.nodes:
         assert (node.tries >= node.successes).all()
+
+
+def test_an_earlier_plan_goes_on_from_the_roomiest_of_its_ends(
+    world, path_goal, long_headed_shape_of
+):
+    earlier = search(path_goal, world())
+    state = earlier.steps[0].end_state
+    shares = np.array([0.3, 0.2, 0.0, 0.1, 0.4, 0.5, 0.6, 0.7])
+    ends = np.stack([long_headed_shape_of(state, share) for share in shares])
+
+    starts = []
+
+    class Various(world):
+        def execute(self, points, splines):
+            starts.append(points[0])
+            if len(starts) == 1:
+                self.ends = {one.tobytes(): end for one, end in zip(splines, ends, strict=True)}
+            return super().execute(points, splines)
+
+    search(path_goal, Various(), earlier=earlier, max_branches=16)
+    best = max(ends, key=clearance)
+    np.testing.assert_array_equal(starts[1], best)
 
 
 def test_an_earlier_plan_is_carried_to_where_the_rope_lies(world, path_goal):

@@ -129,6 +129,13 @@ def test_moving_an_end_under_is_no_penetration():
     assert len(find_penetrations(np.stack([*over, *under]))) == 0
 
 
+def test_crossings_elsewhere_or_of_the_other_turn_are_others():
+    before = loop(0.016)
+    assert len(find_penetrations(np.stack([before, loop(-0.016)]))) == 1
+    assert len(find_penetrations(np.stack([before, loop(-0.016, cross=0.4)]))) == 0
+    assert len(find_penetrations(np.stack([before, loop(-0.016) * [1, -1, 1]]))) == 0
+
+
 @pytest.mark.parametrize("rate", [10.0, 50.0])
 def test_simulated_rope_does_not_penetrate_itself(rate):
     simulator = RopeSimulator(SimulationConfig(threads=1, record_rate=rate))

@@ -50,6 +50,13 @@ def test_the_gripper_drags_along_the_spline(plan):
         assert len(drag) == round(plan.steps[0].release_time * 100.0)
 
 
+def test_it_lets_go_where_the_drag_ends_between_frames_too(plan):
+    early = replace(plan.steps[0], release_time=plan.steps[0].release_time - 0.05)
+    waypoints = replace(plan, steps=(early,)).waypoints(20.0)
+    last = max(row for row, phase in enumerate(waypoints.phases) if phase == "drag")
+    np.testing.assert_allclose(waypoints.positions[last], early.gripper[-1], atol=1e-6)
+
+
 def test_open_it_stays_above_the_rope_but_straight_over_grasp_and_release(plan):
     config = GripperConfig(approach_height=0.12, retreat_height=0.2)
     waypoints = plan.waypoints(50.0, config)

@@ -200,6 +200,13 @@ def test_indexing_and_concatenating_rollouts(simulator, rng):
     np.testing.assert_array_equal(part.gripper, rollouts.gripper[[2, 0]])
     assert part.times is rollouts.times
     assert len(rollouts[1:]) == len(rollouts[1:].diverged) == 2
+    row, count = int(rollouts.frames.argmin()), int(rollouts.frames.min())
+    short, whole = rollouts[[row]], rollouts.trajectory[[row]]
+    short = replace(short, times=short.times[:count], trajectory=whole[:, :count])
+    for parts in ([short, rollouts], [rollouts, short]):
+        joined = Rollouts.concatenate(parts)
+        assert joined.times is rollouts.times
+        assert (joined.trajectory == whole).all(axis=(1, 2, 3)).sum() == 2
     joined = Rollouts.concatenate([rollouts[:2], rollouts[2:]])
     for name in ("times", "trajectory", "gripper", "end_points", "diverged"):
         np.testing.assert_array_equal(getattr(joined, name), getattr(rollouts, name))
@@ -217,6 +224,15 @@ def test_spline_takes_its_length_at_the_pace(simulator):
     np.testing.assert_allclose(rollouts.release_times, wanted, atol=config.timestep)
     speed = np.linalg.norm(np.diff(rollouts.gripper, axis=1), axis=-1) / 0.1
     assert speed.max() <= config.pace * (1 + config.timestep / config.ramp_time)
+
+
+def test_a_rope_that_is_dragged_slowly_is_not_at_rest():
+    config = SimulationConfig(pace=0.009, threads=1)
+    assert config.pace < config.rest_speed
+    lying = straight(config.rope)
+    spline = np.array([0.51, 0.0125, 0.005, 0.02, 0.0125, 0.01])
+    rollouts = RopeSimulator(config).execute(lying[None], spline[None])
+    assert rollouts.times[-1] > rollouts.release_times[0] > 1.0
 
 
 def test_spline_that_goes_nowhere_is_simulated(simulator):

@@ -1,5 +1,7 @@
 """One contract over every start generator, and starts made by executing actions."""
 
+from itertools import cycle
+
 import numpy as np
 import pytest
 
@@ -16,7 +18,12 @@ from knotflow.simulation import (
     resample,
     straight,
 )
-from knotflow.topology import IllegalActionError, TopologicalState, parse_action
+from knotflow.topology import (
+    IllegalActionError,
+    TopologicalState,
+    parse_action,
+    segment_lengths,
+)
 
 ROPES = [RopeConfig(), RopeConfig(links=25, length=0.7, radius=0.005)]
 
@@ -51,6 +58,17 @@ def test_random_curves_are_wiggling_arcs_of_all_directions(rng):
     assert abs(np.exp(1j * heading[:, 20]).mean()) < 0.2
 
 
+def test_strands_of_random_curves_do_not_touch(rng):
+    rope = RopeConfig(radius=0.02, links=50)
+    curves = [random_curve(rope, rng, StartsConfig(bend=5.0, most_bend=8.0)) for _ in range(40)]
+    apart = np.arange(rope.num_vertices)[:, None] - np.arange(rope.num_vertices)
+    far = apart * rope.link_length >= 4 * np.pi * rope.radius
+    for points in curves:
+        assert TopologicalState.from_curve(points) == TopologicalState.trivial()
+        between = np.linalg.norm(points[:, None] - points, axis=-1)
+        assert between[far].min() >= 2 * rope.radius
+
+
 def test_equal_seeds_give_equal_starts():
     rope = RopeConfig()
     one, other = (random_curve(rope, np.random.default_rng(5)) for _ in range(2))
@@ -70,6 +88,24 @@ def test_reached_starts_have_the_state(simulator, rng):
     hits = sum(batch.success.sum() for batch in seen if batch.action == actions[1])
     assert hits == starts.reached >= 3
     assert len({points.tobytes() for points in starts.points}) == 3
+
+
+def test_reached_starts_are_roomy(world, long_headed_shape_of, rng):
+    action = parse_action("R1(0,1,1)")
+    loop = TopologicalState.trivial().apply(action)
+    roomy, tight = (long_headed_shape_of(loop, share) for share in (0.0, 0.8))
+    lengths = [segment_lengths(points).min() for points in (roomy, tight)]
+    config = StartsConfig(shortest_segment=float(np.mean(lengths)))
+    proposed, ends = world(), cycle([tight, roomy])
+
+    def propose(points, action, count, rng):
+        splines = proposed.sample(points, action, count, rng)
+        proposed.ends |= {spline.tobytes(): next(ends) for spline in splines}
+        return splines
+
+    starts = reach_starts([action], 5, proposed, propose, rng, config)
+    assert (starts.points == roomy).all()
+    assert (starts.reached, starts.too_tight) == (16, 8)
 
 
 @pytest.mark.slow
@@ -139,6 +175,19 @@ def test_resampling_is_idempotent():
 def test_invalid_curves_are_rejected(curve, message):
     with pytest.raises(ValueError, match=message):
         resample(curve, RopeConfig())
+
+
+def test_random_tangle_is_accepted_and_never_beyond_its_crossings(world):
+    seen = []
+
+    def accept(state):
+        seen.append(state.num_crossings)
+        return state.num_crossings == 2 and seen.count(2) == 2
+
+    sampler, rng = world(chance=0.7), np.random.default_rng(3)
+    points = random_tangle(accept, sampler, sampler.sample, rng, most_crossings=2)
+    assert TopologicalState.from_curve(points).num_crossings == 2 and seen.count(2) == 2
+    assert {*seen} == {1, 2}
 
 
 def test_random_tangle_has_accepted_state_and_is_repeatable(simulator):

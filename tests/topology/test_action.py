@@ -81,6 +81,7 @@ def test_undo_segments_border_removed_crossings(states_by_crossings):
                 assert (pulled in ends) == isinstance(undo.action, Cross)
                 pair = {pulled, undo.other_segment(state.num_segments)}
                 assert pair == {over, under}
+                assert pulled == over or {over, under} & {*ends} == {under}
                 left = undo.num_segments_after(state.num_segments)
                 assert left == previous.num_segments
 
