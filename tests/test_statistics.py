@@ -12,6 +12,7 @@ from scipy import stats
 from knotflow import statistics
 from knotflow.statistics import (
     bootstrap,
+    clustered_gain,
     clustered_mean,
     clustered_rate,
     clustered_ratio,
@@ -242,9 +243,42 @@ def test_the_mean_of_actions_is_surer_than_each_unless_the_trainings_differ():
     assert found.low < 0.15 and found.high > 0.35
 
 
+def test_starts_of_each_action_are_drawn_on_their_own():
+    hit, tried = np.random.default_rng(15).binomial(8, 0.5, 50), np.full(50, 8)
+    one, mean = clustered_rate(hit, tried), clustered_mean([(hit, tried)] * 4)
+    assert mean.estimate == pytest.approx(one.estimate)
+    assert mean.high - mean.low == pytest.approx((one.high - one.low) / 2, rel=0.1)
+
+
+def test_a_gain_is_paired_by_start_and_not_by_training():
+    rng = np.random.default_rng(16)
+    tried, first, second = np.full((2, 50), 8), [], []
+    for _ in range(4):
+        shown = rng.beta(0.5, 0.5, 50)
+        first.append((rng.binomial(8, shown, (2, 50)), tried))
+        second.append((rng.binomial(8, 0.9 * shown, (2, 50)), tried))
+    gain, means = clustered_gain(first, second), [clustered_mean(one) for one in (first, second)]
+    assert gain.estimate == pytest.approx(means[0].estimate - means[1].estimate)
+    assert 0 < gain.low < gain.high and gain.high - gain.low < means[0].high - means[0].low
+    other = clustered_gain(first, [(hit[::-1], tried) for hit, tried in first])
+    assert other.estimate == 0 and other.low < 0 < other.high
+
+
 def test_starts_without_trials_do_not_count():
     some = statistics.clustered_rate([3, 5], [10, 10])
     assert statistics.clustered_rate([3, 0, 5], [10, 0, 10]) == some
+
+
+@pytest.mark.parametrize("share", [1.0, 0.3])
+def test_rates_of_rare_successes_or_failures_are_covered(share):
+    """A start in twenty has successes, in this share of its trials."""
+    rng, tried, covered = np.random.default_rng(15), np.full(50, 4), []
+    for _ in range(200):
+        hit = rng.binomial(4, share * (rng.random(50) < 0.05))
+        rare, common = clustered_rate(hit, tried), clustered_rate(tried - hit, tried)
+        covered.append(rare.low <= 0.05 * share <= rare.high)
+        assert (1 - common.high, 1 - common.low) == pytest.approx((rare.low, rare.high), abs=0.01)
+    assert np.mean(covered) > 0.93
 
 
 def test_a_ratio_is_of_the_starts_that_both_have():

@@ -23,6 +23,8 @@ TAILS = ((1 - LEVEL) / 2, (1 + LEVEL) / 2)
 RESAMPLES = 9_999
 SEED = 0
 """Of every bootstrap: the same results have to give the same report."""
+FEW = 5
+"""Fewer starts that succeed, or fail, are too few to resample."""
 
 
 @dataclass(frozen=True)
@@ -65,13 +67,21 @@ def clustered_rate(successes: ArrayLike, trials: ArrayLike) -> Interval:
     trainings on the same starts (T, n), the trainings are resampled too.
 
     Rollouts of one start are alike, so that the starts are what was drawn independently. Where no
-    start differs from another, it is Wilson's interval with one trial a start.
+    start differs from another, it is Wilson's interval with one trial a start; where fewer than
+    `FEW` have a success, Wilson's interval of their number, times the rate on these; where fewer
+    have a failure, likewise.
     """
     (counts,) = _on_same_starts((successes, trials))
     hit, tried = counts
     estimate = float(hit.sum() / tried.sum())
     if _all_alike(*counts):
         return replace(wilson(round(estimate * hit.shape[1]), hit.shape[1]), estimate=estimate)
+    if _is_few(hit):
+        low, high = _of_few(hit, tried)
+        return Interval(estimate, low, high)
+    if _is_few(tried - hit):
+        low, high = _of_few(tried - hit, tried)
+        return Interval(estimate, 1 - high, 1 - low)
     low, high = np.quantile(_resampled(counts), TAILS)
     return Interval(estimate, float(low), float(high))
 
@@ -86,18 +96,37 @@ def clustered_mean(counts: Sequence[tuple[ArrayLike, ArrayLike]]) -> Interval:
     return Interval(float(estimate), float(low), float(high))
 
 
+def clustered_gain(
+    counts: Sequence[tuple[ArrayLike, ArrayLike]], base: Sequence[tuple[ArrayLike, ArrayLike]]
+) -> Interval:
+    """By how much one mean of `clustered_mean` is above another on the same starts, which are
+    resampled for both together; trainings are resampled for each."""
+    every = [_on_same_starts(*pair) for pair in zip(counts, base, strict=True)]
+    estimate = np.mean([p[0].sum() / p[1].sum() - q[0].sum() / q[1].sum() for p, q in every])
+    gains = [
+        _resampled(p, starts=number) - _resampled(q, starts=number, trainings=2)
+        for number, (p, q) in enumerate(every)
+    ]
+    drawn = np.mean(gains, axis=0)
+    low, high = np.quantile(drawn, TAILS) if np.ptp(drawn) else (math.nan, math.nan)
+    return Interval(float(estimate), float(low), float(high))
+
+
 def clustered_ratio(
     successes: ArrayLike, trials: ArrayLike, base_successes: ArrayLike, base_trials: ArrayLike
 ) -> Interval:
     """Ratio of two success rates on the same starts (n,), see `clustered_rate`: starts are
     resampled for both together, trainings for each. Starts count on which both have trials.
 
-    The upper limit is `inf` where too many resamples have no success of the base. Where the starts
-    of one of them are all alike (none succeeds, say), it is made from the two rates' intervals.
+    The upper limit is `inf` where too many resamples have no success of the base, or fewer than
+    `FEW` starts have one. There, and where the starts of one of them are all alike (none succeeds,
+    say), it is made from the two rates' intervals.
     """
     top, base = _on_same_starts((successes, trials), (base_successes, base_trials))
     if _all_alike(*top) or _all_alike(*base):
         return rate_ratio(clustered_rate(*top), clustered_rate(*base))
+    if _is_few(base[0]):
+        return replace(rate_ratio(clustered_rate(*top), clustered_rate(*base)), high=math.inf)
     p, q = _resampled(top), _resampled(base, trainings=2)
     some = (p > 0) | (q > 0)  # a resample without any success has no ratio
     ratios = np.divide(p[some], q[some], out=np.full(some.sum(), math.inf), where=q[some] > 0)
@@ -220,6 +249,19 @@ def _on_same_starts(*counts: tuple[ArrayLike, ArrayLike]) -> list[tuple[Floats, 
 
 def _all_alike(hit: Floats, tried: Floats) -> bool:
     return bool(np.all(hit * tried[0, 0] == hit[0, 0] * tried))
+
+
+def _is_few(counts: Floats) -> bool:
+    """Whether fewer than `FEW` of more starts have any of what is counted (T, n)."""
+    some = np.count_nonzero(counts.any(axis=0))
+    return bool(some < FEW and 2 * some <= counts.shape[1])
+
+
+def _of_few(counts: Floats, tried: Floats) -> tuple[float, float]:
+    """Limits of the share of trials (T, n) in which something happens that few starts have."""
+    own = np.asarray(counts.any(axis=0))
+    limits, share = wilson(own.sum(), len(own)), counts.sum() / tried[:, own].sum()
+    return float(share * limits.low), float(share * limits.high)
 
 
 def _resampled(counts: tuple[Floats, Floats], starts: int = 0, trainings: int = 1) -> Floats:
