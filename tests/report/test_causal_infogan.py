@@ -104,7 +104,16 @@ def test_models_on_the_same_starts_are_not_more_starts(write):
     assert "(0 to 45)" in one.ours and "(0 to 45)" in three.ours
 
 
-def test_collapsed_trainings_and_training_shapes_decide_nothing(write):
+def test_ends_of_the_training_data_have_to_be_far_too(write):
+    unseen = plans([0.04, 0.05, 0.06], "another")
+    fill(write, unseen + plans([0.04, 0.05], shapes="training"))
+    assert far_projections(Results(write.root)).verdict is Verdict.HOLDS
+    fill(write, unseen + plans([0.004, 0.005], shapes="training"))
+    found = far_projections(Results(write.root))
+    assert found.verdict is Verdict.PARTLY and "training ends: 4" in found.ours
+
+
+def test_collapsed_trainings_and_training_shapes_raise_no_verdict(write):
     rows = plans([0.001, 0.002]) + plans([0.3, 0.4], "another", seed=1)
     rows += plans([0.5], "another", shapes="training")
     fill(write, rows, ("", "spread", ""))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pandas as pd
 import pytest
 
 from knotflow.report.page import CLAIMS, compose
@@ -157,19 +158,43 @@ def joint_trees(write, independent, joint, solved=True):
     write.searches("joint_finetuning", "training", rows, ("10", "11", "12"))
 
 
+@pytest.mark.parametrize(
+    ("number", "method", "kept", "alone"),
+    [(4, "imitation", [(3, 9), (3, 9), (3, 99)], 2), (5, "reinforcement", [(3, 3), (3, 4)], 1)],
+)
+def test_each_training_is_judged_as_the_papers_one_too(write, number, method, kept, alone):
+    rows = [
+        (method, start, seed, kept[int(training)][seed % 2], True, 1.0, training)
+        for training in map(str, range(len(kept)))
+        for start in ("straight", "arc")
+        for seed in range(10)
+    ]
+    columns = ("method", "start", "seed", "kept", "solved", "seconds", "training_seed")
+    table = pd.DataFrame(rows, columns=[*columns]).assign(simulated=9, path="", reason="", goal="")
+    (write.root / "tree_size").mkdir(exist_ok=True)
+    table.to_csv(write.root / "tree_size" / "branches.csv", index=False)
+    ours = judgement(write, number).ours
+    assert ours.endswith(f"each training alone: both are so in {alone} of {len(kept)}")
+
+
 def test_where_reinforcement_gains_little_both_rates_are_named(write, rate_counts):
     counts = rate_counts(("imitation", "reinforcement"))
     counts["imitation", "R1(0,1,1)"] = counts["reinforcement", "R2(0,0,1,1)"] = (200, 400)
     counts["reinforcement", "R1(0,1,1)"] = (100, 400)
     write.rates("single_stage", counts)
     found = CLAIMS[2][1].reason(Results(write.root))
-    assert found.startswith("less than 1.14× on `R1(0,1,1)` (25 against 50 %)")
+    assert "less than 1.14× on `R1(0,1,1)` (25 against 50 %)" in found
+    assert "no rate is" not in found
+    counts["imitation", "C(2,0,1)"] = (380, 400)
+    write.rates("single_stage", counts)
+    assert "; on `C(2,0,1)` imitation succeeds so often" in CLAIMS[2][1].reason(Results(write.root))
 
 
 def test_large_trees_are_the_reason_of_joint_finetuning(write):
     joint_trees(write, [5] * 9 + [55], [4] * 9 + [64])
     found = CLAIMS[7][1].reason(Results(write.root))
     assert "the largest tenth of the trees has 55 % / 64 % of all splines kept" in found
+    assert "the standard deviation grows in 3 of 3 trainings" in found
 
 
 def test_a_search_that_gave_up_keeps_within_no_bound(write):
@@ -209,6 +234,17 @@ def test_joint_finetuning(write, joint, verdict):
     found = judgement(write, 7)
     assert found.verdict is verdict
     assert found.ours.startswith("4.2 ± 1.9 / ") and "by rank p = " in found.ours
+
+
+def test_joint_finetuning_has_to_narrow_most_trainings(write):
+    joint_trees(write, [5, 6] * 25, [3] * 50)
+    assert judgement(write, 7).verdict is Verdict.HOLDS
+    path = write.root / "joint_finetuning" / "branches.csv"
+    table = pd.read_csv(path)
+    others = (table["training"] == "joint") & (table["training_seed"] != 10)
+    table.loc[others & (table["seed"] == 0), "kept"] = 20
+    table.to_csv(path, index=False)
+    assert judgement(write, 7).verdict is Verdict.PARTLY
 
 
 def test_joint_finetuning_does_not_hold_by_a_few_large_trees(write):

@@ -52,6 +52,16 @@ def test_estimates_by_method_noise_and_crossings(results):
     assert "2 of 2" in lines[0] and "66.7 %" in lines[0]
 
 
+def test_the_complete_method_has_a_line_of_the_ropes_that_ablations_see(results):
+    path = results.root / "perception" / "estimates.csv"
+    table = pd.read_csv(path)
+    some = table[(table["method"] == "full") & (table["noise"] == 1) & (table["rope"] < 2)]
+    pd.concat([table, some.assign(method="full_without_colour")]).to_csv(path, index=False)
+    lines = body("perception", Results(results.root)).splitlines()
+    (line, more) = (one for one in lines if one.startswith("| complete, on these ropes | 1 |"))
+    assert "| 0 to 3 | 4 | 2.5" in line and "| 4 of 4 |" in line and "| 5 to 5 | 2 |" in more
+
+
 def test_accuracy_of_unambiguous_estimates(results):
     path = results.root / "perception" / "estimates.csv"
     table = pd.read_csv(path)

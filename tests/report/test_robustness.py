@@ -31,6 +31,10 @@ def test_rates_are_over_worlds_and_ropes(write):
     assert shipped.count("90.0 % ") == len(DISTURBANCES) and shipped.endswith("| 200 |")
     (first,) = (line for line in text.splitlines() if line.startswith("| first plan"))
     assert first.count("30.0 % (0.0 to 60.0)") == len(DISTURBANCES)
+    (chosen,) = (line for line in text.splitlines() if line.startswith("| plan chosen in 16"))
+    assert chosen.count("| 60.0 (30.0 to 90.0) ") == 3  # 90 % less 0, 30 and 60
+    (trained,) = (line for line in text.splitlines() if line.startswith("| primitives trained"))
+    assert trained.count("| 0.0 ") == 3
     assert "| plan | none | pace |" in text and "Whiskers are 95 % intervals" in text
 
 

@@ -157,15 +157,18 @@ def test_plan_is_shown_with_its_own_pictures(write):
 
 def pentagrams(write, counts, unsolved=()):
     rows = [
-        ("pentagram", "pulled", seed, kept, seed not in unsolved)
-        for seed, kept in enumerate(counts)
+        (method, "pulled", seed, kept, seed not in unsolved, 0.1 * kept)
+        for method, every in (("reinforcement", counts), ("shipped", (3, 3)))
+        for seed, kept in enumerate(every)
     ]
-    knot_searches(write, "pentagram", rows)
+    write.searches("pentagram", "method", rows)
 
 
-def test_pentagram_has_a_line(write):
+def test_pentagram_has_a_line_a_library(write):
     pentagrams(write, (2, 5, 13))
-    assert "| overhand with its head pulled out | 1 | 3 | 0 | 2 |" in body(write, "pentagram")
+    text = body(write, "pentagram")
+    assert "| of the eight actions, after RL | 1 | 3 | 0 | 2 |" in text
+    assert "| shipped | 1 | 2 | 0 | 3 |" in text
 
 
 @pytest.mark.parametrize(

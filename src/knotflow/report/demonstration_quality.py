@@ -8,10 +8,10 @@ from knotflow.report.rates import Rates, read_rates
 from knotflow.report.results import Results
 from knotflow.report.searches import effort, read_searches, select
 from knotflow.report.section import Figures, Parts
-from knotflow.report.single_stage import DEMONSTRATIONS, SINGLE
+from knotflow.report.single_stage import DEMONSTRATIONS, PAPER_CLEAREST, SINGLE
 
-FEW = ("R1(0,1,1)", "R2(0,0,1,1)")
-"""The actions with one demonstration each, on which the paper's imitation is far above ICP."""
+FEW = PAPER_CLEAREST
+"""The actions with one demonstration each."""
 ROWS = (
     ("refined", "ICP", SINGLE, "icp"),
     ("refined", "ICP as coded", DEMONSTRATIONS, "icp_authors_refined"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from contextlib import suppress
 
 import pandas as pd
@@ -42,7 +43,7 @@ def closed_loop(results: Results, figures: Figures) -> Parts:
         "figure": figures.draw(
             "executions",
             "Share of twins on which the overhand was tied, by level and controller, with 95 % "
-            "Wilson intervals.",
+            f"Wilson intervals; {_twins(groups)}.",
             3.2,
             lambda figure: _plot(figure, runs),
         ),
@@ -53,8 +54,8 @@ def closed_loop(results: Results, figures: Figures) -> Parts:
             CLOSED_LOOP,
             "execution/execution.png",
             "The first execution by MPPI and replanning at level 1: the camera's image in the "
-            "middle of each drag, and the end. White is the tracked rope; the other line is the "
-            "planned one.",
+            "middle of each drag, and the end. White dots are the tracked rope; the yellow line, "
+            "mostly under them, is the planned one.",
         ),
         "causes": _causes(groups),
         "ticks": _ticks(groups),
@@ -111,6 +112,18 @@ def _table(groups: Groups, every: Groups) -> str:
 
 def _first_cells(knot: str, level: int, name: str) -> dict[str, str]:
     return {"knot": knot.replace("_", " "), "level": str(level), "controller": CONTROLLERS[name][0]}
+
+
+def _twins(groups: Groups) -> str:
+    """How many twins a bar has, and which have others."""
+    numbers = {group: len(own) for group, own in groups.items() if group[0] == "overhand"}
+    usual = Counter(numbers.values()).most_common(1)[0][0] if numbers else 0
+    others = [
+        f"{number} at level {level} by {CONTROLLERS[name][0]}"
+        for (_, level, name), number in numbers.items()
+        if number != usual
+    ]
+    return f"{usual} twins a bar" + (f", but {md.listed(others)}" if others else "")
 
 
 def _mean(values: pd.Series, unit: str) -> str:

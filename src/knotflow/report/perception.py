@@ -30,6 +30,7 @@ METHODS = {
     "full_without_depth": "complete, without depth",
 }
 """Methods and what the report calls them; others, of older results, are not shown."""
+ABLATIONS = [name for name in METHODS if name.startswith("full_")]
 
 TRACKS = {"method": str, "level": int, "action": str, "rollout": str, "frame": int}
 TRACKS |= {"mean_error_mm": float, "seconds": float}
@@ -52,9 +53,14 @@ def perception(results: Results, figures: Figures) -> Parts:
     table = results.table(EXPERIMENT, "estimates.csv", COLUMNS, KEY)
     table = table[table["method"].isin(METHODS)]
     own = table[table["method"] == FULL]
+    kinds = [(METHODS[str(name)], some) for name, some in table.groupby("method", sort=False)]
+    ablations = table[table["method"].isin(ABLATIONS)][[*KEY[1:]]].drop_duplicates()
+    if 0 < len(shared := own.merge(ablations)) < len(own):
+        kinds.append(("complete, on these ropes", shared))
     lines = [
-        _line(str(method), noise, some, own)
-        for (method, noise), every in table.groupby(["method", "noise"], sort=False)
+        _line(name, noise, some, own)
+        for name, of_kind in kinds
+        for noise, every in of_kind.groupby("noise", sort=False)
         for low, high in GROUPS
         if len(some := every[every["crossings"].between(low, high)])
     ]
@@ -77,12 +83,12 @@ def _mean(errors: pd.Series) -> str:
     return md.estimate(bootstrap(errors)) if len(errors) else md.NOTHING
 
 
-def _line(method: str, noise: float, some: pd.DataFrame, full: pd.DataFrame) -> dict[str, str]:
-    """A method's estimates `some` at one level of noise, beside those of the complete method."""
+def _line(name: str, noise: float, some: pd.DataFrame, full: pd.DataFrame) -> dict[str, str]:
+    """Estimates `some` at one level of noise, beside those of the complete method."""
     wrong = some[~some["state_correct"]]
     same = some.merge(full, on=["noise", "crossings", "rope"], suffixes=("", "_full"))
     return {
-        "method": METHODS[method],
+        "method": name,
         "noise": f"{noise:g}",
         "crossings": f"{some['crossings'].min()} to {some['crossings'].max()}",
         "ropes": str(len(some)),
@@ -190,7 +196,9 @@ def _over_time(figures: Figures, tracks: pd.DataFrame) -> str:
         for level, of_level in tracks[images > 1].groupby("level")
     }
     caption = "Mean vertex error over time, by method and level, while half of the rollouts last."
-    return draw_curves(figures, "tracking", caption, panels, "seconds", legend=True)
+    return draw_curves(
+        figures, "tracking", caption, panels, "seconds", legend=True, same_scale=True
+    )
 
 
 def _while_half_last(own: pd.DataFrame) -> pd.Series:

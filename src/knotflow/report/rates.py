@@ -99,6 +99,14 @@ class Rates:
         """The mean over all actions."""
         return statistics.clustered_mean([self.counts[method, action] for action in self.actions])
 
+    def gain(self, method: str, base: str) -> Interval:
+        """By how many points the mean over the actions of both is above the base's."""
+        shared = self.shared_actions(method, base)
+        gain = statistics.clustered_gain(
+            *([self.counts[one, action] for action in shared] for one in (method, base))
+        )
+        return Interval(100 * gain.estimate, 100 * gain.low, 100 * gain.high)
+
     def trainings_mean(self, method: str, actions: Sequence[str] = ()) -> pd.Series:
         """The mean over `actions`, by default all, of each training."""
         rates = [self.by_training(method, action) for action in actions or self.actions]

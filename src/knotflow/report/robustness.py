@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import pandas as pd
+
 from knotflow.report import markdown as md
 from knotflow.report.results import Results, refuse
 from knotflow.report.section import COLOURS, Figures, Parts, tied_bars
-from knotflow.statistics import clustered_rate
+from knotflow.statistics import bootstrap, clustered_rate
 
 METHODS = {
     "shipped": "chosen in 16 worlds",
@@ -13,6 +15,12 @@ METHODS = {
     "exact_training": "trained in one world, chosen in 16",
     "neither": "trained in one world, first plan",
 }
+PAIRS = (
+    ("shipped", "first_plan", "plan chosen in 16 worlds, minus the first one"),
+    ("exact_training", "neither", "the same, of primitives trained in one world"),
+    ("first_plan", "neither", "primitives trained in many worlds, minus in one: first plans"),
+)
+"""Methods that are compared, and what that tells."""
 DISTURBANCES = {
     "twin_0": "none",
     "pace": "pace",
@@ -58,7 +66,26 @@ def robustness(results: Results, figures: Figures) -> Parts:
             lambda figure: tied_bars(figure, [*DISTURBANCES.values()], series),
         ),
         "rates": md.table(rows),
+        "gains": md.table(_gains(table), "Differences on the same ropes, in points:"),
     }
+
+
+def _gains(table: pd.DataFrame) -> list[dict[str, str]]:
+    """What choosing a plan in many worlds brings, and training in many."""
+    shares = (table["tied"] / table["worlds"]).rename("share")
+    by = table.assign(share=100 * shares).pivot_table(
+        "share", ["disturbance", "rope_seed"], "method"
+    )
+    return [
+        {"compared": what}
+        | {
+            DISTURBANCES[one]: md.estimate(bootstrap(both.loc[one]))
+            for one in ("pace", "level_1", "level_2")
+            if one in both.index
+        }
+        for first, base, what in PAIRS
+        if {first, base} <= {*by.columns} and not (both := (by[first] - by[base]).dropna()).empty
+    ]
 
 
 def lab_ropes(results: Results, _: Figures) -> Parts:

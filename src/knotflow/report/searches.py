@@ -232,8 +232,9 @@ def branches_figure(
         bare_axis(axes, "x")
 
     caption = (
-        f"Splines kept by {len(searches)} tree searches (dots, a row for each training, open where "
-        "the search gave up), and their median with its 95 % interval over trainings and searches. "
+        f"Splines kept by {len(searches)} tree searches (dots, a row for each training, with its "
+        "seed; open where the search gave up), and their median with its 95 % interval over "
+        "trainings and searches. "
         f"The line at {OVERHAND_LIMIT} is the fewest possible"
     )
     caption += "; diamonds are the largest trees of the paper." if paper_largest else "."
@@ -254,6 +255,11 @@ def _branch_row(axes: Axes, searches: pd.DataFrame, method: Method, y: float, ri
             axes.plot(
                 training["kept"][own], heights[own], "o",
                 markersize=3.5, mfc=face, mec=method.colour, alpha=0.8,
+            )  # fmt: skip
+        if seed := training["training_seed"].iloc[0]:
+            axes.annotate(
+                seed, (1, heights.mean()), (2, 0), ("axes fraction", "data"), "offset points",
+                va="center", color=MUTED, fontsize=5,
             )  # fmt: skip
     middle = median_size(searches)
     limits = np.minimum([middle.low, middle.high], right)

@@ -63,6 +63,7 @@ def draw_curves(
     rates: Sequence[str] = (),
     *,
     legend: bool = False,
+    same_scale: bool = False,
 ) -> str:
     """A figure of learning curves, a panel a title; `over` is what is at the x axis. '' without.
 
@@ -70,11 +71,12 @@ def draw_curves(
     """
 
     def plot(figure: Figure) -> None:
-        grid = figure.subplots(1, len(panels), squeeze=False)[0]
-        for axes, (title, lines) in zip(grid, panels.items(), strict=True):
+        grid = figure.subplots(1, len(panels), squeeze=False, sharey=same_scale)[0]
+        for axes, lines in zip(grid, panels.values(), strict=True):
             for line in lines:
                 style = line.style or {"linewidth": 1.5}
                 axes.plot(line.curve, color=line.colour, label=line.label or None, **style)
+        for axes, title in zip(grid, panels, strict=True):
             axes.set_title(title, fontsize=8.5, color=INK)
             axes.set_xlabel(over)
             axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
