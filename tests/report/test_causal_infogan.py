@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from knotflow.report.causal_infogan import far_projections
+from knotflow.report.causal_infogan import far_projections, near_projections
 from knotflow.report.page import SECTIONS
 from knotflow.report.results import Results
 from knotflow.report.section import Figures, Verdict
@@ -111,6 +111,9 @@ def test_ends_of_the_training_data_have_to_be_far_too(write):
     fill(write, unseen + plans([0.004, 0.005], shapes="training"))
     found = far_projections(Results(write.root))
     assert found.verdict is Verdict.PARTLY and "training ends: 4" in found.ours
+    assert "training ends are not" in near_projections(Results(write.root))
+    fill(write, plans([0.04, 0.05, 0.06]))  # far, and all of the given topology
+    assert near_projections(Results(write.root)) == ""
 
 
 def test_collapsed_trainings_and_training_shapes_raise_no_verdict(write):

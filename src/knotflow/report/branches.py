@@ -218,7 +218,7 @@ def fewer_branches(results: Results) -> Judgement:
     detail = f"{simulated} simulated in the median, {len(before)} and {len(after)} searches"
     detail += "" if unsolved else f", difference of means {md.estimate(difference)}"
     certain = p < 0.05 and difference.high < 0
-    spreads = pairs.groupby("training_seed")[["kept_before", "kept_after"]].std()
+    spreads = _spreads(pairs)
     narrower = (spreads["kept_after"] < spreads["kept_before"]).mean() > 0.5
     verdict = Verdict.PARTLY if fewer else Verdict.FAILS
     size = ""
@@ -235,11 +235,12 @@ def fewer_branches(results: Results) -> Judgement:
 
 def few_large_trees(results: Results) -> str:
     """How much of all splines kept the largest trees have, and where the spread grows."""
-    counts = [np.sort(own["kept"]) for own in _by_training(results)]
+    found = _by_training(results)
+    counts = [np.sort(own["kept"]) for own in found]
     tenth = [own[-max(1, len(own) // 10) :].sum() / own.sum() for own in counts]
     shares = " / ".join(f"{100 * share:.0f} %" for share in tenth)
-    pairs = _pairs(*_by_training(results)).groupby("training_seed")
-    grows = [one["kept_after"].std() >= one["kept_before"].std() for _, one in pairs]
+    spreads = _spreads(_pairs(*found))
+    grows = spreads["kept_after"] >= spreads["kept_before"]
     return (
         f"the largest tenth of the trees has {shares} of all splines kept, and the standard "
         f"deviation grows in {sum(grows)} of {len(grows)} trainings"
@@ -265,6 +266,11 @@ def _pairs(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
     return both.assign(start=both["start_after"], rank=both["rank_after"] - both["rank_before"])
 
 
+def _spreads(pairs: pd.DataFrame) -> pd.DataFrame:
+    """Standard deviations of the splines kept before and after, a row a training."""
+    return pairs.groupby("training_seed")[["kept_before", "kept_after"]].std()
+
+
 def signed_rank(differences: pd.Series) -> float:
     """The p value of Wilcoxon's signed-rank test; 1 where nothing differs."""
     return float(stats.wilcoxon(differences).pvalue) if differences.any() else 1.0
@@ -275,12 +281,12 @@ def _trainings(results: Results) -> str:
     rows = []
     for seed, own in _pairs(*_by_training(results)).groupby("training_seed"):
         row = {"training": str(seed)}
-        for side, label in (("before", "before"), ("after", "after")):
+        for side in ("before", "after"):
             kept = own[f"kept_{side}"]
-            row[f"mean ± SD {label}"] = mean_spread(
+            row[f"mean ± SD {side}"] = mean_spread(
                 pd.DataFrame({"kept": kept, "solved": own[f"solved_{side}"]})
             )
-            row[f"{OVERHAND_LIMIT} kept {label}"] = md.share(kept == OVERHAND_LIMIT)
+            row[f"{OVERHAND_LIMIT} kept {side}"] = md.share(kept == OVERHAND_LIMIT)
         row["ropes with fewer / more after"] = f"{sum(own['rank'] < 0)} / {sum(own['rank'] > 0)}"
         row["p"] = f"{signed_rank(own['rank']):.2g}"
         rows.append(row)

@@ -173,14 +173,10 @@ def _states(plans: pd.DataFrame, column: str) -> str:
 
 def far_projections(results: Results) -> Judgement:
     """Given and projected end shapes far apart, sometimes of another topology."""
-    plans = results.table(EXPERIMENT, "plans.csv", PLANS)
+    own, radius = _sound_plans(results)
     seeds = results.table(EXPERIMENT, "seeds.csv", TRAINING)
-    radius = results.setting(EXPERIMENT, "radius")
-    if not radius:
-        raise NotMeasured(f"needs the rope's radius in config.yaml of {EXPERIMENT}")
     healthy = sound_seeds(seeds, "single")
     trained = f"{len(healthy)} of {sum(seeds['model'] == 'single')} trainings did not collapse"
-    own = plans[(plans["model"] == "single") & plans["seed"].isin(healthy)]
     if own.empty:
         return Judgement(trained, Verdict.FAILS)
     kinds, far = [], []
@@ -192,18 +188,37 @@ def far_projections(results: Results) -> Judgement:
             f"{len(ends)} plans from {ends['start'].nunique()} starts, {another} of another "
             f"topology and {unreadable} that cannot be read"
         )
-        far.append(_mean(ends, ends["end_distance"]).lies_above(2 * radius))
+        far.append(_is_far(ends, radius))
     changed = bool((own["end_state"][own["shapes"] == "unseen"] == STATES[1]).any())
     return Judgement("<br>".join([*kinds, trained]), Verdict.of_two(all(far), changed))
 
 
 def near_projections(results: Results) -> str:
-    """That ends of the training data are not far from theirs."""
-    radius = results.setting(EXPERIMENT, "radius")
+    """Which ends are not far from their projections; '' where all are."""
+    own, radius = _sound_plans(results)
+    near = [str(s) for s, ends in own.groupby("shapes", sort=False) if not _is_far(ends, radius)]
+    if not near:
+        return ""
+    paper = "; two of the paper's four rows are of training data" if "training" in near else ""
     return (
-        "ends of the training data are projected to within a rope's diameter, "
-        f"{2000 * radius:.0f} mm; two of the paper's four rows are of these"
+        f"the projections of {md.listed(near)} ends are not significantly farther than a rope's "
+        f"diameter, {2000 * radius:.0f} mm{paper}"
     )
+
+
+def _sound_plans(results: Results) -> tuple[pd.DataFrame, float]:
+    """Plans by models of one action that did not collapse, and the rope's radius, metres."""
+    plans = results.table(EXPERIMENT, "plans.csv", PLANS)
+    healthy = sound_seeds(results.table(EXPERIMENT, "seeds.csv", TRAINING), "single")
+    radius = results.setting(EXPERIMENT, "radius")
+    if not radius:
+        raise NotMeasured(f"needs the rope's radius in config.yaml of {EXPERIMENT}")
+    return plans[(plans["model"] == "single") & plans["seed"].isin(healthy)], float(radius)
+
+
+def _is_far(ends: pd.DataFrame, radius: float) -> bool:
+    """Whether ends are projected significantly more than a rope's diameter away."""
+    return _mean(ends, ends["end_distance"]).lies_above(2 * radius)
 
 
 CLAIMS = (

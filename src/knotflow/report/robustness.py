@@ -72,8 +72,7 @@ def robustness(results: Results, figures: Figures) -> Parts:
 
 def _gains(table: pd.DataFrame) -> list[dict[str, str]]:
     """What choosing a plan in many worlds brings, and training in many."""
-    shares = (table["tied"] / table["worlds"]).rename("share")
-    by = table.assign(share=100 * shares).pivot_table(
+    by = table.assign(share=100 * table["tied"] / table["worlds"]).pivot_table(
         "share", ["disturbance", "rope_seed"], "method"
     )
     return [
