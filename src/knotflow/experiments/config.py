@@ -33,7 +33,8 @@ HOME = PACKAGE if (PACKAGE / "conf").is_dir() else PACKAGE.parents[1]
 
 SECTIONS = (
     *("demonstrations", "evaluation_starts", "development_starts", "evaluation", "pools"),
-    *("reachable", "learning_options", "tree_size", "joint_finetuning", "causal_infogan"),
+    *("reachable", "learning_options", "library_training", "ablation_actor_critic"),
+    *("tree_size", "joint_finetuning", "causal_infogan"),
     *("demonstration_quality", "plain_copies"),
     *("infogan_single", "infogan_all", "causal_infogan_ends", "causal_infogan_plans", "pull"),
     *("pentagram", "knots", "goals", "goals_ablation", "actions", "overhand", "training_ropes"),

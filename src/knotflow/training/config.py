@@ -102,11 +102,12 @@ class ReinforcementConfig:
     """Optimiser and batches."""
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     """How the behaviour policy differs from the policy."""
-    rounds: list[int] = field(default_factory=lambda: [10, 10, 15, 40])
+    rounds: list[int] = field(default_factory=lambda: [20, 10, 15, 60])
     """Rounds of attempts and gradient steps of primitives 1 to 4; the last has hard tasks."""
-    room: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.06, 0.0])
+    room: list[float] = field(default_factory=lambda: [0.2, 0.0, 0.06, 0.0])
     """Least segment, fraction of the rope's length, of an end shape that is rewarded, of primitives
-    1 to 4. Primitive 3 lays an end over the rope, of which little may be left to go on with."""
+    1 to 4. The end must go through primitive 1's loop; primitive 3 lays an end over the rope, of
+    which little may be left to go on with."""
     ropes: int = 48
     """Start shapes of each task in a round."""
     splines: int = 2
