@@ -63,9 +63,13 @@ def test_experiments_share_what_they_train():
     ]
     for shared in ("demonstrations", "imitation", "pools", "reinforcement"):
         assert len({one.get(shared) or one[f"{shared}[10]"] for one in keys}) == 1
-    ablation = bound("ablation_actor_critic", "paper").keys
-    assert ablation["reinforcement[actor_critic.11]"] == keys[0]["reinforcement[11]"]
-    assert ablation["reinforcement[actor_only.11]"] != keys[0]["reinforcement[11]"]
+    ablation, library = (
+        bound(experiment, "paper").keys
+        for experiment in ("ablation_actor_critic", "library_training")
+    )
+    assert ablation["imitation[actor_critic.11]"] == keys[0]["imitation[11]"]
+    assert ablation["reinforcement[actor_critic.10]"] == library["reinforcement"]
+    assert ablation["reinforcement[actor_only.10]"] != library["reinforcement"]
 
 
 def test_what_is_trained_has_a_node_for_each_seed_and_the_rest_one_folder():

@@ -14,6 +14,8 @@ import yaml
 
 from knotflow import statistics
 from knotflow.report import section
+from knotflow.report.page import SECTIONS
+from knotflow.report.results import Results
 
 ACTIONS = (
     *("R1(0,1,1)", "R2(0,0,1,1)", "C(0,1,1)", "C(0,2,1)"),
@@ -136,6 +138,11 @@ class Writer:
         config["searches"]["config"]["planner"] = PLANNER
         config = {"workflow": experiment, "stages": config}
         (folder / "config.yaml").write_text(yaml.safe_dump(config))
+
+    def body(self, name: str) -> str | None:
+        """A section of the report, from what is written by now."""
+        results = Results(self.root)
+        return SECTIONS[name].body(results, section.Figures(results))
 
 
 def shares(methods: Sequence[str], trials: int = 400) -> dict[tuple[str, str], tuple[int, int]]:

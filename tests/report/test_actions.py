@@ -4,9 +4,7 @@ import pandas as pd
 import pytest
 
 from knotflow.report.actions import arranging, success_rates
-from knotflow.report.page import SECTIONS
-from knotflow.report.results import Results, ResultsError
-from knotflow.report.section import Figures
+from knotflow.report.results import ResultsError
 
 COLUMNS = ["start", "action", "class", "arranging", "trials", "successes"]
 ROWS = [
@@ -19,11 +17,6 @@ ROWS = [
 ]
 
 
-def body(write):
-    results = Results(write.root)
-    return SECTIONS["actions"].body(results, Figures(results))
-
-
 def test_rates_have_the_crossings_of_their_start():
     rates = success_rates(pd.DataFrame(ROWS, columns=COLUMNS)).set_index("start")
     assert arranging(rates) == [0, 3]
@@ -33,7 +26,7 @@ def test_rates_have_the_crossings_of_their_start():
 
 def test_totals_with_and_without_arranging(write):
     write.actions(ROWS)
-    text = body(write)
+    text = write.body("actions")
     assert "Of 3 actions up to Mirror and Reverse, with one spline 1 succeed" in text
     assert "10 to 20 trials an action" in text
     assert "1 never did (mean 50.0 %)" in text and "0 never did (mean 68.3 %)" in text
@@ -43,7 +36,7 @@ def test_actions_that_touch_an_end_stand_apart(write):
     inner = [("2o1+", "R1(1,1,1)", "R1", most, 10, 0) for most in (0, 3)]
     write.actions([*ROWS, *inner, ("2o1+", "R1(2,1,1)", "R1", 0, 10, 4),
                    ("2o1+", "R1(2,1,1)", "R1", 3, 10, 5)])  # fmt: skip
-    assert body(write).splitlines()[-5:] == [
+    assert write.body("actions").splitlines()[-5:] == [
         "| Cross, end over | 1 | an end | 1 | 0 % | 30 % | 0 |",
         "| Cross, end over | 2 | an end | 1 | 70 % | 75 % | 0 |",
         "| R1 | 0 | an end | 1 | 80 % | 100 % | 0 |",
@@ -54,7 +47,8 @@ def test_actions_that_touch_an_end_stand_apart(write):
 
 def test_run_without_arranging_has_one_column(write):
     write.actions([row for row in ROWS if not row[3]])
-    assert "mean with one spline" in body(write) and "arranging splines" not in body(write)
+    text = write.body("actions")
+    assert "mean with one spline" in text and "arranging splines" not in text
 
 
 @pytest.mark.parametrize(
@@ -68,4 +62,4 @@ def test_run_without_arranging_has_one_column(write):
 def test_invalid_tables_are_refused(write, row, message):
     write.actions([*ROWS, row])
     with pytest.raises(ResultsError, match=message):
-        body(write)
+        write.body("actions")

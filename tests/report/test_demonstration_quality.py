@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-from knotflow.report.page import SECTIONS
 from knotflow.report.results import Results
-from knotflow.report.section import Figures
 from knotflow.report.single_stage import imitation_not_over_icp
 
 TREES = [(start, seed) for start in ("straight", "arc") for seed in range(4)]
-
-
-def body(write):
-    results = Results(write.root)
-    return SECTIONS["demonstration_quality"].body(results, Figures(results))
 
 
 def made(write, rate_counts, experiment, names):
@@ -33,19 +26,18 @@ def test_either_kind_of_demonstrations_is_shown(write, rate_counts):
     made(write, rate_counts, "single_stage", ("icp", "imitation"))
     names = ("icp", "icp_authors", "imitation", "icp_authors_refined")
     made(write, rate_counts, "demonstration_quality", names)
-    lines = [line for line in body(write).splitlines() if line.startswith("| ")][2:]
+    text = write.body("demonstration_quality")
+    lines = [line for line in text.splitlines() if line.startswith("| ")][2:]
     firsts = [tuple(cell.strip() for cell in line.split("|")[1:3]) for line in lines]
     methods = ("ICP", "ICP as coded", "imitation")
     assert firsts == [(kind, one) for kind in ("refined", "plain") for one in methods]
     assert lines[0].count("3 to 6 kept, median 4.5 (") == 2
-    assert "50.0 %" in lines[2] and "With plain demonstrations imitation is above ICP on" in body(
-        write
-    )
+    assert "50.0 %" in lines[2] and "With plain demonstrations imitation is above ICP on" in text
 
 
 def test_refined_demonstrations_are_needed_beside_the_plain_ones(write, rate_counts):
     made(write, rate_counts, "demonstration_quality", ("icp",))
-    assert body(write) is None
+    assert write.body("demonstration_quality") is None
 
 
 def test_imitations_claim_says_how_it_is_from_plain_demonstrations(write, rate_counts):

@@ -2,9 +2,7 @@
 
 import pytest
 
-from knotflow.report.page import SECTIONS
-from knotflow.report.results import Results, ResultsError
-from knotflow.report.section import Figures
+from knotflow.report.results import ResultsError
 
 COLUMNS = ("controller", "level", "twin", "knot", "fault", "tied", "reported", "actions_done")
 COLUMNS += ("mean_deviation_mm", "seconds", "planning_seconds", "image_ms", "track_ms", "mppi_ms")
@@ -35,14 +33,9 @@ def executions_of_parts():
     yield row("replan", 1, 1, False, "rope not seen", reported="no", fault="rope dropped")
 
 
-def body(write, section="closed_loop"):
-    results = Results(write.root)
-    return SECTIONS[section].body(results, Figures(results))
-
-
 def test_difference_is_of_the_same_twins(write):
     write.table("closed_loop", "executions.csv", COLUMNS, executions())
-    text = body(write)
+    text = write.body("closed_loop")
     (line,) = [one for one in text.splitlines() if "| replanning | 87" in one]
     # Seven of eight against six of the same eight: twins 6 and 7 gained, twin 0 lost.
     assert "7 of 8" in line and "| 12.5 (" in line
@@ -52,10 +45,10 @@ def test_difference_is_of_the_same_twins(write):
 
 
 def test_ablation_is_compared_with_closed_loop(write):
-    assert body(write, "closed_loop_ablation") is None
+    assert write.body("closed_loop_ablation") is None
     write.table("closed_loop", "executions.csv", COLUMNS, executions())
     write.table("closed_loop_ablation", "executions.csv", COLUMNS, executions_of_parts())
-    text = body(write, "closed_loop_ablation")
+    text = write.body("closed_loop_ablation")
     assert "| MPPI | – | – | 52 ms | 52 ms |" in text
     (line,) = [one for one in text.splitlines() if "| replanning | 100" in one]
     assert "| 0.0 " in line  # twin 0, which open loop tied too
@@ -73,7 +66,7 @@ def test_ablation_is_compared_with_closed_loop(write):
 def test_contradictory_table_is_refused(write, wrong, problem):
     write.table("closed_loop", "executions.csv", COLUMNS, [wrong])
     with pytest.raises(ResultsError, match=problem):
-        body(write)
+        write.body("closed_loop")
 
 
 ARM = ("arm", "plan", "knot", "solved", "reachable", "tied_as_exported", "branches")
@@ -89,7 +82,7 @@ FOUND = [
 def test_arm_trajectories_are_of_the_plans_that_were_found(write):
     table = [(arm, *row) for arm, rows in (("panda", FOUND), ("mine", FOUND[2:])) for row in rows]
     write.table("arm", "trajectories.csv", ARM, table)
-    text = body(write, "arm")
+    text = write.body("arm")
     assert "4 searches within reach" in text and "| panda | mine |" in text
     for part in ("2 of 3", "0 of 1", "1 of 2", "0.70 mm", "0.250 m/s", "2.0°", "90 %", "50 s"):
         assert part in text

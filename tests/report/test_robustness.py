@@ -2,15 +2,8 @@
 
 import pytest
 
-from knotflow.report.page import SECTIONS
-from knotflow.report.results import Results, ResultsError
+from knotflow.report.results import ResultsError
 from knotflow.report.robustness import COLUMNS, DISTURBANCES, LAB_ROPES, METHODS
-from knotflow.report.section import Figures
-
-
-def body(write, experiment):
-    results = Results(write.root)
-    return SECTIONS[experiment].body(results, Figures(results))
 
 
 def table(write, tied):
@@ -26,7 +19,7 @@ def table(write, tied):
 @pytest.mark.usefixtures("undrawn")
 def test_rates_are_over_worlds_and_ropes(write):
     table(write, lambda method, rope: 9 if method == "shipped" else 3 * rope)
-    text = body(write, "robustness")
+    text = write.body("robustness")
     (shipped,) = (line for line in text.splitlines() if line.startswith("| chosen in 16"))
     assert shipped.count("90.0 % ") == len(DISTURBANCES) and shipped.endswith("| 200 |")
     (first,) = (line for line in text.splitlines() if line.startswith("| first plan"))
@@ -41,7 +34,7 @@ def test_rates_are_over_worlds_and_ropes(write):
 def test_more_worlds_tied_than_there_are_is_refused(write):
     table(write, lambda *_: 11)
     with pytest.raises(ResultsError, match="more worlds tied than there are"):
-        body(write, "robustness")
+        write.body("robustness")
 
 
 def test_ropes_have_a_row_a_knot(write):
@@ -52,7 +45,7 @@ def test_ropes_have_a_row_a_knot(write):
         for seed in range(4)
     ]
     write.table("ropes", "ropes.csv", [*LAB_ROPES], rows)
-    lines = body(write, "ropes").splitlines()
+    lines = write.body("ropes").splitlines()
     assert lines[-2].startswith("| cord | 0.5 m by 4 mm, 2 cm | overhand | 75.0 % ")
     assert "<br>3 of 4 | 40 | 75.0 %" in lines[-2]
     assert "| figure eight | 0.0 % " in lines[-1] and "<br>0 of 4 | – |" in lines[-1]

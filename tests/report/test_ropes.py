@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from knotflow.report.page import SECTIONS
 from knotflow.report.results import Results, ResultsError
 from knotflow.report.ropes import read_ropes, sheet
 from knotflow.report.section import Figures
@@ -65,7 +64,6 @@ def test_demonstrations_have_one_line_an_action(write, undrawn):
     write.table("demonstrator", "shares.csv", SHARES, shares)
     shapes = [*rows(), *rows(start=1), *rows(action="R1(0,1,1)")]
     write.table("demonstrator", "shapes.csv", COLUMNS, shapes)
-    results = Results(write.root)
-    text = SECTIONS["demonstrator"].body(results, Figures(results))
+    text = write.body("demonstrator")
     assert "| `C(0,1,1)` | 2 | 0.70 | 0.50 | 0.20 | 3 |" in text
     assert "| `R1(0,1,1)` | 1 | 1.00" in text and "![All demonstrations" in text

@@ -5,7 +5,6 @@ import pandas as pd
 import pytest
 
 from knotflow.report import knots
-from knotflow.report.page import SECTIONS
 from knotflow.report.rates import ICP, IMITATION, REINFORCEMENT
 from knotflow.report.results import Results, ResultsError
 from knotflow.report.searches import (
@@ -23,11 +22,6 @@ METHODS = (ICP, IMITATION, REINFORCEMENT)
 TIED = [("three", f"2o1+{3 + 2 * i}o{4 + 2 * i}+", True, 2.0 + i) for i in range(3)]
 MISSED = ("three", "4o3-2o1-", False, 60.1)
 R1, CROSS = "R1(0,1,1)", "C(0,1,1)"
-
-
-def body(write, section):
-    results = Results(write.root)
-    return SECTIONS[section].body(results, Figures(results))
 
 
 def read(write, *rows):
@@ -127,7 +121,7 @@ def test_splines_spent_by_method_the_most_first(write):
 def test_knot_type_columns_are_not_needed(write):
     path = write.searches("tree_size", "method", [("icp", "arc", 0, 17, True, 1.0)])
     assert "knot_type" not in path.read_text() and "confirmed" not in path.read_text()
-    assert "| arc | ICP | 1 | 1 | 0 | 17 | 17 |" in body(write, "tree_size")
+    assert "| arc | ICP | 1 | 1 | 0 | 17 | 17 |" in write.body("tree_size")
 
 
 @pytest.mark.slow
@@ -138,21 +132,21 @@ def test_joint_finetuning_shows_searches_and_single_actions(write):
     starts = [(name, CROSS, 10, start, 8, 8 * start) for name in methods for start in (0, 1)]
     columns = ("method", "action", "training_seed", "start", "trials", "successes")
     write.table("joint_finetuning", "single_actions_per_start.csv", columns, starts)
-    text = body(write, "joint_finetuning")
+    text = write.body("joint_finetuning")
     assert "| finetuned jointly | 1 | 2 | 0 | 3 |" in text and "<br>8 of 16 |" in text
 
 
 def test_plan_is_shown_with_its_own_pictures(write):
     knot_searches(write, "overhand", [("overhand", "random", 0, 5, True)])
     (write.root / "overhand" / "plan.png").touch()
-    text = body(write, "overhand")
+    text = write.body("overhand")
     assert (
         "tied the knot from the start `random` (seed 0) by `C(0,1,1)`, after 10 splines, of which"
         in text
     )
     assert "(../results/overhand/plan.png)" in text and "dag.png" not in text
     knot_searches(write, "overhand", [("overhand", "arc", 2, 9, False)])
-    assert "did not tie the knot from the start `arc` (seed 2): gave up." in body(write, "overhand")
+    assert "did not tie the knot from the start `arc` (seed 2): gave up." in write.body("overhand")
 
 
 def pentagrams(write, counts, unsolved=()):
@@ -166,7 +160,7 @@ def pentagrams(write, counts, unsolved=()):
 
 def test_pentagram_has_a_line_a_library(write):
     pentagrams(write, (2, 5, 13))
-    text = body(write, "pentagram")
+    text = write.body("pentagram")
     assert "| of the eight actions, after RL | 1 | 3 | 0 | 2 |" in text
     assert "| shipped | 1 | 2 | 0 | 3 |" in text
 
@@ -192,24 +186,24 @@ def test_knots_have_their_rates(write):
     rows = [("4o1+2o5+6o3+", "random", seed, 12, seed > 0) for seed in range(20)]
     rows += [("figure_eight", "random", 0, 900, False)]
     knot_searches(write, "knots", rows)
-    text = body(write, "knots")
+    text = write.body("knots")
     assert "19 of 20 | 12 | 24 | 1.2 s |" in text and "0 of 1 | – | – | – |" in text
 
 
 def test_goals_have_shares_and_medians_and_missed_ones_their_reason(write):
     write.goals([*TIED, MISSED, ("four", "1o2-", True, 0.5)])
-    text = body(write, "goals")
+    text = write.body("goals")
     assert "3 of 4 | 12 | 120 | 3.0 s |" in text and "1 of 1 | 2 | 20 | 0.5 s |" in text
     assert "Goals that were not tied, 1 in all." in text
     assert "| three | `4o3-2o1-` | 3 | 240 | 2,404 | 60 s passed |" in text
     write.goals(TIED)
-    assert "not tied" not in body(write, "goals")
+    assert "not tied" not in write.body("goals")
 
 
 @pytest.mark.parametrize("rows", [TIED[:1], [MISSED]])
 def test_single_search_is_drawn_whether_it_tied_or_not(write, rows):
     write.goals(rows)
-    assert "![Share of goals tied" in body(write, "goals")
+    assert "![Share of goals tied" in write.body("goals")
 
 
 def write_variant(write, name, tied, order=1):
@@ -218,17 +212,17 @@ def write_variant(write, name, tied, order=1):
 
 
 def test_planner_ablation_is_paired_by_goal_whatever_the_order(write):
-    assert body(write, "goals_ablation") is None
+    assert write.body("goals_ablation") is None
     write_variant(write, "complete", [1, 1, 1, 1, 0, 0])
     write_variant(write, "without_arranging", [1, 1, 1, 1, 0, 0], order=-1)
-    text = body(write, "goals_ablation")
+    text = write.body("goals_ablation")
     complete, without = [line for line in text.splitlines() if "4 of 6" in line]
     assert complete.endswith("| – |") and without.endswith("| 0.0 |")
 
 
 def test_planner_ablation_without_the_complete_planner_has_no_difference(write):
     write_variant(write, "without_arranging", [1, 0, 1, 0])
-    (line,) = [line for line in body(write, "goals_ablation").splitlines() if "2 of 4" in line]
+    (line,) = [line for line in write.body("goals_ablation").splitlines() if "2 of 4" in line]
     assert line.endswith("| – |")
 
 
@@ -236,4 +230,4 @@ def test_nothing_run_is_nothing_shown(write):
     write.run("tree_size", {})
     sections = ("tree_size", "joint_finetuning", "overhand", "pentagram")
     for section in (*sections, "knots", "goals", "goals_ablation"):
-        assert body(write, section) is None
+        assert write.body(section) is None

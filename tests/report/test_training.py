@@ -79,15 +79,13 @@ def test_self_play_counts_its_trials(write, figures):
     columns = ("start", "action", "trials", "successes", "recent_rate")
     rows = [("trivial", "R1(0,1,1)", 1000, 900, 0.9), ("2o1+", "C(0,1,1)", 500, 20, 0.1)]
     write.table("library_training", "trials.csv", columns, [*rows, ("2o1+", "C(0,2,1)", 9, 0, 0)])
-    results = Results(write.root)
-    text = SECTIONS["library_training"].body(results, Figures(results))
+    text = write.body("library_training")
     assert "knot_finetuning" not in text
     assert "spent 1,509 trials on 3 pairs" in text and "; 2 succeeded at least once, and 1 " in text
     assert "(figures/library_training.png)" in text
     tied = [(1, step, "tied", 0.02 * step) for step in range(40)]
     write.table("library_training", "knot_curves.csv", COLUMNS, [*PLAYED, *tied])
-    results = Results(write.root)
-    text = SECTIONS["library_training"].body(results, Figures(results))
+    text = write.body("library_training")
     assert "(figures/knot_finetuning.png)" in text
 
 
@@ -95,8 +93,7 @@ def test_networks_end_where_the_last_validation_was_whatever_the_order(write):
     columns = ("step", "loss", "validation_loss", "validation_crossings")
     rows = [(400, 6.8, 5.9, 0.849), (200, 9.0, 8.5, 0.55)]
     write.table("strand_training", "curves.csv", columns, rows)
-    results = Results(write.root)
-    text = SECTIONS["strand_training"].body(results, Figures(results))
+    text = write.body("strand_training")
     assert "| gradient steps | loss, held out | crossings, held out |" in text
     assert "| 400 | 5.90 | 0.85 |" in text and "(figures/strand_training.png)" in text
 
@@ -104,8 +101,7 @@ def test_networks_end_where_the_last_validation_was_whatever_the_order(write):
 def test_what_networks_are_judged_by_has_units(write):
     columns = ("step", "error_mm", "validation_10_mm", "validation_ends")
     write.table("dynamics_training", "curves.csv", columns, [(400, 2.5, 12.0, 0.999)])
-    results = Results(write.root)
-    text = SECTIONS["dynamics_training"].body(results, Figures(results))
+    text = write.body("dynamics_training")
     titles = ("error, mm, training", "error after 1 s, mm, held out", "ends recognised, held out")
     assert f"| gradient steps | {' | '.join(titles)} |" in text
     assert "| 400 | 2.50 | 12.0 | 99.9 % |" in text

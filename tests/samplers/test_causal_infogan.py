@@ -8,6 +8,7 @@ from knotflow.samplers.causal_infogan.data import CausalInfoGanConfig
 from knotflow.samplers.causal_infogan.networks import Checkup, load_model, save_model
 from knotflow.samplers.causal_infogan.planning import Planner
 from knotflow.simulation import RopeConfig, arc
+from knotflow.threads import one_thread
 from knotflow.training.causal_infogan import CausalInfoGanTrainer
 
 ROPE = RopeConfig(links=20)
@@ -24,12 +25,10 @@ SMALL = CausalInfoGanConfig(
 
 
 @pytest.fixture(scope="module", autouse=True)
-def one_thread():
+def single_thread():
     """Networks this small are slower on more."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
+    with one_thread():
+        yield
 
 
 @pytest.fixture(scope="module")

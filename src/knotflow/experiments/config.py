@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field, make_dataclass
+from dataclasses import dataclass, field, fields, make_dataclass
 from pathlib import Path
 from typing import Any
 
+import yaml
 from hydra.core.config_store import ConfigStore
 from omegaconf import II, MISSING
 
@@ -30,20 +31,6 @@ from knotflow.workflow import WorkersConfig
 PACKAGE = Path(knotflow.__file__).parent
 HOME = PACKAGE if (PACKAGE / "conf").is_dir() else PACKAGE.parents[1]
 """Holds conf/ and workflows/: inside an installed package, or at the top of a checkout."""
-
-SECTIONS = (
-    *("demonstrations", "evaluation_starts", "development_starts", "evaluation", "pools"),
-    *("reachable", "learning_options", "library_training", "ablation_actor_critic"),
-    *("tree_size", "joint_finetuning", "causal_infogan"),
-    *("demonstration_quality", "plain_copies"),
-    *("infogan_single", "infogan_all", "causal_infogan_ends", "causal_infogan_plans", "pull"),
-    *("pentagram", "knots", "goals", "goals_ablation", "actions", "overhand", "training_ropes"),
-    *("robustness", "ropes"),
-    *("strand_training", "unseen_ropes"),
-    *("perception", "perceived_plans", "real_images", "tracking", "dynamics_training"),
-    *("dynamics", "closed_loop", "closed_loop_ablation", "arm", "benchmark"),
-)
-"""Stages, nodes and experiments that have a section of arguments, see `workflow.workflow`."""
 
 
 @dataclass
@@ -103,9 +90,16 @@ class Config:
 def register() -> None:
     """Make the schema, and where workflows/ is, known to Hydra."""
     os.environ["KNOTFLOW_HOME"] = str(HOME)
-    sections: list[Any] = [(name, dict[str, Any], field(default_factory=dict)) for name in SECTIONS]
-    schema = make_dataclass("Config", sections, bases=(Config,))
+    empty: list[Any] = [(name, dict[str, Any], field(default_factory=dict)) for name in sections()]
+    schema = make_dataclass("Config", empty, bases=(Config,))
     ConfigStore.instance().store(name="schema", node=schema)
+
+
+def sections() -> list[str]:
+    """Stages, nodes and experiments to which a budget gives arguments, see `workflow.workflow`."""
+    budgets = (HOME / "conf" / "budget").glob("*.yaml")
+    names = {name for path in budgets for name in yaml.safe_load(path.read_text("utf-8"))}
+    return sorted(names - {"defaults", *(one.name for one in fields(Config))})
 
 
 def experiments() -> list[str]:

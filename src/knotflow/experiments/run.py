@@ -17,7 +17,7 @@ from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf
 
 import knotflow.experiments
-from knotflow.experiments.config import HOME, PACKAGE, SECTIONS, experiments, register
+from knotflow.experiments.config import HOME, PACKAGE, experiments, register, sections
 from knotflow.workflow import (
     WorkersConfig,
     Workflow,
@@ -65,7 +65,7 @@ def check_added(workflow: Workflow, overrides: Iterable[str]) -> None:
     for one in overrides:
         section, _, place = one.partition("=")[0].partition(".")
         key = place.partition(".")[0]
-        if section[0] == "+" and section.lstrip("+") in SECTIONS and key and key not in every:
+        if section[0] == "+" and section.lstrip("+") in sections() and key and key not in every:
             own = {name for node in workflow.nodes.values() for name in node.stage.arguments}
             raise WorkflowError(
                 f"{one}: no stage takes {key!r}; those of {workflow.name!r} take "
