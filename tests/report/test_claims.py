@@ -139,12 +139,12 @@ def test_a_claim_that_does_not_hold_has_its_reason_and_one_that_holds_none(write
     trees(write, "imitation", [3, 99], [3, 9])
     columns = ("method", "start", "state", "action", "simulated", "successes")
     rows = [("trivial", "R1(0,1,1)", 8, 8), ("2o1+", "C(0,1,1)", 8, 1)]
-    write.table(
-        "tree_size", "tried.csv", columns, [("imitation", "straight", *row) for row in rows]
-    )
+    tried = [("imitation", "straight", *row) for row in rows]
+    write.table("tree_size", "tried.csv", columns, [*tried, ("imitation", "arc", *rows[0])])
     link = "- [Branches kept to the overhand, imitation only](#tree-size) holds partly: "
     (line,) = (one for one in report().splitlines() if one.startswith("- [Branches kept"))
     assert line.startswith(link) and "`C(0,1,1)` from the straight rope, 1 of 8 splines" in line
+    assert "from the arc rope" not in line  # no spline failed there
     trees(write, "imitation", [3, 9], [3, 9])
     assert link not in report()
 

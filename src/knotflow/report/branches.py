@@ -163,13 +163,15 @@ def judge_reinforcement(results: Results) -> Judgement:
 
 @optional
 def hardest_actions(method: str, so: str, results: Results) -> str:
-    """For each start, the action of the path that succeeded least often in the searches."""
+    """For each start, the action of the path that succeeded least often, if one ever failed."""
     columns = dict.fromkeys(("method", "start", "action"), str)
     tried = results.table(SIZE, "tried.csv", columns | {"simulated": int, "successes": int})
     parts = []
     for start, own in tried[tried["method"] == method].groupby("start", sort=False):
         sums = own.groupby("action", sort=False)[["simulated", "successes"]].sum()
         hardest = sums.loc[(sums["successes"] / sums["simulated"]).idxmin()]
+        if hardest.successes == hardest.simulated:
+            continue
         parts.append(
             f"`{hardest.name}` from the {start} rope, {hardest.successes:,} of "
             f"{hardest.simulated:,} splines succeed"
