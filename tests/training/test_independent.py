@@ -36,6 +36,7 @@ TASK = task("R1(0,1,1)")
 CONFIG = ReinforcementConfig(
     LearnerConfig(demonstration_trials=4, rollout_ropes=4),
     rounds=[3, 3, 3, 3],
+    room=[0.0, 0.0, 0.0, 0.0],
     ropes=3,
     splines=2,
     steps=2,
