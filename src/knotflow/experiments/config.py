@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field, fields, make_dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -95,11 +96,12 @@ def register() -> None:
     ConfigStore.instance().store(name="schema", node=schema)
 
 
-def sections() -> list[str]:
+@cache
+def sections() -> tuple[str, ...]:
     """Stages, nodes and experiments to which a budget gives arguments, see `workflow.workflow`."""
     budgets = (HOME / "conf" / "budget").glob("*.yaml")
     names = {name for path in budgets for name in yaml.safe_load(path.read_text("utf-8"))}
-    return sorted(names - {"defaults", *(one.name for one in fields(Config))})
+    return tuple(sorted(names - {"defaults", *(one.name for one in fields(Config))}))
 
 
 def experiments() -> list[str]:
