@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 from tests.perception.photographs import centre_line, photograph
 
-from knotflow.apps import cli, lab
+from knotflow.apps import lab, outputs, search
 from knotflow.apps.cli import main
 from knotflow.perception import Camera
 from knotflow.planning import KnotPlan, PlannerConfig, parse_rope, plan_rope
@@ -48,7 +48,7 @@ def searches(monkeypatch, found):
     """Makes the command find that plan at once; lists the arguments of every search."""
     asked = []
 
-    def search(*arguments):
+    def find_plan(*arguments):
         asked.append(arguments)
         return replace(found, worlds=16, survived=(15,)), None
 
@@ -58,7 +58,7 @@ def searches(monkeypatch, found):
         (folder / "outcome.json").write_text(json.dumps(outcome))
         (folder / "request.json").write_text(json.dumps(request))
 
-    monkeypatch.setattr(cli, "_search", search)
+    monkeypatch.setattr(search, "find_plan", find_plan)
     monkeypatch.setattr(plan_folder, "write_plan_folder", write)
     return asked
 
@@ -196,7 +196,7 @@ def test_files_of_one_name_have_plans_of_their_own(searches, here):
 
 def test_a_search_that_fails_is_1_and_its_folder_says_so(searches, found, here, monkeypatch):
     failed = replace(found, solved=False, steps=(), reason="0.1 s passed")
-    monkeypatch.setattr(cli, "_search", lambda *_: (failed, None))
+    monkeypatch.setattr(search, "find_plan", lambda *_: (failed, None))
     for _ in range(2):  # the second time it is told what was found before
         assert main(["plan", LOOP, "--rope", "straight"]) == 1
     assert not json.loads(next(here.glob("plans/*/outcome.json")).read_text())["success"]
@@ -218,7 +218,7 @@ def test_the_next_action_says_what_how_sure_and_what_to_check(searches, here, ca
 
 def test_a_next_action_that_is_not_found_is_1_and_says_what_to_try(found, monkeypatch, capsys):
     failed = replace(found, solved=False, steps=(), reason="60 s passed")
-    monkeypatch.setattr(cli, "_search", lambda *_: (failed, None))
+    monkeypatch.setattr(search, "find_plan", lambda *_: (failed, None))
     assert main(["next", LOOP, "--rope", "straight"]) == 1
     told = capsys.readouterr().out
     assert "60 s passed" in told and "--max-seconds 120" in told and "--margin 0.015" in told
@@ -291,8 +291,8 @@ def test_plan_writes_its_folder_and_loads_no_experiment_code(here):
 def test_plan_by_other_code_or_weights_is_refused_unless_overwritten(searches, monkeypatch, capsys):
     words = ["plan", LOOP, "--rope", "straight"]
     assert main(words) == 0
-    made_by = cli._provenance()
-    monkeypatch.setattr(cli, "_provenance", lambda: made_by | {"primitives": "other"})
+    made_by = outputs.provenance()
+    monkeypatch.setattr(outputs, "provenance", lambda: made_by | {"primitives": "other"})
     assert main(words) == 2
     assert f"primitives '{made_by['primitives']}' there and 'other' here" in capsys.readouterr().err
     assert main([*words, "--overwrite"]) == 0
@@ -478,7 +478,7 @@ def test_an_arm_without_its_extra_names_it(monkeypatch, found, here, capsys):
 
 def test_a_plan_that_ties_nothing_says_what_to_try(searches, found, monkeypatch, capsys):
     failed = replace(found, solved=False, reason="60 s passed")
-    monkeypatch.setattr(cli, "_search", lambda *_: (failed, None))
+    monkeypatch.setattr(search, "find_plan", lambda *_: (failed, None))
     for _ in range(2):  # found, and told again
         assert main(["plan", LOOP, "--rope", "straight"]) == 1
         assert "--overwrite --max-seconds 120" in capsys.readouterr().out

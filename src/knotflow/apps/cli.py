@@ -8,17 +8,11 @@ input.
 
 from __future__ import annotations
 
-import hashlib
 import itertools
-import json
 import re
 import sys
-import tempfile
-import warnings
-from collections import deque
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from importlib.metadata import PackageNotFoundError, version
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -26,13 +20,14 @@ from cyclopts import App, CycloptsError, Parameter
 from cyclopts.validators import Number
 
 from knotflow import planning  # its names are loaded when they are used
-from knotflow.planning.config import FAST_SEARCH, RopeOptions, plan_name
+from knotflow.apps import outputs, search
+from knotflow.apps.search import NO_ARM, ArmOptions
+from knotflow.planning.config import RopeOptions, plan_name
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from knotflow.perception.photo.estimate import PhotoEstimate
-    from knotflow.simulation import Attempts, RopeConfig
 
 EXAMPLES = """\
 Examples:
@@ -50,20 +45,12 @@ Examples:
 Exit codes: 0 success; 1 not tied, in doubt or out of reach; 2 invalid input.
 Experiments: python -m knotflow +experiment=NAME"""
 
-
-def _version() -> str:
-    try:
-        return f"knotflow {version('knotflow')}"
-    except PackageNotFoundError:
-        return "knotflow, unknown version: not installed"
-
-
 app = App(
     name="knotflow",
     help="Robots that tie knots: from a rope as it lies to a tied knot.",
     help_epilogue=EXAMPLES,
     help_format="plaintext",
-    version=_version,
+    version=outputs.version_text,
     default_parameter=Parameter(negative=()),
 )
 app.register_install_completion_command()
@@ -74,21 +61,6 @@ Seed = Annotated[int, Parameter(validator=Number(gte=0))]
 Seconds = Annotated[float, Parameter(validator=Number(gt=0), help="Time limit of the search.")]
 Margin = Annotated[float, Parameter(validator=Number(gte=0))]
 Worlds = Annotated[int, Parameter(validator=Number(gte=0))]
-
-
-@dataclass(frozen=True)
-class ArmOptions:
-    """An arm that is to follow what is planned."""
-
-    arm: str | None = None
-    """Accept only plans for this arm: panda, ur5e, xarm7, or an MJCF or URDF file."""
-    base: Path | None = None
-    """As in `knotflow export`, with --arm."""
-    tip: str | None = None
-    """As in `knotflow export`, with --arm."""
-
-
-NO_ARM = ArmOptions()
 OfArm = Annotated[ArmOptions, Parameter(name="*")]
 
 MARGIN = 0.03  # least length between crossings of `next` and `run`, metres; a share of short ropes
@@ -120,23 +92,25 @@ def plan(
         worlds: Search until a plan ties in 3/4 of N worlds and of 2 N others; 0 takes the first.
         overwrite: Replace the plan in that folder; other files there are kept.
     """
-    measured = _read_rope(rope, options, seed)
+    measured = search.read_rope(rope, options, seed)
     folder = out if out is not None else Path("plans") / plan_name(knot, rope, seed)
-    what = _digest(Path(rope)) if Path(rope).is_file() else rope
+    what = outputs.digest(Path(rope)) if Path(rope).is_file() else rope
     request: dict[str, Any] = {"knot": knot, "rope": what, "seed": seed}
     request |= {"max_seconds": max_seconds, "margin": margin, "worlds": worlds}
-    request |= vars(options or RopeOptions()) | _provenance()
+    request |= vars(options or RopeOptions()) | outputs.provenance()
     if arm.arm is not None:
         request |= {key: str(one) for key, one in vars(arm).items() if one is not None}
-        request["arm_code"] = _arm_digest(arm.arm, arm.base)
-    stored = _stored_outcome(folder, request, overwrite)
+        request["arm_code"] = outputs.arm_digest(arm.arm, arm.base)
+    stored = outputs.stored_outcome(folder, request, overwrite)
     if stored is not None:
         print(f"{stored['text']}\n{folder}: already planned; --overwrite plans again")
         return _outcome(stored["success"], max_seconds)
-    found, last = _search(knot, measured, None, seed, max_seconds, margin, worlds, 0.0, arm)
+    found, last = search.find_plan(
+        knot, measured, None, seed, max_seconds, margin, worlds, 0.0, arm
+    )
     found = found.placed(measured.placement, measured.frame)
     last = last and measured.placement.attempts(last)
-    _write_plan(folder, found, last, measured.rope, request)
+    outputs.write_plan(folder, found, last, measured.rope, request)
     print(f"{found.summary()}\n{folder}: plan.png, plan.gif, plan.mcap, waypoints.csv and others")
     return _outcome(found.solved, max_seconds)
 
@@ -177,9 +151,9 @@ def next_step(
         worlds: As in `knotflow plan`.
     """
     if out is not None:
-        _check_free(out)
+        outputs.check_free(out)
     if plan is not None:
-        _check_writable(plan)
+        outputs.check_writable(plan)
     files, size_of = image or [], (options or RopeOptions()).length
     colours = rope_color, head_color
     apart = (rope is None) != (not files) and (files or not camera)
@@ -208,10 +182,10 @@ def next_step(
     if ambiguous:
         print("the rope is ambiguous: spread its crossings apart and take another image")
         return 1
-    measured = _read_rope(shape, options, seed)
-    earlier = None if plan is None else _kept_plan(plan, knot, measured)
+    measured = search.read_rope(shape, options, seed)
+    earlier = None if plan is None else search.kept_plan(plan, knot, measured)
     least = _margin(margin, measured)
-    found, _ = _search(
+    found, _ = search.find_plan(
         knot, measured, earlier, seed, max_seconds, least, worlds, GRIPPER_ERROR, arm
     )
     if not found.solved:
@@ -315,13 +289,13 @@ def run(
     def replan(points: NDArray) -> planning.KnotPlan:
         nonlocal found
         try:
-            measured = _read_rope(planning.RopeTable(points, "m"), options, seed)
+            measured = search.read_rope(planning.RopeTable(points, "m"), options, seed)
         except planning.RopeInputError as error:
             raise ShapeError(str(error)) from error
         if found is not None:
-            found = _resampled(found, measured)
+            found = search.resampled(found, measured)
         least = _margin(margin, measured)
-        found, _ = _search(
+        found, _ = search.find_plan(
             knot, measured, found, next(seeds), max_seconds, least, worlds, GRIPPER_ERROR, arm
         )
         return found.placed(measured.placement, measured.frame)
@@ -347,7 +321,7 @@ def knots(*, out: Path | None = None) -> None:
 
     if out is not None:
         _check_picture(out)
-        _check_free(out)
+        outputs.check_free(out)
     for one in CATALOGUE:
         states = sorted(knot(one.name))
         known = f" ({', '.join(one.aliases)})" if one.aliases else ""
@@ -383,7 +357,7 @@ def explain(what: str = "", /, *, state: str = "trivial", out: Path | None = Non
     path = out if out is not None else Path(f"explain-{word or 'all'}.png")
     _check_picture(path)
     if out is not None:
-        _check_free(out)
+        outputs.check_free(out)
         out.parent.mkdir(parents=True, exist_ok=True)
     if is_knot_name(what):
         from knotflow.viz.dag import draw_dag
@@ -461,8 +435,8 @@ def export(
     source = plan / "plan.json" if plan.is_dir() else plan
     suffix = "csv" if format == "csv" else "yaml"
     path = out if out is not None else source.with_name(f"{Path(arm).stem}-{space}.{suffix}")
-    _check_free(path)
-    found = _load_plan(source)
+    outputs.check_free(path)
+    found = search.load_plan(source)
     exported = export_plan(found, arm, base, max_speed, format, space, tip=tip)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(exported.text, encoding="utf-8")
@@ -488,7 +462,7 @@ def studio(
         host: Address to listen on; with 0.0.0.0 other machines need the token in the URL.
         port: Port of the page, or the next free one. Over ssh: ssh -L 8080:localhost:8080 MACHINE.
     """
-    _check_writable(demonstrations)
+    outputs.check_writable(demonstrations)
     try:
         from knotflow.apps.studio.page import Page
     except ModuleNotFoundError as error:
@@ -515,7 +489,7 @@ def merge(files: list[Path], /, *, out: Path) -> None:
     """
     from knotflow.samplers.demonstrations import merge_demonstrations, save_demonstrations
 
-    _check_free(out)
+    outputs.check_free(out)
     merged = merge_demonstrations(files)
     save_demonstrations(out, merged)
     people = sorted({one.who or one.source for one in merged})
@@ -556,7 +530,7 @@ def see(
     drawing = out and out.with_suffix(".png")
     for path in (out, drawing):
         if path:
-            (_check_writable if overwrite else _check_free)(path)
+            (outputs.check_writable if overwrite else outputs.check_free)(path)
     if out is not None and out.suffix.lower() != ".csv":
         raise ValueError(f"--out {out}: the rope's file is a .csv, with a picture beside it")
     for given in (image, depth, camera):
@@ -634,17 +608,6 @@ def _check_picture(path: Path) -> None:
         raise ValueError(f"--out {path}: a picture is a .png, .svg or .pdf file")
 
 
-def _read_rope(
-    rope: str | planning.RopeTable, options: RopeOptions | None, seed: int
-) -> planning.MeasuredRope:
-    from knotflow.seeding import rng_of
-
-    found = planning.measured_rope(rope, options or RopeOptions(), rng_of(seed, 0))
-    for remark in found.remarks:
-        print(remark)
-    return found
-
-
 def _see_photo(
     image: Path,
     camera: Path | None,
@@ -693,205 +656,11 @@ def _margin(given: float | None, measured: planning.MeasuredRope) -> float:
     return MARGIN * min(measured.size.length, 1.0) if given is None else given
 
 
-def _load_plan(file: Path) -> planning.KnotPlan:
-    try:
-        return planning.KnotPlan.from_json(file.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise ValueError(f"{file}: {error}") from error
-
-
-def _kept_plan(file: Path, knot: str, measured: planning.MeasuredRope) -> planning.KnotPlan | None:
-    """The plan that a file keeps, if it exists, for the model of a rope measured anew.
-
-    Raises:
-        ValueError: it is no plan, or one for another knot.
-    """
-    if not file.exists():
-        return None
-    kept = _load_plan(file)
-    if set(kept.goal_states) != set(planning.parse_goal(knot, measured.rope).states):
-        raise ValueError(f"{file} keeps a plan for {kept.goal}: name another file for {knot}")
-    kept = kept.placed(planning.Placement(1 / measured.placement.length), planning.Frame())
-    return _resampled(kept, measured)
-
-
-def _resampled(kept: planning.KnotPlan, measured: planning.MeasuredRope) -> planning.KnotPlan:
-    """A plan for the model with as many vertices as it has now: the length was measured anew."""
-    from knotflow.simulation import resample
-
-    if all(len(one.start) == len(measured.points) for one in kept.steps):
-        return kept
-    steps = (replace(one, start=resample(one.start, measured.model)) for one in kept.steps)
-    return replace(kept, steps=tuple(steps))
-
-
-def _search(
-    knot: str,
-    measured: planning.MeasuredRope,
-    earlier: planning.KnotPlan | None,
-    seed: int,
-    max_seconds: float,
-    margin: float,
-    worlds: int,
-    error: float = 0.0,
-    arm: ArmOptions = NO_ARM,
-) -> tuple[planning.KnotPlan, Attempts | None]:
-    """The plan for the model of the rope, solved or not, and the last attempts, if any."""
-    from tqdm import tqdm
-
-    from knotflow.samplers.primitives import SHIPPED_PRIMITIVES, PrimitiveLibrary
-    from knotflow.samplers.primitives.library import UnlikeRopeWarning
-    from knotflow.seeding import rng_of
-    from knotflow.simulation import RopeConfig, SimulationConfig, WorldsConfig
-
-    planning.parse_goal(knot, measured.rope)  # refuses it before the slow import
-    library = PrimitiveLibrary.load(Path(SHIPPED_PRIMITIVES), RopeConfig())
-    length = measured.size.length
-    config = replace(FAST_SEARCH, max_seconds=max_seconds, margin=margin / length)
-    survival = planning.SurvivalConfig(worlds)
-    if error:  # and what follows is planned again, so that the worlds may be milder
-        survival.spread = WorldsConfig(error=error / length)
-    reach = measured.hand
-    if arm.arm is not None:
-        from knotflow.execution import ArmReach
-
-        carried = ArmReach(
-            arm.arm, arm.base, arm.tip, simulation=SimulationConfig(rope=measured.model),
-            placement=measured.placement, frame=replace(measured.frame, unit="m"),
-        )  # fmt: skip
-        reach = replace(reach, arm=carried)
-    elif arm != NO_ARM:
-        raise ValueError("--base and --tip need --arm")
-    tried: deque[Attempts] = deque(maxlen=1)
-    bar = tqdm(desc="simulated", unit=" splines", disable=None)
-
-    def show(update: planning.SearchUpdate) -> None:
-        if update.survival:
-            bar.set_postfix_str(f"ties in {update.survival:.0%} of {worlds} worlds", refresh=False)
-        bar.update(update.branches - bar.n)
-
-    with bar, warnings.catch_warnings(record=True) as unlike:
-        warnings.simplefilter("always", UnlikeRopeWarning)
-        found = planning.plan_rope(
-            measured.points, knot, rng_of(seed, 1),
-            sampler=library, simulation=SimulationConfig(rope=measured.model), config=config,
-            progress=show, observe=tried.append, survival=survival, reach=reach, earlier=earlier,
-            stoppable=not error,  # a plan that is not executed at once
-        )  # fmt: skip
-    for warning in unlike:
-        print(warning.message)
-    return found, tried[-1] if tried else None
-
-
-def _provenance() -> dict[str, str]:
-    """Version, code and weights on which a plan depends."""
-    import knotflow
-    from knotflow.samplers.primitives import SHIPPED_PRIMITIVES
-
-    source = Path(knotflow.__file__).parent
-    packages = ("topology", "simulation", "samplers", "planning")
-    code = sorted(path for name in packages for path in (source / name).rglob("*.py"))
-    found = {"knotflow": _version().removeprefix("knotflow "), "code": _digest(*code)}
-    return found | {"primitives": _digest(*sorted(Path(SHIPPED_PRIMITIVES).iterdir()))}
-
-
-def _arm_digest(arm: str, base: Path | None) -> str:
-    """Of what decides what an arm reaches."""
-    import knotflow
-
-    code = sorted((Path(knotflow.__file__).parent / "execution").glob("*.py"))
-    given = [path for path in (Path(arm), base) if path is not None and path.is_file()]
-    return _digest(*code, *given)
-
-
-def _digest(*files: Path) -> str:
-    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:16]
-
-
-def _stored_outcome(
-    folder: Path, request: Mapping[str, Any], overwrite: bool
-) -> dict[str, Any] | None:
-    """The outcome of the same request, unless it is to be overwritten.
-
-    Raises:
-        ValueError: the folder holds another plan, or other files, or cannot be written.
-    """
-    from knotflow.viz.plan_folder import OUTCOME, REQUEST
-
-    if folder.is_file():
-        raise ValueError(f"--out {folder} is a file; a plan needs a folder")
-    if not (folder / REQUEST).is_file():
-        if folder.exists() and any(folder.iterdir()):
-            raise ValueError(f"{folder} holds files, but no plan; name another folder with --out")
-    elif not overwrite and (folder / OUTCOME).is_file():
-        stored = _stored_values(folder / REQUEST)
-        if stored == request:
-            return _stored_values(folder / OUTCOME, "text", "success")
-        differing = ", ".join(
-            f"{key} {stored.get(key)!r} there and {request.get(key)!r} here"
-            for key in sorted({*stored, *request})
-            if stored.get(key) != request.get(key)
-        )
-        raise ValueError(
-            f"{folder} holds another plan ({differing}); --overwrite replaces it, "
-            "--out DIR writes elsewhere"
-        )
-    _check_writable(folder)
-    return None
-
-
-def _stored_values(file: Path, *names: str) -> dict[str, Any]:
-    """The values in a file of a plan's folder; raises `ValueError` where these are not among
-    them."""
-    try:
-        values = json.loads(file.read_text("utf-8"))
-    except ValueError:
-        values = None
-    if not isinstance(values, dict) or not {*names} <= values.keys():
-        raise ValueError(f"{file} is damaged; --overwrite replaces the plan")
-    return values
-
-
-def _write_plan(
-    folder: Path,
-    found: planning.KnotPlan,
-    last: Attempts | None,
-    rope: RopeConfig,
-    request: Mapping[str, Any],
-) -> None:
-    """Write a plan's folder, its outcome last."""
-    from knotflow.viz.plan_folder import OUTCOME, PLAN_FILES, write_plan_folder
-
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".tmp-", dir=folder.parent) as name:
-        made = Path(name)
-        write_plan_folder(made, found, "primitives", rope, last_tried=last, request=request)
-        folder.mkdir(exist_ok=True)
-        for file in (OUTCOME, *PLAN_FILES):
-            (folder / file).unlink(missing_ok=True)
-        for path in sorted(made.iterdir(), key=lambda path: path.name == OUTCOME):
-            path.replace(folder / path.name)
-
-
 def _outcome(tied: bool, max_seconds: float) -> int:
     """The exit code of a plan; prints what to try if it is not solved."""
     if not tied:
         print(f"longer: --overwrite --max-seconds {2 * max_seconds:g}; another search: --seed N")
     return 0 if tied else 1
-
-
-def _check_free(path: Path) -> None:
-    if path.exists():
-        raise ValueError(f"{path} exists already; name another file with --out")
-    _check_writable(path)
-
-
-def _check_writable(path: Path) -> None:
-    folder = next(one for one in path.absolute().parents if one.exists())
-    try:
-        tempfile.TemporaryFile(dir=folder).close()
-    except OSError:
-        raise ValueError(f"cannot write {path}: {folder} is not a writable folder") from None
 
 
 if __name__ == "__main__":
