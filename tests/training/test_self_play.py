@@ -16,7 +16,7 @@ TRIVIAL = TopologicalState.trivial()
 R1 = parse_action("R1(0,1,1)")
 CONFIG = SelfPlayConfig(
     LearnerConfig(rollout_ropes=16, rollout_trials=1),
-    rounds=2, ropes=1, trials=24, steps=1, new_steps=1, successes_per_step=1, critic_reset_steps=1,
+    rounds=2, ropes=1, trials=12, steps=1, new_steps=1, successes_per_step=1, critic_reset_steps=1,
     capacity=200, refreshed=8,
 )  # fmt: skip
 

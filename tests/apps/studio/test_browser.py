@@ -296,7 +296,7 @@ def test_demonstrations_of_two_people_train_primitives(person, imitated, tmp_pat
         ("human", who, action) for who, actions in WHO.items() for action in actions
     ]
 
-    library = imitated(both, tmp_path, 8, 16, ImitationConfig(steps=5, validations=3))
+    library = imitated(both, tmp_path, 4, 8, ImitationConfig(steps=5, validations=3))
     trained = {action for some in library.trained_on.values() for action in some}
     assert trained == {one.task.action for one in kept}
     for one in kept:
