@@ -6,17 +6,10 @@ import pytest
 from knotflow.execution import CONTROLLERS
 from knotflow.experiments.perception import METHODS
 from knotflow.report import execution, perception
-from knotflow.report.page import SECTIONS
-from knotflow.report.results import Results
-from knotflow.report.section import Figures
-
-
-def body(section, results):
-    return SECTIONS[section].body(results, Figures(results))
 
 
 @pytest.fixture
-def results(tmp_path):
+def results(write):
     rows = [
         {
             "method": method, "noise": noise, "crossings": crossings, "rope": rope,
@@ -27,8 +20,8 @@ def results(tmp_path):
         for method in ("network_rendering", "full")
         for noise in (0.0, 1.0) for crossings in (0, 3, 5) for rope in range(3)
     ]  # fmt: skip
-    (tmp_path / "perception").mkdir()
-    pd.DataFrame(rows).to_csv(tmp_path / "perception" / "estimates.csv", index=False)
+    (write.root / "perception").mkdir()
+    pd.DataFrame(rows).to_csv(write.root / "perception" / "estimates.csv", index=False)
     rows = [
         {
             "method": method, "level": level, "action": "R1_0_1_1", "rollout": f"{level}-{number}",
@@ -39,13 +32,13 @@ def results(tmp_path):
         for method, error in (("rendering_mujoco", 1.0), ("rendering_lstm", 5.0))
         for level in (0, 1) for number in range(3) for frame in range(4)
     ]  # fmt: skip
-    (tmp_path / "tracking").mkdir()
-    pd.DataFrame(rows).to_csv(tmp_path / "tracking" / "tracks.csv", index=False)
-    return Results(tmp_path)
+    (write.root / "tracking").mkdir()
+    pd.DataFrame(rows).to_csv(write.root / "tracking" / "tracks.csv", index=False)
+    return write
 
 
 def test_estimates_by_method_noise_and_crossings(results):
-    text = body("perception", results)
+    text = results.body("perception")
     lines = [line for line in text.splitlines() if line.startswith("| ")][2:]
     assert len(lines) == 2 * 2 * 2
     assert "| network + rendering | 0 | 0 to 3 | 6 | 3.0" in lines[0]
@@ -57,7 +50,7 @@ def test_the_complete_method_has_a_line_of_the_ropes_that_ablations_see(results)
     table = pd.read_csv(path)
     some = table[(table["method"] == "full") & (table["noise"] == 1) & (table["rope"] < 2)]
     pd.concat([table, some.assign(method="full_without_colour")]).to_csv(path, index=False)
-    lines = body("perception", Results(results.root)).splitlines()
+    lines = results.body("perception").splitlines()
     (line, more) = (one for one in lines if one.startswith("| complete, on these ropes | 1 |"))
     assert "| 0 to 3 | 4 | 2.5" in line and "| 4 of 4 |" in line and "| 5 to 5 | 2 |" in more
 
@@ -67,13 +60,13 @@ def test_accuracy_of_unambiguous_estimates(results):
     table = pd.read_csv(path)
     table.loc[(table["rope"] == 1) & (table["noise"] == 1), "state_correct"] = 0
     table.to_csv(path, index=False)
-    text = body("perception", Results(results.root))
+    text = results.body("perception")
     assert "at noise 0 (6 of 9 ropes) and 50.0 % (" in text
     assert "by the complete method is 100.0 % (" in text
 
 
 def test_accuracy_by_diameter(results):
-    text = body("perception", results)
+    text = results.body("perception")
     assert "by diameter is 100.0 % (61.0 to 100.0) for 4 to 8 mm, 100.0 %" in text
     assert "0.0 % (0.0 to 39.0) for 14 to 25 mm" in text
 
@@ -86,9 +79,9 @@ def test_plans_from_estimates_and_from_true_ropes(results):
         }
         for rope in range(4) for planned_from in ("true", "estimated")
     ]  # fmt: skip
-    assert "Plans for the overhand" not in body("perception", results)
+    assert "Plans for the overhand" not in results.body("perception")
     pd.DataFrame(rows).to_csv(results.root / "perception" / "plans.csv", index=False)
-    text = body("perception", Results(results.root))
+    text = results.body("perception")
     assert "from estimated shapes, 100.0 % (51.0 to 100.0) of 4 random ropes" in text
     assert "a plan and 75.0 % (" in text
 
@@ -104,7 +97,7 @@ def test_older_methods_are_not_shown(results):
     table = pd.read_csv(path)
     other = table[table["method"] == "network_rendering"].assign(method="rendering_poor_start")
     pd.concat([table, other]).to_csv(path, index=False)
-    text = body("perception", Results(results.root))
+    text = results.body("perception")
     assert "| complete | 1 | 0 to 3 |" in text and "poor" not in text
 
 
@@ -113,7 +106,7 @@ def test_ablations_are_compared_on_the_same_ropes(results):
     table = pd.read_csv(path)
     table = table[(table["method"] == "full") | (table["rope"] > 0)]
     table.to_csv(path, index=False)
-    lines = body("perception", Results(results.root)).splitlines()
+    lines = results.body("perception").splitlines()
     (line,) = [one for one in lines if one.startswith("| network + rendering | 1 | 0 to 3 |")]
     assert "| 4 |" in line and "| 2 of 4 |" in line
     (line,) = [one for one in lines if one.startswith("| complete | 1 | 0 to 3 |")]
@@ -124,7 +117,7 @@ def test_ablations_are_compared_on_the_same_ropes(results):
 def test_older_trackers_are_not_shown(results):
     path = results.root / "tracking" / "tracks.csv"
     pd.read_csv(path).replace("rendering_lstm", "point_drift").to_csv(path, index=False)
-    text = body("tracking", Results(results.root))
+    text = results.body("tracking")
     assert "| MuJoCo | 0 |" in text and "drift" not in text
 
 
@@ -133,11 +126,11 @@ def test_rope_that_was_not_found_has_no_error(results):
     table = pd.read_csv(path)
     table.loc[0, ["mean_error_mm", "off_curve_error_mm"]] = None
     table.to_csv(path, index=False)
-    assert body("perception", results)
+    assert results.body("perception")
 
 
 def test_tracks_by_method_and_level(results):
-    text = body("tracking", results)
+    text = results.body("tracking")
     (line,) = (one for one in text.splitlines() if one.startswith("| MuJoCo | 0 |"))
     assert "| 3 | 3.0" in line and "66.7 %" in line and "100 ms" in line
     assert "8.3 %" in line  # one image of twelve
@@ -150,7 +143,7 @@ def test_calibration_error_is_a_line_without_motion_or_time(results):
         method="camera_misplaced", frame=9, mean_error_mm=3.5, moving=0, seconds=0.0
     )
     pd.concat([tracks, alone]).to_csv(path, index=False)
-    text = body("tracking", Results(results.root))
+    text = results.body("tracking")
     (line,) = (one for one in text.splitlines() if "| calibration error" in one)
     assert "| – | 3.5" in line and line.endswith("– |")
 
@@ -164,13 +157,13 @@ def test_models_of_the_dynamics_stand_side_by_side(write):
         for steps in (1, 10)
     ]
     write.table("dynamics", "errors.csv", columns, rows)
-    lines = body("dynamics", Results(write.root)).splitlines()[2:]
+    lines = write.body("dynamics").splitlines()[2:]
     assert lines[0] == "| level | model | after 0.1 s, mm | after 1 s, mm |"
     assert lines[2] == "| 0 | static | 1.0 | 10.0 |"
     assert lines[3] == "| 0 | bidirectional LSTM | – | – |"
     assert "over 40 motions" in lines[-1]
 
 
-def test_nothing_run_is_nothing_shown(tmp_path):
+def test_nothing_run_is_nothing_shown(write):
     for section in ("perception", "tracking", "dynamics"):
-        assert body(section, Results(tmp_path)) is None
+        assert write.body(section) is None

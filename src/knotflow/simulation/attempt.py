@@ -45,11 +45,11 @@ class Trials:
         arrays = {name: getattr(self, name) for name in ("points", "splines", "success")}
         np.savez_compressed(path, action=str(self.action), start=str(self.start), **arrays)
 
-    @classmethod
-    def load(cls, path: Path) -> Trials:
-        """Read what `save` wrote."""
+    @staticmethod
+    def load(path: Path) -> Trials:
+        """Read what `save` wrote; of attempts, their trials."""
         with np.load(path) as file:
-            return cls(
+            return Trials(
                 parse_action(str(file["action"])),
                 TopologicalState.parse(str(file["start"])),
                 *(file[name] for name in ("points", "splines", "success")),
