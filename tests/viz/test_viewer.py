@@ -121,6 +121,14 @@ def test_command_names_bad_paths_in_one_line(tmp_path, opened, capsys, name, wor
     assert opened == []
 
 
+def test_a_saved_file_is_not_replaced(folder, opened, capsys):
+    target = folder / "out.rrd"
+    target.write_text("mine")
+    assert main(["view", str(folder / "a.mcap"), "--save", str(target)]) == 2
+    assert "out.rrd exists already; name another file with --save" in capsys.readouterr().err
+    assert target.read_text() == "mine"
+
+
 def test_command_names_the_missing_viewer(folder, converted, monkeypatch, capsys):
     def fail(command, **options):
         return subprocess.CompletedProcess(command, 1, stderr="starting\nError: no screen\n")

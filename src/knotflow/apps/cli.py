@@ -397,6 +397,8 @@ def view(
     """
     from knotflow.viz.viewer import ViewerError, show
 
+    if save is not None:
+        outputs.check_free(save, "--save")
     try:
         show(recording, number, save, web)
     except ViewerError as error:

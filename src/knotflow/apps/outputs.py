@@ -115,10 +115,10 @@ def write_plan(
             path.replace(folder / path.name)
 
 
-def check_free(path: Path) -> None:
+def check_free(path: Path, option: str = "--out") -> None:
     """Raises `ValueError` where something is already, or nothing can be written."""
     if path.exists():
-        raise ValueError(f"{path} exists already; name another file with --out")
+        raise ValueError(f"{path} exists already; name another file with {option}")
     check_writable(path)
 
 
