@@ -35,7 +35,7 @@ from knotflow.apps.tasks import TieTask
 from knotflow.perception import SAMPLE, Calibration, Camera, RgbdImage, segment
 from knotflow.perception.camera.image import read_colour, read_depth
 from knotflow.planning import parse_goal, parse_rope
-from knotflow.planning.rope_files import read_table
+from knotflow.planning.rope.files import read_table
 from knotflow.recording import RecordedRollout, read_recording, write_recording
 from knotflow.samplers.demonstrations import SHIPPED, load_demonstrations
 from knotflow.simulation import (

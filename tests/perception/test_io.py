@@ -16,7 +16,7 @@ from knotflow.perception import (
 )
 from knotflow.perception.estimation.estimate import RopeEstimate
 from knotflow.perception.io import describe, draw_overlay, write_rope
-from knotflow.planning.ropes import read_rope
+from knotflow.planning import read_rope
 from knotflow.simulation import RopeConfig
 from knotflow.topology import TopologicalState
 

@@ -171,7 +171,7 @@ def next_step(
         ambiguous = bool(photo.doubts)
     elif camera and files:
         from knotflow.perception import io
-        from knotflow.planning.rope_size import RopeSize
+        from knotflow.planning.rope.size import RopeSize
 
         size = RopeSize.of_options(options or RopeOptions()).rope()
         depth = files[1], camera, size, _depth_unit(depth_unit)
@@ -264,7 +264,7 @@ def run(
     from knotflow.apps import lab
     from knotflow.execution import ExecutionConfig
     from knotflow.perception import Calibration, Camera
-    from knotflow.planning.rope_size import RopeSize
+    from knotflow.planning.rope.size import RopeSize
     from knotflow.recording import RunLog
     from knotflow.simulation import ShapeError
 
@@ -556,7 +556,7 @@ def see(
         raise ValueError("with a depth image, see needs --camera FILE and --out FILE")
 
     from knotflow.perception import io  # slow to import
-    from knotflow.planning.rope_size import RopeSize
+    from knotflow.planning.rope.size import RopeSize
 
     rope = RopeSize.of_options(RopeOptions(length=length, diameter=diameter)).rope()
     unit = _depth_unit(depth_unit)
@@ -621,8 +621,8 @@ def _see_photo(
     its scale is known; `scaled` refuses it without."""
     from knotflow.perception import Calibration  # slow to import
     from knotflow.perception.photo import io
-    from knotflow.planning.rope_size import parse_metres
-    from knotflow.planning.ropes import LENGTH_TOLERANCE
+    from knotflow.planning.rope.centre_line import LENGTH_TOLERANCE
+    from knotflow.planning.rope.size import parse_metres
     from knotflow.topology.polyline import arc_lengths
 
     metres = parse_metres(length, "--length") if length else None
@@ -647,7 +647,7 @@ def _see_photo(
 
 def _depth_unit(text: str | None) -> float | None:
     """A unit in metres: mm, m, or a number of them."""
-    from knotflow.planning.rope_size import METRES, parse_metres
+    from knotflow.planning.rope.size import METRES, parse_metres
 
     return parse_metres(f"1{text}" if text in METRES else text, "--depth-unit") if text else None
 

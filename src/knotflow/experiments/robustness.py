@@ -10,7 +10,7 @@ import pandas as pd
 
 from knotflow.experiments.common import sampler_of
 from knotflow.planning import KnotPlan, PlannerConfig, SurvivalConfig, plan_rope, surviving
-from knotflow.planning.rope_size import RopeSize
+from knotflow.planning.rope.size import RopeSize
 from knotflow.samplers import SamplerConfig
 from knotflow.seeding import rng_of
 from knotflow.simulation import (

@@ -7,8 +7,8 @@ from .hand import Hand, Reach
 from .plan import KnotPlan, PlanFormatError, PlanStep
 from .planner import plan_rope
 from .proposals import attempt_arranged
-from .rope_files import ROPE_NAMES, RopeInputError, RopeTable
-from .ropes import MeasuredRope, lay_down, measured_rope, parse_rope, read_rope
+from .rope.files import ROPE_NAMES, RopeInputError, RopeTable
+from .rope.measured import MeasuredRope, lay_down, measured_rope, parse_rope, read_rope
 from .survival import SurvivalSearch, surviving
 from .tree import SearchStoppedError, SearchUpdate, TreeSearch, plan_knot
 from .validation import check_steps, find_penetrations, replay

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from knotflow.planning.rope_files import METRES
+from knotflow.planning.rope.files import METRES
 from knotflow.simulation import Attempts
 from knotflow.topology.polyline import Floats
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from knotflow.planning.fingers import HandConfig, openings
 from knotflow.planning.frame import Frame
-from knotflow.planning.rope_files import METRES
+from knotflow.planning.rope.files import METRES
 from knotflow.simulation import grasped_link
 from knotflow.topology import Action
 from knotflow.topology.polyline import Floats

@@ -13,7 +13,7 @@ from knotflow.perception.photo.colours import Colours
 from knotflow.perception.photo.estimate import PhotoEstimate, RopePhoto
 from knotflow.perception.photo.io import on_table
 from knotflow.planning import MeasuredRope, RopeOptions, RopeTable, measured_rope
-from knotflow.planning.rope_size import RopeSize, parse_metres
+from knotflow.planning.rope.size import RopeSize, parse_metres
 from knotflow.topology import TopologicalState
 from knotflow.topology.polyline import Floats, arc_lengths
 

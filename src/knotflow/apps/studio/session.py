@@ -35,7 +35,7 @@ from knotflow.planning import (
     parse_rope,
     plan_rope,
 )
-from knotflow.planning.rope_size import RopeSize
+from knotflow.planning.rope.size import RopeSize
 from knotflow.samplers.demonstrations import (
     TASKS,
     Demonstration,

@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass, replace
 
 from knotflow.planning.config import RopeOptions
-from knotflow.planning.rope_files import METRES, RopeInputError
+from knotflow.planning.rope.files import METRES, RopeInputError
 from knotflow.simulation import NOMINAL, RopeConfig, rope_of, usual_links
 
 DIAMETER = 2.0 * NOMINAL.radius / NOMINAL.length

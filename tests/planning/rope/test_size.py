@@ -3,7 +3,7 @@ import pytest
 
 from knotflow.planning import RopeInputError
 from knotflow.planning.frame import Placement
-from knotflow.planning.rope_size import BENDING_LENGTH, STIFFNESS, RopeSize, parse_metres
+from knotflow.planning.rope.size import BENDING_LENGTH, STIFFNESS, RopeSize, parse_metres
 from knotflow.simulation import (
     RopeConfig,
     RopeSimulator,

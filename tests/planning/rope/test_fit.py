@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from knotflow.planning import rope_fit
-from knotflow.planning.rope_fit import STIFFNESS, fit_rope, rests
+from knotflow.planning.rope import fit as fitting
+from knotflow.planning.rope.fit import STIFFNESS, fit_rope, rests
 from knotflow.simulation import RopeConfig, random_curve, straight
 
 
@@ -15,7 +15,7 @@ def test_stiffness_is_the_rate_at_which_links_off_are_exchanged_for_radians(monk
     curve *= rope.length / np.linalg.norm(np.diff(curve, axis=0), axis=1).sum()
     values, off, uneven = (0.0, STIFFNESS, 0.3, 3.0), [], []
     for value in values:
-        monkeypatch.setattr(rope_fit, "STIFFNESS", value)
+        monkeypatch.setattr(fitting, "STIFFNESS", value)
         fit = fit_rope(curve, np.zeros(0, bool), rope)
         x, y = np.diff(fit.points[:, :2], axis=0).T
         bends = np.diff(np.unwrap(np.arctan2(y, x)))

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from knotflow.planning import Frame, RopeInputError, RopeOptions, RopeTable, measured_rope
-from knotflow.planning.rope_files import read_table
+from knotflow.planning.rope.files import read_table
 from knotflow.simulation import RopeConfig, check_points, random_curve
 from knotflow.topology import TopologicalState
 from knotflow.topology.draw import draw
@@ -16,7 +16,7 @@ from knotflow.topology.polyline import arc_lengths
 
 LOOP = TopologicalState.parse("1o2-")
 OVERHAND = TopologicalState.parse("4o1+2o5+6o3+")
-CASES = Path(__file__).parents[2].parent / "shared" / "real" / "cases"
+CASES = Path(__file__).parents[3].parent / "shared" / "real" / "cases"
 
 
 def line(state=OVERHAND, count=200, length=1.0, ratio=0.01):
@@ -91,7 +91,7 @@ def test_a_slight_tilt_is_found_where_the_rope_is_flat_across_it(tmp_path, degre
 @pytest.mark.parametrize("diameter", ["10mm", "16mm"])
 def test_a_rope_that_rises_steeply_gets_more_links(diameter):
     options = RopeOptions(diameter=diameter)
-    file = Path(__file__).with_name("pentagram_at_rest.csv")
+    file = Path(__file__).parents[1] / "pentagram_at_rest.csv"
     rope = measured_rope(str(file), options, np.random.default_rng(0))
     assert state_of(rope).num_crossings == 5
 

@@ -12,7 +12,7 @@ from knotflow.planning import (
     parse_rope,
     read_rope,
 )
-from knotflow.planning.rope_files import MAX_POINTS, RopeTable, checked, read_table
+from knotflow.planning.rope.files import MAX_POINTS, RopeTable, checked, read_table
 from knotflow.simulation import RopeConfig, check_points, straight
 from knotflow.topology import TopologicalState
 from knotflow.topology.draw import draw
