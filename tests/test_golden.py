@@ -34,9 +34,9 @@ from knotflow.execution import (
     TwinConfig,
     panda,
 )
+from knotflow.execution.arm.timing import keep_limits
 from knotflow.execution.mppi import Mppi, MppiConfig
 from knotflow.execution.step_executor import path_from_grasp
-from knotflow.execution.timing import keep_limits
 from knotflow.perception import (
     Appearance,
     Camera,

@@ -35,7 +35,7 @@ COMPONENTS = {
     "execution": Component(9, ("execution",)),
     "control": Component(1, ("execution.closed_loop", "execution.mppi", "execution.step_executor")),
     "twin": Component(1, ("execution.twin",)),
-    "export": Component(1, ("execution.export", "execution.timing")),
+    "export": Component(1, ("execution.arm.export", "execution.arm.timing")),
     "recording": Component(1, ("recording",)),
 }
 """Names are independent of folders, so moving a file invalidates no stage."""

@@ -11,8 +11,8 @@ from scipy.interpolate import CubicHermiteSpline
 
 from knotflow.apps import lab
 from knotflow.execution import ExecutionConfig, TrueState, Twin, TwinConfig, execute, load_arm, ur5e
-from knotflow.execution.export import LOWEST
-from knotflow.execution.inverse_kinematics import Solver
+from knotflow.execution.arm.export import LOWEST
+from knotflow.execution.arm.inverse_kinematics import Solver
 from knotflow.execution.ros2 import Ros2Arm, Ros2Config, Ros2Error
 from knotflow.perception import Camera
 from knotflow.recording import RunLog

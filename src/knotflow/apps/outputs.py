@@ -40,7 +40,7 @@ def arm_digest(arm: str, base: Path | None) -> str:
     """Of what decides what an arm reaches."""
     import knotflow
 
-    code = sorted((Path(knotflow.__file__).parent / "execution").glob("*.py"))
+    code = sorted((Path(knotflow.__file__).parent / "execution").rglob("*.py"))
     given = [path for path in (Path(arm), base) if path is not None and path.is_file()]
     return digest(*code, *given)
 

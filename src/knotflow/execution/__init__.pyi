@@ -1,4 +1,6 @@
-from .arm_model import ARMS, Arm, ArmError, Base, find_arm, load_arm, panda, ur5e, xarm7
+from .arm.export import Export, export_plan
+from .arm.model import ARMS, Arm, ArmError, Base, find_arm, load_arm, panda, ur5e, xarm7
+from .arm.reach import ArmReach, first_untied
 from .closed_loop import CONTROLLERS, Execution, execute, failure_cause, run_trial
 from .dynamics import (
     SHIPPED_DYNAMICS,
@@ -10,12 +12,10 @@ from .dynamics import (
     motion_errors,
     prediction_errors,
 )
-from .export import Export, export_plan
 from .film import DragFrame, ImageRecorder, drag_frames, draw_execution, encode_jpeg, film_rollout
 from .lstm_dynamics import DynamicsTrainer, LstmDynamics
 from .motions import FREE, STEP, Motions, draw_motions
 from .mppi import Mppi, MppiConfig
-from .reach import ArmReach, first_untied
 from .robot import FAULTS, ImageStateEstimator, Observation, Robot, StateEstimator, TrackedRope
 from .step_executor import ExecutionConfig
 from .twin import ERROR_LEVELS, TrueState, Twin, TwinConfig

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from knotflow.execution.arm_model import Arm, Base, find_arm
-from knotflow.execution.export import LOWEST
-from knotflow.execution.inverse_kinematics import Solver
-from knotflow.execution.timing import keep_limits
+from knotflow.execution.arm.export import LOWEST
+from knotflow.execution.arm.inverse_kinematics import Solver
+from knotflow.execution.arm.model import Arm, Base, find_arm
+from knotflow.execution.arm.timing import keep_limits
 from knotflow.perception import RgbdImage
 from knotflow.perception.camera.ros_image import read_messages, stamp
 from knotflow.topology.polyline import Floats

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knotflow.execution.arm_model import PREFIX, TABLE, Arm, Base
+from knotflow.execution.arm.model import PREFIX, TABLE, Arm, Base
 from knotflow.planning import Waypoints
 
 if TYPE_CHECKING:

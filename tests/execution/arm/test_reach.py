@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from knotflow.execution import ArmReach, Base, export_plan, find_arm, first_untied
-from knotflow.execution.reach import Chain
+from knotflow.execution.arm.reach import Chain
 from knotflow.planning import Frame, Placement
 from knotflow.simulation import SimulationConfig
 

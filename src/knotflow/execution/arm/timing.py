@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from knotflow.execution.arm_model import Arm
+from knotflow.execution.arm.model import Arm
 
 STRETCHES, MOST_STRETCH = 200, 1.05  # rounds, and by how much an interval grows in each
 SUBDIVISIONS = 8  # samples from one waypoint to the next

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from knotflow.execution.arm_model import PREFIX, Arm, Base, find_arm
-from knotflow.execution.export import LOWEST, Export, export_plan
-from knotflow.execution.inverse_kinematics import (
+from knotflow.execution.arm.export import LOWEST, Export, export_plan
+from knotflow.execution.arm.inverse_kinematics import (
     FREE_TURN_COST,
     HOME_COST,
     HOME_GAIN,
@@ -27,6 +26,7 @@ from knotflow.execution.inverse_kinematics import (
     TURN_COST,
     Solver,
 )
+from knotflow.execution.arm.model import PREFIX, Arm, Base, find_arm
 from knotflow.execution.twin import Twin, TwinConfig
 from knotflow.planning import Frame, GripperConfig, KnotPlan, Placement
 from knotflow.simulation import (

@@ -4,7 +4,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from knotflow.execution import export_plan
-from knotflow.execution.arm_model import (
+from knotflow.execution.arm.model import (
     ARMS,
     PREFIX,
     Arm,

@@ -10,8 +10,8 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 
 from knotflow.execution import ArmError, Base, export_plan, load_arm, panda
-from knotflow.execution.arm_model import PREFIX, TABLE
-from knotflow.execution.inverse_kinematics import TOLERANCE
+from knotflow.execution.arm.inverse_kinematics import TOLERANCE
+from knotflow.execution.arm.model import PREFIX, TABLE
 from knotflow.planning import Frame
 
 UPRIGHT = Base([-0.5, 0.0, 0.0])

@@ -17,9 +17,9 @@ import yaml
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from knotflow.execution.arm_model import Arm, ArmError, Base, find_arm
-from knotflow.execution.inverse_kinematics import IkSolution, follow_waypoints
-from knotflow.execution.timing import keep_limits, rest_to_rest, samples
+from knotflow.execution.arm.inverse_kinematics import IkSolution, follow_waypoints
+from knotflow.execution.arm.model import Arm, ArmError, Base, find_arm
+from knotflow.execution.arm.timing import keep_limits, rest_to_rest, samples
 from knotflow.planning import GripperConfig, HandConfig, KnotPlan, Waypoints
 
 FORMATS = ("csv", "ros2")

@@ -1,0 +1,1 @@
+"""An arm: its model, what it reaches, and the joint trajectories that follow a plan."""
