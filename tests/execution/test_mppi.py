@@ -24,7 +24,7 @@ class Biased(Rigid):
         return super().predict(*asked) + torch.tensor([0.0, 0.01, 0.0])
 
 
-def begin(config, off=(0.03, -0.02, 0.0), dynamics=None):
+def begin(config, off=(0.03, -0.02, 0.0), dynamics=None, weights=None):
     """A controller, and the rope, which is off the reference by some metres."""
     controller = Mppi(dynamics or Rigid(), config)
     rope = np.zeros((VERTICES, 3))
@@ -32,7 +32,7 @@ def begin(config, off=(0.03, -0.02, 0.0), dynamics=None):
     rope[:, 2] = 0.05
     path = np.array([0.0, 0.0, 0.05]) + np.linspace(0, 1, FRAMES)[:, None] * [0.1, 0.2, 0.0]
     reference = rope + (path - path[0])[:, None]
-    controller.begin(reference, path, np.ones(VERTICES), LINK)
+    controller.begin(reference, path, np.ones(VERTICES) if weights is None else weights, LINK)
     return controller, rope + off, reference
 
 
@@ -54,6 +54,18 @@ def test_displaced_rope_returns_to_the_plan():
 
 def test_rope_on_the_plan_stays():
     assert follow(*begin(MppiConfig(), off=(0.0, 0.0, 0.0))).max() < 0.006
+
+
+@pytest.mark.parametrize("part", [slice(None, LINK), slice(LINK, None)])
+def test_vertices_count_by_their_weights(part):
+    """A rope whose tail lies 3 cm aside is moved back as far as its tail counts."""
+    aside, weights = np.zeros((VERTICES, 3)), np.zeros(VERTICES)
+    aside[LINK:, 0], weights[part] = 0.03, 1.0
+    controller, points, reference = begin(MppiConfig(), aside, weights=weights)
+    for _ in reference[1:]:
+        centre = (points[LINK] + points[LINK + 1]) / 2
+        points = points + controller.act(points, np.zeros_like(points), centre) - centre
+    assert np.abs((points - reference[-1])[part]).max() < 0.008
 
 
 def test_errors_of_the_gripper_do_not_add_up():

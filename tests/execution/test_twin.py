@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from knotflow.execution import Twin, TwinConfig
+from knotflow.execution import ERROR_LEVELS, Twin, TwinConfig
+from knotflow.execution.twin import displace_camera
 from knotflow.perception import Camera
 from knotflow.simulation import LEVELS
 
@@ -52,6 +54,61 @@ def test_grasped_link_lifts_the_rope(points, level):
     robot.release()
     robot.move_to(UP * 4, 1.0)
     assert twin.points[:, 2].max() < 0.8 * heights.max()
+
+
+def test_a_link_is_held_as_far_from_the_fingers_as_it_was_caught(points):
+    robot = (twin := twin_of(points)).robot()
+    robot.move_to(centre(points, 20) + [0.0, 0.008, 0.0], 0.5)
+    robot.grasp()
+    caught = centre(twin.points, 20) - robot.position
+    robot.move_to(robot.position + UP, 1.0)
+    held = centre(twin.points, 20) - robot.position
+    assert caught[1] == pytest.approx(-0.008, abs=1e-3)
+    np.testing.assert_allclose(held, caught, atol=3e-3)
+
+
+def test_errors_of_gripper_and_camera_are_of_the_levels_size(points):
+    camera = Camera.overhead()
+    for level, errors in zip(LEVELS, ERROR_LEVELS, strict=True):
+        twin, places = twin_of(points, level=level), []
+        for _ in range(200):
+            twin.move_to(UP, 0.5)
+            places.append(twin.position - UP)
+        assert np.std(np.array(places)[:, :2]) == pytest.approx(errors.actuation, rel=0.2)
+        np.testing.assert_allclose(np.array(places)[:, 2], 0.0, atol=1e-12)
+        seen = displace_camera(camera, errors, np.random.default_rng(level))
+        shift = np.abs(seen.position - camera.position).max()
+        turn = Rotation.from_matrix(seen.rotation @ camera.rotation.T).magnitude()
+        assert (shift > 0) == (turn > 0) == (level > 0)
+        assert shift <= errors.camera_shift and turn <= np.sqrt(3) * errors.camera_turn + 1e-9
+
+
+def test_fingers_close_with_an_error_of_their_own(points):
+    twin = twin_of(points, level=2, reach=0.005)
+    twin.move_to(centre(points, 20), 0.5)
+    for _ in range(40):
+        twin.grasp()
+    assert 0 < twin.missed_grasps < 40
+
+
+def test_a_rope_that_is_held_still_falls_when_released(points):
+    robot = (twin := twin_of(points)).robot()
+    robot.move_to(centre(points, 20), 0.5)
+    robot.grasp()
+    robot.move_to(centre(points, 20) + UP, 1.0)
+    robot.move_to(robot.position, 3.0)
+    assert twin.points[20:22, 2].min() > 0.04
+    robot.release()
+    robot.move_to(UP * 4, 1.0)
+    assert twin.points[:, 2].max() < 0.02
+
+
+def test_a_held_link_is_not_pressed_into_the_table(points):
+    robot = (twin := twin_of(points)).robot()
+    robot.move_to(centre(points, 20), 0.5)
+    robot.grasp()
+    robot.move_to(robot.position - UP, 1.0)
+    assert twin.points[20:22, 2].min() > 0.8 * twin.rope.radius
 
 
 def test_missed_grasp_holds_nothing(points):

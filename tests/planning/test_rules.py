@@ -24,6 +24,7 @@ from knotflow.simulation import straight
 from knotflow.topology import Arrange, TopologicalState, segment_intervals
 
 TRIVIAL = TopologicalState.trivial()
+MET = TopologicalState.parse("2o1+")
 
 
 def root(goal, world):
@@ -207,6 +208,24 @@ def test_an_arranged_shape_inherits_what_was_tried_of_the_action(world, path_goa
     PosteriorRule(PlannerConfig(), path_goal.dag).add(arranged)
     assert (arranged.tries[ACT], arranged.successes[ACT]) == (7, 2)
     assert arranged.tries[ARRANGE] == arranged.successes[ARRANGE] == 0
+
+
+@pytest.mark.parametrize("arranged", [False, True])
+def test_an_edge_is_worth_the_shapes_that_were_met_at_its_end(world, plan, arranged):
+    """Those that were arranged first say nothing of what the edge leads to."""
+    goal = parse_goal("overhand")
+    edges = goal.dag.edges_from(TRIVIAL)
+    (last,) = (row for row, (_, state) in enumerate(edges) if state == MET)
+    start = node(world, goal, TRIVIAL, np.full(len(edges), 0.5))
+    met = node(world, goal, MET, np.full(len(goal.dag.edges_from(MET)), 0.9))
+    if arranged:
+        met.parent = node(world, goal, MET, met.values)
+        met.step = replace(plan.steps[0], action=Arrange(met.edges[0][0]))
+    rule = PosteriorRule(PlannerConfig(arranging=0), goal.dag)
+    rule.add(start)
+    rule.add(met)
+    first = next(one for one in rule.choose(40) if one.node is start)
+    assert first.edge == (0 if arranged else last)
 
 
 class Tight:
