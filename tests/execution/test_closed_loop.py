@@ -17,7 +17,7 @@ from knotflow.execution import (
 )
 from knotflow.execution.step_executor import StepExecutor, StepOutcome
 from knotflow.planning import UnreachableGoalError
-from knotflow.simulation import state_or_none
+from knotflow.simulation import RopeConfig, resample, state_or_none
 
 
 class Recorded:
@@ -200,6 +200,64 @@ def test_replans_from_an_unexpected_first_state(plan):
     assert execution.tied
 
 
+def test_replanning_makes_up_for_the_robots_error_without_tracking(plan):
+    class Off(Recorded):
+        def move_to(self, position, seconds):
+            super().move_to(position, seconds)
+            self.at = self.at + [0.01, -0.02, 0.0]
+
+    start, goal = Observation.of(plan.start), Observation.of(plan.steps[0].end)
+    for replan, off in ((None, np.hypot(0.01, 0.02)), (replanned(plan)[1], 0.0)):
+        robot = Off()
+        execution = execute(plan, robot, estimator=Scripted(*[start] * 2, goal), replan=replan)
+        assert np.linalg.norm(robot.at - execution.gripper[-1]) == pytest.approx(off, abs=1e-9)
+
+
+def test_a_first_plan_that_ties_nothing_is_not_begun(plan):
+    start, goal = Observation.of(plan.start), Observation.of(plan.steps[0].end)
+    asked, replan = replanned(plan)
+    unsolved = replace(plan, solved=False)
+    execution = execute(unsolved, Recorded(), estimator=Scripted(start, goal), replan=replan)
+    assert len(asked) == 1 and execution.tied
+
+
+def test_a_plan_without_steps_ends_the_execution(plan):
+    """What ties the knot without a step is tied; the observation says that it is not."""
+    start = Observation.of(plan.start)
+    _, replan = replanned(plan, steps=(), reason="it is tied")
+    execution = execute(plan, Recorded(), estimator=Scripted(start, start), replan=replan)
+    assert execution.reason == "no plan was found after 1 actions: it is tied"
+
+
+def test_a_rope_that_vanishes_is_not_pulled(plan):
+    start, nothing = Observation.of(plan.start), Observation(None, None, ("dark",))
+    execution = execute(
+        plan, Recorded(), estimator=Scripted(start, *[nothing] * 2), replan=replanned(plan)[1]
+    )
+    assert execution.reason == "the rope is not seen: dark after 1 actions"
+    assert execution.tied is False
+
+
+def test_frames_are_those_after_each_move_of_the_ropes_own_shape(plan):
+    finer = resample(plan.start, replace(RopeConfig(), links=48))
+
+    class Resampled:
+        """Its rope gets more links after a while."""
+
+        lost, asked = False, 0
+
+        def points(self, robot, grasped):
+            self.asked += 1
+            return plan.start if self.asked < 4 else finer
+
+    config = ExecutionConfig(slip=10.0, attempts=1)
+    execution = execute(plan, Recorded(), config, Resampled())
+    np.testing.assert_allclose(execution.times, STEP * np.arange(1, len(execution.gripper) + 1))
+    assert execution.points.shape[1:] == plan.start.shape
+    seen = ~np.isnan(execution.points[:, 0, 0])
+    assert seen.any() and not seen[-1]
+
+
 def test_missing_plan_ends_the_execution(plan):
     start = Observation.of(plan.start)
     asked, replan = replanned(plan, steps=(), solved=False, reason="no way")
@@ -298,6 +356,9 @@ def test_estimator_gets_last_and_expected_shapes(plan):
     execute(plan, Recorded(), estimator=estimator, replan=replanned(plan)[1])
     np.testing.assert_array_equal(estimator.likely[0], [plan.start])
     np.testing.assert_array_equal(estimator.likely[1], [plan.start, plan.steps[0].end])
+    at_the_end = Scripted(end)
+    execute(plan, Recorded(), estimator=at_the_end)
+    np.testing.assert_array_equal(at_the_end.likely, [[plan.steps[0].end]])
 
 
 class Clumsy:
