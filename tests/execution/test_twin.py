@@ -20,6 +20,14 @@ def twin_of(points, level=0, seed=3, **config):
     return Twin(points, TwinConfig(level=level, **config), np.random.default_rng(seed))
 
 
+def holding(points, off=(0.0, 0.0, 0.0), **config):
+    """A twin whose fingers closed so far from the centre of link 20, metres."""
+    twin = twin_of(points, **config)
+    twin.move_to(centre(twin.points, 20) + off, 0.5)
+    twin.grasp()
+    return twin
+
+
 def test_the_rope_goes_on_while_an_image_is_worked_on(plan):
     camera = Camera.overhead()
     quick, slow = (
@@ -43,10 +51,7 @@ def test_draws_do_not_depend_on_commands(points):
 
 @pytest.mark.parametrize("level", LEVELS)
 def test_grasped_link_lifts_the_rope(points, level):
-    twin = twin_of(points, level=level, reach=0.05)
-    robot = twin.robot()
-    robot.move_to(centre(twin.points, 20), 0.5)
-    robot.grasp()
+    robot = (twin := holding(points, level=level, reach=0.05)).robot()
     assert twin.grasped
     robot.move_to(centre(twin.points, 20) + UP, 1.0)
     heights = twin.points[:, 2]
@@ -57,9 +62,7 @@ def test_grasped_link_lifts_the_rope(points, level):
 
 
 def test_a_link_is_held_as_far_from_the_fingers_as_it_was_caught(points):
-    robot = (twin := twin_of(points)).robot()
-    robot.move_to(centre(points, 20) + [0.0, 0.008, 0.0], 0.5)
-    robot.grasp()
+    robot = (twin := holding(points, (0.0, 0.008, 0.0))).robot()
     caught = centre(twin.points, 20) - robot.position
     robot.move_to(robot.position + UP, 1.0)
     held = centre(twin.points, 20) - robot.position
@@ -92,9 +95,7 @@ def test_fingers_close_with_an_error_of_their_own(points):
 
 
 def test_a_rope_that_is_held_still_falls_when_released(points):
-    robot = (twin := twin_of(points)).robot()
-    robot.move_to(centre(points, 20), 0.5)
-    robot.grasp()
+    robot = (twin := holding(points)).robot()
     robot.move_to(centre(points, 20) + UP, 1.0)
     robot.move_to(robot.position, 3.0)
     assert twin.points[20:22, 2].min() > 0.04
@@ -104,9 +105,7 @@ def test_a_rope_that_is_held_still_falls_when_released(points):
 
 
 def test_a_held_link_is_not_pressed_into_the_table(points):
-    robot = (twin := twin_of(points)).robot()
-    robot.move_to(centre(points, 20), 0.5)
-    robot.grasp()
+    robot = (twin := holding(points)).robot()
     robot.move_to(robot.position - UP, 1.0)
     assert twin.points[20:22, 2].min() > 0.8 * twin.rope.radius
 

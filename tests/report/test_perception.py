@@ -20,8 +20,7 @@ def results(write):
         for method in ("network_rendering", "full")
         for noise in (0.0, 1.0) for crossings in (0, 3, 5) for rope in range(3)
     ]  # fmt: skip
-    (write.root / "perception").mkdir()
-    pd.DataFrame(rows).to_csv(write.root / "perception" / "estimates.csv", index=False)
+    write.table("perception", "estimates.csv", [*rows[0]], [[*row.values()] for row in rows])
     rows = [
         {
             "method": method, "level": level, "action": "R1_0_1_1", "rollout": f"{level}-{number}",
@@ -32,8 +31,7 @@ def results(write):
         for method, error in (("rendering_mujoco", 1.0), ("rendering_lstm", 5.0))
         for level in (0, 1) for number in range(3) for frame in range(4)
     ]  # fmt: skip
-    (write.root / "tracking").mkdir()
-    pd.DataFrame(rows).to_csv(write.root / "tracking" / "tracks.csv", index=False)
+    write.table("tracking", "tracks.csv", [*rows[0]], [[*row.values()] for row in rows])
     return write
 
 
