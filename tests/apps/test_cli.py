@@ -48,8 +48,8 @@ def searches(monkeypatch, found):
     """Makes the command find that plan at once; lists the arguments of every search."""
     asked = []
 
-    def find_plan(*arguments):
-        asked.append(arguments)
+    def find_plan(knot, measured, earlier=None, **options):
+        asked.append({"measured": measured, "earlier": earlier} | options)
         return replace(found, worlds=16, survived=(15,)), None
 
     def write(folder, plan, source, rope, *, request, **_):
@@ -159,7 +159,8 @@ def test_plan_has_the_size_and_frame_of_the_rope(searches, found, here, capsys):
     words = [LOOP, "--rope", "mine.csv", "--diameter", "16mm", "--stiffness", "5cm"]
     assert main(["plan", *words]) == 0
     assert "rope of 2 m by 16 mm, bending length 5 cm" in capsys.readouterr().out
-    ((_, measured, *_),) = searches
+    (asked,) = searches
+    measured = asked["measured"]
     assert measured.model.radius == pytest.approx(0.004)
     (path,) = here.glob("plans/*/plan.json")
     plan = KnotPlan.from_json(path.read_text())
@@ -196,7 +197,7 @@ def test_files_of_one_name_have_plans_of_their_own(searches, here):
 
 def test_a_search_that_fails_is_1_and_its_folder_says_so(searches, found, here, monkeypatch):
     failed = replace(found, solved=False, steps=(), reason="0.1 s passed")
-    monkeypatch.setattr(search, "find_plan", lambda *_: (failed, None))
+    monkeypatch.setattr(search, "find_plan", lambda *_, **__: (failed, None))
     for _ in range(2):  # the second time it is told what was found before
         assert main(["plan", LOOP, "--rope", "straight"]) == 1
     assert not json.loads(next(here.glob("plans/*/outcome.json")).read_text())["success"]
@@ -210,15 +211,16 @@ def test_the_next_action_says_what_how_sure_and_what_to_check(searches, here, ca
     assert "the rope must then be in the state 2o1+" in told
     assert "success  in 15 of 16 worlds, of the whole plan in 15" in told
     assert (here / "step.csv").read_text().startswith("time_s,")
-    assert [search[-4:-1] for search in searches] == [(0.03, 16, 0.005)]
+    (asked,) = searches
+    assert (asked["margin"], asked["worlds"], asked["error"]) == (0.03, 16, 0.005)
     assert main(["next", LOOP, "--rope", "straight", "--length", "0.2m"]) == 0
-    assert searches.pop()[-4] == pytest.approx(0.006)
+    assert searches.pop()["margin"] == pytest.approx(0.006)
     assert main(["next", LOOP, "--rope", "straight", "--out", "step.csv"]) == 2
 
 
 def test_a_next_action_that_is_not_found_is_1_and_says_what_to_try(found, monkeypatch, capsys):
     failed = replace(found, solved=False, steps=(), reason="60 s passed")
-    monkeypatch.setattr(search, "find_plan", lambda *_: (failed, None))
+    monkeypatch.setattr(search, "find_plan", lambda *_, **__: (failed, None))
     assert main(["next", LOOP, "--rope", "straight"]) == 1
     told = capsys.readouterr().out
     assert "60 s passed" in told and "--max-seconds 120" in told and "--margin 0.015" in told
@@ -229,7 +231,7 @@ def test_the_next_action_goes_on_with_the_plan_that_is_kept(searches, found, her
     np.savetxt(rope, 0.7 * found.start + [0.3, 0.1, 0.0], delimiter=",")
     for _ in range(2):
         assert main(["next", LOOP, "--rope", str(rope), "--plan", "kept/loop.json"]) == 0
-    first, second = (search[2] for search in searches)
+    first, second = (search["earlier"] for search in searches)
     assert first is None
     # On the model's scale, wherever it was: splines are carried to where the rope lies.
     shift = (second.steps[0].start - found.start).mean(axis=0)
@@ -263,7 +265,7 @@ def test_a_run_goes_on_with_its_last_plan(searches, found, here, monkeypatch):
     plans = []
     monkeypatch.setattr(lab, "tie", tie)
     assert main(["run", LOOP, "--yes"]) == 0
-    first, *later = [search[2] for search in searches]
+    first, *later = [search["earlier"] for search in searches]
     assert first is None and [one.solved for one in later] == [True, True]
     for plan in later:
         np.testing.assert_array_equal(plan.splines, found.splines)
@@ -478,7 +480,7 @@ def test_an_arm_without_its_extra_names_it(monkeypatch, found, here, capsys):
 
 def test_a_plan_that_ties_nothing_says_what_to_try(searches, found, monkeypatch, capsys):
     failed = replace(found, solved=False, reason="60 s passed")
-    monkeypatch.setattr(search, "find_plan", lambda *_: (failed, None))
+    monkeypatch.setattr(search, "find_plan", lambda *_, **__: (failed, None))
     for _ in range(2):  # found, and told again
         assert main(["plan", LOOP, "--rope", "straight"]) == 1
         assert "--overwrite --max-seconds 120" in capsys.readouterr().out

@@ -106,7 +106,7 @@ def plan(
         print(f"{stored['text']}\n{folder}: already planned; --overwrite plans again")
         return _outcome(stored["success"], max_seconds)
     found, last = search.find_plan(
-        knot, measured, None, seed, max_seconds, margin, worlds, 0.0, arm
+        knot, measured, seed=seed, max_seconds=max_seconds, margin=margin, worlds=worlds, arm=arm
     )
     found = found.placed(measured.placement, measured.frame)
     last = last and measured.placement.attempts(last)
@@ -186,8 +186,9 @@ def next_step(
     earlier = None if plan is None else search.kept_plan(plan, knot, measured)
     least = _margin(margin, measured)
     found, _ = search.find_plan(
-        knot, measured, earlier, seed, max_seconds, least, worlds, GRIPPER_ERROR, arm
-    )
+        knot, measured, earlier, seed=seed, max_seconds=max_seconds, margin=least, worlds=worlds,
+        error=GRIPPER_ERROR, arm=arm,
+    )  # fmt: skip
     if not found.solved:
         tighter = f"; tighter loops: --margin {least / 2:g}" if least else ""
         print(f"{found.summary()}\nlonger: --max-seconds {2 * max_seconds:g}{tighter}")
@@ -296,8 +297,9 @@ def run(
             found = search.resampled(found, measured)
         least = _margin(margin, measured)
         found, _ = search.find_plan(
-            knot, measured, found, next(seeds), max_seconds, least, worlds, GRIPPER_ERROR, arm
-        )
+            knot, measured, found, seed=next(seeds), max_seconds=max_seconds, margin=least,
+            worlds=worlds, error=GRIPPER_ERROR, arm=arm,
+        )  # fmt: skip
         return found.placed(measured.placement, measured.frame)
 
     path = lab.log_path(out, knot)
@@ -647,7 +649,8 @@ def _see_photo(
 
 def _depth_unit(text: str | None) -> float | None:
     """A unit in metres: mm, m, or a number of them."""
-    from knotflow.planning.rope.size import METRES, parse_metres
+    from knotflow.planning.frame import METRES
+    from knotflow.planning.rope.size import parse_metres
 
     return parse_metres(f"1{text}" if text in METRES else text, "--depth-unit") if text else None
 

@@ -85,7 +85,8 @@ def resampled(kept: planning.KnotPlan, measured: planning.MeasuredRope) -> plann
 def find_plan(
     knot: str,
     measured: planning.MeasuredRope,
-    earlier: planning.KnotPlan | None,
+    earlier: planning.KnotPlan | None = None,
+    *,
     seed: int,
     max_seconds: float,
     margin: float,
@@ -93,7 +94,14 @@ def find_plan(
     error: float = 0.0,
     arm: ArmOptions = NO_ARM,
 ) -> tuple[planning.KnotPlan, Attempts | None]:
-    """The plan for the model of the rope, solved or not, and the last attempts, if any."""
+    """The plan for the model of the rope, solved or not, and the last attempts, if any.
+
+    Args:
+        earlier: a plan for this rope to go on with.
+        margin: least length between crossings, metres.
+        worlds: see `planning.SurvivalConfig`.
+        error: standard deviation of the gripper's errors in these worlds, metres.
+    """
     from tqdm import tqdm
 
     from knotflow.samplers.primitives import SHIPPED_PRIMITIVES, PrimitiveLibrary

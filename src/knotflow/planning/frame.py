@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from knotflow.planning.rope.files import METRES
 from knotflow.simulation import Attempts
 from knotflow.topology.polyline import Floats
+
+METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+"""Units of a file's numbers, in metres."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.planning.fingers import HandConfig, openings
-from knotflow.planning.frame import Frame
-from knotflow.planning.rope.files import METRES
+from knotflow.planning.frame import METRES, Frame
 from knotflow.simulation import grasped_link
 from knotflow.topology import Action
 from knotflow.topology.polyline import Floats

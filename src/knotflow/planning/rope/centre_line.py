@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotflow.planning.config import Axis, RopeOptions
-from knotflow.planning.frame import Frame
-from knotflow.planning.rope.files import METRES, RopeInputError, RopeTable
+from knotflow.planning.frame import METRES, Frame
+from knotflow.planning.rope.files import RopeInputError, RopeTable
 from knotflow.planning.rope.fit import Fit, fit_rope, planar_code, rests
 from knotflow.planning.rope.size import RopeSize, parse_metres
 from knotflow.simulation import RopeConfig

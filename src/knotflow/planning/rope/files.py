@@ -15,13 +15,12 @@ from pathlib import Path
 import numpy as np
 
 from knotflow.arrays import floats, read_npy
+from knotflow.planning.frame import METRES
 from knotflow.topology.polyline import Floats, arc_lengths
 
 ROPE_NAMES = ("straight", "arc", "random")
 """Ropes that are generated."""
 SUFFIXES = (".csv", ".npy", ".xyz", ".vect")
-METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-"""Units of a file's numbers, in metres."""
 MIN_POINTS = 5
 MAX_POINTS = 1001
 """Most points that are kept, evenly along the curve: reading crossings takes memory with the

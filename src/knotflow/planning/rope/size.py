@@ -10,7 +10,8 @@ import re
 from dataclasses import dataclass, replace
 
 from knotflow.planning.config import RopeOptions
-from knotflow.planning.rope.files import METRES, RopeInputError
+from knotflow.planning.frame import METRES
+from knotflow.planning.rope.files import RopeInputError
 from knotflow.simulation import NOMINAL, RopeConfig, rope_of, usual_links
 
 DIAMETER = 2.0 * NOMINAL.radius / NOMINAL.length
