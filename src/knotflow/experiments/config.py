@@ -91,9 +91,10 @@ class Config:
 def register() -> None:
     """Make the schema, and where workflows/ is, known to Hydra."""
     os.environ["KNOTFLOW_HOME"] = str(HOME)
+    if "schema.yaml" in (store := ConfigStore.instance()).list(""):
+        return
     empty: list[Any] = [(name, dict[str, Any], field(default_factory=dict)) for name in sections()]
-    schema = make_dataclass("Config", empty, bases=(Config,))
-    ConfigStore.instance().store(name="schema", node=schema)
+    store.store(name="schema", node=make_dataclass("Config", empty, bases=(Config,)))
 
 
 @cache
