@@ -144,8 +144,8 @@ def command(monkeypatch, capfd):
     from knotflow.experiments.config import register
 
     def run(*arguments, results):
-        hydra = Singleton.get_state()
         register()
+        hydra = Singleton.get_state()
         capfd.readouterr()
         code, why = 0, ""
         try:
