@@ -328,9 +328,9 @@ def how_the_critic_catches_up(results: Results) -> str:
         parts.append(f"from {early:.0f} to {late:.0f} points on `{action}`")
     return (
         "the critic alone does well on these two. From the first "
-        f"{EITHER_END} rounds of reinforcement to the last, the gap falls {md.listed(parts)}: it is "
-        "one of short trainings. With the authors' search, and without what our critic and training "
-        "add to theirs, the critic alone ends as high ([design decisions]"
+        f"{EITHER_END} rounds of reinforcement to the last, the gap falls {md.listed(parts)}: it "
+        "is one of short trainings. With the authors' search, and without what our critic and "
+        "training add to theirs, the critic alone ends as high ([design decisions]"
         "(../docs/design.md#training))"
     )
 
