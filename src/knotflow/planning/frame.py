@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from knotflow.simulation import Attempts
 from knotflow.topology.polyline import Floats
+
+if TYPE_CHECKING:
+    from knotflow.simulation import Attempts
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 """Units of a file's numbers, in metres."""
