@@ -236,6 +236,15 @@ def test_joint_finetuning(write, joint, verdict):
     assert found.ours.startswith("4.2 ± 1.9 / ") and "by rank p = " in found.ours
 
 
+def test_joint_finetuning_falls_short_in_size_if_less_is_saved_than_in_the_paper(write):
+    joint_trees(write, [8, 9] * 25, [3] * 50)
+    assert judgement(write, 7).size.startswith("means of 8.5")  # more than 4.3 without it
+    joint_trees(write, [4] * 50, [3] * 25 + [4] * 25)
+    assert judgement(write, 7).size.startswith("means of 4")
+    joint_trees(write, [3, 5] * 25, [3] * 50)
+    assert judgement(write, 7).size == ""
+
+
 def test_joint_finetuning_has_to_narrow_most_trainings(write):
     joint_trees(write, [5, 6] * 25, [3] * 50)
     assert judgement(write, 7).verdict is Verdict.HOLDS
