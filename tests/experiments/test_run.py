@@ -10,9 +10,10 @@ from tests.experiments.configuration import composed
 
 from knotflow.experiments.config import HOME, experiments
 from knotflow.experiments.run import check_added, stale, workflow_of
+from knotflow.report.page import PAPER
 from knotflow.workflow import WorkflowError, dependencies
 
-EXPERIMENTS = [name for name in experiments() if name != "paper"]
+EXPERIMENTS = [name for name in experiments() if name not in ("all", "paper")]
 
 
 @cache
@@ -50,10 +51,17 @@ def test_every_experiment_binds_and_has_results(experiment, budget):
     assert workflow.results and workflow.keys.keys() == workflow.nodes.keys()
 
 
+def swept(name):
+    text = (HOME / "conf" / "experiment" / f"{name}.yaml").read_text()
+    return text.partition(">-")[2].replace("\n", "").replace(" ", "").split(",")
+
+
 def test_the_sweep_over_all_experiments_names_each():
-    text = (HOME / "conf" / "experiment" / "paper.yaml").read_text()
-    named = text.partition(">-")[2].replace("\n", "").replace(" ", "").split(",")
-    assert sorted([*named, "learning_options", "real_images"]) == EXPERIMENTS
+    assert sorted([*swept("all"), "learning_options", "real_images"]) == EXPERIMENTS
+
+
+def test_the_paper_is_the_experiments_that_the_report_says_are_its():
+    assert sorted(swept("paper")) == sorted(section.experiment for section in PAPER)
 
 
 def test_experiments_share_what_they_train():

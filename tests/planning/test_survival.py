@@ -123,6 +123,7 @@ def test_a_plan_that_is_sure_at_once_costs_its_worlds_alone(world, path_goal):
 def test_how_sure_a_plan_is_is_said_and_stored(world, path_goal):
     plan, _ = survive(Brittle(world(), 1.0), path_goal)
     assert "ties in 16 of 16 other worlds (95 % interval 81 to 100 %)" in plan.summary()
+    assert '"survival_interval": [0.8064, 1.0]' in plan.to_json()
     read = KnotPlan.from_json(plan.to_json())
     assert (read.worlds, read.survived) == (16, (16, 16, 16))
     assert "other worlds" not in replace(plan, worlds=0).summary()

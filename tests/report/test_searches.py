@@ -206,6 +206,19 @@ def test_single_search_is_drawn_whether_it_tied_or_not(write, rows):
     assert "![Share of goals tied" in write.body("goals")
 
 
+def test_published_goals_stand_beside_what_is_published(write):
+    columns = ("set", "start", "seed", "kept", "simulated", "solved", "seconds", "goal", "path")
+    rows = [
+        (name, "straight", 0, 6, 12, name == "easy" or goal > 2, 0.5, f"{goal}", "", "", "")
+        for name in ("easy", "four")
+        for goal in range(4)
+    ]
+    write.table("published_goals", "branches.csv", (*columns, "end_state", "reason"), rows)
+    easy, four = [line for line in write.body("published_goals").splitlines() if " of 4 " in line]
+    assert "4 of 4" in easy and easy.endswith("| 100 % |")
+    assert "1 of 4" in four and four.endswith("| 26 % |")
+
+
 def write_variant(write, name, tied, order=1):
     rows = [("three", f"2o1+{i}", one, 2.0) for i, one in enumerate(tied)]
     write.goals(rows[::order], "goals_ablation", f"{name}.csv")

@@ -89,7 +89,7 @@ def plan(
         out: Folder for pictures, recording and waypoints; plans/KNOT-ROPE-SEED by default.
         seed: Seed of the random rope and of the search.
         margin: Least length of each piece of rope between crossings, metres.
-        worlds: Search until a plan ties in 3/4 of N worlds and of 2 N others; 0 takes the first.
+        worlds: Search until a plan ties in 3/4 of N perturbed worlds and 2 N others; 0: the first.
         overwrite: Replace the plan in that folder; other files there are kept.
     """
     measured = search.read_rope(rope, options, seed)
@@ -148,7 +148,7 @@ def next_step(
         out: CSV file for the gripper's waypoints of this action.
         seed: Seed of the search.
         margin: Least length of each piece of rope between crossings, metres; 0.03 by default.
-        worlds: As in `knotflow plan`.
+        worlds: As in `knotflow plan`, but less perturbed (level 1) and with gripper errors.
     """
     if out is not None:
         outputs.check_free(out)

@@ -132,7 +132,7 @@ def find_plan(
 
     def show(update: planning.SearchUpdate) -> None:
         if update.survival:
-            bar.set_postfix_str(f"ties in {update.survival:.0%} of {worlds} worlds", refresh=False)
+            bar.set_postfix_str(f"ties in {update.survival:.0%} of worlds", refresh=False)
         bar.update(update.branches - bar.n)
 
     with bar, warnings.catch_warnings(record=True) as unlike:

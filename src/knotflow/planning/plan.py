@@ -161,13 +161,7 @@ class KnotPlan:
             f"{self.seconds:.2f} s"
         )
         if self.worlds:
-            from scipy.stats import binomtest  # here, as it loads slowly
-
-            low, high = binomtest(self.survived[-1], self.worlds).proportion_ci(method="wilson")
-            lines.append(
-                f"ties in {self.survived[-1]} of {self.worlds} other worlds (95 % interval "
-                f"{100 * low:.0f} to {100 * high:.0f} %)"
-            )
+            lines.append(f"ties in {self.survival()}")
         if self.solved:
             return "\n".join(lines)
         branches: Counter[tuple[TopologicalState, str]] = Counter()
@@ -180,6 +174,21 @@ class KnotPlan:
             for (state, how), count in sorted(branches.items())
         ] or ["  nothing was tried"]
         return "\n".join(lines)
+
+    def survival_interval(self) -> tuple[float, float]:
+        """95 % Wilson interval of the share of worlds in which the plan ties; needs `worlds`."""
+        from scipy.stats import binomtest  # here, as it loads slowly
+
+        low, high = binomtest(self.survived[-1], self.worlds).proportion_ci(method="wilson")
+        return float(low), float(high)
+
+    def survival(self) -> str:
+        """In how many `worlds` the plan ties, for printing."""
+        low, high = self.survival_interval()
+        return (
+            f"{self.survived[-1]} of {self.worlds} other worlds (95 % interval "
+            f"{100 * low:.0f} to {100 * high:.0f} %)"
+        )
 
     def placed(self, placement: Placement, frame: Frame) -> KnotPlan:
         """This plan of a model rope for the rope that lies there."""
@@ -222,6 +231,7 @@ class KnotPlan:
             "frame": self.frame.to_json(),
             "worlds": self.worlds,
             "survived": self.survived,
+            "survival_interval": np.round(self.survival_interval(), 4) if self.worlds else None,
             "start_state": self.start_state,
             "start_m": self.start,
             "steps": [

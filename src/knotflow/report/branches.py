@@ -320,7 +320,7 @@ SIZE_CLAIMS = (
     Claim(
         "Branches kept to the overhand, imitation + RL",
         "below 5 in all 10 seeds, 3 (the limit) in more than half",
-        "both are so from both starts; partly if one of the two",
+        "both are so from both starts; partly if one of the two conditions holds",
         judge_reinforcement,
         partial(hardest_actions, "reinforcement", GROWN),
     ),

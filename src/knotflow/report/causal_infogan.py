@@ -227,7 +227,8 @@ CLAIMS = (
         "given and projected end shapes are far apart, sometimes of another topology",
         "models of C(0,1,1) that did not collapse project ends of the training data and unseen "
         "ones significantly more than a rope's diameter away, and at least one unseen end to "
-        "another state (one that cannot be read is none); partly if one of the two",
+        "another state (one that cannot be read is none); partly if one of the two conditions "
+        "holds",
         far_projections,
         near_projections,
     ),

@@ -66,6 +66,7 @@ FURTHER = (
     Section("library_training", training.library),
     Section("knots", knots.knots),
     Section("goals", knots.goals),
+    Section("published_goals", knots.published_goals),
     Section("goals_ablation", knots.ablation),
     Section("actions", actions.actions),
     Section("robustness", robustness.robustness),

@@ -208,7 +208,7 @@ def reinforcement_at_the_ceiling(results: Results) -> str:
         "reinforcement",
         "imitation",
         lambda ratio: not ratio.reaches(1.14),
-        "certainly less than 1.14× on",
+        "significantly less than 1.14× on",
         results,
     )
     rates = complete_rates(results, SINGLE, ("reinforcement", "imitation"))
@@ -329,7 +329,7 @@ def how_the_critic_catches_up(results: Results) -> str:
     return (
         "the critic alone does well on these two. From the first "
         f"{EITHER_END} rounds of reinforcement to the last, the gap falls {md.listed(parts)}: it "
-        "is one of short trainings. With the authors' search, and without what our critic and "
+        "closes with training. With the authors' search, and without what our critic and "
         "training add to theirs, the critic alone ends as high ([design decisions]"
         "(../docs/design.md#training))"
     )
@@ -346,7 +346,7 @@ SINGLE_STAGE_CLAIMS = (
     Claim(
         "Imitation against ICP interpolation",
         "higher on most actions, above all R1(0,1,1) and R2(0,0,1,1)",
-        "higher on more than half, and on both of these; partly if one of the two",
+        "higher on more than half, and on both of these; partly if one of the two conditions holds",
         imitation_over_icp,
         imitation_not_over_icp,
     ),

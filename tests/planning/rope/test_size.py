@@ -3,7 +3,7 @@ import pytest
 
 from knotflow.planning import RopeInputError
 from knotflow.planning.frame import Placement
-from knotflow.planning.rope.size import BENDING_LENGTH, STIFFNESS, RopeSize, parse_metres
+from knotflow.planning.rope.size import STIFFNESS, RopeSize, parse_metres
 from knotflow.simulation import (
     RopeConfig,
     RopeSimulator,
@@ -38,7 +38,15 @@ def test_model_rope_has_the_named_bending_length():
     rope = RopeConfig()
     weight = rope.density * np.pi * rope.radius**2 * GRAVITY
     stiffness = rope.joint_stiffness * rope.link_length
-    assert (stiffness / weight) ** (1 / 3) == pytest.approx(BENDING_LENGTH, rel=1e-3)
+    assert (stiffness / weight) ** (1 / 3) == pytest.approx(rope.bending_length, rel=1e-3)
+
+
+def test_ropes_of_one_material_bend_by_their_thickness_alone():
+    lengths = [RopeSize.of(length, "10mm").bending_length for length in (0.5, 1.0, 3.0)]
+    assert lengths == pytest.approx([RopeConfig().bending_length] * 3)
+    thick = RopeSize.of(2.0, "80mm").bending_length
+    assert thick == pytest.approx(4 * RopeConfig().bending_length)
+    assert RopeSize.of(3.0, "0.1mm", "soft").bending_length == pytest.approx(3.0 / 500)
 
 
 @pytest.mark.parametrize("stiffness", [*STIFFNESS, "3cm"])

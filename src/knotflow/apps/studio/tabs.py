@@ -225,7 +225,7 @@ class PlanTab:
             self._bar.value = min(100.0, share)  # type: ignore[misc]  # mypy misses the setter
             to_go = f"{update.distance} actions to go"
             if update.survival:
-                to_go = f"the best plan ties in {update.survival:.0%} of {worlds} worlds"
+                to_go = f"the best plan ties in {update.survival:.0%} of worlds"
             state.say(
                 f"{update.branches} splines tried, {update.kept} shapes kept, {to_go}, "
                 f"{update.seconds:.0f} s"
@@ -251,7 +251,7 @@ class PlanTab:
         self._json.visible = self._csv.visible = plan.solved
         outcome = "is tied" if plan.solved else f"is not tied: {plan.reason}"
         if plan.worlds:
-            outcome += f" in {plan.survived[-1]} of {plan.worlds} further worlds"
+            outcome += f" in {plan.survival()}"
         state.say(
             f"{plan.goal} {outcome}, {plan.branches} splines, {plan.seconds:.1f} s"
             + "".join(f". {one.capitalize()}" for one in state.session.remarks),

@@ -16,10 +16,8 @@ from knotflow.simulation import NOMINAL, RopeConfig, rope_of, usual_links
 
 DIAMETER = 2.0 * NOMINAL.radius / NOMINAL.length
 """Of a rope of which only the length is known, in its lengths: that of the model rope."""
-BENDING_LENGTH = NOMINAL.bending_length / NOMINAL.length
-"""Of the model rope, in its lengths."""
 STIFFNESS = {"soft": 0.5, "medium": 1.0, "stiff": 2.0}
-"""Bending lengths relative to one of the model rope's material."""
+"""Bending lengths relative to that of a rope as thick and of the model rope's material."""
 THINNEST, THICKEST = 1 / 500, 1 / 20
 """Diameters in lengths of the rope; thinner ropes are simulated as the thinnest."""
 SOFTEST, STIFFEST = 1 / 500, 1 / 2
@@ -54,7 +52,7 @@ class RopeSize:
     def of(
         cls, length: float, diameter: str | None = None, stiffness: str | None = None
     ) -> RopeSize:
-        """A rope of a length, metres; what is not given is the model rope's, in proportion.
+        """A rope of a length, metres; by default of the model's proportions and material.
 
         Raises:
             RopeInputError: texts that cannot be read, or a diameter out of range.
@@ -82,8 +80,9 @@ class RopeSize:
                 )
             return cls(length, thick, bending)
         # Of one material, stiffness grows with the fourth power of thickness, weight by the second.
-        relative = (thick / (DIAMETER * length)) ** (2 / 3)
-        return cls(length, thick, STIFFNESS[stiffness] * relative * BENDING_LENGTH * length)
+        relative = STIFFNESS[stiffness] * (thick / (2.0 * NOMINAL.radius)) ** (2 / 3)
+        bending = min(max(relative * NOMINAL.bending_length, SOFTEST * length), STIFFEST * length)
+        return cls(length, thick, bending)
 
     @classmethod
     def of_options(cls, options: RopeOptions) -> RopeSize:
