@@ -29,6 +29,13 @@ MOST_TRIED = 4
 """Lines of each method in the table of where branches went."""
 MARKS = [m * 10**k for k in range(8) for m in (1, 2, 5)]
 """Numbers of splines that the axis of a figure may name."""
+LARGEST = "the paper's largest"
+SEARCH_MARKS: dict[str, dict[str, Any]] = {
+    "a search": {"marker": "o", "ls": "", "ms": 3.5},
+    "median, 95 % interval": {"marker": "|", "ms": 6, "mew": 1.4, "linewidth": 1.2},
+    LARGEST: {"marker": "D", "ls": "", "ms": 6, "mfc": "none", "mec": INK, "mew": 1},
+}
+"""Marks in the figure of kept splines."""
 RULES = {
     "posterior": "by the posterior rule (where the fewest further splines are expected)",
 }
@@ -221,7 +228,7 @@ def branches_figure(
         for y, (start, method) in zip(ticks, rows, strict=True):
             _branch_row(axes, select(searches, method.name, start), method, y, 1.3 * longest)
             if largest := paper_largest.get((start, method.name)):
-                axes.plot(largest, y, "D", markersize=6, mfc="none", mec=INK, mew=1)
+                axes.plot(largest, y, **SEARCH_MARKS[LARGEST])
         labels = [f"{start}: {method.label}" if start else method.label for start, method in rows]
         axes.set_yticks(ticks, labels)
         axes.tick_params(axis="y", labelcolor=INK)
@@ -230,6 +237,10 @@ def branches_figure(
         _log_axis(axes, [OVERHAND_LIMIT, *(m for m in MARKS if 3 < m <= longest * 1.2)])
         axes.set_xlabel("splines kept until the knot is tied")
         bare_axis(axes, "x")
+        for label, style in SEARCH_MARKS.items():
+            if paper_largest or label != LARGEST:
+                axes.plot([], [], color=INK, label=label, **style)
+        figure.legend(loc="outside upper right", ncols=3, frameon=False, fontsize=8)
 
     caption = (
         f"Splines kept by {len(searches)} tree searches (dots, a row for each training, with its "
@@ -238,7 +249,7 @@ def branches_figure(
         f"The line at {OVERHAND_LIMIT} is the fewest possible"
     )
     caption += "; diamonds are the largest trees of the paper." if paper_largest else "."
-    return figures.draw(name, caption, 0.85 + 0.45 * len(rows), plot)
+    return figures.draw(name, caption, 1.15 + 0.45 * len(rows), plot)
 
 
 def _branch_row(axes: Axes, searches: pd.DataFrame, method: Method, y: float, right: float) -> None:
@@ -258,8 +269,8 @@ def _branch_row(axes: Axes, searches: pd.DataFrame, method: Method, y: float, ri
             )  # fmt: skip
         if seed := training["training_seed"].iloc[0]:
             axes.annotate(
-                seed, (1, heights.mean()), (2, 0), ("axes fraction", "data"), "offset points",
-                va="center", color=MUTED, fontsize=5,
+                f"training {seed}", (1, heights.mean()), (2, 0), ("axes fraction", "data"),
+                "offset points", va="center", color=MUTED, fontsize=5,
             )  # fmt: skip
     middle = median_size(searches)
     limits = np.minimum([middle.low, middle.high], right)

@@ -20,9 +20,10 @@ from knotflow.viz.rope import draw_rope, rope_pieces
 from knotflow.viz.spline import draw_spline, spline_bounds
 from knotflow.viz.style import INK, MUTED, PAPER, SPLINE, WIDTH, inches, save_figure, styled
 
-_MAX_COLUMNS, _MIN_COLUMNS = 4, 3
-_MAX_ASPECT = 1.25  # height of a panel in its width
-_GUTTER = 0.12  # inches between panels
+_MAX_COLUMNS = 4
+_MAX_HEIGHT = 2.8  # inches of a panel
+_MIN_PANEL = 1.45  # inches, wide enough for its title
+_GUTTER = 0.3  # inches at least between panels
 _HEADER, _CAPTION = 0.38, 0.44  # inches above and below a panel
 _LINE, _MARGIN = 0.17, 0.12  # inches: a line of the footer, the figure's edge
 _LETTERS = 120  # in a line of the footer
@@ -56,12 +57,15 @@ def plan_figure(plan: KnotPlan) -> Figure:
     count = len(plan.shapes)
     rows = -(-count // _MAX_COLUMNS)
     columns = -(-count // rows)
-    panel = (WIDTH - 2 * _MARGIN) / max(columns, _MIN_COLUMNS) - _GUTTER
     corners = np.array([_bounds(plan, index) for index in range(count)])  # low and high, metres
-    sizes = corners[:, 1] - corners[:, 0]
-    scales = panel / np.maximum(sizes[:, 0], sizes[:, 1] / _MAX_ASPECT)  # inches a metre
-    heights = [max(scales[i : i + columns] * sizes[i : i + columns, 1])
-               for i in range(0, count, columns)]  # fmt: skip
+    sizes = np.zeros((rows, columns, 2))  # metres, of the panels that there are
+    sizes.reshape(-1, 2)[:count] = corners[:, 1] - corners[:, 0]
+    least = _MIN_PANEL * (sizes[..., 0] > 0)
+    room = WIDTH - (columns + 1) * _GUTTER
+    scale = _MAX_HEIGHT / sizes[..., 1].max()  # inches a metre, the same in all panels
+    while np.maximum(scale * sizes[..., 0], least).sum(axis=1).max() > room:
+        scale *= 0.99
+    widths, heights = np.maximum(scale * sizes[..., 0], least), scale * sizes[..., 1].max(axis=1)
     facts = f"{plan.goal}: {plan.kept} of {plan.branches} splines kept, {plan.seconds:.1f} s"
     if not plan.solved:
         facts += f"; {plan.reason}"
@@ -69,12 +73,12 @@ def plan_figure(plan: KnotPlan) -> Figure:
     height = sum(heights) + rows * (_HEADER + _CAPTION) + _LINE * (len(footer) + 1) + 2 * _MARGIN
     figure = Figure(figsize=(WIDTH, height))
     canvas = inches(figure)
-    left = (WIDTH - columns * (panel + _GUTTER) + _GUTTER) / 2
     for index, (low, high) in enumerate(corners):
         row, column = divmod(index, columns)
-        x = left + column * (panel + _GUTTER)
+        panel, gap = widths[row, column], (WIDTH - widths[row].sum()) / (columns + 1)
+        x = widths[row, :column].sum() + (column + 1) * gap
         top = height - sum(heights[:row]) - row * (_HEADER + _CAPTION) - _HEADER
-        y, scale = top - heights[row], float(scales[index])
+        y = top - heights[row]
         inside = canvas.inset_axes((x, y, panel, heights[row]), transform=canvas.transData)
         inside.axis("off")
         half = np.array([panel, heights[row]]) / scale / 2
@@ -88,15 +92,15 @@ def plan_figure(plan: KnotPlan) -> Figure:
             _draw_height(inside, plan.controls[index])
         middle = x + panel / 2
         canvas.text(middle, top + 0.12, title, ha="center", color=colour, weight="bold")
-        bar = np.array([-0.5, 0.5]) * _BAR * scale + middle
-        canvas.plot(bar, [y - 0.12] * 2, color=MUTED, linewidth=1.2)
-        canvas.text(bar[1], y - 0.12, "  10 cm", color=MUTED, fontsize=6.5, va="center")
         state = str(plan.states[index])
         label, size = state if index else f"start: {state}", 8 if len(state) < 26 else 6.5
-        canvas.text(middle, y - 0.22, label, ha="center", va="top", color=MUTED, fontsize=size)
+        canvas.text(middle, y - 0.12, label, ha="center", va="top", color=MUTED, fontsize=size)
     for line, text in enumerate([_LEGEND, *footer[::-1]]):
         colour = INK if line else MUTED
         canvas.text(_MARGIN, _MARGIN + line * _LINE, text, color=colour, fontsize=8)
+    bar = WIDTH - _MARGIN - 0.5 - np.array([_BAR * scale, 0.0])
+    canvas.plot(bar, [_MARGIN + 0.04] * 2, color=MUTED, linewidth=1.2)
+    canvas.text(bar[1], _MARGIN + 0.04, "  10 cm", color=MUTED, fontsize=8, va="center")
     return figure
 
 
