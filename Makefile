@@ -29,7 +29,7 @@ $(VENV)/.docs: $(VENV)/.package
 	$(call install,-e ".[docs]")
 	touch $@
 
-.PHONY: run test quick check coverage docs lock lock-check smoke smoke-all report stale benchmark
+.PHONY: run test quick check coverage docs lock lock-check dist smoke smoke-all report stale benchmark
 
 # Two workers with one thread each; the tests of a file share fixtures, so they stay on one worker.
 # Compiled tests are kept, else every worker would compile all of them.
@@ -66,6 +66,13 @@ ifdef UV
 else
 	@echo "lock-check: skipped, uv is not installed"
 endif
+
+dist: $(VENV)/.package  ## sdist and wheel; what the wheel holds plans a knot (needs uv)
+	rm -rf dist build/wheel
+	$(UV) build --quiet
+	$(BIN)/python -m zipfile -e dist/*.whl build/wheel
+	cd build/wheel && PYTHONPATH=. $(abspath $(BIN))/python -m knotflow.apps.cli plan overhand --worlds 0 --out plan
+	cd build/wheel && PYTHONPATH=. $(abspath $(BIN))/python -m knotflow --cfg job > /dev/null
 
 smoke: $(VENV)/.installed  ## one experiment with small counts, and its report
 	$(BIN)/python -m knotflow +experiment=single_stage budget=smoke
