@@ -109,7 +109,9 @@ def find_plan(
     from knotflow.seeding import rng_of
     from knotflow.simulation import RopeConfig, SimulationConfig, WorldsConfig
 
-    planning.parse_goal(knot, measured.rope)  # refuses it before the slow import
+    goal = planning.parse_goal(knot, measured.rope)  # refuses it before the slow import
+    if doubts := measured.size.doubts(goal):
+        print(doubts)
     library = PrimitiveLibrary.load(Path(SHIPPED_PRIMITIVES), RopeConfig())
     length = measured.size.length
     config = replace(FAST_SEARCH, max_seconds=max_seconds, margin=margin / length)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from knotflow.planning import RopeInputError
+from knotflow.planning import RopeInputError, parse_goal
 from knotflow.planning.frame import Placement
 from knotflow.planning.rope.size import STIFFNESS, RopeSize, parse_metres
 from knotflow.simulation import (
@@ -86,6 +86,16 @@ def ratios(rope):
 def test_a_rope_and_its_model_have_the_same_ratios(length, diameter):
     size = RopeSize.of(length, diameter)
     np.testing.assert_allclose(ratios(size.rope()), ratios(size.model()))
+
+
+def test_a_rope_too_stiff_for_its_length_is_told():
+    cable, overhand, eight = (
+        RopeSize(1.0, 0.006, 0.1),
+        parse_goal("overhand"),
+        parse_goal("figure_eight"),
+    )
+    assert "10 cm, a figure eight takes 1.3 m" in cable.doubts(eight)
+    assert not cable.doubts(overhand) and not RopeSize(1.3, 0.006, 0.1).doubts(eight)
 
 
 def test_links_follow_from_length_over_diameter():

@@ -8,11 +8,15 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from knotflow.planning.config import RopeOptions
 from knotflow.planning.frame import METRES
 from knotflow.planning.rope.files import RopeInputError
 from knotflow.simulation import NOMINAL, RopeConfig, rope_of, usual_links
+
+if TYPE_CHECKING:
+    from knotflow.planning.goals import Goal
 
 DIAMETER = 2.0 * NOMINAL.radius / NOMINAL.length
 """Of a rope of which only the length is known, in its lengths: that of the model rope."""
@@ -22,6 +26,10 @@ THINNEST, THICKEST = 1 / 500, 1 / 20
 """Diameters in lengths of the rope; thinner ropes are simulated as the thinnest."""
 SOFTEST, STIFFEST = 1 / 500, 1 / 2
 """Bending lengths in lengths of the rope."""
+FIGURE_EIGHT = 13
+"""Bending lengths of rope that a figure eight takes, measured (docs/design.md, Planning)."""
+FEW = 3
+"""Crossings of an overhand, which takes less."""
 
 _NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:e-?\d+)?"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(mm|cm|m|)\s*", re.IGNORECASE)
@@ -113,6 +121,16 @@ class RopeSize:
         """The rope of 1 m that moves alike, of the model rope's mass and damping a metre."""
         thickness = max(self.diameter / self.length, THINNEST)
         return rope_of(thickness, self.bending_length / self.length, links or self.links)
+
+    def doubts(self, goal: Goal) -> str:
+        """Why a knot can hardly be tied into a rope of this size, or ''."""
+        least = FIGURE_EIGHT * self.bending_length
+        if self.length >= least or min(state.num_crossings for state in goal.states) <= FEW:
+            return ""
+        return (
+            f"the rope is probably too short for its stiffness: of a bending length of "
+            f"{1e2 * self.bending_length:.2g} cm, a figure eight takes {least:.2g} m"
+        )
 
     def describe(self) -> str:
         """Its three lengths for printing."""
