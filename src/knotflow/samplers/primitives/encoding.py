@@ -19,13 +19,13 @@ grasp counts along the whole rope.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from tensordict import TensorDict
 from torch import Tensor
 
 from knotflow.samplers.primitives.canonical import (
@@ -41,6 +41,9 @@ from knotflow.samplers.primitives.canonical import (
 from knotflow.simulation import NOMINAL, SPLINE_HIGH, SPLINE_LOW, RopeConfig
 from knotflow.topology import Action
 from knotflow.topology.polyline import Floats, arc_lengths
+
+if TYPE_CHECKING:
+    from tensordict import TensorDict
 
 STREAM_POINTS = (10, 10, 24)
 """Points of the over, the under and the whole stream."""
@@ -124,12 +127,19 @@ class Frames:
 class Encoded:
     """S ropes with an action each, as the networks of one primitive see them.
 
-    `states` [S] have "streams" (S, sum of STREAM_POINTS, CHANNELS) and "grasp" (S, 2), float32; for
+    `inputs` have "streams" (S, sum of STREAM_POINTS, CHANNELS) and "grasp" (S, 2), float32; for
     arranging also "kind" (S, KINDS), what is wanted next.
     """
 
-    states: TensorDict
+    inputs: Mapping[str, Tensor]
     frames: Frames
+
+    @property
+    def states(self) -> TensorDict:
+        """The inputs [S], for training."""
+        from tensordict import TensorDict  # which loads all of torch's compiler
+
+        return TensorDict(dict(self.inputs), batch_size=[len(self.frames)])
 
 
 def proportions(rope: RopeConfig) -> tuple[float, float]:
@@ -167,13 +177,12 @@ def encode_canonical(ropes: Sequence[Canonical], arranging: bool = False) -> Enc
         "streams": torch.from_numpy(streams).float(),
         "grasp": torch.from_numpy(grasp).float(),
     }
-    states = TensorDict(inputs, batch_size=[len(ropes)])
     if arranging:
         kind = torch.zeros(len(ropes), KINDS)
         for row, rope in enumerate(ropes):
             kind[row, list(kinds_of(rope.action, len(rope.segments)))] = 1
-        states["kind"] = kind
-    return Encoded(states, Frames(origin, axis, grasp, mirror, reverse))
+        inputs["kind"] = kind
+    return Encoded(inputs, Frames(origin, axis, grasp, mirror, reverse))
 
 
 def _encode_one(rope: Canonical, arranging: bool) -> tuple[Floats, Floats, Floats, Floats]:
@@ -216,12 +225,12 @@ def _unit(x: Floats, y: Floats) -> tuple[Floats, Floats]:
     return x / length, y / length
 
 
-def control_features(states: TensorDict, splines: Tensor) -> Tensor:
+def control_features(states: Mapping[str, Tensor], splines: Tensor) -> Tensor:
     """The critic's input (S, n, 12) for splines (S, n, 6) in network space on ropes [S].
 
     The spline; position along the rope; the grasped point's x, y, z and direction x, y.
     """
-    centre, unit = states["grasp"][:, None].split(1, dim=2)
+    centre, unit = states["grasp"][:, None].chunk(2, dim=2)
     grasp = (centre + unit * splines[..., :1]).clamp(0, 1)  # (S, n, 1)
     count = STREAM_POINTS[-1]
     position = grasp * (count - 1)

@@ -209,7 +209,7 @@ class PrimitiveLibrary:
         for number, rows, encoded in self._encoded(points, actions, arranging):
             primitive = self.primitives[number]
             noise = primitive.value_noise(len(rows), rng)
-            out[rows] = primitive.values(encoded.states, noise, use_next_value).numpy()
+            out[rows] = primitive.values(encoded.inputs, noise, use_next_value).numpy()
         return out
 
     def arranged_values(

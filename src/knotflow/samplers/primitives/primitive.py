@@ -13,11 +13,11 @@ spline also attends to the rope near its path (`SplineRopeAttention`).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-from tensordict import TensorDict
 from torch import Tensor, nn
 from torch.nn.functional import interpolate, logsigmoid, scaled_dot_product_attention, softplus
 
@@ -39,6 +39,12 @@ from knotflow.samplers.primitives.encoding import (
 )
 from knotflow.simulation import spline_basis
 from knotflow.topology.polyline import Floats
+
+if TYPE_CHECKING:
+    from tensordict import TensorDict
+
+States = Mapping[str, Tensor]
+"""Encoded ropes, see `Encoded.inputs`."""
 
 
 class PairAttention(nn.Module):
@@ -184,7 +190,7 @@ class Actor(nn.Module):
             spread = torch.tensor(config.initial_spread - config.smallest_spread)
             last.bias[deviations] = torch.log(torch.expm1(spread))
 
-    def forward(self, states: TensorDict) -> SplineDistribution:
+    def forward(self, states: States) -> SplineDistribution:
         feature, points = self.trunk(states["streams"])
         feature = _with_kind(feature, states, self.kinds)
         if self.of_nodes:
@@ -224,13 +230,13 @@ class Critic(nn.Module):
             nn.SiLU(), nn.Linear(config.head, config.head), nn.SiLU(), nn.Linear(config.head, 2)
         )
 
-    def features(self, states: TensorDict) -> tuple[Tensor, Tensor]:
+    def features(self, states: States) -> tuple[Tensor, Tensor]:
         """All that scoring needs of each rope: (S, head), and its points' (S, Q, ...)."""
         feature, points = self.trunk(states["streams"])
         of_rope = self.of_rope(_with_kind(feature, states, self.kinds))
         return of_rope, self.passage.of_points(points)
 
-    def score(self, features: tuple[Tensor, Tensor], states: TensorDict, splines: Tensor) -> Tensor:
+    def score(self, features: tuple[Tensor, Tensor], states: States, splines: Tensor) -> Tensor:
         """Logits (S, n, 2), success and next value, of splines (S, n, 6), n on each rope."""
         of_rope, of_points = features
         controls = control_features(states, splines)
@@ -247,7 +253,7 @@ class Critic(nn.Module):
         return self.score(features, states[owner], splines[:, None])[:, 0]
 
 
-def _with_kind(feature: Tensor, states: TensorDict, kinds: int) -> Tensor:
+def _with_kind(feature: Tensor, states: States, kinds: int) -> Tensor:
     """The rope's feature (S, F), with the kind of action where a primitive serves several."""
     return torch.cat([feature, states["kind"]], dim=-1) if kinds else feature
 
@@ -324,14 +330,14 @@ class Primitive(nn.Module):
         With a critic each is found by a search of its own from `first`, by default `distribution`.
         """
         cem, ropes = self.config.cem, len(encoded.frames)
-        first = first or self.distribution(encoded.states)
+        first = first or self.distribution(encoded.inputs)
         if self.critic is None:
             return first.draw(standard_normal(rng, (ropes, count, SPLINE)))
         iterations = self._num_iterations if iterations is None else iterations
         if population is None:
             population = cem.critic_only_population if self.actor is None else cem.population
         found, _ = cross_entropy(
-            self.scorer(encoded.states, use_next_value),
+            self.scorer(encoded.inputs, use_next_value),
             first.repeat(count),
             standard_normal(rng, (iterations, ropes * count, population, SPLINE)),
             cem.elites,
@@ -341,7 +347,7 @@ class Primitive(nn.Module):
         return found.reshape(ropes, count, SPLINE)
 
     @torch.no_grad()
-    def values(self, states: TensorDict, noise: Tensor, use_next_value: bool = False) -> Tensor:
+    def values(self, states: States, noise: Tensor, use_next_value: bool = False) -> Tensor:
         """Max Q (S,), 0..1, over splines, of encoded ropes [S] (Sec. V-B c), from `value_noise`.
 
         Raises:
@@ -368,19 +374,19 @@ class Primitive(nn.Module):
             ValueError: there is no critic.
         """
         network = torch.from_numpy(encoded.frames.to_network(splines)).float()
-        values: Floats = self.scorer(encoded.states)(network).exp().double().numpy()
+        values: Floats = self.scorer(encoded.inputs)(network).exp().double().numpy()
         return values
 
-    def distribution(self, states: TensorDict) -> SplineDistribution:
+    def distribution(self, states: States) -> SplineDistribution:
         """The actor's, or a wide Gaussian where there is no actor."""
         if self.actor is not None:
             found: SplineDistribution = self.actor(states)
             return found
-        ropes = len(states)
+        ropes = len(states["grasp"])
         factor = self.config.cem.wide_spread * torch.eye(SPLINE).expand(ropes, SPLINE, SPLINE)
         return Gaussian(torch.zeros(ropes, SPLINE), factor)
 
-    def scorer(self, states: TensorDict, use_next_value: bool = False) -> Score:
+    def scorer(self, states: States, use_next_value: bool = False) -> Score:
         """Log Q (R, P) of splines (R, P, 6), of as many searches on each rope.
 
         Q is the probability of success, times the next state's value if `use_next_value`.
@@ -394,7 +400,9 @@ class Primitive(nn.Module):
         features = critic.features(states)
 
         def score(splines: Tensor) -> Tensor:
-            logits = critic.score(features, states, splines.reshape(len(states), -1, SPLINE))
+            logits = critic.score(
+                features, states, splines.reshape(len(states["grasp"]), -1, SPLINE)
+            )
             value = logsigmoid(logits[..., 0])
             if use_next_value:
                 value = value + logsigmoid(logits[..., 1])
