@@ -207,7 +207,7 @@ class _View:
             canvas.ellipse(box, outline=SPLINE, width=3 * _OVERSAMPLING)
             if holding:
                 canvas.ellipse((x - dot, y - dot, x + dot, y + dot), fill=SPLINE)
-        return image.resize(self._size, Image.Resampling.LANCZOS)
+        return image.reduce(_OVERSAMPLING)
 
     def _pixels(self, places: NDArray) -> list[tuple[float, float]]:
         """Where places (N, 2 or 3) are in the picture before it is scaled down."""
