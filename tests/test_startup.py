@@ -55,15 +55,15 @@ def test_heavy_libraries_are_loaded_only_where_there_is_work(code):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "used"),
+    ("name", "used", "unused"),
     [
-        ("planning", set()),
-        ("samplers.primitives", {"torch", "knotflow.samplers.primitives.library"}),
-        ("training", {"torch", "torchrl"}),
+        ("planning", set(), {"torch"}),
+        ("samplers.primitives", {"torch", "knotflow.samplers.primitives.library"}, {"tensordict"}),
+        ("training", {"torch", "torchrl"}, set()),
     ],
 )
-def test_every_name_of_a_package_can_be_had_and_loads_what_it_uses(name, used):
+def test_every_name_of_a_package_can_be_had_and_loads_what_it_uses(name, used, unused):
     code = f"from knotflow.{name} import *; import knotflow.{name} as package; package.__all__"
     done = interpreted(code)
     assert done.returncode == 0, done.stderr
-    assert used <= loaded(done)
+    assert used <= loaded(done) and not unused & loaded(done)
