@@ -79,7 +79,7 @@ smoke: $(VENV)/.installed  ## one experiment with small counts, and its report
 	$(BIN)/python -m knotflow.report --results results/smoke --out reports/smoke
 
 smoke-all: $(VENV)/.installed  ## all experiments with small counts, and the report
-	$(BIN)/python -m knotflow +experiment=all budget=smoke
+	$(BIN)/python -m knotflow +experiment=everything budget=smoke
 	$(BIN)/python -m knotflow.report --results results/smoke --out reports/smoke
 
 report: $(VENV)/.package  ## reports/ from results/ alone

@@ -14,7 +14,7 @@ from knotflow.experiments.config import HOME, experiments, register
 
 @hydra.main(config_path=str(HOME / "conf"), config_name="config", version_base="1.3")
 def main(config: DictConfig) -> None:
-    """Run the workflow of an experiment; `paper` and `all` sweep over several."""
+    """Run the workflow of an experiment; `paper` and `everything` sweep over several."""
     if not config.workflow:
         sys.exit(f"error: choose one with +experiment=NAME; there are {', '.join(experiments())}")
     from knotflow.experiments.run import run_experiment  # imports every stage, which takes seconds

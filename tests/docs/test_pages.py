@@ -74,13 +74,13 @@ def test_experiments_take_what_the_page_sets(page):
                 f"demonstrations_file={SHIPPED}"
             )
         config = composed(*set_up)
-        if not {"+experiment=paper", "+experiment=all"} & {*set_up}:
+        if not {"+experiment=paper", "+experiment=everything"} & {*set_up}:
             assert workflow_of(config).nodes, line
 
 
 def test_every_experiment_is_documented():
     page = (ROOT / "docs" / "experiments.md").read_text("utf-8")
-    single = {*experiments()} - {"paper", "all"}
+    single = {*experiments()} - {"paper", "everything"}
     assert [name for name in sorted(single) if f"`{name}`" not in page] == []
 
 

@@ -13,7 +13,7 @@ from knotflow.experiments.run import check_added, stale, workflow_of
 from knotflow.report.page import PAPER
 from knotflow.workflow import WorkflowError, dependencies
 
-EXPERIMENTS = [name for name in experiments() if name not in ("all", "paper")]
+EXPERIMENTS = [name for name in experiments() if name not in ("everything", "paper")]
 
 
 @cache
@@ -57,7 +57,7 @@ def swept(name):
 
 
 def test_the_sweep_over_all_experiments_names_each():
-    assert sorted([*swept("all"), "learning_options", "real_images"]) == EXPERIMENTS
+    assert sorted([*swept("everything"), "learning_options", "real_images"]) == EXPERIMENTS
 
 
 def test_the_paper_is_the_experiments_that_the_report_says_are_its():
