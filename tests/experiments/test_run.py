@@ -81,6 +81,8 @@ def test_experiments_share_what_they_train():
         bound(experiment, "paper").keys
         for experiment in ("ablation_actor_critic", "library_training")
     )
+    for shared in ("imitation[11]", "reinforcement[11]"):
+        assert keys[3][shared] == keys[0][shared]  # of Causal InfoGAN, another training
     for one in (ablation, library):
         assert keys[0]["demonstrations"] == one["demonstrations"]
         assert keys[0]["pools"] == one["pools"]

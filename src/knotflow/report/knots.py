@@ -153,14 +153,11 @@ def goals(results: Results, figures: Figures) -> Parts:
 def published_goals(results: Results, figures: Figures) -> Parts:
     """A line for each set of goals of TWISTED-RL, beside the success that is published for it."""
     searches = read_searches(results, "published_goals", "set", "goal")
-    sets = {str(name): own for name, own in searches.groupby("set", sort=False)}
-    rows = [
-        {"goals": PUBLISHED_GOALS[name][0]}
-        | tied_columns(own)
-        | {"TWISTED-RL": PUBLISHED_GOALS[name][1]}
-        for name, own in sets.items()
-    ]
-    groups = {PUBLISHED_GOALS[name][0]: own for name, own in sets.items()}
+    groups, rows = {}, []
+    for name, own in searches.groupby("set", sort=False):
+        label, theirs = PUBLISHED_GOALS[str(name)]
+        groups[label] = own
+        rows.append({"goals": label} | tied_columns(own) | {"TWISTED-RL": theirs})
     return {
         "figure": tied_by_splines(figures, "published_goals", groups, "goals"),
         "sets": md.table(rows),

@@ -31,7 +31,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 
 from knotflow.samplers.primitives.distribution import SPLINE, SplineDistribution
 from knotflow.samplers.primitives.encoding import Encoded, encode
-from knotflow.samplers.primitives.primitive import Actor, Critic, Primitive, standard_normal
+from knotflow.samplers.primitives.primitive import Actor, Critic, Primitive, States, standard_normal
 from knotflow.simulation import RopeConfig, Trials
 from knotflow.threads import one_thread
 from knotflow.training.buffers import (
@@ -79,28 +79,27 @@ def explore(
         population = config.population
         return primitive.search(some, count, rng, use_next_value, first, iterations, population)
 
+    states = encoded.states
     for way in (POLICY, SEARCH, SPREAD):
         if not len(rows := np.flatnonzero(ways == way)):
             continue
-        some = Encoded(encoded.states[torch.from_numpy(rows)], encoded.frames[rows])
+        some = Encoded(states[torch.from_numpy(rows)], encoded.frames[rows])
         if way == POLICY:
             found = search(some)
         elif way == SEARCH:
-            found = search(some, _widened(primitive, some.states, config), config.iterations)
+            found = search(some, _widened(primitive, some.inputs, config), config.iterations)
         else:
             noise = standard_normal(rng, (len(rows), count, SPLINE))
             if primitive.actor is None:
                 # A critic's wide Gaussian hardly ever succeeds: stay near its choice.
                 found = search(some) + config.floor * noise
             else:
-                found = _widened(primitive, some.states, config).draw(noise)
+                found = _widened(primitive, some.inputs, config).draw(noise)
         splines[torch.from_numpy(rows)] = found
     return splines, ways
 
 
-def _widened(
-    primitive: Primitive, states: TensorDict, config: ExplorationConfig
-) -> SplineDistribution:
+def _widened(primitive: Primitive, states: States, config: ExplorationConfig) -> SplineDistribution:
     """The actor's distribution, widened; that of a critic-only policy is wide enough."""
     own = primitive.distribution(states)
     return own if primitive.actor is None else own.widened(config.widening, config.floor)
