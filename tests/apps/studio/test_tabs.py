@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from knotflow.apps.studio.session import Session
@@ -9,6 +10,7 @@ from knotflow.apps.studio.session import Session
 pytest.importorskip("viser", reason="the studio needs: pip install 'knotflow[studio]'")
 
 from knotflow.apps.studio.page import Page
+from knotflow.apps.studio.playback import Frame
 from knotflow.apps.studio.tabs import RopeTab
 
 
@@ -42,3 +44,10 @@ def test_one_bad_file_of_an_image_is_loaded_again_alone(state, monkeypatch):
     assert read[1] == {"rgb": "rope.png", "depth": "depth.png", "camera": "good.yaml"}
     load("rgb", "next.png")  # begins another image
     assert len(read) == 2
+
+
+def test_state_above_the_tabs_is_that_before_what_is_watched(state):
+    state.watch([Frame(state.session.points, np.zeros(3), np.zeros((3, 3)), "1.0 s")])
+    assert state._rope_line.content.startswith("**Before:** `trivial`")
+    state.unwatch()
+    assert state._rope_line.content.startswith("**On the table:** `trivial`")

@@ -19,8 +19,8 @@ from knotflow.viz.style import BAD, GOOD, INK, MUTED, OVER, PAPER, RULE, SPLINE,
 if TYPE_CHECKING:
     import viser
 
-CAMERA = (0.0, -0.55, 1.05)  # metres, at first: almost from above, as on the paper's images
-FIELD_OF_VIEW = float(np.deg2rad(75.0))  # vertical
+CAMERA = (0.0, -0.52, 1.74)  # metres, at first: almost from above, as on the paper's images
+FIELD_OF_VIEW = float(np.deg2rad(40.0))  # vertical
 _FADED = 0.75  # towards paper: the segments that an action does not name
 _POINT = 0.012  # metres, radius of a control point
 _PICTURE = 0.001  # metres above the table

@@ -13,7 +13,7 @@ import viser
 from numpy.typing import NDArray
 
 from knotflow.apps.studio.demonstration import HEIGHTS, Draft, rope_from_drawing, table_point
-from knotflow.apps.studio.playback import Player, attempt_frames, plan_frames
+from knotflow.apps.studio.playback import Frame, Player, attempt_frames, plan_frames
 from knotflow.apps.studio.scene import Scene
 from knotflow.apps.studio.session import ROPES, Session, StudioError
 from knotflow.planning import KnotPlan, RopeOptions, SearchStoppedError, SearchUpdate
@@ -91,6 +91,18 @@ class AppState:
         for listener in self.rope_listeners:
             listener()
         self.say(text)
+
+    def watch(self, frames: list[Frame]) -> None:
+        """Offer frames to play; the state above the tabs is that before them."""
+        self.player.show(frames)
+        if self.session.photo is None:
+            self.headline("Before", self.session.state)
+
+    def unwatch(self) -> None:
+        """Offer no frames."""
+        self.player.hide()
+        if self.session.photo is None:
+            self.headline("On the table", self.session.state)
 
     def headline(self, where: str, state: TopologicalState | None) -> None:
         """Show where a rope is and its state above the tabs."""
@@ -258,7 +270,7 @@ class PlanTab:
             plan.solved,
         )
         if plan.steps:
-            state.player.show(plan_frames(plan))
+            state.watch(plan_frames(plan))
 
     def _export_json(self, event: viser.GuiEvent) -> None:
         if (plan := self._state.session.placed_plan) is not None:
@@ -339,7 +351,7 @@ class DemonstrateTab:
     def _show(self) -> None:
         state, draft = self._state, self._draft()
         state.session.simulated = None  # another spline than the one simulated
-        state.player.hide()
+        state.unwatch()
         state.scene.gripper(None)
         state.scene.rope(draft.points, draft.action)
         state.scene.spline(draft.controls)
@@ -351,7 +363,7 @@ class DemonstrateTab:
         simulated = state.session.simulate()
         reached = bool(simulated.success[0])
         end = simulated.ends[0] or "a shape that cannot be read"
-        state.player.show(attempt_frames(simulated, 0, draft.rope.radius))
+        state.watch(attempt_frames(simulated, 0, draft.rope.radius))
         if reached:
             state.say(f"`{draft.goal}` is **reached**: keep it.", good=True)
         else:
