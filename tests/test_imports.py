@@ -19,7 +19,7 @@ KNOWS = {
     "statistics": set(),
     "seeding": set(),
     "topology": {"arrays"},
-    "simulation": {"topology"},
+    "simulation": {"topology", "threads"},
     "samplers": {"simulation", "threads"},
     "training": {"samplers", "seeding"},
     "planning": {"samplers"},

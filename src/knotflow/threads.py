@@ -1,4 +1,4 @@
-"""PyTorch on one thread: faster for networks this small, and the same on every machine."""
+"""CPUs to use, and PyTorch on one thread: faster for networks this small, and the same everywhere."""
 
 from __future__ import annotations
 
@@ -10,6 +10,14 @@ from threading import Lock
 _lock = Lock()
 _open: list[int] = []
 """For each block that is open, the number of threads before the first of them."""
+
+
+def cpus() -> int:
+    """CPUs that this process may use: fewer than the machine has in a container, or a job of a
+    cluster."""
+    from joblib import cpu_count
+
+    return int(cpu_count())
 
 
 @contextmanager

@@ -69,7 +69,7 @@ def test_contradictory_table_is_refused(write, wrong, problem):
         write.body("closed_loop")
 
 
-ARM = ("arm", "plan", "knot", "solved", "reachable", "tied_as_exported", "branches")
+ARM = ("arm", "plan", "knot", "solved", "reachable", "tied_as_exported", "simulated")
 ARM += ("out_of_reach", "planning_seconds", "waypoints", "unreached", "tip_error_mm", "tip_speed")
 ARM += ("limit_margin_deg", "joint_speed_share", "seconds", "slowed")
 FOUND = [

@@ -59,7 +59,7 @@ RECORDED = ("mppi_replan", "", 0)
 CHECKED_BETWEEN = 4
 """Configurations checked from one waypoint to the next, where joints move evenly."""
 ARM_COLUMNS = [
-    *("arm", "plan", "knot", "solved", "reachable", "tied_as_exported", "branches"),
+    *("arm", "plan", "knot", "solved", "reachable", "tied_as_exported", "simulated"),
     *("out_of_reach", "planning_seconds", "waypoints", "unreached", "tip_error_mm", "tip_speed"),
     *("limit_margin_deg", "joint_speed_share", "seconds", "slowed"),
 ]
@@ -260,7 +260,7 @@ def arm(
         plan = plan_knot(points, goal, proposer, simulator, rng, planner, reach=reach)
         missed = sum(one.branches for one in plan.tried if one.outcome == OUT_OF_REACH)
         row: dict[str, Any] = {"arm": arm, "plan": number, "knot": knot, "solved": plan.solved}
-        row |= {"branches": plan.branches, "out_of_reach": missed}
+        row |= {"simulated": plan.branches, "out_of_reach": missed}
         row |= {"planning_seconds": round(plan.seconds, 1)}
         row |= {"reachable": False, "tied_as_exported": False}
         if plan.solved:

@@ -217,7 +217,7 @@ def _plot(figure: Figure, runs: pd.DataFrame) -> None:
 
 TRAJECTORIES = {"arm": str, "plan": int, "solved": bool}
 TRAJECTORIES |= dict.fromkeys(("reachable", "tied_as_exported"), bool)
-TRAJECTORIES |= dict.fromkeys(("branches", "out_of_reach", "planning_seconds"), float)
+TRAJECTORIES |= dict.fromkeys(("simulated", "out_of_reach", "planning_seconds"), float)
 TRAJECTORIES |= dict.fromkeys(("waypoints", "unreached", "tip_error_mm", "tip_speed"), float)
 TRAJECTORIES |= dict.fromkeys(("limit_margin_deg", "joint_speed_share", "seconds", "slowed"), float)
 
@@ -253,7 +253,7 @@ def _measured(plans: pd.DataFrame) -> dict[str, str]:
     found = plans[plans["solved"]]
     searched = {
         "fully reachable plans found": md.share(plans["reachable"]),
-        "splines simulated, median": f"{plans['branches'].median():.0f}",
+        "splines simulated, median": f"{plans['simulated'].median():.0f}",
         "planning, median": md.duration(plans["planning_seconds"].median()),
     }
     properties = {

@@ -20,6 +20,7 @@ from knotflow.simulation.spline import (
     polyline,
 )
 from knotflow.simulation.worlds import World
+from knotflow.threads import cpus
 from knotflow.topology.polyline import Floats
 
 SLOTS = 64
@@ -327,4 +328,4 @@ def gripper_path(controls: Floats, config: SimulationConfig) -> Floats:
 
 def _default_threads() -> int:
     granted = os.environ.get("OMP_NUM_THREADS", "")
-    return int(granted) if granted.isdigit() and int(granted) else os.cpu_count() or 1
+    return int(granted) if granted.isdigit() and int(granted) else cpus()

@@ -16,7 +16,6 @@ Reinforcement Learning", ICML 2022).
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from threading import Event, Lock
@@ -33,7 +32,7 @@ from knotflow.samplers.primitives.distribution import SPLINE, SplineDistribution
 from knotflow.samplers.primitives.encoding import Encoded, encode
 from knotflow.samplers.primitives.primitive import Actor, Critic, Primitive, States, standard_normal
 from knotflow.simulation import RopeConfig, Trials
-from knotflow.threads import one_thread
+from knotflow.threads import cpus, one_thread
 from knotflow.training.buffers import (
     TransitionBuffer,
     TrialBuffer,
@@ -247,7 +246,7 @@ def fit_each(
 ) -> dict[int, dict[str, float]]:
     """`Learner.fit` of several learners in threads, with the same result."""
     stop = Event()
-    with one_thread(), ThreadPoolExecutor(os.cpu_count()) as pool:
+    with one_thread(), ThreadPoolExecutor(cpus()) as pool:
         running = {
             number: pool.submit(learner.fit, steps[number], reset, stop)
             for number, learner in learners.items()

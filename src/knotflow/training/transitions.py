@@ -6,7 +6,6 @@ Demonstrations and attempts of independent training stay in the replay buffers.
 
 from __future__ import annotations
 
-import os
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -31,7 +30,7 @@ from knotflow.simulation import (
     Trials,
     end_states,
 )
-from knotflow.threads import one_thread
+from knotflow.threads import cpus, one_thread
 from knotflow.topology import Action, DegenerateCurveError, IllegalActionError, TopologicalState
 from knotflow.topology.polyline import Floats
 from knotflow.training.buffers import TransitionBuffer
@@ -240,7 +239,7 @@ class TransitionTrainer(Trainer):
         primitive = self.library.primitives[number]
         chunks = [states[begin : begin + CHUNK] for begin in range(0, len(states), CHUNK)]
         noises = [primitive.value_noise(len(some), self.rng) for some in chunks]
-        with one_thread(), ThreadPoolExecutor(os.cpu_count()) as pool:
+        with one_thread(), ThreadPoolExecutor(cpus()) as pool:
             found = list(pool.map(primitive.values, chunks, noises))
         return torch.cat(found) if found else torch.zeros(0)
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import logging
-import os
 import platform
 import shutil
 import subprocess
@@ -20,7 +19,7 @@ from typing import Any
 
 import yaml
 
-from knotflow.threads import one_thread
+from knotflow.threads import cpus, one_thread
 from knotflow.workflow import store
 from knotflow.workflow.key import digest
 from knotflow.workflow.shards import StageRun, WorkersConfig
@@ -139,7 +138,7 @@ def _make(
                 **workflow.identities[node.name],
                 "key": folder.key,
                 "seconds": round(run.seconds(), 3),
-                "cpus": os.cpu_count(),
+                "cpus": cpus(),
                 **code,
             }
         )
