@@ -1,4 +1,4 @@
-"""CPUs to use, and PyTorch on one thread: faster for networks this small, and the same everywhere."""
+"""CPUs to use, and PyTorch on one thread: faster for small networks, and the same everywhere."""
 
 from __future__ import annotations
 
