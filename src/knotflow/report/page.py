@@ -256,7 +256,8 @@ def _open(results: Results, sections: Sequence[Section]) -> str:
         outcome = claim.judgement(results)
         if outcome.verdict in (Verdict.PARTLY, Verdict.FAILS) and (reason := claim.reason(results)):
             link = f"[{claim.statement}](#{md.slug(section.text.title)})"
-            lines.append(f"- {link} {outcome.verdict}: {reason}.")
+            short = re.split(r"[;.] ", reason)[0]  # its section has all of it
+            lines.append(f"- {link} {outcome.verdict}: {short}.")
     found = {section.text.title: results.measured(section.experiment) for section in sections}
     missing = [f"[{name}](#{md.slug(name)})" for name, made in found.items() if not made]
     lines += [f"- Not run: {md.listed(missing)}."] if missing else []
