@@ -187,26 +187,37 @@ def _track_line(own: pd.DataFrame) -> dict[str, str]:
 
 
 def _over_time(figures: Figures, tracks: pd.DataFrame) -> str:
-    """Mean error over time while half of the rollouts last, a panel a level, a line a method."""
+    """Error over time while half of the rollouts last: a panel a level, a line a method, its
+    median, and a thinner one, its mean."""
     images = tracks.groupby(["method", "rollout"])["frame"].transform("size")
+    styles = {"median": {}, "mean": {"linewidth": 1.0, "linestyle": "--"}}
     panels = {
-        f"level {level}: vertex error, mm (mean)": [
-            Line(_while_half_last(own), COLOURS[place], TRACKERS[method])
+        f"level {level}: vertex error, mm": [
+            Line(
+                _while_half_last(own, measure),
+                COLOURS[place],
+                f"{TRACKERS[method]}, {measure}",
+                style,
+            )
             for place, (method, own) in enumerate(of_level.groupby("method", sort=False))
+            for measure, style in styles.items()
         ]
         for level, of_level in tracks[images > 1].groupby("level")
     }
-    caption = "Mean vertex error over time, by method and level, while half of the rollouts last."
+    caption = (
+        "Vertex error over time, by method and level, while half of the rollouts last: the median, "
+        "and the mean (dashed), which a few rollouts raise."
+    )
     return draw_curves(
         figures, "tracking", caption, panels, "seconds", legend=True, same_scale=True
     )
 
 
-def _while_half_last(own: pd.DataFrame) -> pd.Series:
-    """Mean error by time, seconds."""
-    errors = own.groupby("frame")["mean_error_mm"].agg(["mean", "size"])
-    mean = errors.loc[2 * errors["size"] >= own["rollout"].nunique(), "mean"]
-    return mean.set_axis(STEP * mean.index)
+def _while_half_last(own: pd.DataFrame, measure: str) -> pd.Series:
+    """Mean or median error by time, seconds."""
+    errors = own.groupby("frame")["mean_error_mm"].agg([measure, "size"])
+    shown = errors.loc[2 * errors["size"] >= own["rollout"].nunique(), measure]
+    return shown.set_axis(STEP * shown.index)
 
 
 def dynamics(results: Results, _: Figures) -> Parts:
