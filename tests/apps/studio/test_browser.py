@@ -339,7 +339,7 @@ def test_a_dropped_photograph_is_corrected_and_laid(person, tmp_path):
     person.until(lambda: session.photo is not None, "the photograph")
     photo = session.photo
     low, high = photo.found.pixels.min(0), photo.found.pixels.max(0)
-    person.until(lambda: camera_of(person).position[2] < 0.5, "the view from above")
+    person.until(lambda: abs(camera_of(person).position[1]) < 0.01, "the view from above")
 
     def on_table(pixel):
         x, y = (pixel - (low + high) / 2) / length * [1, -1]
