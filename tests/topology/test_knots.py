@@ -8,6 +8,7 @@ from collections import deque
 import networkx as nx
 import numpy as np
 import pytest
+from scipy.interpolate import PchipInterpolator
 
 from knotflow.topology import (
     CATALOGUE,
@@ -148,6 +149,34 @@ def test_a_slip_knot_is_an_overhand_with_a_bight_and_comes_undone():
     assert knot("noose") == knot("slip_knot")
 
 
+def bowline():
+    """A bowline as sailors tie it (V, 3), standing part first."""
+    standing, loop_crossing = [(1.2, 3.0, 0.0), (0.6, 1.9, 0.0)], (0.0, 1.2, 0.0)
+    small_loop = [(-0.8, 0.4, 0.0), (-0.6, -0.7, 0.0), (0.0, -1.0, 0.0), (0.6, -0.7, 0.0)]
+    small_loop += [(0.8, 0.4, 0.0), (0.0, 1.2, 0.6), (-0.9, 2.0, 0.0)]  # over the standing part
+    large_loop = [(-2.2, 1.5, 0.0), (-2.5, -1.0, 0.0), (-2.0, -3.5, 0.0), (0.0, -4.2, 0.0)]
+    up = [(1.0, -3.2, 0.0), (0.3, -1.0, -0.6), (0.3, -0.2, 0.0)]  # through it from below
+    around = [(0.8, 0.75, 0.6), (1.15, 1.5, 0.0), (0.55, 1.9, -0.6), (0.0, 2.0, 0.2)]
+    down = [(-0.45, 1.65, 0.6), (-0.75, 1.1, 0.4), (-0.5, 0.7, 0.6), (-0.15, 0.0, 0.0)]
+    down += [(-0.1, -1.0, -0.6), (-0.2, -3.0, 0.0)]  # and back through the small loop
+    corners = np.array([*standing, loop_crossing, *small_loop, *large_loop, *up, *around, *down])
+    along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))]
+    return PchipInterpolator(along, corners)(np.linspace(0.0, along[-1], 400))
+
+
+def test_a_bowline_is_tied_as_sailors_tie_it():
+    assert TopologicalState.from_curve(bowline()) in knot("bowline")
+    assert len(knot("bowline")) == 8
+    assert {state.num_crossings for state in knot("bowline")} == {7}
+
+
+@pytest.mark.slow
+def test_all_diagrams_of_a_bowline_are_of_one_knot():
+    # With its ends joined above, 6_3, which is its own mirror image.
+    types = {homfly_of_curve(draw(state, gap=0.05)) for state in knot("bowline")}
+    assert types == {homfly_of_curve(bowline())} == {homfly_of_diagram(min(knot("6_3")))}
+
+
 def test_names_are_unique_and_aliases_name_the_same():
     names = [name for one in CATALOGUE for name in (one.name, *one.aliases)]
     assert len(names) == len(set(names)) and all(map(is_knot_name, names))
@@ -161,8 +190,8 @@ def test_unknot_is_trivial():
 
 
 def test_unknown_knot_name_lists_valid_names():
-    with pytest.raises(ValueError, match="'bowline'.*overhand, 3_1, trefoil, figure_eight"):
-        knot("bowline")
+    with pytest.raises(ValueError, match="'sheepshank'.*overhand, 3_1, trefoil, figure_eight"):
+        knot("sheepshank")
 
 
 def solution_paths(graph, goal):

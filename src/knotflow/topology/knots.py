@@ -53,6 +53,13 @@ CATALOGUE = (
         "an overhand with a bight: quick release, or a noose by its other end",
         closed=False,
     ),
+    NamedKnot(
+        "bowline",
+        (),
+        ("1o11-7o2+13o3-4o14-5o9+10o6+12o8-", "1o11-12o2-8o3+4o14-5o9+10o6+13o7-"),
+        "a loop that does not slip and can be untied; the tail ends inside it",
+        closed=False,
+    ),
 )
 """Knots by the number of their crossings, and those that slip."""
 _BY_NAME = {name: one for one in CATALOGUE for name in (one.name, *one.aliases)}
