@@ -40,7 +40,7 @@ def test_a_goal_keeps_the_name_it_was_asked_by():
 @pytest.mark.parametrize(
     ("text", "error", "message"),
     [
-        ("bowline", ValueError, "overhand, figure_eight"),
+        ("sheepshank", ValueError, "overhand, figure_eight"),
         ("", ValueError, "unknown knot"),
         ("(4,1,1)", ValueError, "crossings .'4o1"),
         ("1o3+2o4+", InvalidStateError, "no plane curve"),

@@ -219,6 +219,14 @@ def test_published_goals_stand_beside_what_is_published(write):
     assert "1 of 4" in four and four.endswith("| 26 % |")
 
 
+def test_bowlines_tied_and_their_effort_are_counted(write):
+    knot_searches(
+        write, "bowline", [("bowline", "random", one, 40 + one, one < 2) for one in (0, 1, 2)]
+    )
+    body = write.body("bowline")
+    assert "| 66.7 % (20.8 to 93.9)<br>2 of 3 | 40.5 |" in body
+
+
 def write_variant(write, name, tied, order=1):
     rows = [("three", f"2o1+{i}", one, 2.0) for i, one in enumerate(tied)]
     write.goals(rows[::order], "goals_ablation", f"{name}.csv")

@@ -150,6 +150,18 @@ def goals(results: Results, figures: Figures) -> Parts:
     }
 
 
+def bowline(results: Results, figures: Figures) -> Parts:
+    """What a search takes, and the plan of fewest splines."""
+    searches = read_searches(results, "bowline")
+    caption = "The plan of fewest splines."
+    return {
+        "searches": md.table([tied_columns(searches)]),
+        "settings": search_words(results, "bowline"),
+        "checks": checks(results, "bowline"),
+        "plan": figures.own("bowline", "plan.png", caption),
+    }
+
+
 def published_goals(results: Results, figures: Figures) -> Parts:
     """A line for each set of goals of TWISTED-RL, beside the success that is published for it."""
     searches = read_searches(results, "published_goals", "set", "goal")

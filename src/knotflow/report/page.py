@@ -65,6 +65,7 @@ FURTHER = (
     Section("learning_options", single_stage.options),
     Section("library_training", training.library),
     Section("knots", knots.knots),
+    Section("bowline", knots.bowline),
     Section("goals", knots.goals),
     Section("published_goals", knots.published_goals),
     Section("goals_ablation", knots.ablation),

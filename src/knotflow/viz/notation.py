@@ -31,7 +31,7 @@ EXAMPLES: tuple[tuple[str, str], ...] = (
 )
 """An action of each kind, with a state that allows it."""
 
-_COLUMNS, _NAMES = 4, 0.62  # of the sheet of knots: diagrams in a row, inches below each
+_COLUMNS, _NAMES = 5, 0.62  # of the sheet of knots: diagrams in a row, inches below each
 _PANEL = 2.6  # inches, side of a diagram
 _ARROW = 1.3  # inches between the two diagrams of an action
 _TITLE, _SENTENCE, _MARGIN = 0.32, 0.56, 0.15  # inches
