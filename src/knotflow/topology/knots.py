@@ -2,8 +2,8 @@
 
 A knot can be tied into an open rope when both ends lie in the outer face of a diagram of it, that
 is when the rope is a closed minimal diagram cut at some segment. One diagram, its cuts, mirror
-images and reversals give all states of a prime knot's name. Knots that come undone by pulling an
-end, such as the slip knot, have open diagrams of their own.
+images and reversals give all states of a prime knot's name. Knots with an end inside, the slip knot
+and the bowline, have open diagrams of their own.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ CATALOGUE = (
         closed=False,
     ),
 )
-"""Knots by the number of their crossings, and those that slip."""
+"""Knots by the number of their crossings, and those with an end inside."""
 _BY_NAME = {name: one for one in CATALOGUE for name in (one.name, *one.aliases)}
 KNOT_NAMES: tuple[str, ...] = tuple(one.name for one in CATALOGUE)
 
