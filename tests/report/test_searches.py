@@ -219,6 +219,17 @@ def test_published_goals_stand_beside_what_is_published(write):
     assert "1 of 4" in four and four.endswith("| 26 % |")
 
 
+def test_goals_in_a_longer_rope_are_paired_with_those_in_the_nominal_one(write):
+    goals = [("four", f"2o1+{i}", i < 2, 2.0) for i in range(4)]
+    write.goals([*goals, ("four", "2o1-", True, 2.0)])
+    assert write.body("goals_long_rope") is None
+    write.goals([(*one[:2], True, 1.0) for one in goals], "goals_long_rope")
+    (line,) = (one for one in write.body("goals_long_rope").splitlines() if "| four |" in one)
+    assert "2 of 4" in line and "4 of 4" in line and "50" in line.split("|")[-2]
+    write.goals([*goals, ("four", "4o3-", True, 1.0)], "goals_long_rope")
+    assert "2 of 4" not in (write.body("goals_long_rope") or "")
+
+
 def test_bowlines_tied_and_their_effort_are_counted(write):
     knot_searches(
         write, "bowline", [("bowline", "random", one, 40 + one, one < 2) for one in (0, 1, 2)]

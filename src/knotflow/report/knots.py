@@ -150,6 +150,27 @@ def goals(results: Results, figures: Figures) -> Parts:
     }
 
 
+def long_rope(results: Results, _: Figures) -> Parts:
+    """A line for each number of crossings: the same goals in the nominal rope and a longer one."""
+    experiment, rows = "goals_long_rope", []
+    longer = results.table(experiment, "goals.csv", GOAL_SEARCHES, GOAL)
+    nominal = results.table("goals", "goals.csv", GOAL_SEARCHES, GOAL)
+    for name, own in longer.groupby("set", sort=False):
+        tables = {experiment: own, COMPLETE: nominal.merge(own[[*GOAL]])}
+        if len(tables[COMPLETE]) < len(own):
+            raise NotMeasured("needs the same goals in goals")
+        rows.append(
+            {"crossings": name, "tied, nominal rope": md.share(tables[COMPLETE]["solved"])}
+            | {f"{column}, longer rope": cell for column, cell in tied_columns(own).items()}
+            | {"difference, points": _difference(tables, experiment)}
+        )
+    return {
+        "sets": md.table(rows),
+        "settings": search_words(results, experiment, "goals"),
+        "checks": checks(results, experiment),
+    }
+
+
 def bowline(results: Results, figures: Figures) -> Parts:
     """What a search takes, and the plan of fewest splines."""
     searches = read_searches(results, "bowline")

@@ -67,6 +67,7 @@ FURTHER = (
     Section("knots", knots.knots),
     Section("bowline", knots.bowline),
     Section("goals", knots.goals),
+    Section("goals_long_rope", knots.long_rope),
     Section("published_goals", knots.published_goals),
     Section("goals_ablation", knots.ablation),
     Section("actions", actions.actions),
