@@ -220,15 +220,13 @@ def test_published_goals_stand_beside_what_is_published(write):
 
 
 def test_goals_in_a_longer_rope_are_paired_with_those_in_the_nominal_one(write):
-    three = [("three", "2o1+3o4+5o6+", True, 1.0)]
     four = [("four", f"2o1+{i}", i < 2, 2.0) for i in range(4)]
-    write.goals([*three, *four, ("four", "2o1-", True, 2.0)])
+    write.goals([*four, ("four", "2o1-", True, 2.0)])
     assert write.body("goals_long_rope") is None
-    write.goals(three, "goals_long_rope", "three.csv")
-    write.goals([(*one[:2], True, 1.0) for one in four], "goals_long_rope", "four.csv")
+    write.goals([(*one[:2], True, 1.0) for one in four], "goals_long_rope")
     (line,) = (one for one in write.body("goals_long_rope").splitlines() if "| four |" in one)
     assert "2 of 4" in line and "4 of 4" in line and "50" in line.split("|")[-2]
-    write.goals([*four, ("four", "4o3-", True, 1.0)], "goals_long_rope", "four.csv")
+    write.goals([*four, ("four", "4o3-", True, 1.0)], "goals_long_rope")
     assert "2 of 4" not in (write.body("goals_long_rope") or "")
 
 

@@ -153,9 +153,10 @@ def goals(results: Results, figures: Figures) -> Parts:
 def long_rope(results: Results, _: Figures) -> Parts:
     """A line for each number of crossings: the same goals in the nominal rope and a longer one."""
     experiment, rows = "goals_long_rope", []
-    nominal = results.table("goals", "goals.csv", GOAL_SEARCHES, GOAL)
-    for name in ("three", "four"):
-        own = results.table(experiment, f"{name}.csv", GOAL_SEARCHES, GOAL)
+    longer, nominal = (
+        results.table(one, "goals.csv", GOAL_SEARCHES, GOAL) for one in (experiment, "goals")
+    )
+    for name, own in longer.groupby("set", sort=False):
         tables = {experiment: own, COMPLETE: nominal.merge(own[[*GOAL]])}
         if len(tables[COMPLETE]) < len(own):
             raise NotMeasured("needs the same goals in goals")
