@@ -175,7 +175,7 @@ def long_rope(results: Results, _: Figures) -> Parts:
 def bowline(results: Results, figures: Figures) -> Parts:
     """What a search takes, and the plan of fewest splines."""
     searches = read_searches(results, "bowline")
-    caption = "The plan of fewest splines."
+    caption = "The plan of fewest splines; its lengths are those of a rope of 1 m."
     return {
         "searches": md.table([tied_columns(searches)]),
         "settings": search_words(results, "bowline"),
