@@ -15,7 +15,7 @@ def closed_curve(points):
     """The rope (V, 3) with its ends joined above everything: (V + 3, 3), the last point the first.
 
     Seen from above the joining arc passes over everything, so its course does not matter. If both
-    ends border one face of the projection, as in every state of a named knot, it can be slid into
+    ends border one face of the projection, as in every state of a prime knot, it can be slid into
     that face, and the closure is the diagram that the state was cut from (`topology.knots`).
     Otherwise joining above everything is the convention.
     """

@@ -14,7 +14,7 @@ PLANS = sorted(
     if experiment.name not in ("stages", "smoke")
     for path in experiment.rglob("plan.json")
 )
-TYPES = {"overhand": "3_1", "pentagram": "5_1"}
+TYPES = {"overhand": "3_1", "pentagram": "5_1", "bowline": "6_3"}
 """Of the knots that the committed plans tie, by experiment."""
 
 
