@@ -27,6 +27,7 @@ from knotflow.simulation.rope import GRAVITY, adapt_model
 from knotflow.simulation.simulator import OF_ROPE
 
 CONF = Path(__file__).parents[2] / "conf" / "rope"
+WORKFLOWS = Path(__file__).parents[2] / "workflows"
 
 
 def test_nominal_rope_is_that_of_its_proportions():
@@ -81,10 +82,24 @@ def test_a_rope_in_a_world_moves_as_one_of_its_own(simulator, rng):
     np.testing.assert_allclose(among.end_points, alone.end_points, atol=2e-3)
 
 
+def assert_alike(given, named):
+    for field in fields(RopeConfig):
+        assert getattr(given, field.name) == pytest.approx(getattr(named, field.name), rel=1e-3)
+
+
 @pytest.mark.parametrize("name", ["thin", "thick", "soft", "stiff"])
 def test_ropes_of_the_configuration_have_the_proportions_they_name(name):
     text = (CONF / f"{name}.yaml").read_text()
     diameter, bending = map(float, re.search(r"rope_of\((.*?), (.*?)\)", text).groups())
-    given, named = RopeConfig(**yaml.safe_load(text)), rope_of(diameter, bending)
-    for field in fields(RopeConfig):
-        assert getattr(given, field.name) == pytest.approx(getattr(named, field.name), rel=1e-3)
+    assert_alike(RopeConfig(**yaml.safe_load(text)), rope_of(diameter, bending))
+
+
+@pytest.mark.parametrize(
+    ("name", "size"), [("bowline", (0.008 / 1.5, 0.04)), ("goals_long_rope", (0.005, 0.02165))]
+)
+def test_ropes_of_workflows_have_the_proportions_they_name(name, size):
+    stages = yaml.safe_load((WORKFLOWS / f"{name}.yaml").read_text())["stages"]
+    ropes = [one["simulation"]["rope"] for one in stages.values() if "simulation" in one]
+    assert len(ropes) > 1  # what searches and what simulates again
+    for rope in ropes:
+        assert_alike(RopeConfig(**rope), rope_of(*size))
