@@ -15,7 +15,7 @@ from knotflow.perception import (
     see,
 )
 from knotflow.perception.estimation.estimate import RopeEstimate
-from knotflow.perception.io import describe, draw_overlay, write_rope
+from knotflow.perception.io import arrange_pictures, describe, draw_overlay, write_rope
 from knotflow.planning import read_rope
 from knotflow.simulation import RopeConfig
 from knotflow.topology import TopologicalState
@@ -118,3 +118,15 @@ def test_what_was_made_of_the_files_is_said(found):
     seen = read_capture(FILES[0], FILES[1], replace(Calibration.load(FILES[2]), poses=()))
     assert describe(found, seen).startswith("input     depth is in millimetres, the usual unit")
     assert "m above it, and looks 0." in describe(found, seen)
+
+
+def test_pictures_are_arranged_row_by_row(tmp_path):
+    colours = {"red": (255, 0, 0), "lime": (0, 255, 0), "blue": (0, 0, 255)}
+    for name, colour in colours.items():
+        Image.new("RGB", (40, 20), colour).save(tmp_path / f"{name}.png")
+    arrange_pictures([tmp_path / f"{name}.png" for name in colours], tmp_path / "all.png", width=60)
+    with Image.open(tmp_path / "all.png") as whole:
+        shown = whole.convert("RGB")
+    assert shown.size == (60, 30)
+    places = ((15, 7), (45, 7), (15, 22), (45, 22))
+    assert [shown.getpixel(place) for place in places] == [*colours.values(), (255, 255, 255)]

@@ -72,7 +72,7 @@ def test_accuracy_by_diameter(results):
 def test_plans_from_estimates_and_from_true_ropes(results):
     rows = [
         {
-            "rope": f"{rope:03d}", "planned_from": planned_from, "planned": 1, "branches": 3,
+            "rope": f"{rope:03d}", "planned_from": planned_from, "planned": 1, "simulated": 3,
             "tied": int(planned_from == "true" or rope > 0), "seconds": 2.0, "mean_error_mm": 1.0,
         }
         for rope in range(4) for planned_from in ("true", "estimated")

@@ -30,7 +30,7 @@ from knotflow.perception import (
     observe,
 )
 from knotflow.perception.estimation.fitting import nearest_on_chain
-from knotflow.perception.io import draw_overlay
+from knotflow.perception.io import arrange_pictures, draw_overlay
 from knotflow.perception.networks.strands import trace_rope
 from knotflow.planning import KnotPlan, PlannerConfig, UnreachableGoalError, parse_goal, plan_knot
 from knotflow.samplers import SamplerConfig
@@ -242,7 +242,8 @@ def perception(
 ) -> None:
     """Ropes at rest, estimated from one image, by noise and number of crossings.
 
-    Makes estimates.csv, a row a method, level and rope, and estimates.png, of the complete method.
+    Makes estimates.csv, a row a method, level and rope, and estimates.png, what the complete method
+    makes of the first rope of each number of crossings at the nominal level.
 
     `per_crossings` ropes of each number of `crossings`, each seen at every level of noise from
     `distance`, metres, above: from 0.8 m a rope of 4 mm is two pixels wide. Methods other than
@@ -252,7 +253,7 @@ def perception(
     Raises:
         ValueError: no rope of a number of crossings.
     """
-    camera, drawn = Camera.overhead(distance=distance), f"{max(crossings)}-0"
+    camera = Camera.overhead(distance=distance)
     shapes = choose_ropes(ropes / ROPES, crossings, per_crossings, rope, camera, seed)
 
     def estimate_rope(name: str) -> pd.DataFrame:
@@ -271,12 +272,18 @@ def perception(
                 row = {"method": method, "noise": level, "crossings": count, "rope": number}
                 row["diameter_mm"] = round(2e3 * own.radius, 1)
                 rows.append(row | metrics(found, truth) | {"seconds": round(seconds, 3)})
-                if found is not None and (method, level, name) == (FULL, NOMINAL, drawn):
-                    with run.atomic("estimates.png") as path:
+                if found is not None and (method, level, number) == (FULL, NOMINAL, 0):
+                    with run.atomic(f"estimate-{count}.png") as path:
                         draw_overlay(path, image, camera, own, found)
         return pd.DataFrame(rows)
 
     run.table("estimates.csv", estimate_rope, [*shapes], "perception")
+    overlays = sorted(run.out.glob("estimate-*.png"))
+    if overlays:
+        with run.atomic("estimates.png") as path:
+            arrange_pictures(overlays, path)
+    for overlay in overlays:
+        overlay.unlink()
 
 
 @stage
@@ -306,7 +313,7 @@ def perceived_plans(
     ) -> dict[str, Any]:
         """Outcome of a plan from a shape (V, 3), metres, executed on the true one; a shape that
         was not found, or from which no actions lead to the knot, has none."""
-        row: dict[str, Any] = {"planned": 0, "tied": 0, "branches": 0, "mean_error_mm": np.nan}
+        row: dict[str, Any] = {"planned": 0, "tied": 0, "simulated": 0, "mean_error_mm": np.nan}
         if points is None:
             return row
         error = 1e3 * np.linalg.norm(points - truth, axis=1).mean()
@@ -318,7 +325,7 @@ def perceived_plans(
         except (UnreachableGoalError, DegenerateCurveError):
             return row
         tied = plan.solved and _ties(plan, truth, simulator)
-        return row | {"planned": int(plan.solved), "tied": int(tied), "branches": plan.branches}
+        return row | {"planned": int(plan.solved), "tied": int(tied), "simulated": plan.branches}
 
     def plan_both(name: str) -> pd.DataFrame:
         rng = rng_of(seed, int(name))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 from tqdm import tqdm
 
 from knotflow.perception.camera.calibration import Calibration
@@ -114,3 +116,19 @@ def draw_overlay(
         axes.scatter(column[hidden], row[hidden], s=14, facecolors="none", edgecolors=BAD, zorder=4)
         axes.set_xlim(middle[0] - across, middle[0] + across)
         axes.set_ylim(middle[1] + half, middle[1] - half)
+
+
+def arrange_pictures(
+    pictures: Sequence[Path], path: Path, columns: int = 2, width: int = 1500
+) -> None:
+    """Write one picture, `width` pixels wide and of 128 colours, of several of one size, row by
+    row."""
+    with Image.open(pictures[0]) as first:
+        size = width // columns, round(width / columns * first.height / first.width)
+    rows = -(-len(pictures) // columns)
+    whole = Image.new("RGB", (width, rows * size[1]), "white")
+    for number, picture in enumerate(pictures):
+        row, column = divmod(number, columns)
+        with Image.open(picture) as one:
+            whole.paste(one.convert("RGB").resize(size), (column * size[0], row * size[1]))
+    whole.quantize(128).save(path, "png")

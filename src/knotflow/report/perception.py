@@ -72,7 +72,8 @@ def perception(results: Results, figures: Figures) -> Parts:
         "example": figures.own(
             EXPERIMENT,
             "estimates.png",
-            "The complete method at noise 1. Vertices that the image does not show are ringed.",
+            "The complete method at noise 1, on the first rope of each number of crossings: the "
+            "image, and the estimate on a detail of it. Vertices that it does not show are ringed.",
         ),
         "plans": _plans(results),
     }
