@@ -30,6 +30,13 @@ def random_batch(simulator, rng, count):
     return points, rng.uniform(SPLINE_LOW, SPLINE_HIGH, (count, 6))
 
 
+@pytest.fixture(scope="module")
+def batch(simulator):
+    """Splines on ropes, more than a chunk of them, and their rollouts."""
+    points, splines = random_batch(simulator, np.random.default_rng(7), 96)
+    return points, splines, simulator.execute(points, splines)
+
+
 def test_shapes_and_times(simulator, rng):
     points, splines = random_batch(simulator, rng, 3)
     rollouts = simulator.execute(points, splines)
@@ -46,9 +53,8 @@ def test_shapes_and_times(simulator, rng):
 
 
 @pytest.mark.slow
-def test_random_splines_are_stable(simulator, rng):
-    points, splines = random_batch(simulator, rng, 96)
-    rollouts = simulator.execute(points, splines)
+def test_random_splines_are_stable(simulator, batch):
+    _, _, rollouts = batch
     assert not rollouts.diverged.any()
     lengths = np.linalg.norm(np.diff(rollouts.trajectory, axis=2), axis=-1)
     np.testing.assert_allclose(lengths, simulator.config.rope.link_length, atol=1e-5)
@@ -62,9 +68,8 @@ def test_random_splines_are_stable(simulator, rng):
 
 
 @pytest.mark.slow
-def test_rope_is_at_rest_before_and_after(simulator, rng):
-    points, splines = random_batch(simulator, rng, 32)
-    rollouts = simulator.execute(points, splines)
+def test_rope_is_at_rest_before_and_after(simulator, batch):
+    _, _, rollouts = batch
     last = np.linalg.norm(rollouts.trajectory[:, -1] - rollouts.trajectory[:, -2], axis=-1)
     assert np.median(last.max(axis=1)) < 0.005  # metres in the last tenth of a second
     # Nothing moves before the gripper does: a spline that stays where it grasped changes little.
@@ -76,12 +81,11 @@ def test_rope_is_at_rest_before_and_after(simulator, rng):
 
 
 @pytest.mark.slow
-def test_gripper_moves_grasped_link_to_end_point(simulator, rng):
-    points, splines = random_batch(simulator, rng, 32)
-    rollouts = simulator.execute(points, splines)
+def test_gripper_moves_grasped_link_to_end_point(batch):
+    _, splines, rollouts = batch
     released = np.searchsorted(rollouts.times, rollouts.release_times) - 1
     link = np.minimum((splines[:, 0] * 40).astype(int), 39)
-    rows = np.arange(32)
+    rows = np.arange(len(splines))
     centre = (
         rollouts.trajectory[rows, released, link] + rollouts.trajectory[rows, released, link + 1]
     ) / 2
@@ -102,9 +106,8 @@ def test_results_are_independent_of_threads_and_batches(simulator, rng):
 
 
 @pytest.mark.slow
-def test_batch_larger_than_a_chunk(simulator, rng):
-    points, splines = random_batch(simulator, rng, 70)
-    together = simulator.execute(points, splines)
+def test_batch_larger_than_a_chunk(simulator, batch):
+    points, splines, together = batch
     last = simulator.execute(points[-3:], splines[-3:])
     assert np.array_equal(together.end_points[-3:], last.end_points)
 

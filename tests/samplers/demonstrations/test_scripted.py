@@ -27,7 +27,7 @@ def succeed(points, splines, one, simulator):
 def test_a_demonstration_bears_its_noise(simulator, rng):
     points, one = straight(simulator.config.rope), task("R1(0,1,1)")
     seen = []
-    config = DemonstratorConfig(finalists=1)
+    config = DemonstratorConfig(iterations=2, finalists=1, room_guesses=6)
     found = Demonstrator(one, simulator, rng, config, observe=seen.append).demonstrate(points)
     assert found is not None
     assert 0 < found.clearance < 1 and found.success_rate >= config.least_share
