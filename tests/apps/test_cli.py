@@ -98,6 +98,11 @@ def searches(monkeypatch, found):
         (["see", "a.png", "b.png", "--out", "r.csv"], "--camera"),
         (["see", "a.png", "b.png", "--camera", "no.yaml", "--out", "r.csv"], "no.yaml: cannot be"),
         (["see", "a.png", "--depth-unit", "mm"], "--depth-unit is of a depth image"),
+        (["see", "a.png", "--diameter", "6mm"], "--diameter is not for a photograph"),
+        (["next", "overhand", "--rope", "arc", "--depth-unit", "mm"], "is of a depth image"),
+        (["next", "overhand", "--rope", "arc", "--head-color", "red"], "are of an image"),
+        (["plan", "overhand", "--tip", "hand"], "--base and --tip need --arm"),
+        (["next", "overhand", "--rope", "arc", "--base", "b.yaml"], "need --arm"),
         (["report", "--results", "nowhere"], "there is no such results folder"),
     ],
 )

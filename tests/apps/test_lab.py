@@ -93,11 +93,21 @@ class Faulty(lab.RobotWrapper):
         self.released = True
 
 
-def test_a_fault_of_the_driver_ends_the_run_and_opens_the_fingers(start, twin):
+def last_said(path):
+    """The last text of a log, in its message's bytes."""
+    from mcap.reader import make_reader
+
+    with path.open("rb") as file:
+        *_, (_, _, message) = make_reader(file).iter_messages(topics=["/topology"])
+    return message.data
+
+
+def test_a_fault_of_the_driver_ends_the_run_and_opens_the_fingers(start, twin, tmp_path):
     robot = Faulty(twin.robot())
     done = start(robot)
     assert not done.tied and "failed at grasp: RuntimeError('motor 3 is off')" in done.reason
     assert robot.released
+    assert done.reason.encode() in last_said(tmp_path / "run.mcap")
 
 
 def test_a_fault_is_told_with_fingers_that_stay_closed(start, twin):

@@ -253,6 +253,19 @@ def test_a_new_image_is_waited_for(plan):
     assert waited == 2 + 20  # as it arrives, to stand still, and for two seconds
 
 
+def test_the_time_that_a_driver_waits_for_an_image_counts(plan, monkeypatch):
+    now, asked = [0.0], []
+
+    class Slow:
+        def estimate(self, robot, likely=()):
+            asked.append(now[0])
+            now[0] += 0.8
+
+    monkeypatch.setattr("knotflow.execution.step_executor.time.monotonic", lambda: now[0])
+    StepExecutor(Lab(), ExecutionConfig(image_timeout=2.0)).observe(Slow(), 0)
+    assert asked == pytest.approx([0.0, 0.8, 1.6, 2.4])
+
+
 def test_a_rope_that_was_looked_at_does_not_move(plan):
     class Seen:
         def estimate(self, robot, likely=()):

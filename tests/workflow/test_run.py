@@ -1,6 +1,7 @@
 import json
 import multiprocessing
 import shutil
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -152,6 +153,17 @@ def test_runs_of_one_experiment_side_by_side_do_not_disturb_each_other(go, read,
     assert [process.exitcode for process in processes] == [0, 0, 0]
     assert (tmp_path / "results" / "toys" / "sum.txt").read_text() == "7.5"
     assert publish is not None
+
+
+def test_a_checkout_that_is_not_installed_has_no_version(monkeypatch):
+    def version(name):
+        if name == "knotflow":
+            raise metadata.PackageNotFoundError(name)
+        return "1.0"
+
+    monkeypatch.setattr(metadata, "version", version)
+    versions = code_state(Path(__file__).parent)["versions"]
+    assert "knotflow" not in versions and versions["torch"] == "1.0"
 
 
 def test_code_state_of_a_folder_outside_a_checkout(tmp_path):

@@ -66,3 +66,17 @@ def test_a_folder_has_its_final_name_only_once_complete(tmp_path):
     assert folder.state() == "done" and not folder.partial.exists()
     assert record["files"] == {"file": 1} == sizes(folder.final)
     assert folder.record() == record
+
+
+def test_a_folder_that_cannot_be_replaced_stays(tmp_path, monkeypatch):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "kept").touch()
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.replace", full)
+    with pytest.raises(OSError, match="No space left"), atomic(tmp_path / "out") as made:
+        made.mkdir()
+    assert (tmp_path / "out" / "kept").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]

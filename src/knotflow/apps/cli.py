@@ -64,6 +64,7 @@ Worlds = Annotated[int, Parameter(validator=Number(gte=0))]
 OfArm = Annotated[ArmOptions, Parameter(name="*")]
 
 MARGIN = 0.03  # least length between crossings of `next` and `run`, metres; a share of short ropes
+NO_DEPTH = "--depth-unit is of a depth image, of which there is none"
 GRIPPER_ERROR = 0.005  # standard deviation in the worlds of `next`, metres
 
 
@@ -92,6 +93,7 @@ def plan(
         worlds: Search until a plan ties in 3/4 of N perturbed worlds and 2 N others; 0: the first.
         overwrite: Replace the plan in that folder; other files there are kept.
     """
+    arm.check()
     measured = search.read_rope(rope, options, seed)
     folder = out if out is not None else Path("plans") / plan_name(knot, rope, seed)
     what = outputs.digest(Path(rope)) if Path(rope).is_file() else rope
@@ -150,6 +152,7 @@ def next_step(
         margin: Least length of each piece of rope between crossings, metres; 0.03 by default.
         worlds: As in `knotflow plan`, but less perturbed (level 1) and with gripper errors.
     """
+    arm.check()
     if out is not None:
         outputs.check_free(out)
     if plan is not None:
@@ -162,6 +165,10 @@ def next_step(
             "next takes either --rope, or --image COLOUR DEPTH with --camera, or --image "
             "PHOTOGRAPH with --length"
         )
+    if not files and any(colours):
+        raise ValueError("--rope-color and --head-color are of an image, not of --rope")
+    if len(files) < 2 and depth_unit:
+        raise ValueError(NO_DEPTH)
     shape: str | planning.RopeTable = rope or ""
     ambiguous = False
     if len(files) == 1:
@@ -197,8 +204,8 @@ def next_step(
 
     found = found.placed(measured.placement, measured.frame)
     if plan is not None:
-        plan.parent.mkdir(parents=True, exist_ok=True)
-        plan.write_text(found.to_json(trajectories=False), encoding="utf-8")
+        with outputs.atomic(plan) as path:
+            path.write_text(found.to_json(trajectories=False), encoding="utf-8")
     step = found.steps[0]
     unit, digits = found.frame.unit, {"m": 3, "cm": 1, "mm": 0}[found.frame.unit]
     grasp, middle, end = (
@@ -219,8 +226,8 @@ def next_step(
         f"check    the rope must then be in the state {step.end_state}; measure it and ask again"
     )
     if out is not None:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        replace(found, steps=found.steps[:1]).waypoints().to_csv(out, found.frame)
+        with outputs.atomic(out) as path:
+            replace(found, steps=found.steps[:1]).waypoints().to_csv(path, found.frame)
         print(out)
     return 0
 
@@ -269,6 +276,7 @@ def run(
     from knotflow.recording import RunLog
     from knotflow.simulation import ShapeError
 
+    arm.check()
     options = RopeOptions(length=length, diameter=diameter, stiffness=stiffness)
     rope = RopeSize.of_options(options).rope()
     planning.parse_goal(knot, rope)  # refuses it before a robot is asked for
@@ -442,8 +450,8 @@ def export(
     outputs.check_free(path)
     found = search.load_plan(source)
     exported = export_plan(found, arm, base, max_speed, format, space, tip=tip)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(exported.text, encoding="utf-8")
+    with outputs.atomic(path) as temporary:
+        temporary.write_text(exported.text, encoding="utf-8")
     print(f"{exported.summary()}\n{path}")
     if not found.solved:
         print(f"this is not a whole plan for {found.goal}: {found.reason}")
@@ -540,18 +548,19 @@ def see(
     for given in (image, depth, camera):
         if given and given.resolve() in (one.resolve() for one in (out, drawing) if one):
             raise ValueError(f"--out {out} would replace {given}")
-    if out is not None:
-        out.parent.mkdir(parents=True, exist_ok=True)
     colours = rope_color, head_color
     if depth is None and depth_unit:
-        raise ValueError("--depth-unit is of a depth image, of which there is none")
+        raise ValueError(NO_DEPTH)
+    if depth is None and diameter:
+        raise ValueError("--diameter is not for a photograph: it shows how thick the rope is")
     if depth is None:
         from knotflow.perception.photo import io as photo_io
 
         photo, rgb, xy = _see_photo(image, camera, length, colours, scaled=out is not None)
         if out is not None and drawing is not None and xy is not None:
-            photo_io.write_photo_rope(out, xy, photo.over)
-            photo_io.draw_photo(drawing, rgb, photo)
+            with outputs.atomic(out) as table, outputs.atomic(drawing) as picture:
+                photo_io.write_photo_rope(table, xy, photo.over)
+                photo_io.draw_photo(picture, rgb, photo)
             print(f"{out}, {drawing}")
         return 1 if photo.doubts else 0
     if camera is None or out is None or drawing is None:
@@ -563,8 +572,9 @@ def see(
     rope = RopeSize.of_options(RopeOptions(length=length, diameter=diameter)).rope()
     unit = _depth_unit(depth_unit)
     found, seen = io.see(image, depth, camera, rope, unit, colours, max_seconds)
-    io.write_rope(out, found.points)
-    io.draw_overlay(drawing, seen.image, seen.camera, rope, found)
+    with outputs.atomic(out) as table, outputs.atomic(drawing) as picture:
+        io.write_rope(table, found.points)
+        io.draw_overlay(picture, seen.image, seen.camera, rope, found)
     print(f"{io.describe(found, seen)}\n{out}, {drawing}")
     return 1 if found.ambiguous else 0
 

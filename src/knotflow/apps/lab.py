@@ -158,6 +158,15 @@ def tie(
     Raises:
         ValueError: see `parse_goal`.
     """
+    done = _tie(knot, robot, camera, rope, replan, confirm, log, config, allow)
+    log.say(done.reason)
+    return done
+
+
+def _tie(
+    knot: str, robot: Robot, camera: Camera, rope: RopeConfig, replan: Replan, confirm: Confirm,
+    log: RunLog, config: ExecutionConfig | None, allow: Allow | None,
+) -> Tied:  # fmt: skip
     goal, config = parse_goal(knot), config or ExecutionConfig()
     logged = LoggedRobot(robot, log)
     estimator = ImageStateEstimator(camera, rope)
@@ -184,7 +193,6 @@ def tie(
             logged.release()
     if execution.observation is not None and execution.observation.points is not None:
         log.rope(execution.observation.points)
-    log.say(execution.reason)
     return Tied(bool(execution.tied), execution.reason, execution)
 
 

@@ -6,7 +6,8 @@ from __future__ import annotations
 import hashlib
 import json
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from knotflow.planning import KnotPlan
     from knotflow.simulation import Attempts, RopeConfig
+
+
+LIBRARIES = ("mujoco", "numpy", "torch")
+"""Of these a plan depends on the version."""
 
 
 def version_text() -> str:
@@ -31,8 +36,10 @@ def provenance() -> dict[str, str]:
 
     source = Path(knotflow.__file__).parent
     packages = ("topology", "simulation", "samplers", "planning")
-    code = sorted(path for name in packages for path in (source / name).rglob("*.py"))
-    found = {"knotflow": version_text().removeprefix("knotflow "), "code": digest(*code)}
+    code = [path for name in packages for path in (source / name).rglob("*.py")]
+    found = {"knotflow": version_text().removeprefix("knotflow ")}
+    found["code"] = digest(*sorted([*source.glob("*.py"), *code]))
+    found["libraries"] = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
     return found | {"primitives": digest(*sorted(Path(SHIPPED_PRIMITIVES).iterdir()))}
 
 
@@ -40,7 +47,8 @@ def arm_digest(arm: str, base: Path | None) -> str:
     """Of what decides what an arm reaches."""
     import knotflow
 
-    code = sorted((Path(knotflow.__file__).parent / "execution").rglob("*.py"))
+    source = Path(knotflow.__file__).parent / "execution"
+    code = sorted([*source.rglob("*.py"), *source.rglob("*.xml")])
     given = [path for path in (Path(arm), base) if path is not None and path.is_file()]
     return digest(*code, *given)
 
@@ -113,6 +121,15 @@ def write_plan(
             (folder / file).unlink(missing_ok=True)
         for path in sorted(made.iterdir(), key=lambda path: path.name == OUTCOME):
             path.replace(folder / path.name)
+
+
+@contextmanager
+def atomic(path: Path) -> Iterator[Path]:
+    """A temporary path that becomes `path` on leaving, see `workflow.store.atomic`."""
+    from knotflow.workflow import store  # slow to import
+
+    with store.atomic(path) as temporary:
+        yield temporary
 
 
 def check_free(path: Path, option: str = "--out") -> None:

@@ -29,6 +29,11 @@ class ArmOptions:
     tip: str | None = None
     """As in `knotflow export`, with --arm."""
 
+    def check(self) -> None:
+        """Raises `ValueError` where something is said of no arm."""
+        if self.arm is None and self != NO_ARM:
+            raise ValueError("--base and --tip need --arm")
+
 
 NO_ARM = ArmOptions()
 
@@ -127,8 +132,6 @@ def find_plan(
             placement=measured.placement, frame=replace(measured.frame, unit="m"),
         )  # fmt: skip
         reach = replace(reach, arm=carried)
-    elif arm != NO_ARM:
-        raise ValueError("--base and --tip need --arm")
     tried: deque[Attempts] = deque(maxlen=1)
     bar = tqdm(desc="simulated", unit=" splines", disable=None)
 

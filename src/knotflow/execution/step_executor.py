@@ -169,10 +169,11 @@ class StepExecutor:
             position = np.array(self.config.park_position) * [1, (-1) ** turn, 1]
             self._travel(position, number)
             self._move(position, number)
-            waited = 0.0
+            waited, asked = 0.0, time.monotonic()
             while (found := estimator.estimate(self.robot, likely)) is None and waited < timeout:
-                waited += STEP
+                waited += max(STEP, time.monotonic() - asked)  # a driver may have waited, too
                 self._move(position, number)
+                asked = time.monotonic()
             observation = found or observation
             if found is None or not found.ambiguities:
                 break

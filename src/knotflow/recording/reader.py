@@ -178,13 +178,11 @@ def _rollouts(path: Path) -> Iterator[tuple[Any, RecordedRollout]]:
             if topic != messages.GRIPPER or len(log_times) < announced[0].frames:
                 continue
             facts = announced.popleft()
-            ropes, grippers, images, *estimates = map(np.array, frames.values())
+            images = tuple(frames.pop(messages.CAMERA))
+            ropes, grippers, estimate, reference = map(np.array, frames.values())
             camera = None
-            if len(images):
-                estimate, reference = estimates
-                camera = RolloutImages(
-                    tuple(frames[messages.CAMERA]), estimate, reference if len(reference) else None
-                )
+            if images:
+                camera = RolloutImages(images, estimate, reference if len(reference) else None)
             rollout = messages.decode_rollout(facts, log_times, ropes, grippers, camera)
             frames, log_times = {topic: [] for topic in _DECODERS}, []
         yield facts, rollout

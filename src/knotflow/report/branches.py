@@ -68,6 +68,7 @@ def tree_size(results: Results, figures: Figures) -> Parts:
     return {
         "figure": branches_figure(figures, SIZE, searches, methods, starts, PAPER_LARGEST),
         "searches": search_table(groups),
+        "ranks": _ranks(searches),
         "settings": search_words(results, SIZE),
         "checks": checks(results, SIZE),
         "spent": splines_spent(results, SIZE, "method", methods),
@@ -78,6 +79,21 @@ def tree_size(results: Results, figures: Figures) -> Parts:
             "to this state. The searches follow the path in green.",
         ),
     }
+
+
+def _ranks(searches: pd.DataFrame) -> str:
+    """By rank, which method has smaller trees, from each start."""
+    parts = []
+    for start in STARTS:
+        pairs = []
+        for one, other in ((REINFORCEMENT, IMITATION), (REINFORCEMENT, ICP), (IMITATION, ICP)):
+            own = [select(searches, method.name, start) for method in (one, other)]
+            if not any(some.empty for some in own):
+                p = stats.mannwhitneyu(*(sizes(some) for some in own)).pvalue
+                pairs.append(f"{one.label} against {other.label} p = {p:.2g}")
+        if pairs:
+            parts.append(f"from {start}, {md.listed(pairs)}")
+    return f"By the rank of splines kept (Mann-Whitney): {'; '.join(parts)}." if parts else ""
 
 
 def _trees(results: Results, method: str) -> dict[str, pd.DataFrame]:

@@ -267,7 +267,7 @@ def _measured(plans: pd.DataFrame) -> dict[str, str]:
             f"{100 * found['joint_speed_share'].max():.0f} % of its limit"
         ),
         "duration of a plan, median": lambda: md.duration(found["seconds"].median()),
-        "largest slowdown of a drag against the simulation, median": lambda: (
+        "slowest drag of a plan against the simulation, median over plans": lambda: (
             f"{found['slowed'].median():.2f} times"
         ),
     }

@@ -56,6 +56,11 @@ def tenths(value: float) -> str:
     return f"{value:,.{1 if abs(value) < 99.95 else 0}f}".replace("-", "−")
 
 
+def whole(value: float) -> str:
+    """The nearest whole number, halves rounded up: `95` for 94.5."""
+    return f"{math.floor(round(value, 6) + 0.5):d}"
+
+
 def estimate(interval: Interval, written: Callable[[float], str] = tenths) -> str:
     """A mean, median or difference with its limits: `4.3 (3.7 to 5.1)`."""
     if math.isnan(interval.low):

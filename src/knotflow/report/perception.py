@@ -125,7 +125,10 @@ def _diameters(shown: pd.DataFrame) -> str:
         f"{md.rate(own['state_correct'])} for {name}"
         for name, own in shown.groupby(groups, observed=True)
     ]
-    return f"The state accuracy of the complete method by diameter is {md.listed(parts)}."
+    return (
+        "Over all levels of noise, the state accuracy of the complete method by diameter is "
+        f"{md.listed(parts)}."
+    )
 
 
 @optional
@@ -144,7 +147,7 @@ def _by_crossings(figures: Figures, shown: pd.DataFrame) -> str:
     """State accuracy and median vertex error, a line a level of noise."""
     ropes = sorted(set(shown.groupby(["noise", "crossings"]).size()))
     caption = (
-        "State accuracy and vertex error of the complete method by number of crossings, "
+        "State accuracy and median vertex error of the complete method by number of crossings, "
         f"{md.listed([*map(str, ropes)])} ropes a point."
     )
     panels: dict[str, list[Line]] = {"state accuracy": [], "vertex error, mm (median rope)": []}
@@ -205,8 +208,8 @@ def _over_time(figures: Figures, tracks: pd.DataFrame) -> str:
         for level, of_level in tracks[images > 1].groupby("level")
     }
     caption = (
-        "Vertex error over time, by method and level, while half of the rollouts last: the median, "
-        "and the mean (dashed), which a few rollouts raise."
+        "Vertex error over time, by method and level, as long as half of the rollouts run: the "
+        "median, and the mean (dashed), which a few rollouts raise."
     )
     return draw_curves(
         figures, "tracking", caption, panels, "seconds", legend=True, same_scale=True

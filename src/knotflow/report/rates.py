@@ -134,7 +134,7 @@ class Rates:
         if (method, action) not in self.counts:
             return md.NOTHING
         hits, trials = (int(one.to_numpy().sum()) for one in self.counts[method, action])
-        each = [f"{100 * rate:.0f}" for rate in self.by_training(method, action)]
+        each = [md.whole(100 * rate) for rate in self.by_training(method, action)]
         trained = f"<br>trainings {' / '.join(each)}" if len(each) > 1 else ""
         return f"{md.percent(self.interval(method, action))}<br>{hits:,} of {trials:,}{trained}"
 
@@ -183,7 +183,7 @@ class Rates:
             if count and left:
                 axes.axvline(left - 0.5, color=INK, linewidth=0.8)
             if count:
-                label = primitive if count > 1 else primitive.partition(":")[0]
+                label = primitive if count > 1 else primitive.partition(": ")[2]
                 axes.text(left + (count - 1) / 2, 1.09, label, ha="center", fontsize=8, color=MUTED)
             left += count
         axes.set_xticks(range(len(self.actions)), self.actions)
@@ -217,7 +217,7 @@ class Rates:
             across = x + width * 0.22 * np.linspace(-1, 1, len(each))
             axes.scatter(across, each, 5, "white", edgecolors=INK, linewidths=0.5, zorder=3)
         value = 100 * rate.estimate
-        label = f"{value:.1f}" if 0 < value < 9.95 else f"{value:.0f}"
+        label = f"{value:.1f}" if 0 < value < 9.95 else md.whole(value)
         axes.annotate(label, (x, rate.high), (0, 2), **above)  # type: ignore[arg-type]
 
 

@@ -12,8 +12,8 @@ from knotflow.statistics import bootstrap, clustered_rate
 METHODS = {
     "shipped": "chosen in 16 worlds and 32 others",
     "first_plan": "first plan",
-    "exact_training": "trained in one world, chosen in 16",
-    "neither": "trained in one world, first plan",
+    "exact_training": "trained in one world, chosen",
+    "neither": "trained in one world, first",
 }
 PAIRS = (
     ("shipped", "first_plan", "plan chosen in 16 worlds and 32 others, minus the first one"),

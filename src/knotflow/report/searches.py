@@ -248,7 +248,11 @@ def branches_figure(
         "trainings and searches. "
         f"The line at {OVERHAND_LIMIT} is the fewest possible"
     )
-    caption += "; diamonds are the largest trees of the paper." if paper_largest else "."
+    caption += (
+        "; diamonds are the largest trees of the paper, after RL its bound of fewer than five."
+        if paper_largest
+        else "."
+    )
     return figures.draw(name, caption, 1.15 + 0.45 * len(rows), plot)
 
 

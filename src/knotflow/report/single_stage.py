@@ -96,9 +96,9 @@ def options(results: Results, _: Figures) -> Parts:
                 "changed": CHANGED.get(name, name),
                 "mean of all actions": md.percent(rates.mean(name)),
                 "difference, points": md.estimate(rates.gain(name, OURS)) if gains else md.NOTHING,
-                "trainings": " / ".join(f"{100 * rate:.0f}" for rate in each),
+                "trainings": " / ".join(md.whole(100 * rate) for rate in each),
                 **{
-                    title: f"{100 * rates.trainings_mean(name, own).mean():.0f}"
+                    title: md.whole(100 * rates.trainings_mean(name, own).mean())
                     for title, own in PRIMITIVES.items()
                 },
             }
@@ -228,7 +228,7 @@ def actions_where(
     """The actions on which the ratio of two methods fits, with both rates."""
     rates = complete_rates(results, SINGLE, (method, base))
     pairs = {
-        action: [f"{100 * rates.interval(one, action).estimate:.0f}" for one in (method, base)]
+        action: [md.whole(100 * rates.interval(one, action).estimate) for one in (method, base)]
         for action, ratio in _ratios(results, method, base).items()
         if fits(ratio)
     }

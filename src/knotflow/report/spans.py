@@ -30,7 +30,7 @@ def _number(value: float) -> str:
 
 MEASURES: dict[str, Callable[[pd.Series, pd.Series], str]] = {
     "share": lambda hits, trials: f"{hits.sum():,.0f} of {trials.sum():,.0f}",
-    "percent": lambda hits, trials: f"{100 * hits.sum() / trials.sum():.0f} %",
+    "percent": lambda hits, trials: f"{md.whole(100 * hits.sum() / trials.sum())} %",
     "median": lambda values, _: _number(values.median()),
     "mean": lambda values, _: _number(values.mean()),
     "sd": lambda values, _: _number(values.std()),

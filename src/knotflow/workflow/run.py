@@ -13,6 +13,7 @@ import platform
 import shutil
 import subprocess
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -200,7 +201,9 @@ def code_state(folder: Path) -> dict[str, Any]:
     changes = _git(Path(top or "."), "status", "--porcelain", "--", ".", *excluded)
     libraries = ("knotflow", "mujoco", "numpy", "torch")
     versions = {"python": platform.python_version()}
-    versions |= {name: metadata.version(name) for name in libraries}
+    for name in libraries:
+        with suppress(metadata.PackageNotFoundError):  # a checkout that is not installed
+            versions[name] = metadata.version(name)
     return {"commit": commit or "none", "dirty": bool(commit and changes), "versions": versions}
 
 

@@ -50,6 +50,10 @@ def atomic(path: Path) -> Iterator[Path]:
         if temporary.exists() and (path.is_dir() or (temporary.is_dir() and path.exists())):
             os.rename(path, old)  # a folder is replaced in two steps
         os.replace(temporary, path)
+    except BaseException:
+        if old.exists() and not path.exists():
+            os.rename(old, path)
+        raise
     finally:
         remove(temporary)
         remove(old)

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from knotflow.apps.studio.session import ROPES, Session, StudioError
 from knotflow.perception import SAMPLE
@@ -137,6 +138,31 @@ def test_another_rope_drops_draft_and_plan(session):
     session.begin(parse_action("R1(0,1,1)"))
     session.lay_named("arc")
     assert session.draft is None and session.plan is None
+
+
+@pytest.mark.parametrize("turn", ["read_photo", "open_photo"])
+def test_a_photograph_drops_draft_and_plan(session, monkeypatch, turn):
+    monkeypatch.setattr("knotflow.apps.studio.photograph.Photograph", lambda *_: object())
+    session.begin(parse_action("R1(0,1,1)"))
+    session.plan = object()
+    picture = io.BytesIO()
+    Image.new("RGB", (40, 30)).save(picture, "png")
+    if turn == "read_photo":
+        session.read_photo("rope.png", picture.getvalue())
+    else:
+        session.open_photo()
+    assert session.draft is None and session.plan is None
+    with pytest.raises(StudioError, match="choose an action"):
+        session.simulate()
+
+
+def test_no_rope_is_laid_while_something_runs(session):
+    before = session.points
+    with session._busy, pytest.raises(StudioError, match="is running"):
+        session.lay_named("arc")
+    assert session.points is before
+    session.lay_named("arc")
+    assert session.points is not before
 
 
 @pytest.mark.slow

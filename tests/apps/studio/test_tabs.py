@@ -51,3 +51,14 @@ def test_state_above_the_tabs_is_that_before_what_is_watched(state):
     assert state._rope_line.content.startswith("**Before:** `trivial`")
     state.unwatch()
     assert state._rope_line.content.startswith("**On the table:** `trivial`")
+
+
+def test_another_rope_ends_a_drawing(state):
+    tab = RopeTab(state)
+    begin = tab._draw.label
+    tab._start_or_finish_drawing(None)
+    assert tab._draw.label == "Finish drawing"
+    tab._add_corner(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0]))
+    state.session.lay_named("arc")
+    state.rope_changed("An arc.")
+    assert tab._draw.label == begin and not tab._corners

@@ -195,3 +195,17 @@ def test_a_speed_limit_that_is_no_number_is_told(urdf):
     urdf.write_text(urdf.read_text().replace('velocity="3.1"', 'velocity="fast"'))
     with pytest.raises(ArmError, match="lab.urdf: the velocity of a limit is a number: .*fast"):
         load_arm(urdf, tip="fingers")
+
+
+NAMELESS = """<mujoco><worldbody><body><joint{joint} axis="0 0 1"/><geom size="0.1"/>
+<site/><site name="tip"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(("joint", "valid"), [(' name="turn"', True), ("", False)])
+def test_sites_may_lack_names_and_joints_may_not(tmp_path, joint, valid):
+    (tmp_path / "arm.xml").write_text(NAMELESS.format(joint=joint))
+    if valid:
+        assert load_arm(tmp_path / "arm.xml").joints == ("turn",)
+    else:
+        with pytest.raises(ArmError, match="a joint that moves 'tip' has no name"):
+            load_arm(tmp_path / "arm.xml")

@@ -114,6 +114,8 @@ class Photograph:
     def swap(self, number: int) -> None:
         """Turn a crossing, counted from 0 in the order met: its lower strand is the upper one."""
         crossings, said = list(self.found.crossings), list(self._said)
+        if number not in range(len(crossings)):
+            raise PhotoError("that crossing is gone: click again")
         over = not crossings[number].first_over
         crossings[number] = replace(crossings[number], first_over=over, certainty=1.0)
         said[number] = True

@@ -32,6 +32,7 @@ from knotflow.planning import (
     SearchUpdate,
     SurvivalConfig,
     measured_rope,
+    parse_goal,
     parse_rope,
     plan_rope,
 )
@@ -123,12 +124,19 @@ class Session:
             DegenerateCurveError: its state cannot be read.
             StudioError: a search or simulation is running.
         """
-        self._check_idle()
-        self.state = TopologicalState.from_curve(points)
-        self.measured = measured
-        self.photo: Photograph | None = None
-        self.laid = True
-        self.points: NDArray[np.float64] = np.array(points, np.float64)
+        state = TopologicalState.from_curve(points)
+        self._check_idle(hold=True)
+        try:
+            self.state, self.measured = state, measured
+            self.photo: Photograph | None = None
+            self.laid = True
+            self.points: NDArray[np.float64] = np.array(points, np.float64)
+            self._drop()
+        finally:
+            self._busy.release()
+
+    def _drop(self) -> None:
+        """Forget the plan and the demonstration of the rope before."""
         self.plan: KnotPlan | None = None
         self.remarks: tuple[str, ...] = ()
         self.draft: Draft | None = None
@@ -183,12 +191,14 @@ class Session:
         with self._busy, one_thread(), _uploaded((name, content)) as (path,):
             self.photo = Photograph(name, read_colour(path, upright=True), colour)
         self.laid = False
+        self._drop()
         return self.photo
 
     def open_photo(self) -> None:
-        """Correct the photograph's rope after it was laid; its plan is dropped."""
+        """Correct the photograph's rope after it was laid; plan and draft are dropped."""
         self._check_idle()
-        self.laid, self.plan = False, None
+        self.laid = False
+        self._drop()
 
     def lay_photo(self) -> None:
         """Lay the photograph's rope, unless it lies there; see `Photograph.rope` for its errors."""
@@ -220,7 +230,8 @@ class Session:
                     sampler=self.library, simulation=simulation, config=config, progress=progress,
                     survival=SurvivalConfig(worlds), reach=hand,
                 )  # fmt: skip
-        self.remarks = tuple(str(one.message) for one in unlike)
+        doubts = self.measured.size.doubts(parse_goal(knot, self.rope)) if self.measured else ""
+        self.remarks = (*filter(None, [doubts]), *(str(one.message) for one in unlike))
         self.plan = subsample(plan)
         return self.plan
 
@@ -277,9 +288,12 @@ class Session:
         """The demonstrations of `file`."""
         return load_demonstrations(self.file) if self.file.exists() else []
 
-    def _check_idle(self) -> None:
-        if self._busy.locked():
+    def _check_idle(self, hold: bool = False) -> None:
+        """Refuse while something runs; with `hold` nothing else may, until `_busy` is released."""
+        if not self._busy.acquire(blocking=False):
             raise StudioError("a search or a simulation is running: wait for it, or stop it")
+        if not hold:
+            self._busy.release()
 
 
 @contextmanager

@@ -141,6 +141,10 @@ class RopeTab:
             for name, label in _IMAGES.items():
                 button = gui.add_upload_button(label, color="gray")
                 button.on_upload(state.guarded(lambda event, name=name: self._image(event, name)))
+        state.rope_listeners.append(self._end_drawing)
+
+    def _end_drawing(self) -> None:
+        self._corners, self._draw.label = [], _DRAW
 
     def _lay(self, event: viser.GuiEvent) -> None:
         self._state.session.lay_named(self._name.value)

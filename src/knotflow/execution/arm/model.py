@@ -216,7 +216,7 @@ def load_arm(
     left out: links without other collision geometry collide with nothing.
 
     Raises:
-        ArmError: no such file, model, site or link, or nothing that moves it.
+        ArmError: no such file, model, site or link, nothing that moves it, or a joint without name.
     """
     path = Path(path)
     if not path.is_file():
@@ -225,7 +225,7 @@ def load_arm(
         model = _read_model(path, tip).compile()
     except (ValueError, RuntimeError, ElementTree.ParseError) as error:
         raise ArmError(f"{path}: MuJoCo cannot read this arm: {error}") from None
-    sites = [model.site(i).name for i in range(model.nsite)]
+    sites = [name for i in range(model.nsite) if (name := model.site(i).name)]
     if tip is None and len(sites) == 1:
         tip = sites[0]
     if tip is None or tip not in sites:
@@ -238,6 +238,8 @@ def load_arm(
     if not chain:
         raise ArmError(f"{path}: no hinge or slide moves {tip!r}")
     joints = tuple(model.joint(one).name for one in chain)
+    if not all(joints):
+        raise ArmError(f"{path}: a joint that moves {tip!r} has no name")
     if max_speed is None:
         speeds = _urdf_speeds(path)
         max_speed = [speeds.get(name, 1.0) for name in joints]
