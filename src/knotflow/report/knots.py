@@ -127,17 +127,19 @@ def goals(results: Results, figures: Figures) -> Parts:
     """A line for each number of crossings, the share over time, and every goal not tied."""
     table = results.table("goals", "goals.csv", GOAL_SEARCHES, GOAL)
     sets = {str(name): own for name, own in table.groupby("set", sort=False)}
+    failed = table[~table["solved"]]
+    reasons = set(failed["reason"])
     missed = [
         {
             "crossings": one.set,
             "goal": f"`{one.goal}`",
             "rope": str(one.rope_seed),
             "kept": f"{one.kept:,}",
-            "simulated": f"{one.simulated:,}",
-            "why the search ended": one.reason,
         }
-        for one in table[~table["solved"]].itertuples()
+        | ({"why the search ended": one.reason} if len(reasons) > 1 else {})
+        for one in failed.itertuples()
     ]
+    why = f" In each search, {reasons.pop()}." if len(reasons) == 1 else ""
     groups = {f"{name} crossings": own for name, own in sets.items()}
     return {
         "figure": tied_by_splines(figures, "goals", groups, "number of crossings"),
@@ -145,7 +147,7 @@ def goals(results: Results, figures: Figures) -> Parts:
         "settings": search_words(results, "goals", "goals"),
         "checks": checks(results, "goals"),
         "missed": md.table(
-            missed, f"Goals that were not tied, {len(missed)} in all. {STATE_NOTATION}"
+            missed, f"Goals that were not tied, {len(missed)} in all. {STATE_NOTATION}{why}"
         ),
     }
 
