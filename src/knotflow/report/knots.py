@@ -128,7 +128,8 @@ def goals(results: Results, figures: Figures) -> Parts:
     table = results.table("goals", "goals.csv", GOAL_SEARCHES, GOAL)
     sets = {str(name): own for name, own in table.groupby("set", sort=False)}
     failed = table[~table["solved"]]
-    reasons = set(failed["reason"])
+    alike = len(failed) > 1 and len(failed[["simulated", "reason"]].drop_duplicates()) == 1
+    ends = [] if alike else ["simulated", "why the search ended"]
     missed = [
         {
             "crossings": one.set,
@@ -136,10 +137,10 @@ def goals(results: Results, figures: Figures) -> Parts:
             "rope": str(one.rope_seed),
             "kept": f"{one.kept:,}",
         }
-        | ({"why the search ended": one.reason} if len(reasons) > 1 else {})
+        | dict(zip(ends, (f"{one.simulated:,}", one.reason), strict=False))
         for one in failed.itertuples()
     ]
-    why = f" In each search, {reasons.pop()}." if len(reasons) == 1 else ""
+    why = f" In each search, {failed['reason'].iloc[0]}." if alike else ""
     groups = {f"{name} crossings": own for name, own in sets.items()}
     return {
         "figure": tied_by_splines(figures, "goals", groups, "number of crossings"),
