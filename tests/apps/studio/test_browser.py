@@ -133,7 +133,11 @@ class Person:
         return [handle for handle in handles if isinstance(handle.value, str)]
 
     def seen_at(self, place):
-        """Where a place (3,) in the world is to be seen on the page."""
+        """Where a place (3,) in the world is to be seen on the page, once viser's notice of slow
+        rendering, which lies over the canvas, is closed."""
+        for notice in self.page.locator(".mantine-Notification-closeButton").all():
+            with suppress(playwright.TimeoutError):  # it has closed by itself
+                notice.click(force=True, timeout=2000)
         camera = camera_of(self)
         turn = viser.transforms.SO3(np.asarray(camera.wxyz)).inverse()
         x, y, z = turn.apply(np.asarray(place) - camera.position)
@@ -317,10 +321,8 @@ def test_plan_is_made_and_exported(person):
 def test_clicks_beside_the_rope_are_explained(person):
     person.tab("Teach")
     person.press("Demonstrate", lambda: person.studio.state.session.draft is not None)
-    told = person.page.get_by_text("grasp the rope: that was")
-    while not told.is_visible():  # a click before the page listens is lost
-        person.click_at((0.0, 0.3, 0.0))
-        person.wait(told.is_visible, 5)
+    person.click_at((0.0, 0.3, 0.0))
+    person.page.get_by_text("grasp the rope: that was").wait_for()
 
 
 def test_start_of_a_task_can_be_laid(person):
