@@ -79,7 +79,7 @@ def _by_segments(rates: pd.DataFrame) -> str:
             "end touched": touched,
             "actions": str(len(own)),
         }
-        | {f"mean {_splines(most)}": f"{100 * own[most].mean():.0f} %" for most in limits}
+        | {f"mean {_splines(most)}": f"{md.whole(100 * own[most].mean())} %" for most in limits}
         | {"never": str(int((own[limits] == 0).all(axis=1).sum()))}
         for (kind, crossings, touched), own in rates.assign(touched=ends).groupby(
             ["class", "crossings", "touched"]

@@ -256,7 +256,7 @@ def few_large_trees(results: Results) -> str:
     found = _by_training(results)
     counts = [np.sort(own["kept"]) for own in found]
     tenth = [own[-max(1, len(own) // 10) :].sum() / own.sum() for own in counts]
-    shares = " / ".join(f"{100 * share:.0f} %" for share in tenth)
+    shares = " / ".join(f"{md.whole(100 * share)} %" for share in tenth)
     spreads = _spreads(_pairs(*found))
     grows = spreads["kept_after"] >= spreads["kept_before"]
     return (

@@ -264,7 +264,7 @@ def _measured(plans: pd.DataFrame) -> dict[str, str]:
             f"{found['limit_margin_deg'].min():.1f}°"
         ),
         "largest joint speed": lambda: (
-            f"{100 * found['joint_speed_share'].max():.0f} % of its limit"
+            f"{md.whole(100 * found['joint_speed_share'].max())} % of its limit"
         ),
         "duration of a plan, median": lambda: md.duration(found["seconds"].median()),
         "slowest drag of a plan against the simulation, median over plans": lambda: (

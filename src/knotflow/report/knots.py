@@ -129,7 +129,6 @@ def goals(results: Results, figures: Figures) -> Parts:
     sets = {str(name): own for name, own in table.groupby("set", sort=False)}
     failed = table[~table["solved"]]
     alike = len(failed) > 1 and len(failed[["simulated", "reason"]].drop_duplicates()) == 1
-    ends = [] if alike else ["simulated", "why the search ended"]
     missed = [
         {
             "crossings": one.set,
@@ -137,7 +136,7 @@ def goals(results: Results, figures: Figures) -> Parts:
             "rope": str(one.rope_seed),
             "kept": f"{one.kept:,}",
         }
-        | dict(zip(ends, (f"{one.simulated:,}", one.reason), strict=False))
+        | ({} if alike else {"simulated": f"{one.simulated:,}", "why the search ended": one.reason})
         for one in failed.itertuples()
     ]
     why = f" In each search, {failed['reason'].iloc[0]}." if alike else ""
