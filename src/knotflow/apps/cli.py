@@ -64,8 +64,8 @@ Worlds = Annotated[int, Parameter(validator=Number(gte=0))]
 OfArm = Annotated[ArmOptions, Parameter(name="*")]
 
 MARGIN = 0.03  # least length between crossings of `next` and `run`, metres; a share of short ropes
-NO_DEPTH = "--depth-unit is of a depth image, of which there is none"
 GRIPPER_ERROR = 0.005  # standard deviation in the worlds of `next`, metres
+NO_DEPTH = "--depth-unit is of a depth image, of which there is none"
 
 
 @app.command(help_epilogue="")
@@ -93,7 +93,6 @@ def plan(
         worlds: Search until a plan ties in 3/4 of N perturbed worlds and 2 N others; 0: the first.
         overwrite: Replace the plan in that folder; other files there are kept.
     """
-    arm.check()
     measured = search.read_rope(rope, options, seed)
     folder = out if out is not None else Path("plans") / plan_name(knot, rope, seed)
     what = outputs.digest(Path(rope)) if Path(rope).is_file() else rope
@@ -152,7 +151,6 @@ def next_step(
         margin: Least length of each piece of rope between crossings, metres; 0.03 by default.
         worlds: As in `knotflow plan`, but less perturbed (level 1) and with gripper errors.
     """
-    arm.check()
     if out is not None:
         outputs.check_free(out)
     if plan is not None:
@@ -276,7 +274,6 @@ def run(
     from knotflow.recording import RunLog
     from knotflow.simulation import ShapeError
 
-    arm.check()
     options = RopeOptions(length=length, diameter=diameter, stiffness=stiffness)
     rope = RopeSize.of_options(options).rope()
     planning.parse_goal(knot, rope)  # refuses it before a robot is asked for
@@ -549,11 +546,11 @@ def see(
         if given and given.resolve() in (one.resolve() for one in (out, drawing) if one):
             raise ValueError(f"--out {out} would replace {given}")
     colours = rope_color, head_color
-    if depth is None and depth_unit:
-        raise ValueError(NO_DEPTH)
-    if depth is None and diameter:
-        raise ValueError("--diameter is not for a photograph: it shows how thick the rope is")
     if depth is None:
+        if depth_unit:
+            raise ValueError(NO_DEPTH)
+        if diameter:
+            raise ValueError("--diameter is not for a photograph: it shows how thick the rope is")
         from knotflow.perception.photo import io as photo_io
 
         photo, rgb, xy = _see_photo(image, camera, length, colours, scaled=out is not None)

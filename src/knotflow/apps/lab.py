@@ -158,15 +158,6 @@ def tie(
     Raises:
         ValueError: see `parse_goal`.
     """
-    done = _tie(knot, robot, camera, rope, replan, confirm, log, config, allow)
-    log.say(done.reason)
-    return done
-
-
-def _tie(
-    knot: str, robot: Robot, camera: Camera, rope: RopeConfig, replan: Replan, confirm: Confirm,
-    log: RunLog, config: ExecutionConfig | None, allow: Allow | None,
-) -> Tied:  # fmt: skip
     goal, config = parse_goal(knot), config or ExecutionConfig()
     logged = LoggedRobot(robot, log)
     estimator = ImageStateEstimator(camera, rope)
@@ -175,25 +166,31 @@ def _tie(
         f"before every image the gripper moves to [{x}, {y}, {z}] mm, and if the image is in doubt "
         f"to [{x}, {-y}, {z}] mm"
     ):
-        return Tied(False, "the gripper was not allowed to move out of the way")
+        done = Tied(False, "the gripper was not allowed to move out of the way")
+        log.say(done.reason)
+        return done
     try:
         logged.release()
         seen = StepExecutor(logged, config).observe(estimator, 0)
         if seen.points is None:
-            return Tied(False, f"the rope is not seen: {'; '.join(seen.all_ambiguities)}")
-        log.rope(seen.points)
-        execution = execute(
-            _begin(goal, seen, rope), logged, config, estimator=estimator, replan=replan,
-            confirm=confirm, allow=allow,
-        )  # fmt: skip
+            done = Tied(False, f"the rope is not seen: {'; '.join(seen.all_ambiguities)}")
+        else:
+            log.rope(seen.points)
+            execution = execute(
+                _begin(goal, seen, rope), logged, config, estimator=estimator, replan=replan,
+                confirm=confirm, allow=allow,
+            )  # fmt: skip
+            done = Tied(bool(execution.tied), execution.reason, execution)
     except (LabError, RobotError) as error:
-        return Tied(False, "; ".join([str(error), *getattr(error, "__notes__", ())]))
+        done = Tied(False, "; ".join([str(error), *getattr(error, "__notes__", ())]))
     finally:
         with suppress(LabError):
             logged.release()
-    if execution.observation is not None and execution.observation.points is not None:
-        log.rope(execution.observation.points)
-    return Tied(bool(execution.tied), execution.reason, execution)
+    last = done.execution and done.execution.observation
+    if last is not None and last.points is not None:
+        log.rope(last.points)
+    log.say(done.reason)
+    return done
 
 
 def _begin(goal: Goal, seen: Observation, rope: RopeConfig) -> KnotPlan:

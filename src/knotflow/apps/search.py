@@ -29,9 +29,8 @@ class ArmOptions:
     tip: str | None = None
     """As in `knotflow export`, with --arm."""
 
-    def check(self) -> None:
-        """Raises `ValueError` where something is said of no arm."""
-        if self.arm is None and self != NO_ARM:
+    def __post_init__(self) -> None:
+        if self.arm is None and (self.base is not None or self.tip is not None):
             raise ValueError("--base and --tip need --arm")
 
 

@@ -131,13 +131,13 @@ def test_a_rope_in_doubt_is_not_laid_before_it_is_confirmed(flat):
     assert flat.doubts
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("number", [None, 99])
 def test_a_click_on_a_crossing_that_is_gone_is_answered(sure, number):
     with pytest.raises(PhotoError, match="gone"):
         sure.swap(number)
 
 
+@pytest.mark.slow
 def test_a_swap_settles_its_crossing(flat):
     for number, one in enumerate(flat.found.crossings):
         if one.certainty < 0.95:

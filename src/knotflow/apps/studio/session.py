@@ -124,16 +124,13 @@ class Session:
             DegenerateCurveError: its state cannot be read.
             StudioError: a search or simulation is running.
         """
-        state = TopologicalState.from_curve(points)
-        self._check_idle(hold=True)
-        try:
-            self.state, self.measured = state, measured
+        with self._while_idle():
+            self.state = TopologicalState.from_curve(points)
+            self.measured = measured
             self.photo: Photograph | None = None
             self.laid = True
             self.points: NDArray[np.float64] = np.array(points, np.float64)
             self._drop()
-        finally:
-            self._busy.release()
 
     def _drop(self) -> None:
         """Forget the plan and the demonstration of the rope before."""
@@ -187,18 +184,17 @@ class Session:
         from knotflow.apps.studio.photograph import Photograph  # slow to import
         from knotflow.perception.camera.image import read_colour
 
-        self._check_idle()
-        with self._busy, one_thread(), _uploaded((name, content)) as (path,):
+        with self._while_idle(), one_thread(), _uploaded((name, content)) as (path,):
             self.photo = Photograph(name, read_colour(path, upright=True), colour)
-        self.laid = False
-        self._drop()
-        return self.photo
+            self.laid = False
+            self._drop()
+            return self.photo
 
     def open_photo(self) -> None:
         """Correct the photograph's rope after it was laid; plan and draft are dropped."""
-        self._check_idle()
-        self.laid = False
-        self._drop()
+        with self._while_idle():
+            self.laid = False
+            self._drop()
 
     def lay_photo(self) -> None:
         """Lay the photograph's rope, unless it lies there; see `Photograph.rope` for its errors."""
@@ -288,11 +284,14 @@ class Session:
         """The demonstrations of `file`."""
         return load_demonstrations(self.file) if self.file.exists() else []
 
-    def _check_idle(self, hold: bool = False) -> None:
-        """Refuse while something runs; with `hold` nothing else may, until `_busy` is released."""
+    @contextmanager
+    def _while_idle(self) -> Iterator[None]:
+        """A block that is refused while something runs, and in which nothing else does."""
         if not self._busy.acquire(blocking=False):
             raise StudioError("a search or a simulation is running: wait for it, or stop it")
-        if not hold:
+        try:
+            yield
+        finally:
             self._busy.release()
 
 

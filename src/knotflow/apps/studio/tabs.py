@@ -165,15 +165,15 @@ class RopeTab:
 
     def _start_or_finish_drawing(self, event: viser.GuiEvent) -> None:
         state, drawing = self._state, self._state.on_click == self._add_corner
-        corners, self._corners = np.array(self._corners), []
+        corners = np.array(self._corners)
+        self._end_drawing()
         state.scene.polyline(np.zeros((0, 2)))
-        self._draw.label = _DRAW if drawing else "Finish drawing"
         if drawing:
             state.on_click = None
             state.session.lay(rope_from_drawing(corners, state.session.simulation.rope))
             state.rope_changed("The rope as drawn.")
         else:
-            state.on_click = self._add_corner
+            state.on_click, self._draw.label = self._add_corner, "Finish drawing"
             state.say("Click along the rope from head to tail; later strands lie over earlier.")
 
     def _add_corner(self, origin: np.ndarray, direction: np.ndarray) -> None:
