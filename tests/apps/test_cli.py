@@ -81,6 +81,12 @@ def searches(monkeypatch, found):
         (["plan", "overhand", "--seed", "one"], "--seed"),
         (["plan", "overhand", "--max-seconds", "0"], "--max-seconds"),
         (["plan", "overhand", "--margin", "-0.01"], "--margin"),
+        (["plan", "overhand", "--margin", "15cm"], "leave 7 pieces of rope, of 1 m at most 0.14 m"),
+        (["run", "overhand", "--yes", "--margin", "15cm"], "leave 7 pieces of rope"),
+        (["plan", "overhand", "--length", "8m"], "by 80 mm: the fingers grasp 46 mm at most"),
+        (["run", "overhand", "--yes", "--diameter", "48mm"], "the fingers grasp 46 mm at most"),
+        (["plan", "overhand", "--stiffness", "30cm"], "is not between 0.002 and 0.15 m"),
+        (["plan", "overhand", "--arm", "pnda"], "give panda, ur5e, xarm7"),
         (["plan", "unknot"], "nothing to plan"),
         (["plan", "overhand", "--out", "/proc/1/plan"], "/proc/1"),
         (["next", "overhand"], "--rope"),
@@ -206,6 +212,19 @@ def test_a_search_that_fails_is_1_and_its_folder_says_so(searches, found, here, 
     for _ in range(2):  # the second time it is told what was found before
         assert main(["plan", LOOP, "--rope", "straight"]) == 1
     assert not json.loads(next(here.glob("plans/*/outcome.json")).read_text())["success"]
+
+
+def test_a_plan_less_sure_than_sought_says_so(found, searches, monkeypatch, capsys):
+    words = ["plan", LOOP, "--rope", "straight", "--margin", "2cm", "--overwrite"]
+    assert main(words) == 0
+    assert searches.pop()["margin"] == 0.02
+    assert "sought" not in capsys.readouterr().out
+    unsure = replace(found, worlds=16, survived=(11,)), None
+    monkeypatch.setattr(search, "find_plan", lambda *_, **__: unsure)
+    assert main(words) == 0
+    told = capsys.readouterr().out
+    assert "in fewer than the 75 % sought; longer: --overwrite --max-seconds 120" in told
+    assert "--margin 0.01" in told
 
 
 @pytest.mark.slow

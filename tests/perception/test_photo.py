@@ -13,7 +13,7 @@ from tests.perception.photographs import centre_line, crossings_of, photograph, 
 
 from knotflow.perception import Camera, ImageError
 from knotflow.perception.photo import io
-from knotflow.perception.photo.colours import Colours
+from knotflow.perception.photo.colours import NO_HEAD, Colours
 from knotflow.perception.photo.estimate import estimate_photo
 from knotflow.topology import TopologicalState
 
@@ -154,6 +154,8 @@ def test_the_heads_colour_tells_the_head():
         found = estimate_photo(marked, Colours.parse(head="crimson"))
         assert found.head_known and np.linalg.norm(found.pixels[0] - line[end]) < 9
         assert found.state == (state if end == 0 else state.reversed())
+        other = estimate_photo(marked, Colours.parse(head="green"))
+        assert not other.head_known and NO_HEAD in other.doubts
     assert not estimate_photo(rgb, Colours.parse(head="crimson")).head_known
     with pytest.raises(ImageError, match="no colour"):
         Colours.parse(head="reddish")

@@ -12,8 +12,9 @@ from knotflow.planning import (
     tree,
 )
 from knotflow.planning.config import RULES
+from knotflow.planning.plan import OUT_OF_REACH
 from knotflow.planning.proposals import clearance
-from knotflow.planning.tree import DIVERGED, OUT_OF_REACH
+from knotflow.planning.tree import DIVERGED
 from knotflow.samplers.demonstrations import heuristic_splines
 from knotflow.simulation import (
     RopeSimulator,
@@ -181,6 +182,8 @@ def test_splines_out_of_reach_are_replaced_and_not_simulated(world, path_goal):
     never = search(path_goal, world(), reach=FakeReach(refused=10**9), max_branches=5, batch=4)
     assert not never.solved and never.branches == 0 and "in the arm's reach" in never.reason
     assert {one.outcome for one in never.tried} == {OUT_OF_REACH}
+    times = sum(one.branches for one in never.tried)
+    assert f"0 of 0 splines reached its state; {times} times none was in reach" in never.summary()
 
 
 def test_margin_is_kept(world, path_goal):

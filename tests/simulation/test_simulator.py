@@ -177,8 +177,9 @@ def test_invalid_input_is_rejected(simulator, rng):
         simulator.execute(points, splines[:1])
 
 
-def test_divergence_is_marked_per_rope(rng):
-    """Physics that blows up is a marked failure, not an exception and not a neighbour's."""
+def test_divergence_is_marked_per_rope(rng, tmp_path, monkeypatch):
+    """Physics that blows up is a marked failure, not an exception, a file or a neighbour's."""
+    monkeypatch.chdir(tmp_path)
     fragile = SimulationConfig(
         rope=RopeConfig(joint_armature=0.0, joint_damping=0.0, density=1.0),
         timestep=0.05,
@@ -192,6 +193,7 @@ def test_divergence_is_marked_per_rope(rng):
     lost = rollouts.diverged
     np.testing.assert_array_equal(rollouts.end_points[lost], points[lost])
     assert np.isfinite(rollouts.end_points).all()
+    assert not list(tmp_path.iterdir())
 
 
 def test_indexing_and_concatenating_rollouts(simulator, rng):

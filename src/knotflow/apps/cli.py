@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from knotflow.perception.photo.estimate import PhotoEstimate
+    from knotflow.simulation import RopeConfig
 
 EXAMPLES = """\
 Examples:
@@ -59,7 +60,6 @@ Rope = Annotated[str, Parameter(help="straight, arc, random, or a file of x, y, 
 Options = Annotated[RopeOptions, Parameter(name="*")]
 Seed = Annotated[int, Parameter(validator=Number(gte=0))]
 Seconds = Annotated[float, Parameter(validator=Number(gt=0), help="Time limit of the search.")]
-Margin = Annotated[float, Parameter(validator=Number(gte=0))]
 Worlds = Annotated[int, Parameter(validator=Number(gte=0))]
 OfArm = Annotated[ArmOptions, Parameter(name="*")]
 
@@ -78,7 +78,7 @@ def plan(
     out: Path | None = None,
     seed: Seed = 0,
     max_seconds: Seconds = 60.0,
-    margin: Margin = 0.0,
+    margin: str = "0",
     worlds: Worlds = 16,
     arm: OfArm = NO_ARM,
     overwrite: bool = False,
@@ -89,31 +89,42 @@ def plan(
         knot: overhand, figure_eight, ...; crossings (4o1+2o5+6o3+); actions ("R1(0,1,1) C(0,1,1)").
         out: Folder for pictures, recording and waypoints; plans/KNOT-ROPE-SEED by default.
         seed: Seed of the random rope and of the search.
-        margin: Least length of each piece of rope between crossings, metres.
+        margin: Least length of each piece of rope between crossings, such as 3cm.
         worlds: Search until a plan ties in 3/4 of N perturbed worlds and 2 N others; 0: the first.
         overwrite: Replace the plan in that folder; other files there are kept.
     """
     measured = search.read_rope(rope, options, seed)
     folder = out if out is not None else Path("plans") / plan_name(knot, rope, seed)
     what = outputs.digest(Path(rope)) if Path(rope).is_file() else rope
+    least = _margin(margin, knot, measured.rope)
     request: dict[str, Any] = {"knot": knot, "rope": what, "seed": seed}
-    request |= {"max_seconds": max_seconds, "margin": margin, "worlds": worlds}
+    request |= {"max_seconds": max_seconds, "margin": least, "worlds": worlds}
     request |= vars(options or RopeOptions()) | outputs.provenance()
     if arm.arm is not None:
+        from knotflow.execution.arm.model import find_arm
+
         request |= {key: str(one) for key, one in vars(arm).items() if one is not None}
+        find_arm(arm.arm, arm.tip)  # refuses it before a stored plan is asked
         request["arm_code"] = outputs.arm_digest(arm.arm, arm.base)
+    another = _cure(max_seconds, least, "--overwrite ") + "; another search: --seed N"
     stored = outputs.stored_outcome(folder, request, overwrite)
     if stored is not None:
         print(f"{stored['text']}\n{folder}: already planned; --overwrite plans again")
-        return _outcome(stored["success"], max_seconds)
+        if not stored["success"]:
+            print(another)
+        return 0 if stored["success"] else 1
     found, last = search.find_plan(
-        knot, measured, seed=seed, max_seconds=max_seconds, margin=margin, worlds=worlds, arm=arm
+        knot, measured, seed=seed, max_seconds=max_seconds, margin=least, worlds=worlds, arm=arm
     )
     found = found.placed(measured.placement, measured.frame)
     last = last and measured.placement.attempts(last)
     outputs.write_plan(folder, found, last, measured.rope, request)
     print(f"{found.summary()}\n{folder}: plan.png, plan.gif, plan.mcap, waypoints.csv and others")
-    return _outcome(found.solved, max_seconds)
+    if not found.solved:
+        print(another)
+    elif found.worlds and found.survived[-1] < (sure := planning.SurvivalConfig().least) * worlds:
+        print(f"in fewer than the {100 * sure:g} % sought; {another}")
+    return 0 if found.solved else 1
 
 
 @app.command(name="next", help_epilogue="")
@@ -132,7 +143,7 @@ def next_step(
     out: Path | None = None,
     seed: Seed = 0,
     max_seconds: Seconds = 60.0,
-    margin: Margin | None = None,
+    margin: str | None = None,
     worlds: Worlds = 16,
     arm: OfArm = NO_ARM,
 ) -> int:
@@ -148,7 +159,7 @@ def next_step(
         plan: JSON file that keeps the whole plan, to go on with it after this action.
         out: CSV file for the gripper's waypoints of this action.
         seed: Seed of the search.
-        margin: Least length of each piece of rope between crossings, metres; 0.03 by default.
+        margin: Least length of each piece of rope between crossings; 3cm by default.
         worlds: As in `knotflow plan`, but less perturbed (level 1) and with gripper errors.
     """
     if out is not None:
@@ -185,18 +196,17 @@ def next_step(
         shape = planning.RopeTable(seen.points, "m", name=str(files[0]))
         ambiguous = seen.ambiguous
     if ambiguous:
-        print("the rope is ambiguous: spread its crossings apart and take another image")
+        print("the rope is ambiguous: take an image of all of it, its crossings spread apart")
         return 1
     measured = search.read_rope(shape, options, seed)
     earlier = None if plan is None else search.kept_plan(plan, knot, measured)
-    least = _margin(margin, measured)
+    least = _margin(margin, knot, measured.rope)
     found, _ = search.find_plan(
         knot, measured, earlier, seed=seed, max_seconds=max_seconds, margin=least, worlds=worlds,
         error=GRIPPER_ERROR, arm=arm,
     )  # fmt: skip
     if not found.solved:
-        tighter = f"; tighter loops: --margin {least / 2:g}" if least else ""
-        print(f"{found.summary()}\nlonger: --max-seconds {2 * max_seconds:g}{tighter}")
+        print(f"{found.summary()}\n{_cure(max_seconds, least)}")
         return 1
     from knotflow.topology.action_text import describe
 
@@ -243,7 +253,7 @@ def run(
     out: Path = Path("runs"),
     seed: Seed = 0,
     max_seconds: Seconds = 60.0,
-    margin: Margin | None = None,
+    margin: str | None = None,
     worlds: Worlds = 16,
     max_actions: Annotated[int, Parameter(validator=Number(gte=1))] = 20,
     level: Literal[0, 1, 2] = 1,
@@ -261,7 +271,7 @@ def run(
         stiffness: As in `knotflow plan`.
         out: Folder for the log (MCAP) of all images and motions.
         seed: Seed of the search and of the twin.
-        margin: Least length of each piece of rope between crossings, metres; 0.03 by default.
+        margin: Least length of each piece of rope between crossings; 3cm by default.
         worlds: As in `knotflow next`.
         max_actions: Give up after this many actions.
         level: Level of the twin's errors in rope, gripper and camera.
@@ -277,6 +287,8 @@ def run(
     options = RopeOptions(length=length, diameter=diameter, stiffness=stiffness)
     rope = RopeSize.of_options(options).rope()
     planning.parse_goal(knot, rope)  # refuses it before a robot is asked for
+    search.check_thickness(rope)
+    least = _margin(margin, knot, rope)
     if not yes and not sys.stdin.isatty():
         raise ValueError("run asks before every action: use a terminal, or --yes")
     if robot == "twin" and camera is not None:
@@ -300,7 +312,6 @@ def run(
             raise ShapeError(str(error)) from error
         if found is not None:
             found = search.resampled(found, measured)
-        least = _margin(margin, measured)
         found, _ = search.find_plan(
             knot, measured, found, seed=next(seeds), max_seconds=max_seconds, margin=least,
             worlds=worlds, error=GRIPPER_ERROR, arm=arm,
@@ -631,10 +642,10 @@ def _see_photo(
     from knotflow.perception import Calibration  # slow to import
     from knotflow.perception.photo import io
     from knotflow.planning.rope.centre_line import LENGTH_TOLERANCE
-    from knotflow.planning.rope.size import parse_metres
+    from knotflow.planning.rope.size import parse_length
     from knotflow.topology.polyline import arc_lengths
 
-    metres = parse_metres(length, "--length") if length else None
+    metres = parse_length(length) if length else None
     if scaled and metres is None and camera is None:
         raise ValueError(f"{image}: {io.NO_SCALE}")
     calibration = Calibration.load(camera) if camera else None
@@ -662,17 +673,27 @@ def _depth_unit(text: str | None) -> float | None:
     return parse_metres(f"1{text}" if text in METRES else text, "--depth-unit") if text else None
 
 
-def _margin(given: float | None, measured: planning.MeasuredRope) -> float:
+def _margin(given: str | None, knot: str, rope: RopeConfig) -> float:
     """Least length of rope between crossings, metres: as given, or `MARGIN`, less of a short
     rope."""
-    return MARGIN * min(measured.size.length, 1.0) if given is None else given
+    from knotflow.planning.rope.size import parse_metres
+
+    if given is None:
+        return MARGIN * min(rope.length, 1.0)
+    margin = parse_metres(given, "--margin", zero=True)
+    pieces = min(state.num_segments for state in planning.parse_goal(knot, rope).states)
+    if margin > rope.length / pieces:
+        raise ValueError(
+            f"--margin {given}: the crossings of {knot} leave {pieces} pieces of rope, of "
+            f"{rope.length:.3g} m at most {rope.length / pieces:.2g} m for each"
+        )
+    return margin
 
 
-def _outcome(tied: bool, max_seconds: float) -> int:
-    """The exit code of a plan; prints what to try if it is not solved."""
-    if not tied:
-        print(f"longer: --overwrite --max-seconds {2 * max_seconds:g}; another search: --seed N")
-    return 0 if tied else 1
+def _cure(max_seconds: float, margin: float, again: str = "") -> str:
+    """What to try where a search did not find enough."""
+    tighter = f"; tighter loops: --margin {margin / 2:g}" if margin else ""
+    return f"longer: {again}--max-seconds {2 * max_seconds:g}{tighter}"
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from knotflow import planning  # its names are loaded when they are used
 from knotflow.planning.config import FAST_SEARCH, RopeOptions
 
 if TYPE_CHECKING:
-    from knotflow.simulation import Attempts
+    from knotflow.simulation import Attempts, RopeConfig
 
 
 @dataclass(frozen=True)
@@ -43,14 +43,26 @@ def read_rope(
     """A rope of a word, a file or a table, see `planning.measured_rope`; prints its remarks.
 
     Raises:
-        RopeInputError: it cannot be read.
+        ValueError: it cannot be read, or not be grasped.
     """
     from knotflow.seeding import rng_of
 
     found = planning.measured_rope(rope, options or RopeOptions(), rng_of(seed, 0))
+    check_thickness(found.rope)
     for remark in found.remarks:
         print(remark)
     return found
+
+
+def check_thickness(rope: RopeConfig) -> None:
+    """Raises `ValueError` where a rope does not fit between the open fingers."""
+    hand = planning.HandConfig()
+    most = hand.opening - 2 * hand.clearance
+    if 2 * rope.radius > most:
+        raise ValueError(
+            f"a rope of {rope.length:.3g} m by {2e3 * rope.radius:.3g} mm: the fingers grasp "
+            f"{1e3 * most:.3g} mm at most; give its --diameter"
+        )
 
 
 def load_plan(file: Path) -> planning.KnotPlan:

@@ -47,7 +47,7 @@ from knotflow.planning import (
     parse_goal,
     plan_knot,
 )
-from knotflow.planning.tree import OUT_OF_REACH
+from knotflow.planning.plan import OUT_OF_REACH
 from knotflow.recording import RecordedRollout, RolloutImages, write_recording
 from knotflow.samplers import SamplerConfig
 from knotflow.seeding import rng_of

@@ -85,7 +85,9 @@ def describe(found: RopeEstimate, seen: Capture | None = None) -> str:
     """What was made of the files, state, crossings with their certainty, ambiguities, in lines."""
     lines = [f"input     {note}" for note in (seen.notes if seen else ())]
     lines += describe_state(found.state, found.crossings, found.ambiguous)
-    ends = "by its colour" if found.head_known else "not known: both ends look alike (--head-color)"
+    ends = (
+        "by its colour" if found.head_known else "not known: neither end stands out (--head-color)"
+    )
     lines += [
         f"head      {ends}",
         f"seen      {found.visible.mean():.0%} of the vertices",

@@ -19,6 +19,9 @@ from knotflow.topology.polyline import Floats
 FORMAT = "knotflow.plan"
 VERSION = 3
 
+OUT_OF_REACH = "out of reach"
+"""Outcome of an expansion for which no spline was found that the arm can follow."""
+
 _PLAIN = ("goal", "solved", "reason", "branches", "kept")
 _DECIMALS = 6  # of trajectories: micrometres, once float32 is widened
 
@@ -165,13 +168,18 @@ class KnotPlan:
         if self.solved:
             return "\n".join(lines)
         branches: Counter[tuple[TopologicalState, str]] = Counter()
-        successes: Counter[tuple[TopologicalState, str]] = Counter()
+        successes, unreached = branches.copy(), branches.copy()
         for one in self.tried:
-            branches[one.state, str(one.action)] += one.branches
-            successes[one.state, str(one.action)] += one.branches * one.success
+            if one.outcome == OUT_OF_REACH:
+                unreached[one.state, str(one.action)] += one.branches
+            else:
+                branches[one.state, str(one.action)] += one.branches
+                successes[one.state, str(one.action)] += one.branches * one.success
         lines += [
-            f"  {how} from {state}: {successes[state, how]} of {count} splines reached its state"
-            for (state, how), count in sorted(branches.items())
+            f"  {how} from {state}: {successes[state, how]} of {branches[state, how]} splines "
+            "reached its state"
+            + (f"; {times} times none was in reach" if (times := unreached[state, how]) else "")
+            for state, how in sorted({*branches, *unreached})
         ] or ["  nothing was tried"]
         return "\n".join(lines)
 

@@ -24,7 +24,7 @@ import numpy as np
 from knotflow.planning.config import PlannerConfig
 from knotflow.planning.goals import Goal
 from knotflow.planning.hand import Hand, Reach
-from knotflow.planning.plan import ExpansionStats, KnotPlan, PlanStep
+from knotflow.planning.plan import OUT_OF_REACH, ExpansionStats, KnotPlan, PlanStep
 from knotflow.planning.proposals import Proposals, group_by_query, prospect
 from knotflow.planning.rules import KINDS, Expansion, Node, PaperRule, PosteriorRule
 from knotflow.planning.validation import are_robust
@@ -46,8 +46,6 @@ DIVERGED, UNREADABLE = "diverged", "unreadable"
 """Outcomes without a state: the simulation diverged, or the projection is degenerate."""
 FRAGILE = "fragile"
 """Outcome of an expansion that reached its state with segments shorter than the margin."""
-OUT_OF_REACH = "out of reach"
-"""Outcome of an expansion for which no spline was found that the arm can follow."""
 COPIES = 8
 """Splines tried for each step of an earlier plan."""
 CHUNK = 4

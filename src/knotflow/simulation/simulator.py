@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -145,8 +146,11 @@ class RopeSimulator:
     """Executes splines on ropes at rest, on threads of its own; not to be called concurrently."""
 
     def __init__(self, config: SimulationConfig) -> None:
-        from mujoco.batch import Batch  # here, so that the configuration is read without it
+        import mujoco  # here, so that the configuration is read without it
+        from mujoco.batch import Batch
 
+        if mujoco.get_mju_user_warning() is None:  # which would write ./MUJOCO_LOG.TXT
+            mujoco.set_mju_user_warning(logging.getLogger(__name__).debug)
         self.config = config
         self.model = build_model(config.rope, config.timestep, config.contact_time)
         self._vertex_sites = np.array(

@@ -275,6 +275,23 @@ def test_lengths_that_need_a_unit_are_asked_for(tmp_path):
     assert measured(tmp_path, points, length="1.03m").size.length == 1.03
 
 
+@pytest.mark.parametrize("count", [15, 40, 99])
+def test_points_out_of_order_are_refused(tmp_path, count):
+    points = np.random.default_rng(0).permutation(line(LOOP, count))
+    for columns, header in ((3, "x,y,z"), (2, "x,y")):
+        with pytest.raises(RopeInputError, match="points out of order"):
+            measured(tmp_path, points[:, :columns], header)
+
+
+def test_a_rope_without_heights_that_crosses_itself_often_is_refused_in_few_words(tmp_path):
+    along = np.linspace(0, 1, 99)
+    wave = np.column_stack([0.25 * np.sin(40 * np.pi * along), 0.1 * along])
+    across = np.column_stack([0.2 - 0.4 * along, 0.05 + 0.01 * along])
+    with pytest.raises(RopeInputError, match="which strand is on top.* and .* others") as caught:
+        measured(tmp_path, np.concatenate([wave, across]), "x,y")
+    assert len(str(caught.value)) < 600
+
+
 @pytest.mark.slow
 def test_tight_loops_get_shorter_links_or_are_refused(tmp_path):
     angle = np.linspace(-0.9 * np.pi, 0.9 * np.pi, 60)

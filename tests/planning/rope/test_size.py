@@ -3,7 +3,7 @@ import pytest
 
 from knotflow.planning import RopeInputError, parse_goal
 from knotflow.planning.frame import Placement
-from knotflow.planning.rope.size import STIFFNESS, RopeSize, parse_metres
+from knotflow.planning.rope.size import STIFFNESS, RopeSize, parse_length, parse_metres
 from knotflow.simulation import (
     RopeConfig,
     RopeSimulator,
@@ -27,6 +27,13 @@ def test_lengths_are_read_in_their_units(text, metres):
 def test_what_is_no_length_is_refused(text):
     with pytest.raises(RopeInputError, match="--diameter.* is no length: write 6mm"):
         parse_metres(text, "--diameter")
+
+
+def test_lengths_without_a_unit_are_usual_ones():
+    assert parse_length("3cm") == pytest.approx(0.03) and parse_length("30m") == 30.0
+    for text, told in (("30", "without a unit .* 0.05 to 20 m"), ("1mm", "is 0.01 to 100 m")):
+        with pytest.raises(RopeInputError, match=f"--length {text}: .*{told}"):
+            parse_length(text)
 
 
 def test_rope_of_one_metre_is_the_model_rope():

@@ -156,6 +156,9 @@ def test_files_of_two_people_merge_and_doubles_are_refused(shipped, tmp_path):
     add_demonstration(two, shipped[1])
     with pytest.raises(DemonstrationError, match=r"two.jsonl, line 3 is the same .*one.jsonl, l"):
         merge_demonstrations([one, two])
+    two.write_text("")
+    with pytest.raises(DemonstrationError, match=r"two.jsonl has no demonstrations"):
+        merge_demonstrations([one, two])
 
 
 STARTS = {

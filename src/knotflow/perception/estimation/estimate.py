@@ -41,7 +41,7 @@ from knotflow.perception.estimation.search import (
 from knotflow.perception.estimation.skeleton import TraceError, lift, trace
 from knotflow.perception.networks.network import StrandNetwork, shipped_network
 from knotflow.perception.networks.strands import trace_rope
-from knotflow.perception.photo.colours import Colour, Colours, end_of_colour
+from knotflow.perception.photo.colours import NO_HEAD, Colour, Colours, end_of_colour
 from knotflow.perception.photo.lifting import shape_by_colour
 from knotflow.simulation import RopeConfig, state_or_none
 from knotflow.topology import TopologicalState
@@ -208,17 +208,19 @@ def _head_first(
     """The estimate, its head by its `colour` if known or one that stands out, or else as in an
     `earlier` shape (V, 3)."""
     shape, crossings = best.shape, best.crossings
+    reasons = best.reasons
     if colour is None:
         head = find_head(head_contrast(shape, target, image))
     else:
         head = end_of_colour(image.rgb, target.camera.project(shape)[:, :2], colour)
+        reasons += (NO_HEAD,) * (head is None)
     if head is None and earlier is not None:
         closer = mean_distance(shape[::-1], earlier) < mean_distance(shape, earlier)
         head = -1 if closer else 0
     if head == -1:
         turned = (one.reversed() for one in crossings)
         shape, crossings = shape[::-1].copy(), tuple(sorted(turned, key=lambda one: one.fractions))
-    best = best._replace(shape=shape, crossings=crossings)
+    best = best._replace(shape=shape, crossings=crossings, reasons=reasons)
     return RopeEstimate(
         shape,
         visible_vertices(shape, target.mask.numpy(), image, target.camera, target.rope),

@@ -15,7 +15,8 @@ Colour = tuple[int, int, int]
 """Red, green, blue, 0..255."""
 
 _END = 0.06  # share of the rope's length, at which its ends are compared
-_CLEAR = 0.75  # times as far from the colour as the other end, an end is the head
+_CLEAR = 0.75  # times as far from the colour as the other end and the rope, an end is the head
+NO_HEAD = "neither end has the colour of the head"
 
 
 @dataclass(frozen=True)
@@ -51,13 +52,14 @@ def _parse(text: str | None) -> Colour | None:
 
 def end_of_colour(rgb: NDArray[np.uint8], pixels: NDArray, colour: Colour) -> int | None:
     """Which end of a line (N, 2) of pixels in an image (H, W, 3) has a colour: 0 or -1; None where
-    neither is clearly nearer to it."""
+    neither is clearly nearer to it than the other and than the rope between them."""
     count = max(1, round(_END * len(pixels)))
     last = np.array(rgb.shape[1::-1]) - 1
     u, v = np.clip(np.round(np.nan_to_num(pixels)), 0, last).astype(int).T
     wanted = rgb2lab(np.array(colour, np.uint8)[None, None])[0, 0]
     off = np.linalg.norm(rgb2lab(rgb[v, u][None])[0] - wanted, axis=1)
     first, other = (float(np.min(some)) for some in (off[:count], off[-count:]))
-    if min(first, other) > _CLEAR * max(first, other):
+    between = float(np.median(off[count:-count])) if len(off) > 2 * count else np.inf
+    if min(first, other) > _CLEAR * min(max(first, other), between):
         return None
     return 0 if first < other else -1

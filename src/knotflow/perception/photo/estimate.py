@@ -17,7 +17,7 @@ from knotflow.perception.camera.image import ImageError
 from knotflow.perception.estimation.crossings import END_AMBIGUITIES, CrossingEvidence
 from knotflow.perception.estimation.fitting import interpolate
 from knotflow.perception.estimation.skeleton import TraceError, passages, rank_paths
-from knotflow.perception.photo.colours import Colour, Colours, end_of_colour
+from knotflow.perception.photo.colours import NO_HEAD, Colour, Colours, end_of_colour
 from knotflow.perception.photo.occlusion import occlusion_odds
 from knotflow.perception.photo.silhouette import Silhouette, find_silhouette
 from knotflow.topology import DegenerateCurveError, TopologicalState, project
@@ -154,6 +154,8 @@ class RopePhoto:
             *_crossing_doubts(crossings, state),
         )
         known = self.find_head(line) is not None
+        if self.head_colour and not known:
+            doubts = (*doubts, NO_HEAD)
         return PhotoEstimate(line, over, seen.width, state, crossings, doubts, known)
 
 

@@ -12,13 +12,12 @@ from knotflow.planning.config import Axis, RopeOptions
 from knotflow.planning.frame import METRES, Frame
 from knotflow.planning.rope.files import RopeInputError, RopeTable
 from knotflow.planning.rope.fit import Fit, fit_rope, planar_code, rests
-from knotflow.planning.rope.size import RopeSize, parse_metres
+from knotflow.planning.rope.size import LENGTHS, USUAL_LENGTHS, RopeSize, parse_length
 from knotflow.simulation import RopeConfig
 from knotflow.topology import CurveCrossings, DegenerateCurveError, TopologicalState
 from knotflow.topology.polyline import Floats, arc_lengths
 
 LENGTH_TOLERANCE = 0.05  # relative difference of a file's rope from a given length
-USUAL_LENGTHS = (0.05, 20.0)  # metres; outside, a file has to state its unit
 LYING = (6.0, 0.05)
 """Greatest height of a rope that lies on a table: the greater of so many diameters, and of this
 share of its length."""
@@ -26,7 +25,9 @@ MOST_TILT = np.deg2rad(45.0)  # of the table; beyond, `up` has to be said
 CUT_OUT = 0.02  # share of a closed curve that is left out where it is cut
 LEAST_GAP = 0.1  # diameters by which the strands of a crossing differ in height at least
 DENSE = 100  # points from which on a centre line is smoothed
+TOLD, MOST_TURN = 12, 1.0  # of so many points, the median turn of those in order, radians
 MOST_NOISE = 0.02  # of smoothed points, in lengths of the rope
+MOST_NAMED = 12  # crossings in a message
 MOST_OFF = 0.015  # farthest that a rope may lie from its curve, in its lengths
 
 
@@ -53,6 +54,7 @@ class CentreLine:
     @classmethod
     def of(cls, table: RopeTable, options: RopeOptions) -> CentreLine:
         """The errors are those of `measured_rope`."""
+        _check_order(table)
         table, smoothed = _smoothed(table)
         table, cut = _cut(table, options.cut)
         points = table.points
@@ -153,6 +155,18 @@ def _cut(table: RopeTable, cut: int | str | None) -> tuple[RopeTable, tuple[str,
     return replace(table, points=points[kept], over=over), told
 
 
+def _check_order(table: RopeTable) -> None:
+    """Raises `RopeInputError` where the points turn more than those of a line do."""
+    steps = np.diff(table.points, axis=0)
+    steps /= np.linalg.norm(steps, axis=1, keepdims=True)
+    turns = np.arccos(np.clip((steps[1:] * steps[:-1]).sum(axis=1), -1.0, 1.0))
+    if TOLD <= len(table.points) < DENSE and np.median(turns) > MOST_TURN:
+        raise RopeInputError(
+            f"{table.name}: points out of order: at each the line through them turns by "
+            f"{np.rad2deg(np.median(turns)):.0f} degrees (median). Order them from head to tail"
+        )
+
+
 def _smoothed(table: RopeTable) -> tuple[RopeTable, tuple[str, ...]]:
     """The table without the noise of dense points, which generalised cross-validation tells."""
     points = table.points
@@ -181,16 +195,17 @@ def _smoothed(table: RopeTable) -> tuple[RopeTable, tuple[str, ...]]:
 def _length(table: RopeTable, text: str | None) -> float:
     """The rope's length, metres: as given by a text, or that of its points."""
     length = float(arc_lengths(table.points)[-1])
-    given = length if text is None else parse_metres(text, "--length")
-    usual = text or table.unit or USUAL_LENGTHS[0] <= length <= USUAL_LENGTHS[1]
-    if usual and abs(length / given - 1.0) <= LENGTH_TOLERANCE:
+    given = length if text is None else parse_length(text)
+    low, high = LENGTHS if text or table.unit else USUAL_LENGTHS
+    if low <= given <= high and abs(length / given - 1.0) <= LENGTH_TOLERANCE:
         return given
-    expected = "" if text is None else f", not {given:.3g} m"
     in_file = length / METRES[table.unit or "m"]
     units = (f"{unit} ({in_file * metres:.3g} m)" for unit, metres in METRES.items())
+    expected = "" if text is None else f", not {given:.3g} m"
+    near = "" if text is None else f" within {LENGTH_TOLERANCE:.0%} or none"
     raise RopeInputError(
-        f"{table.name}: this rope would be {length:.3g} m long{expected}: give its --length, or "
-        f"--rope-unit {', '.join(units)}"
+        f"{table.name}: this rope would be {length:.3g} m long{expected}: give its --length{near}, "
+        f"or --rope-unit {', '.join(units)}"
     )
 
 
@@ -257,7 +272,9 @@ def _later_over(
         (f"{later}o{earlier}{'-+'[sign > 0]}", f"{earlier}o{later}{'+-'[sign > 0]}")
         for later, earlier, sign in crossings.crossings
     ]
-    choices = ", ".join(" or ".join(pair) for pair in either) or "none"
+    choices = ", ".join(" or ".join(pair) for pair in either[:MOST_NAMED]) or "none"
+    if len(either) > MOST_NAMED:
+        choices += f" and {len(either) - MOST_NAMED} others"
     if text is not None:
         named = {f"{o}o{u}{'-+'[s > 0]}" for o, u, s in TopologicalState.parse(text).crossings}
         if len(named) != len(either) or not all(named & {*pair} for pair in either):

@@ -87,7 +87,7 @@ def measured_rope(
             raise RopeInputError(f"the rope is {rope}: {told} are for the file of a rope, --rope")
         size = RopeSize.of_options(options)
         points = parse_rope(rope, size.model(), rng)
-        return MeasuredRope(points, size, Placement(size.length), Frame())
+        return MeasuredRope(points, size, Placement(size.length), Frame(), (size.describe(),))
     if isinstance(rope, str):
         return _measure(read_table(Path(rope), options.rope_unit), options)
     if options.rope_unit is not None:

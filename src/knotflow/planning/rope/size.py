@@ -24,8 +24,12 @@ STIFFNESS = {"soft": 0.5, "medium": 1.0, "stiff": 2.0}
 """Bending lengths relative to that of a rope as thick and of the model rope's material."""
 THINNEST, THICKEST = 1 / 500, 1 / 20
 """Diameters in lengths of the rope; thinner ropes are simulated as the thinnest."""
-SOFTEST, STIFFEST = 1 / 500, 1 / 2
-"""Bending lengths in lengths of the rope."""
+SOFTEST, STIFFEST = 1 / 500, 0.15
+"""Bending lengths in lengths of the rope; from 0.2 on, simulations diverge."""
+LENGTHS = (0.01, 100.0)
+"""Of a rope, metres."""
+USUAL_LENGTHS = (0.05, 20.0)
+"""Metres; outside, a length has to state its unit."""
 FIGURE_EIGHT = 13
 """Bending lengths of rope that a figure eight takes, measured (docs/design.md, Planning)."""
 FEW = 3
@@ -35,17 +39,34 @@ _NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:e-?\d+)?"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(mm|cm|m|)\s*", re.IGNORECASE)
 
 
-def parse_metres(text: str, what: str) -> float:
+def parse_metres(text: str, what: str, zero: bool = False) -> float:
     """Metres in a text such as 6mm, 0.7 m or 0.7.
 
     Raises:
-        RopeInputError: it is no positive length; says of `what`.
+        RopeInputError: it is no length, or 0 and not `zero`; says of `what`.
     """
     match = _QUANTITY.fullmatch(text)
-    value = float(match[1]) * METRES[match[2].lower() or "m"] if match else 0.0
-    if not 0.0 < value < 1e6:
+    value = float(match[1]) * METRES[match[2].lower() or "m"] if match else -1.0
+    if not 0.0 <= value < 1e6 or (value == 0.0 and not zero):
         raise RopeInputError(f"{what} {text!r} is no length: write 6mm, 0.6cm or 0.006")
     return value
+
+
+def parse_length(text: str) -> float:
+    """Metres in the text of a rope's length.
+
+    Raises:
+        RopeInputError: it is no length, of no rope, or unusual and without a unit.
+    """
+    length = parse_metres(text, "--length")
+    low, high = LENGTHS if text.strip()[-1].isalpha() else USUAL_LENGTHS
+    if not low <= length <= high:
+        raise RopeInputError(
+            f"--length {text}: "
+            + ("" if text.strip()[-1].isalpha() else "without a unit (m, cm, mm), ")
+            + f"a rope is {low:g} to {high:g} m long"
+        )
+    return length
 
 
 @dataclass(frozen=True)
@@ -63,7 +84,7 @@ class RopeSize:
         """A rope of a length, metres; by default of the model's proportions and material.
 
         Raises:
-            RopeInputError: texts that cannot be read, or a diameter out of range.
+            RopeInputError: texts that cannot be read, or a diameter or bending length out of range.
         """
         thick = DIAMETER * length if diameter is None else parse_metres(diameter, "--diameter")
         if thick > THICKEST * length * (1 + 1e-9):
@@ -95,7 +116,7 @@ class RopeSize:
     @classmethod
     def of_options(cls, options: RopeOptions) -> RopeSize:
         """A rope of given options, of the model rope's length where they have none; see `of`."""
-        length = parse_metres(options.length, "--length") if options.length else NOMINAL.length
+        length = parse_length(options.length) if options.length else NOMINAL.length
         return cls.of(length, options.diameter, options.stiffness)
 
     def rope(self, links: int | None = None) -> RopeConfig:

@@ -154,12 +154,14 @@ def merge_demonstrations(paths: Sequence[Path]) -> list[Demonstration]:
     """The demonstrations of several files, such as two people's, in the order given.
 
     Raises:
-        DemonstrationError: two are the same, or a file cannot be used; names files and lines.
+        DemonstrationError: two are the same, or a file is of no use; names files and lines.
     """
     lines: dict[str, str] = {}
     merged = []
     for path in paths:
-        for number, one in enumerate(load_demonstrations(path), 1):
+        if not (found := load_demonstrations(path)):
+            raise DemonstrationError(f"{path} has no demonstrations")
+        for number, one in enumerate(found, 1):
             key = _line(replace(one, source="", who="", when=""))
             line = f"{path}, line {number}"
             if key in lines:
