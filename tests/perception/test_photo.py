@@ -13,7 +13,7 @@ from tests.perception.photographs import centre_line, crossings_of, photograph, 
 
 from knotflow.perception import Camera, ImageError
 from knotflow.perception.photo import io
-from knotflow.perception.photo.colours import NO_HEAD, Colours
+from knotflow.perception.photo.colours import NO_HEAD, Colours, end_of_colour
 from knotflow.perception.photo.estimate import estimate_photo
 from knotflow.topology import TopologicalState
 
@@ -142,6 +142,19 @@ def test_a_camera_with_a_pose_wins_over_the_length():
 def test_what_is_no_colour_is_refused(text):
     with pytest.raises(ImageError, match="is no colour: give a name"):
         Colours.parse(text, None)
+
+
+def test_a_thin_mark_of_a_dark_shade_tells_the_head():
+    rgb = np.full((60, 300, 3), (250, 205, 147), np.uint8)
+    rgb[:, 12:15] = (65, 59, 75)
+    rgb[:, 285:288] = (190, 55, 52)
+    line = np.column_stack([np.linspace(5, 295, 17), np.full(17, 30.0)])
+    for name, end in (("blue", 0), ("red", -1), ("green", None), ("#f0c890", None)):
+        colour = Colours.parse(head=name).head
+        assert colour is not None
+        assert end_of_colour(rgb, line, colour) == end
+        turned = {0: -1, -1: 0, None: None}[end]
+        assert end_of_colour(rgb, line[::-1], colour) == turned
 
 
 def test_the_heads_colour_tells_the_head():

@@ -7,15 +7,20 @@ from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 from skimage.color import rgb2lab
 
 from knotflow.perception.camera.image import ImageError
+from knotflow.topology.polyline import arc_lengths
 
 Colour = tuple[int, int, int]
 """Red, green, blue, 0..255."""
 
-_END = 0.06  # share of the rope's length, at which its ends are compared
-_CLEAR = 0.75  # times as far from the colour as the other end and the rope, an end is the head
+_END = 0.08  # share of the rope's length, at which its ends are compared
+_WEIGHTS = np.array([0.3, 1.0, 1.0])  # of lightness beside hue and chroma, in CIELAB
+_LEAST = 0.1  # of the way from the rope's colour to the head's, that a mark goes
+_CLEAR = 0.75  # of the share of a mark, that the other end and the rope between have at most
+_ALIKE = 10.0  # distance of a colour from the rope's, which tells nothing
 NO_HEAD = "neither end has the colour of the head"
 
 
@@ -51,15 +56,26 @@ def _parse(text: str | None) -> Colour | None:
 
 
 def end_of_colour(rgb: NDArray[np.uint8], pixels: NDArray, colour: Colour) -> int | None:
-    """Which end of a line (N, 2) of pixels in an image (H, W, 3) has a colour: 0 or -1; None where
-    neither is clearly nearer to it than the other and than the rope between them."""
-    count = max(1, round(_END * len(pixels)))
+    """Which end of a line (N, 2) of pixels in an image (H, W, 3) has a colour: 0 or -1.
+
+    None where no pixel of an end is clearly further on the way from the rope's colour to that one
+    than the other end and the rope between them.
+    """
+    line = np.nan_to_num(pixels)
+    along = arc_lengths(line)
+    at = np.arange(0.0, max(along[-1], 1.0))
     last = np.array(rgb.shape[1::-1]) - 1
-    u, v = np.clip(np.round(np.nan_to_num(pixels)), 0, last).astype(int).T
-    wanted = rgb2lab(np.array(colour, np.uint8)[None, None])[0, 0]
-    off = np.linalg.norm(rgb2lab(rgb[v, u][None])[0] - wanted, axis=1)
-    first, other = (float(np.min(some)) for some in (off[:count], off[-count:]))
-    between = float(np.median(off[count:-count])) if len(off) > 2 * count else np.inf
-    if min(first, other) > _CLEAR * min(max(first, other), between):
+    even = np.stack([np.interp(at, along, column) for column in line.T], axis=1)
+    u, v = np.clip(np.round(even), 0, last).astype(int).T
+    seen = rgb2lab(rgb[v, u][None])[0] * _WEIGHTS
+    plain = np.median(seen, axis=0)
+    way = rgb2lab(np.array(colour, np.uint8)[None, None])[0, 0] * _WEIGHTS - plain
+    if np.linalg.norm(way) < _ALIKE:
         return None
-    return 0 if first < other else -1
+    shares = median_filter((seen - plain) @ way / (way @ way), 3, mode="mirror")
+    count = max(1, round(_END * len(shares)))
+    first, other = (float(np.max(some)) for some in (shares[:count], shares[-count:]))
+    between = float(np.quantile(shares[count:-count], 0.99)) if len(shares) > 2 * count else 0.0
+    if max(first, other) * _CLEAR < max(min(first, other), between, _CLEAR * _LEAST):
+        return None
+    return 0 if first > other else -1
