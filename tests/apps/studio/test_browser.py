@@ -248,7 +248,7 @@ def person(browser, tmp_path):
     session = Session("straight", tmp_path / "mine.jsonl")
     with (
         closing(Page(session, port=8391)) as studio,
-        browser.new_page(viewport={"width": 800, "height": 600}) as page,
+        browser.new_page(viewport={"width": 800, "height": 600}, device_scale_factor=0.5) as page,
     ):
         # Shaders are compiled in software: with shadows and reflections that takes seconds.
         studio.server.scene.configure_environment_map(None)
