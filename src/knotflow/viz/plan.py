@@ -29,6 +29,7 @@ _LINE, _MARGIN = 0.17, 0.12  # inches: a line of the footer, the figure's edge
 _LETTERS = 120  # in a line of the footer
 _PAD = 0.02  # metres round everything in a panel
 _BAR = 0.1  # metres
+_ENLARGED = 2.5  # times the smallest scale of a row, that of another row at most
 
 _LEGEND = (
     "Rope: head blue with a ring, tail orange.  ● grasp,  ▶ release,  cm: highest point between."
@@ -62,10 +63,10 @@ def plan_figure(plan: KnotPlan) -> Figure:
     sizes.reshape(-1, 2)[:count] = corners[:, 1] - corners[:, 0]
     least = _MIN_PANEL * (sizes[..., 0] > 0)
     room = WIDTH - (columns + 1) * _GUTTER
-    scale = _MAX_HEIGHT / sizes[..., 1].max()  # inches a metre, the same in all panels
-    while np.maximum(scale * sizes[..., 0], least).sum(axis=1).max() > room:
-        scale *= 0.99
-    widths, heights = np.maximum(scale * sizes[..., 0], least), scale * sizes[..., 1].max(axis=1)
+    fitting = np.array([_scale(*row, room) for row in zip(sizes, least, strict=True)])
+    scales = np.minimum(fitting, _ENLARGED * fitting.min())  # inches a metre, of each row
+    widths = np.maximum(scales[:, None] * sizes[..., 0], least)
+    heights = scales * sizes[..., 1].max(axis=1)
     facts = f"{plan.goal}: {plan.kept} of {plan.branches} splines kept, {plan.seconds:.1f} s"
     if not plan.solved:
         facts += f"; {plan.reason}"
@@ -81,7 +82,7 @@ def plan_figure(plan: KnotPlan) -> Figure:
         y = top - heights[row]
         inside = canvas.inset_axes((x, y, panel, heights[row]), transform=canvas.transData)
         inside.axis("off")
-        half = np.array([panel, heights[row]]) / scale / 2
+        half = np.array([panel, heights[row]]) / scales[row] / 2
         (west, south), (east, north) = (low + high) / 2 - half, (low + high) / 2 + half
         inside.set(xlim=(west, east), ylim=(south, north))
         draw_rope(inside, plan.shapes[index], 2.0 * plan.radius)
@@ -91,17 +92,29 @@ def plan_figure(plan: KnotPlan) -> Figure:
             draw_spline(inside, plan.controls[index], dashed=True)
             _draw_height(inside, plan.controls[index])
         middle = x + panel / 2
-        canvas.text(middle, top + 0.12, title, ha="center", color=colour, weight="bold")
+        bold: dict[str, Any] = {"weight": "bold", "fontsize": 9 if len(title) < 25 else 8}
+        canvas.text(middle, top + 0.12, title, ha="center", color=colour, **bold)
         state = str(plan.states[index])
         label, size = state if index else f"start: {state}", 8 if len(state) < 26 else 6.5
         canvas.text(middle, y - 0.12, label, ha="center", va="top", color=MUTED, fontsize=size)
     for line, text in enumerate([_LEGEND, *footer[::-1]]):
         colour = INK if line else MUTED
         canvas.text(_MARGIN, _MARGIN + line * _LINE, text, color=colour, fontsize=8)
-    bar = WIDTH - _MARGIN - 0.5 - np.array([_BAR * scale, 0.0])
-    canvas.plot(bar, [_MARGIN + 0.04] * 2, color=MUTED, linewidth=1.2)
-    canvas.text(bar[1], _MARGIN + 0.04, "  10 cm", color=MUTED, fontsize=8, va="center")
+    below = height - np.cumsum(heights + _HEADER + _CAPTION) + _MARGIN
+    below[-1] = _MARGIN + 0.04
+    for scale, y in zip(scales, below, strict=True):
+        bar = WIDTH - _MARGIN - 0.5 - np.array([_BAR * scale, 0.0])
+        canvas.plot(bar, [y, y], color=MUTED, linewidth=1.2)
+        canvas.text(bar[1], y, "  10 cm", color=MUTED, fontsize=8, va="center")
     return figure
+
+
+def _scale(sizes: NDArray, least: NDArray, room: float) -> float:
+    """Inches a metre, at which panels (C, 2), metres, fit into a row with `room`, inches."""
+    scale = _MAX_HEIGHT / float(sizes[:, 1].max())
+    while np.maximum(scale * sizes[:, 0], least).sum() > room:
+        scale *= 0.99
+    return scale
 
 
 def _bounds(plan: KnotPlan, index: int) -> NDArray[np.float64]:
